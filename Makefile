@@ -1,0 +1,37 @@
+# make demo   install into .venv and find the objects in the two-bars scene
+# make test   install and run every test that needs no special hardware
+# make check  lint, format and types     make bench  timings side by side
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+STAMP  := $(VENV)/.installed
+# One thread: two threads get in each other's way as soon as another process wants the second core.
+export OMP_NUM_THREADS := 1
+export MKL_NUM_THREADS := 1
+
+.PHONY: setup demo test check bench clean
+
+setup: $(STAMP)
+
+$(STAMP): pyproject.toml constraints.txt
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "ndtorch needs Python 3.11 or newer; set PYTHON=...")'
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[view,train,robot,dev]'
+	touch $@
+
+demo: $(STAMP)
+	$(BIN)/ndtorch bind two-bars --out out
+
+test: $(STAMP)
+	$(BIN)/python -m pytest -n 2 -q -m 'not bench'
+
+check: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy --strict ndtorch train $(if $(wildcard robot/*.py),robot)
+
+bench: $(STAMP)
+	$(BIN)/python -m tests.benchmarks
+
+clean:
+	rm -rf $(VENV) out .mypy_cache .pytest_cache .ruff_cache

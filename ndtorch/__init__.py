@@ -1,0 +1,1 @@
+"""Insect-inspired vision and navigation in PyTorch."""

@@ -1,0 +1,1 @@
+"""Frames to feed the front end: simulated scenes and real video."""

@@ -1,0 +1,1 @@
+"""Frames -> signals: temporal filters, motion, orientation and the ten features."""

@@ -1,0 +1,129 @@
+"""First-order temporal filters and the recent maximum, as pure steps and as modules with explicit state."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from ndtorch.errors import InputError
+
+
+def smoothing_factor(tau: float, dt: float) -> float:
+    """Share of the new sample that a first-order low-pass takes in, `a = dt / (tau + dt)`.
+
+    This is the backward Euler form, so every `tau >= 0` is stable: `tau = 0` lets the input through
+    unchanged and `tau = inf` never moves away from the first sample. [A Methods; B §2.2]
+
+    Args:
+        tau: time constant in seconds, 0 to inf.
+        dt: time step in seconds, > 0.
+
+    Raises:
+        InputError: if `tau` is negative or NaN, or `dt` is not a positive finite number.
+    """
+    if not (dt > 0 and math.isfinite(dt)):
+        raise InputError(f"dt must be a positive number of seconds, got {dt}")
+    if not tau >= 0:
+        raise InputError(f"tau must be >= 0 seconds, got {tau}")
+    return dt / (tau + dt)
+
+
+def low_pass_step(x: Tensor, low: Tensor, a: float) -> Tensor:
+    """One step of a first-order low-pass, `low + a (x - low)`; the shapes broadcast."""
+    return torch.lerp(low, x, a)
+
+
+class FilterState(NamedTuple):
+    """State of a first-order filter: its low-passed value, one sample `[..., *sample]`."""
+
+    low: Tensor
+
+
+class LowPass(nn.Module):
+    """First-order low-pass over time, `l += a (x - l)` with `a = dt / (tau + dt)`.
+
+    Shapes:
+        x `[..., T, *sample]`, where `sample` has `sample_dims` dimensions: 3 for frames (C, H, W), 1 for
+        signals (N). Output as x. State `[..., *sample]`; `None` settles the filter on the first sample.
+
+    Raises:
+        InputError: time constants out of range, or x with fewer than `sample_dims + 1` dimensions.
+    """
+
+    def __init__(self, tau: float, dt: float, sample_dims: int = 3) -> None:
+        super().__init__()
+        self.a = smoothing_factor(tau, dt)
+        self.tau, self.dt, self.sample_dims = tau, dt, sample_dims
+
+    def extra_repr(self) -> str:
+        return f"tau={self.tau}, dt={self.dt}, sample_dims={self.sample_dims}"
+
+    def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
+        dim = time_dim(x, self.sample_dims)
+        samples = x.unbind(dim)
+        low = samples[0] if state is None else state.low
+        if self.a == 1.0:
+            return x, FilterState(samples[-1] if samples else low)
+        out = []
+        for sample in samples:
+            low = low_pass_step(sample, low, self.a)
+            out.append(low)
+        return torch.stack(out, dim), FilterState(low)
+
+
+class HighPass(nn.Module):
+    """First-order high-pass over time: what the low-pass of the same `tau` leaves, `x - l`.
+
+    A constant input gives exactly zero. Shapes, state and errors as `LowPass`.
+    """
+
+    def __init__(self, tau: float, dt: float, sample_dims: int = 3) -> None:
+        super().__init__()
+        self.low_pass = LowPass(tau, dt, sample_dims)
+
+    def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
+        low, state = self.low_pass(x, state)
+        return x - low, state
+
+
+class RecentMaxState(NamedTuple):
+    """State of `RecentMax`: the last `window - 1` samples, `[..., window - 1, N]`, oldest first."""
+
+    history: Tensor
+
+
+class RecentMax(nn.Module):
+    """Largest value of each signal over the last `seconds`, the present sample included. [B §2.1.4]
+
+    Shapes:
+        x `[..., T, N]` -> `[..., T, N]`. `state=None` behaves as if the first sample had been there for ever.
+    """
+
+    def __init__(self, seconds: float, dt: float) -> None:
+        super().__init__()
+        if not (dt > 0 and seconds >= 0 and math.isfinite(seconds)):
+            raise InputError(f"seconds must be >= 0 and dt > 0, got seconds={seconds}, dt={dt}")
+        self.window = max(1, round(seconds / dt))
+
+    def forward(self, x: Tensor, state: RecentMaxState | None = None) -> tuple[Tensor, RecentMaxState]:
+        time_dim(x, 1)
+        length = self.window - 1
+        if state is None:
+            state = RecentMaxState(x[..., :1, :].expand(*x.shape[:-2], length, x.shape[-1]))
+        samples = torch.cat([state.history, x], dim=-2)
+        # A view of every window, then one reduction: no loop over time and no copy of the windows.
+        largest = samples.unfold(-2, self.window, 1).amax(-1)
+        return largest, RecentMaxState(samples[..., samples.shape[-2] - length :, :])
+
+
+def time_dim(x: Tensor, sample_dims: int) -> int:
+    """Index of the time dimension, counted from the front; raises `InputError` when there is none."""
+    if x.ndim < sample_dims + 1:
+        names = {1: "[..., T, N]", 3: "[..., T, C, H, W]"}.get(sample_dims, f"{sample_dims + 1} dims or more")
+        raise InputError(f"expected a tensor of shape {names}, got {tuple(x.shape)}")
+    if x.shape[x.ndim - sample_dims - 1] == 0:
+        raise InputError(f"expected at least one time step, got shape {tuple(x.shape)}")
+    return x.ndim - sample_dims - 1
