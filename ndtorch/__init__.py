@@ -1,1 +1,26 @@
-"""Insect-inspired vision and navigation in PyTorch."""
+"""Insect-inspired vision and navigation in PyTorch.
+
+Start with `ndtorch.load("binding")`, or with the pieces in `ndtorch.vision`, `ndtorch.scenes` and `ndtorch.binding`.
+"""
+
+from ndtorch.binding import InhibitoryNetwork, VisualBinding, objects
+from ndtorch.errors import InputError
+from ndtorch.loading import load, model_names
+from ndtorch.vision import FEATURES, HassensteinReichardt, HighPass, LowPass, OrientedDoG, VisualFeatures
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "FEATURES",
+    "HassensteinReichardt",
+    "HighPass",
+    "InhibitoryNetwork",
+    "InputError",
+    "LowPass",
+    "OrientedDoG",
+    "VisualBinding",
+    "VisualFeatures",
+    "load",
+    "model_names",
+    "objects",
+]

@@ -1,1 +1,53 @@
 """Frames to feed the front end: simulated scenes and real video."""
+
+from ndtorch.scenes.bar_scenes import (
+    BLUE,
+    DEFAULT_PHASE,
+    GREEN,
+    RED,
+    equal_bars,
+    one_bar,
+    three_bars,
+    two_bars,
+)
+from ndtorch.scenes.bars import Bar, BarScene
+from ndtorch.scenes.base import FrameSource
+from ndtorch.scenes.fluctuation import Distance, Fluctuation, NoFluctuation, RandomShadow, SineShadow
+from ndtorch.scenes.named import SCENES, NamedScene, make_scene, scene_names
+from ndtorch.scenes.rendered import RenderedScene
+from ndtorch.scenes.rings import Rings, rings
+from ndtorch.scenes.tuning import hsl_color, moving_bar, static_bar
+from ndtorch.scenes.video import VideoSource, open_video
+from ndtorch.scenes.video_writer import VideoWriter
+
+__all__ = [
+    "BLUE",
+    "DEFAULT_PHASE",
+    "GREEN",
+    "RED",
+    "SCENES",
+    "Bar",
+    "BarScene",
+    "Distance",
+    "Fluctuation",
+    "FrameSource",
+    "NamedScene",
+    "NoFluctuation",
+    "RandomShadow",
+    "RenderedScene",
+    "Rings",
+    "SineShadow",
+    "VideoSource",
+    "VideoWriter",
+    "equal_bars",
+    "hsl_color",
+    "make_scene",
+    "moving_bar",
+    "one_bar",
+    "open_video",
+    "rings",
+    "scene_names",
+    "static_bar",
+    "three_bars",
+    "two_bars",
+]

@@ -1,0 +1,94 @@
+"""Visual attention: an image in which the object of the winning neuron stands out."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from ndtorch.binding.inputs import divide
+from ndtorch.binding.objects import ObjectTable, object_table
+from ndtorch.errors import InputError
+from ndtorch.vision.temporal import FilterState, HighPass
+
+
+def winner(outputs: Tensor, owners: Tensor) -> Tensor:
+    """Neuron with the largest output among those that own an object, -1 where there is none. [C §4.2]
+
+    Neurons without an object can have larger outputs; they have no features to look for.
+
+    Shapes: outputs `[..., N]`, owners `[..., N]` bool -> int64 `[...]`.
+    """
+    among = outputs.masked_fill(~owners, -torch.inf)
+    return torch.where(owners.any(-1), among.argmax(-1), -1)
+
+
+def feature_weights(outputs: Tensor, table: ObjectTable, scale: Tensor) -> tuple[Tensor, Tensor]:
+    """Weight of every feature image, `f_j = |o_k| O[k, j] / n_j` for the winner k. [C eq. 11]
+
+    Shapes: outputs and scale (the group maxima n) `[..., 10]` -> f `[..., 10]` and the winner `[...]`; f is
+    zero where nobody wins.
+    """
+    k = winner(outputs, table.owners)
+    index = k.clamp_min(0).unsqueeze(-1)
+    strength = outputs.gather(-1, index).abs()
+    row = table.rows.gather(-2, index.unsqueeze(-1).expand(*index.shape, table.rows.shape[-1])).squeeze(-2)
+    return divide(strength * row, scale) * (k >= 0).unsqueeze(-1), k
+
+
+def attention_mask(weights: Tensor, fluctuations: Tensor) -> Tensor:
+    """Weighted sum of the magnitudes of filtered feature images, normalised to a maximum of 1. [C fig. 5]
+
+    Motion and orientation go into all three colour planes, each colour only into its own.
+
+    Shapes: weights `[..., 10]`, fluctuations `[..., 10, H, W]` -> `[..., 3, H, W]`.
+    """
+    weighted = fluctuations.abs() * weights[..., None, None]
+    mask = weighted[..., 7:, :, :] + weighted[..., :7, :, :].sum(-3, keepdim=True)
+    largest = mask.amax((-1, -2, -3), keepdim=True)
+    return mask / largest.clamp_min(torch.finfo(mask.dtype).tiny)
+
+
+class Enhanced(NamedTuple):
+    """Enhanced frames `[..., T, 3, H, W]` and the winning neuron of each, `[..., T]`, -1 for none."""
+
+    frames: Tensor
+    winner: Tensor
+
+
+class Attention(nn.Module):
+    """Enhance frames: what fluctuates with the winner's features stays bright, the rest is dimmed. [C §4.2]
+
+    Args:
+        dt: seconds between the frames it is given, which may be every n-th frame of the input.
+        tau: time constant of the high-pass on the feature images, seconds.
+
+    Shapes:
+        frames `[..., T, 3, H, W]`, feature images `[..., T, 10, H, W]`, outputs and scale `[..., T, 10]`,
+        weights `[..., 10, 10]` -> (enhanced frames `[..., T, 3, H, W]`, winner `[..., T]`), state.
+        Enhanced frames are black where no neuron owns an object.
+    """
+
+    def __init__(self, dt: float, tau: float = 1.0) -> None:
+        super().__init__()
+        self.high_pass = HighPass(tau, dt)
+
+    def forward(
+        self,
+        frames: Tensor,
+        images: Tensor,
+        outputs: Tensor,
+        scale: Tensor,
+        weights: Tensor,
+        state: FilterState | None = None,
+    ) -> tuple[Enhanced, FilterState]:
+        if images.shape[-3] != 10 or images.shape[-2:] != frames.shape[-2:]:
+            raise InputError(
+                f"images must be [..., T, 10, H, W] for frames {tuple(frames.shape)}, got {tuple(images.shape)}"
+            )
+        fluctuations, state = self.high_pass(images, state)
+        # One table for all T frames.
+        table = object_table(weights.unsqueeze(-3).expand(*outputs.shape[:-1], *weights.shape[-2:]))
+        weight, k = feature_weights(outputs, table, scale)
+        return Enhanced(frames * attention_mask(weight, fluctuations), k), state

@@ -1,0 +1,102 @@
+"""Training of the three first-stage networks on contracting rings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from ndtorch.binding.inputs import BindingInputs
+from ndtorch.binding.network import InhibitoryNetwork, NetworkState
+from ndtorch.errors import InputError
+from ndtorch.scenes.rings import rings
+from ndtorch.vision.features import GROUPS, VisualFeatures
+
+LONGEST = 120.0
+
+
+class FirstStage(NamedTuple):
+    """Trained weights of the motion, orientation and color networks, and how long training took.
+
+    Attributes:
+        motion, orientation, color: `[4, 4]`, `[3, 3]`, `[3, 3]`: M, O and C of the papers.
+        seconds: simulated seconds from the start of the stimulus to the end of the last network's training.
+    """
+
+    motion: Tensor
+    orientation: Tensor
+    color: Tensor
+    seconds: float
+
+
+def block_diagonal(stage: FirstStage) -> Tensor:
+    """The three networks as one of ten neurons that do not meet across groups, `[10, 10]`."""
+    weights = torch.zeros(10, 10, dtype=stage.motion.dtype)
+    for group, part in zip(GROUPS.values(), stage[:3], strict=True):
+        weights[group, group] = part
+    return weights
+
+
+def train_first_stage(
+    gamma: float = 5.0,
+    radius: float = 0.9,
+    dt: float = 0.01,
+    settle: float = 4.0,
+    size: tuple[int, int] = (100, 100),
+    progress: Callable[[float, list[float]], None] | None = None,
+) -> FirstStage:
+    """Show the networks the ring stimulus until the spectral radius of each reaches `radius`. [B §2.3, eq. 25-27]
+
+    The rings drive all features of a group alike, so every weight of a network grows at about the same pace; each
+    network stops for itself. The orientation filters are as large as the 100 x 100 stimulus, and how their tails
+    wrap around its edges sets how alike the orientation weights come out.
+
+    Args:
+        gamma: learning rate of all three, 1/s: 5 in [B], 50 in [C].
+        radius: spectral radius at which a network stops, below 1.
+        dt: time step and time between frames, seconds.
+        settle: seconds of stimulus before learning.
+        size: of the stimulus, pixels.
+        progress: called with the simulated seconds and the largest weight of each network.
+
+    Raises:
+        InputError: gamma or radius out of range, or a network that does not get there within two minutes.
+    """
+    if not gamma > 0:
+        raise InputError(f"gamma must be positive to train the first stage, got {gamma}")
+    if not 0 < radius < 1:
+        raise InputError(f"the first stage's spectral radius must lie between 0 and 1, got {radius}")
+    features = VisualFeatures(size, dt, exact=True)
+    inputs = BindingInputs(dt)
+    networks = [
+        InhibitoryNetwork(
+            group.stop - group.start,
+            dt,
+            gamma=gamma,
+            # Filter first: the inputs come high-passed.
+            tau_in=float("inf"),
+            settle=settle,
+            radius_limit=radius,
+            when_full="stop",
+        )
+        for group in GROUPS.values()
+    ]
+    seen = input_state = None
+    states: list[NetworkState | None] = [None] * len(networks)
+    seconds = 0.0
+    with torch.no_grad():
+        for frames in rings(seconds=LONGEST, size=size, fps=1 / dt).chunks(25):
+            sums, seen = features(frames, seen)
+            (signals, _), input_state = inputs(sums, input_state)
+            for i, (network, group) in enumerate(zip(networks, GROUPS.values(), strict=True)):
+                _, states[i] = network(signals[..., group], states[i])
+            seconds += frames.shape[-4] * dt
+            now = [state for state in states if state is not None]
+            if progress is not None:
+                progress(seconds, [float(state.weights.max()) for state in now])
+            if all(bool(state.stopped) for state in now):
+                motion, orientation, color = (state.weights for state in now)
+                return FirstStage(motion, orientation, color, seconds)
+    raise InputError(f"the first stage did not reach a spectral radius of {radius} in {LONGEST:g} s; raise gamma")

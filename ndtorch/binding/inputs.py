@@ -1,0 +1,107 @@
+"""From ten spatial sums to the inputs of the binding networks: high-pass and group normalisation."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from ndtorch.errors import InputError
+from ndtorch.vision.features import GROUPS
+from ndtorch.vision.temporal import FilterState, HighPass, RecentMax, RecentMaxState, time_dim
+
+Order = Literal["filter-first", "printed"]
+ORDERS: tuple[Order, ...] = ("filter-first", "printed")
+
+
+class InputState(NamedTuple):
+    """State of `BindingInputs`: the high-pass `[..., 10]` and recent group maxima `[..., W - 1, 3]`."""
+
+    low: Tensor
+    sums: Tensor
+    fluctuations: Tensor
+
+
+class BindingInputs(nn.Module):
+    """High-pass the ten sums and divide each group by its recent maximum. [B §2.1.4, §2.2]
+
+    "filter-first" (default) high-passes the sums and divides by the largest filtered magnitude of the group in
+    the last two seconds; "printed" divides by the largest raw value of the group first and filters second, as
+    the text of [B] says. Only the first order reproduces the published weights: dividing the raw sums by their
+    own maximum first leaves fluctuations so weak that the cubic rule hardly learns (largest weight below 0.12
+    instead of 0.85).
+
+    A group whose fluctuations stay below `floor` of its raw recent maximum is divided by that instead, so that
+    the noise of a static scene is not blown up to full scale.
+
+    Args:
+        dt: time step in seconds.
+        order: "filter-first" or "printed".
+        tau: time constant of the high-pass, seconds.
+        window: seconds of the recent maximum.
+        floor: smallest fluctuation, as a share of the group's raw recent maximum, that counts as full scale.
+
+    Shapes:
+        sums `[..., T, 10]` -> (inputs `[..., T, 10]`, scale `[..., T, 10]`), state. `scale` is each group's raw
+        recent maximum M(t), the n(t) of [C eq. 11]. `None` settles on the first sample.
+    """
+
+    def __init__(
+        self,
+        dt: float = 0.01,
+        order: Order = "filter-first",
+        tau: float = 1.0,
+        window: float = 2.0,
+        floor: float = 0.01,
+    ) -> None:
+        super().__init__()
+        if order not in ORDERS:
+            raise InputError(f"order must be one of {', '.join(ORDERS)}, got {order!r}")
+        if not floor >= 0:
+            raise InputError(f"floor must be >= 0, got {floor}")
+        self.order, self.floor = order, floor
+        self.high_pass = HighPass(tau, dt, sample_dims=1)
+        self.recent_max = RecentMax(window, dt)
+
+    def forward(
+        self, sums: Tensor, state: InputState | None = None
+    ) -> tuple[tuple[Tensor, Tensor], InputState]:
+        time_dim(sums, 1)
+        if sums.shape[-1] != 10:
+            raise InputError(f"sums must be [..., T, 10], got {tuple(sums.shape)}")
+        low = raw_history = filtered_history = None
+        if state is not None:
+            low = FilterState(state.low)
+            raw_history, filtered_history = RecentMaxState(state.sums), RecentMaxState(state.fluctuations)
+        raw_max, raw_history = self.recent_max(group_max(sums), raw_history)
+        scale = spread_groups(raw_max)
+        if self.order == "printed":
+            inputs, low = self.high_pass(divide(sums, scale), low)
+            _, filtered_history = self.recent_max(group_max((inputs * scale).abs()), filtered_history)
+            return (inputs, scale), InputState(low.low, raw_history.history, filtered_history.history)
+        filtered, low = self.high_pass(sums, low)
+        largest, filtered_history = self.recent_max(group_max(filtered.abs()), filtered_history)
+        divisor = spread_groups(torch.maximum(largest, self.floor * raw_max))
+        end = InputState(low.low, raw_history.history, filtered_history.history)
+        return (divide(filtered, divisor), scale), end
+
+
+def group_max(signals: Tensor) -> Tensor:
+    """Largest signal of each group, `[..., 10]` -> `[..., 3]`."""
+    return torch.stack([signals[..., group].amax(-1) for group in GROUPS.values()], -1)
+
+
+def spread_groups(values: Tensor) -> Tensor:
+    """One value a group to one value a feature, `[..., 3]` -> `[..., 10]`."""
+    parts = [
+        values[..., i : i + 1].expand(*values.shape[:-1], group.stop - group.start)
+        for i, group in enumerate(GROUPS.values())
+    ]
+    return torch.cat(parts, -1)
+
+
+def divide(signals: Tensor, divisor: Tensor) -> Tensor:
+    """Quotient, and zero where the divisor is zero: a group that was silent stays silent. [B eq. 17]"""
+    silent = divisor == 0
+    return torch.where(silent, torch.zeros_like(signals), signals / torch.where(silent, 1.0, divisor))

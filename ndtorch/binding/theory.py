@@ -1,0 +1,111 @@
+"""The theory of the network as blind source separation: which weights solve a mixture, and which are stable.
+
+Inputs are a mixture `i = M s`; the weights W solve it where every output of `o = (I + W)^-1 i` is a scaled copy of
+one source, or silent. [C §5.3, §5.5.1]
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from ndtorch.binding.spectrum import spectral_radius
+from ndtorch.errors import InputError
+
+
+class Solution(NamedTuple):
+    """Weights that separate a mixture.
+
+    Attributes:
+        owners: `owners[j]` is the neuron whose output becomes source j.
+        weights: `[N, N]`; columns of neurons that own no source are free, and zero here.
+        stable: whether the network with these weights is temporally stable (spectral radius below 1).
+    """
+
+    owners: tuple[int, ...]
+    weights: Tensor
+    stable: bool
+
+
+def solutions(mixing: Tensor) -> list[Solution]:
+    """All weights that separate the mixture `mixing`, `[N, m]` with m <= N sources. [C eq. 21, 24, 27-30]
+
+    Give every source an owner; the owner k of source j then needs `W[n, k] = M[n, j] / M[k, j]`, which leaves
+    one copy of the source, in its owner. Owners that do not receive their source at all solve nothing and are
+    left out. There are at most N! / (N - m)! solutions.
+
+    Raises:
+        InputError: not a matrix, more sources than neurons, or a source that reaches no neuron.
+    """
+    if mixing.ndim != 2 or mixing.shape[1] > mixing.shape[0]:
+        raise InputError(f"mixing must be [N, m] with m <= N sources, got {tuple(mixing.shape)}")
+    neurons, sources = mixing.shape
+    if (mixing == 0).all(0).any():
+        raise InputError("mixing has a source that reaches no neuron (a column of zeros): leave it out")
+    found = []
+    for owners in itertools.permutations(range(neurons), sources):
+        own = mixing[list(owners), range(sources)]
+        if (own == 0).any():
+            continue
+        weights = torch.zeros(neurons, neurons, dtype=mixing.dtype)
+        weights[:, list(owners)] = mixing / own
+        weights.fill_diagonal_(0)
+        found.append(Solution(owners, weights, bool(spectral_radius(weights) < 1)))
+    return found
+
+
+def count_solutions(neurons: int, sources: int) -> int:
+    """Number of solutions the paper counts: N! for m = N, else (N! / (N - m)!)^2. [C §5.3.1-5.3.2]
+
+    The square counts, besides the owners of the sources, which of N possible sources are the m present ones
+    and in which order; for one given mixture there are N! / (N - m)! (see `solutions`).
+    """
+    if not 1 <= sources <= neurons:
+        raise InputError(f"sources must be between 1 and the {neurons} neurons, got {sources}")
+    arrangements = math.perm(neurons, sources)
+    return arrangements if sources == neurons else arrangements**2
+
+
+def largest_free_weight(weights: Tensor, row: int, column: int) -> float:
+    """How large `weights[row, column]` may become before the network is temporally unstable. [C eq. 33-36]
+
+    For non-negative weights the radius reaches 1 where `det(I - W) = 0`. With the weight in question set to
+    zero that gives `1 / ((I - W)^-1)[column, row]`: for two neurons, one over the other weight. (In print, eq. 34
+    bounds T[1,2] where the free weight is T[2,1].) Infinite where the weight closes no loop, zero where the
+    network is unstable without it.
+
+    Args:
+        weights: `[N, N]`, non-negative.
+    """
+    rest = weights.double().clone()
+    rest[row, column] = 0
+    if float(spectral_radius(rest)) >= 1:
+        return 0.0
+    gain = float(torch.linalg.inv(torch.eye(len(rest), dtype=rest.dtype) - rest)[column, row])
+    # Rounding leaves 1e-17 where there is no way from the one to the other.
+    return 1 / gain if gain > 1e-12 else math.inf
+
+
+def mixing_from_weights(weights: Tensor, owners: Tensor) -> Tensor:
+    """Mixing coefficients of the objects, each column up to scale: the owners' columns of `I + W`. [C eq. 58]
+
+    Args:
+        weights: `[N, N]`; owners: bool `[N]`, as `object_table` gives them.
+
+    Returns:
+        `[N, m]`, one column an object, 1 at its owner.
+    """
+    return (weights + torch.eye(weights.shape[-1], dtype=weights.dtype, device=weights.device))[:, owners]
+
+
+def separated(mixing: Tensor, weights: Tensor) -> Tensor:
+    """Gain from every source to every output, `(I + W)^-1 M`, `[N, m]`. [C eq. 56]
+
+    W solves the mixture where each row has at most one entry that is not zero, and each column exactly one.
+    """
+    eye = torch.eye(weights.shape[-1], dtype=weights.dtype, device=weights.device)
+    return torch.linalg.solve(eye + weights, mixing)

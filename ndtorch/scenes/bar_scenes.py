@@ -1,0 +1,214 @@
+"""The moving bars of the binding papers, and bars equal in all but their fluctuation. [B §3.4; C §3]"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import torch
+
+from ndtorch.errors import InputError
+from ndtorch.scenes.bars import Bar, BarScene
+from ndtorch.scenes.fluctuation import Distance, Fluctuation, NoFluctuation, RandomShadow, SineShadow
+from ndtorch.scenes.parameters import PerScene, pairs, per_scene
+
+Color = tuple[float, float, float]
+RED: Color = (0.75, 0.1, 0.1)
+GREEN: Color = (0.1, 0.75, 0.1)
+BLUE: Color = (0.1, 0.1, 0.75)
+
+SECONDS = 19.0
+"""Four seconds to settle and fifteen to learn, as in the papers."""
+
+DEFAULT_PHASE = 60.0
+"""Lead of the green bar over the red one, in degrees. The papers do not give it."""
+
+PERIOD = 50.0
+"""Pixels a cycle of the sine shadow."""
+
+EQUAL_PERIODS = (125 / 3, 50.0, 62.5)
+"""Shadow periods of the three equal bars in pixels; each goes into 500 pixels a whole number of times."""
+
+EQUAL_RATES = (0.8, 1.0, 1.25)
+"""Cycles a second of the three equal bars that come and go."""
+
+
+def one_bar(
+    seconds: float = SECONDS,
+    *,
+    fluctuation: str | Fluctuation = "shadow",
+    seed: int | Sequence[int] = 0,
+    color: Color = RED,
+    speed: float = 50.0,
+    size: tuple[int, int] = (500, 500),
+    length: float = 50.0,
+    width: float = 12.0,
+    fps: float = 100.0,
+    device: torch.device | str = "cpu",
+) -> BarScene:
+    """The red bar of `two_bars` alone. [B §3.4.2] Arguments, shapes and errors as there."""
+    bar = Bar(color, -30.0, (0.1 * size[1], 0.08 * size[0]), speed=speed, length=length, width=width)
+    kind = _fluctuation(fluctuation, 0.0, 1, seed)
+    return BarScene([bar], seconds, kind, size, fps, "one-bar", device)
+
+
+def two_bars(
+    seconds: float = SECONDS,
+    *,
+    phase: PerScene = DEFAULT_PHASE,
+    fluctuation: str | Fluctuation = "shadow",
+    seed: int | Sequence[int] = 0,
+    colors: tuple[Color, Color] = (RED, GREEN),
+    shift: tuple[float, float] = (0.0, 0.0),
+    speed: float = 50.0,
+    size: tuple[int, int] = (500, 500),
+    length: float = 50.0,
+    width: float = 12.0,
+    fps: float = 100.0,
+    device: torch.device | str = "cpu",
+) -> BarScene:
+    """The reference stimulus: red at -30° from the upper left, green at 210° from the upper right. [B §3.4.1]
+
+    The bars cross every 5.8 s without touching, the green one 1.4 bar lengths below the red one.
+
+    Args:
+        seconds: duration.
+        phase: lead in degrees of the green bar's brightness over the red bar's; both go through
+            `speed cos 30° / 50 px` cycles a second (0.87 Hz). B values make a batch of B scenes. It sets the
+            green bar's start in the shadow, within 25 columns of the upper right; with "distance" it is the
+            lead in size. Without meaning for "random" and "none". The lead holds across the image's edges
+            where the width is a multiple of 50 pixels.
+        fluctuation: "shadow" (sine), "distance", "random" (shadow), "none", or one of one's own.
+        seed: pattern of the random shadow; several make a batch.
+        colors: of the two bars.
+        shift: columns and rows by which all bars start elsewhere. `(250, -85)` brings the second crossing,
+            at 10.4 s, to the middle of the image. The shadow stays, and so does the lead.
+        speed: pixels a second.
+        size: height and width of the image.
+        length, width: of a bar in pixels.
+        fps: frames a second.
+        device: where frames are rendered.
+
+    Returns:
+        A source of frames `[T, 3, H, W]`, or `[B, T, 3, H, W]` for a batch.
+
+    Raises:
+        InputError: an unknown fluctuation, a phase that is neither a number nor a list of them, batches
+            that do not fit each other, or what `Bar` and `BarScene` refuse.
+    """
+
+    def bars(lead: float, _: float) -> list[Bar]:
+        return _red_and_green(lead, colors, shift, size, speed, length, width)
+
+    kind = _fluctuation(fluctuation, phase, 2, seed)
+    return BarScene(_scenes(bars, phase, 0.0), seconds, kind, size, fps, "two-bars", device)
+
+
+def three_bars(
+    seconds: float = SECONDS,
+    *,
+    phase: PerScene = DEFAULT_PHASE,
+    blue_offset: PerScene = 0.0,
+    fluctuation: str | Fluctuation = "shadow",
+    seed: int | Sequence[int] = 0,
+    colors: tuple[Color, Color, Color] = (RED, GREEN, BLUE),
+    shift: tuple[float, float] = (0.0, 0.0),
+    speed: float = 50.0,
+    size: tuple[int, int] = (500, 500),
+    length: float = 50.0,
+    width: float = 12.0,
+    fps: float = 100.0,
+    device: torch.device | str = "cpu",
+) -> BarScene:
+    """The reference stimulus and a blue bar that moves straight to the left. [B §3.4.2]
+
+    Args:
+        blue_offset: columns by which the blue bar starts further right, 0 to 50 for all its places in the
+            shadow, through which it goes at `speed / 50 px` (1 Hz). B values make a batch of B scenes.
+
+    Everything else as in `two_bars`. With "distance" green leads red, and blue leads green, by `phase`.
+    The blue bar stays clear of the others for the first 20 seconds.
+    """
+
+    def bars(lead: float, offset: float) -> list[Bar]:
+        start = (0.65 * size[1] + shift[0] + offset, 0.375 * size[0] + shift[1])
+        blue = Bar(colors[2], 180.0, start, speed=speed, length=length, width=width)
+        return [*_red_and_green(lead, colors[:2], shift, size, speed, length, width), blue]
+
+    kind = _fluctuation(fluctuation, phase, 3, seed)
+    return BarScene(_scenes(bars, phase, blue_offset), seconds, kind, size, fps, "three-bars", device)
+
+
+def equal_bars(
+    seconds: float = SECONDS,
+    *,
+    fluctuation: str | Fluctuation = "shadow",
+    seed: int | Sequence[int] = 0,
+    color: Color = GREEN,
+    direction: float = -30.0,
+    speed: float = 50.0,
+    size: tuple[int, int] = (500, 500),
+    length: float = 50.0,
+    width: float = 12.0,
+    fps: float = 100.0,
+    device: torch.device | str = "cpu",
+) -> BarScene:
+    """Three bars alike in colour, direction and orientation that fluctuate differently. [C §5.5.2]
+
+    With "shadow" every bar goes through a sine shadow of its own (`EQUAL_PERIODS`), with "distance" each
+    comes and goes at its own rate (`EQUAL_RATES`), with "random" they are in different places of one pattern.
+    The bars keep their distances and never touch. Arguments, shapes and errors as in `two_bars`.
+    """
+    if fluctuation == "shadow":
+        fluctuation = SineShadow(EQUAL_PERIODS)
+    elif fluctuation == "distance":
+        fluctuation = Distance(EQUAL_RATES)
+    starts = [(share * size[1], share * size[0]) for share in (0.2, 0.5, 0.8)]
+    bars = [Bar(color, direction, at, speed=speed, length=length, width=width) for at in starts]
+    kind = _fluctuation(fluctuation, 0.0, 3, seed)
+    return BarScene(bars, seconds, kind, size, fps, "equal-bars", device)
+
+
+def _red_and_green(
+    lead: float,
+    colors: Sequence[Color],
+    shift: tuple[float, float],
+    size: tuple[int, int],
+    speed: float,
+    length: float,
+    width: float,
+) -> list[Bar]:
+    red_x, red_y = 0.1 * size[1] + shift[0], 0.08 * size[0] + shift[1]
+    # Light is sin(2 pi x / PERIOD). Red moves right and starts at the phase 2 pi red_x / PERIOD, green moves
+    # left and starts at pi - 2 pi green_x / PERIOD: the lead fixes the sum of the two places.
+    nearest = 0.85 * size[1] + shift[0]
+    green_x = nearest + (PERIOD / 2 - PERIOD * lead / 360 - red_x - nearest) % PERIOD
+    green_y = red_y + 1.4 * length
+    return [
+        Bar(colors[0], -30.0, (red_x, red_y), speed=speed, length=length, width=width),
+        Bar(colors[1], 210.0, (green_x, green_y), speed=speed, length=length, width=width),
+    ]
+
+
+def _scenes(
+    make: Callable[[float, float], list[Bar]], phase: PerScene, offset: PerScene
+) -> list[Bar] | list[list[Bar]]:
+    """The bars of one scene, or of B scenes where `phase` or `offset` holds B values."""
+    values = pairs("phase", phase, "blue_offset", offset)
+    return make(*values) if isinstance(values, tuple) else [make(*value) for value in values]
+
+
+def _fluctuation(
+    kind: str | Fluctuation, phase: PerScene, bars: int, seed: int | Sequence[int]
+) -> Fluctuation:
+    if isinstance(kind, Fluctuation):
+        return kind
+    if kind == "shadow":
+        return SineShadow(PERIOD)
+    if kind == "random":
+        return RandomShadow(seed)
+    if kind == "none":
+        return NoFluctuation()
+    if kind == "distance":
+        leads = per_scene("phase", phase)[..., None] * torch.arange(bars, dtype=torch.float64)
+        return Distance(phase=leads)
+    raise InputError(f"fluctuation must be 'shadow', 'distance', 'random' or 'none', got {kind!r}")

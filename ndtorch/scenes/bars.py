@@ -1,0 +1,217 @@
+"""Moving bars on a black background, drawn at sub-pixel positions. [B §3.4]"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ndtorch.errors import InputError
+from ndtorch.scenes.fluctuation import Fluctuation, NoFluctuation
+from ndtorch.scenes.rendered import RenderedScene
+
+
+@dataclass(frozen=True)
+class Bar:
+    """One bar.
+
+    Attributes:
+        color: red, green and blue in 0..1.
+        direction: of motion, in degrees counter-clockwise as seen: 0 right, 90 up.
+        start: column and row of the centre in the first frame; rows point down, whole numbers are pixel
+            centres.
+        orientation: degrees counter-clockwise as seen, 0 = long axis vertical. None: equal to the direction,
+            which is to say that the bar moves across its long axis.
+        speed: pixels a second.
+        length, width: pixels.
+
+    Raises:
+        InputError: a colour outside 0..1, a size that is not positive, or a number that is not finite.
+    """
+
+    color: tuple[float, float, float]
+    direction: float
+    start: tuple[float, float]
+    orientation: float | None = None
+    speed: float = 50.0
+    length: float = 50.0
+    width: float = 12.0
+
+    def __post_init__(self) -> None:
+        if len(self.color) != 3 or not all(0 <= value <= 1 for value in self.color):
+            raise InputError(f"color must be red, green and blue in 0..1, got {self.color}")
+        if len(self.start) != 2:
+            raise InputError(f"start must be a column and a row, got {self.start}")
+        if not (self.length > 0 and self.width > 0):
+            raise InputError(f"length and width must be positive pixels, got {self.length} and {self.width}")
+        numbers = (self.direction, self.tilt, self.speed, self.length, self.width, *self.start)
+        if not all(math.isfinite(number) for number in numbers):
+            raise InputError(f"direction, orientation, start, speed and sizes must be finite, got {self}")
+
+    @property
+    def tilt(self) -> float:
+        """Orientation in degrees, also where it was left to follow the direction."""
+        return self.direction if self.orientation is None else self.orientation
+
+
+class BarScene(RenderedScene):
+    """Any number of moving bars on black, wrapping around the edges; later bars cover earlier ones.
+
+    A bar covers a pixel by the product of two ramps, `clamp(half + 1/2 - |u|, 0, 1)` along and across it, so
+    its area stays the same at every sub-pixel position (whole-pixel positions would break learning). Every
+    pixel of a bar takes the light of its own place.
+
+    Args:
+        bars: the bars of one scene, or of B scenes (the same number of bars each).
+        seconds, size, fps, device: see `RenderedScene`.
+        fluctuation: shadow or distance; its values may be one for all, one a bar, or one a scene and bar.
+
+    Shapes:
+        frames `[T, 3, H, W]`; `[B, T, 3, H, W]` where bars or fluctuation are given for B scenes.
+
+    Raises:
+        InputError: no bars, scenes with different numbers of bars, batches that do not fit each other, or a
+            bar that does not fit into the image.
+    """
+
+    def __init__(
+        self,
+        bars: Sequence[Bar] | Sequence[Sequence[Bar]],
+        seconds: float,
+        fluctuation: Fluctuation | None = None,
+        size: tuple[int, int] = (500, 500),
+        fps: float = 100.0,
+        name: str = "bars",
+        device: torch.device | str = "cpu",
+    ) -> None:
+        super().__init__(name, seconds, fps, size, device)
+        scenes, batch = _as_scenes(bars)
+        self.bars = scenes if batch else scenes[0]
+        self.fluctuation = NoFluctuation() if fluctuation is None else fluctuation
+        light = self.fluctuation.light(self.size)
+        scale = self.fluctuation.scale(torch.zeros(1, dtype=torch.float64))
+        n_bars = len(scenes[0])
+        misfit = InputError(
+            f"fluctuation must fit {n_bars} bars in scenes {list(batch)}, "
+            f"got {list(light.shape[:-2])} for light and {list(scale.shape[:-1])} for size"
+        )
+        if not {light.shape[-3], scale.shape[-2]} <= {1, n_bars}:
+            raise misfit
+        try:
+            self.batch = np.broadcast_shapes(batch, tuple(light.shape[:-3]), tuple(scale.shape[:-2]))
+        except ValueError as error:
+            raise misfit from error
+
+        def values(pick: Iterable[float]) -> Tensor:
+            tensor = torch.tensor(list(pick), dtype=torch.float64).view(*batch, n_bars)
+            return tensor.expand(*self.batch, n_bars).to(self.device)
+
+        flat = [bar for scene in scenes for bar in scene]
+        self._x, self._y = values(b.start[0] for b in flat), values(b.start[1] for b in flat)
+        self._vx = values(b.speed * math.cos(math.radians(b.direction)) for b in flat)
+        self._vy = values(-b.speed * math.sin(math.radians(b.direction)) for b in flat)
+        self._cos = values(math.cos(math.radians(b.tilt)) for b in flat)
+        self._sin = values(math.sin(math.radians(b.tilt)) for b in flat)
+        self._length, self._width = values(b.length for b in flat), values(b.width for b in flat)
+        colors = torch.tensor([b.color for b in flat], dtype=torch.float32).view(*batch, n_bars, 3)
+        self._color = colors.expand(*self.batch, n_bars, 3).to(self.device)
+        self._light = light.expand(*self.batch, n_bars, *light.shape[-2:]).contiguous().to(self.device)
+        self._reach = [_reach(flat[k::n_bars], self.size) for k in range(n_bars)]
+
+    def frames(self, start: int, stop: int) -> Tensor:
+        """Frames number `start` to `stop - 1`, `[*batch, T, 3, H, W]` float32 in 0..1."""
+        height, width = self.size
+        # Times come from whole frame numbers in double precision: nothing drifts and chunks do not matter.
+        seconds = torch.arange(start, stop, device=self.device).double() / self.fps
+        canvas = self._canvases.zeros(*self.batch, len(seconds), 3, height * width)
+        if len(seconds):
+            scale = self.fluctuation.scale(seconds)
+            scale = scale.expand(*self.batch, len(self._reach), len(seconds))
+            for k in range(len(self._reach)):
+                self._paint(canvas, k, seconds, scale[..., k, :])
+        return canvas.view(*canvas.shape[:-1], height, width)
+
+    def _paint(self, canvas: Tensor, k: int, seconds: Tensor, scale: Tensor) -> None:
+        """Paint bar k into `canvas` `[*batch, T, 3, H W]`: only the patch around it is touched."""
+        height, width = self.size
+        reach_x, reach_y = self._reach[k]
+        columns, u_x, v_x = self._axis(self._x, self._vx, k, seconds, reach_x, self._cos, -self._sin)
+        rows, u_y, v_y = self._axis(self._y, self._vy, k, seconds, reach_y, -self._sin, -self._cos)
+        columns, rows = columns.remainder_(width), rows.remainder_(height)
+
+        cover = _ramp(u_x[..., None, :] + u_y[..., :, None], self._width[..., k, None] * scale)
+        cover *= _ramp(v_x[..., None, :] + v_y[..., :, None], self._length[..., k, None] * scale)
+        where = rows[..., :, None] * width + columns[..., None, :]
+        light = self._light[..., k, :, :]
+        # Light that is the same in all rows is looked up by column alone.
+        in_light = where if light.shape[-2] > 1 else columns[..., None, :]
+        brightness = light.flatten(-2).gather(-1, in_light.flatten(len(self.batch))).view(in_light.shape)
+        lit = self._color[..., k, :][..., None, :, None, None] * brightness[..., None, :, :]
+
+        pixels = where.flatten(-2)[..., None, :].expand(*where.shape[:-2], 3, -1)
+        behind = canvas.gather(-1, pixels).unflatten(-1, where.shape[-2:])
+        painted = behind + cover[..., None, :, :] * (lit - behind)
+        canvas.scatter_(-1, pixels, painted.flatten(-2))
+
+    def _axis(
+        self, at: Tensor, velocity: Tensor, k: int, seconds: Tensor, reach: float, u: Tensor, v: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Pixels within reach of bar k along one image axis, and what each adds to the bar's coordinates.
+
+        Returns the pixel numbers (not yet wrapped) and the parts of u (across the bar) and v (along it), all
+        `[*batch, T, P]`.
+        """
+        centre = at[..., k, None] + velocity[..., k, None] * seconds
+        first = torch.ceil(centre - reach)
+        steps = torch.arange(math.floor(2 * reach) + 1, device=self.device)
+        pixels = first.long()[..., None] + steps
+        offset = (first - centre)[..., None] + steps
+        return (
+            pixels,
+            (offset * u[..., k, None, None]).float(),
+            (offset * v[..., k, None, None]).float(),
+        )
+
+
+def _ramp(distance: Tensor, extent: Tensor) -> Tensor:
+    """Share of a pixel covered by a strip `extent` pixels wide whose middle is `distance` away.
+
+    `clamp(extent/2 + 1/2 - |distance|, 0, 1)`, and at most `extent` where the strip is narrower than a pixel.
+    `distance` `[*batch, T, P, P]` is overwritten; `extent` `[*batch, T]`.
+    """
+    edge = (extent / 2 + 0.5).float()[..., None, None]
+    top = extent.clamp(max=1.0).float()[..., None, None]
+    return torch.minimum(distance.abs_().neg_().add_(edge).clamp_(min=0.0), top)
+
+
+def _reach(bars: Sequence[Bar], size: tuple[int, int]) -> tuple[float, float]:
+    """How far from its centre, in columns and in rows, the widest of `bars` may touch a pixel centre."""
+    reach_x = reach_y = 0.0
+    for bar in bars:
+        tilt = math.radians(bar.tilt)
+        cos, sin = abs(math.cos(tilt)), abs(math.sin(tilt))
+        across, along = bar.width / 2 + 0.5, bar.length / 2 + 0.5
+        reach_x, reach_y = max(reach_x, across * cos + along * sin), max(reach_y, across * sin + along * cos)
+    if math.floor(2 * reach_x) + 1 > size[1] or math.floor(2 * reach_y) + 1 > size[0]:
+        raise InputError(
+            f"bars must fit into the image: one takes {2 * reach_y:.0f} rows and {2 * reach_x:.0f} columns, "
+            f"size is {size[0]} x {size[1]}"
+        )
+    return reach_x, reach_y
+
+
+def _as_scenes(bars: Sequence[Bar] | Sequence[Sequence[Bar]]) -> tuple[list[list[Bar]], tuple[int, ...]]:
+    """Lists of bars, one a scene, and the batch shape: () for one scene, (B,) for a list of scenes."""
+    if len(bars) == 0:
+        raise InputError("bars must hold at least one bar, got none")
+    if isinstance(bars[0], Bar):
+        return [list(cast(Sequence[Bar], bars))], ()
+    scenes = [list(scene) for scene in cast(Sequence[Sequence[Bar]], bars)]
+    if len({len(scene) for scene in scenes}) != 1 or not scenes[0]:
+        raise InputError(f"every scene must hold the same number of bars, got {[len(s) for s in scenes]}")
+    return scenes, (len(scenes),)

@@ -1,0 +1,196 @@
+"""Frames as OpenCV decodes them: video files, live cameras and streams, folders of images."""
+
+from __future__ import annotations
+
+import os
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ndtorch.errors import InputError
+
+Image = np.ndarray[Any, np.dtype[np.uint8]]
+"""`[H, W, 3]` in blue, green, red, or `[H, W]` in grey."""
+
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm")
+FOLDER_FPS = 30.0
+
+
+class Reader(ABC):
+    """Where frames come from.
+
+    Attributes:
+        fps: rate the source declares; may be nonsense.
+        count: number of frames the source promises, or None.
+        live: whether frames pass only once.
+    """
+
+    fps: float
+    count: int | None
+    live: bool = False
+
+    @abstractmethod
+    def read(self, start: int) -> Iterator[Image]:
+        """Frames from number `start` on, until no more can be decoded. A live source goes on where it is."""
+
+    def close(self) -> None:  # noqa: B027  nothing to do for most
+        """Let go of the device, if any is held."""
+
+
+class FileReader(Reader):
+    """A video file. Every reading opens it anew, so several may go on side by side."""
+
+    def __init__(self, path: Path) -> None:
+        import cv2
+
+        if path.stat().st_size == 0:
+            raise InputError(f"video {path} is empty (0 bytes)")
+        self.path = path
+        with quiet_opencv():
+            capture = _capture(str(path))
+            if capture is None:
+                raise InputError(
+                    f"video {path} cannot be opened: not a video, damaged or cut off at its start"
+                )
+            self.fps, self.count = _declared(capture)
+            # FFmpeg plays any text file as the screen of a terminal.
+            decodes = capture.get(cv2.CAP_PROP_FOURCC) != cv2.VideoWriter.fourcc(*"ansi") and capture.grab()
+            capture.release()
+        if not decodes:
+            raise InputError(f"video {path} cannot be used: it is text, or none of its frames can be decoded")
+
+    def read(self, start: int) -> Iterator[Image]:
+        with quiet_opencv():
+            capture = _capture(str(self.path))
+        if capture is None:
+            raise InputError(f"video {self.path} can no longer be opened")
+        try:
+            # Seeking by frame number lands between frames in some containers; counting never does.
+            for _ in range(start):
+                if not capture.grab():
+                    return
+            yield from _frames(capture)
+        finally:
+            capture.release()
+
+
+class LiveReader(Reader):
+    """A camera or a stream: held open, every frame passes once."""
+
+    live = True
+
+    def __init__(self, source: int | str) -> None:
+        what = f"camera {source}" if isinstance(source, int) else str(source)
+        with quiet_opencv():
+            capture = _capture(source)
+            if capture is None:
+                raise InputError(f"{what} cannot be opened: not there, in use, or no permission")
+            first = next(_frames(capture), None)
+        if first is None:
+            capture.release()
+            raise InputError(f"{what} opens but delivers no frames")
+        self.fps, self.count = _declared(capture)[0], None
+        self._capture, self._first = capture, [first]
+
+    def read(self, start: int) -> Iterator[Image]:
+        while self._first:
+            yield self._first.pop()
+        yield from _frames(self._capture)
+
+    def close(self) -> None:
+        self._first.clear()
+        self._capture.release()
+
+
+class FolderReader(Reader):
+    """The images of a folder in natural order: 2.png comes before 10.png."""
+
+    def __init__(self, folder: Path) -> None:
+        import cv2
+
+        files = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
+        self.files = sorted(files, key=_natural)
+        if not self.files:
+            raise InputError(f"folder {folder} holds no images ({', '.join(IMAGE_SUFFIXES)})")
+        self.fps, self.count = FOLDER_FPS, len(self.files)
+        with quiet_opencv():
+            for path in self.files:
+                if not cv2.haveImageReader(str(path)):
+                    raise InputError(f"image {path} cannot be read: empty, damaged or not an image")
+            _image(self.files[0])
+
+    def read(self, start: int) -> Iterator[Image]:
+        return (_image(path) for path in self.files[start:])
+
+
+@contextmanager
+def quiet_opencv() -> Iterator[None]:
+    """Keep OpenCV's own messages off stderr: what went wrong is said once, in an `InputError`.
+
+    OpenCV's log level is put back afterwards. FFmpeg inside OpenCV takes its level from the environment once,
+    as the first video is opened; it stays quiet for the process unless `OPENCV_FFMPEG_LOGLEVEL` was set.
+    """
+    import cv2
+
+    variable = "OPENCV_FFMPEG_LOGLEVEL"
+    level = cv2.utils.logging.getLogLevel()
+    ours = variable not in os.environ
+    if ours:
+        os.environ[variable] = "-8"
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        yield
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+        if ours:
+            os.environ.pop(variable, None)
+
+
+def _capture(source: int | str) -> Any:
+    """An open `cv2.VideoCapture`, or None."""
+    import cv2
+
+    try:
+        capture = cv2.VideoCapture(source)
+    except cv2.error:
+        return None
+    return capture if capture.isOpened() else None
+
+
+def _declared(capture: Any) -> tuple[float, int | None]:
+    """Rate and number of frames as the container declares them; None where it does not know the number."""
+    import cv2
+
+    count = capture.get(cv2.CAP_PROP_FRAME_COUNT)
+    return float(capture.get(cv2.CAP_PROP_FPS)), int(count) if 0 < count < 2**53 else None
+
+
+def _frames(capture: Any) -> Iterator[Image]:
+    while True:
+        decoded, frame = capture.read()
+        if not decoded:
+            return
+        yield frame
+
+
+def _image(path: Path) -> Image:
+    """Eight bits a channel, turned upright as the file says, without transparency; grey stays `[H, W]`."""
+    import cv2
+
+    with quiet_opencv():
+        image = cv2.imread(str(path), cv2.IMREAD_ANYCOLOR)
+    if image is None:
+        raise InputError(f"image {path} cannot be read: empty, damaged or not an image")
+    return np.asarray(image, dtype=np.uint8)
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Sort key in which runs of digits count as numbers."""
+    return [
+        (int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name.lower())
+    ]

@@ -1,0 +1,73 @@
+"""What simulated scenes share: frames computed from their number, so that any of them can be had alone."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Iterator
+
+import torch
+from torch import Tensor
+
+from ndtorch.errors import InputError
+from ndtorch.scenes.base import FrameSource
+from ndtorch.scenes.canvas import CanvasPool
+
+
+class RenderedScene(FrameSource):
+    """A simulated scene: frame n depends on n alone and comes out the same in whatever chunk it is.
+
+    Args:
+        name: short name, fit for a folder name.
+        seconds: duration; the length is `round(seconds * fps)` frames, at least one.
+        fps: frames per second.
+        size: height and width in pixels.
+        device: where the frames are computed.
+
+    Raises:
+        InputError: a duration, rate or size that is not positive and finite.
+    """
+
+    length: int
+
+    def __init__(
+        self, name: str, seconds: float, fps: float, size: tuple[int, int], device: torch.device | str = "cpu"
+    ) -> None:
+        if not (fps > 0 and math.isfinite(fps)):
+            raise InputError(f"fps must be a positive number of frames per second, got {fps}")
+        if not (seconds > 0 and math.isfinite(seconds)):
+            raise InputError(f"seconds must be a positive number, got {seconds}")
+        self.name = name
+        self.fps = float(fps)
+        self.size = check_size(size)
+        self.length = max(1, round(seconds * fps))
+        self.device = torch.device(device)
+        self._canvases = CanvasPool(self.device)
+
+    @abstractmethod
+    def frames(self, start: int, stop: int) -> Tensor:
+        """Frames number `start` to `stop - 1`, `[..., T, 3, H, W]` float32 in 0..1, in new memory."""
+
+    def chunks(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:
+        """Yield `[..., T, 3, H, W]` float32 in 0..1 with T <= `frames`, from frame `start` to the end.
+
+        Raises:
+            InputError: `frames` below 1 or `start` below 0.
+        """
+        check_chunks(frames, start)
+        return (self.frames(n, min(n + frames, self.length)) for n in range(start, self.length, frames))
+
+
+def check_chunks(frames: int, start: int) -> None:
+    """Raise `InputError` unless `frames >= 1` and `start >= 0`."""
+    if frames < 1:
+        raise InputError(f"frames must be at least 1 in a chunk, got {frames}")
+    if start < 0:
+        raise InputError(f"start must be a frame number >= 0, got {start}")
+
+
+def check_size(size: tuple[int, int]) -> tuple[int, int]:
+    """Height and width as positive integers, or `InputError`."""
+    if len(size) != 2 or any(side != int(side) or side < 1 for side in size):
+        raise InputError(f"size must be (height, width) in whole pixels >= 1, got {size}")
+    return int(size[0]), int(size[1])

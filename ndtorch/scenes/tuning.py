@@ -1,0 +1,119 @@
+"""Single bars and colours for tuning curves. [B §3.1-3.3]"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ndtorch.errors import InputError
+from ndtorch.scenes.bar_scenes import Color
+from ndtorch.scenes.bars import Bar, BarScene
+from ndtorch.scenes.fluctuation import Fluctuation
+from ndtorch.scenes.parameters import PerScene, pairs
+
+WHITE: Color = (1.0, 1.0, 1.0)
+
+
+def moving_bar(
+    direction: PerScene,
+    orientation: PerScene | None = None,
+    *,
+    color: Color = WHITE,
+    seconds: float = 4.0,
+    fluctuation: Fluctuation | None = None,
+    start: tuple[float, float] | None = None,
+    speed: float = 50.0,
+    size: tuple[int, int] = (100, 100),
+    length: float = 50.0,
+    width: float = 12.0,
+    fps: float = 100.0,
+    device: torch.device | str = "cpu",
+) -> BarScene:
+    """One bar in steady light that starts in the middle of the image, or at `start` (column, row).
+
+    Args:
+        direction: of motion in degrees counter-clockwise as seen, 0 = right; B values make B scenes.
+        orientation: in degrees counter-clockwise, 0 = long axis vertical; B values, or None for a bar that
+            moves across its long axis.
+
+    Everything else as in `two_bars`.
+
+    Returns:
+        A source of frames `[T, 3, H, W]`, or `[B, T, 3, H, W]` for B angles.
+
+    Raises:
+        InputError: angles that are not finite or do not fit each other, or what `Bar` and `BarScene` refuse.
+    """
+    at = _middle(size) if start is None else start
+    angles = pairs("direction", direction, "orientation", direction if orientation is None else orientation)
+
+    def bar(towards: float, tilt: float) -> list[Bar]:
+        return [Bar(color, towards, at, tilt, speed, length, width)]
+
+    bars = bar(*angles) if isinstance(angles, tuple) else [bar(*pair) for pair in angles]
+    return BarScene(bars, seconds, fluctuation, size, fps, "moving-bar", device)
+
+
+def static_bar(
+    orientation: PerScene,
+    color: Color = WHITE,
+    size: tuple[int, int] = (100, 100),
+    *,
+    centre: tuple[float, float] | None = None,
+    length: float = 50.0,
+    width: float = 12.0,
+    device: torch.device | str = "cpu",
+) -> Tensor:
+    """One frame of a bar at rest, `[3, H, W]`, or `[B, 3, H, W]` for B orientations.
+
+    Args:
+        orientation: degrees counter-clockwise as seen, 0 = long axis vertical.
+        color: red, green and blue in 0..1.
+        size: height and width in pixels.
+        centre: column and row of the bar's centre; None is the middle of the image.
+        length, width: pixels.
+        device: where the frame is rendered.
+
+    Raises:
+        InputError: as `moving_bar`.
+    """
+    scene = moving_bar(
+        0.0,
+        orientation,
+        color=color,
+        seconds=1.0,
+        start=centre,
+        size=size,
+        length=length,
+        width=width,
+        device=device,
+    )
+    return scene.frames(0, 1).select(-4, 0)
+
+
+def hsl_color(hue: float | Tensor, saturation: float | Tensor, lightness: float | Tensor) -> Tensor:
+    """Red, green and blue in 0..1 of a colour given by hue, saturation and lightness: `[..., 3]`.
+
+    Args:
+        hue: degrees, 0 red, 120 green, 240 blue; any turn.
+        saturation, lightness: 0..1.
+
+    The three broadcast against each other.
+
+    Raises:
+        InputError: saturation or lightness outside 0..1.
+    """
+    h, s, x = (torch.as_tensor(value).to(torch.get_default_dtype()) for value in (hue, saturation, lightness))
+    for name, value in (("saturation", s), ("lightness", x)):
+        if not bool(((value >= 0) & (value <= 1)).all()):
+            raise InputError(f"{name} must lie in 0..1, got {value.min().item():g} to {value.max().item():g}")
+    # Every channel is the same trapezoid over the hue, a third of a turn apart.
+    turn = (h[..., None] / 30 + torch.tensor([0.0, 8.0, 4.0], dtype=h.dtype, device=h.device)) % 12
+    wave = torch.minimum(turn - 3, 9 - turn).clamp(-1, 1)
+    chroma = (s * torch.minimum(x, 1 - x))[..., None]
+    color: Tensor = x[..., None] - chroma * wave
+    return color.clamp(0, 1)
+
+
+def _middle(size: tuple[int, int]) -> tuple[float, float]:
+    return (size[1] - 1) / 2, (size[0] - 1) / 2

@@ -1,0 +1,207 @@
+"""Real video as a source of frames: files, folders of images, cameras and streams."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterator
+from itertools import islice
+from pathlib import Path
+from types import TracebackType
+from typing import Literal, Self
+
+import torch
+from torch import Tensor
+
+from ndtorch.errors import InputError
+from ndtorch.scenes._torchvision import import_torchvision
+from ndtorch.scenes.base import FrameSource
+from ndtorch.scenes.readers import FileReader, FolderReader, Image, LiveReader, Reader
+from ndtorch.scenes.rendered import check_chunks, check_size
+
+Fit = Literal["crop", "stretch"]
+FASTEST = 1000.0
+"""Frames a second above which a declared rate is taken for nonsense."""
+
+
+def open_video(
+    source: int | str | Path,
+    size: tuple[int, int] = (500, 500),
+    fps: float | None = None,
+    start: int | None = None,
+    stop: int | None = None,
+    fit: Fit = "crop",
+) -> VideoSource:
+    """Open a video file, a folder of images, a camera or a stream, and decode its first frame.
+
+    Args:
+        source: a file; a folder, whose images are taken in natural order; a camera as a number, as "camera:0"
+            or as /dev/video0; or an address with "://".
+        size: height and width of the frames delivered.
+        fps: frames a second where the source declares none or a wrong one. A folder has 30 otherwise.
+        start, stop: the first frame of the source and the one after the last; None for all of it.
+        fit: "crop" scales until the image covers `size` and cuts off what sticks out; "stretch" scales both
+            sides separately.
+
+    Returns:
+        A source of frames `[T, 3, H, W]` uint8, red, green and blue.
+
+    Raises:
+        InputError: a source that is missing, empty, unreadable or not a video, a rate that is not in
+            0..1000 Hz while `fps` is not given, or `size`, `fps`, `start`, `stop` or `fit` out of range.
+    """
+    size = check_size(size)
+    if fit not in ("crop", "stretch"):
+        raise InputError(f"fit must be 'crop' or 'stretch', got {fit!r}")
+    if fps is not None and not (fps > 0 and math.isfinite(fps)):
+        raise InputError(f"fps must be a positive number of frames per second, got {fps}")
+    first = 0 if start is None else start
+    if first < 0 or (stop is not None and stop <= first):
+        raise InputError(
+            f"start and stop must be frame numbers with 0 <= start < stop, got {start} and {stop}"
+        )
+
+    reader, name = _reader(source)
+    try:
+        if fps is None and not 0 < reader.fps <= FASTEST:
+            raise InputError(f"fps must be given for {source}, which declares {reader.fps} frames per second")
+        if reader.count is not None and max(first + 1, stop or 0) > reader.count:
+            raise InputError(
+                f"start and stop must lie within the {reader.count} frames, got {start} and {stop}"
+            )
+        if first and not reader.live and next(iter(reader.read(first)), None) is None:
+            raise InputError(
+                f"start must be a frame that can be decoded, got {start}: {source} ends before it"
+            )
+    except InputError:
+        reader.close()
+        raise
+    return VideoSource(reader, name, fps or reader.fps, size, first, stop, fit)
+
+
+class VideoSource(FrameSource):
+    """Frames of real video; made by `open_video`. Usable in a `with` statement.
+
+    Attributes:
+        truncated: whether a reading ended before the number of frames the source had promised; then `length`
+            becomes what could be decoded, and a warning says so once.
+    """
+
+    def __init__(
+        self,
+        reader: Reader,
+        name: str,
+        fps: float,
+        size: tuple[int, int],
+        start: int,
+        stop: int | None,
+        fit: Fit,
+    ) -> None:
+        self.name, self.fps, self.size = name, float(fps), size
+        end = reader.count if stop is None else stop
+        self.length = None if end is None or (reader.count is None and not reader.live) else end - start
+        self.truncated = False
+        self._reader, self._start = reader, start
+        self._most = None if end is None else end - start
+        self._resize = _resizer(size, fit)
+        self._grey_told = self._closed = False
+        self._skip = start if reader.live else 0
+
+    def chunks(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:
+        """Yield `[T, 3, H, W]` uint8 with T <= `frames`, from frame `start` of this source to its end.
+
+        A camera goes on where it is, so `start` must be 0 there. A file is decoded from its beginning to
+        reach `start`.
+
+        Raises:
+            InputError: `frames` below 1, `start` below 0 or not 0 for a camera, or the source is closed; in
+                the course of reading, an image of a folder that cannot be decoded.
+        """
+        check_chunks(frames, start)
+        if self._closed:
+            raise InputError(f"video {self.name} is closed")
+        if self._reader.live and start:
+            raise InputError(f"start must be 0, as {self.name} is live, got {start}")
+        return self._chunks(frames, start)
+
+    def close(self) -> None:
+        """Let go of the camera or file; reading afterwards is an error."""
+        self._closed = True
+        self._reader.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _chunks(self, frames: int, start: int) -> Iterator[Tensor]:
+        left = None if self._most is None else max(0, self._most - start)
+        images = self._reader.read(self._start + start)
+        if self._skip:
+            images = islice(images, self._skip, None)
+            self._skip = 0
+        images = islice(images, left)
+        done = 0
+        while batch := [self._frame(image) for image in islice(images, frames)]:
+            done += len(batch)
+            yield torch.stack(batch)
+        if left is not None and done < left and not self._closed:
+            self._note_end(start + done)
+
+    def _note_end(self, decoded: int) -> None:
+        if not self.truncated:
+            promised = "" if self.length is None else f" of {self.length}"
+            warnings.warn(f"video {self.name} ends early: {decoded}{promised} frames decoded", stacklevel=3)
+        self.truncated, self.length = True, decoded
+
+    def _frame(self, image: Image) -> Tensor:
+        import cv2
+
+        if image.ndim == 2 and not self._grey_told:
+            warnings.warn(f"video {self.name} is grey: copied into red, green and blue", stacklevel=4)
+            self._grey_told = True
+        rgb = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB)
+        return self._resize(torch.from_numpy(rgb).permute(2, 0, 1))
+
+
+def _reader(source: int | str | Path) -> tuple[Reader, str]:
+    """The reader for a source, and a name for it."""
+    if isinstance(source, str) and source.startswith("camera:"):
+        number = source.removeprefix("camera:")
+        if not number.isdecimal():
+            raise InputError(f"source must name a camera as camera:0, got {source!r}")
+        source = int(number)
+    if isinstance(source, int):
+        if source < 0:
+            raise InputError(f"source must be a camera number >= 0, got {source}")
+        return LiveReader(source), f"camera-{source}"
+    if isinstance(source, str) and "://" in source:
+        return LiveReader(source), source.rstrip("/").rsplit("/", 1)[-1]
+    path = Path(source)
+    if not path.exists():
+        raise InputError(f"video {path} does not exist")
+    if path.is_dir():
+        return FolderReader(path), path.resolve().name
+    if path.is_char_device():
+        return LiveReader(str(path)), path.name
+    return FileReader(path), path.stem
+
+
+def _resizer(size: tuple[int, int], fit: Fit) -> Callable[[Tensor], Tensor]:
+    """A function from `[3, h, w]` uint8 to `[3, *size]` uint8."""
+    import_torchvision()
+    from torchvision import tv_tensors
+    from torchvision.transforms import v2
+
+    def resize(image: Tensor) -> Tensor:
+        height, width = image.shape[-2:]
+        scale = max(size[0] / height, size[1] / width)
+        target = list(size) if fit == "stretch" else [round(height * scale), round(width * scale)]
+        video = v2.functional.resize(tv_tensors.Video(image[None]), target, antialias=True)
+        out: Tensor = v2.functional.center_crop(video, list(size)).as_subclass(Tensor)
+        return out[0].contiguous()
+
+    return resize

@@ -1,0 +1,121 @@
+"""The ten features of a frame: motion in four directions, three orientations, three colours."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import torch
+from torch import Tensor, nn
+
+from ndtorch.errors import InputError
+from ndtorch.vision.frames import as_float, check_frames, grey
+from ndtorch.vision.motion import Border, HassensteinReichardt, MotionState
+from ndtorch.vision.orientation import OrientedDoG
+
+FEATURES: tuple[str, ...] = (
+    "left",
+    "right",
+    "down",
+    "up",
+    "0°",
+    "60°",
+    "120°",
+    "red",
+    "green",
+    "blue",
+)
+"""Names of the ten features, in the order used everywhere. [B §2]"""
+
+GROUPS: dict[str, slice] = {"motion": slice(0, 4), "orientation": slice(4, 7), "color": slice(7, 10)}
+"""Where each visual submodality lies among the ten."""
+
+# Working sets beyond this many pixels leave a CPU's second-level cache, and every pass gets 2-4x slower.
+CPU_PIXELS = 1 << 18
+CUDA_PIXELS = 1 << 25
+
+
+class VisualFeatures(nn.Module):
+    """Ten wide-field signals of a sequence of frames, and the images they are sums of. [B §2.1, fig. 1]
+
+    `forward` gives the spatial sums, the input of the binding networks; `images` gives the feature images,
+    the material of attention. Both advance the same state: use one or the other on a stream.
+
+    Args:
+        size: height and width of the frames in pixels.
+        dt: seconds between frames.
+        tau_high, tau_low: time constants of the motion detectors, seconds.
+        border: "wrap" for toroidal scenes, "reflect" for real video.
+        exact: sum the orientation responses at full resolution instead of on a coarse grid (error < 0.5 %).
+
+    Shapes:
+        frames `[..., T, C, H, W]` (C = 3 or 1; float 0..1 or uint8) -> `[..., T, 10]`, in the order of
+        `FEATURES`. State: `MotionState`; `None` settles on the first frame.
+
+    Raises:
+        InputError: frames of another shape, size or type, or that hold NaN or infinite values.
+    """
+
+    def __init__(
+        self,
+        size: tuple[int, int] = (500, 500),
+        dt: float = 0.01,
+        tau_high: float = 0.5,
+        tau_low: float = 0.05,
+        border: Border = "wrap",
+        exact: bool = False,
+    ) -> None:
+        super().__init__()
+        if len(size) != 2 or min(size) < 2:
+            raise InputError(f"size must be a height and a width of at least 2 pixels, got {size}")
+        self.size = (int(size[0]), int(size[1]))
+        self.motion = HassensteinReichardt(dt, tau_high, tau_low, border)
+        self.orientation = OrientedDoG(self.size, border=border, exact=exact)
+
+    def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
+        frames = check_frames(frames, self.size)
+        batch = frames.shape[:-4]
+        if batch and frames.device.type == "cpu" and frames.shape[-1] * frames.shape[-2] * 2 > CPU_PIXELS:
+            return self._each(frames, state)
+        sums = []
+        for block in self._blocks(frames):
+            image = grey(block)
+            high, delayed, state = self.motion.scan(image, state)
+            motion = self.motion.sums(high, delayed)
+            sums.append(torch.cat([motion, self.orientation.sums(image), block.sum((-1, -2))], -1))
+        assert state is not None
+        out = sums[0] if len(sums) == 1 else torch.cat(sums, -2)
+        # One look at ten numbers a frame finds a bad pixel anywhere: sums carry NaN and infinity along.
+        if not torch.isfinite(out).all():
+            raise InputError("frames must be finite, got NaN or infinite values")
+        return out, state
+
+    def images(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
+        """Feature images `[..., T, 10, H, W]`, non-negative; their sums over space are what `forward` gives."""
+        frames = as_float(check_frames(frames, self.size))
+        image = grey(frames)
+        high, delayed, state = self.motion.scan(image, state)
+        motion = self.motion.images(high, delayed)
+        return torch.cat([motion, self.orientation.images(image).abs(), frames], -3), state
+
+    def _blocks(self, frames: Tensor) -> Iterator[Tensor]:
+        """Float pieces of a few frames, sized for the cache of a CPU or for a GPU."""
+        pixels = CPU_PIXELS if frames.device.type == "cpu" else CUDA_PIXELS
+        one = frames[..., 0, 0, :, :].numel()
+        for block in frames.split(max(1, pixels // one), -4):
+            yield as_float(block)
+
+    def _each(self, frames: Tensor, state: MotionState | None) -> tuple[Tensor, MotionState]:
+        """One trial after the other: large frames of several trials together would leave the cache."""
+        batch = frames.shape[:-4]
+        trials = frames.reshape(-1, *frames.shape[-4:])
+        slow = delayed = None
+        if state is not None:
+            slow, delayed = (s.expand(*batch, *self.size).reshape(-1, *self.size) for s in state)
+        sums, ends = [], []
+        for i, trial in enumerate(trials):
+            start = None if slow is None or delayed is None else MotionState(slow[i], delayed[i])
+            out, end = self.forward(trial, start)
+            sums.append(out)
+            ends.append(end)
+        final = (torch.stack(part).reshape(*batch, *self.size) for part in zip(*ends, strict=True))
+        return torch.stack(sums).reshape(*batch, *sums[0].shape), MotionState(*final)

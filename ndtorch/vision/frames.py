@@ -1,0 +1,46 @@
+"""Checks and conversions at the edge of the front end: what counts as a frame."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ndtorch.errors import InputError
+
+
+def check_frames(frames: Tensor, size: tuple[int, int] | None = None) -> Tensor:
+    """Return `frames` as `[..., T, 3, H, W]`, grey input replicated to three channels.
+
+    Args:
+        frames: `[..., T, C, H, W]` with C = 3 or 1; floating point in 0..1, or uint8.
+        size: wanted height and width, or None for any.
+
+    Raises:
+        InputError: wrong type, number of dimensions, channel count or size, or no frame at all.
+    """
+    if not isinstance(frames, Tensor):
+        raise InputError(f"frames must be a torch.Tensor, got {type(frames).__name__}")
+    if frames.dtype != torch.uint8 and not frames.is_floating_point():
+        raise InputError(f"frames must be floating point in 0..1 or uint8, got {frames.dtype}")
+    if frames.ndim < 4:
+        raise InputError(f"frames must have shape [..., T, C, H, W], got {tuple(frames.shape)}")
+    channels, height, width = frames.shape[-3:]
+    if channels not in (1, 3):
+        raise InputError(f"frames must have 3 channels (or 1, grey), got {channels}: {tuple(frames.shape)}")
+    if frames.numel() == 0:
+        raise InputError(f"frames must hold at least one frame, got {tuple(frames.shape)}")
+    if size is not None and (height, width) != tuple(size):
+        raise InputError(f"frames must be {size[0]}x{size[1]} pixels (height x width), got {height}x{width}")
+    return frames if channels == 3 else frames.expand(*frames.shape[:-3], 3, height, width)
+
+
+def as_float(frames: Tensor) -> Tensor:
+    """uint8 scaled to 0..1; floating point as it is."""
+    return frames.float() / 255 if frames.dtype == torch.uint8 else frames
+
+
+def grey(frames: Tensor) -> Tensor:
+    """Mean of the three colour planes, `[..., 3, H, W]` -> `[..., H, W]`. [B §2.1]"""
+    red, green, blue = frames.unbind(-3)
+    # Three passes over planes: faster on a CPU than a mean over a strided dimension.
+    return (red + green).add(blue).mul(1 / 3)

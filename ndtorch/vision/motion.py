@@ -1,0 +1,137 @@
+"""Directional motion by elaborated Hassenstein-Reichardt detectors at every pixel."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from ndtorch.errors import InputError
+from ndtorch.vision.frames import as_float, check_frames, grey
+from ndtorch.vision.temporal import low_pass_step, smoothing_factor
+
+Border = Literal["wrap", "reflect"]
+BORDERS: tuple[Border, ...] = ("wrap", "reflect")
+
+
+def check_border(border: str) -> None:
+    """Raise `InputError` unless `border` is one of `BORDERS`."""
+    if border not in BORDERS:
+        raise InputError(f"border must be one of {', '.join(BORDERS)}, got {border!r}")
+
+
+class MotionState(NamedTuple):
+    """State of the detectors: the slow and the delayed low-passed image, each `[..., H, W]`."""
+
+    slow: Tensor
+    delayed: Tensor
+
+
+def motion_step(
+    image: Tensor, state: MotionState, a_high: float, a_low: float
+) -> tuple[Tensor, Tensor, MotionState]:
+    """One step of the detectors' temporal filters. [B eq. 7-8]
+
+    Returns the high-passed image PH, its low-passed copy PHL and the new state; all `[..., H, W]`.
+    """
+    slow = low_pass_step(image, state.slow, a_high)
+    high = image - slow
+    delayed = low_pass_step(high, state.delayed, a_low)
+    return high, delayed, MotionState(slow, delayed)
+
+
+def correlate(high: Tensor, delayed: Tensor, dim: int) -> Tensor:
+    """Opponent correlation of neighbours along `dim`: `PH(n+1) PHL(n) - PH(n) PHL(n+1)`. [B eq. 7-8]
+
+    Positive where the pattern moves towards larger indices (right along columns, down along rows).
+    The result is one shorter than the input along `dim`.
+    """
+    n = high.shape[dim] - 1
+    forward = high.narrow(dim, 1, n) * delayed.narrow(dim, 0, n)
+    return torch.addcmul(forward, high.narrow(dim, 0, n), delayed.narrow(dim, 1, n), value=-1)
+
+
+def wrapped_edge(image: Tensor, dim: int) -> Tensor:
+    """Last and first line along `dim`, the neighbours that a torus adds."""
+    return torch.cat([image.narrow(dim, -1, 1), image.narrow(dim, 0, 1)], dim)
+
+
+class HassensteinReichardt(nn.Module):
+    """Four images of directional motion: left, right, down, up. [B eq. 7-13]
+
+    Grey = mean of the colour planes; PH = high-pass of 0.5 s, PHL = PH low-passed at 50 ms; neighbouring
+    pixels are cross-correlated along rows and columns and split by sign. `down` is what a falling bar drives.
+
+    Args:
+        dt: seconds between frames.
+        tau_high, tau_low: time constants in seconds.
+        border: "wrap" correlates the last with the first row and column (toroidal scenes); with "reflect"
+            those pairs are left out and their pixels are zero (real video).
+
+    Shapes:
+        frames `[..., T, C, H, W]`, C = 3 or 1 -> `[..., T, 4, H, W]`. State: `MotionState`;
+        `None` settles the filters on the first frame.
+    """
+
+    def __init__(
+        self, dt: float = 0.01, tau_high: float = 0.5, tau_low: float = 0.05, border: Border = "wrap"
+    ) -> None:
+        super().__init__()
+        check_border(border)
+        self.dt, self.border = dt, border
+        self.a_high = smoothing_factor(tau_high, dt)
+        self.a_low = smoothing_factor(tau_low, dt)
+
+    def start(self, image: Tensor) -> MotionState:
+        """State settled on one grey image `[..., H, W]`."""
+        return MotionState(image, torch.zeros_like(image))
+
+    def scan(self, images: Tensor, state: MotionState | None) -> tuple[Tensor, Tensor, MotionState]:
+        """Run the temporal filters over grey images `[..., T, H, W]`; returns PH, PHL and the state."""
+        frames = images.unbind(-3)
+        state = self.start(frames[0]) if state is None else state
+        if len(frames) == 1:
+            high, delayed, state = motion_step(frames[0], state, self.a_high, self.a_low)
+            return high.unsqueeze(-3), delayed.unsqueeze(-3), state
+        highs, delays = [], []
+        for image in frames:
+            high, delayed, state = motion_step(image, state, self.a_high, self.a_low)
+            highs.append(high)
+            delays.append(delayed)
+        return torch.stack(highs, -3), torch.stack(delays, -3), state
+
+    def images(self, high: Tensor, delayed: Tensor) -> Tensor:
+        """Feature images `[..., 4, H, W]` from PH and PHL `[..., H, W]`."""
+        signed = []
+        for dim in (-1, -2):
+            inner = correlate(high, delayed, dim)
+            if self.border == "wrap":
+                edge = correlate(wrapped_edge(high, dim), wrapped_edge(delayed, dim), dim)
+            else:
+                edge = torch.zeros_like(inner.narrow(dim, 0, 1))
+            signed.append(torch.cat([inner, edge], dim))
+        right, down = signed
+        return torch.stack([-right, right, down, -down], -3).clamp_min(0)
+
+    def sums(self, high: Tensor, delayed: Tensor) -> Tensor:
+        """Spatial sums of the four images, `[..., 4]`, without making the images.
+
+        The positive part of a signed image sums to (sum of magnitudes + sum) / 2.
+        """
+        totals = []
+        for dim in (-1, -2):
+            inner = correlate(high, delayed, dim)
+            total, size = inner.sum((-1, -2)), inner.abs().sum((-1, -2))
+            if self.border == "wrap":
+                edge = correlate(wrapped_edge(high, dim), wrapped_edge(delayed, dim), dim)
+                total, size = total + edge.sum((-1, -2)), size + edge.abs().sum((-1, -2))
+            totals += [size - total, size + total]
+        left, right, up, down = totals
+        # Rounding can leave -1e-7 of the sum where nothing moves in a direction.
+        return torch.stack([left, right, down, up], -1).div(2).clamp_min(0)
+
+    def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
+        image = grey(as_float(check_frames(frames)))
+        high, delayed, state = self.scan(image, state)
+        return self.images(high, delayed), state

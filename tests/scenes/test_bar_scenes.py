@@ -1,0 +1,195 @@
+"""The stimuli of the papers: the phase between the bars, distances between them, names and options."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from ndtorch.errors import InputError
+from ndtorch.scenes import (
+    SCENES,
+    BarScene,
+    Fluctuation,
+    equal_bars,
+    hsl_color,
+    make_scene,
+    moving_bar,
+    one_bar,
+    scene_names,
+    static_bar,
+    three_bars,
+    two_bars,
+)
+
+PURE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+SHADOW_HZ = 50 * math.cos(math.pi / 6) / 50
+
+
+def sums(scene: BarScene, seconds: float) -> np.ndarray:
+    """Sum of every plane over time, every second frame."""
+    rows = [scene.frames(n, n + 1)[..., 0, :, :, :].sum((-2, -1)) for n in range(0, round(100 * seconds), 2)]
+    return torch.stack(rows, -2).double().numpy()
+
+
+def lead(signals: np.ndarray, hertz: float) -> float:
+    """Phase of the second plane minus that of the first, in degrees, by fitting sinusoids."""
+    t = np.arange(len(signals)) / 50
+    basis = np.stack([np.sin(2 * np.pi * hertz * t), np.cos(2 * np.pi * hertz * t), np.ones_like(t)], 1)
+    fit = np.linalg.lstsq(basis, signals, rcond=None)[0]
+    phases = np.degrees(np.arctan2(fit[1], fit[0]))
+    return float((phases[1] - phases[0]) % 360)
+
+
+def apart(got: float, want: float) -> float:
+    return abs((got - want + 180) % 360 - 180)
+
+
+@pytest.mark.parametrize("shift", [(0.0, 0.0), (250.0, -85.0), (13.0, 7.0)])
+def test_phase_is_the_lead_of_green_over_red(shift: tuple[float, float]) -> None:
+    phases = [0.0, 60.0, 145.0, 300.0]
+    signals = sums(two_bars(phase=phases, colors=PURE, shift=shift), 3 / SHADOW_HZ)
+    for n, phase in enumerate(phases):
+        assert apart(lead(signals[n, :, :2], SHADOW_HZ), phase) < 2
+
+
+def test_phase_is_the_lead_in_size_with_distance() -> None:
+    signals = sums(two_bars(phase=75.0, colors=PURE, fluctuation="distance"), 3)
+    assert apart(lead(signals[:, :2], 1.0), 75) < 2
+    wide = signals[:, 0].max() / signals[:, 0].min()
+    assert wide == pytest.approx((12 / 9) ** 2, rel=0.01)
+
+
+def test_blue_offset_moves_only_the_blue_bar_through_the_shadow() -> None:
+    pair = three_bars(blue_offset=[0.0, 12.5], colors=(*PURE, (0.0, 0.0, 1.0)))
+    signals = sums(pair, 3.0)
+    np.testing.assert_array_equal(signals[0, :, :2], signals[1, :, :2])
+    # The blue bar moves left: further right means earlier in its cycle of 50 px.
+    assert apart(lead(signals[:, :, 2].T, 1.0), -90) < 2
+
+
+@pytest.mark.parametrize("phase", [0.0, 60.0, 180.0, 359.0])
+def test_red_and_green_start_in_their_corners_and_never_touch(phase: float) -> None:
+    scene = two_bars(phase=phase, colors=PURE)
+    red, green = scene.bars
+    assert red.start == (50, 40)  # type: ignore[union-attr]
+    assert 425 <= green.start[0] <= 475  # type: ignore[union-attr]
+    for chunk in scene.chunks(8, start=300):
+        assert (chunk[:, 0] * chunk[:, 1]).max() == 0
+
+
+def test_blue_stays_clear_of_the_others_for_the_whole_run() -> None:
+    for phase in (0.0, 180.0, 350.0):
+        scene = three_bars(phase=phase, blue_offset=[0.0, 25.0, 49.0], colors=(*PURE, (0.0, 0.0, 1.0)))
+        for n in range(0, scene.length, 10):
+            red, green, blue = (scene.frames(n, n + 1) > 0).unbind(-3)
+            assert not (blue & (red | green)).any()
+
+
+def test_shift_brings_a_crossing_to_the_middle() -> None:
+    image = two_bars(shift=(250, -85), colors=PURE).frames(1050, 1051)[0]
+    inside = image[:, 170:330, 170:330]
+    torch.testing.assert_close(inside.sum((-2, -1)), image.sum((-2, -1)))
+
+
+def test_one_bar_is_the_red_one_of_two() -> None:
+    one, two = one_bar().frames(100, 101), two_bars(colors=((0.75, 0.1, 0.1), (0, 0, 0))).frames(100, 101)
+    torch.testing.assert_close(one, two)
+
+
+@pytest.mark.parametrize("kind", ["shadow", "distance"])
+def test_equal_bars_differ_in_their_fluctuation_alone(kind: str) -> None:
+    scene = equal_bars(fluctuation=kind)
+    first, second, third = scene.bars
+    for bar in (second, third):
+        assert (bar.color, bar.direction, bar.tilt, bar.speed) == (  # type: ignore[union-attr]
+            first.color,  # type: ignore[union-attr]
+            first.direction,  # type: ignore[union-attr]
+            first.tilt,  # type: ignore[union-attr]
+            first.speed,  # type: ignore[union-attr]
+        )
+    total = sums(scene, 19.0)[:, 1]
+    spectrum = np.abs(np.fft.rfft(total - total.mean()))
+    peaks = set(np.argsort(spectrum)[-8:])
+    expected = [0.866 * 50 / p for p in (125 / 3, 50, 62.5)] if kind == "shadow" else [0.8, 1.0, 1.25]
+    for hertz in expected:
+        assert peaks & {math.floor(hertz * 19), math.ceil(hertz * 19)}
+
+
+def test_durations_and_shapes() -> None:
+    assert two_bars().length == 1900
+    assert two_bars(seconds=2, fps=50).length == 100
+    assert two_bars(phase=[0, 90]).frames(0, 2).shape == (2, 2, 3, 500, 500)
+    assert two_bars(phase=torch.tensor([0, 90])).batch == (2,)
+    assert two_bars(fluctuation="random", seed=[1, 2, 3], phase=60).batch == (3,)
+    assert two_bars(fluctuation="distance", phase=[0, 90]).batch == (2,)
+
+
+@pytest.mark.parametrize(
+    ("build", "words"),
+    [
+        (lambda: two_bars(fluctuation="shade"), "fluctuation"),
+        (lambda: two_bars(phase=[]), "phase"),
+        (lambda: two_bars(phase=math.nan), "phase"),
+        (lambda: two_bars(phase=torch.zeros(2, 2)), "phase"),
+        (lambda: two_bars(phase="late"), "phase"),  # type: ignore[arg-type]
+        (lambda: three_bars(phase=[0, 1], blue_offset=[0, 1, 2]), "equally many"),
+        (lambda: two_bars(phase=[0, 60], fluctuation="random", seed=[1, 2, 3]), "fluctuation must fit"),
+        (lambda: moving_bar([0, 1], [0, 1, 2]), "equally many"),
+        (lambda: hsl_color(0, 1.5, 0.5), "saturation"),
+        (lambda: hsl_color(0, 0.5, -0.1), "lightness"),
+        (lambda: make_scene("four-bars"), "one of one-bar, two-bars"),
+        (lambda: make_scene("one-bar", phase=60), "no option phase; it has seconds"),
+    ],
+)
+def test_bad_input(build: object, words: str) -> None:
+    with pytest.raises(InputError, match=words) as caught:
+        build()  # type: ignore[operator]
+    assert "\n" not in str(caught.value)
+
+
+def test_scenes_by_name() -> None:
+    assert scene_names() == list(SCENES)
+    for name in scene_names():
+        scene = make_scene(name)
+        assert scene.name == name
+        assert scene.length == 1900
+        assert SCENES[name].description
+        assert next(iter(scene.chunks(2))).shape[-4:-2] == (2, 3)
+    still = make_scene("two-bars-still-light")
+    assert isinstance(still, BarScene)
+    assert isinstance(still.fluctuation, Fluctuation)
+    totals = torch.stack([still.frames(n, n + 1).sum() for n in range(0, 300, 7)])
+    torch.testing.assert_close(totals, totals[0].expand_as(totals), rtol=2e-3, atol=0)
+    assert make_scene("two-bars-distance", fluctuation="none", seconds=1.0).length == 100
+
+
+def test_bars_for_tuning_curves() -> None:
+    batch = moving_bar([0.0, 90.0, 180.0], 30.0)
+    assert batch.frames(0, 4).shape == (3, 4, 3, 100, 100)
+    torch.testing.assert_close(batch.frames(0, 1)[0], batch.frames(0, 1)[1])
+    assert torch.equal(batch.frames(0, 4)[1], moving_bar(90.0, 30.0).frames(0, 4))
+    bars = static_bar(torch.tensor([0.0, 90.0]), (0.0, 1.0, 0.5))
+    assert bars.shape == (2, 3, 100, 100)
+    torch.testing.assert_close(bars[0], bars[1].mT, atol=1e-6, rtol=0)
+    torch.testing.assert_close(bars[:, 2], bars[:, 1] / 2)
+    image = static_bar(0.0)
+    assert image.shape == (3, 100, 100)
+    torch.testing.assert_close(image, image.flip(-1), atol=1e-6, rtol=0)
+    assert (image[0].sum(0) > 1).sum() == 12
+
+
+def test_hsl_agrees_with_the_standard_library() -> None:
+    colorsys = pytest.importorskip("colorsys")
+    hue, saturation, lightness = torch.meshgrid(
+        torch.arange(-360.0, 720.0, 35.0), torch.linspace(0, 1, 4), torch.linspace(0, 1, 5), indexing="ij"
+    )
+    got = hsl_color(hue, saturation, lightness).flatten(0, -2)
+    flat = zip(
+        hue.flatten().tolist(), saturation.flatten().tolist(), lightness.flatten().tolist(), strict=True
+    )
+    want = torch.tensor([colorsys.hls_to_rgb(h / 360 % 1, x, s) for h, s, x in flat])
+    torch.testing.assert_close(got, want, atol=1e-5, rtol=0)
+    assert hsl_color(120, 1, 0.5).tolist() == [0, 1, 0]

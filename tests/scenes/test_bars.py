@@ -1,0 +1,242 @@
+"""Moving bars: area, places, directions, wrapping, shadows, batches, and the same frames in any chunk."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ndtorch.errors import InputError
+from ndtorch.scenes import Bar, BarScene, Distance, Fluctuation, NoFluctuation, RandomShadow, SineShadow
+
+WHITE = (1.0, 1.0, 1.0)
+RED, GREEN = (0.75, 0.1, 0.1), (0.1, 0.75, 0.1)
+
+
+def scene(*bars: Bar, seconds: float = 1.0, size: tuple[int, int] = (80, 90), **options: object) -> BarScene:
+    return BarScene(list(bars), seconds, size=size, **options)  # type: ignore[arg-type]
+
+
+def centroid(image: torch.Tensor) -> tuple[float, float]:
+    """Column and row of the middle of the light."""
+    rows, columns = torch.meshgrid(
+        *(torch.arange(n, dtype=torch.float64) for n in image.shape), indexing="ij"
+    )
+    total = image.double().sum()
+    return float((image * columns).sum() / total), float((image * rows).sum() / total)
+
+
+def long_axis(image: torch.Tensor) -> float:
+    """Angle of the long axis, counter-clockwise from vertical as seen, in degrees modulo 180."""
+    x0, y0 = centroid(image)
+    rows, columns = np.mgrid[: image.shape[0], : image.shape[1]]
+    weight, x, y = image.double().numpy(), columns - x0, -(rows - y0)
+    cov = np.array([[(weight * x * x).sum(), (weight * x * y).sum()], [0, (weight * y * y).sum()]])
+    cov[1, 0] = cov[0, 1]
+    axis = np.linalg.eigh(cov)[1][:, 1]
+    return math.degrees(math.atan2(-axis[0], axis[1])) % 180
+
+
+@pytest.mark.parametrize("direction", [-30.0, 0.0, 17.0, 45.0, 60.0, 90.0, 210.0])
+def test_area_does_not_change_as_a_bar_moves(direction: float) -> None:
+    area = scene(Bar(WHITE, direction, (40.3, 37.1))).frames(0, 100)[:, 0].double().sum((-2, -1))
+    torch.testing.assert_close(area, torch.full_like(area, 600.0), rtol=5e-3, atol=0)
+
+
+@pytest.mark.parametrize(
+    ("width", "direction"), [(0.4, 0.0), (0.4, 90.0), (0.7, 0.0), (1.0, 0.0), (2.5, 0.0)]
+)
+def test_bars_thinner_than_a_pixel_keep_their_area(width: float, direction: float) -> None:
+    bar = Bar(WHITE, direction, (40.0, 40.0), length=20, width=width, speed=3.3)
+    area = scene(bar).frames(0, 100)[:, 0].double().sum((-2, -1))
+    torch.testing.assert_close(area, torch.full_like(area, 20 * width), rtol=1e-4, atol=0)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    direction=st.floats(-360, 360),
+    tilt=st.floats(-360, 360),
+    x=st.floats(-200, 200),
+    y=st.floats(-200, 200),
+    length=st.floats(2, 50),
+    width=st.floats(2, 50),
+)
+def test_any_bar_has_its_area_and_stays_in_range(
+    direction: float, tilt: float, x: float, y: float, length: float, width: float
+) -> None:
+    frames = scene(Bar(WHITE, direction, (x, y), tilt, length=length, width=width)).frames(0, 3)
+    assert frames.min() >= 0
+    assert frames.max() <= 1
+    area = frames[:, 0].double().sum((-2, -1))
+    torch.testing.assert_close(area, torch.full_like(area, length * width), rtol=0.02, atol=0.3)
+
+
+def test_matches_an_independent_drawing_of_the_equations() -> None:
+    bar = Bar((0.5, 0.25, 1.0), -30, (41.3, 36.8), length=30, width=9)
+    other = Bar(GREEN, 200, (48.0, 40.0), orientation=75, length=26, width=7)
+    got = scene(bar, other, fluctuation=SineShadow()).frames(0, 40)[37]
+
+    rows, columns = np.mgrid[:80, :90].astype(float)
+    want = np.zeros((3, 80, 90))
+    for b in (bar, other):
+        angle, tilt = np.radians(b.direction), np.radians(b.tilt)
+        x = columns - (b.start[0] + 50 * 0.37 * np.cos(angle))
+        up = -(rows - (b.start[1] - 50 * 0.37 * np.sin(angle)))
+        across, along = x * np.cos(tilt) + up * np.sin(tilt), -x * np.sin(tilt) + up * np.cos(tilt)
+        cover = np.clip(b.width / 2 + 0.5 - np.abs(across), 0, 1)
+        cover = cover * np.clip(b.length / 2 + 0.5 - np.abs(along), 0, 1)
+        want = want * (1 - cover) + cover * np.array(b.color)[:, None, None]
+    want *= 0.5 + 0.25 * np.sin(2 * np.pi * columns / 50)
+    np.testing.assert_allclose(got.numpy(), want, atol=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("direction", "dx", "dy"),
+    [(0, 20, 0), (90, 0, -20), (180, -20, 0), (-90, 0, 20), (-30, 20 * math.cos(math.pi / 6), 10)],
+)
+def test_directions_have_y_up_and_rows_point_down(direction: float, dx: float, dy: float) -> None:
+    frames = scene(Bar(WHITE, direction, (45, 40), length=20, width=6)).frames(0, 41)[:, 0]
+    (x0, y0), (x1, y1) = centroid(frames[0]), centroid(frames[40])
+    assert (x1 - x0, y1 - y0) == pytest.approx((dx, dy), abs=0.02)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 30.0, 60.0, 90.0, 120.0])
+def test_orientation_is_counter_clockwise_from_vertical(tilt: float) -> None:
+    image = scene(Bar(WHITE, 0, (45, 40), tilt)).frames(0, 1)[0, 0]
+    assert (long_axis(image) - tilt + 90) % 180 - 90 == pytest.approx(0, abs=0.1)
+
+
+def test_a_bar_moves_across_its_long_axis_unless_told_otherwise() -> None:
+    assert Bar(WHITE, 37.0, (0, 0)).tilt == 37.0
+    assert Bar(WHITE, 37.0, (0, 0), orientation=5).tilt == 5
+    # Falling bars lie flat: the image has as many bright columns as the bar is long.
+    image = scene(Bar(WHITE, -90, (45, 40))).frames(0, 1)[0, 0]
+    assert int((image.sum(0) > 6).sum()) == pytest.approx(50, abs=1)
+
+
+def test_wraps_around_every_edge() -> None:
+    bar = Bar(RED, 45, (44.3, 39.6), length=30)
+    inside = scene(bar).frames(0, 1)
+    for shift in ((45, 0), (0, 40), (-30, 25), (90, 80)):
+        moved = scene(Bar(RED, 45, (44.3 + shift[0], 39.6 + shift[1]), length=30)).frames(0, 1)
+        torch.testing.assert_close(moved, inside.roll((shift[1], shift[0]), (-2, -1)), rtol=0, atol=1e-5)
+
+
+def test_no_drift_after_an_hour() -> None:
+    # 360000 frames at 50 px/s are 180000 px: exactly 2000 times the width.
+    late = scene(Bar(RED, 0, (20.25, 40)), seconds=3602).frames(360_000, 360_001)
+    torch.testing.assert_close(late, scene(Bar(RED, 0, (20.25, 40))).frames(0, 1), rtol=0, atol=1e-6)
+
+
+def test_later_bars_cover_earlier_ones() -> None:
+    image = scene(Bar(RED, 0, (45, 40)), Bar(GREEN, 90, (45, 40))).frames(0, 1)[0]
+    assert tuple(image[:, 40, 45].tolist()) == pytest.approx(GREEN)
+    assert tuple(image[:, 55, 45].tolist()) == pytest.approx(RED)
+
+
+@pytest.mark.parametrize("kind", [NoFluctuation(), SineShadow(), RandomShadow(5), Distance(phase=[0, 70])])
+def test_frames_are_the_same_bits_in_whatever_chunk(kind: Fluctuation) -> None:
+    source = scene(Bar(RED, -30, (20, 30)), Bar(GREEN, 210, (70, 50)), fluctuation=kind, seconds=0.77)
+    whole = torch.cat(list(source.chunks(source.length)))
+    assert whole.shape == (77, 3, 80, 90)
+    for frames in (1, 7, 32):
+        assert torch.equal(torch.cat(list(source.chunks(frames))), whole)
+    assert torch.equal(torch.cat(list(source.chunks(7, start=50))), whole[50:])
+    assert list(source.chunks(7, start=77)) == []
+
+
+def test_memory_of_chunks_is_reused_only_after_the_last_view_is_gone() -> None:
+    source = scene(Bar(RED, -30, (20, 30)))
+    first = source.frames(0, 4)
+    view, copy = first[2, 0].numpy(), first[2, 0].numpy().copy()
+    address = first.data_ptr()
+    del first
+    assert source.frames(50, 54).data_ptr() != address
+    np.testing.assert_array_equal(view, copy)
+    del view
+    again = source.frames(0, 4)
+    np.testing.assert_array_equal(again[2, 0].numpy(), copy)
+
+
+@pytest.mark.parametrize(
+    "kind", [NoFluctuation(), SineShadow(), Distance(phase=[[0, 30], [10, 90], [5, 200]])]
+)
+def test_a_batch_equals_its_scenes(kind: Fluctuation) -> None:
+    scenes = [
+        [Bar(RED, 20 * n, (20 + n, 30), length=40 + n), Bar(GREEN, 210 - n, (70, 50 - n))] for n in range(3)
+    ]
+    batch = torch.cat(list(BarScene(scenes, 0.2, kind, (80, 90)).chunks(6)), dim=1)
+    assert batch.shape == (3, 20, 3, 80, 90)
+    for n, bars in enumerate(scenes):
+        own = Distance(phase=kind.phase[n]) if isinstance(kind, Distance) else kind
+        single = torch.cat(list(BarScene(bars, 0.2, own, (80, 90)).chunks(6)))
+        assert torch.equal(batch[n], single)
+
+
+def test_seeds_make_a_batch_of_scenes_from_one_set_of_bars() -> None:
+    bars = [Bar(RED, 0, (30, 30)), Bar(GREEN, 180, (60, 60))]
+    batch = BarScene(bars, 0.05, RandomShadow([3, 4]), (80, 90)).frames(0, 5)
+    assert batch.shape == (2, 5, 3, 80, 90)
+    for n, seed in enumerate((3, 4)):
+        assert torch.equal(batch[n], BarScene(bars, 0.05, RandomShadow(seed), (80, 90)).frames(0, 5))
+
+
+@pytest.mark.parametrize("kind", [SineShadow(), RandomShadow([5, 6]), Distance(phase=[0, 70])])
+def test_everything_is_drawn_on_the_device(kind: Fluctuation) -> None:
+    # The meta device computes nothing, but refuses to mix with tensors that are elsewhere.
+    bars = [Bar(RED, -30, (20, 30)), Bar(GREEN, 210, (70, 50))]
+    frames = BarScene(bars, 1, kind, (80, 90), device="meta").frames(0, 8)
+    assert frames.device.type == "meta"
+    assert frames.shape[-4:] == (8, 3, 80, 90)
+
+
+@pytest.mark.cuda
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
+def test_device_renders_the_same() -> None:
+    bars = [Bar(RED, -30, (20, 30)), Bar(GREEN, 210, (70, 50))]
+    for kind in (SineShadow(), RandomShadow(5), Distance(phase=[0, 70])):
+        there = BarScene(bars, 1, kind, (80, 90), device="cuda").frames(0, 20)
+        assert there.device.type == "cuda"
+        torch.testing.assert_close(there.cpu(), BarScene(bars, 1, kind, (80, 90)).frames(0, 20))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"color": (1.5, 0, 0)}, "color"),
+        ({"color": (1.0, 0.0)}, "color"),
+        ({"length": 0.0}, "length and width"),
+        ({"width": -1.0}, "length and width"),
+        ({"speed": math.nan}, "finite"),
+        ({"direction": math.inf}, "finite"),
+        ({"start": (1.0, math.nan)}, "finite"),
+        ({"start": (1.0,)}, "start"),
+    ],
+)
+def test_bars_that_cannot_be(change: dict[str, object], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        Bar(**{"color": RED, "direction": 0, "start": (0, 0), **change})  # type: ignore[arg-type]
+
+
+def test_scenes_that_cannot_be() -> None:
+    bar = Bar(RED, 0, (30, 30))
+    for bars in ([], [[bar], [bar, bar]], [[]]):
+        with pytest.raises(InputError, match="bar"):
+            BarScene(bars, 1.0)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="fit into the image"):
+        scene(bar, size=(40, 90))
+    for options in ({"seconds": 0}, {"fps": 0}, {"fps": math.nan}, {"size": (0, 5)}, {"size": (80.5, 90)}):
+        with pytest.raises(InputError, match=next(iter(options))):
+            scene(bar, **options)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="fluctuation must fit 1 bars"):
+        scene(bar, fluctuation=Distance(phase=[0, 60]))
+    with pytest.raises(InputError, match="fluctuation must fit"):
+        BarScene([[bar], [bar]], 1.0, RandomShadow([1, 2, 3]))
+    with pytest.raises(InputError, match="frames"):
+        scene(bar).chunks(0)
+    with pytest.raises(InputError, match="start"):
+        scene(bar).chunks(8, start=-1)

@@ -1,0 +1,320 @@
+"""Reading and writing video: round trips, parts, fits, and every kind of bad input."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from ndtorch.errors import InputError
+from ndtorch.scenes import VideoWriter, open_video
+
+DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
+SIZE = (48, 64)
+
+
+def pattern(number: int) -> Tensor:
+    """A frame whose corners differ in colour and whose brightness tells its number."""
+    frame = torch.zeros(3, *SIZE, dtype=torch.uint8)
+    frame[0, :24, :32] = 200
+    frame[1, :24, 32:] = 200
+    frame[2, 24:, :32] = 200
+    frame[:, 24:, 32:] = 10 * number
+    return frame
+
+
+def write(path: Path, frames: int = 20, fps: float = 25.0) -> Path:
+    with VideoWriter(path, fps, SIZE) as video:
+        for n in range(frames):
+            video.write(pattern(n))
+    return path
+
+
+@pytest.fixture
+def clip(tmp_path: Path) -> Path:
+    return write(tmp_path / "clip.mkv")
+
+
+def fake_capture(monkeypatch: pytest.MonkeyPatch, fps: float, count: float = 20, frames: int = 20) -> None:
+    """Let `cv2.VideoCapture` be a device with this rate and number of frames."""
+
+    class Capture:
+        left = frames
+
+        def __init__(self, source: object) -> None: ...
+        def isOpened(self) -> bool:
+            return True
+
+        def get(self, what: int) -> float:
+            return {cv2.CAP_PROP_FPS: fps, cv2.CAP_PROP_FRAME_COUNT: count}.get(what, 0)
+
+        def grab(self) -> bool:
+            self.left -= 1
+            return self.left >= 0
+
+        def read(self) -> tuple[bool, np.ndarray | None]:
+            return (True, np.full((48, 64, 3), self.left, np.uint8)) if self.grab() else (False, None)
+
+        def release(self) -> None:
+            self.left = 0
+
+    monkeypatch.setattr(cv2, "VideoCapture", Capture)
+
+
+@pytest.mark.parametrize(("suffix", "most"), [(".mkv", 0), (".avi", 30), (".mp4", 40)])
+def test_round_trip(tmp_path: Path, suffix: str, most: int) -> None:
+    with open_video(write(tmp_path / f"clip{suffix}"), SIZE) as video:
+        assert (video.name, video.fps, video.size, video.length) == ("clip", 25.0, SIZE, 20)
+        chunks = list(video.chunks(8))
+    assert [len(chunk) for chunk in chunks] == [8, 8, 4]
+    frames = torch.cat(chunks)
+    assert frames.dtype == torch.uint8
+    want = torch.stack([pattern(n) for n in range(20)])
+    # Away from the edges of the pattern, where the lossy codecs smear.
+    inner = (frames.int() - want.int()).abs()[..., [8, 40], :][..., [8, 56]]
+    assert inner.max() <= most
+    assert not video.truncated
+
+
+def test_float_frames_are_scaled_and_clipped(tmp_path: Path) -> None:
+    path = tmp_path / "clip.mkv"
+    with VideoWriter(path, 25, SIZE) as video:
+        for value in (-0.5, 0.5, 1.5):
+            video.write(torch.full((3, *SIZE), value))
+    assert [int(f.max()) for f in next(iter(open_video(path, SIZE).chunks()))] == [0, 128, 255]
+
+
+def test_start_and_stop_count_frames_of_the_source(clip: Path) -> None:
+    video = open_video(clip, SIZE, start=5, stop=12)
+    assert video.length == 7
+    for start in (0, 3):
+        frames = torch.cat(list(video.chunks(4, start=start)))
+        assert frames[:, 0, 40, 56].tolist() == [10 * n for n in range(5 + start, 12)]
+    assert list(video.chunks(4, start=7)) == []
+    assert open_video(clip, SIZE, stop=3).length == 3
+    assert open_video(clip, SIZE, start=19).length == 1
+
+
+def test_readings_do_not_disturb_each_other(clip: Path) -> None:
+    video = open_video(clip, SIZE)
+    for one, other in zip(video.chunks(8), video.chunks(8), strict=True):
+        assert torch.equal(one, other)
+
+
+@pytest.mark.parametrize("size", [(48, 48), (100, 50), (31, 77)])
+def test_crop_keeps_the_middle_and_stretch_keeps_all(clip: Path, size: tuple[int, int]) -> None:
+    crop = next(iter(open_video(clip, size).chunks(1)))
+    stretch = next(iter(open_video(clip, size, fit="stretch").chunks(1)))
+    assert crop.shape == stretch.shape == (1, 3, *size)
+    for frames in (crop, stretch):
+        corners = frames[0, :, [2, 2, -3], [2, -3, 2]]
+        assert torch.equal(corners > 100, torch.eye(3, dtype=torch.bool))
+    # What is square stays square when cropped: the top left colour fills half of the image either way.
+    assert int((crop[0, 0, 2] > 100).sum()) == pytest.approx(size[1] / 2, abs=1)
+
+
+def test_rate_of_ones_own(clip: Path) -> None:
+    assert open_video(clip, fps=7.5).fps == 7.5
+
+
+def test_folder_in_natural_order_with_images_of_any_size(tmp_path: Path) -> None:
+    for n in (10, 9, 1):
+        cv2.imwrite(str(tmp_path / f"im{n}.png"), np.full((40 + n, 60, 3), 10 * n, np.uint8))
+    (tmp_path / "notes.txt").write_text("not an image")
+    video = open_video(tmp_path, (20, 20))
+    assert (video.length, video.fps, video.name) == (3, 30.0, tmp_path.name)
+    frames = next(iter(video.chunks()))
+    assert frames[:, 0, 5, 5].tolist() == [10, 90, 100]
+    assert next(iter(open_video(str(tmp_path), (20, 20), start=1, fps=5).chunks()))[0, 0, 0, 0] == 90
+
+
+def test_grey_images_are_copied_into_three_planes_and_say_so(tmp_path: Path) -> None:
+    for n in range(3):
+        cv2.imwrite(str(tmp_path / f"{n}.png"), np.full((30, 30), 50 + n, np.uint8))
+    video = open_video(tmp_path, (30, 30))
+    with pytest.warns(UserWarning, match="is grey") as caught:
+        frames = next(iter(video.chunks()))
+    assert len(caught) == 1
+    assert frames[:, :, 3, 3].tolist() == [[50 + n] * 3 for n in range(3)]
+
+
+@pytest.mark.parametrize("suffix", [".mkv", ".avi"])
+def test_a_video_cut_off_ends_early_and_says_so_once(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"noise{suffix}"
+    with VideoWriter(path, 25, SIZE) as writer:
+        for _ in range(20):
+            writer.write(torch.rand(3, *SIZE))
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 6 // 10])
+    video = open_video(path, SIZE)
+    with pytest.warns(UserWarning, match="ends early"):
+        decoded = sum(len(chunk) for chunk in video.chunks())
+    assert 0 < decoded < 20
+    assert video.truncated
+    assert video.length == decoded
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert sum(len(chunk) for chunk in video.chunks()) == decoded
+    with pytest.raises(InputError, match="ends before it"):
+        open_video(path, SIZE, start=19)
+
+
+def test_a_camera_is_read_as_it_comes(monkeypatch: pytest.MonkeyPatch) -> None:
+    fake_capture(monkeypatch, fps=30, count=-1)
+    with open_video("camera:0", SIZE) as video:
+        assert (video.name, video.length, video.fps) == ("camera-0", None, 30)
+        chunks = video.chunks(4)
+        assert next(chunks)[:, 0, 0, 0].tolist() == [19, 18, 17, 16]
+        assert next(video.chunks(2))[:, 0, 0, 0].tolist() == [15, 14]
+        with pytest.raises(InputError, match="live"):
+            video.chunks(4, start=3)
+    with pytest.raises(InputError, match="closed"):
+        video.chunks()
+    part = open_video(0, SIZE, start=2, stop=5)
+    assert part.length == 3
+    assert torch.cat(list(part.chunks(8)))[:, 0, 0, 0].tolist() == [17, 16, 15]
+
+
+@pytest.mark.parametrize("fps", [0.0, -1.0, math.nan, 1001.0, math.inf])
+def test_rates_that_cannot_be_need_fps(monkeypatch: pytest.MonkeyPatch, clip: Path, fps: float) -> None:
+    fake_capture(monkeypatch, fps)
+    for source in (clip, 0):
+        with pytest.raises(InputError, match="fps must be given"):
+            open_video(source)
+        assert open_video(source, fps=20).fps == 20
+
+
+def test_cameras_that_deliver_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    fake_capture(monkeypatch, 30, frames=0)
+    with pytest.raises(InputError, match="delivers no frames"):
+        open_video(0)
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("none.mp4", "does not exist"),
+        ("empty.mp4", "empty"),
+        ("noise.mp4", "cannot be opened"),
+        ("text.txt", "text"),
+        ("headless.mp4", "cannot be opened"),
+        ("folder", "holds no images"),
+        ("broken", "cannot be read"),
+        ("/dev/null", "cannot be opened"),
+        (97, "camera 97 cannot be opened"),
+        ("camera:97", "camera 97 cannot be opened"),
+        ("camera:x", "camera:0"),
+        (-1, ">= 0"),
+        ("http://127.0.0.1:9/clip.mp4", "cannot be opened"),
+    ],
+)
+def test_sources_that_cannot_be_opened(tmp_path: Path, source: str | int, words: str) -> None:
+    (tmp_path / "empty.mp4").touch()
+    (tmp_path / "noise.mp4").write_bytes(bytes(range(256)) * 20)
+    (tmp_path / "text.txt").write_text("words\n" * 100)
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "1.png").write_bytes(b"no image")
+    whole = write(tmp_path / "whole.mp4").read_bytes()
+    (tmp_path / "headless.mp4").write_bytes(whole[: len(whole) // 2])
+    plain = isinstance(source, int) or ":" in source or source.startswith("/")
+    with pytest.raises(InputError, match=words) as caught:
+        open_video(source if plain else tmp_path / str(source))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"size": (0, 10)}, "size"),
+        ({"fps": 0}, "fps"),
+        ({"fps": math.nan}, "fps"),
+        ({"fit": "squeeze"}, "fit"),
+        ({"start": -1}, "start"),
+        ({"start": 20}, "within the 20 frames"),
+        ({"stop": 21}, "within the 20 frames"),
+        ({"start": 5, "stop": 5}, "start < stop"),
+        ({"start": 7, "stop": 5}, "start < stop"),
+        ({"stop": 0}, "start < stop"),
+    ],
+)
+def test_options_that_cannot_be(clip: Path, options: dict[str, object], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        open_video(clip, **options)  # type: ignore[arg-type]
+
+
+def test_a_broken_image_later_in_the_folder_is_named(tmp_path: Path) -> None:
+    image = np.random.default_rng(0).integers(0, 255, (30, 30, 3), np.uint8)
+    cv2.imwrite(str(tmp_path / "1.png"), image)
+    (tmp_path / "2.png").write_bytes((tmp_path / "1.png").read_bytes()[:60])
+    video = open_video(tmp_path, (30, 30))
+    with pytest.raises(InputError, match=r"2\.png"):
+        list(video.chunks())
+
+
+def test_failures_print_nothing_else(tmp_path: Path) -> None:
+    (tmp_path / "noise.mp4").write_bytes(b"no video" * 100)
+    whole = write(tmp_path / "whole.mp4").read_bytes()
+    (tmp_path / "headless.mp4").write_bytes(whole[: len(whole) // 2])
+    code = (
+        "import sys\n"
+        "from ndtorch.errors import InputError\n"
+        "from ndtorch.scenes import open_video\n"
+        "assert not {'cv2', 'torchvision'} & set(sys.modules), 'heavy imports'\n"
+        "for source in (sys.argv[1], sys.argv[2], 97):\n"
+        "    try:\n"
+        "        open_video(source)\n"
+        "    except InputError as error:\n"
+        "        print('one line:', error)\n"
+    )
+    paths = [str(tmp_path / "noise.mp4"), str(tmp_path / "headless.mp4")]
+    done = subprocess.run([sys.executable, "-c", code, *paths], capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    assert done.stdout.count("one line:") == len(done.stdout.splitlines()) == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "fps", "size", "words"),
+    [
+        ("clip.gif", 25.0, SIZE, "must end in"),
+        ("clip.mp4", 0.0, SIZE, "fps"),
+        ("clip.mp4", 25.0, (47, 64), "even"),
+        ("clip.mp4", 25.0, (0, 64), "size"),
+        ("no/clip.mp4", 25.0, SIZE, "does not exist"),
+        ("folder.mp4", 25.0, SIZE, "cannot be written"),
+    ],
+)
+def test_videos_that_cannot_be_written(
+    tmp_path: Path, name: str, fps: float, size: tuple[int, int], words: str
+) -> None:
+    (tmp_path / "folder.mp4").mkdir()
+    with pytest.raises(InputError, match=words):
+        VideoWriter(tmp_path / name, fps, size)
+
+
+def test_frames_that_cannot_be_written(tmp_path: Path) -> None:
+    video = VideoWriter(tmp_path / "clip.avi", 25, SIZE)
+    with pytest.raises(InputError, match="frame must be"):
+        video.write(torch.zeros(3, 64, 48))
+    with pytest.raises(InputError, match="float or uint8"):
+        video.write(torch.zeros(3, *SIZE, dtype=torch.int64))
+    video.close()
+    video.close()
+    with pytest.raises(InputError, match="closed"):
+        video.write(pattern(0))
+
+
+@pytest.mark.skipif(not (DATA / "car-detection.mp4").exists(), reason="no ../shared/data/car-detection.mp4")
+def test_a_real_road_camera() -> None:
+    video = open_video(DATA / "car-detection.mp4", (108, 192))
+    assert (video.length, video.fps) == (377, 12.5)
+    assert sum(len(chunk) for chunk in video.chunks(16)) == 377
+    part = next(iter(open_video(DATA / "car-detection.mp4", start=170, stop=172).chunks()))
+    assert part.shape == (2, 3, 500, 500)
