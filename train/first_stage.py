@@ -78,11 +78,12 @@ def card(options: FirstStageOptions, stage: FirstStage) -> str:
         f"{stage.seconds:.1f} simulated seconds.",
         "",
     ]
+    off = stage.orientation[~torch.eye(3, dtype=torch.bool)]
     claims = {
         "motion": "The paper prints about 0.3 for all weights.",
-        "orientation": "The paper prints about 0.45 for all weights. They come out less alike here: the orientation "
-        "filters are as large as the stimulus, and its edges treat 0° (along the pixel grid) differently from 60° and "
-        "120°. The sum of each row is what the paper's would be within 5 %.",
+        "orientation": "The paper prints about 0.45 for all weights. They come out less alike here, "
+        f"{float(off.min()):.2f} to {float(off.max()):.2f}:\nthe orientation filters are as large as the stimulus, "
+        "and its edges treat 0°, along the pixel grid, differently\nfrom 60° and 120°.",
         "color": "The paper prints about 0.45 for all weights.",
     }
     for name, weights in (("motion", stage.motion), ("orientation", stage.orientation), ("color", stage.color)):

@@ -128,7 +128,7 @@ class BarScene(RenderedScene):
         height, width = self.size
         # Times come from whole frame numbers in double precision: nothing drifts and chunks do not matter.
         seconds = torch.arange(start, stop, device=self.device).double() / self.fps
-        canvas = self._canvases.zeros(*self.batch, len(seconds), 3, height * width)
+        canvas = torch.zeros(*self.batch, len(seconds), 3, height * width, device=self.device)
         if len(seconds):
             scale = self.fluctuation.scale(seconds)
             scale = scale.expand(*self.batch, len(self._reach), len(seconds))
@@ -154,7 +154,7 @@ class BarScene(RenderedScene):
         lit = self._color[..., k, :][..., None, :, None, None] * brightness[..., None, :, :]
 
         pixels = where.flatten(-2)[..., None, :].expand(*where.shape[:-2], 3, -1)
-        behind = canvas.gather(-1, pixels).unflatten(-1, where.shape[-2:])
+        behind = canvas.gather(-1, pixels).view(*canvas.shape[:-1], *where.shape[-2:])
         painted = behind + cover[..., None, :, :] * (lit - behind)
         canvas.scatter_(-1, pixels, painted.flatten(-2))
 

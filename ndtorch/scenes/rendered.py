@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
+from ndtorch.memory import keep_freed_memory
 from ndtorch.scenes.base import FrameSource
-from ndtorch.scenes.canvas import CanvasPool
 
 
 class RenderedScene(FrameSource):
@@ -42,7 +42,7 @@ class RenderedScene(FrameSource):
         self.size = check_size(size)
         self.length = max(1, round(seconds * fps))
         self.device = torch.device(device)
-        self._canvases = CanvasPool(self.device)
+        keep_freed_memory()
 
     @abstractmethod
     def frames(self, start: int, stop: int) -> Tensor:

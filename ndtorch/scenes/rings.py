@@ -50,7 +50,7 @@ class Rings(RenderedScene):
 
     def frames(self, start: int, stop: int) -> Tensor:
         """Frames number `start` to `stop - 1`, `[T, 3, H, W]` float32 in 0..1."""
-        out = self._canvases.zeros(max(0, stop - start), 3, *self.size)
+        out = torch.zeros(max(0, stop - start), 3, *self.size, device=self.device)
         envelope, cosine, sine = self._images
         for frame, number in zip(out, range(start, stop), strict=True):
             time = number / self.fps

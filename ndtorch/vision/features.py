@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from ndtorch.errors import InputError
+from ndtorch.memory import keep_freed_memory
 from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.motion import Border, HassensteinReichardt, MotionState
 from ndtorch.vision.orientation import OrientedDoG
@@ -70,6 +71,7 @@ class VisualFeatures(nn.Module):
         self.size = (int(size[0]), int(size[1]))
         self.motion = HassensteinReichardt(dt, tau_high, tau_low, border)
         self.orientation = OrientedDoG(self.size, border=border, exact=exact)
+        keep_freed_memory()
 
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
         frames = check_frames(frames, self.size)
@@ -96,6 +98,16 @@ class VisualFeatures(nn.Module):
         high, delayed, state = self.motion.scan(image, state)
         motion = self.motion.images(high, delayed)
         return torch.cat([motion, self.orientation.images(image).abs(), frames], -3), state
+
+    def images_at(self, frame: Tensor, state: MotionState) -> Tensor:
+        """Feature images `[..., 10, H, W]` of one frame `[..., C, H, W]`, given the state right after it.
+
+        For pictures of every n-th frame of a stream that otherwise only needs its sums.
+        """
+        frame = as_float(check_frames(frame.unsqueeze(-4), self.size)).squeeze(-4)
+        image = grey(frame)
+        motion = self.motion.images(image - state.slow, state.delayed)
+        return torch.cat([motion, self.orientation.images(image).abs(), frame], -3)
 
     def _blocks(self, frames: Tensor) -> Iterator[Tensor]:
         """Float pieces of a few frames, sized for the cache of a CPU or for a GPU."""

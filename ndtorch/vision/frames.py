@@ -36,11 +36,11 @@ def check_frames(frames: Tensor, size: tuple[int, int] | None = None) -> Tensor:
 
 def as_float(frames: Tensor) -> Tensor:
     """uint8 scaled to 0..1; floating point as it is."""
-    return frames.float() / 255 if frames.dtype == torch.uint8 else frames
+    return frames.float().mul_(1 / 255) if frames.dtype == torch.uint8 else frames
 
 
 def grey(frames: Tensor) -> Tensor:
     """Mean of the three colour planes, `[..., 3, H, W]` -> `[..., H, W]`. [B §2.1]"""
     red, green, blue = frames.unbind(-3)
     # Three passes over planes: faster on a CPU than a mean over a strided dimension.
-    return (red + green).add(blue).mul(1 / 3)
+    return (red + green).add_(blue).mul_(1 / 3)

@@ -49,7 +49,7 @@ def correlate(high: Tensor, delayed: Tensor, dim: int) -> Tensor:
     """
     n = high.shape[dim] - 1
     forward = high.narrow(dim, 1, n) * delayed.narrow(dim, 0, n)
-    return torch.addcmul(forward, high.narrow(dim, 0, n), delayed.narrow(dim, 1, n), value=-1)
+    return forward.addcmul_(high.narrow(dim, 0, n), delayed.narrow(dim, 1, n), value=-1)
 
 
 def wrapped_edge(image: Tensor, dim: int) -> Tensor:
@@ -122,7 +122,7 @@ class HassensteinReichardt(nn.Module):
         totals = []
         for dim in (-1, -2):
             inner = correlate(high, delayed, dim)
-            total, size = inner.sum((-1, -2)), inner.abs().sum((-1, -2))
+            total, size = inner.sum((-1, -2)), inner.abs_().sum((-1, -2))
             if self.border == "wrap":
                 edge = correlate(wrapped_edge(high, dim), wrapped_edge(delayed, dim), dim)
                 total, size = total + edge.sum((-1, -2)), size + edge.abs().sum((-1, -2))

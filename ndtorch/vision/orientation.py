@@ -128,7 +128,7 @@ class OrientedDoG(nn.Module):
         if self.halve:
             image = halve(halve(image, -2), -1)
         spectrum = crop_spectrum(torch.fft.rfft2(image), self.grid).unsqueeze(-3)
-        response = torch.fft.irfft2(spectrum * self.fast_spectrum, s=self.grid).abs()
+        response = torch.fft.irfft2(spectrum * self.fast_spectrum, s=self.grid).abs_()
         # irfft2 divides by the grid's points and the sum has that many fewer terms: the two cancel.
         if self.border == "wrap":
             return response.sum((-1, -2))
