@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from ndtorch.binding.inputs import divide
 from ndtorch.binding.objects import ObjectTable, object_table
 from ndtorch.errors import InputError
-from ndtorch.vision.temporal import FilterState, HighPass
+from ndtorch.vision.temporal import FilterState, LowPass
 
 
 def winner(outputs: Tensor, owners: Tensor) -> Tensor:
@@ -37,15 +37,25 @@ def feature_weights(outputs: Tensor, table: ObjectTable, scale: Tensor) -> tuple
     return divide(strength * row, scale) * (k >= 0).unsqueeze(-1), k
 
 
-def attention_mask(weights: Tensor, fluctuations: Tensor) -> Tensor:
-    """Weighted sum of the magnitudes of filtered feature images, normalised to a maximum of 1. [C fig. 5]
+def attention_mask(weights: Tensor, images: Tensor, low: Tensor) -> Tensor:
+    """Weighted sum of the magnitudes of high-passed feature images, normalised to a maximum of 1. [C fig. 5]
 
     Motion and orientation go into all three colour planes, each colour only into its own.
 
-    Shapes: weights `[..., 10]`, fluctuations `[..., 10, H, W]` -> `[..., 3, H, W]`.
+    Shapes: weights `[..., 10]`, images and their low-passed copies `[..., 10, H, W]` -> `[..., 3, H, W]`.
     """
-    weighted = fluctuations.abs() * weights[..., None, None]
-    mask = weighted[..., 7:, :, :] + weighted[..., :7, :, :].sum(-3, keepdim=True)
+    shared = images.new_zeros(*images.shape[:-3], *images.shape[-2:])
+    planes: list[Tensor] = []
+    for j in range(10):
+        own = shared
+        # Most weights are zero, and a pass over images costs more than a look at a number.
+        if (weights[..., j] != 0).any():
+            own = own + weights[..., j, None, None] * (images[..., j, :, :] - low[..., j, :, :]).abs_()
+        if j < 7:
+            shared = own
+        else:
+            planes.append(own)
+    mask = torch.stack(planes, -3)
     largest = mask.amax((-1, -2, -3), keepdim=True)
     return mask / largest.clamp_min(torch.finfo(mask.dtype).tiny)
 
@@ -72,7 +82,7 @@ class Attention(nn.Module):
 
     def __init__(self, dt: float, tau: float = 1.0) -> None:
         super().__init__()
-        self.high_pass = HighPass(tau, dt)
+        self.low_pass = LowPass(tau, dt)
 
     def forward(
         self,
@@ -87,8 +97,8 @@ class Attention(nn.Module):
             raise InputError(
                 f"images must be [..., T, 10, H, W] for frames {tuple(frames.shape)}, got {tuple(images.shape)}"
             )
-        fluctuations, state = self.high_pass(images, state)
+        low, state = self.low_pass(images, state)
         # One table for all T frames.
         table = object_table(weights.unsqueeze(-3).expand(*outputs.shape[:-1], *weights.shape[-2:]))
         weight, k = feature_weights(outputs, table, scale)
-        return Enhanced(frames * attention_mask(weight, fluctuations), k), state
+        return Enhanced(frames * attention_mask(weight, images, low), k), state

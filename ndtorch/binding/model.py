@@ -180,8 +180,14 @@ class VisualBinding(nn.Module):
         return "learning" if changing or float(state.second.weights.max()) < c.learned_weight else "stable"
 
     def objects(self, state: BindingState) -> list[BoundObject]:
-        """The objects in view of one trial [C §4.1]; none while the verdict is `static` or `alternating`."""
-        return objects(state.second.weights) if self.verdict(state) in ("stable", "learning") else []
+        """The objects in view of one trial. [C §4.1]
+
+        None while the verdict is `static` or `alternating`, and none before any weight has reached
+        `learned_weight`: the read-out divides by the largest weight, and makes a table of the noise of a
+        network that has learned nothing.
+        """
+        learned = float(state.second.weights.max()) >= self.config.learned_weight
+        return objects(state.second.weights) if learned and self.verdict(state) in ("stable", "learning") else []
 
 
 def fluctuating_groups(state: InputState, floor: float) -> Tensor:

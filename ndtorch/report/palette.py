@@ -1,24 +1,23 @@
 """How each of the ten features is drawn, in every figure and recording.
 
-Colours come from the colour-blind safe palettes of Okabe & Ito and of Paul Tol. The three colour features are solid
-lines in their own colour, motion is dashed and orientation dotted, each with a pattern of its own, so that no two
-features differ by hue alone.
+Colours come from the colour-blind safe palettes of Okabe & Ito and of Paul Tol. The colour features are solid
+lines in their own colour, motion is dashed and orientation dotted, each with a pattern of its own.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from ndtorch.vision.features import FEATURES
 
-Dashes = tuple[float, tuple[float, ...]]
+Dashes = Literal["solid"] | tuple[float, tuple[float, ...]]
 
 
 class Style(NamedTuple):
     """One feature's line: colour as "#rrggbb", and matplotlib's (offset, on-off lengths in line widths)."""
 
     color: str
-    dashes: Dashes | str
+    dashes: Dashes
 
 
 STYLES: dict[str, Style] = {
@@ -26,9 +25,9 @@ STYLES: dict[str, Style] = {
     "right": Style("#cc79a7", (0, (3, 1.5))),
     "down": Style("#56b4e9", (0, (6, 2, 1, 2))),
     "up": Style("#666666", (0, (6, 2, 1, 2, 1, 2))),
-    "0°": Style("#882255", (0, (1, 1))),
+    "0°": Style("#a5673f", (0, (1, 1))),
     "60°": Style("#999933", (0, (1, 1.8))),
-    "120°": Style("#332288", (0, (1, 3))),
+    "120°": Style("#7a68d8", (0, (1, 3))),
     "red": Style("#cc3311", "solid"),
     "green": Style("#009e73", "solid"),
     "blue": Style("#0072b2", "solid"),

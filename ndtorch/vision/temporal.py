@@ -71,7 +71,8 @@ class LowPass(nn.Module):
         for sample in samples:
             low = low_pass_step(sample, low, self.a)
             out.append(low)
-        return torch.stack(out, dim), FilterState(low)
+        # One sample needs no copy.
+        return low.unsqueeze(dim) if len(out) == 1 else torch.stack(out, dim), FilterState(low)
 
 
 class HighPass(nn.Module):

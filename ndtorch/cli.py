@@ -1,0 +1,215 @@
+"""Command line: `ndtorch bind`, `ndtorch scenes`, `ndtorch render`."""
+
+from __future__ import annotations
+
+import json
+import sys
+import warnings
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from ndtorch.errors import InputError
+
+if TYPE_CHECKING:
+    from ndtorch.report.bind import BindJob
+
+INTERRUPTED = 130
+
+
+@dataclass(frozen=True)
+class Bind:
+    """Find the objects in a scene or a video: their number and their features.
+
+    Prints the table of objects and a verdict, and writes pictures, the learned state and an enhanced video
+    into a folder of its own.
+    """
+
+    source: Annotated[str, tyro.conf.Positional] = "two-bars"
+    """Scene name (see `ndtorch scenes`), video file, folder of images, camera (`camera:0`, /dev/video0) or address."""
+    seconds: float | None = None
+    """Seconds to learn from a scene (default 15, the settling time comes on top), or to take of a video (all)."""
+    phase: float | None = None
+    """Scenes: lead of the green bar's brightness over the red bar's, degrees (default 60)."""
+    gamma: float | None = None
+    """Learning rate of the second stage, 1/s (default 0.5)."""
+    rule: str | None = None
+    """Learning rule: competitive (default), cooperative or hebbian."""
+    order: str | None = None
+    """High-pass before group normalisation (filter-first, default) or after it, as printed in the paper (printed)."""
+    first_stage_radius: float | None = None
+    """Spectral radius to train the first stage to (default: the shipped model, 0.9)."""
+    settle: float | None = None
+    """Seconds before learning starts (default 4)."""
+    seed: int | None = None
+    """Scenes: pattern of the random shadow."""
+    fps: float | None = None
+    """Frames per second of a scene (default 100), or of a video that declares a wrong rate."""
+    start: int | None = None
+    """Videos: number of the first frame to use."""
+    stop: int | None = None
+    """Videos: number of the frame to stop before."""
+    fit: str = "crop"
+    """Videos: crop to the middle square, or stretch."""
+    device: str = "cpu"
+    """Torch device."""
+    pictures: float = 10.0
+    """Enhanced pictures per second of the source; 0 for none."""
+    out: Path = Path("out")
+    """Folder to write to; the run gets a folder named after its source in it."""
+    json: bool = False
+    """Print one JSON object on stdout and nothing else."""
+    resume: Path | None = None
+    """Result folder of an earlier run to go on from."""
+    rrd: Path | None = None
+    """Also write a recording for the rerun viewer."""
+
+
+@dataclass(frozen=True)
+class Scenes:
+    """List the simulated scenes."""
+
+
+@dataclass(frozen=True)
+class Render:
+    """Render a simulated scene as a video."""
+
+    scene: Annotated[str, tyro.conf.Positional]
+    """Name of the scene."""
+    file: Annotated[Path, tyro.conf.Positional]
+    """File to write: .mp4, .mkv (lossless) or .avi."""
+    seconds: float = 5.0
+    """Length of the video."""
+    phase: float | None = None
+    """Lead of the green bar's brightness over the red bar's, degrees."""
+    seed: int | None = None
+    """Pattern of the random shadow."""
+    fps: float = 100.0
+    """Frames per second."""
+
+
+Command = (
+    Annotated[Bind, tyro.conf.subcommand("bind")]
+    | Annotated[Scenes, tyro.conf.subcommand("scenes")]
+    | Annotated[Render, tyro.conf.subcommand("render")]
+)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point of the `ndtorch` command; returns the exit code: 0, 2 for unusable input, 130 for Ctrl-C."""
+    command = tyro.cli(
+        Command,  # type: ignore[arg-type]
+        prog="ndtorch",
+        description="Insect-inspired vision: find the objects in a scene.",
+        args=arguments,
+        config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+    )
+    warnings.showwarning = lambda message, *_: print(f"note: {message}", file=sys.stderr)
+    try:
+        if isinstance(command, Bind):
+            return bind(command)
+        if isinstance(command, Render):
+            return render(command)
+        return scenes()
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("stopped before there was anything to keep", file=sys.stderr)
+        return INTERRUPTED
+
+
+def bind(command: Bind) -> int:
+    """Run `ndtorch bind`."""
+    import torch
+    from tqdm import tqdm
+
+    from ndtorch.report import bind as run
+
+    # Programs choose; the library never does. Two threads get in each other's way on a busy machine.
+    torch.set_num_threads(1)
+    prepared = run.prepare(job(command))
+    source = prepared.source
+    folder = run.OutputFolder(command.out, run.folder_name(source))
+    try:
+        watchers: list[run.Watcher] = []
+        if command.pictures > 0:
+            fps = min(command.pictures, source.fps)
+            video = run.EnhancedVideo(folder.work / "enhanced.mp4", fps, source.size)
+            watchers.append(video)
+        recording = None
+        if command.rrd is not None:
+            from ndtorch.report.recording import RecordingWatcher
+
+            recording = RecordingWatcher(command.rrd)
+            watchers.append(recording)
+        total = None if source.length is None else source.length - prepared.start
+        with tqdm(total=total, unit=" frames", disable=command.json, leave=False) as bar:
+            result = run.run_binding(
+                prepared.model,
+                source,
+                prepared.state,
+                prepared.start,
+                command.pictures,
+                tuple(watchers),
+                lambda n: None if bar.update(n) else None,
+                command.device,
+            )
+        if command.pictures > 0:
+            video.writer.close()
+        if recording is not None:
+            recording.finish(run.in_words(result))
+        run.write_result(result, prepared, folder.work)
+    except BaseException:
+        folder.discard()
+        raise
+    files = folder.publish()
+    if command.json:
+        print(json.dumps(run.summary(result), ensure_ascii=False))
+    else:
+        print(run.in_words(result))
+        print(f"written  {folder.final}: {', '.join(path.name for path in files)}")
+    return INTERRUPTED if result.interrupted else 0
+
+
+def job(command: Bind) -> BindJob:
+    """What `ndtorch.report.bind` needs of the command."""
+    from ndtorch.report.bind import BindJob
+
+    return BindJob(**{field.name: getattr(command, field.name) for field in fields(BindJob)})
+
+
+def scenes() -> int:
+    """Run `ndtorch scenes`."""
+    from ndtorch.scenes import SCENES
+
+    for name, scene in SCENES.items():
+        print(f"{name:22}{scene.description}")
+    return 0
+
+
+def render(command: Render) -> int:
+    """Run `ndtorch render`."""
+    from ndtorch.scenes import make_scene
+    from ndtorch.scenes.video_writer import VideoWriter
+
+    given = {"seconds": command.seconds, "fps": command.fps, "phase": command.phase, "seed": command.seed}
+    source = make_scene(command.scene, **{name: value for name, value in given.items() if value is not None})
+    done = False
+    try:
+        with VideoWriter(command.file, source.fps, source.size) as writer:
+            for chunk in source.chunks():
+                for frame in chunk:
+                    writer.write(frame)
+        done = True
+    finally:
+        if not done:
+            command.file.unlink(missing_ok=True)
+    print(f"{command.file}: {source.length} frames, {source.size[1]} x {source.size[0]}, {source.fps:g} a second")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,289 @@
+"""The main job: find the objects in a scene or a video, and write down what was found."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from ndtorch.binding import (
+    BindingState,
+    VisualBinding,
+    block_diagonal,
+    describe,
+    load_state,
+    save_state,
+    spectral_radius,
+    to_device,
+    train_first_stage,
+)
+from ndtorch.errors import InputError
+from ndtorch.loading import load
+from ndtorch.report.figures import draw_all
+from ndtorch.report.pictures import Picture, Watcher
+from ndtorch.report.result import BindResult
+from ndtorch.report.run import run_binding
+from ndtorch.scenes import SCENES, FrameSource, make_scene
+from ndtorch.scenes.video import VideoSource, open_video
+from ndtorch.scenes.video_writer import VideoWriter
+from ndtorch.vision import FEATURES
+
+SCENE_SECONDS = 15.0
+CAMERA_SECONDS = 30.0
+MODEL_RADIUS = 0.9
+
+VERDICTS = {
+    "stable": "stable: the weights have settled",
+    "learning": "learning: the weights have not settled (yet); take the table as provisional",
+    "alternating": "alternating: the outputs flip sign from step to step, so the weights mean nothing; "
+    "lower --gamma",
+    "static": "static: nothing fluctuates enough to bind features by",
+}
+
+
+@dataclass(frozen=True)
+class BindJob:
+    """What to run: see `ndtorch bind --help` for the meaning of each. None leaves the default."""
+
+    source: str = "two-bars"
+    seconds: float | None = None
+    phase: float | None = None
+    gamma: float | None = None
+    rule: str | None = None
+    order: str | None = None
+    first_stage_radius: float | None = None
+    settle: float | None = None
+    seed: int | None = None
+    fps: float | None = None
+    start: int | None = None
+    stop: int | None = None
+    fit: str = "crop"
+    device: str = "cpu"
+    pictures: float = 10.0
+    resume: Path | None = None
+
+
+@dataclass
+class Prepared:
+    """A job with its source open, its model built and its state loaded."""
+
+    source: FrameSource
+    model: VisualBinding
+    state: BindingState | None
+    start: int
+    about: dict[str, Any]
+
+
+def prepare(job: BindJob) -> Prepared:
+    """Open the source and build the model; everything that can be wrong with a job is found here.
+
+    Raises:
+        InputError: in one line, whatever is wrong.
+    """
+    device = check_device(job.device)
+    if job.seconds is not None and not 0 < job.seconds < 1e7:
+        raise InputError(f"seconds must be a positive number, got {job.seconds}")
+    if not 0 <= job.pictures <= 1000:
+        raise InputError(f"pictures must be between 0 and 1000 a second, got {job.pictures}")
+    state, about = (None, {}) if job.resume is None else load_run(job.resume)
+    given = {name: getattr(job, name) for name in ("gamma", "rule", "order", "settle")}
+    options = {**about.get("config", {}), **{name: value for name, value in given.items() if value is not None}}
+    if job.resume is not None:
+        for name in ("phase", "order", "first_stage_radius", "settle", "seed", "fps", "start"):
+            if getattr(job, name) is not None:
+                raise InputError(f"--{name.replace('_', '-')} cannot change when a run is resumed; leave it out")
+        if job.source not in ("two-bars", about["source"]):
+            raise InputError(f"{job.resume} is a run of {about['source']}, not of {job.source}")
+    name = about.get("source", job.source)
+    settle = options.get("settle", 4.0)
+    source, scene_options, start = open_source(name, job, settle, about)
+    is_video = name not in SCENES
+    model = load(
+        "binding", size=source.size, fps=source.fps, border="reflect" if is_video else "wrap", **options
+    )
+    radius = about.get("first_stage_radius", job.first_stage_radius)
+    if radius is not None and radius != MODEL_RADIUS and state is None:
+        first_stage = block_diagonal(train_first_stage(radius=radius))
+        model = VisualBinding(
+            first_stage, model.config, source.size, source.fps, "reflect" if is_video else "wrap"
+        )
+    if state is not None:
+        state = to_device(state, device)
+    about = {
+        "source": name,
+        "scene": scene_options,
+        "config": model.config.model_dump(),
+        "first_stage_radius": radius,
+        "fps": source.fps,
+        "first": about.get("first", job.start or 0),
+        "frames": about.get("frames", 0),
+    }
+    return Prepared(source, model.to(device), state, start, about)
+
+
+def open_source(
+    name: str, job: BindJob, settle: float, about: dict[str, Any]
+) -> tuple[FrameSource, dict[str, Any], int]:
+    """The source, the scene options worth saving, and the number of its first frame to use."""
+    done = int(about.get("frames", 0))
+    if name in SCENES:
+        if job.start is not None or job.stop is not None:
+            raise InputError("start and stop are frame numbers of videos; a scene has --seconds")
+        if "scene" in about:
+            options = dict(about["scene"])
+        else:
+            given = {"phase": job.phase, "seed": job.seed, "fps": job.fps}
+            options = {key: value for key, value in given.items() if value is not None}
+        fps = options.get("fps", 100.0)
+        more = job.seconds if job.seconds is not None else SCENE_SECONDS
+        # Learning seconds: the time for filters to settle comes on top, once.
+        seconds = done / fps + more if done else settle + more
+        return make_scene(name, seconds=seconds, **options), options, done
+    for key in ("phase", "seed"):
+        if getattr(job, key) is not None:
+            raise InputError(f"{key} is an option of simulated scenes, and {name} is not one of them ({', '.join(SCENES)})")
+    if not is_known_place(name):
+        raise InputError(f"source {name!r} is neither a scene ({', '.join(SCENES)}) nor a file, folder or camera")
+    first = int(about.get("first", job.start or 0)) + done
+    fps = about.get("fps", job.fps)
+    video: VideoSource = open_video(name, fps=fps, start=first or None, stop=job.stop, fit=job.fit)  # type: ignore[arg-type]
+    seconds = job.seconds if job.seconds is not None else (None if video.length is not None else CAMERA_SECONDS)
+    return Limited(video, seconds) if seconds is not None else video, {}, 0
+
+
+def is_known_place(name: str) -> bool:
+    """Whether a source that is no scene looks like something that can be opened."""
+    return Path(name).exists() or name.isdigit() or name.startswith("camera:") or "://" in name or "/" in name or "." in name
+
+
+class Limited(FrameSource):
+    """The first seconds of another source."""
+
+    def __init__(self, source: FrameSource, seconds: float) -> None:
+        self.source = source
+        self.name, self.fps, self.size = source.name, source.fps, source.size
+        frames = max(1, round(seconds * source.fps))
+        self.length = frames if source.length is None else min(frames, source.length)
+
+    def chunks(self, frames: int = 8, start: int = 0) -> Any:
+        left = self.length
+        assert left is not None
+        for chunk in self.source.chunks(frames, start):
+            yield chunk[:left]
+            left -= len(chunk)
+            if left <= 0:
+                return
+
+
+def check_device(name: str) -> torch.device:
+    """The torch device of that name, or `InputError` when it is unknown or not there."""
+    try:
+        device = torch.device(name)
+        torch.empty(1, device=device)
+    except (RuntimeError, AssertionError) as error:
+        raise InputError(f"device {name!r} cannot be used: {str(error).splitlines()[0]}") from None
+    return device
+
+
+def load_run(folder: Path) -> tuple[BindingState, dict[str, Any]]:
+    """State and description of an earlier run."""
+    state, about = load_state(folder / "state.safetensors")
+    try:
+        described: dict[str, Any] = json.loads(about["run"])
+    except (KeyError, json.JSONDecodeError):
+        raise InputError(f"{folder}/state.safetensors was not written by ndtorch bind") from None
+    return state, described
+
+
+class EnhancedVideo(Watcher):
+    """Writes the input beside its enhanced image."""
+
+    def __init__(self, path: Path, fps: float, size: tuple[int, int]) -> None:
+        self.size = (size[0] // 2 * 2, size[1] // 2 * 2)
+        self.writer = VideoWriter(path, fps, (self.size[0], 2 * self.size[1]))
+
+    def picture(self, picture: Picture) -> None:
+        height, width = self.size
+        sides = [torch.from_numpy(image)[:height, :width] for image in (picture.frame, picture.enhanced)]
+        self.writer.write(torch.cat(sides, 1).permute(2, 0, 1))
+
+    def signals(self, signals: Any, weights: Any) -> None:
+        """Nothing to show."""
+
+
+class OutputFolder:
+    """A result folder that appears complete or not at all: files are written beside it and moved in at the end."""
+
+    def __init__(self, parent: Path, name: str) -> None:
+        self.final = parent / name
+        try:
+            self.final.mkdir(parents=True, exist_ok=True)
+            self.work = Path(tempfile.mkdtemp(prefix=f".{name}-", dir=parent))
+        except OSError as error:
+            raise InputError(f"--out {parent} cannot be written: {error.strerror}") from None
+
+    def publish(self) -> list[Path]:
+        """Move everything in; returns the files."""
+        moved = [path.replace(self.final / path.name) for path in sorted(self.work.iterdir())]
+        self.work.rmdir()
+        return moved
+
+    def discard(self) -> None:
+        """Drop what was written, and the folder if nothing was in it."""
+        shutil.rmtree(self.work, ignore_errors=True)
+        if not any(self.final.iterdir()):
+            self.final.rmdir()
+
+
+def folder_name(source: FrameSource) -> str:
+    """The source's name as a folder name."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", Path(source.name).stem if "/" in source.name else source.name).strip("-.") or "run"
+
+
+def write_result(result: BindResult, prepared: Prepared, folder: Path) -> None:
+    """Write objects.json, state.safetensors and the four figures."""
+    text = json.dumps(summary(result), indent=2, ensure_ascii=False)
+    (folder / "objects.json").write_text(text + "\n", encoding="utf-8")
+    about = {**prepared.about, "frames": prepared.about["frames"] + result.frames}
+    save_state(result.state, folder / "state.safetensors", {"run": json.dumps(about)})
+    draw_all(result, folder)
+
+
+def summary(result: BindResult) -> dict[str, Any]:
+    """What `--json` prints."""
+    weights = result.state.second.weights.detach().cpu()
+    return {
+        "source": result.source,
+        "objects": [{"neuron": thing.neuron, "features": thing.features} for thing in result.objects],
+        "verdict": result.verdict,
+        "max_weight": float(weights.max()),
+        "spectral_radius": float(spectral_radius(weights)),
+        "weights": weights.tolist(),
+        "simulated_seconds": result.simulated_seconds,
+        "wall_seconds": result.wall_seconds,
+        "frames_per_second": result.frames / result.wall_seconds,
+    }
+
+
+def in_words(result: BindResult) -> str:
+    """The table of objects and the verdict, as text for people."""
+    lines = [f"{result.source}: {result.simulated_seconds:g} s seen in {result.wall_seconds:.1f} s", ""]
+    for number, thing in enumerate(result.objects, 1):
+        lines.append(f"object {number}: {describe(thing)}")
+    if not result.objects:
+        lines.append("no objects")
+    else:
+        lines += ["", "neuron  " + "".join(f"{name:>7}" for name in FEATURES)]
+        for thing in result.objects:
+            cells = (f"{thing.features[n]:7.2f}" if n in thing.features else f"{'.':>7}" for n in FEATURES)
+            lines.append(f"{thing.neuron:8}" + "".join(cells))
+    lines += ["", f"verdict  {VERDICTS[result.verdict]}"]
+    if result.interrupted:
+        lines.append(f"stopped early, after {result.simulated_seconds:g} s; what was computed so far is kept")
+    return "\n".join(lines)

@@ -1,0 +1,173 @@
+"""A run as a recording for the rerun viewer, written to a file while the run goes on.
+
+The only file that knows rerun. Look at a recording with `rerun run.rrd`. Nothing here opens a network port. A
+recording is for looking, not an archive of the numbers.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from torch import Tensor
+
+from ndtorch.errors import InputError
+from ndtorch.report.palette import rgb
+from ndtorch.report.result import Pixels
+from ndtorch.vision.features import FEATURES
+
+TIMELINE = "time"
+BATCH = 256
+"""Output samples written at once: one message each would cost more than the network step itself."""
+LARGEST_SIDE = 640
+"""Larger frames are shrunk to this many pixels; with JPEG, 15 s at 25 pictures a second are about 20 MB."""
+JPEG_QUALITY = 80
+
+
+class Recording:
+    """A .rrd file with the frames, outputs, weights and objects of one binding run, and how to lay them out.
+
+    Use it as a context manager, or call `close`. Times are seconds since the first frame. Entities:
+    `input` and `enhanced` (JPEG), `winner` (text), `outputs` (ten series), `weights/matrix`, `objects` (text).
+
+    Args:
+        path: the file; its folder is made if missing, an older file is replaced.
+        name: what the viewer calls the recording.
+
+    Raises:
+        InputError: rerun is not installed, or the file cannot be written.
+    """
+
+    def __init__(self, path: str | Path, name: str = "ndtorch bind") -> None:
+        self.path = Path(path)
+        self._rr = rr = import_rerun()
+        self._stream: Any = rr.RecordingStream(name)
+        self._times: list[float] = []
+        self._outputs: list[np.ndarray[Any, Any]] = []
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._stream.save(self.path, default_blueprint=layout())
+        except (OSError, RuntimeError) as error:
+            raise InputError(f"cannot write the recording {self.path}: {error}") from None
+        colors = [rgb(feature) for feature in FEATURES]
+        widths = [2.0 if feature in FEATURES[7:] else 1.2 for feature in FEATURES]
+        self._stream.log("outputs", rr.SeriesLines(colors=colors, names=FEATURES, widths=widths), static=True)
+        # Names beside the matrix: senders above their columns, receivers left of their rows.
+        places = [(k + 0.5, -0.7) for k in range(10)] + [(-1.2, n + 0.5) for n in range(10)]
+        names = rr.Points2D(places, labels=FEATURES * 2, colors=colors * 2, radii=0.02, show_labels=True)
+        self._stream.log("weights/names", names, static=True)
+
+    def frame(self, time_s: float, frame: Pixels, enhanced: Pixels, winner_name: str | None) -> None:
+        """Input and enhanced image `[H, W, 3]` uint8, and the name of the winning neuron (None: nobody)."""
+        self._at(time_s)
+        self._stream.log("input", self._picture("frame", frame))
+        self._stream.log("enhanced", self._picture("enhanced", enhanced))
+        words = f"{winner_name} wins" if winner_name else "no winner yet"
+        self._stream.log("winner", self._rr.TextDocument(words))
+
+    def outputs(self, time_s: float, outputs: Tensor) -> None:
+        """Second-stage outputs of one step, `[10]`."""
+        self._times.append(time_s)
+        self._outputs.append(array(outputs, (10,)))
+        if len(self._times) >= BATCH:
+            self._write_outputs()
+
+    def weights(self, time_s: float, weights: Tensor) -> None:
+        """Second-stage weights, `[10, 10]`: column = sender, row = receiver."""
+        self._at(time_s)
+        values = array(weights, (10, 10))
+        image = self._rr.DepthImage(values, meter=1.0, colormap="viridis", depth_range=(0.0, 1.0))
+        self._stream.log("weights/matrix", image)
+
+    def objects(self, text: str) -> None:
+        """The object table in words, at the time of the latest frame or weights."""
+        self._stream.log("objects", self._rr.TextDocument(text))
+
+    def close(self) -> None:
+        """Write what is waiting and close the file. Calling it again does nothing."""
+        if self._stream is None:
+            return
+        self._write_outputs()
+        self._stream.flush()
+        self._stream.disconnect()
+        self._stream = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _at(self, time_s: float) -> None:
+        self._stream.set_time(TIMELINE, duration=time_s)
+
+    def _write_outputs(self) -> None:
+        if self._times:
+            index = self._rr.TimeColumn(TIMELINE, duration=self._times)
+            columns = self._rr.Scalars.columns(scalars=np.stack(self._outputs))
+            self._stream.send_columns("outputs", indexes=[index], columns=columns)
+            self._times, self._outputs = [], []
+
+    def _picture(self, argument: str, pixels: Pixels) -> Any:
+        """The frame as a JPEG, shrunk if it is large."""
+        import cv2
+
+        if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8:
+            raise InputError(f"{argument} must be [H, W, 3] uint8, got {pixels.shape} {pixels.dtype}")
+        height, width = pixels.shape[:2]
+        scale = LARGEST_SIDE / max(height, width)
+        if scale < 1:
+            size = (max(1, round(width * scale)), max(1, round(height * scale)))
+            pixels = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)  # type: ignore[assignment]
+        _, jpeg = cv2.imencode(".jpg", pixels[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+        return self._rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
+
+
+def array(values: Tensor, shape: tuple[int, ...]) -> np.ndarray[Any, Any]:
+    """The values as a float32 array of that shape, or an error that names both."""
+    if values.shape != shape:
+        raise InputError(f"values must be {list(shape)}, got {list(values.shape)}")
+    return values.detach().cpu().float().numpy().copy()
+
+
+def import_rerun() -> Any:
+    """The rerun package, which takes half a second to import."""
+    try:
+        import rerun
+    except ImportError:
+        raise InputError("recordings need rerun: pip install 'ndtorch[view]'") from None
+    return rerun
+
+
+def layout() -> Any:
+    """Images on top, outputs below them, weights and objects at the right; it opens at the end of the run."""
+    import rerun.blueprint as rrb
+
+    images = rrb.Horizontal(
+        rrb.Spatial2DView(origin="input", name="input"),
+        rrb.Spatial2DView(origin="enhanced", name="enhanced: what the winner stands for"),
+    )
+    outputs = rrb.TimeSeriesView(
+        origin="outputs", name="outputs of the second stage", plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop)
+    )
+    matrix = rrb.Spatial2DView(
+        origin="weights",
+        name="weights: column = from, row = to",
+        visual_bounds=rrb.VisualBounds2D(x_range=(-2.2, 10.2), y_range=(-1.4, 10.2)),
+    )
+    words = [rrb.TextDocumentView(origin=name, name=name) for name in ("winner", "objects")]
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(images, outputs, row_shares=[3, 2]),
+            rrb.Vertical(matrix, *words, row_shares=[6, 1, 3]),
+            column_shares=[5, 2],
+        ),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following"),
+        auto_views=False,
+    )
