@@ -14,7 +14,7 @@ import tyro
 from ndtorch.errors import InputError
 
 if TYPE_CHECKING:
-    from ndtorch.report.bind import BindJob
+    from ndtorch.report.job import BindJob
 
 INTERRUPTED = 130
 
@@ -32,7 +32,7 @@ class Bind:
     seconds: float | None = None
     """Seconds to learn from a scene (default 15, the settling time comes on top), or to take of a video (all)."""
     phase: float | None = None
-    """Scenes: lead of the green bar's brightness over the red bar's, degrees (default 60)."""
+    """Scenes: lead of the green bar's brightness over the red bar's, degrees (default 290)."""
     gamma: float | None = None
     """Learning rate of the second stage, 1/s (default 0.5)."""
     rule: str | None = None
@@ -100,7 +100,7 @@ Command = (
 def main(arguments: list[str] | None = None) -> int:
     """Entry point of the `ndtorch` command; returns the exit code: 0, 2 for unusable input, 130 for Ctrl-C."""
     command = tyro.cli(
-        Command,  # type: ignore[arg-type]
+        Command,
         prog="ndtorch",
         description="Insect-inspired vision: find the objects in a scene.",
         args=arguments,
@@ -126,57 +126,62 @@ def bind(command: Bind) -> int:
     import torch
     from tqdm import tqdm
 
-    from ndtorch.report import bind as run
+    from ndtorch.report.files import EnhancedVideo, OutputFolder, RunRecording, folder_name, write_result
+    from ndtorch.report.job import prepare
+    from ndtorch.report.pictures import Watcher
+    from ndtorch.report.run import run_binding
+    from ndtorch.report.words import in_words, summary
 
     # Programs choose; the library never does. Two threads get in each other's way on a busy machine.
     torch.set_num_threads(1)
-    prepared = run.prepare(job(command))
+    prepared = prepare(job(command))
     source = prepared.source
-    folder = run.OutputFolder(command.out, run.folder_name(source))
+    folder = OutputFolder(command.out, folder_name(source.name))
     try:
-        watchers: list[run.Watcher] = []
+        watchers: list[Watcher] = []
+        video = recording = None
         if command.pictures > 0:
-            fps = min(command.pictures, source.fps)
-            video = run.EnhancedVideo(folder.work / "enhanced.mp4", fps, source.size)
+            video = EnhancedVideo(folder.work / "enhanced.mp4", min(command.pictures, source.fps), source.size)
             watchers.append(video)
-        recording = None
         if command.rrd is not None:
-            from ndtorch.report.recording import RecordingWatcher
-
-            recording = RecordingWatcher(command.rrd)
+            recording = RunRecording(command.rrd)
             watchers.append(recording)
         total = None if source.length is None else source.length - prepared.start
         with tqdm(total=total, unit=" frames", disable=command.json, leave=False) as bar:
-            result = run.run_binding(
+
+            def progress(frames: int) -> None:
+                bar.update(frames)
+
+            result = run_binding(
                 prepared.model,
                 source,
                 prepared.state,
                 prepared.start,
                 command.pictures,
                 tuple(watchers),
-                lambda n: None if bar.update(n) else None,
+                progress,
                 command.device,
             )
-        if command.pictures > 0:
-            video.writer.close()
+        if video is not None:
+            video.close()
         if recording is not None:
-            recording.finish(run.in_words(result))
-        run.write_result(result, prepared, folder.work)
+            recording.finish(in_words(result))
+        write_result(result, prepared, folder.work)
     except BaseException:
         folder.discard()
         raise
     files = folder.publish()
     if command.json:
-        print(json.dumps(run.summary(result), ensure_ascii=False))
+        print(json.dumps(summary(result), ensure_ascii=False))
     else:
-        print(run.in_words(result))
+        print(in_words(result))
         print(f"written  {folder.final}: {', '.join(path.name for path in files)}")
     return INTERRUPTED if result.interrupted else 0
 
 
 def job(command: Bind) -> BindJob:
-    """What `ndtorch.report.bind` needs of the command."""
-    from ndtorch.report.bind import BindJob
+    """What `ndtorch.report.job` needs of the command."""
+    from ndtorch.report.job import BindJob
 
     return BindJob(**{field.name: getattr(command, field.name) for field in fields(BindJob)})
 

@@ -64,9 +64,7 @@ class BindingInputs(nn.Module):
         self.high_pass = HighPass(tau, dt, sample_dims=1)
         self.recent_max = RecentMax(window, dt)
 
-    def forward(
-        self, sums: Tensor, state: InputState | None = None
-    ) -> tuple[tuple[Tensor, Tensor], InputState]:
+    def forward(self, sums: Tensor, state: InputState | None = None) -> tuple[tuple[Tensor, Tensor], InputState]:
         time_dim(sums, 1)
         if sums.shape[-1] != 10:
             raise InputError(f"sums must be [..., T, 10], got {tuple(sums.shape)}")

@@ -94,9 +94,7 @@ class VisualBinding(nn.Module):
         self.resample = Resample(1 / fps, c.dt)
         self.inputs = BindingInputs(c.dt, c.order, c.tau_in, c.window, c.floor)
         # The inputs come high-passed. The three networks are one with weights inside the groups only.
-        self.first = InhibitoryNetwork(
-            10, c.dt, gamma=0.0, tau_in=float("inf"), initial=check_first_stage(first_stage)
-        )
+        self.first = InhibitoryNetwork(10, c.dt, gamma=0.0, tau_in=float("inf"), initial=check_first_stage(first_stage))
         self.second = InhibitoryNetwork(
             10,
             c.dt,
@@ -171,7 +169,9 @@ class VisualBinding(nn.Module):
         """
         c = self.config
         if state.second.weights.ndim != 2:
-            raise InputError(f"verdict takes the state of one trial, got a batch of {tuple(state.second.weights.shape)}")
+            raise InputError(
+                f"verdict takes the state of one trial, got a batch of {tuple(state.second.weights.shape)}"
+            )
         if int(fluctuating_groups(state.inputs, c.floor)) < 2:
             return "static"
         if float(alternation(state.second)) > ALTERNATING:
@@ -187,7 +187,8 @@ class VisualBinding(nn.Module):
         network that has learned nothing.
         """
         learned = float(state.second.weights.max()) >= self.config.learned_weight
-        return objects(state.second.weights) if learned and self.verdict(state) in ("stable", "learning") else []
+        meaningful = learned and self.verdict(state) in ("stable", "learning")
+        return objects(state.second.weights) if meaningful else []
 
 
 def fluctuating_groups(state: InputState, floor: float) -> Tensor:

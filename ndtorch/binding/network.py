@@ -194,8 +194,7 @@ class InhibitoryNetwork(nn.Module):
         mean = torch.cat([state.power, state.roughness], -1)
         for square in torch.cat([out, out - before], -1).square().unbind(-2):
             mean = low_pass_step(square, mean, self.a_rough)
-        power, roughness = mean.split(self.neurons, -1)
-        return power, roughness
+        return mean[..., : self.neurons], mean[..., self.neurons :]
 
     def _rate(self, inputs: Tensor) -> Tensor:
         """`gamma dt`, shaped to multiply weights."""

@@ -75,9 +75,7 @@ def objects(weights: Tensor) -> list[BoundObject]:
     found = []
     for k in table.owners.nonzero().flatten().tolist():
         row = table.rows[k].tolist()
-        found.append(
-            BoundObject(FEATURES[k], k, {n: w for n, w in zip(FEATURES, row, strict=True) if w > 0})
-        )
+        found.append(BoundObject(FEATURES[k], k, {n: w for n, w in zip(FEATURES, row, strict=True) if w > 0}))
     return found
 
 

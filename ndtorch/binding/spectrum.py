@@ -17,7 +17,8 @@ TIGHT = 1e-4
 
 def spectral_radius(weights: Tensor) -> Tensor:
     """Largest magnitude of any eigenvalue, `[..., N, N]` -> `[...]`. [B §2.2.1]"""
-    return torch.linalg.eigvals(weights).abs().amax(-1)
+    radius: Tensor = torch.linalg.eigvals(weights).abs().amax(-1)
+    return radius
 
 
 def perron_root(weights: Tensor) -> Tensor:

@@ -108,4 +108,5 @@ def separated(mixing: Tensor, weights: Tensor) -> Tensor:
     W solves the mixture where each row has at most one entry that is not zero, and each column exactly one.
     """
     eye = torch.eye(weights.shape[-1], dtype=weights.dtype, device=weights.device)
-    return torch.linalg.solve(eye + weights, mixing)
+    gains: Tensor = torch.linalg.solve(eye + weights, mixing)
+    return gains

@@ -22,7 +22,7 @@ TIMELINE = "time"
 BATCH = 256
 """Output samples written at once: one message each would cost more than the network step itself."""
 LARGEST_SIDE = 640
-"""Larger frames are shrunk to this many pixels; with JPEG, 15 s at 25 pictures a second are about 20 MB."""
+"""Larger frames are shrunk to this many pixels; as JPEG, 15 s at 25 pictures a second take 1 to 40 MB."""
 JPEG_QUALITY = 80
 
 
@@ -30,7 +30,7 @@ class Recording:
     """A .rrd file with the frames, outputs, weights and objects of one binding run, and how to lay them out.
 
     Use it as a context manager, or call `close`. Times are seconds since the first frame. Entities:
-    `input` and `enhanced` (JPEG), `winner` (text), `outputs` (ten series), `weights/matrix`, `objects` (text).
+    `input` and `enhanced` (JPEG), `winner` (text), `outputs` (ten series), `weights/matrix`, `objects`.
 
     Args:
         path: the file; its folder is made if missing, an older file is replaced.
@@ -44,6 +44,7 @@ class Recording:
         self.path = Path(path)
         self._rr = rr = import_rerun()
         self._stream: Any = rr.RecordingStream(name)
+        self._latest = 0.0
         self._times: list[float] = []
         self._outputs: list[np.ndarray[Any, Any]] = []
         try:
@@ -69,8 +70,9 @@ class Recording:
 
     def outputs(self, time_s: float, outputs: Tensor) -> None:
         """Second-stage outputs of one step, `[10]`."""
-        self._times.append(time_s)
         self._outputs.append(array(outputs, (10,)))
+        self._times.append(time_s)
+        self._latest = time_s
         if len(self._times) >= BATCH:
             self._write_outputs()
 
@@ -82,7 +84,8 @@ class Recording:
         self._stream.log("weights/matrix", image)
 
     def objects(self, text: str) -> None:
-        """The object table in words, at the time of the latest frame or weights."""
+        """The object table in words, at the latest time given so far."""
+        self._at(self._latest)
         self._stream.log("objects", self._rr.TextDocument(text))
 
     def close(self) -> None:
@@ -103,6 +106,7 @@ class Recording:
         self.close()
 
     def _at(self, time_s: float) -> None:
+        self._latest = time_s
         self._stream.set_time(TIMELINE, duration=time_s)
 
     def _write_outputs(self) -> None:
@@ -159,7 +163,8 @@ def layout() -> Any:
         name="weights: column = from, row = to",
         visual_bounds=rrb.VisualBounds2D(x_range=(-2.2, 10.2), y_range=(-1.4, 10.2)),
     )
-    words = [rrb.TextDocumentView(origin=name, name=name) for name in ("winner", "objects")]
+    plain = rrb.archetypes.TextDocumentFormat(monospace=True, word_wrap=True)
+    words = [rrb.TextDocumentView(origin=name, name=name, format_options=plain) for name in ("winner", "objects")]
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(images, outputs, row_shares=[3, 2]),

@@ -15,9 +15,10 @@ Pixels = npt.NDArray[np.uint8]
 
 
 class Trace:
-    """Samples over time, thinned by two whenever there are more than `most` of them.
+    """Samples over time, thinned by three whenever there are more than `most` of them.
 
-    So a run of any length keeps between `most / 2` and `most` samples, evenly spaced: enough for a figure.
+    So a run of any length keeps between `most / 3` and `most` samples, evenly spaced: enough for a figure. Three,
+    because an even stride would hide outputs that flip sign from step to step.
 
     Args:
         shape: shape of one sample.
@@ -38,8 +39,8 @@ class Trace:
             self._times.append(time)
             self._samples.append(sample.detach().cpu().numpy().astype(np.float32))
             if len(self._times) > self.most:
-                self._times, self._samples = self._times[::2], self._samples[::2]
-                self.stride *= 2
+                self._times, self._samples = self._times[::3], self._samples[::3]
+                self.stride *= 3
         self._seen += 1
 
     @property

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable
 
 import torch
-from torch import Tensor
 
 from ndtorch.binding import BindingSignals, BindingState, VisualBinding
 from ndtorch.errors import InputError

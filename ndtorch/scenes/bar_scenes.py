@@ -19,8 +19,16 @@ BLUE: Color = (0.1, 0.1, 0.75)
 SECONDS = 19.0
 """Four seconds to settle and fifteen to learn, as in the papers."""
 
-DEFAULT_PHASE = 60.0
-"""Lead of the green bar over the red one, in degrees. The papers do not give it."""
+DEFAULT_PHASE = 290.0
+"""Lead of the green bar over the red one, in degrees.
+
+The papers do not give it. Two bars are told apart at every phase from 30 to 330 degrees; together with
+`DEFAULT_BLUE_OFFSET` this one lies in the middle of a region where three bars are, too (31 of 90 combinations on a
+grid of 20 degrees by 10 pixels), and its largest weight of two bars, 0.87, is close to the printed 0.85.
+"""
+
+DEFAULT_BLUE_OFFSET = 20.0
+"""Columns by which the blue bar of three starts further right; see `DEFAULT_PHASE`."""
 
 PERIOD = 50.0
 """Pixels a cycle of the sine shadow."""
@@ -107,7 +115,7 @@ def three_bars(
     seconds: float = SECONDS,
     *,
     phase: PerScene = DEFAULT_PHASE,
-    blue_offset: PerScene = 0.0,
+    blue_offset: PerScene = DEFAULT_BLUE_OFFSET,
     fluctuation: str | Fluctuation = "shadow",
     seed: int | Sequence[int] = 0,
     colors: tuple[Color, Color, Color] = (RED, GREEN, BLUE),
@@ -197,9 +205,7 @@ def _scenes(
     return make(*values) if isinstance(values, tuple) else [make(*value) for value in values]
 
 
-def _fluctuation(
-    kind: str | Fluctuation, phase: PerScene, bars: int, seed: int | Sequence[int]
-) -> Fluctuation:
+def _fluctuation(kind: str | Fluctuation, phase: PerScene, bars: int, seed: int | Sequence[int]) -> Fluctuation:
     if isinstance(kind, Fluctuation):
         return kind
     if kind == "shadow":

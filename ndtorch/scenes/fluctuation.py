@@ -46,9 +46,7 @@ class SineShadow(Fluctuation):
         InputError: a period that is not positive, or light outside 0..1.
     """
 
-    def __init__(
-        self, period: PerBar = 50.0, mean: float = 0.5, amplitude: float = 0.25, phase: PerBar = 0.0
-    ) -> None:
+    def __init__(self, period: PerBar = 50.0, mean: float = 0.5, amplitude: float = 0.25, phase: PerBar = 0.0) -> None:
         self.period, self.phase = per_bar("period", period), per_bar("phase", phase)
         self.mean, self.amplitude = mean, amplitude
         if not bool((self.period > 0).all()):

@@ -27,16 +27,12 @@ SCENES: dict[str, NamedScene] = {
     "two-bars-distance": NamedScene(
         two_bars, "red and green bars that come nearer and go away, no shadow", {"fluctuation": "distance"}
     ),
-    "two-bars-random": NamedScene(
-        two_bars, "red and green bars in a random dappled shadow", {"fluctuation": "random"}
-    ),
+    "two-bars-random": NamedScene(two_bars, "red and green bars in a random dappled shadow", {"fluctuation": "random"}),
     "two-bars-still-light": NamedScene(
         two_bars, "red and green bars that do not fluctuate at all", {"fluctuation": "none"}
     ),
     "equal-bars": NamedScene(equal_bars, "three green bars alike in all but their fluctuation", {}),
-    "rings": NamedScene(
-        rings, "contracting rings, the stimulus that trains the first stage", {"seconds": SECONDS}
-    ),
+    "rings": NamedScene(rings, "contracting rings, the stimulus that trains the first stage", {"seconds": SECONDS}),
 }
 """Every scene that has a name. Options given to `make_scene` win over the fixed ones."""
 

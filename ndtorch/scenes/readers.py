@@ -54,9 +54,7 @@ class FileReader(Reader):
         with quiet_opencv():
             capture = _capture(str(path))
             if capture is None:
-                raise InputError(
-                    f"video {path} cannot be opened: not a video, damaged or cut off at its start"
-                )
+                raise InputError(f"video {path} cannot be opened: not a video, damaged or cut off at its start")
             self.fps, self.count = _declared(capture)
             # FFmpeg plays any text file as the screen of a terminal.
             decodes = capture.get(cv2.CAP_PROP_FOURCC) != cv2.VideoWriter.fourcc(*"ansi") and capture.grab()
@@ -191,6 +189,4 @@ def _image(path: Path) -> Image:
 
 def _natural(path: Path) -> list[tuple[int, str]]:
     """Sort key in which runs of digits count as numbers."""
-    return [
-        (int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name.lower())
-    ]
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name.lower())]

@@ -68,6 +68,6 @@ def check_chunks(frames: int, start: int) -> None:
 
 def check_size(size: tuple[int, int]) -> tuple[int, int]:
     """Height and width as positive integers, or `InputError`."""
-    if len(size) != 2 or any(side != int(side) or side < 1 for side in size):
+    if not isinstance(size, (tuple, list)) or len(size) != 2 or any(side != int(side) or side < 1 for side in size):
         raise InputError(f"size must be (height, width) in whole pixels >= 1, got {size}")
     return int(size[0]), int(size[1])

@@ -57,22 +57,16 @@ def open_video(
         raise InputError(f"fps must be a positive number of frames per second, got {fps}")
     first = 0 if start is None else start
     if first < 0 or (stop is not None and stop <= first):
-        raise InputError(
-            f"start and stop must be frame numbers with 0 <= start < stop, got {start} and {stop}"
-        )
+        raise InputError(f"start and stop must be frame numbers with 0 <= start < stop, got {start} and {stop}")
 
     reader, name = _reader(source)
     try:
         if fps is None and not 0 < reader.fps <= FASTEST:
             raise InputError(f"fps must be given for {source}, which declares {reader.fps} frames per second")
         if reader.count is not None and max(first + 1, stop or 0) > reader.count:
-            raise InputError(
-                f"start and stop must lie within the {reader.count} frames, got {start} and {stop}"
-            )
+            raise InputError(f"start and stop must lie within the {reader.count} frames, got {start} and {stop}")
         if first and not reader.live and next(iter(reader.read(first)), None) is None:
-            raise InputError(
-                f"start must be a frame that can be decoded, got {start}: {source} ends before it"
-            )
+            raise InputError(f"start must be a frame that can be decoded, got {start}: {source} ends before it")
     except InputError:
         reader.close()
         raise

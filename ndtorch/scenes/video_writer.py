@@ -45,9 +45,7 @@ class VideoWriter:
         if self.size[0] % 2 or self.size[1] % 2:
             raise InputError(f"size must be even in height and width to be written as video, got {self.size}")
         if not self.path.parent.is_dir():
-            raise InputError(
-                f"folder {self.path.parent} does not exist, {self.path.name} cannot be written there"
-            )
+            raise InputError(f"folder {self.path.parent} does not exist, {self.path.name} cannot be written there")
         with quiet_opencv():
             fourcc = cv2.VideoWriter.fourcc(*codec)
             self._writer = cv2.VideoWriter(str(self.path), fourcc, fps, (self.size[1], self.size[0]))

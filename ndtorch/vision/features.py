@@ -113,8 +113,9 @@ class VisualFeatures(nn.Module):
         """Float pieces of a few frames, sized for the cache of a CPU or for a GPU."""
         pixels = CPU_PIXELS if frames.device.type == "cpu" else CUDA_PIXELS
         one = frames[..., 0, 0, :, :].numel()
-        for block in frames.split(max(1, pixels // one), -4):
-            yield as_float(block)
+        length = max(1, pixels // one)
+        for start in range(0, frames.shape[-4], length):
+            yield as_float(frames[..., start : start + length, :, :, :])
 
     def _each(self, frames: Tensor, state: MotionState | None) -> tuple[Tensor, MotionState]:
         """One trial after the other: large frames of several trials together would leave the cache."""

@@ -28,9 +28,7 @@ class MotionState(NamedTuple):
     delayed: Tensor
 
 
-def motion_step(
-    image: Tensor, state: MotionState, a_high: float, a_low: float
-) -> tuple[Tensor, Tensor, MotionState]:
+def motion_step(image: Tensor, state: MotionState, a_high: float, a_low: float) -> tuple[Tensor, Tensor, MotionState]:
     """One step of the detectors' temporal filters. [B eq. 7-8]
 
     Returns the high-passed image PH, its low-passed copy PHL and the new state; all `[..., H, W]`.
@@ -74,9 +72,7 @@ class HassensteinReichardt(nn.Module):
         `None` settles the filters on the first frame.
     """
 
-    def __init__(
-        self, dt: float = 0.01, tau_high: float = 0.5, tau_low: float = 0.05, border: Border = "wrap"
-    ) -> None:
+    def __init__(self, dt: float = 0.01, tau_high: float = 0.5, tau_low: float = 0.05, border: Border = "wrap") -> None:
         super().__init__()
         check_border(border)
         self.dt, self.border = dt, border

@@ -49,10 +49,10 @@ def dog_spectrum(
 class OrientedDoG(nn.Module):
     """Responses of three oriented DoG filters (0, 60 and 120 degrees) and the sums of their magnitudes.
 
-    Two ways of summing. `exact=True` filters at full resolution. Otherwise the kernels' narrow band is used:
-    no response holds anything finer than their smallest sigma, so the image is halved (twice, for
-    the published filters), and the responses are evaluated on a grid of about `sigma_min / 1.5` pixels. The sums then differ from the exact
-    ones by less than 0.5 % at a tenth of the cost. Response images are always exact. [B §2.1.2]
+    Two ways of summing. `exact=True` filters at full resolution. Otherwise the kernels' narrow band is used: no
+    response holds anything finer than their smallest sigma, so the image is halved (twice, for the published
+    filters), and the responses are evaluated on a grid of about `sigma_min / 1.5` pixels. The sums then differ from
+    the exact ones by less than 0.5 % at a tenth of the cost. Response images are always exact. [B §2.1.2]
 
     Args:
         size: height and width of the frames, pixels.
@@ -116,7 +116,7 @@ class OrientedDoG(nn.Module):
     def images(self, image: Tensor) -> Tensor:
         """Signed responses `[..., 3, H, W]` to grey images `[..., H, W]`, exact."""
         spectrum = torch.fft.rfft2(self._pad(image)).unsqueeze(-3) * self.spectrum
-        response = torch.fft.irfft2(spectrum, s=self.padded)
+        response: Tensor = torch.fft.irfft2(spectrum, s=self.padded)
         top, left = self.margin
         return response[..., top : top + self.size[0], left : left + self.size[1]]
 
@@ -137,7 +137,8 @@ class OrientedDoG(nn.Module):
             for _ in range(times):
                 image = halve(image, dim)
         spectrum = resize_spectrum(torch.fft.rfft2(image), self.kept, self.grid[0]).unsqueeze(-3)
-        return torch.fft.irfft2(spectrum * self.fast_spectrum, s=self.grid)
+        response: Tensor = torch.fft.irfft2(spectrum * self.fast_spectrum, s=self.grid)
+        return response
 
     def forward(self, frames: Tensor) -> Tensor:
         return self.images(grey(as_float(check_frames(frames, self.size))))

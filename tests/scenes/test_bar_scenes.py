@@ -187,9 +187,7 @@ def test_hsl_agrees_with_the_standard_library() -> None:
         torch.arange(-360.0, 720.0, 35.0), torch.linspace(0, 1, 4), torch.linspace(0, 1, 5), indexing="ij"
     )
     got = hsl_color(hue, saturation, lightness).flatten(0, -2)
-    flat = zip(
-        hue.flatten().tolist(), saturation.flatten().tolist(), lightness.flatten().tolist(), strict=True
-    )
+    flat = zip(hue.flatten().tolist(), saturation.flatten().tolist(), lightness.flatten().tolist(), strict=True)
     want = torch.tensor([colorsys.hls_to_rgb(h / 360 % 1, x, s) for h, s, x in flat])
     torch.testing.assert_close(got, want, atol=1e-5, rtol=0)
     assert hsl_color(120, 1, 0.5).tolist() == [0, 1, 0]

@@ -23,9 +23,7 @@ def scene(*bars: Bar, seconds: float = 1.0, size: tuple[int, int] = (80, 90), **
 
 def centroid(image: torch.Tensor) -> tuple[float, float]:
     """Column and row of the middle of the light."""
-    rows, columns = torch.meshgrid(
-        *(torch.arange(n, dtype=torch.float64) for n in image.shape), indexing="ij"
-    )
+    rows, columns = torch.meshgrid(*(torch.arange(n, dtype=torch.float64) for n in image.shape), indexing="ij")
     total = image.double().sum()
     return float((image * columns).sum() / total), float((image * rows).sum() / total)
 
@@ -47,9 +45,7 @@ def test_area_does_not_change_as_a_bar_moves(direction: float) -> None:
     torch.testing.assert_close(area, torch.full_like(area, 600.0), rtol=5e-3, atol=0)
 
 
-@pytest.mark.parametrize(
-    ("width", "direction"), [(0.4, 0.0), (0.4, 90.0), (0.7, 0.0), (1.0, 0.0), (2.5, 0.0)]
-)
+@pytest.mark.parametrize(("width", "direction"), [(0.4, 0.0), (0.4, 90.0), (0.7, 0.0), (1.0, 0.0), (2.5, 0.0)])
 def test_bars_thinner_than_a_pixel_keep_their_area(width: float, direction: float) -> None:
     bar = Bar(WHITE, direction, (40.0, 40.0), length=20, width=width, speed=3.3)
     area = scene(bar).frames(0, 100)[:, 0].double().sum((-2, -1))
@@ -162,13 +158,9 @@ def test_memory_of_chunks_is_reused_only_after_the_last_view_is_gone() -> None:
     np.testing.assert_array_equal(again[2, 0].numpy(), copy)
 
 
-@pytest.mark.parametrize(
-    "kind", [NoFluctuation(), SineShadow(), Distance(phase=[[0, 30], [10, 90], [5, 200]])]
-)
+@pytest.mark.parametrize("kind", [NoFluctuation(), SineShadow(), Distance(phase=[[0, 30], [10, 90], [5, 200]])])
 def test_a_batch_equals_its_scenes(kind: Fluctuation) -> None:
-    scenes = [
-        [Bar(RED, 20 * n, (20 + n, 30), length=40 + n), Bar(GREEN, 210 - n, (70, 50 - n))] for n in range(3)
-    ]
+    scenes = [[Bar(RED, 20 * n, (20 + n, 30), length=40 + n), Bar(GREEN, 210 - n, (70, 50 - n))] for n in range(3)]
     batch = torch.cat(list(BarScene(scenes, 0.2, kind, (80, 90)).chunks(6)), dim=1)
     assert batch.shape == (3, 20, 3, 80, 90)
     for n, bars in enumerate(scenes):

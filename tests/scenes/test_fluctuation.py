@@ -45,9 +45,7 @@ def test_random_shadow_is_two_wrapped_blurs_of_noise() -> None:
             # Sampled over three turns on either side, so that what leaves one edge enters at the other.
             offsets = np.arange(-3 * n, 3 * n + 1)
             kernel = np.exp(-(offsets**2) / (2 * 6.0**2))
-            shifted = [
-                w * np.roll(noise, o, axis) for o, w in zip(offsets, kernel / kernel.sum(), strict=True)
-            ]
+            shifted = [w * np.roll(noise, o, axis) for o, w in zip(offsets, kernel / kernel.sum(), strict=True)]
             noise = np.sum(shifted, axis=0)
     want = 0.25 + 0.5 * (noise - noise.min()) / (noise.max() - noise.min())
     np.testing.assert_allclose(light.numpy(), want, atol=1e-4)

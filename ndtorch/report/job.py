@@ -1,50 +1,32 @@
-"""The main job: find the objects in a scene or a video, and write down what was found."""
+"""What `ndtorch bind` is asked to do, and everything that can be wrong with it."""
 
 from __future__ import annotations
 
 import json
-import re
-import shutil
-import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from ndtorch.binding import (
     BindingState,
     VisualBinding,
     block_diagonal,
-    describe,
     load_state,
-    save_state,
-    spectral_radius,
     to_device,
     train_first_stage,
 )
 from ndtorch.errors import InputError
 from ndtorch.loading import load
-from ndtorch.report.figures import draw_all
-from ndtorch.report.pictures import Picture, Watcher
-from ndtorch.report.result import BindResult
-from ndtorch.report.run import run_binding
 from ndtorch.scenes import SCENES, FrameSource, make_scene
 from ndtorch.scenes.video import VideoSource, open_video
-from ndtorch.scenes.video_writer import VideoWriter
-from ndtorch.vision import FEATURES
 
 SCENE_SECONDS = 15.0
 CAMERA_SECONDS = 30.0
 MODEL_RADIUS = 0.9
-
-VERDICTS = {
-    "stable": "stable: the weights have settled",
-    "learning": "learning: the weights have not settled (yet); take the table as provisional",
-    "alternating": "alternating: the outputs flip sign from step to step, so the weights mean nothing; "
-    "lower --gamma",
-    "static": "static: nothing fluctuates enough to bind features by",
-}
 
 
 @dataclass(frozen=True)
@@ -104,15 +86,11 @@ def prepare(job: BindJob) -> Prepared:
     settle = options.get("settle", 4.0)
     source, scene_options, start = open_source(name, job, settle, about)
     is_video = name not in SCENES
-    model = load(
-        "binding", size=source.size, fps=source.fps, border="reflect" if is_video else "wrap", **options
-    )
+    model = load("binding", size=source.size, fps=source.fps, border="reflect" if is_video else "wrap", **options)
     radius = about.get("first_stage_radius", job.first_stage_radius)
     if radius is not None and radius != MODEL_RADIUS and state is None:
         first_stage = block_diagonal(train_first_stage(radius=radius))
-        model = VisualBinding(
-            first_stage, model.config, source.size, source.fps, "reflect" if is_video else "wrap"
-        )
+        model = VisualBinding(first_stage, model.config, source.size, source.fps, "reflect" if is_video else "wrap")
     if state is not None:
         state = to_device(state, device)
     about = {
@@ -147,9 +125,9 @@ def open_source(
         return make_scene(name, seconds=seconds, **options), options, done
     for key in ("phase", "seed"):
         if getattr(job, key) is not None:
-            raise InputError(f"{key} is an option of simulated scenes, and {name} is not one of them ({', '.join(SCENES)})")
+            raise InputError(f"{key} is an option of simulated scenes, and {name} is none")
     if not is_known_place(name):
-        raise InputError(f"source {name!r} is neither a scene ({', '.join(SCENES)}) nor a file, folder or camera")
+        raise InputError(f"source must be a file, a folder, a camera or one of {', '.join(SCENES)}; got {name!r}")
     first = int(about.get("first", job.start or 0)) + done
     fps = about.get("fps", job.fps)
     video: VideoSource = open_video(name, fps=fps, start=first or None, stop=job.stop, fit=job.fit)  # type: ignore[arg-type]
@@ -159,7 +137,7 @@ def open_source(
 
 def is_known_place(name: str) -> bool:
     """Whether a source that is no scene looks like something that can be opened."""
-    return Path(name).exists() or name.isdigit() or name.startswith("camera:") or "://" in name or "/" in name or "." in name
+    return Path(name).exists() or name.isdigit() or name.startswith("camera:") or "/" in name or "." in name
 
 
 class Limited(FrameSource):
@@ -171,7 +149,7 @@ class Limited(FrameSource):
         frames = max(1, round(seconds * source.fps))
         self.length = frames if source.length is None else min(frames, source.length)
 
-    def chunks(self, frames: int = 8, start: int = 0) -> Any:
+    def chunks(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:
         left = self.length
         assert left is not None
         for chunk in self.source.chunks(frames, start):
@@ -199,91 +177,3 @@ def load_run(folder: Path) -> tuple[BindingState, dict[str, Any]]:
     except (KeyError, json.JSONDecodeError):
         raise InputError(f"{folder}/state.safetensors was not written by ndtorch bind") from None
     return state, described
-
-
-class EnhancedVideo(Watcher):
-    """Writes the input beside its enhanced image."""
-
-    def __init__(self, path: Path, fps: float, size: tuple[int, int]) -> None:
-        self.size = (size[0] // 2 * 2, size[1] // 2 * 2)
-        self.writer = VideoWriter(path, fps, (self.size[0], 2 * self.size[1]))
-
-    def picture(self, picture: Picture) -> None:
-        height, width = self.size
-        sides = [torch.from_numpy(image)[:height, :width] for image in (picture.frame, picture.enhanced)]
-        self.writer.write(torch.cat(sides, 1).permute(2, 0, 1))
-
-    def signals(self, signals: Any, weights: Any) -> None:
-        """Nothing to show."""
-
-
-class OutputFolder:
-    """A result folder that appears complete or not at all: files are written beside it and moved in at the end."""
-
-    def __init__(self, parent: Path, name: str) -> None:
-        self.final = parent / name
-        try:
-            self.final.mkdir(parents=True, exist_ok=True)
-            self.work = Path(tempfile.mkdtemp(prefix=f".{name}-", dir=parent))
-        except OSError as error:
-            raise InputError(f"--out {parent} cannot be written: {error.strerror}") from None
-
-    def publish(self) -> list[Path]:
-        """Move everything in; returns the files."""
-        moved = [path.replace(self.final / path.name) for path in sorted(self.work.iterdir())]
-        self.work.rmdir()
-        return moved
-
-    def discard(self) -> None:
-        """Drop what was written, and the folder if nothing was in it."""
-        shutil.rmtree(self.work, ignore_errors=True)
-        if not any(self.final.iterdir()):
-            self.final.rmdir()
-
-
-def folder_name(source: FrameSource) -> str:
-    """The source's name as a folder name."""
-    return re.sub(r"[^A-Za-z0-9._-]+", "-", Path(source.name).stem if "/" in source.name else source.name).strip("-.") or "run"
-
-
-def write_result(result: BindResult, prepared: Prepared, folder: Path) -> None:
-    """Write objects.json, state.safetensors and the four figures."""
-    text = json.dumps(summary(result), indent=2, ensure_ascii=False)
-    (folder / "objects.json").write_text(text + "\n", encoding="utf-8")
-    about = {**prepared.about, "frames": prepared.about["frames"] + result.frames}
-    save_state(result.state, folder / "state.safetensors", {"run": json.dumps(about)})
-    draw_all(result, folder)
-
-
-def summary(result: BindResult) -> dict[str, Any]:
-    """What `--json` prints."""
-    weights = result.state.second.weights.detach().cpu()
-    return {
-        "source": result.source,
-        "objects": [{"neuron": thing.neuron, "features": thing.features} for thing in result.objects],
-        "verdict": result.verdict,
-        "max_weight": float(weights.max()),
-        "spectral_radius": float(spectral_radius(weights)),
-        "weights": weights.tolist(),
-        "simulated_seconds": result.simulated_seconds,
-        "wall_seconds": result.wall_seconds,
-        "frames_per_second": result.frames / result.wall_seconds,
-    }
-
-
-def in_words(result: BindResult) -> str:
-    """The table of objects and the verdict, as text for people."""
-    lines = [f"{result.source}: {result.simulated_seconds:g} s seen in {result.wall_seconds:.1f} s", ""]
-    for number, thing in enumerate(result.objects, 1):
-        lines.append(f"object {number}: {describe(thing)}")
-    if not result.objects:
-        lines.append("no objects")
-    else:
-        lines += ["", "neuron  " + "".join(f"{name:>7}" for name in FEATURES)]
-        for thing in result.objects:
-            cells = (f"{thing.features[n]:7.2f}" if n in thing.features else f"{'.':>7}" for n in FEATURES)
-            lines.append(f"{thing.neuron:8}" + "".join(cells))
-    lines += ["", f"verdict  {VERDICTS[result.verdict]}"]
-    if result.interrupted:
-        lines.append(f"stopped early, after {result.simulated_seconds:g} s; what was computed so far is kept")
-    return "\n".join(lines)

@@ -1,0 +1,203 @@
+"""Figures of a run: they are drawn for every kind of result, quickly, and show what they should."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import warnings
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+import torch
+
+import ndtorch
+from ndtorch.binding import objects
+from ndtorch.report import figures
+from ndtorch.report.palette import STYLES, rgb
+from ndtorch.report.result import BindResult, Moment, Trace
+
+NAMES = ["outputs.png", "weights.png", "weights_over_time.png", "frames.png"]
+
+
+def bars() -> torch.Tensor:
+    """Weights with two owners, red and green."""
+    weights = torch.zeros(10, 10)
+    weights[[1, 2, 4, 6], 7] = torch.tensor([0.8, 0.6, 0.4, 0.3])
+    weights[[0, 2, 5], 8] = torch.tensor([0.8, 0.5, 0.4])
+    return weights
+
+
+def moment(neuron: int, height: int = 24, width: int = 32) -> Moment:
+    pixels = np.random.default_rng(neuron).integers(0, 256, (height, width, 3), dtype=np.uint8)
+    return Moment(6.0 + neuron, neuron, 0.2, pixels, pixels // 3)
+
+
+@pytest.fixture
+def result() -> BindResult:
+    model = ndtorch.load("binding")
+    _, state = model.from_sums(torch.rand(3, 10))
+    weights = bars()
+    state = state._replace(second=state.second._replace(weights=weights))
+    outputs, trace = Trace((10,)), Trace((10, 10))
+    for step in range(300):
+        outputs.add(step * 0.05, torch.sin(step * 0.05 + torch.arange(10.0)))
+        trace.add(step * 0.05, weights * step / 300)
+    return BindResult(
+        "two-bars",
+        objects(weights),
+        "stable",
+        state,
+        settle=4.0,
+        simulated_seconds=15.0,
+        wall_seconds=1.0,
+        frames=1500,
+        outputs=outputs,
+        weights=trace,
+        moments={7: moment(7), 8: moment(8)},
+    )
+
+
+def with_weights(result: BindResult, weights: torch.Tensor) -> BindResult:
+    second = result.state.second._replace(weights=weights)
+    return dataclasses.replace(result, state=result.state._replace(second=second), objects=objects(weights))
+
+
+def words(figure: object) -> list[str]:
+    """Every text in a figure."""
+    from matplotlib.figure import Figure
+    from matplotlib.text import Text
+
+    assert isinstance(figure, Figure)
+    return [text.get_text() for text in figure.findobj(Text)]  # type: ignore[attr-defined]
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[str]]:
+    """The words of every figure that is saved, by file name."""
+    seen: dict[str, list[str]] = {}
+    save = figures.save
+
+    def saved(figure: object, path: Path) -> Path:
+        seen[Path(path).name] = words(figure)
+        return save(figure, path)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(figures, "save", saved)
+    return seen
+
+
+def test_draws_four_pictures_and_says_what_they_show(
+    result: BindResult, drawn: dict[str, list[str]], tmp_path: Path
+) -> None:
+    paths = figures.draw_all(result, tmp_path / "new" / "folder")
+    assert [path.name for path in paths] == NAMES
+    for path in paths:
+        picture = matplotlib.image.imread(path)
+        assert picture.shape[0] > 200
+        assert picture[..., :3].std() > 0.01
+        assert "2 objects (red, green) · weights stable · 15.0 s seen" in drawn[path.name]
+    assert {"Each column: weights FROM this neuron", "Each row: weights TO this neuron"} < set(drawn["weights.png"])
+    assert drawn["weights.png"].count("▼\nowner") == 4
+    assert drawn["weights.png"].count("0.80") == 2
+    assert drawn["weights.png"].count("1.00") == 2
+    assert {"from the red neuron to:", "from the green neuron to:"} < set(drawn["weights_over_time.png"])
+    assert {"input, 9.0 s into learning", "input, 10.0 s into learning"} < set(drawn["frames.png"])
+    assert drawn["outputs.png"].count("red") == 2  # in the legend, and at the end of its trace
+
+
+def test_no_objects_and_no_samples(result: BindResult, drawn: dict[str, list[str]], tmp_path: Path) -> None:
+    empty = dataclasses.replace(
+        with_weights(result, torch.zeros(10, 10)),
+        verdict="static",
+        outputs=Trace((10,)),
+        weights=Trace((10, 10)),
+        moments={},
+        interrupted=True,
+        simulated_seconds=0.02,
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        figures.draw_all(empty, tmp_path)
+    assert any(text.startswith("STATIC") and "interrupted" in text for text in drawn["outputs.png"])
+    assert drawn["weights.png"].count("all weights are zero") == 2
+    assert "No object won the model's attention in this run." in drawn["frames.png"]
+    assert "no samples" in drawn["outputs.png"]
+
+
+def test_one_sample_while_settling(result: BindResult, tmp_path: Path) -> None:
+    outputs, weights = Trace((10,)), Trace((10, 10))
+    outputs.add(0.0, torch.ones(10))
+    weights.add(0.0, torch.zeros(10, 10))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        figures.draw_all(dataclasses.replace(result, outputs=outputs, weights=weights), tmp_path)
+
+
+def test_alternating_is_in_the_title_and_nobody_owns(
+    result: BindResult, drawn: dict[str, list[str]], tmp_path: Path
+) -> None:
+    figures.draw_all(dataclasses.replace(result, verdict="alternating", objects=[], moments={}), tmp_path)
+    for name in NAMES:
+        assert any(text.startswith("ALTERNATING") for text in drawn[name])
+    assert "▼\nowner" not in drawn["weights.png"]
+    panels = [text for text in drawn["weights_over_time.png"] if text.startswith("from the")]
+    assert len(panels) == figures.COLUMNS_SHOWN
+    assert panels[0] == "from the red neuron to:"
+
+
+def test_many_objects_and_any_source_name(result: BindResult, tmp_path: Path) -> None:
+    weights = torch.rand(10, 10, generator=torch.Generator().manual_seed(1)).fill_diagonal_(0)
+    many = dataclasses.replace(
+        with_weights(result, weights),
+        source="a $strange {name$ " * 5 + "路上.mp4",
+        moments={k: moment(k) for k in range(10)},
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        figures.draw_all(many, tmp_path)
+
+
+@pytest.mark.parametrize("size", [(2, 3), (8, 640), (640, 8), (1080, 1920)])
+def test_frames_of_any_size(result: BindResult, tmp_path: Path, size: tuple[int, int]) -> None:
+    some = dataclasses.replace(result, moments={7: moment(7, *size)})
+    picture = matplotlib.image.imread(figures.draw_frames(some, tmp_path / "frames.png"))
+    assert max(picture.shape) < 2000
+
+
+def test_thinned_keeps_every_peak() -> None:
+    times = np.arange(10_007) / 100
+    values = np.zeros(10_007, dtype=np.float32)
+    values[[3, 5000, 10_006]] = [1, -2, 3]
+    x, y = figures.thinned(times, values)
+    assert len(x) <= figures.POINTS + 20
+    assert sorted(y[y != 0].tolist()) == [-2, 1, 3]
+    assert (np.diff(x) > 0).all()
+    assert x[0] == times[0]
+    assert x[-1] == times[-1]
+
+
+def test_brightened_reaches_the_input_and_leaves_what_is_bright() -> None:
+    dark = np.full((2, 2, 3), 40, dtype=np.uint8)
+    bright, gain = figures.brightened(dark, 200)
+    assert gain == 5
+    assert bright.max() == 200
+    same, gain = figures.brightened(dark, 50)
+    assert gain == 1
+    assert (same == dark).all()
+    assert figures.brightened(dark * 0, 200)[0].max() == 0
+
+
+def test_palette_has_a_distinct_style_for_every_feature() -> None:
+    assert tuple(STYLES) == ndtorch.FEATURES
+    assert len({style.color for style in STYLES.values()}) == 10
+    assert len({style.dashes for style in STYLES.values()}) == 8  # the three colours are solid
+    for place, name in enumerate(("red", "green", "blue")):
+        assert np.argmax(rgb(name)) == place
+        assert rgb(name) == rgb(7 + place)
+
+
+def test_drawing_leaves_pyplot_alone(result: BindResult, tmp_path: Path) -> None:
+    before = "matplotlib.pyplot" in sys.modules
+    figures.draw_all(result, tmp_path)
+    assert ("matplotlib.pyplot" in sys.modules) == before

@@ -1,0 +1,140 @@
+"""Recordings for the rerun viewer: what was written can be read back."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from ndtorch.errors import InputError
+from ndtorch.report.palette import rgb
+from ndtorch.report.recording import BATCH, LARGEST_SIDE, Recording
+from ndtorch.vision.features import FEATURES
+
+rerun = pytest.importorskip("rerun")
+
+
+def picture(height: int = 20, width: int = 30) -> np.ndarray[Any, Any]:
+    return np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
+
+
+def chunks(path: Path, entity: str, static: bool = False) -> list[Any]:
+    from rerun.chunk import RrdReader
+
+    found = RrdReader(path).stream().to_chunks()
+    return [chunk for chunk in found if chunk.entity_path == entity and chunk.is_static == static]
+
+
+def column(chunk: Any, name: str) -> list[Any]:
+    values: list[Any] = chunk.to_record_batch().column(name).to_pylist()
+    return values
+
+
+def test_everything_written_is_there(tmp_path: Path) -> None:
+    from rerun.chunk import RrdReader
+
+    path = tmp_path / "new" / "run.rrd"
+    steps = BATCH + 44
+    with Recording(path) as recording:
+        for step in range(steps):
+            recording.outputs(step / 100, torch.full((10,), float(step)))
+        for step in range(5):
+            recording.frame(step / 25, picture(), picture(), "red" if step else None)
+            recording.weights(step / 25, torch.full((10, 10), step / 10))
+        recording.objects("red, moving right")
+    reader = RrdReader(path)
+    assert len(reader.recordings()) == 1
+    assert len(reader.blueprints()) == 1
+    rows: Counter[str] = Counter()
+    for chunk in reader.stream().to_chunks():
+        if not chunk.is_static:
+            assert "time" in chunk.timeline_names
+            rows[chunk.entity_path] += chunk.num_rows
+    assert rows == {
+        "/outputs": steps,
+        "/input": 5,
+        "/enhanced": 5,
+        "/winner": 5,
+        "/weights/matrix": 5,
+        "/objects": 1,
+    }
+
+
+def test_outputs_keep_their_times_values_names_and_colors(tmp_path: Path) -> None:
+    with Recording(tmp_path / "run.rrd") as recording:
+        for step in range(3):
+            recording.outputs(step / 4, torch.arange(10) + step)
+    (chunk,) = chunks(tmp_path / "run.rrd", "/outputs")
+    assert [time.total_seconds() for time in column(chunk, "time")] == [0, 0.25, 0.5]
+    assert column(chunk, "Scalars:scalars")[2] == list(range(2, 12))
+    (style,) = chunks(tmp_path / "run.rrd", "/outputs", static=True)
+    assert column(style, "SeriesLines:names")[0] == list(FEATURES)
+    red, green, blue = rgb("red")
+    assert column(style, "SeriesLines:colors")[0][7] == int.from_bytes((red, green, blue, 255))
+
+
+def test_objects_carry_the_latest_time(tmp_path: Path) -> None:
+    with Recording(tmp_path / "run.rrd") as recording:
+        recording.frame(1.0, picture(), picture(), None)
+        recording.outputs(2.5, torch.zeros(10))
+        recording.objects("table")
+    (chunk,) = chunks(tmp_path / "run.rrd", "/objects")
+    assert column(chunk, "time")[0].total_seconds() == 2.5
+    assert column(chunk, "TextDocument:text") == [["table"]]
+
+
+def test_large_frames_are_shrunk_to_small_jpegs(tmp_path: Path) -> None:
+    import cv2
+
+    large = np.zeros((1080, 1920, 3), dtype=np.uint8)
+    large[..., 0] = 200
+    with Recording(tmp_path / "run.rrd") as recording:
+        recording.frame(0.0, large, picture(), "red")
+    (chunk,) = chunks(tmp_path / "run.rrd", "/input")
+    jpeg = np.array(column(chunk, "EncodedImage:blob")[0][0], dtype=np.uint8)
+    image = cv2.imdecode(jpeg, cv2.IMREAD_COLOR)
+    assert image is not None
+    assert image.shape == (360, LARGEST_SIDE, 3)
+    assert image[180, 320] == pytest.approx([0, 0, 200], abs=6)  # cv2 gives blue, green, red
+    assert column(chunk, "EncodedImage:media_type") == [["image/jpeg"]]
+
+
+def test_an_error_inside_still_closes_the_file(tmp_path: Path) -> None:
+    def interrupted(recording: Recording) -> None:
+        with recording:
+            recording.outputs(0.0, torch.zeros(10))
+            raise KeyboardInterrupt
+
+    recording = Recording(tmp_path / "run.rrd")
+    with pytest.raises(KeyboardInterrupt):
+        interrupted(recording)
+    assert chunks(tmp_path / "run.rrd", "/outputs")[0].num_rows == 1
+    recording.close()
+
+
+def test_bad_input(tmp_path: Path) -> None:
+    with Recording(tmp_path / "run.rrd") as recording:
+        with pytest.raises(InputError, match=r"frame must be \[H, W, 3\] uint8"):
+            recording.frame(0.0, picture()[..., 0], picture(), None)
+        with pytest.raises(InputError, match="enhanced must be"):
+            recording.frame(0.0, picture(), picture().astype(np.float32), None)
+        with pytest.raises(InputError, match=r"values must be \[10\], got \[3\]"):
+            recording.outputs(0.0, torch.zeros(3))
+        with pytest.raises(InputError, match=r"values must be \[10, 10\]"):
+            recording.weights(0.0, torch.zeros(10))
+    with pytest.raises(InputError, match="cannot write the recording"):
+        Recording(tmp_path)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot write the recording"):
+        Recording(tmp_path / "file" / "run.rrd")
+
+
+def test_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(InputError, match=r"pip install 'ndtorch\[view\]'"):
+        Recording(tmp_path / "run.rrd")
