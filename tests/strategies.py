@@ -1,0 +1,27 @@
+"""Ways to cut a run into chunks, shared by the tests."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from hypothesis import strategies as st
+from torch import Tensor, nn
+
+
+@st.composite
+def chunkings(draw: st.DrawFn, total: int) -> list[int]:
+    """Lengths of chunks, 1 or more each, that add up to `total`."""
+    cuts = sorted(draw(st.sets(st.integers(1, total - 1), max_size=total - 1)))
+    return [b - a for a, b in zip([0, *cuts], [*cuts, total], strict=True)]
+
+
+def in_chunks(
+    module: nn.Module, x: Tensor, lengths: list[int] | int, dim: int, state: Any = None
+) -> tuple[Tensor, Any]:
+    """Outputs of `out, state = module(chunk, state)` over consecutive chunks of `x`, and the last state."""
+    outs = []
+    for chunk in x.split(lengths, dim):
+        out, state = module(chunk, state)
+        outs.append(out)
+    return torch.cat(outs, dim), state

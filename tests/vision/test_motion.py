@@ -1,0 +1,188 @@
+"""Hassenstein-Reichardt detectors against explicit loops, and their conventions of direction."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from numpy.testing import assert_allclose
+from strategies import chunkings, in_chunks
+
+from ndtorch.errors import InputError
+from ndtorch.vision import FEATURES, HassensteinReichardt
+from ndtorch.vision.motion import BORDERS, Border, correlate, motion_step
+
+LEFT, RIGHT, DOWN, UP = range(4)
+
+
+def noise(*shape: int, seed: int = 0) -> torch.Tensor:
+    return torch.rand(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+
+
+def reference(frames: np.ndarray, dt: float, tau_high: float, tau_low: float, border: str) -> np.ndarray:
+    """[B eq. 7-13] pixel by pixel, `[T, 3, H, W]` -> `[T, 4, H, W]`."""
+    grey = frames.mean(1)
+    steps, height, width = grey.shape
+    slow, delayed = grey[0].copy(), np.zeros((height, width))
+    out = np.zeros((steps, 4, height, width))
+    for t in range(steps):
+        slow = slow + dt / (tau_high + dt) * (grey[t] - slow)
+        high = grey[t] - slow
+        delayed = delayed + dt / (tau_low + dt) * (high - delayed)
+        for y in range(height):
+            for x in range(width):
+                for dy, dx, minus, plus in ((0, 1, LEFT, RIGHT), (1, 0, UP, DOWN)):
+                    v, u = y + dy, x + dx
+                    if border != "wrap" and (v == height or u == width):
+                        continue
+                    v, u = v % height, u % width
+                    signed = high[v, u] * delayed[y, x] - high[y, x] * delayed[v, u]
+                    out[t, plus if signed > 0 else minus, y, x] = abs(signed)
+    return out
+
+
+def drifting(dy: int, dx: int, size: tuple[int, int] = (24, 30), steps: int = 40) -> torch.Tensor:
+    """A smooth random pattern on a torus that shifts by whole pixels a frame, `[T, 1, H, W]`."""
+    pattern = np.fft.fft2(np.random.default_rng(1).random(size))
+    low = np.hypot(*np.meshgrid(np.fft.fftfreq(size[0]), np.fft.fftfreq(size[1]), indexing="ij")) < 0.15
+    image = np.fft.ifft2(pattern * low).real
+    return torch.from_numpy(np.stack([np.roll(image, (t * dy, t * dx), (0, 1)) for t in range(steps)]))[:, None]
+
+
+@pytest.mark.parametrize("border", BORDERS)
+def test_images_are_those_of_a_loop_over_pixels(border: Border) -> None:
+    frames = noise(5, 3, 5, 6)
+    out, _ = HassensteinReichardt(0.02, 0.3, 0.04, border)(frames)
+    assert_allclose(out, reference(frames.numpy(), 0.02, 0.3, 0.04, border), atol=1e-14)
+
+
+@pytest.mark.parametrize("border", BORDERS)
+@pytest.mark.parametrize("size", [(1, 1), (1, 7), (2, 2), (6, 5)])
+def test_sums_are_the_sums_of_the_images(border: Border, size: tuple[int, int]) -> None:
+    module = HassensteinReichardt(border=border)
+    high, delayed, _ = module.scan(noise(6, *size), None)
+    assert_allclose(module.sums(high, delayed), module.images(high, delayed).sum((-1, -2)), atol=1e-12)
+
+
+def test_a_step_filters_the_image_twice() -> None:
+    module = HassensteinReichardt(0.1, 0.3, 0.1)
+    start = module.start(torch.zeros(1, 1))
+    high, delayed, state = motion_step(torch.ones(1, 1), start, module.a_high, module.a_low)
+    assert high.item() == pytest.approx(0.75)
+    assert delayed.item() == pytest.approx(0.375)
+    assert (state.slow.item(), state.delayed.item()) == pytest.approx((0.25, 0.375))
+
+
+def test_correlation_is_one_shorter_and_positive_towards_larger_indices() -> None:
+    high, delayed = torch.tensor([[0.0, 1.0, 0.0]]), torch.tensor([[1.0, 0.0, 0.0]])
+    assert correlate(high, delayed, -1).tolist() == [[1.0, 0.0]]
+    assert correlate(high.mT, delayed.mT, -2).tolist() == [[1.0], [0.0]]
+
+
+@pytest.mark.parametrize(
+    ("shift", "driven", "opposite"),
+    [((0, -1), LEFT, RIGHT), ((0, 1), RIGHT, LEFT), ((1, 0), DOWN, UP), ((-1, 0), UP, DOWN)],
+)
+@pytest.mark.parametrize("border", BORDERS)
+def test_a_moving_pattern_drives_its_own_direction(
+    border: Border, shift: tuple[int, int], driven: int, opposite: int
+) -> None:
+    out, _ = HassensteinReichardt(border=border)(drifting(*shift))
+    sums = out[-1].sum((-1, -2))
+    assert sums.argmax() == driven
+    assert sums[driven] > 2 * sums[opposite]
+
+
+def test_the_four_images_come_in_the_order_of_the_features() -> None:
+    assert FEATURES[:4] == ("left", "right", "down", "up")
+
+
+def test_a_mirror_swaps_left_and_right() -> None:
+    module, frames = HassensteinReichardt(), noise(6, 1, 7, 8)
+    seen = module(frames)[0].sum((-1, -2))
+    mirrored = module(frames.flip(-1))[0].sum((-1, -2))
+    assert_allclose(mirrored, seen[:, [RIGHT, LEFT, DOWN, UP]], atol=1e-12)
+
+
+def test_transposing_swaps_right_with_down_and_left_with_up() -> None:
+    module, frames = HassensteinReichardt(), noise(6, 1, 7, 8)
+    assert_allclose(module(frames.mT)[0], module(frames)[0][:, [UP, DOWN, RIGHT, LEFT]].mT, atol=1e-15)
+
+
+@pytest.mark.parametrize("border", BORDERS)
+def test_a_static_scene_moves_nothing(border: Border) -> None:
+    out, _ = HassensteinReichardt(border=border)(noise(3, 9, 9).float().expand(20, 3, 9, 9))
+    assert not out.any()
+
+
+def test_without_wrapping_the_last_row_and_column_are_zero() -> None:
+    out, _ = HassensteinReichardt(border="reflect")(noise(6, 1, 7, 8))
+    assert not out[:, [LEFT, RIGHT], :, -1].any()
+    assert not out[:, [DOWN, UP], -1, :].any()
+    assert out[-1, :, :-1, :-1].any()
+
+
+@pytest.mark.parametrize("batch", [(), (2,), (2, 3)])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_shapes(batch: tuple[int, ...], channels: int) -> None:
+    out, state = HassensteinReichardt()(torch.rand(*batch, 5, channels, 6, 7))
+    assert out.shape == (*batch, 5, 4, 6, 7)
+    assert state.slow.shape == state.delayed.shape == (*batch, 6, 7)
+
+
+def test_batch_equals_single_runs() -> None:
+    module, frames = HassensteinReichardt(), noise(3, 6, 3, 5, 4)
+    assert_allclose(module(frames)[0], torch.stack([module(one)[0] for one in frames]), atol=1e-15)
+
+
+@settings(max_examples=15, deadline=None)
+@given(lengths=chunkings(9))
+def test_chunks_give_the_whole(lengths: list[int]) -> None:
+    module, frames = HassensteinReichardt(), noise(9, 3, 6, 5).float()
+    whole, end = module(frames)
+    parts, part_end = in_chunks(module, frames, lengths, -4)
+    assert_allclose(parts, whole, atol=1e-7)
+    assert_allclose(part_end.delayed, end.delayed, atol=1e-7)
+
+
+def test_float32_is_near_float64() -> None:
+    module, frames = HassensteinReichardt(), noise(50, 3, 8, 8)
+    assert_allclose(module(frames.float())[0], module(frames)[0], atol=1e-6)
+
+
+def test_uint8_is_scaled() -> None:
+    frames = torch.randint(0, 256, (6, 3, 5, 5), dtype=torch.uint8)
+    module = HassensteinReichardt()
+    assert_allclose(module(frames)[0], module(frames / 255)[0], atol=1e-7)
+
+
+@pytest.mark.parametrize("border", BORDERS)
+def test_gradients_of_images_and_sums(border: Border) -> None:
+    module, frames = HassensteinReichardt(0.05, border=border), noise(3, 1, 4, 3).requires_grad_()
+    assert torch.autograd.gradcheck(lambda v: module(v)[0], (frames,))
+
+    def sums(image: torch.Tensor) -> torch.Tensor:
+        high, delayed, _ = module.scan(image, None)
+        return module.sums(high, delayed)
+
+    assert torch.autograd.gradcheck(sums, (frames[:, 0],))
+
+
+def test_unknown_border_is_refused() -> None:
+    with pytest.raises(InputError, match=r"border must be one of wrap, reflect, got 'mirror'"):
+        HassensteinReichardt(border="mirror")  # type: ignore[arg-type]
+
+
+def test_time_constants_out_of_range_are_refused() -> None:
+    with pytest.raises(InputError, match="tau"):
+        HassensteinReichardt(tau_high=-0.1)
+    with pytest.raises(InputError, match="tau"):
+        HassensteinReichardt(tau_low=float("nan"))
+    with pytest.raises(InputError, match="dt"):
+        HassensteinReichardt(dt=0.0)
+
+
+def test_frames_are_checked() -> None:
+    with pytest.raises(InputError, match="frames must"):
+        HassensteinReichardt()(torch.zeros(3, 4, 4))
