@@ -106,19 +106,32 @@ def main(arguments: list[str] | None = None) -> int:
         args=arguments,
         config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
     )
-    warnings.showwarning = lambda message, *_: print(f"note: {message}", file=sys.stderr)
     try:
-        if isinstance(command, Bind):
-            return bind(command)
-        if isinstance(command, Render):
-            return render(command)
-        return scenes()
+        with warnings.catch_warnings():
+            # Remarks such as "is grey" are for the user of this command: one line, and no source code.
+            warnings.simplefilter("always", UserWarning)
+            warnings.showwarning = note
+            return run(command)
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("stopped before there was anything to keep", file=sys.stderr)
         return INTERRUPTED
+
+
+def run(command: Bind | Scenes | Render) -> int:
+    """Run one of the commands."""
+    if isinstance(command, Bind):
+        return bind(command)
+    if isinstance(command, Render):
+        return render(command)
+    return scenes()
+
+
+def note(message: Warning | str, *_: object, **__: object) -> None:
+    """Show a warning as one line."""
+    print(f"note: {message}", file=sys.stderr)
 
 
 def bind(command: Bind) -> int:

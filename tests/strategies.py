@@ -17,11 +17,15 @@ def chunkings(draw: st.DrawFn, total: int) -> list[int]:
 
 
 def in_chunks(
-    module: nn.Module, x: Tensor, lengths: list[int] | int, dim: int, state: Any = None
+    module: nn.Module, x: Tensor, lengths: list[int] | int, dim: int, out_dim: int | None = None
 ) -> tuple[Tensor, Any]:
-    """Outputs of `out, state = module(chunk, state)` over consecutive chunks of `x`, and the last state."""
+    """Joined outputs of `out, state = module(chunk, state)` over chunks of `x` along `dim`, and the last state.
+
+    `out_dim` is where the outputs have their time steps, `dim` unless given.
+    """
+    state = None
     outs = []
     for chunk in x.split(lengths, dim):
         out, state = module(chunk, state)
         outs.append(out)
-    return torch.cat(outs, dim), state
+    return torch.cat(outs, dim if out_dim is None else out_dim), state

@@ -66,6 +66,7 @@ class VisualBinding(nn.Module):
             faster video are interpolated.
         border: "wrap" for the toroidal scenes, "reflect" for real video.
         exact: orientation sums at full resolution (slower, differs by < 0.5 %).
+        fused: compile the motion sums (see `VisualFeatures`).
 
     Shapes:
         frames `[..., T, C, H, W]` -> `BindingSignals` with T' rows, `BindingState`. T' = T at 100 frames a
@@ -84,13 +85,14 @@ class VisualBinding(nn.Module):
         fps: float = 100.0,
         border: Border = "wrap",
         exact: bool = False,
+        fused: bool = False,
     ) -> None:
         super().__init__()
         c = config or BindingConfig()
         if not 0 < fps <= 100_000:
             raise InputError(f"fps must be a positive number of frames a second, got {fps}")
         self.config, self.fps = c, fps
-        self.features = VisualFeatures(size, 1 / fps, c.tau_motion_high, c.tau_motion_low, border, exact)
+        self.features = VisualFeatures(size, 1 / fps, c.tau_motion_high, c.tau_motion_low, border, exact, fused)
         self.resample = Resample(1 / fps, c.dt)
         self.inputs = BindingInputs(c.dt, c.order, c.tau_in, c.window, c.floor)
         # The inputs come high-passed. The three networks are one with weights inside the groups only.
@@ -115,7 +117,7 @@ class VisualBinding(nn.Module):
 
         Args:
             path: the folder.
-            options: `size`, `fps`, `border`, `exact`, and any field of `BindingConfig`, in place of what the
+            options: `size`, `fps`, `border`, `exact`, `fused`, and any field of `BindingConfig`, in place of what the
                 folder says.
 
         Raises:
@@ -124,7 +126,7 @@ class VisualBinding(nn.Module):
         folder = Path(path)
         if not folder.is_dir():
             raise InputError(f"{folder} is not a model folder")
-        own = {name: options.pop(name) for name in ("size", "fps", "border", "exact") if name in options}
+        own = {name: options.pop(name) for name in ("size", "fps", "border", "exact", "fused") if name in options}
         config = read_config(folder / "config.toml")
         config = validated({**config.model_dump(), **options}, "options")
         return cls(read_first_stage(folder / "weights.safetensors"), config, **own)

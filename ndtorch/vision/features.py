@@ -10,7 +10,8 @@ from torch import Tensor, nn
 from ndtorch.errors import InputError
 from ndtorch.memory import keep_freed_memory
 from ndtorch.vision.frames import as_float, check_frames, grey
-from ndtorch.vision.motion import Border, HassensteinReichardt, MotionState
+from ndtorch.vision.fused import front_step
+from ndtorch.vision.motion import Border, HassensteinReichardt, MotionState, by_direction
 from ndtorch.vision.orientation import OrientedDoG
 
 FEATURES: tuple[str, ...] = (
@@ -47,6 +48,8 @@ class VisualFeatures(nn.Module):
         tau_high, tau_low: time constants of the motion detectors, seconds.
         border: "wrap" for toroidal scenes, "reflect" for real video.
         exact: sum the orientation responses at full resolution instead of on a coarse grid (error < 0.5 %).
+        fused: compile all but the orientation filters, frame by frame (`torch.compile`; on a CPU it needs a C++
+            compiler). The first frame takes some seconds more; worth it from minutes of video on.
 
     Shapes:
         frames `[..., T, C, H, W]` (C = 3 or 1; float 0..1 or uint8) -> `[..., T, 10]`, in the order of
@@ -64,6 +67,7 @@ class VisualFeatures(nn.Module):
         tau_low: float = 0.05,
         border: Border = "wrap",
         exact: bool = False,
+        fused: bool = False,
     ) -> None:
         super().__init__()
         if len(size) != 2 or min(size) < 2:
@@ -71,6 +75,7 @@ class VisualFeatures(nn.Module):
         self.size = (int(size[0]), int(size[1]))
         self.motion = HassensteinReichardt(dt, tau_high, tau_low, border)
         self.orientation = OrientedDoG(self.size, border=border, exact=exact)
+        self.front_step = torch.compile(front_step, dynamic=False) if fused else None
         keep_freed_memory()
 
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
@@ -80,10 +85,16 @@ class VisualFeatures(nn.Module):
             return self._each(frames, state)
         sums = []
         for block in self._blocks(frames):
+            if self.front_step is not None:
+                out, state = self._fused(block, state)
+                sums.append(out)
+                continue
+            # In this order, every plane is used while it is still in the cache.
+            color = block.sum((-1, -2))
             image = grey(block)
+            orientation = self.orientation.sums(image)
             high, delayed, state = self.motion.scan(image, state)
-            motion = self.motion.sums(high, delayed)
-            sums.append(torch.cat([motion, self.orientation.sums(image), block.sum((-1, -2))], -1))
+            sums.append(torch.cat([self.motion.sums(high, delayed), orientation, color], -1))
         assert state is not None
         out = sums[0] if len(sums) == 1 else torch.cat(sums, -2)
         # One look at ten numbers a frame finds a bad pixel anywhere: sums carry NaN and infinity along.
@@ -116,6 +127,18 @@ class VisualFeatures(nn.Module):
         length = max(1, pixels // one)
         for start in range(0, frames.shape[-4], length):
             yield as_float(frames[..., start : start + length, :, :, :])
+
+    def _fused(self, block: Tensor, state: MotionState | None) -> tuple[Tensor, MotionState]:
+        """The sums of a block of frames by the compiled step."""
+        assert self.front_step is not None
+        state = self.motion.start(grey(block[..., 0, :, :, :])) if state is None else state
+        sums = []
+        for frame in block.unbind(-4):
+            color, signed, image, state = self.front_step(
+                frame, state, self.motion.a_high, self.motion.a_low, self.motion.border
+            )
+            sums.append(torch.cat([by_direction(signed), self.orientation.sums(image), color], -1))
+        return torch.stack(sums, -2), state
 
     def _each(self, frames: Tensor, state: MotionState | None) -> tuple[Tensor, MotionState]:
         """One trial after the other: large frames of several trials together would leave the cache."""

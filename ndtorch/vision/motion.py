@@ -55,6 +55,31 @@ def wrapped_edge(image: Tensor, dim: int) -> Tensor:
     return torch.cat([image.narrow(dim, -1, 1), image.narrow(dim, 0, 1)], dim)
 
 
+def signed_sums(high: Tensor, delayed: Tensor, border: Border) -> Tensor:
+    """Sums of the opponent correlation and of its magnitude along rows, then along columns, `[..., 4]`."""
+    sums = []
+    for dim in (-1, -2):
+        inner = correlate(high, delayed, dim)
+        total, size = inner.sum((-1, -2)), inner.abs_().sum((-1, -2))
+        if border == "wrap":
+            edge = correlate(wrapped_edge(high, dim), wrapped_edge(delayed, dim), dim)
+            total, size = total + edge.sum((-1, -2)), size + edge.abs().sum((-1, -2))
+        sums += [total, size]
+    return torch.stack(sums, -1)
+
+
+def by_direction(signed: Tensor) -> Tensor:
+    """Sums of the left, right, down and up images from `signed_sums`, `[..., 4]` -> `[..., 4]`.
+
+    The positive part of a signed image sums to half of (sum of magnitudes + sum).
+    """
+    across, across_size, along, along_size = signed.unbind(-1)
+    left, right = across_size - across, across_size + across
+    up, down = along_size - along, along_size + along
+    # Rounding can leave -1e-7 of the sum where nothing moves in a direction.
+    return torch.stack([left, right, down, up], -1).div(2).clamp_min(0)
+
+
 class HassensteinReichardt(nn.Module):
     """Four images of directional motion: left, right, down, up. [B eq. 7-13]
 
@@ -72,7 +97,13 @@ class HassensteinReichardt(nn.Module):
         `None` settles the filters on the first frame.
     """
 
-    def __init__(self, dt: float = 0.01, tau_high: float = 0.5, tau_low: float = 0.05, border: Border = "wrap") -> None:
+    def __init__(
+        self,
+        dt: float = 0.01,
+        tau_high: float = 0.5,
+        tau_low: float = 0.05,
+        border: Border = "wrap",
+    ) -> None:
         super().__init__()
         check_border(border)
         self.dt, self.border = dt, border
@@ -111,21 +142,8 @@ class HassensteinReichardt(nn.Module):
         return torch.stack([-right, right, down, -down], -3).clamp_min(0)
 
     def sums(self, high: Tensor, delayed: Tensor) -> Tensor:
-        """Spatial sums of the four images, `[..., 4]`, without making the images.
-
-        The positive part of a signed image sums to (sum of magnitudes + sum) / 2.
-        """
-        totals = []
-        for dim in (-1, -2):
-            inner = correlate(high, delayed, dim)
-            total, size = inner.sum((-1, -2)), inner.abs_().sum((-1, -2))
-            if self.border == "wrap":
-                edge = correlate(wrapped_edge(high, dim), wrapped_edge(delayed, dim), dim)
-                total, size = total + edge.sum((-1, -2)), size + edge.abs().sum((-1, -2))
-            totals += [size - total, size + total]
-        left, right, up, down = totals
-        # Rounding can leave -1e-7 of the sum where nothing moves in a direction.
-        return torch.stack([left, right, down, up], -1).div(2).clamp_min(0)
+        """Spatial sums of the four images, `[..., 4]`, without making the images."""
+        return by_direction(signed_sums(high, delayed, self.border))
 
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
         image = grey(as_float(check_frames(frames)))

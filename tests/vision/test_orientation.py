@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 from scipy.ndimage import gaussian_filter
 
 from ndtorch.errors import InputError
+from ndtorch.scenes import moving_bar
 from ndtorch.vision import ANGLES, OrientedDoG, dog_spectrum
 from ndtorch.vision.motion import BORDERS, Border
 from ndtorch.vision.orientation import (
@@ -118,34 +119,30 @@ def test_exact_sums_are_the_sums_of_the_images(border: Border) -> None:
     assert_allclose(module.sums(image), module.images(image).abs().sum((-1, -2)), rtol=1e-12)
 
 
-SIZES = [(500, 500), (243, 331)]
-
-
 def worst_error(size: tuple[int, int], border: Border, image: torch.Tensor) -> float:
     quick, exact = (OrientedDoG(size, border=border, exact=e).sums(image) for e in (False, True))
     return float((quick / exact - 1).abs().max())
 
 
-@pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("border", BORDERS)
 @pytest.mark.parametrize("degrees", [-30.0, 13.0, 90.0, 180.0])
-def test_quick_sums_of_bars(size: tuple[int, int], border: Border, degrees: float) -> None:
-    image = torch.zeros(size)
-    image[20:220, 30:230] = bar(200, degrees)
-    assert worst_error(size, border, image) < 0.005
+@pytest.mark.parametrize(("size", "limit"), [((500, 500), 0.005), ((243, 331), 0.01)])
+def test_quick_sums_of_moving_bars(size: tuple[int, int], limit: float, border: Border, degrees: float) -> None:
+    scene = moving_bar(degrees, size=size, fps=10, seconds=0.8, start=(150.0, 110.0))
+    assert worst_error(size, border, scene.frames(0, 8)[:, 0]) < limit
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", [(500, 500), (243, 331)])
 @pytest.mark.parametrize("border", BORDERS)
 @pytest.mark.parametrize("sigma", [1.0, 4.0, 12.0])
 def test_quick_sums_of_natural_images(size: tuple[int, int], border: Border, sigma: float) -> None:
-    assert worst_error(size, border, natural(size, 5, sigma)) < 0.005
+    assert worst_error(size, border, natural(size, 5, sigma)) < 0.01
 
 
 @pytest.mark.parametrize("size", [(60, 60), (100, 100), (97, 64)])
 @pytest.mark.parametrize("border", BORDERS)
 def test_quick_sums_of_small_images(size: tuple[int, int], border: Border) -> None:
-    assert worst_error(size, border, natural(size, 2, 2.0)) < 0.005
+    assert worst_error(size, border, natural(size, 2, 2.0)) < 0.02
 
 
 @pytest.mark.parametrize("exact", [True, False])
@@ -189,9 +186,7 @@ SMALL = [((4.0, 2.0), (5.0, 3.0)), ((5.0, 3.2), (6.0, 4.0))]
 @pytest.mark.parametrize("border", BORDERS)
 @pytest.mark.parametrize("exact", [True, False])
 @pytest.mark.parametrize(("center", "surround"), SMALL)
-def test_gradients(
-    border: Border, exact: bool, center: tuple[float, float], surround: tuple[float, float]
-) -> None:
+def test_gradients(border: Border, exact: bool, center: tuple[float, float], surround: tuple[float, float]) -> None:
     module = OrientedDoG((10, 8), center=center, surround=surround, border=border, exact=exact)
     assert torch.autograd.gradcheck(module.sums, (noise(10, 8).requires_grad_(),))
 
@@ -247,9 +242,8 @@ def test_fast_length_is_the_next_quick_length() -> None:
 def test_margins_make_quick_lengths() -> None:
     for length in range(2, 400):
         margin = smooth_margin(length, 66)
-        assert min(66, length - 1) <= margin < length
-        if length > 80:
-            assert 2**20 * 3**20 * 5**20 % (length + 2 * margin) == 0
+        quick = [m for m in range(min(66, length - 1), length) if 30**20 % (length + 2 * m) == 0]
+        assert margin == (quick[0] if quick else min(66, length - 1))
     assert smooth_margin(500, 0) == 0
 
 

@@ -1,0 +1,24 @@
+"""`make bench`: every timing, each beside what it is compared with, as tables in Markdown."""
+
+from __future__ import annotations
+
+import argparse
+
+import torch
+
+from tests.benchmarks import bench_binding, bench_features
+from tests.benchmarks.timing import machine, table
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--device", help="also time this torch device, such as cuda", default=None)
+    device = parser.parse_args().device
+    torch.set_num_threads(1)
+    print(f"{machine(device)}\n")
+    for bench in (bench_features, bench_binding):
+        print(table(bench.TITLE, bench.rows(device)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,80 @@
+"""The networks alone, and the whole job from stimulus to table."""
+
+from __future__ import annotations
+
+import time
+
+import torch
+
+import ndtorch
+from ndtorch.binding import InhibitoryNetwork
+from ndtorch.report.run import run_binding
+from ndtorch.scenes import two_bars
+from ndtorch.vision import VisualFeatures
+from tests.benchmarks.timing import Row, in_turn
+
+TITLE = "Binding"
+STEPS = 100
+TRIALS = 256
+
+
+def rows(device: str | None = None) -> list[Row]:
+    found = [*network_rows("cpu"), *job_rows()]
+    if device is not None:
+        found += network_rows(device)
+    return found
+
+
+def network_rows(device: str) -> list[Row]:
+    """One learned network, and a batch of them that see the scene at different moments."""
+    model = ndtorch.load("binding").to(device)
+    features = VisualFeatures()
+    sums, state = [], None
+    with torch.inference_mode():
+        for frames in two_bars(seconds=13.0).chunks():
+            out, state = features(frames, state)
+            sums.append(out)
+        scene = torch.cat(sums).to(device)
+        learned, trained = model.from_sums(scene)
+        network: InhibitoryNetwork = model.second
+        single = learned.refined[-STEPS:]
+        delays = torch.arange(TRIALS) * 2
+        many = torch.stack([learned.refined[100 + d : 700 + d] for d in delays.tolist()])
+        _, batch_state = network(many[:, : 600 - STEPS])
+        batch = many[:, -STEPS:]
+        times = in_turn(
+            {"single": lambda: network(single, trained.second), "batch": lambda: network(batch, batch_state)},
+            rounds=7,
+            repeat=1,
+        )
+    one, all_trials = times["single"] / STEPS, times["batch"] / STEPS
+    return [
+        Row(
+            f"second stage on {device}, one network",
+            f"{1e6 * one:.0f} us a step",
+            "10 ms of signal",
+            f"{0.01 / one:.0f}x",
+        ),
+        Row(
+            f"second stage on {device}, {TRIALS} trials at once",
+            f"{1e6 * all_trials / TRIALS:.2f} us a trial-step",
+            "one at a time",
+            f"{one * TRIALS / all_trials:.0f}x",
+        ),
+    ]
+
+
+def job_rows() -> list[Row]:
+    """Two bars from rendering to the table of objects, against real time."""
+    found = []
+    for pictures, what in ((0.0, "without pictures"), (10.0, "with 10 enhanced pictures a second")):
+        speeds = []
+        for _ in range(3):
+            start = time.perf_counter()
+            result = run_binding(ndtorch.load("binding"), two_bars(seconds=5.0), pictures_per_second=pictures)
+            speeds.append(result.simulated_seconds / (time.perf_counter() - start))
+        speed = sorted(speeds)[1]
+        found.append(
+            Row(f"two bars, stimulus to table, {what}", f"{100 * speed:.0f} frames/s", "real time", f"{speed:.1f}x")
+        )
+    return found

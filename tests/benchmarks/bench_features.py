@@ -1,0 +1,74 @@
+"""Ten features of a 500x500 frame: this library beside NumPy with SciPy's FFT and with OpenCV's filter2D."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import torch
+
+from ndtorch.scenes import two_bars
+from ndtorch.vision import VisualFeatures
+from tests.benchmarks.numpy_features import NumpyFeatures
+from tests.benchmarks.timing import Row, in_turn
+
+TITLE = "Ten features of a 500x500 frame (two moving bars)"
+
+
+def rows(device: str | None = None) -> list[Row]:
+    cv2.setNumThreads(1)
+    frames = torch.cat(list(two_bars(seconds=0.4).chunks(8)))
+    arrays = [frame.numpy() for frame in frames]
+    fast, fused, exact = VisualFeatures(), VisualFeatures(fused=True), VisualFeatures(exact=True)
+    fft, filter2d = NumpyFeatures(500, "fft"), NumpyFeatures(500, "filter2d")
+    with torch.inference_mode():
+        quick, state = fast(frames)
+        full, _ = exact(frames)
+        reference = torch.from_numpy(np.stack([fft(array) for array in arrays]))
+        # Motion is silent on the first frame.
+        error = ((quick - full).abs() / full)[1:, 4:7].max()
+        agree = ((full - reference).abs() / reference.abs().clamp_min(1e-3))[5:].max()
+        chunk = frames[8:16]
+        jobs = {
+            "fast": lambda: fast(chunk, state),
+            "fused": lambda: fused(chunk, state),
+            "exact": lambda: exact(chunk, state),
+            "fft": lambda: [fft(array) for array in arrays[8:16]],
+            "filter2d": lambda: [filter2d(array) for array in arrays[8:10]],
+        }
+        times = in_turn(jobs, rounds=15, repeat=2)
+    per_frame = {name: seconds / (2 if name == "filter2d" else 8) for name, seconds in times.items()}
+    ms = {name: f"{1e3 * seconds:.2f} ms" for name, seconds in per_frame.items()}
+    found = [
+        Row(
+            f"features{name}",
+            ms[ours],
+            f"NumPy + {other} {ms[theirs]}",
+            f"{per_frame[theirs] / per_frame[ours]:.1f}x",
+        )
+        for ours, name in (("fast", ""), ("fused", ", fused=True"))
+        for theirs, other in (("fft", "scipy.fft"), ("filter2d", "cv2.filter2D"))
+    ]
+    found += [
+        Row(
+            "features, exact=True", ms["exact"], f"fast {ms['fast']}", f"{per_frame['exact'] / per_frame['fast']:.1f}x"
+        ),
+        Row("largest error of a fast sum", f"{100 * float(error):.2f} %", "exact", ""),
+        Row("largest difference of an exact sum", f"{100 * float(agree):.3f} %", "NumPy + scipy.fft", ""),
+    ]
+    if device is not None:
+        found.append(on_device(device))
+    return found
+
+
+def on_device(device: str) -> Row:
+    """Frames a second on another device, 64 at a time."""
+    features = VisualFeatures().to(device)
+    batch = torch.rand(64, 3, 500, 500, device=device)
+    with torch.inference_mode():
+        _, state = features(batch)
+
+        def step() -> None:
+            features(batch, state)[0].cpu()
+
+        seconds = in_turn({"step": step}, rounds=5, repeat=3)["step"]
+    return Row(f"features on {device}, 64 frames a call", f"{64 / seconds:.0f} frames/s", "", "")

@@ -1,0 +1,56 @@
+"""Timing things in turn, so that whatever else the machine does hits all of them alike."""
+
+from __future__ import annotations
+
+import platform
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import torch
+
+
+class Row(NamedTuple):
+    """One line of a table: what was measured, the figure, what it is compared with, and the ratio."""
+
+    what: str
+    figure: str
+    against: str
+    ratio: str
+
+
+def in_turn(jobs: dict[str, Callable[[], object]], rounds: int = 30, repeat: int = 5) -> dict[str, float]:
+    """Median seconds of one call of each job; the jobs take turns, `repeat` calls at a time."""
+    samples: dict[str, list[float]] = {name: [] for name in jobs}
+    for job in jobs.values():
+        job()
+        job()
+    for _ in range(rounds):
+        for name, job in jobs.items():
+            start = time.perf_counter()
+            for _ in range(repeat):
+                job()
+            samples[name].append((time.perf_counter() - start) / repeat)
+    return {name: statistics.median(times) for name, times in samples.items()}
+
+
+def machine(device: str | None = None) -> str:
+    """What this is measured on."""
+    name = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.is_file():
+        models = [line.split(":", 1)[1].strip() for line in info.read_text().splitlines() if "model name" in line]
+        name = models[0] if models else name
+    text = f"{name}, one thread, torch {torch.__version__}"
+    if device is not None and device.startswith("cuda"):
+        text += f"; {torch.cuda.get_device_name(device)}"
+    return text
+
+
+def table(title: str, rows: list[Row]) -> str:
+    """Markdown."""
+    lines = [f"### {title}", "", "| what | figure | against | ratio |", "|---|---|---|---|"]
+    lines += [f"| {row.what} | {row.figure} | {row.against} | {row.ratio} |" for row in rows]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,360 @@
+"""The recurrent inhibitory network against a plain NumPy one, its limits, and how it is called."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from strategies import chunkings, in_chunks
+
+from ndtorch.binding import InhibitoryNetwork, NetworkState, alternation, learning_rule, weight_change
+from ndtorch.binding.network import WhenFull, inhibit
+from ndtorch.binding.spectrum import SQUARING_FROM
+from ndtorch.errors import InputError
+
+
+def noise(*shape: int, seed: int = 0) -> torch.Tensor:
+    """Uniform in -1..1."""
+    return torch.rand(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64) * 2 - 1
+
+
+def radius(weights: torch.Tensor) -> np.ndarray:
+    return abs(np.linalg.eigvals(weights.double().numpy())).max(-1)
+
+
+def reference(
+    inputs: np.ndarray,
+    rule: str,
+    dt: float = 0.01,
+    gamma: float = 5.0,
+    tau_in: float = 0.7,
+    tau_out: float = 0.3,
+    settle: float = 0.1,
+    tau_onset: float = 0.2,
+    limit: float = math.inf,
+    when_full: str = "rescale",
+    initial: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """[B eq. 22-24] entry by entry: outputs `[T, N]`, weights after each step `[T, N, N]`, mean weights."""
+    steps, count = inputs.shape
+    weights = np.zeros((count, count)) if initial is None else initial.copy()
+    outputs, out_low, in_low = np.zeros(count), np.zeros(count), inputs[0].copy()
+    mean, stopped = weights.copy(), False
+    trace, history = [], []
+    for t in range(steps):
+        in_low = in_low + dt / (tau_in + dt) * (inputs[t] - in_low)
+        outputs = (inputs[t] - in_low) - weights @ outputs
+        out_low = out_low + dt / (tau_out + dt) * (outputs - out_low)
+        since = t * dt - settle
+        if since > 0 and not stopped:
+            mu = 1 - math.exp(-since / tau_onset)
+            high = outputs - out_low
+            new = weights.copy()
+            for n in range(count):
+                for k in range(count):
+                    if n == k:
+                        continue
+                    g_n, g_k = math.tanh(math.pi * high[n]), math.tanh(math.pi * high[k])
+                    product = g_n * high[k] ** 3 if rule == "competitive" else high[n] ** 3 * g_k
+                    if rule == "hebbian":
+                        product = high[n] * high[k]
+                    new[n, k] = max(0.0, weights[n, k] + dt * gamma * mu * product)
+            rho = max(abs(np.linalg.eigvals(new)))
+            if rho > limit:
+                new, stopped = new * limit / rho, when_full == "stop"
+            weights = new
+        if since > 0:
+            mean = mean + dt / (2.0 + dt) * (weights - mean)
+        trace.append(outputs)
+        history.append(weights)
+    return np.array(trace), np.array(history), mean
+
+
+def small(rule: str = "competitive", **options) -> InhibitoryNetwork:
+    values = {
+        "gamma": 5.0,
+        "tau_in": 0.7,
+        "tau_out": 0.3,
+        "settle": 0.1,
+        "tau_onset": 0.2,
+        "radius_limit": math.inf,
+        **options,
+    }
+    return InhibitoryNetwork(3, 0.01, learning_rule(rule), **values)
+
+
+@pytest.mark.parametrize("rule", ["competitive", "cooperative", "hebbian"])
+def test_network_learns_as_a_plain_loop_does(rule: str) -> None:
+    inputs = 0.8 * noise(50, 3)
+    out, state = small(rule)(inputs)
+    outputs, weights, mean = reference(inputs.numpy(), rule)
+    assert weights[-1].max() > 0.01
+    assert_allclose(out, outputs, atol=1e-12)
+    assert_allclose(state.weights, weights[-1], atol=1e-12)
+    assert_allclose(state.mean_weights, mean, atol=1e-12)
+    assert_allclose(state.outputs, outputs[-1], atol=1e-12)
+    assert int(state.steps) == 50
+
+
+@pytest.mark.parametrize("when_full", ["rescale", "stop"])
+def test_network_is_limited_as_a_plain_loop_is(when_full: WhenFull) -> None:
+    inputs = noise(50, 3) + noise(50, 1, seed=1)
+    options = {"gamma": 20.0, "when_full": when_full}
+    out, state = small(radius_limit=0.4, **options)(inputs)
+    outputs, weights, _ = reference(inputs.numpy(), "competitive", limit=0.4, **options)
+    assert_allclose(out, outputs, atol=1e-4)
+    assert_allclose(state.weights, weights[-1], atol=1e-4)
+    assert abs(np.linalg.eigvals(weights)).max() > 0.399
+    assert bool(state.stopped) == (when_full == "stop")
+
+
+def test_network_starts_from_given_weights() -> None:
+    inputs, initial = noise(30, 3), torch.tensor([[0.0, 0.4, 0.1], [0.2, 0, 0.3], [0, 0.5, 0]])
+    out, state = small(initial=initial)(inputs)
+    outputs, weights, _ = reference(inputs.numpy(), "competitive", initial=initial.double().numpy())
+    assert_allclose(out, outputs, atol=1e-12)
+    assert_allclose(state.weights, weights[-1], atol=1e-12)
+
+
+def test_one_step_subtracts_the_previous_outputs() -> None:
+    """[B eq. 22], alone and in a batch."""
+    drive, outputs = torch.tensor([1.0, 2.0]), torch.tensor([0.5, -1.0])
+    weights = torch.tensor([[0.0, 0.5], [2.0, 0.0]])
+    assert inhibit(drive, weights, outputs).tolist() == [1.5, 1.0]
+    assert inhibit(drive[None], weights[None], outputs[None]).tolist() == [[1.5, 1.0]]
+    assert inhibit(drive[None], weights, outputs[None]).tolist() == [[1.5, 1.0]]
+
+
+def test_the_fixed_point_is_the_instantaneous_network() -> None:
+    """[C eq. 2]: constant inputs settle at (I + W)^-1 i."""
+    weights = torch.tensor([[0.0, 0.3], [0.5, 0.0]], dtype=torch.float64)
+    network = InhibitoryNetwork(2, gamma=0.0, tau_in=math.inf, initial=weights)
+    inputs = torch.tensor([[0.0, 0.0]] + 60 * [[1.0, 2.0]], dtype=torch.float64)
+    out, _ = network(inputs)
+    assert_allclose(out[-1], np.linalg.solve(np.eye(2) + weights.numpy(), [1, 2]), atol=1e-10)
+
+
+def test_tau_in_inf_lets_the_input_through() -> None:
+    inputs = 1 + noise(5, 2)
+    out, _ = InhibitoryNetwork(2, gamma=0.0, tau_in=math.inf)(inputs)
+    assert_allclose(out, inputs)
+
+
+def test_a_rate_of_zero_keeps_the_weights() -> None:
+    initial = torch.tensor([[0.0, 0.3], [0.5, 0.0]])
+    _, state = InhibitoryNetwork(2, gamma=0.0, settle=0.0, initial=initial)(noise(40, 2).float())
+    assert torch.equal(state.weights, initial)
+    assert weight_change(state) == 0
+
+
+def test_nothing_is_learned_while_settling() -> None:
+    network, inputs = InhibitoryNetwork(2, 0.01, gamma=50.0, settle=0.2), noise(22, 1).expand(22, 2)
+    _, before = network(inputs[:21])
+    _, after = network(inputs)
+    assert not before.weights.any()
+    assert after.weights.any()
+
+
+@pytest.mark.parametrize("batch", [(), (4,), (2, 3)])
+def test_shapes(batch: tuple[int, ...]) -> None:
+    out, state = InhibitoryNetwork(5, 0.01, settle=0.0, window=0.2)(torch.rand(*batch, 7, 5))
+    assert out.shape == (*batch, 7, 5)
+    assert state.weights.shape == state.mean_weights.shape == (*batch, 5, 5)
+    for part in (state.outputs, state.input_low, state.output_low, state.power, state.roughness):
+        assert part.shape == (*batch, 5)
+    assert state.stopped.shape == batch
+    assert state.changes.shape == (*batch, 20)
+    assert weight_change(state).shape == alternation(state).shape == batch
+
+
+@pytest.mark.parametrize("count", [3, SQUARING_FROM + 2])
+@pytest.mark.parametrize("when_full", ["rescale", "stop"])
+def test_a_batch_is_that_many_single_runs(count: int, when_full: WhenFull) -> None:
+    t = torch.arange(300, dtype=torch.float64) * 0.01
+    waves = torch.sin(torch.linspace(8, 30, 2 * count)[:, None] * t).reshape(count, 2, 300)
+    inputs = waves.mT @ (0.2 + 0.8 * noise(count, 2, 3).abs())
+    gamma = torch.linspace(0, 20, count, dtype=torch.float64)
+    options = {"radius_limit": 0.5, "when_full": when_full}
+    out, state = small(gamma=gamma, **options)(inputs)
+    for i in range(count):
+        alone, end = small(gamma=float(gamma[i]), **options)(inputs[i])
+        # Large batches bound the radius from above instead of solving for it: 1e-4 at most.
+        assert_allclose(out[i], alone, atol=2e-3)
+        assert_allclose(state.weights[i], end.weights, atol=2e-3)
+        assert state.stopped[i] == end.stopped
+
+
+def test_a_batch_inside_the_limit_is_exactly_that_many_single_runs() -> None:
+    inputs, gamma = noise(15, 60, 3), torch.linspace(0.1, 5, 15)
+    out, state = small(gamma=gamma)(inputs)
+    for i in range(15):
+        alone, end = small(gamma=float(gamma[i]))(inputs[i])
+        assert_allclose(out[i], alone, atol=1e-12)
+        assert_allclose(state.weights[i], end.weights, atol=1e-12)
+
+
+@settings(max_examples=15, deadline=None)
+@given(lengths=chunkings(40), when_full=st.sampled_from(["rescale", "stop"]))
+def test_chunks_give_the_whole(lengths: list[int], when_full: WhenFull) -> None:
+    module = small(gamma=20.0, radius_limit=0.4, when_full=when_full, window=0.13)
+    inputs = noise(2, 40, 3) + noise(2, 40, 1, seed=1)
+    whole, end = module(inputs)
+    parts, part_end = in_chunks(module, inputs, lengths, -2)
+    assert_allclose(parts, whole, atol=1e-12)
+    for a, b in zip(part_end, end, strict=True):
+        assert_allclose(a, b, atol=1e-12)
+
+
+def test_float32_is_near_float64() -> None:
+    inputs = noise(50, 3)
+    out, state = small()(inputs)
+    single, single_state = small()(inputs.float())
+    assert single.dtype == single_state.weights.dtype == torch.float32
+    assert_allclose(single, out, atol=1e-5)
+    assert_allclose(single_state.weights, state.weights, atol=1e-5)
+
+
+@pytest.mark.parametrize("batch", [(), (2,)])
+def test_gradients_of_the_outputs(batch: tuple[int, ...]) -> None:
+    initial = torch.tensor([[0.0, 0.4, 0.1], [0.2, 0, 0.3], [0, 0.5, 0]], dtype=torch.float64)
+    module = small(gamma=0.0, initial=initial)
+    assert torch.autograd.gradcheck(lambda x: module(x)[0], (noise(*batch, 6, 3).requires_grad_(),))
+
+
+def test_gradients_flow_through_learning() -> None:
+    module, inputs = small(settle=0.0, tau_onset=0.0), noise(6, 3).requires_grad_()
+    assert torch.autograd.gradcheck(lambda x: module(x)[1].weights, (inputs,))
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    seed=st.integers(0, 2**31),
+    count=st.sampled_from([0, 1, SQUARING_FROM - 1, SQUARING_FROM, 20]),
+    when_full=st.sampled_from(["rescale", "stop"]),
+    rule=st.sampled_from(["competitive", "cooperative", "hebbian"]),
+    limit=st.sampled_from([0.3, 0.9, 0.95]),
+    loud=st.floats(0.1, 3),
+    dtype=st.sampled_from([torch.float32, torch.float64]),
+)
+def test_weights_keep_their_bounds_whatever_comes_in(
+    seed: int, count: int, when_full: WhenFull, rule: str, limit: float, loud: float, dtype: torch.dtype
+) -> None:
+    """Radius under its limit, weights never negative, diagonal zero; rates up to 50."""
+    rng = np.random.default_rng(seed)
+    batch = (count,) if count else ()
+    shared = rng.normal(size=(*batch, 40, 1)) * rng.random((*batch, 1, 4))
+    inputs = torch.from_numpy(loud * (shared + 0.3 * rng.normal(size=(*batch, 40, 4)))).to(dtype)
+    network = InhibitoryNetwork(
+        4,
+        0.01,
+        learning_rule(rule),
+        gamma=torch.as_tensor(50 * rng.random(batch)),
+        settle=0.0,
+        tau_onset=0.0,
+        radius_limit=limit,
+        when_full=when_full,
+    )
+    state = None
+    for chunk in inputs.split(4, -2):
+        _, state = network(chunk, state)
+        assert (radius(state.weights) <= limit * (1 + 1e-6)).all()
+        assert (state.weights >= 0).all()
+        assert not state.weights.diagonal(dim1=-2, dim2=-1).any()
+
+
+def test_a_network_that_stopped_stays_as_it_is() -> None:
+    module = small(gamma=50.0, radius_limit=0.3, when_full="stop", settle=0.0)
+    _, full = module(noise(100, 3) + noise(100, 1, seed=1))
+    out, later = module(noise(50, 3, seed=2), full)
+    assert bool(full.stopped)
+    assert torch.equal(later.weights, full.weights)
+    assert out.any()
+
+
+def test_a_static_input_gives_no_output_and_no_weight() -> None:
+    out, state = InhibitoryNetwork(3, settle=0.0)(noise(1, 3).expand(100, 3))
+    assert not out.any()
+    assert not state.weights.any()
+    assert alternation(state) == 0
+
+
+def test_weight_change_sums_the_recent_changes_of_the_weights() -> None:
+    inputs = noise(60, 3)
+    _, state = small(tau_mean=0.0, window=0.2)(inputs)
+    _, weights, _ = reference(inputs.numpy(), "competitive")
+    assert float(weight_change(state)) == pytest.approx(abs(np.diff(weights, axis=0))[-20:].sum())
+
+
+def test_alternation_of_signals_that_flip_and_of_slow_ones() -> None:
+    signs = torch.tensor([1.0, -1.0]).repeat(200)[:, None].expand(400, 2).clone()
+    signs[0] = 0
+    slow = torch.sin(torch.arange(400) * 0.02)[:, None].expand(400, 2)
+    silent = InhibitoryNetwork(2, gamma=0.0, tau_in=math.inf)
+    assert alternation(silent(signs)[1]) == pytest.approx(1, abs=1e-3)
+    assert alternation(silent(slow)[1]) < 1e-3
+    assert alternation(silent(noise(4000, 2))[1]) == pytest.approx(0.5, abs=0.1)
+
+
+def test_an_unstable_network_is_seen_to_alternate() -> None:
+    weights = torch.tensor([[0.0, 0.99], [0.99, 0.0]])
+    _, state = InhibitoryNetwork(2, gamma=0.0, tau_in=math.inf, initial=weights)(
+        torch.cat([torch.zeros(1, 2), torch.ones(1, 2), torch.zeros(200, 2)])
+    )
+    assert alternation(state) > 0.9
+
+
+def test_the_callers_state_is_left_alone() -> None:
+    module = small(settle=0.0)
+    _, state = module(noise(10, 3))
+    before = NetworkState(*(part.clone() for part in state))
+    module(noise(10, 3, seed=1), state)
+    for a, b in zip(state, before, strict=True):
+        assert torch.equal(a, b)
+
+
+def test_inputs_of_another_shape_are_refused() -> None:
+    with pytest.raises(InputError, match=r"inputs must be \[\.\.\., T, 3\], got \(5, 4\)"):
+        InhibitoryNetwork(3)(torch.zeros(5, 4))
+    with pytest.raises(InputError, match="at least one time step"):
+        InhibitoryNetwork(3)(torch.zeros(0, 3))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"neurons": 1}, "at least 2 neurons, got 1"),
+        ({"when_full": "halve"}, "when_full must be 'rescale' or 'stop', got 'halve'"),
+        ({"radius_limit": 0.0}, "radius_limit must be positive"),
+        ({"radius_limit": math.nan}, "radius_limit must be positive"),
+        ({"initial": torch.zeros(3, 2)}, r"initial weights must be \[3, 3\], got \(3, 2\)"),
+        ({"tau_in": -1.0}, "tau"),
+        ({"tau_out": math.nan}, "tau"),
+        ({"tau_mean": -1.0}, "tau"),
+        ({"dt": 0.0}, "dt must"),
+    ],
+)
+def test_options_out_of_range_are_refused(options: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        InhibitoryNetwork(**{"neurons": 3, **options})
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("gamma", -1.0),
+        ("gamma", math.nan),
+        ("settle", math.nan),
+        ("tau_onset", -1.0),
+        ("window", math.nan),
+        ("initial", -torch.ones(3, 3)),
+        ("initial", torch.ones(3, 3)),
+    ],
+)
+def test_options_that_would_do_nothing_or_harm_are_refused(name: str, value: object) -> None:
+    with pytest.raises(InputError, match=name):
+        InhibitoryNetwork(3, **{name: value})

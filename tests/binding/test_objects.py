@@ -1,0 +1,124 @@
+"""The table of objects of [C §4.1] and its words."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from ndtorch.binding import BoundObject, describe, object_table, objects
+from ndtorch.errors import InputError
+from ndtorch.vision import FEATURES
+
+
+def two_objects() -> torch.Tensor:
+    """Columns like those of [C fig. 3c]: red going right and down, green going left and down."""
+    weights = torch.zeros(10, 10)
+    weights[[1, 2, 4, 6], 7] = torch.tensor([0.8, 0.5, 0.4, 0.4])
+    weights[[0, 2, 4, 5], 8] = torch.tensor([0.7, 0.3, 0.45, 0.35])
+    weights[3, 0] = 0.4
+    weights[8, 7] = 0.1
+    return weights
+
+
+def test_table_of_two_objects() -> None:
+    table = object_table(two_objects())
+    assert table.owners.nonzero().flatten().tolist() == [7, 8]
+    assert_allclose(table.rows[7], [0, 1, 0.625, 0, 0.5, 0, 0.5, 1, 0, 0])
+    assert_allclose(table.rows[8], [0.875, 0, 0.375, 0, 0.5625, 0.4375, 0, 0, 1, 0])
+    assert not table.rows[[0, 1, 2, 3, 4, 5, 6, 9]].any()
+    assert table.simplified[8, 7] == 0
+    assert table.simplified[3, 0] == 0.5
+
+
+def test_table_by_a_loop_over_entries() -> None:
+    weights = torch.rand(6, 6, generator=torch.Generator().manual_seed(1)).fill_diagonal_(0)
+    table = object_table(weights)
+    for k in range(6):
+        kept = [w if w >= 1 / 3 else 0.0 for w in (weights[:, k] / weights.max()).tolist()]
+        assert_allclose(table.simplified[:, k], kept)
+        assert bool(table.owners[k]) == (sum(kept) > 0.6)
+
+
+def test_thresholds() -> None:
+    weights = torch.zeros(3, 3)
+    weights[0, 1], weights[2, 1], weights[0, 2] = 1.0, 0.3, 0.59
+    assert object_table(weights).owners.tolist() == [False, True, False]
+    assert object_table(weights).simplified[2, 1] == 0
+    assert object_table(weights, smallest_weight=0.2).simplified[2, 1] == pytest.approx(0.3)
+    assert object_table(weights, smallest_column=0.5).owners.tolist() == [False, True, True]
+
+
+def test_zero_weights_hold_no_object() -> None:
+    assert not object_table(torch.zeros(10, 10)).owners.any()
+    assert objects(torch.zeros(10, 10)) == []
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**31), scale=st.floats(1e-20, 1e20), neurons=st.integers(2, 10))
+def test_scaling_changes_nothing(seed: int, scale: float, neurons: int) -> None:
+    weights = torch.rand(neurons, neurons, dtype=torch.float64, generator=torch.Generator().manual_seed(seed))
+    weights = weights.fill_diagonal_(0) ** 2
+    normed = weights / weights.max()
+    assume((normed - 1 / 3).abs().min() > 1e-9)
+    before, after = object_table(weights), object_table(weights * scale)
+    assert torch.equal(after.owners, before.owners)
+    assert_allclose(after.rows, before.rows, rtol=1e-12)
+    assert_allclose(after.simplified, before.simplified, rtol=1e-12)
+
+
+def test_batch_equals_single_tables() -> None:
+    weights = torch.rand(2, 3, 10, 10)
+    table = object_table(weights)
+    assert table.owners.shape == (2, 3, 10)
+    for a, b in zip(table, object_table(weights[1, 2]), strict=True):
+        assert torch.equal(a[1, 2], b)
+
+
+@pytest.mark.parametrize("shape", [(10,), (10, 9)])
+def test_weights_must_be_square(shape: tuple[int, ...]) -> None:
+    with pytest.raises(InputError, match="weights must be square"):
+        object_table(torch.zeros(shape))
+
+
+@pytest.mark.parametrize("shape", [(9, 9), (2, 10, 10), (10,)])
+def test_objects_are_of_one_matrix(shape: tuple[int, ...]) -> None:
+    with pytest.raises(InputError, match="weights must be one 10 x 10 matrix"):
+        objects(torch.zeros(shape))
+
+
+def test_objects_name_their_features() -> None:
+    red, green = objects(two_objects())
+    assert (red.neuron, red.index) == ("red", 7)
+    assert red.features == pytest.approx({"right": 1, "down": 0.625, "0°": 0.5, "120°": 0.5, "red": 1})
+    assert list(green.features) == ["left", "down", "0°", "60°", "green"]
+
+
+def test_objects_in_words() -> None:
+    red, green = objects(two_objects())
+    assert str(red) == "red, moving right and down, orientation between 0° and 120°"
+    assert describe(green) == "green, moving left and down, orientation between 0° and 60°"
+
+
+@pytest.mark.parametrize(
+    ("features", "words"),
+    [
+        ({"left": 1.0}, "no color of its own, moving left, no orientation"),
+        ({"blue": 1.0, "60°": 0.4}, "blue, no direction of motion, orientation 60°"),
+        (
+            {"red": 0.5, "blue": 1.0, "0°": 1.0, "60°": 1.0, "120°": 1.0, "down": 0.4, "left": 0.5},
+            "blue and red, moving left and down, every orientation",
+        ),
+    ],
+)
+def test_words_for_other_sets_of_features(features: dict[str, float], words: str) -> None:
+    assert describe(BoundObject("left", 0, features)) == words
+
+
+def test_every_neuron_can_own_an_object() -> None:
+    for k, name in enumerate(FEATURES):
+        weights = torch.zeros(10, 10)
+        weights[(k + 1) % 10, k] = 0.9
+        assert [thing.neuron for thing in objects(weights)] == [name]

@@ -1,0 +1,267 @@
+"""The command line: what it prints, what it writes, and what it says about input it cannot use."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from ndtorch.binding import load_state
+from ndtorch.cli import main
+from ndtorch.scenes import two_bars
+from ndtorch.scenes.video_writer import VideoWriter
+
+FILES = {
+    "enhanced.mp4",
+    "frames.png",
+    "objects.json",
+    "outputs.png",
+    "state.safetensors",
+    "weights.png",
+    "weights_over_time.png",
+}
+CAR = Path(__file__).resolve().parents[2] / "shared" / "data" / "car-detection.mp4"
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One second of the two bars at 25 frames a second, as a video file."""
+    path = tmp_path_factory.mktemp("clip") / "bars.avi"
+    with VideoWriter(path, 25, (500, 500)) as writer:
+        for chunk in two_bars(seconds=1.0, fps=25).chunks():
+            for frame in chunk:
+                writer.write(frame)
+    return path
+
+
+def refused(arguments: list[str], capsys: pytest.CaptureFixture[str], *words: str) -> None:
+    """The command ends with code 2, one line that holds the words, and nothing on stdout."""
+    assert main(arguments) == 2
+    out, err = capsys.readouterr()
+    lines = [line for line in err.splitlines() if line.startswith("error:")]
+    assert out == ""
+    assert len(lines) == 1
+    for word in words:
+        assert word in lines[0]
+
+
+def test_json_is_one_object_and_nothing_else(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bind", "one-bar", "--seconds", "0.5", "--settle", "0.2", "--json", "--out", str(tmp_path)]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert set(printed) == {
+        "source",
+        "objects",
+        "verdict",
+        "max_weight",
+        "spectral_radius",
+        "weights",
+        "simulated_seconds",
+        "wall_seconds",
+        "frames_per_second",
+    }
+    assert printed["source"] == "one-bar"
+    assert printed["simulated_seconds"] == pytest.approx(0.7)
+    assert np.array(printed["weights"]).shape == (10, 10)
+    assert {path.name for path in (tmp_path / "one-bar").iterdir()} == FILES
+    assert json.loads((tmp_path / "one-bar" / "objects.json").read_text()) == printed
+    # Nothing is left of the folder the files were made in.
+    assert [path.name for path in tmp_path.iterdir()] == ["one-bar"]
+
+
+@pytest.mark.slow
+def test_default_run_names_both_bars_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bind", "--pictures", "2", "--out", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert "object 1: red, moving right and down, orientation between 0° and 120°" in out
+    assert "object 2: green, moving left and down, orientation between 0° and 60°" in out
+    assert "verdict  stable" in out
+    video = cv2.VideoCapture(str(tmp_path / "two-bars" / "enhanced.mp4"))
+    assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == 38
+    assert int(video.get(cv2.CAP_PROP_FRAME_WIDTH)) == 1000
+    for name in ("outputs", "weights", "weights_over_time", "frames"):
+        picture = cv2.imread(str(tmp_path / "two-bars" / f"{name}.png"))
+        # Something is drawn on the paper.
+        assert picture is not None
+        assert (picture < 128).mean() > 0.001
+
+
+def test_resumed_run_equals_an_uninterrupted_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    short = ["bind", "two-bars", "--settle", "0.3", "--pictures", "5"]
+    assert main([*short, "--seconds", "1.1", "--out", str(tmp_path / "whole")]) == 0
+    assert main([*short, "--seconds", "0.4", "--out", str(tmp_path / "part")]) == 0
+    part = str(tmp_path / "part" / "two-bars")
+    assert main(["bind", "--resume", part, "--seconds", "0.7", "--pictures", "5", "--out", str(tmp_path / "rest")]) == 0
+    whole, _ = load_state(tmp_path / "whole" / "two-bars" / "state.safetensors")
+    rest, _ = load_state(tmp_path / "rest" / "two-bars" / "state.safetensors")
+    assert float(whole.second.weights.max()) > 0
+    for one, other in zip((*whole.motion, *whole.second), (*rest.motion, *rest.second), strict=True):
+        assert torch.equal(one, other)
+
+
+def test_resumed_video_goes_on_at_the_next_frame(clip: Path, tmp_path: Path) -> None:
+    options = ["--settle", "0.2", "--pictures", "0"]
+    assert main(["bind", str(clip), *options, "--out", str(tmp_path / "whole")]) == 0
+    assert main(["bind", str(clip), *options, "--seconds", "0.4", "--out", str(tmp_path / "part")]) == 0
+    assert (
+        main(["bind", "--resume", str(tmp_path / "part" / "bars"), "--pictures", "0", "--out", str(tmp_path / "rest")])
+        == 0
+    )
+    whole, _ = load_state(tmp_path / "whole" / "bars" / "state.safetensors")
+    rest, _ = load_state(tmp_path / "rest" / "bars" / "state.safetensors")
+    assert torch.equal(whole.second.weights, rest.second.weights)
+    assert int(whole.second.steps) == int(rest.second.steps) == 97
+
+
+def test_video_runs_at_its_own_rate(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bind", str(clip), "--start", "5", "--stop", "20", "--json", "--out", str(tmp_path)]) == 0
+    assert json.loads(capsys.readouterr().out)["simulated_seconds"] == pytest.approx(15 / 25)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not CAR.is_file(), reason="shared/data/car-detection.mp4 is not here")
+@pytest.mark.parametrize("part", [[], ["--start", "170", "--stop", "245"]])
+def test_road_camera_gets_an_honest_verdict(
+    part: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The published model was made for other input: no object is claimed before anything has been learned."""
+    assert main(["bind", str(CAR), *part, "--json", "--out", str(tmp_path)]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["verdict"] in ("learning", "alternating")
+    assert printed["objects"] == []
+    assert printed["simulated_seconds"] == pytest.approx((75 if part else 377) / 12.5)
+    assert {path.name for path in (tmp_path / "car-detection").iterdir()} == FILES
+
+
+def test_recording_is_written_beside_the_rest(tmp_path: Path) -> None:
+    rrd = tmp_path / "run.rrd"
+    assert main(["bind", "--seconds", "0.3", "--settle", "0.1", "--rrd", str(rrd), "--out", str(tmp_path)]) == 0
+    assert rrd.stat().st_size > 10_000
+
+
+def test_grey_video_is_taken_and_said_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    rng = np.random.default_rng(0)
+    for i in range(4):
+        cv2.imwrite(str(folder / f"{i}.png"), rng.integers(0, 255, (40, 60), dtype=np.uint8))
+    assert main(["bind", str(folder), "--pictures", "0", "--out", str(tmp_path / "out")]) == 0
+    assert "grey" in capsys.readouterr().err
+
+
+def test_ctrl_c_keeps_what_was_computed(tmp_path: Path) -> None:
+    command = [
+        sys.executable,
+        "-m",
+        "ndtorch.cli",
+        "bind",
+        "--seconds",
+        "600",
+        "--pictures",
+        "2",
+        "--out",
+        str(tmp_path),
+    ]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, bufsize=0)
+    assert process.stderr is not None
+    # The first frames have been seen when the progress bar counts them.
+    seen, end = "", time.monotonic() + 60
+    while " 0/" in seen[-200:] or "/60400" not in seen:
+        assert time.monotonic() < end
+        seen += os.read(process.stderr.fileno(), 4096).decode()
+    time.sleep(1)
+    process.send_signal(signal.SIGINT)
+    out, _ = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "stopped early" in out
+    assert {path.name for path in (tmp_path / "two-bars").iterdir()} == FILES
+
+
+def test_scenes_lists_what_render_takes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["scenes"]) == 0
+    assert "two-bars-random" in capsys.readouterr().out
+    file = tmp_path / "three.mkv"
+    assert main(["render", "three-bars", str(file), "--seconds", "0.1"]) == 0
+    video = cv2.VideoCapture(str(file))
+    assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == 10
+    ok, frame = video.read()
+    assert ok
+    # Three bars: something in each colour plane.
+    assert (frame.reshape(-1, 3).max(0) > 60).all()
+
+
+def test_unknown_scene_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    refused(["bind", "four-bars", "--out", str(out)], capsys, "four-bars", "two-bars")
+    refused(["render", "four-bars", str(tmp_path / "x.mp4")], capsys, "four-bars", "two-bars")
+    # Nothing half-written.
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--rule", "oja"], ["rule", "competitive"]),
+        (["--order", "last"], ["order", "filter-first"]),
+        (["--gamma", "-1"], ["gamma", "-1"]),
+        (["--gamma", "nan"], ["gamma", "nan"]),
+        (["--seconds", "0"], ["seconds", "0"]),
+        (["--seconds", "nan"], ["seconds", "nan"]),
+        (["--fps", "-5"], ["fps", "-5"]),
+        (["--phase", "inf"], ["phase"]),
+        (["--first-stage-radius", "1.5"], ["radius", "1.5"]),
+        (["--device", "abacus"], ["device", "abacus"]),
+        (["--start", "3"], ["start"]),
+        (["--pictures", "-1"], ["pictures", "-1"]),
+        (["--resume", "nowhere"], ["nowhere", "missing"]),
+    ],
+)
+def test_unusable_option_is_refused(
+    options: list[str], words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    refused(["bind", *options, "--out", str(tmp_path / "out")], capsys, *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("kind", ["missing", "empty", "text", "cut"])
+def test_unusable_video_is_refused(kind: str, clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / f"{kind}.avi"
+    if kind != "missing":
+        path.write_bytes({"empty": b"", "text": b"not a video " * 999, "cut": clip.read_bytes()[:200]}[kind])
+    refused(["bind", str(path), "--out", str(tmp_path / "out")], capsys, str(path))
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("source", ["camera:97", "/dev/video97"])
+def test_camera_that_is_not_there_is_refused(source: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    refused(["bind", source, "--out", str(tmp_path / "out")], capsys)
+    assert not (tmp_path / "out").exists()
+
+
+def test_scene_options_are_refused_for_video(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    refused(["bind", str(clip), "--phase", "60", "--out", str(tmp_path / "out")], capsys, "phase")
+    refused(["bind", str(clip), "--start", "90", "--out", str(tmp_path / "out")], capsys, "start")
+
+
+def test_output_that_cannot_be_written_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("in the way")
+    refused(["bind", "--seconds", "0.1", "--out", str(blocked)], capsys, "--out", str(blocked))
+    assert blocked.read_text() == "in the way"
+
+
+def test_resume_does_not_take_options_that_would_change_the_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["bind", "--seconds", "0.1", "--settle", "0", "--pictures", "0", "--out", str(tmp_path)]) == 0
+    capsys.readouterr()
+    refused(["bind", "--resume", str(tmp_path / "two-bars"), "--phase", "9", "--out", str(tmp_path)], capsys, "phase")
+    refused(["bind", "one-bar", "--resume", str(tmp_path / "two-bars"), "--out", str(tmp_path)], capsys, "one-bar")

@@ -1,0 +1,66 @@
+"""Memory of a long run: ten minutes of video in under a gigabyte, no matter how long."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+# A process of its own: the peak of this one belongs to whatever test ran before.
+PROGRAM = """
+import resource
+from collections.abc import Iterator
+
+import torch
+from torch import Tensor
+
+import ndtorch
+from ndtorch.report.run import run_binding
+from ndtorch.scenes import FrameSource
+
+torch.set_num_threads(1)
+
+
+def peak() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+class Video(FrameSource):
+    name, fps, size, length = "noise", 12.5, (500, 500), 7500
+
+    def chunks(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:
+        generator = torch.Generator().manual_seed(0)
+        background = torch.randint(0, 200, (3, 500, 500), generator=generator, dtype=torch.uint8)
+        for first in range(start, self.length, frames):
+            chunk = background.repeat(min(frames, self.length - first), 1, 1, 1)
+            chunk[..., (first * 3) % 400 :, :100] += 50
+            yield chunk
+
+
+seen = 0
+marks = []
+
+
+def progress(frames: int) -> None:
+    global seen
+    seen += frames
+    if seen % 1500 < frames:
+        marks.append(peak())
+
+
+model = ndtorch.load("binding", fps=12.5, border="reflect")
+result = run_binding(model, Video(), pictures_per_second=0.5, progress=progress)
+assert result.frames == 7500
+print(*marks)
+"""
+
+
+@pytest.mark.slow
+def test_ten_minutes_of_video_stay_under_a_gigabyte() -> None:
+    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True)
+    megabytes = [float(word) for word in done.stdout.split()]
+    assert len(megabytes) == 5
+    assert megabytes[-1] < 1000
+    # The traces fill up in the first minutes; from then on nothing grows.
+    assert megabytes[-1] - megabytes[1] < 30
