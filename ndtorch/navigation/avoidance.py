@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from ndtorch.errors import InputError
-from ndtorch.vision.temporal import smoothing_factor, time_dim
+from ndtorch.vision.temporal import low_pass_step, smoothing_factor, time_dim
 
 CRUISE, TURN, SUPPRESSED, STOPPED = 0, 1, 2, 3
 """What the controller is doing, the numbers of `AvoidanceState.mode`."""
@@ -28,7 +28,7 @@ class AvoidanceParams:
     """The numbers of [A Methods]; thresholds are in the scaled units of [A fig. 3], raw output x 20.
 
     Args:
-        turn_threshold: a turn starts where |left - right| low-passed exceeds this, T_turn.
+        turn_threshold: a turn starts where |right - left| low-passed exceeds this, T_turn.
         high_threshold: a tight turn starts where both sides exceed this, T_turn,H.
         low_threshold: the car stops where both sides are below this, T_turn,L.
         turn_radius, tight_radius: radii of the two kinds of turn, m.
@@ -66,7 +66,7 @@ class AvoidanceState(NamedTuple):
     """State of `SaccadeAvoidance`, every part `[...]`.
 
     Attributes:
-        difference: left minus right, low-passed.
+        difference: right minus left, low-passed: positive where the car should rather turn left.
         age: time steps since the last turn began; minus infinity once the car has stopped.
         curvature: what is being driven, 1/m, to the left positive.
     """
@@ -77,10 +77,14 @@ class AvoidanceState(NamedTuple):
 
 
 class AvoidanceConstants(NamedTuple):
-    """`AvoidanceParams` for one time step as tensors, because torch compares two tensors faster than a tensor
-    and a number; radii as curvatures, times as whole steps so that no rounding of sums decides when one ends.
+    """`AvoidanceParams` for one time step as scalar tensors.
+
+    Torch compares two tensors faster than a tensor and a number, and scalars on the CPU combine with tensors of
+    every device and floating type. Radii are curvatures; times are whole steps, so that no rounding of sums
+    decides when one ends.
     """
 
+    smoothing: float
     turn_threshold: Tensor
     high_threshold: Tensor
     low_threshold: Tensor
@@ -88,7 +92,6 @@ class AvoidanceConstants(NamedTuple):
     tight: Tensor
     turn_steps: Tensor
     watching: Tensor
-    smoothing: Tensor
     speed: Tensor
     one: Tensor
     zero: Tensor
@@ -110,15 +113,15 @@ def avoidance_step(
     """
     c = constants
     left, right = sides.unbind(-1)
-    now = left - right
-    difference = state.difference + c.smoothing * (now - state.difference)
+    now = right - left
+    difference = low_pass_step(now, state.difference, c.smoothing)
     age = state.age + c.one
     cruising = age >= c.watching
     high = torch.minimum(left, right) > c.high_threshold
     stop = cruising & (torch.maximum(left, right) < c.low_threshold)
     turn = (cruising & (high | (difference.abs() > c.turn_threshold))) > stop
 
-    away = -torch.where(high, torch.copysign(c.tight, now), torch.copysign(c.normal, difference))
+    away = torch.where(high, torch.copysign(c.tight, now), torch.copysign(c.normal, difference))
     kept = torch.where(age < c.turn_steps, state.curvature, c.zero)
     curvature = torch.where(turn, away, kept)
     age = torch.where(turn, c.zero, torch.where(stop, c.stopped, age))
@@ -141,8 +144,6 @@ class SaccadeAvoidance(nn.Module):
         InputError: dt not positive, or sides of another shape.
     """
 
-    constants: Tensor
-
     def __init__(self, dt: float, params: AvoidanceParams | None = None) -> None:
         super().__init__()
         self.params, self.dt = params or AvoidanceParams(), dt
@@ -152,8 +153,8 @@ class SaccadeAvoidance(nn.Module):
         suppressed = max(0, round((p.suppression_time - (p.turn_time if p.from_start else 0.0)) / dt))
         self.turn_steps, self.watching = turn, turn + suppressed
         values = [p.turn_threshold, p.high_threshold, p.low_threshold, 1 / p.turn_radius, 1 / p.tight_radius]
-        values += [turn, self.watching, share, p.speed, 1.0, 0.0, -math.inf]
-        self.register_buffer("constants", torch.tensor(values), persistent=False)  # as AvoidanceConstants
+        values += [turn, self.watching, p.speed, 1.0, 0.0, -math.inf]
+        self.constants = AvoidanceConstants(share, *map(torch.tensor, map(float, values)))
 
     def forward(self, sides: Tensor, state: AvoidanceState | None = None) -> tuple[Command, AvoidanceState]:
         dim = time_dim(sides, 1)
@@ -163,17 +164,16 @@ class SaccadeAvoidance(nn.Module):
             )
         if state is None:
             state = self.start(sides.select(dim, 0))
-        constants = AvoidanceConstants(*self.constants.to(sides.dtype).unbind())
         commands = []
         for sample in sides.unbind(dim):
-            command, state = avoidance_step(sample, state, constants)
+            command, state = avoidance_step(sample, state, self.constants)
             commands.append(command)
         speed, curvature = zip(*commands, strict=True)
         return Command(torch.stack(speed, -1), torch.stack(curvature, -1)), state
 
     def start(self, sides: Tensor) -> AvoidanceState:
         """The state before the first sample `sides` `[..., 2]`."""
-        difference = sides[..., 0] - sides[..., 1]
+        difference = sides[..., 1] - sides[..., 0]
         # The first step adds one. Where this is less than a turn's time nothing turns: the curvature is zero.
         age = torch.full_like(difference, self.watching - 1 - round(self.params.start_time / self.dt))
         return AvoidanceState(difference, age, torch.zeros_like(difference))

@@ -57,9 +57,10 @@ class Grid:
     def find(self, x: Tensor, y: Tensor) -> Tensor:
         """Number of the cell that holds each point, counted along the rows with their margin."""
         # Truncation is a floor here: the cells begin at 1, and what is below falls into the margin, 0.
-        column = ((x - (self.left - self.cell)) * (1 / self.cell)).clamp_(0, self.columns + 1)
-        row = ((y - (self.bottom - self.cell)) * (1 / self.cell)).clamp_(0, self.rows + 1)
-        return row.to(torch.int64) * (self.columns + 2) + column.to(torch.int64)
+        scale = 1 / self.cell
+        column = ((x - (self.left - self.cell)) * scale).clamp(0, self.columns + 1).to(torch.int64)
+        row = ((y - (self.bottom - self.cell)) * scale).clamp(0, self.rows + 1).to(torch.int64)
+        return row.mul_(self.columns + 2).add_(column)
 
     def centre(self, row: Tensor, column: Tensor) -> tuple[Tensor, Tensor]:
         """x and y of the middle of a cell, m."""
@@ -138,10 +139,15 @@ def check_observations(ranges: Ranges, pose: Pose) -> tuple[int, ...]:
     return tuple(ranges.x.shape[:-2])
 
 
-def add_at(cells: Tensor, number: Tensor, weight: Tensor) -> None:
-    """Add weights `[..., T, n, S]` in place to the cells `[..., rows + 2, columns + 2]` of those numbers."""
+def add_at(cells: Tensor, number: Tensor, weight: Tensor) -> Tensor:
+    """Add weights `[..., T, n, S]` in place to the cells `[..., rows + 2, columns + 2]` of those numbers.
+
+    Returns the numbers in `cells.view(-1)` of the cells that were touched, some of them more than once.
+    """
     size = cells.shape[-2] * cells.shape[-1]
     if cells.ndim > 2:
         maps = torch.arange(cells.numel() // size, device=cells.device) * size
         number = number + maps.view(*cells.shape[:-2], 1, 1, 1)
-    cells.view(-1).index_add_(0, number.flatten(), weight.flatten())
+    number = number.flatten()
+    cells.view(-1).index_add_(0, number, weight.flatten())
+    return number

@@ -41,7 +41,7 @@ def triangulate(matches: Matches, rig: StereoRig, angles: AngleModel = "atan") -
     left, right = rig.angle(position, angles)
     valid = matches.valid & (right > left)
     # Slots without a match get angles that meet, so that neither values nor gradients there can be infinite.
-    converging = torch.where(valid, right - left, torch.ones_like(left))
+    converging = (right - left).masked_fill(~valid, 1.0)
     distance = rig.baseline * right.cos() / converging.sin()
     x = rig.forward + distance * left.cos()
     y = rig.baseline / 2 + distance * left.sin()
