@@ -79,9 +79,9 @@ class AvoidanceState(NamedTuple):
 class AvoidanceConstants(NamedTuple):
     """`AvoidanceParams` for one time step as scalar tensors.
 
-    Torch compares two tensors faster than a tensor and a number, and scalars on the CPU combine with tensors of
-    every device and floating type. Radii are curvatures; times are whole steps, so that no rounding of sums
-    decides when one ends.
+    Torch compares two tensors faster than a tensor and a number, and scalars on the CPU combine with tensors
+    of every device and floating type. Radii are curvatures; times are whole steps, so that no rounding of
+    sums decides when one ends.
     """
 
     smoothing: float

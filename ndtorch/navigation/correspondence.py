@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -19,17 +20,21 @@ class MatchParams:
     Args:
         min_disparity, max_disparity: a match counts only with `min < d < max`, pixels, 0 <= min.
         one_to_one: a right feature belongs to the left feature that it resembles most, and to no other.
+        max_error: partners that differ by more than this, [A eq. A.2], are no match; not in [A].
     """
 
     min_disparity: float = 60.0
     max_disparity: float = 200.0
     one_to_one: bool = True
+    max_error: float = math.inf
 
     def __post_init__(self) -> None:
         if not 0 <= self.min_disparity < self.max_disparity:
             raise InputError(
                 f"expected 0 <= min_disparity < max_disparity, got {self.min_disparity}, {self.max_disparity}"
             )
+        if not self.max_error > 0:
+            raise InputError(f"max_error must be > 0, got {self.max_error}")
 
 
 class Matches(NamedTuple):
@@ -68,7 +73,10 @@ def match_features(left: Features, right: Features, params: MatchParams | None =
     best, partner = error.min(-1)
     column = right.column.gather(-1, partner)
     disparity = left.column - column
-    valid = (best < float("inf")) & (disparity > params.min_disparity) & (disparity < params.max_disparity)
+    # Without a partner the error is infinite, which is below no limit.
+    valid = (
+        (best < params.max_error) & (disparity > params.min_disparity) & (disparity < params.max_disparity)
+    )
     if params.one_to_one:
         owner = error.argmin(-2).gather(-1, partner)
         valid = valid & (owner == torch.arange(owner.shape[-1], device=owner.device))

@@ -110,13 +110,18 @@ def exclude(magnitude: Tensor, columns: Tensor) -> None:
 
 def describe(row: Tensor, column: Tensor, strength: Tensor, params: FeatureParams) -> Features:
     """Cut the patches and drop weak and ambiguous features; the second half of `find_features`."""
-    count = column.shape[-1]
+    count, width = column.shape[-1], row.shape[-1]
     around = torch.arange(-1, 2, device=row.device)
+    crowded = width - 2 < count * (2 * params.spacing + 1)  # slots can be empty: see `strongest`
+    if crowded:
+        column = column.clamp(1, width - 2)
     patch = row.gather(-1, (column.unsqueeze(-1) + around).flatten(-2)).view(*column.shape, 3)
     valid = strength >= params.min_motion
     if count > 1:
         other = patch_error(patch, patch)
         other.diagonal(dim1=-2, dim2=-1).fill_(float("inf"))
+        if crowded:
+            other = other.masked_fill((strength < 0).unsqueeze(-2), float("inf"))
         valid = valid & (other.amin(-1) >= params.min_difference)
     return Features(column, strength, patch, valid)
 

@@ -162,15 +162,15 @@ def free_length(
         )
     x, y = to_body(Pose(*(part.unsqueeze(-1) for part in pose)), observations.x, observations.y)
     along, aside = arc_coordinates(x.unsqueeze(-2), y.unsqueeze(-2), curvature.unsqueeze(-1))
-    inside = (aside <= half_width) & (along > 0) & (along <= farthest)
+    inside = (aside <= half_width) & (along > 0)
     weight = observations.weight.unsqueeze(-2) * inside
-    along, order = torch.where(inside, along, farthest).sort(-1)
+    along, order = torch.where(inside, along, math.inf).sort(-1)
     total = weight.gather(-1, order).cumsum(-1)
     # What lies between each observation and `gather` beyond it: everything up to there less what came before.
     last = torch.searchsorted(along, along + gather, right=True) - 1
     before = total - weight.gather(-1, order)
     blocked = total.gather(-1, last) - before >= enough
-    return torch.where(blocked, along, farthest).amin(-1)
+    return torch.where(blocked, along, farthest).amin(-1).clamp(max=farthest)
 
 
 def path_is_free(
