@@ -79,7 +79,7 @@ class LogOddsMap(nn.Module):
         self, ranges: Ranges, pose: Pose, state: LogOddsState | None = None
     ) -> tuple[Tensor, LogOddsState]:
         state = self.touch(ranges, pose, state)
-        return state.cells[..., 1:-1, 1:-1].sigmoid(), state
+        return self.grid.inner(state.cells).sigmoid(), state
 
     def touch(self, ranges: Ranges, pose: Pose, state: LogOddsState | None = None) -> LogOddsState:
         """Update the cells near the observations, in place, frame by frame."""
@@ -87,7 +87,7 @@ class LogOddsMap(nn.Module):
         cells = self.grid.empty(batch, ranges.x) if state is None else state.cells
         if cells.shape != (*batch, self.grid.rows + 2, self.grid.columns + 2):
             raise InputError(f"cells of shape {tuple(cells.shape)} do not fit batch {batch} and {self.grid}")
-        pose = Pose(*(part[..., None, None] for part in pose))
+        pose = Pose(*(part.unsqueeze(-1).unsqueeze(-1) for part in pose))
         x, y, weight = sample_certainty(ranges, self.rig, BeamTable(self.tangent, self.weight), math.inf)
         share = weight / weight.sum(-1, keepdim=True).clamp(min=torch.finfo(weight.dtype).tiny)
         occupied = self.grid.find(*to_world(pose, x, y))

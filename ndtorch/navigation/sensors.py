@@ -9,7 +9,7 @@ from ndtorch.navigation.correspondence import MatchParams, match_features
 from ndtorch.navigation.features import FeatureParams, Features, find_features
 from ndtorch.navigation.ranging import Ranges, triangulate
 from ndtorch.navigation.rig import AngleModel, Rect, StereoRig
-from ndtorch.navigation.strips import check_finite, grey_pair, row_rect
+from ndtorch.navigation.strips import check_unit_range, grey_pair, row_rect
 from ndtorch.vision.nondirectional import SPEED_SCALE, NDMin, spatial_maximum
 from ndtorch.vision.temporal import FilterState
 
@@ -29,8 +29,8 @@ class SubfieldMotion(nn.Module):
         tau_high: time constant of the high-pass, s.
 
     Raises:
-        InputError: frames that cannot be used (see `grey_pair`), or NaN or infinity in them; subfields of two
-            sizes or outside the frame.
+        InputError: frames that cannot be used (see `grey_pair`), or NaN, infinity or values far beyond 1 in
+            them; subfields of two sizes or outside the frame.
     """
 
     def __init__(
@@ -55,9 +55,9 @@ class SubfieldMotion(nn.Module):
         self, left: Tensor, right: Tensor, state: FilterState | None = None
     ) -> tuple[Tensor, FilterState]:
         motion, state = self.nd_min(grey_pair(left, right, *self.fields, self.size), state)
-        sides = spatial_maximum(motion) * SPEED_SCALE
-        check_finite(sides, left)
-        return sides, state
+        sides = spatial_maximum(motion)
+        check_unit_range(sides, left)
+        return sides * SPEED_SCALE, state
 
 
 class RowRanging(nn.Module):
@@ -76,7 +76,7 @@ class RowRanging(nn.Module):
         tau_high: time constant of the high-pass, s.
 
     Raises:
-        InputError: frames that cannot be used, or NaN or infinity in their rows.
+        InputError: frames that cannot be used, or NaN, infinity or values far beyond 1 in their rows.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class RowRanging(nn.Module):
         rows = grey_pair(left, right, self.row, self.row, (self.rig.height, self.rig.width))
         motion, state = self.nd_min(rows, state)
         found = find_features(rows.squeeze(-2), motion.squeeze(-2), self.features)
-        check_finite(found.strength, left)
+        check_unit_range(found.strength, left)
         eyes = zip(
             found.column.unbind(-2),
             found.strength.unbind(-2),

@@ -75,10 +75,14 @@ def grey_pair(
     return pair.mean(-3)
 
 
-def check_finite(values: Tensor, frames: Tensor) -> None:
-    """Raise `InputError` where floating point frames held NaN or infinity, which show in `values`.
+def check_unit_range(motion: Tensor, frames: Tensor) -> None:
+    """Raise `InputError` where floating point frames held NaN, infinity or numbers far beyond 0..1.
 
-    Looking at the few maxima instead of the pixels costs little: they are NaN or infinite when a pixel is.
+    Looking at the few maxima `motion` of the raw high-passed frames instead of at the pixels costs little:
+    they are NaN or infinite when a pixel is, and at most 1 where all pixels are in 0..1.
     """
-    if frames.is_floating_point() and not bool(values.isfinite().all()):
-        raise InputError("frames must hold finite numbers, got NaN or infinity")
+    if frames.is_floating_point() and not bool((motion <= 2.0).all()):
+        raise InputError(
+            f"floating point frames must hold finite numbers in 0..1, "
+            f"got changes of up to {float(motion.max())}"
+        )

@@ -191,9 +191,9 @@ def test_bad_input():
         navigator(*(s._replace(row=s.row[:1]) for s in strips))
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf])
+@pytest.mark.parametrize("value", [math.nan, math.inf, 255.0])
 @pytest.mark.parametrize("place", ["field", "row"])
-def test_nan_and_infinity(value, place):
+def test_unusable_values(value, place):
     left, right = frames(1, steps=3)
     row, column = (FIELDS[1].top + 1, FIELDS[1].left + 2) if place == "field" else (RIG.row, 17)
     right[1, 0, row, column] = value
@@ -203,6 +203,26 @@ def test_nan_and_infinity(value, place):
     right[0, 1, row, column] = value  # already in the first frame
     with pytest.raises(InputError, match="finite"):
         Navigator(RIG, DT)(left, right)
+
+
+def test_compiles():
+    torch._dynamo.reset()
+    left, right = ((255 * x).to(torch.uint8) for x in frames(3, steps=2))
+    navigator = Navigator(RIG, DT, observations=ObservationList(DT, 16))
+    compiled = torch.compile(navigator, backend="eager", fullgraph=True)
+    for a, b in zip(leaves(compiled(left, right)), leaves(navigator(left, right)), strict=True):
+        torch.testing.assert_close(a, b)
+
+
+@pytest.mark.cuda
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+def test_cuda():
+    left, right = frames(3, steps=6)
+    navigator = full_navigator()
+    here = leaves(navigator(left, right))
+    there = leaves(navigator.to("cuda")(left.cuda(), right.cuda()))
+    for a, b in zip(here, there, strict=True):
+        torch.testing.assert_close(a, b.cpu(), atol=1e-4, rtol=1e-4)
 
 
 def test_public_names():
