@@ -1,0 +1,74 @@
+"""Rows and frames -> ranges, map and steering: navigation by non-directional motion."""
+
+from ndtorch.navigation.avoidance import (
+    CRUISE,
+    STOPPED,
+    SUPPRESSED,
+    TURN,
+    AvoidanceParams,
+    AvoidanceState,
+    Command,
+    SaccadeAvoidance,
+)
+from ndtorch.navigation.certainty import beam, certainty
+from ndtorch.navigation.correspondence import Matches, MatchParams, match_features
+from ndtorch.navigation.features import FeatureParams, Features, find_features
+from ndtorch.navigation.log_odds import LogOddsMap, LogOddsState
+from ndtorch.navigation.mapping import Grid, GridMap, GridMapState
+from ndtorch.navigation.model import Navigator, NavigatorState
+from ndtorch.navigation.observations import ObservationList, Observations, free_length, path_is_free
+from ndtorch.navigation.odometry import DeadReckoning, Pose, drive_step, to_body, to_world
+from ndtorch.navigation.prediction import PredictedFeatures, PredictionState
+from ndtorch.navigation.ranging import Ranges, triangulate
+from ndtorch.navigation.rig import Rect, StereoRig
+from ndtorch.navigation.sensors import RowRanging, SubfieldMotion
+from ndtorch.navigation.strips import Strips, cut_strips
+from ndtorch.navigation.tracking import AlphaBetaTracker, TrackParams, Tracks
+
+__all__ = [
+    "CRUISE",
+    "STOPPED",
+    "SUPPRESSED",
+    "TURN",
+    "AlphaBetaTracker",
+    "AvoidanceParams",
+    "AvoidanceState",
+    "Command",
+    "DeadReckoning",
+    "FeatureParams",
+    "Features",
+    "Grid",
+    "GridMap",
+    "GridMapState",
+    "LogOddsMap",
+    "LogOddsState",
+    "MatchParams",
+    "Matches",
+    "Navigator",
+    "NavigatorState",
+    "ObservationList",
+    "Observations",
+    "Pose",
+    "PredictedFeatures",
+    "PredictionState",
+    "Ranges",
+    "Rect",
+    "RowRanging",
+    "SaccadeAvoidance",
+    "StereoRig",
+    "Strips",
+    "SubfieldMotion",
+    "TrackParams",
+    "Tracks",
+    "beam",
+    "certainty",
+    "cut_strips",
+    "drive_step",
+    "find_features",
+    "free_length",
+    "match_features",
+    "path_is_free",
+    "to_body",
+    "to_world",
+    "triangulate",
+]

@@ -1,0 +1,131 @@
+"""Visual features of a row: the places where the image moves most."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from ndtorch.errors import InputError
+
+
+@dataclass(frozen=True)
+class FeatureParams:
+    """What makes a feature. [A Methods]
+
+    Args:
+        count: number of features, n; 4 to 7 are equally good.
+        spacing: features lie more than this many pixels apart, D_min.
+        min_motion: weakest raw ND-min output of a feature, T_min, for intensities 0..1.
+        min_difference: two features of a row whose patches differ by less than this are both dropped, T_sim.
+    """
+
+    count: int = 5
+    spacing: int = 3
+    min_motion: float = 0.01
+    min_difference: float = 0.008
+
+    def __post_init__(self) -> None:
+        if self.count < 1 or self.spacing < 0:
+            raise InputError(
+                f"expected count >= 1 and spacing >= 0, got count={self.count}, spacing={self.spacing}"
+            )
+        if not (self.min_motion >= 0 and self.min_difference >= 0):
+            raise InputError(
+                f"expected min_motion and min_difference >= 0, "
+                f"got min_motion={self.min_motion}, min_difference={self.min_difference}"
+            )
+
+
+class Features(NamedTuple):
+    """Features of rows, strongest first; n slots, of which `valid` tells the good ones.
+
+    Attributes:
+        column: `[..., n]`, whole numbers, 0 is the leftmost pixel.
+        strength: `[..., n]`, |ND-min| there.
+        patch: `[..., n, 3]`, the row's intensities at `column - 1 .. column + 1`.
+        valid: `[..., n]`, bool. Slots that are not valid hold numbers without meaning.
+    """
+
+    column: Tensor
+    strength: Tensor
+    patch: Tensor
+    valid: Tensor
+
+
+def find_features(row: Tensor, motion: Tensor, params: FeatureParams | None = None) -> Features:
+    """The n largest |ND-min| outputs of a row, each more than `spacing` pixels from the others. [A Methods]
+
+    Then those that are too weak, or whose surroundings look like those of another feature of the row, lose
+    their `valid`. The outermost pixel at either end cannot be a feature, because it has no 3-pixel patch.
+
+    Args:
+        row: intensities `[..., W]`.
+        motion: ND-min outputs of that row, `[..., W]`, W >= 3.
+
+    Raises:
+        InputError: row and motion of different shapes, or W < 3.
+    """
+    params = params or FeatureParams()
+    if row.shape != motion.shape or row.ndim < 1 or row.shape[-1] < 3:
+        raise InputError(
+            f"expected row and motion of one shape [..., W >= 3], "
+            f"got {tuple(row.shape)} and {tuple(motion.shape)}"
+        )
+    column, strength = strongest(motion, params.count, params.spacing)
+    return describe(row, column, strength, params)
+
+
+def strongest(motion: Tensor, count: int, spacing: int) -> tuple[Tensor, Tensor]:
+    """Columns `[..., n]` and magnitudes `[..., n]` of the largest outputs, one after the other. [A Methods]
+
+    Where a row is too short for `count` features the last ones have magnitude -1.
+    """
+    magnitude = searchable(motion)
+    around = torch.arange(-spacing, spacing + 1, device=motion.device)
+    columns, strengths = [], []
+    for k in range(count):
+        strength, column = magnitude.max(-1, keepdim=True)
+        columns.append(column)
+        strengths.append(strength)
+        if k + 1 < count:
+            exclude(magnitude, column + around)
+    return torch.cat(columns, -1), torch.cat(strengths, -1)
+
+
+def searchable(motion: Tensor) -> Tensor:
+    """A fresh |motion| whose outermost pixels are -1: they are never the largest."""
+    magnitude = motion.abs()
+    magnitude[..., :: motion.shape[-1] - 1] = -1.0
+    return magnitude
+
+
+def exclude(magnitude: Tensor, columns: Tensor) -> None:
+    """Set `magnitude` `[..., W]` to -1 in place at `columns` `[..., k]`: nothing is found there again."""
+    # Places beyond the border fall on the outermost pixels, which are -1 already.
+    magnitude.scatter_(-1, columns.clamp(0, magnitude.shape[-1] - 1), -1.0)
+
+
+def describe(row: Tensor, column: Tensor, strength: Tensor, params: FeatureParams) -> Features:
+    """Cut the patches and drop weak and ambiguous features; the second half of `find_features`."""
+    count, width = column.shape[-1], row.shape[-1]
+    around = torch.arange(-1, 2, device=row.device)
+    crowded = width - 2 < count * (2 * params.spacing + 1)  # slots can be empty: see `strongest`
+    if crowded:
+        column = column.clamp(1, width - 2)
+    patch = row.gather(-1, (column.unsqueeze(-1) + around).flatten(-2)).view(*column.shape, 3)
+    valid = strength >= params.min_motion
+    if count > 1:
+        other = patch_error(patch, patch)
+        other.diagonal(dim1=-2, dim2=-1).fill_(float("inf"))
+        if crowded:
+            other = other.masked_fill((strength < 0).unsqueeze(-2), float("inf"))
+        valid = valid & (other.amin(-1) >= params.min_difference)
+    return Features(column, strength, patch, valid)
+
+
+def patch_error(left: Tensor, right: Tensor) -> Tensor:
+    """Squared differences E of all pairs of patches `[..., n, 3], [..., m, 3] -> [..., n, m]`. [A eq. A.2]"""
+    return (left.unsqueeze(-2) - right.unsqueeze(-3)).square().sum(-1)

@@ -1,0 +1,89 @@
+"""Dead reckoning: where the car is, from the speed and curvature it drove."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from ndtorch.errors import InputError
+
+
+class Pose(NamedTuple):
+    """Place `x`, `y` in m and `heading` in radians (counter-clockwise from x), all of one shape `[...]`."""
+
+    x: Tensor
+    y: Tensor
+    heading: Tensor
+
+
+def drive_step(pose: Pose, speed: Tensor, curvature: Tensor, dt: float) -> Pose:
+    """The pose after `dt` seconds at constant speed and curvature: the exact arc.
+
+    Front and rear wheels counter-steer by equal angles, so the middle of the body moves the way the body
+    points and the arc is that of its middle: chord `2 sin(k s / 2) / k` in the direction half way through.
+    """
+    length = speed * dt
+    half = curvature * length / 2
+    chord = length * torch.sinc(half / math.pi)
+    direction = pose.heading + half
+    return Pose(pose.x + chord * direction.cos(), pose.y + chord * direction.sin(), direction + half)
+
+
+class DeadReckoning(nn.Module):
+    """Poses from driven speeds and curvatures. [A §2.2, Methods]
+
+    Shapes:
+        speed m/s and curvature 1/m, `[..., T]` -> `Pose` of `[..., T]`: where the car is after having driven
+        each of them for `dt`. State: `Pose` of `[...]`; `None` starts at the origin, heading along x.
+
+    Args:
+        dt: time step, s.
+        scale_error: the reckoning's error of length, as a share: 0.02 believes every metre to be 1.02 m.
+        drift: the reckoning's error of heading, radians a second. Both errors are there to try how much of
+            them a map or a controller bears.
+
+    Raises:
+        InputError: dt not positive, or speed and curvature of different shapes or without time.
+    """
+
+    def __init__(self, dt: float, scale_error: float = 0.0, drift: float = 0.0) -> None:
+        super().__init__()
+        if not (dt > 0 and math.isfinite(dt) and math.isfinite(scale_error) and math.isfinite(drift)):
+            raise InputError(
+                f"expected dt > 0 and finite errors, got dt={dt}, scale_error={scale_error}, drift={drift}"
+            )
+        self.dt, self.scale_error, self.drift = dt, scale_error, drift
+
+    def forward(self, speed: Tensor, curvature: Tensor, state: Pose | None = None) -> tuple[Pose, Pose]:
+        if speed.shape != curvature.shape or speed.ndim < 1 or speed.shape[-1] == 0:
+            raise InputError(
+                f"expected speed and curvature of one shape [..., T >= 1], "
+                f"got {tuple(speed.shape)} and {tuple(curvature.shape)}"
+            )
+        zero = torch.zeros_like(speed[..., 0])
+        pose = Pose(zero, zero, zero) if state is None else state
+        poses = []
+        for v, k in zip(speed.unbind(-1), curvature.unbind(-1), strict=True):
+            pose = drive_step(pose, v * (1 + self.scale_error) if self.scale_error else v, k, self.dt)
+            if self.drift:
+                pose = pose._replace(heading=pose.heading + self.drift * self.dt)
+            poses.append(pose)
+        x, y, heading = (torch.stack(parts, -1) for parts in zip(*poses, strict=True))
+        return Pose(x, y, heading), pose
+
+
+def to_world(pose: Pose, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+    """Points of the body frame in the world; pose and points broadcast."""
+    cos, sin = pose.heading.cos(), pose.heading.sin()
+    ahead = torch.addcmul(pose.x, cos, x)
+    return torch.addcmul(ahead, sin, y, value=-1), torch.addcmul(torch.addcmul(pose.y, sin, x), cos, y)
+
+
+def to_body(pose: Pose, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+    """Points of the world in the body frame; pose and points broadcast."""
+    cos, sin = pose.heading.cos(), pose.heading.sin()
+    ahead, aside = x - pose.x, y - pose.y
+    return cos * ahead + sin * aside, cos * aside - sin * ahead

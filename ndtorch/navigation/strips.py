@@ -1,0 +1,88 @@
+"""The few pixels that navigation reads: cutting them out of two frames and making them grey."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from ndtorch.errors import InputError
+from ndtorch.navigation.rig import Rect, StereoRig
+from ndtorch.vision.temporal import time_dim
+
+
+class Strips(NamedTuple):
+    """What navigation reads of one camera's frames, for instance cut out next to the camera.
+
+    Attributes:
+        field: the subfield, `[..., T, C, h, w]`, uint8 or float in 0..1, C = 3 (RGB) or 1 (grey).
+        row: the horizon row, `[..., T, C, 1, W]`.
+    """
+
+    field: Tensor
+    row: Tensor
+
+
+def cut_strips(frames: Tensor, field: Rect, rig: StereoRig) -> Strips:
+    """The subfield and the horizon row of one camera's frames `[..., T, C, H, W]`, as views."""
+    return Strips(cut(frames, field), cut(frames, row_rect(rig)))
+
+
+def row_rect(rig: StereoRig) -> Rect:
+    """The horizon row as a rectangle."""
+    return Rect(rig.row, rig.row + 1, 0, rig.width)
+
+
+def cut(frames: Tensor, rect: Rect) -> Tensor:
+    """The pixels of a rectangle, a view."""
+    rows = frames.narrow(-2, rect.top, rect.bottom - rect.top)
+    return rows.narrow(-1, rect.left, rect.right - rect.left)
+
+
+def grey_pair(
+    left: Tensor, right: Tensor, left_rect: Rect, right_rect: Rect, size: tuple[int, int]
+) -> Tensor:
+    """Grey intensities in 0..1 of one rectangle of each image, `[..., T, 2, h, w]`, left first.
+
+    Args:
+        left, right: frames `[..., T, C, H, W]`, uint8 or float in 0..1, C = 3 (mean of RGB) or 1, either
+            whole (of `size` H, W) or already cut to the rectangles, which are of one size.
+
+    Raises:
+        InputError: frames that differ in shape or type, or of another size, type or number of channels.
+    """
+    if left.shape != right.shape or left.dtype != right.dtype:
+        raise InputError(
+            f"left and right frames must be alike, got {left.dtype} {tuple(left.shape)} "
+            f"and {right.dtype} {tuple(right.shape)}"
+        )
+    time_dim(left, 3)
+    channels, given = left.shape[-3], tuple(left.shape[-2:])
+    cut_size = (left_rect.bottom - left_rect.top, left_rect.right - left_rect.left)
+    if channels not in (1, 3) or given not in (size, cut_size):
+        raise InputError(
+            f"expected frames [..., T, C, H, W] with C = 1 or 3 and H, W = {size} or cut to {cut_size}, "
+            f"got {tuple(left.shape)}"
+        )
+    if given == size:
+        left, right = cut(left, left_rect), cut(right, right_rect)
+    pair = torch.stack((left, right), -4)
+    if pair.dtype == torch.uint8:
+        return pair.sum(-3, dtype=torch.float32) * (1 / (255 * channels))
+    if not pair.is_floating_point():
+        raise InputError(f"frames must be uint8 or floating point in 0..1, got {pair.dtype}")
+    return pair.mean(-3)
+
+
+def check_unit_range(motion: Tensor, frames: Tensor) -> None:
+    """Raise `InputError` where floating point frames held NaN, infinity or numbers far beyond 0..1.
+
+    Looking at the few maxima `motion` of the raw high-passed frames instead of at the pixels costs little:
+    they are NaN or infinite when a pixel is, and at most 1 where all pixels are in 0..1.
+    """
+    if frames.is_floating_point() and not bool((motion <= 2.0).all()):
+        raise InputError(
+            f"floating point frames must hold finite numbers in 0..1, "
+            f"got changes of up to {float(motion.max())}"
+        )

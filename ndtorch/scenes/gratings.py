@@ -1,0 +1,135 @@
+"""Square gratings that move or flicker past a row camera, to characterise speed sensors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import torch
+from torch import Tensor
+
+from ndtorch.errors import InputError
+from ndtorch.scenes.base import FrameSource
+
+
+def bar_coverage(position: Tensor, bar: float, period: float, width: int) -> Tensor:
+    """Share of every pixel that the bright bars of a grating cover, `[..., width]` in 0..1.
+
+    Bright bars lie at `position + k period .. position + k period + bar` for every whole k; pixel n reaches
+    from n to n + 1. This is the anti-aliasing of [A Methods]: edge pixels are shaded by the exact place of
+    the edge.
+    """
+
+    def covered_until(x: Tensor) -> Tensor:
+        cycles = torch.floor(x / period)
+        return cycles * bar + (x - cycles * period).clamp(max=bar)
+
+    edges = torch.arange(width + 1, dtype=position.dtype, device=position.device) - position.unsqueeze(-1)
+    return covered_until(edges).diff(dim=-1)
+
+
+class MovingGrating(FrameSource):
+    """Rows of a square grating that moves at a constant speed, one row camera for each speed and phase.
+
+    [A Methods]: 640 pixels, bars of 10 pixels 10 pixels apart, Michelson contrast 0.5 (intensities 0.25 and
+    0.75), 30 frames a second, anti-aliased, speeds -2 to 2 pixels a step.
+    Frames are grey rows `[S, P, T, 1, 1, width]` (S speeds, P start phases).
+
+    Args:
+        speeds: pixels per time step, to the right when positive; any real numbers.
+        phases: places of the first bright bar's left edge at frame 0, in pixels. Whole numbers alone hide
+            what happens below a pixel.
+        bar, gap: widths of the bright bars and of the space between, in pixels.
+        dark, bright: the two intensities; (bright - dark) / (bright + dark) is the Michelson contrast.
+        width, fps, length: pixels in a row, frames a second, number of frames.
+
+    Raises:
+        InputError: no speed or phase, a number that is not finite, or sizes that are not positive.
+    """
+
+    def __init__(
+        self,
+        speeds: Sequence[float],
+        phases: Sequence[float] = (0.0,),
+        *,
+        bar: float = 10.0,
+        gap: float = 10.0,
+        dark: float = 0.25,
+        bright: float = 0.75,
+        width: int = 640,
+        fps: float = 30.0,
+        length: int = 201,
+    ) -> None:
+        if len(speeds) == 0 or len(phases) == 0 or not all(map(math.isfinite, (*speeds, *phases))):
+            raise InputError("speeds and phases must be at least one finite number each")
+        if not (bar > 0 and gap >= 0 and width > 0 and fps > 0 and length > 0):
+            raise InputError(
+                f"sizes must be positive: bar={bar}, gap={gap}, width={width}, fps={fps}, length={length}"
+            )
+        self.name, self.fps, self.size, self.length = "moving-grating", fps, (1, width), length
+        self.bar, self.period, self.dark, self.bright = bar, bar + gap, dark, bright
+        self.speeds = torch.tensor(list(speeds), dtype=torch.float64)
+        self.phases = torch.tensor(list(phases), dtype=torch.float64)
+
+    def chunks(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:
+        assert self.length is not None
+        for first in range(start, self.length, frames):
+            # Double precision for the places, so that frame 10 000 is as well placed as frame 0.
+            time = torch.arange(first, min(first + frames, self.length), dtype=torch.float64)
+            position = self.phases[:, None] + self.speeds[:, None, None] * time
+            light = self.dark + (self.bright - self.dark) * bar_coverage(
+                position, self.bar, self.period, self.size[1]
+            )
+            yield light.to(torch.get_default_dtype())[..., None, None, :]
+
+
+class FlickeringGrating(FrameSource):
+    """A grating, or a uniform row, whose light is multiplied by a sinusoid between 0 and 1. [A Methods]
+
+    14.9 Hz at 30 frames a second, just below the Nyquist rate, excites the non-directional sensors most.
+    Frames are grey rows `[T, 1, 1, width]`.
+
+    Args:
+        frequency: flicker frequency in Hz.
+        uniform: a row of one intensity, `bright`, instead of the grating.
+        The others as `MovingGrating`.
+
+    Raises:
+        InputError: numbers out of range.
+    """
+
+    def __init__(
+        self,
+        frequency: float = 14.9,
+        *,
+        uniform: bool = False,
+        bar: float = 10.0,
+        gap: float = 10.0,
+        dark: float = 0.25,
+        bright: float = 0.75,
+        width: int = 640,
+        fps: float = 30.0,
+        length: int = 201,
+    ) -> None:
+        if not (math.isfinite(frequency) and frequency >= 0):
+            raise InputError(f"frequency must be a finite number >= 0 Hz, got {frequency}")
+        still = MovingGrating(
+            [0.0],
+            bar=bar,
+            gap=0.0 if uniform else gap,
+            dark=dark,
+            bright=bright,
+            width=width,
+            fps=fps,
+            length=length,
+        )
+        self.name, self.fps, self.size, self.length = "flickering-grating", fps, (1, width), length
+        self.frequency = frequency
+        self._still = next(still.chunks(1))[0, 0].to(torch.float64)
+
+    def chunks(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:
+        assert self.length is not None
+        for first in range(start, self.length, frames):
+            time = torch.arange(first, min(first + frames, self.length), dtype=torch.float64) / self.fps
+            factor = 0.5 + 0.5 * torch.sin(2 * math.pi * self.frequency * time)
+            yield (factor[:, None, None, None] * self._still).to(torch.get_default_dtype())

@@ -1,0 +1,126 @@
+"""Non-directional motion sensors: speed of the image without its direction."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from ndtorch.vision.temporal import (
+    FilterState,
+    HighPass,
+    LowPass,
+    low_pass_step,
+    smoothing_factor,
+    time_dim,
+)
+
+
+class NDMin(nn.Module):
+    """The smallest speed sensor: a high-pass at every pixel, `HP(p_n)`. [A fig. 1c]
+
+    Its output is signed and has zero mean; the speed of the image is in its magnitude (`spatial_maximum`).
+    The raw output of an edge of contrast `c` moving one pixel a step is about `c (1 - a)` with
+    `a = dt / (tau_high + dt)`; [A fig. 3] and the thresholds of [A] are in this output x 20 (`SPEED_SCALE`).
+
+    Shapes:
+        x: rows `[..., T, 1, 1, W]` or images `[..., T, C, H, W]`, one channel at a time -> the same.
+        State: one frame. `None` settles the sensor on the first frame, so a constant scene gives zero.
+
+    Args:
+        tau_high: time constant of the high-pass in seconds, 0 to inf.
+        dt: time step in seconds.
+
+    Raises:
+        InputError: time constants out of range or x with fewer than four dimensions.
+    """
+
+    def __init__(self, tau_high: float = 0.005, dt: float = 1 / 30) -> None:
+        super().__init__()
+        self.a = smoothing_factor(tau_high, dt)
+        self.tau_high, self.dt = tau_high, dt
+
+    def extra_repr(self) -> str:
+        return f"tau_high={self.tau_high}, dt={self.dt}"
+
+    def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
+        # A high-pass written out: on the few pixels of a strip nested modules take as long as the sums.
+        dim = time_dim(x, 3)
+        samples = x.unbind(dim)
+        low = samples[0] if state is None else state.low
+        out = []
+        for sample in samples:
+            low = low_pass_step(sample, low, self.a)
+            out.append(sample - low)
+        return torch.stack(out, dim), FilterState(low)
+
+
+class NDMinus(nn.Module):
+    """A speed sensor blind to uniform flicker: `HP(p_n) - (HP(p_{n-1}) + HP(p_{n+1})) / 2`. [A fig. 1b]
+
+    The neighbours are those in x. Beyond the left and right border the image goes on with its border pixel,
+    so that uniform flicker gives exactly zero there too.
+    Shapes, arguments, state and errors as `NDMin`.
+    """
+
+    def __init__(self, tau_high: float = 0.005, dt: float = 1 / 30) -> None:
+        super().__init__()
+        self.high_pass = HighPass(tau_high, dt)
+
+    def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
+        high, state = self.high_pass(x, state)
+        before = torch.cat([high[..., :1], high[..., :-1]], dim=-1)
+        after = torch.cat([high[..., 1:], high[..., -1:]], dim=-1)
+        return high - (before + after) / 2, state
+
+
+class NDSState(NamedTuple):
+    """State of `NDS`: its high-pass and the low-pass of the neighbours' high-passed signals."""
+
+    high: FilterState
+    low: FilterState
+
+
+class NDS(nn.Module):
+    """The sensor found in flies: `HP(p_n) + LP(HP(p_{n-1})) + LP(HP(p_{n+1}))`. [A fig. 1a]
+
+    `tau_low = 0` makes it the sum of three neighbouring `NDMin`, `tau_low = inf` makes it one `NDMin`.
+    The neighbours are those in x; a border pixel's missing neighbour counts as zero, because a repeated one
+    makes the border answer an edge more strongly than the rest of the image does (12 % in [A fig. 3]).
+
+    Args:
+        tau_high, tau_low: time constants in seconds, 0 to inf.
+        dt: time step in seconds.
+    Shapes and errors as `NDMin`.
+    """
+
+    def __init__(self, tau_high: float = 0.005, tau_low: float = 0.0, dt: float = 1 / 30) -> None:
+        super().__init__()
+        self.high_pass = HighPass(tau_high, dt)
+        self.low_pass = LowPass(tau_low, dt)
+
+    def forward(self, x: Tensor, state: NDSState | None = None) -> tuple[Tensor, NDSState]:
+        high, high_state = self.high_pass(x, None if state is None else state.high)
+        low, low_state = self.low_pass(high, None if state is None else state.low)
+        padded = F.pad(low, (1, 1))
+        return high + padded[..., :-2] + padded[..., 2:], NDSState(high_state, low_state)
+
+
+SPEED_SCALE = 20.0
+"""Factor from raw sensor output to the units of [A fig. 3]: about pixels per time step at contrast 0.5."""
+
+
+def spatial_maximum(x: Tensor) -> Tensor:
+    """Speed estimate of an eye: the largest magnitude over space. [A fig. 2]
+
+    Args:
+        x: sensor outputs `[..., T, C, H, W]`.
+    Returns:
+        `[..., T, C]`, one estimate for each channel.
+    Raises:
+        InputError: x with fewer than four dimensions.
+    """
+    time_dim(x, 3)
+    return x.flatten(-2).abs().amax(-1)

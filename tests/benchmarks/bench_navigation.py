@@ -1,0 +1,150 @@
+"""Navigation beside OpenCV's dense stereo and optical flow: same frames, same process, one thread.
+
+`python -m tests.benchmarks.bench_navigation`
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import torch
+
+from ndtorch.navigation import (
+    GridMap,
+    Navigator,
+    ObservationList,
+    Pose,
+    RowRanging,
+    SaccadeAvoidance,
+    StereoRig,
+    SubfieldMotion,
+)
+
+DT = 1 / 30
+
+
+class Row(NamedTuple):
+    """One line of the table: what ran, the median time of one call, and what it did."""
+
+    name: str
+    microseconds: float
+    note: str
+
+
+def median_time(call: Callable[[], object], seconds: float = 1.0, most: int = 2000) -> float:
+    """Median duration of single calls, in microseconds, after a short warm-up."""
+    for _ in range(5):
+        call()
+    times: list[float] = []
+    end = time.perf_counter() + seconds
+    while len(times) < 5 or (time.perf_counter() < end and len(times) < most):
+        start = time.perf_counter()
+        call()
+        times.append(time.perf_counter() - start)
+    return 1e6 * statistics.median(times)
+
+
+def stereo_pair(step: int) -> tuple[np.ndarray, np.ndarray]:
+    """Two 640x480 RGB frames of a textured plane 1.3 m away that slides by 2 pixels a step."""
+    rng = np.random.default_rng(0)
+    coarse = rng.integers(0, 256, (48, 110, 3), dtype=np.uint8)
+    wide = cv2.resize(coarse, (1100, 480), interpolation=cv2.INTER_CUBIC)
+    shift = 2 * step
+    return (
+        np.ascontiguousarray(wide[:, shift : shift + 640]),
+        np.ascontiguousarray(wide[:, shift + 100 : shift + 740]),
+    )
+
+
+def rows() -> list[Row]:
+    """Time everything once; about 20 seconds."""
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+    pairs = [stereo_pair(step) for step in range(3)]
+    tensors = [
+        tuple(torch.from_numpy(image).permute(2, 0, 1).contiguous().unsqueeze(0) for image in pair)
+        for pair in pairs
+    ]
+    grey = [tuple(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in pair) for pair in pairs]
+    with torch.inference_mode():
+        return navigation_rows(tensors) + opencv_rows(grey)
+
+
+def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Row]:
+    """The parts and the whole of a navigation step, from whole uint8 RGB frames."""
+    rig = StereoRig()
+    (left, right), (next_left, next_right) = tensors[1], tensors[2]
+    motion, avoidance, ranging, grid = (
+        SubfieldMotion(rig, DT),
+        SaccadeAvoidance(DT),
+        RowRanging(rig, DT),
+        GridMap(rig),
+    )
+    sides, fields = motion(left, right)
+    _, steering = avoidance(sides)
+    _, rows_state = ranging(left, right)
+    here = Pose(*torch.zeros(3, 1))
+    ranges, _ = ranging(next_left, next_right, rows_state)
+    _, cells = grid(ranges, here)
+
+    def avoid() -> object:
+        return avoidance(motion(next_left, next_right, fields)[0], steering)
+
+    def range_and_map() -> object:
+        return grid(ranging(next_left, next_right, rows_state)[0], here, cells)
+
+    found = int(ranges.valid.sum())
+    result = [
+        Row("avoidance step", median_time(avoid), "subfields, ND-min, maxima, state machine"),
+        Row("features, ranges and grid map", median_time(range_and_map), f"5 features, {found} ranges"),
+    ]
+    for name, navigator in {
+        "whole navigation step": Navigator(rig, DT),
+        "whole step with grid map": Navigator(rig, DT, grid_map=GridMap(rig)),
+        "whole step with observation list": Navigator(rig, DT, observations=ObservationList(DT)),
+    }.items():
+        _, state = navigator(left, right)
+        call = lambda n=navigator, s=state: n(next_left, next_right, s)  # noqa: E731
+        result.append(Row(name, median_time(call), "two 640x480 RGB frames, uint8"))
+    return result
+
+
+def opencv_rows(grey: list[tuple[np.ndarray, ...]]) -> list[Row]:
+    """Dense stereo over the same disparities, and dense flow of one camera, on grey frames."""
+    (left, right), (next_left, _) = grey[1], grey[2]
+    sgbm = cv2.StereoSGBM.create(minDisparity=0, numDisparities=208, blockSize=5, P1=8 * 25, P2=32 * 25)
+    bm = cv2.StereoBM.create(numDisparities=208, blockSize=15)
+    result = [
+        Row(
+            "cv2.StereoSGBM", median_time(lambda: sgbm.compute(left, right), 3.0), "208 disparities, block 5"
+        ),
+        Row("cv2.StereoBM", median_time(lambda: bm.compute(left, right), 2.0), "208 disparities, block 15"),
+    ]
+    presets = {
+        "ultrafast": cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST,
+        "fast": cv2.DISOPTICAL_FLOW_PRESET_FAST,
+        "medium": cv2.DISOPTICAL_FLOW_PRESET_MEDIUM,
+    }
+    for name, preset in presets.items():
+        dis = cv2.DISOpticalFlow.create(preset)
+        call = lambda d=dis: d.calc(left, next_left, None)  # noqa: E731
+        result.append(Row(f"cv2.DISOpticalFlow {name}", median_time(call, 2.0), "one camera"))
+    return result
+
+
+def main() -> None:
+    table = rows()
+    whole = next(row.microseconds for row in table if row.name == "whole navigation step")
+    print(f"{'':34s}{'us':>10s}{'per second':>12s}{'x step':>9s}")
+    for row in table:
+        ratio = row.microseconds / whole
+        print(f"{row.name:34s}{row.microseconds:10.1f}{1e6 / row.microseconds:12.0f}{ratio:9.2f}  {row.note}")
+
+
+if __name__ == "__main__":
+    main()

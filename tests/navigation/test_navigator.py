@@ -1,0 +1,231 @@
+"""The composed sensors and the whole navigator on frames."""
+
+import math
+
+import pytest
+import torch
+
+import ndtorch.navigation as navigation
+from ndtorch.errors import InputError
+from ndtorch.navigation import (
+    AlphaBetaTracker,
+    AvoidanceParams,
+    Command,
+    Grid,
+    GridMap,
+    Navigator,
+    ObservationList,
+    Rect,
+    RowRanging,
+    SaccadeAvoidance,
+    StereoRig,
+    Strips,
+    SubfieldMotion,
+    cut_strips,
+)
+from ndtorch.vision.nondirectional import NDMin, spatial_maximum
+
+DT = 1 / 30
+RIG = StereoRig(width=320, height=240, focal=215.0)
+FIELDS = RIG.subfields()
+
+
+def frames(seed, *batch, steps=8, channels=3, shift=3):
+    """A blurred random texture that slides to the left; the right camera sees it 90 pixels further left."""
+    generator = torch.Generator().manual_seed(seed)
+    wide = torch.rand(*batch, 1, channels, 240, 500, generator=generator)
+    left = torch.cat([wide[..., shift * t : shift * t + 320] for t in range(steps)], -4)
+    right = torch.cat([wide[..., 90 + shift * t : 90 + shift * t + 320] for t in range(steps)], -4)
+    return left, right
+
+
+def full_navigator(**options):
+    grid = GridMap(RIG, Grid(-1.0, 3.0, -2.0, 2.0, cell=0.02))
+    return Navigator(
+        RIG, DT, grid_map=grid, observations=ObservationList(DT, 32), tracker=AlphaBetaTracker(DT), **options
+    )
+
+
+def leaves(state):
+    """All tensors of a nested state, in order."""
+    if isinstance(state, torch.Tensor):
+        return [state.clone()]
+    return [] if state is None else [leaf for part in state for leaf in leaves(part)]
+
+
+def test_subfield_motion_against_its_definition():
+    left, right = frames(1)
+    sides, _ = SubfieldMotion(RIG, DT)(left, right)
+    for k, (image, rect) in enumerate(zip((left, right), FIELDS, strict=True)):
+        motion, _ = NDMin(0.005, DT)(image.mean(-3, keepdim=True))
+        motion = motion[..., rect.top : rect.bottom, rect.left : rect.right]
+        torch.testing.assert_close(sides[..., k], 20 * spatial_maximum(motion)[..., 0])
+    assert sides[0].tolist() == [0.0, 0.0]
+    assert (sides[1:] > 0).all()
+    assert sides.max() < 20 * 0.1305  # the raw output cannot exceed 0.13
+
+
+def test_row_ranging_finds_the_shift():
+    """Everything is 90 pixels of disparity away: 0.3 * 215 / 90 m ahead."""
+    matching = navigation.MatchParams(min_disparity=30, max_disparity=100)
+    ranges, _ = RowRanging(RIG, DT, matching=matching)(*frames(2, steps=20))
+    assert int(ranges.valid.sum()) > 10
+    wanted = 0.3 * 215 / 90
+    depth = ranges.x[ranges.valid]
+    assert float((abs(depth - wanted) < 1e-4).float().mean()) > 0.7
+    assert not ranges.valid[0].any()  # nothing has moved yet
+
+
+def test_shapes_and_batches():
+    left, right = frames(3, 2, 2)
+    navigator = full_navigator()
+    command, state = navigator(left, right)
+    assert command.speed.shape == command.curvature.shape == (2, 2, 8)
+    assert state.pose.x.shape == (2, 2)
+    assert state.ranges.x.shape == (2, 2, 5)
+    assert state.map.cells.shape[:2] == (2, 2)
+    alone, single = navigator(left[1, 0], right[1, 0])
+    assert torch.equal(alone.curvature, command.curvature[1, 0])
+    for a, b in zip(leaves(single), leaves(state), strict=True):
+        torch.testing.assert_close(a, b[1, 0], atol=1e-4, rtol=1e-4)
+
+
+def test_chunked_is_whole_is_frame_by_frame():
+    left, right = frames(4, steps=24)
+    quick = AvoidanceParams(turn_threshold=0.01, start_time=0.1, turn_time=0.2, suppression_time=0.1)
+    navigator = full_navigator(avoidance=quick)
+    whole, final = navigator(left, right)
+    final = leaves(final)
+    assert whole.curvature.unique().numel() > 1  # it does something
+    for size in (1, 7):
+        state, commands = None, []
+        for a, b in zip(left.split(size), right.split(size), strict=True):
+            command, state = navigator(a, b, state)
+            commands.append(command)
+        assert torch.equal(torch.cat([c.curvature for c in commands]), whole.curvature)
+        assert torch.equal(torch.cat([c.speed for c in commands]), whole.speed)
+        for a, b in zip(leaves(state), final, strict=True):
+            torch.testing.assert_close(a, b, atol=1e-4, rtol=1e-4)
+
+
+def test_uint8_float_grey_and_strips_agree():
+    left, right = ((255 * x).to(torch.uint8) for x in frames(5, steps=12))
+    bytes_, state = Navigator(RIG, DT)(left, right)
+    floats, _ = Navigator(RIG, DT)(left / 255, right / 255)
+    torch.testing.assert_close(floats, bytes_)
+    grey, grey_state = Navigator(RIG, DT)(*(x.double().mean(-3, keepdim=True) / 255 for x in (left, right)))
+    torch.testing.assert_close(grey.curvature.float(), bytes_.curvature)
+    torch.testing.assert_close(grey_state.sides.float(), state.sides, atol=1e-5, rtol=1e-5)
+    pieces = [cut_strips(x, rect, RIG) for x, rect in zip((left, right), FIELDS, strict=True)]
+    assert pieces[0].row.shape == (12, 3, 1, 320)
+    cut, cut_state = Navigator(RIG, DT)(*(Strips(*(part.clone() for part in p)) for p in pieces))
+    torch.testing.assert_close(cut, bytes_)
+    for a, b in zip(leaves(cut_state), leaves(state), strict=True):
+        assert torch.equal(a, b)
+
+
+def test_only_the_strips_are_read():
+    left, right = frames(6)
+    _, state = Navigator(RIG, DT)(left, right)
+    spoiled = torch.full_like(left, math.nan), torch.full_like(right, math.nan)
+    for whole, copy, rect in zip((left, right), spoiled, FIELDS, strict=True):
+        for r in (rect, Rect(RIG.row, RIG.row + 1, 0, 320)):
+            copy[..., r.top : r.bottom, r.left : r.right] = whole[..., r.top : r.bottom, r.left : r.right]
+    _, same = Navigator(RIG, DT)(*spoiled)
+    for a, b in zip(leaves(state), leaves(same), strict=True):
+        assert torch.equal(a, b)
+
+
+def test_static_scene_ranges_nothing_and_stops():
+    left, right = (x[:1].expand(40, -1, -1, -1) for x in frames(7))
+    command, state = Navigator(RIG, DT)(left, right)
+    assert (state.sides == 0).all()
+    assert not state.ranges.valid.any()
+    assert command.speed[0] == 0.5  # the start
+    assert command.speed[-1] == 0.0
+
+
+def test_pose_follows_the_commands_or_what_was_driven():
+    left, right = frames(8, steps=10)
+    navigator = Navigator(RIG, DT)
+    command, state = navigator(left, right)
+    # The last command has not been driven yet.
+    assert float(state.pose.x) == pytest.approx(float(command.speed[:-1].sum()) * DT, rel=1e-5)
+    driven = Command(torch.full((10,), 0.2), torch.full((10,), 0.0))
+    _, state = navigator(left, right, driven=driven)
+    assert float(state.pose.x) == pytest.approx(0.2 * 10 * DT, rel=1e-5)
+
+
+def test_pieces_alone_give_what_the_whole_gives():
+    left, right = frames(9, steps=20)
+    command, _ = Navigator(RIG, DT)(left, right)
+    alone, _ = SaccadeAvoidance(DT)(SubfieldMotion(RIG, DT)(left, right)[0])
+    assert torch.equal(alone.curvature, command.curvature)
+
+
+def test_bad_input():
+    left, right = frames(1, steps=2)
+    navigator = Navigator(RIG, DT)
+    with pytest.raises(InputError, match="alike"):
+        navigator(left, right[..., :-2, :])
+    with pytest.raises(InputError, match="alike"):
+        navigator(left, right[..., :1, :, :])
+    with pytest.raises(InputError, match="alike"):
+        navigator(left, right.double())
+    with pytest.raises(InputError, match="cut to"):
+        navigator(left[..., :-2, :], right[..., :-2, :])
+    with pytest.raises(InputError, match="C = 1 or 3"):
+        navigator(left[..., :2, :, :], right[..., :2, :, :])
+    with pytest.raises(InputError, match="shape"):
+        navigator(left[0], right[0])
+    with pytest.raises(InputError, match="uint8 or floating"):
+        navigator(left.long(), right.long())
+    with pytest.raises(InputError, match="inside"):
+        SubfieldMotion(RIG, DT, (Rect(0, 10, 0, 10), Rect(0, 10, 300, 330)))
+    with pytest.raises(InputError, match="one size"):
+        SubfieldMotion(RIG, DT, (Rect(0, 10, 0, 10), Rect(0, 10, 0, 12)))
+    with pytest.raises(InputError, match="angles"):
+        RowRanging(RIG, DT, angles="cubic")
+    strips = [cut_strips(x, rect, RIG) for x, rect in zip((left, right), FIELDS, strict=True)]
+    with pytest.raises(InputError, match="same frames"):
+        navigator(*(s._replace(row=s.row[:1]) for s in strips))
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, 255.0])
+@pytest.mark.parametrize("place", ["field", "row"])
+def test_unusable_values(value, place):
+    left, right = frames(1, steps=3)
+    row, column = (FIELDS[1].top + 1, FIELDS[1].left + 2) if place == "field" else (RIG.row, 17)
+    right[1, 0, row, column] = value
+    with pytest.raises(InputError, match="finite"):
+        Navigator(RIG, DT)(left, right)
+    right[1, 0, row, column] = 0.5
+    right[0, 1, row, column] = value  # already in the first frame
+    with pytest.raises(InputError, match="finite"):
+        Navigator(RIG, DT)(left, right)
+
+
+def test_compiles():
+    torch._dynamo.reset()
+    left, right = ((255 * x).to(torch.uint8) for x in frames(3, steps=2))
+    navigator = Navigator(RIG, DT, observations=ObservationList(DT, 16))
+    compiled = torch.compile(navigator, backend="eager", fullgraph=True)
+    for a, b in zip(leaves(compiled(left, right)), leaves(navigator(left, right)), strict=True):
+        torch.testing.assert_close(a, b)
+
+
+@pytest.mark.cuda
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+def test_cuda():
+    left, right = frames(3, steps=6)
+    navigator = full_navigator()
+    here = leaves(navigator(left, right))
+    there = leaves(navigator.to("cuda")(left.cuda(), right.cuda()))
+    for a, b in zip(here, there, strict=True):
+        torch.testing.assert_close(a, b.cpu(), atol=1e-4, rtol=1e-4)
+
+
+def test_public_names():
+    for name in navigation.__all__:
+        assert getattr(navigation, name) is not None
+    assert len(navigation.__all__) == len(set(navigation.__all__)) == 45

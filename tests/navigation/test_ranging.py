@@ -1,0 +1,160 @@
+"""Triangulation and the certainty of it."""
+
+import math
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch.autograd import gradcheck
+
+from ndtorch.errors import InputError
+from ndtorch.navigation import Matches, Ranges, StereoRig, beam, certainty, triangulate
+from ndtorch.navigation.certainty import beam_table, sample_certainty
+
+
+def matches(left, right, valid=None):
+    left, right = (torch.tensor(side, dtype=torch.float64) for side in (left, right))
+    valid = torch.ones(left.shape, dtype=torch.bool) if valid is None else torch.tensor(valid)
+    return Matches(left, right, torch.zeros(left.shape, dtype=torch.float64), valid)
+
+
+def test_ranges_of_known_points():
+    """Points are projected into both rows by hand and found again."""
+    rig = StereoRig(forward=0.1)
+    for x, y in [(1.0, 0.0), (1.7, 0.4), (0.8, -0.3)]:
+        left, right = (319.5 - 430 * (y - side) / (x - 0.1) for side in (0.15, -0.15))
+        found = triangulate(matches([left], [right]), rig)
+        assert float(found.x) == pytest.approx(x, rel=1e-9)
+        assert float(found.y) == pytest.approx(y, abs=1e-9)
+        assert float(found.left_range) == pytest.approx(math.hypot(x - 0.1, y - 0.15), rel=1e-9)
+        assert float(found.left_angle) == pytest.approx(math.atan2(y - 0.15, x - 0.1), abs=1e-9)
+
+
+def test_range_window():
+    """[A]: 0.65-2.15 m straight ahead, 2.37 m with the linear angles."""
+    rig, pairs = StereoRig(), matches([349.5, 419.5], [289.5, 219.5])  # disparity 60 and 200
+    assert triangulate(pairs, rig).x.tolist() == pytest.approx([2.15, 0.645], abs=1e-9)
+    assert float(triangulate(pairs, rig, "linear").x[0]) == pytest.approx(2.37, abs=0.01)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.tuples(st.integers(1, 638), st.integers(1, 638)), min_size=1, max_size=5), st.booleans())
+def test_no_range_is_negative_or_infinite(pairs, linear):
+    left, right = (list(side) for side in zip(*pairs, strict=True))
+    found = triangulate(matches(left, right), StereoRig(), "linear" if linear else "atan")
+    assert all(torch.isfinite(part).all() for part in found)
+    assert (found.left_range[found.valid] > 0).all()
+    assert found.valid.tolist() == [a > b for a, b in pairs]
+    assert (found.left_range[~found.valid] == 0).all()
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(1, 638), st.integers(61, 199))
+def test_window_bounds_the_range(left, disparity):
+    """Depth lies in b f / 199 .. b f / 61, and the range follows from it and the angle."""
+    if left - disparity < 1:
+        return
+    found = triangulate(matches([left], [left - disparity]), StereoRig())
+    assert 0.3 * 430 / 199 - 1e-6 <= float(found.x) <= 0.3 * 430 / 61 + 1e-6
+    assert float(found.left_range * found.left_angle.cos()) == pytest.approx(float(found.x))
+
+
+def test_batches_and_precision():
+    pairs = Matches(
+        *(torch.randint(100, 600, (2, 3, 5)) for _ in range(2)),
+        torch.zeros(2, 3, 5),
+        torch.ones(2, 3, 5).bool(),
+    )
+    whole = triangulate(pairs, StereoRig())
+    alone = triangulate(Matches(*(part[1, 2] for part in pairs)), StereoRig())
+    for a, b in zip(whole, alone, strict=True):
+        assert torch.equal(a[1, 2], b)
+    double = triangulate(pairs._replace(error=pairs.error.double()), StereoRig())
+    torch.testing.assert_close(whole.x.double(), double.x, rtol=1e-4, atol=1e-4)
+
+
+def test_beam_by_the_printed_formula():
+    """[A eq. A.12] in polar coordinates."""
+    for r, phi, theta in [(1.0, 0.1, 0.1), (2.0, 0.3, 0.302), (0.5, -0.4, -0.399)]:
+        wanted = math.exp(-r * math.cos(theta - phi) / 3)
+        wanted *= math.exp(-(math.tan(theta - phi) ** 2) / (2 * math.tan(0.002) ** 2))
+        values = (r * math.cos(phi), r * math.sin(phi), theta)
+        x, y, angle = (torch.tensor(v, dtype=torch.float64) for v in values)
+        assert float(beam(x, y, angle, 0.002)) == pytest.approx(wanted, rel=1e-9)
+
+
+def test_no_beam_behind_the_camera():
+    x, y = torch.tensor([-1.0, 0.0, 1.0]), torch.zeros(3)
+    assert beam(x, y, torch.tensor(0.0), 0.002).tolist() == pytest.approx([0, 0, math.exp(-1 / 3)])
+
+
+def one_range(x, y, rig):
+    left, right = (math.atan2(y - side, x) for side in (0.15, -0.15))
+    values = (math.hypot(x, y - 0.15), left, right, x, y)
+    return Ranges(*(torch.tensor([v], dtype=torch.float64) for v in values), torch.tensor([True]))
+
+
+def test_certainty_peaks_where_the_rays_meet():
+    rig = StereoRig()
+    ranges = one_range(1.5, 0.3, rig)
+    x = torch.linspace(1.0, 2.2, 1201, dtype=torch.float64)
+    values = certainty(x, 0.3 + 0 * x, ranges, rig)
+    assert float(x[values.argmax()]) == pytest.approx(1.5, abs=0.02)
+    assert float(certainty(torch.tensor(1.5), torch.tensor(0.3), ranges, rig)) == pytest.approx(
+        math.exp(-(math.hypot(1.5, 0.15) + math.hypot(1.5, 0.45)) / 3), rel=1e-5
+    )
+
+
+def test_certainty_reaches_further_behind_than_before():
+    """Disparity falls with distance, so the same pixel error is longer behind the feature: no Gaussian."""
+    rig = StereoRig()
+    x = torch.linspace(1.8, 2.5, 7001, dtype=torch.float64)
+    values = certainty(x, 0 * x, one_range(2.1, 0.0, rig), rig, reach=1e9)
+    half = x[values >= values.max() / 2]
+    assert half.max() - 2.1 > 1.03 * (2.1 - half.min()) > 0.03
+
+
+@pytest.mark.parametrize(("x", "y"), [(0.8, 0.2), (1.5, -0.6), (2.1, 0.9)])
+def test_samples_integrate_the_certainty(x, y):
+    """The sum of the weights against a fine sum of the printed formula over the plane."""
+    rig = StereoRig()
+    ranges = one_range(x, y, rig)
+    table = beam_table(rig, 2.2, 0.005)
+    places = sample_certainty(ranges, rig, table)
+    step = 0.0005
+    ahead = torch.arange(-0.4, 0.5, 0.002, dtype=torch.float64)
+    bearing = math.atan2(y, x)
+    across = torch.arange(-0.06, 0.06, step, dtype=torch.float64)
+    u, v = torch.meshgrid(ahead, across, indexing="ij")
+    grid = certainty(
+        x + u * math.cos(bearing) - v * math.sin(bearing),
+        y + u * math.sin(bearing) + v * math.cos(bearing),
+        ranges,
+        rig,
+    )
+    assert float(places[2].sum()) == pytest.approx(float(grid.sum()) * 0.002 * step, rel=0.01)
+    assert float((places[0] * places[2]).sum() / places[2].sum()) == pytest.approx(x, abs=0.01)
+    assert (places[2] >= 0).all()
+    assert not sample_certainty(ranges._replace(valid=torch.tensor([False])), rig, table)[2].any()
+
+
+def test_gradients():
+    rig = StereoRig()
+    place = torch.tensor([1.5, 0.301], dtype=torch.float64, requires_grad=True)
+    ranges = one_range(1.5, 0.3, rig)
+    assert gradcheck(lambda p: certainty(p[0], p[1], ranges, rig), (place,))
+    table = beam_table(rig, 2.2, 0.1)
+    table = type(table)(*(part.double() for part in table))
+
+    def weights(angle):
+        return sample_certainty(ranges._replace(left_angle=angle), rig, table)
+
+    assert gradcheck(weights, (ranges.left_angle.clone().requires_grad_(),))
+
+
+def test_bad_input():
+    with pytest.raises(InputError, match="positive"):
+        beam_table(StereoRig(), 0.0, 0.01)
+    with pytest.raises(InputError, match="angle model"):
+        triangulate(matches([400], [300]), StereoRig(), "cubic")

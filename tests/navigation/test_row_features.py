@@ -1,0 +1,233 @@
+"""Features of rows, their correspondence and the prediction variant, against plain loops."""
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch.autograd import gradcheck
+
+from ndtorch.errors import InputError
+from ndtorch.navigation import (
+    FeatureParams,
+    Features,
+    MatchParams,
+    PredictedFeatures,
+    find_features,
+    match_features,
+)
+from ndtorch.navigation.features import patch_error
+
+
+def rows(seed, *shape, scale=0.2):
+    generator = torch.Generator().manual_seed(seed)
+    row = torch.rand(*shape, generator=generator, dtype=torch.float64)
+    motion = (torch.rand(*shape, generator=generator, dtype=torch.float64) - 0.5) * scale
+    return row, motion
+
+
+def plain_features(row, motion, p):
+    """The paper's procedure, one pixel at a time."""
+    free = [0 < n < len(row) - 1 for n in range(len(row))]
+    picks = []
+    for _ in range(p.count):
+        best = max((n for n in range(len(row)) if free[n]), key=lambda n: abs(motion[n]), default=None)
+        if best is None:
+            break
+        picks.append(best)
+        for n in range(len(row)):
+            if abs(n - best) <= p.spacing:
+                free[n] = False
+
+    def error(a, b):
+        return sum((row[a + k] - row[b + k]) ** 2 for k in (-1, 0, 1))
+
+    valid = [
+        abs(motion[a]) >= p.min_motion and all(error(a, b) >= p.min_difference for b in picks if b != a)
+        for a in picks
+    ]
+    return picks, valid
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10_000), st.integers(9, 60), st.integers(1, 6), st.integers(0, 4))
+def test_against_plain_loops(seed, width, count, spacing):
+    params = FeatureParams(count=count, spacing=spacing, min_motion=0.03, min_difference=0.05)
+    row, motion = rows(seed, width)
+    found = find_features(row, motion, params)
+    picks, valid = plain_features(row.tolist(), motion.tolist(), params)
+    assert found.column[: len(picks)].tolist() == picks
+    assert found.valid[: len(picks)].tolist() == valid
+    assert not found.valid[len(picks) :].any()  # a short row leaves slots empty
+
+
+def test_features_by_hand():
+    motion = torch.zeros(30)
+    motion[10], motion[12], motion[13], motion[14], motion[20] = 0.5, -0.4, 0.3, -0.2, 0.02
+    motion[0] = motion[29] = 9.0  # no patch at the border
+    row = torch.linspace(0, 3, 30)
+    found = find_features(row, motion, FeatureParams(count=4))
+    assert found.column[:3].tolist() == [10, 14, 20]
+    assert found.strength[:3].tolist() == pytest.approx([0.5, 0.2, 0.02])
+    assert found.valid.tolist() == [True, True, True, False]
+    torch.testing.assert_close(found.patch[0], row[9:12])
+
+
+def test_lookalikes_are_dropped_together():
+    row = torch.tensor([0.0, 0.1, 0.9, 0.1, 0.0, 0.0, 0.0, 0.1, 0.9, 0.15, 0.0, 0.0, 0.0, 0.5, 0.2, 0.7, 0.0])
+    motion = torch.zeros(17)
+    motion[2], motion[8], motion[14] = 0.3, 0.2, 0.1
+    assert find_features(row, motion, FeatureParams(count=3)).valid.tolist() == [False, False, True]
+
+
+def test_batches_agree():
+    row, motion = rows(1, 2, 3, 4, 50)
+    whole = find_features(row, motion)
+    assert whole.column.shape == (2, 3, 4, 5)
+    assert whole.patch.shape == (2, 3, 4, 5, 3)
+    for a, b in zip(find_features(row[1, 2, 3], motion[1, 2, 3]), whole, strict=True):
+        assert torch.equal(a, b[1, 2, 3])
+
+
+def test_inputs_are_left_alone():
+    row, motion = rows(2, 40)
+    before = row.clone(), motion.clone()
+    find_features(row, motion)
+    assert torch.equal(row, before[0])
+    assert torch.equal(motion, before[1])
+
+
+def as_features(columns, patches, valid=None):
+    columns = torch.tensor(columns)
+    valid = torch.ones(len(columns), dtype=torch.bool) if valid is None else torch.tensor(valid)
+    return Features(columns, torch.ones(len(columns)), torch.tensor(patches), valid)
+
+
+def test_best_partner_first_window_second():
+    """The best partner lies outside the window, so there is no match: not the second best inside."""
+    left = as_features([400], [[0.1, 0.5, 0.9]])
+    right = as_features([390, 300], [[0.1, 0.5, 0.9], [0.1, 0.5, 0.8]])
+    assert not match_features(left, right).valid.any()
+    right = as_features([390, 300], [[0.1, 0.5, 0.7], [0.1, 0.5, 0.8]])
+    found = match_features(left, right)
+    assert found.valid.all()
+    assert found.right.tolist() == [300]
+    assert found.error.tolist() == pytest.approx([0.01])
+
+
+@pytest.mark.parametrize(
+    ("right", "valid"), [(340, False), (339, True), (201, True), (200, False), (500, False)]
+)
+def test_disparity_is_signed_and_its_window_open(right, valid):
+    patch = [[0.1, 0.5, 0.9]]
+    assert match_features(as_features([400], patch), as_features([right], patch)).valid.tolist() == [valid]
+
+
+def test_one_to_one():
+    left = as_features([400, 410], [[0.1, 0.5, 0.9], [0.1, 0.5, 0.8]])
+    right = as_features([300], [[0.1, 0.5, 0.88]])
+    assert match_features(left, right).valid.tolist() == [True, False]
+    assert match_features(left, right, MatchParams(one_to_one=False)).valid.tolist() == [True, True]
+
+
+def test_invalid_features_have_no_partners():
+    patch = [[0.1, 0.5, 0.9]]
+    good, bad = as_features([300], patch), as_features([300], patch, [False])
+    left = as_features([400], patch)
+    assert match_features(left, good).valid.all()
+    assert not match_features(left, bad).valid.any()
+    assert not match_features(as_features([400], patch, [False]), good).valid.any()
+
+
+def test_max_error():
+    left, right = as_features([400], [[0.1, 0.5, 0.9]]), as_features([300], [[0.1, 0.5, 0.6]])
+    assert match_features(left, right, MatchParams(max_error=0.1)).valid.all()
+    assert not match_features(left, right, MatchParams(max_error=0.08)).valid.any()
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 10_000))
+def test_matches_properties(seed):
+    row, motion = rows(seed, 2, 640)
+    found = find_features(row, motion)
+    ours, theirs = (Features(*(part[k] for part in found)) for k in (0, 1))
+    matches = match_features(ours, theirs)
+    disparity = (matches.left - matches.right)[matches.valid]
+    assert ((disparity > 60) & (disparity < 200)).all()
+    partners = matches.right[matches.valid].tolist()
+    assert len(partners) == len(set(partners))
+
+
+def test_gradient_of_the_error():
+    left, right = (rows(k, 3, 3)[0].requires_grad_() for k in (1, 2))
+    assert gradcheck(patch_error, (left, right))
+
+
+def bumps(places, width=80, heights=(0.5, 0.4, 0.3)):
+    motion = torch.zeros(width)
+    for place, height in zip(places, heights, strict=False):
+        motion[place] = height
+    return motion
+
+
+def test_prediction_follows_and_extrapolates():
+    """Two bumps swap strength; the slots stay with the objects, at 2 pixels a row."""
+    steps = [bumps([20 + 2 * t, 60 - t], heights=(0.5, 0.4) if t % 2 else (0.4, 0.5)) for t in range(8)]
+    motion = torch.stack(steps)
+    params = FeatureParams(count=2, min_difference=0.0)
+    found, state = PredictedFeatures(params)(torch.rand(8, 80), motion)
+    first = found.column[0].tolist()
+    order = [first.index(20), first.index(60)]
+    assert found.column[:, order[0]].tolist() == [20 + 2 * t for t in range(8)]
+    assert found.column[:, order[1]].tolist() == [60 - t for t in range(8)]
+    assert (2 * state.last - state.before)[order[0]] == 36
+
+
+def test_prediction_reaches_three_pixels_and_refills():
+    row = torch.rand(2, 80)
+    near = PredictedFeatures(FeatureParams(count=1, min_difference=0.0))(
+        row, torch.stack([bumps([20]), bumps([23, 60], heights=(0.1, 0.5))])
+    )[0]
+    assert near.column[:, 0].tolist() == [20, 23]  # kept, though there is a stronger one
+    far = PredictedFeatures(FeatureParams(count=1, min_difference=0.0))(
+        row, torch.stack([bumps([20]), bumps([24, 60], heights=(0.1, 0.5))])
+    )[0]
+    assert far.column[:, 0].tolist() == [20, 60]  # lost, refilled from the whole row
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000))
+def test_prediction_keeps_the_spacing_and_chunks(seed):
+    row, motion = rows(seed, 2, 12, 60)
+    tracker = PredictedFeatures()
+    whole, _ = tracker(row, motion)
+    gaps = (whole.column.unsqueeze(-1) - whole.column.unsqueeze(-2)).abs() + torch.eye(5).long() * 99
+    assert gaps.min() > 3
+    state, columns = None, []
+    for a, b in zip(row.split(5, 1), motion.split(5, 1), strict=True):
+        part, state = tracker(a, b, state)
+        columns.append(part.column)
+    assert torch.equal(torch.cat(columns, 1), whole.column)
+    assert torch.equal(whole.column[:, 0], find_features(row[:, 0], motion[:, 0]).column)
+
+
+def test_bad_input():
+    with pytest.raises(InputError, match="one shape"):
+        find_features(torch.zeros(5), torch.zeros(6))
+    with pytest.raises(InputError, match="one shape"):
+        find_features(torch.zeros(2), torch.zeros(2))
+    with pytest.raises(InputError, match="T, W"):
+        PredictedFeatures()(torch.zeros(9), torch.zeros(9))
+    with pytest.raises(InputError, match="reach"):
+        PredictedFeatures(reach=-1)
+    with pytest.raises(InputError, match="count"):
+        FeatureParams(count=0)
+    with pytest.raises(InputError, match="min_motion"):
+        FeatureParams(min_motion=float("nan"))
+    with pytest.raises(InputError, match="min_disparity"):
+        MatchParams(min_disparity=-1)
+    with pytest.raises(InputError, match="max_error"):
+        MatchParams(max_error=0)
+    row, motion = rows(1, 2, 3, 40)
+    found = find_features(row, motion)
+    with pytest.raises(InputError, match="same rows"):
+        match_features(found, Features(*(part[0] for part in found)))

@@ -1,0 +1,81 @@
+"""The loop: fixed rate, timing, and a drive that is always stopped."""
+
+import pytest
+
+from ndtorch.errors import InputError
+from robot.loop import Loop, MonotonicClock, SimulatedClock, Timing
+from robot.ports import DriveCommand
+
+
+class FakeDrive:
+    def __init__(self):
+        self.stops = 0
+
+    def send(self, command):
+        return DriveCommand(min(command.speed, 0.5), command.curvature)
+
+    def stop(self):
+        self.stops += 1
+
+
+def test_fixed_rate_without_drift():
+    times, drive = [], FakeDrive()
+    loop = Loop(30, SimulatedClock(), max_steps=301)
+    assert loop.run(lambda n, t: times.append((n, t)), drive) == 301
+    assert [n for n, _ in times] == list(range(301))
+    assert times[300][1] == pytest.approx(10.0, abs=1e-9)
+    assert loop.late == 0
+    assert drive.stops == 1
+
+
+def test_step_can_end_the_loop():
+    drive = FakeDrive()
+    assert Loop(30, SimulatedClock()).run(lambda n, t: n < 4, drive) == 5
+    assert drive.stops == 1
+
+
+@pytest.mark.parametrize("error", [InputError("camera gone"), KeyboardInterrupt(), ZeroDivisionError()])
+def test_stops_on_every_error(error):
+    def step(n, time):
+        if n == 2:
+            raise error
+
+    drive = FakeDrive()
+    with pytest.raises(type(error)):
+        Loop(30, SimulatedClock(), max_steps=5).run(step, drive)
+    assert drive.stops == 1
+
+
+def test_late_steps_are_counted_not_made_up():
+    clock = SimulatedClock()
+
+    def step(n, time):
+        if n == 1:
+            clock.time += 1.0
+
+    loop = Loop(10, clock, max_steps=4)
+    loop.run(step, FakeDrive())
+    assert loop.late == 1
+    assert clock.now() == pytest.approx(0.1 + 1.0 + 0.2)
+
+
+def test_real_time():
+    clock = MonotonicClock()
+    start = clock.now()
+    Loop(100, clock, max_steps=6).run(lambda n, t: None, FakeDrive())
+    assert 0.05 <= clock.now() - start < 0.5
+
+
+def test_timing():
+    timing = Timing()
+    for _ in range(3):
+        with timing.part("a"):
+            pass
+    summary = timing.summary()
+    assert summary["a"]["p50"] <= summary["a"]["p99"] < 100
+
+
+@pytest.mark.parametrize("options", [{"rate": 0}, {"rate": float("nan")}, {"rate": 30, "max_steps": 0}])
+def test_bad_input(options):
+    with pytest.raises(InputError, match="rate"):
+        Loop(clock=SimulatedClock(), **options)

@@ -1,0 +1,67 @@
+"""Gratings: exact coverage, contrast, motion and flicker."""
+
+import math
+
+import pytest
+import torch
+
+from ndtorch.errors import InputError
+from ndtorch.scenes.gratings import FlickeringGrating, MovingGrating, bar_coverage
+
+
+def whole(source, frames=64):
+    return torch.cat(list(source.chunks(frames)), -4)
+
+
+def test_shape_levels_and_contrast():
+    rows = whole(MovingGrating([0.5, 1.0, -1.7], [0.0, 0.4], length=30))
+    assert rows.shape == (3, 2, 30, 1, 1, 640)
+    assert (float(rows.min()), float(rows.max())) == (0.25, 0.75)
+    assert (rows.max() - rows.min()) / (rows.max() + rows.min()) == 0.5
+    # 32 whole periods fit into a row: half of it is bright at every place and speed.
+    torch.testing.assert_close(rows.mean(-1), torch.full((3, 2, 30, 1, 1), 0.5))
+
+
+@pytest.mark.parametrize("position", [0.0, 0.3, -7.75, 1234.5])
+def test_coverage_against_fine_sampling(position):
+    fine = 1000
+    x = (torch.arange(40 * fine, dtype=torch.float64) + 0.5) / fine
+    bright = ((x - position) % 20 < 10).double().reshape(40, fine).mean(-1)
+    found = bar_coverage(torch.tensor(position, dtype=torch.float64), 10.0, 20.0, 40)
+    torch.testing.assert_close(found, bright, atol=2 / fine, rtol=0)
+
+
+def test_motion_is_to_the_right_and_exact():
+    rows = whole(MovingGrating([1.0], [0.25], length=12))[0, 0, :, 0, 0]
+    torch.testing.assert_close(rows[5, 5:], rows[0, :-5])
+    slow = whole(MovingGrating([0.25], [0.0], length=5))[0, 0, :, 0, 0]
+    assert slow[1, 0] == pytest.approx(0.25 + 0.5 * 0.75)
+    torch.testing.assert_close(slow[4, 1:], slow[0, :-1])
+
+
+def test_chunks_are_pieces_of_the_whole():
+    for source in (MovingGrating([0.3, 1.1], length=20), FlickeringGrating(length=20)):
+        torch.testing.assert_close(whole(source, 7), whole(source, 20))
+        later = torch.cat(list(source.chunks(4, start=9)), -4)
+        torch.testing.assert_close(later, whole(source)[..., 9:, :, :, :])
+
+
+def test_flicker_follows_the_sinusoid():
+    rows = whole(FlickeringGrating(14.9, length=40))
+    still = whole(MovingGrating([0.0], length=1))[0, 0, 0]
+    for t in range(40):
+        factor = 0.5 + 0.5 * math.sin(2 * math.pi * 14.9 * t / 30)
+        torch.testing.assert_close(rows[t], factor * still)
+    uniform = whole(FlickeringGrating(length=9, uniform=True))
+    assert uniform.std(-1).max() == 0
+    assert uniform.std() > 0
+
+
+def test_bad_input():
+    for arguments in ([], [math.nan], [math.inf]):
+        with pytest.raises(InputError, match="finite"):
+            MovingGrating(arguments)
+    with pytest.raises(InputError, match="positive"):
+        MovingGrating([1.0], bar=0)
+    with pytest.raises(InputError, match="frequency"):
+        FlickeringGrating(-1.0)

@@ -1,0 +1,152 @@
+"""Non-directional sensors and the row shift: values, state, borders and bad input."""
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch.autograd import gradcheck
+
+from ndtorch.errors import InputError
+from ndtorch.vision.chahl_srinivasan import ChahlSrinivasan, row_shift
+from ndtorch.vision.nondirectional import NDS, NDMin, NDMinus, spatial_maximum
+
+SENSORS = [NDMin(), NDMinus(), NDS(), NDS(tau_low=0.02), ChahlSrinivasan()]
+ND_SENSORS = SENSORS[:-1]
+
+
+def video(*shape, dtype=torch.float32, seed=0):
+    return torch.rand(*shape, dtype=dtype, generator=torch.Generator().manual_seed(seed))
+
+
+def by_hand(x, high=0.005, dt=1 / 30):
+    """The high-pass as a scalar recursion in Python, pixel by pixel."""
+    share, out = dt / (high + dt), []
+    low = list(x[0])
+    for sample in x:
+        low = [old + share * (new - old) for new, old in zip(sample, low, strict=True)]
+        out.append([new - old for new, old in zip(sample, low, strict=True)])
+    return out
+
+
+@pytest.mark.parametrize("sensor", SENSORS, ids=lambda s: type(s).__name__)
+@pytest.mark.parametrize("shape", [(4, 1, 1, 9), (2, 4, 3, 5, 6), (2, 3, 4, 1, 1, 7)])
+def test_shapes(sensor, shape):
+    x = video(*shape)
+    out, _ = sensor(x)
+    assert out.shape == ((*shape[:-3], 1) if isinstance(sensor, ChahlSrinivasan) else shape)
+
+
+def test_values():
+    x = video(6, 1, 1, 8, dtype=torch.float64)
+    high = by_hand(x[:, 0, 0].tolist())
+    nd_min, nd_minus, nds = (s(x)[0][:, 0, 0].tolist() for s in (NDMin(), NDMinus(), NDS()))
+    for t in range(6):
+        for n in range(8):
+            before, here, after = (high[t][min(max(k, 0), 7)] for k in (n - 1, n, n + 1))
+            assert nd_min[t][n] == pytest.approx(here, abs=1e-12)
+            assert nd_minus[t][n] == pytest.approx(here - (before + after) / 2, abs=1e-12)
+            if 0 < n < 7:
+                assert nds[t][n] == pytest.approx(before + here + after, abs=1e-12)
+
+
+def test_special_cases():
+    """No low-pass makes NDS three NDMin, an infinite one makes it one."""
+    x = video(5, 1, 1, 8)
+    least = NDMin()(x)[0]
+    torch.testing.assert_close(NDS(tau_low=float("inf"))(x)[0], least)
+    padded = torch.nn.functional.pad(least, (1, 1))
+    torch.testing.assert_close(NDS()(x)[0], padded[..., :-2] + padded[..., 1:-1] + padded[..., 2:])
+
+
+@pytest.mark.parametrize("sensor", SENSORS, ids=lambda s: type(s).__name__)
+def test_chunks_frames_and_batches_agree(sensor):
+    x = video(3, 7, 1, 2, 9)
+    whole, final = sensor(x)
+    for sizes in ([3, 4], [1] * 7):
+        parts, state = [], None
+        for chunk in x.split(sizes, dim=1):
+            out, state = sensor(chunk, state)
+            parts.append(out)
+        assert torch.equal(torch.cat(parts, 1), whole)
+        assert str(state) == str(final)
+    torch.testing.assert_close(sensor(x[1])[0], whole[1])
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000), st.floats(0, 1))
+def test_static_scene_is_zero(seed, tau):
+    x = video(1, 1, 3, 8, seed=seed).expand(5, 1, 3, 8)
+    for sensor in (NDMin(tau), NDMinus(tau), NDS(tau, tau)):
+        assert sensor(x)[0].abs().max() == 0
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000))
+def test_nd_minus_ignores_uniform_flicker(seed):
+    x = video(6, 1, 1, 1, seed=seed).expand(6, 1, 3, 8)
+    assert NDMinus()(x)[0].abs().max() == 0
+    assert NDMin()(x)[0].abs().max() > 0
+
+
+@pytest.mark.parametrize("sensor", SENSORS, ids=lambda s: type(s).__name__)
+def test_gradients_and_precision(sensor):
+    x = video(3, 1, 1, 6, dtype=torch.float64)
+    assert gradcheck(lambda y: sensor(y)[0], (x.requires_grad_(),))
+    torch.testing.assert_close(sensor(x.float())[0].double(), sensor(x)[0], atol=1e-5, rtol=1e-4)
+
+
+@pytest.mark.parametrize("sensor", [NDMin(), NDS()], ids=lambda s: type(s).__name__)
+def test_compiles(sensor):
+    torch._dynamo.reset()
+    x = video(3, 1, 1, 16)
+    compiled = torch.compile(sensor, backend="eager", fullgraph=True)
+    torch.testing.assert_close(compiled(x)[0], sensor(x)[0])
+
+
+def test_spatial_maximum():
+    x = torch.zeros(2, 3, 2, 4, 5)
+    x[1, 2, 1, 3, 0], x[1, 2, 0, 1, 1] = -3.0, 2.0
+    out = spatial_maximum(x)
+    assert out.shape == (2, 3, 2)
+    assert out[1, 2].tolist() == [2.0, 3.0]
+    assert out.sum() == 5
+
+
+@pytest.mark.parametrize("shift", [-1.0, -0.3, 0.0, 0.7, 1.0])
+def test_shift_of_a_ramp_is_exact(shift):
+    place = torch.arange(20, dtype=torch.float64)
+    ramp = (0.03 * place).reshape(1, 1, 20)
+    moved = (0.03 * (place - shift)).reshape(1, 1, 20)
+    assert float(row_shift(ramp, moved)) == pytest.approx(shift, abs=1e-9)
+
+
+@pytest.mark.parametrize("contrast", [0.01, 0.1, 0.8])
+def test_shift_does_not_depend_on_contrast(contrast):
+    wave = torch.sin(torch.arange(64, dtype=torch.float64) / 6)
+    moved = torch.sin((torch.arange(64, dtype=torch.float64) - 0.5) / 6)
+    found = row_shift((contrast * wave)[None, None], (contrast * moved)[None, None])
+    assert float(found) == pytest.approx(0.5, rel=0.02)
+
+
+def test_shift_without_contrast_is_zero_and_has_a_gradient():
+    x = torch.full((4, 1, 1, 8), 0.5, requires_grad=True)
+    out, _ = ChahlSrinivasan()(x * torch.tensor([1.0, 0.9, 0.8, 0.7])[:, None, None, None])
+    assert out.abs().max() == 0
+    out.sum().backward()
+    assert torch.isfinite(x.grad).all()
+
+
+def test_bad_input():
+    for sensor in SENSORS:
+        with pytest.raises(InputError, match="shape"):
+            sensor(torch.zeros(1, 4, 5))
+    with pytest.raises(InputError, match="tau"):
+        NDS(tau_low=-1)
+    with pytest.raises(InputError, match="dt"):
+        NDMin(dt=0)
+    with pytest.raises(InputError, match="at least 3"):
+        ChahlSrinivasan()(torch.zeros(2, 1, 1, 2))
+    with pytest.raises(InputError, match="floating"):
+        ChahlSrinivasan()(torch.zeros(2, 1, 1, 8, dtype=torch.uint8))
+    with pytest.raises(InputError, match="min_contrast"):
+        ChahlSrinivasan(-1)
