@@ -1,12 +1,14 @@
 """Insect-inspired vision and navigation in PyTorch.
 
-Start with `ndtorch.load("binding")`, or with the pieces in `ndtorch.vision`, `ndtorch.scenes` and `ndtorch.binding`.
+Start with `ndtorch.load("binding")`, or with the pieces in `ndtorch.vision`, `ndtorch.scenes`, `ndtorch.binding`
+and `ndtorch.navigation`.
 """
 
 from ndtorch.binding import InhibitoryNetwork, VisualBinding, objects
 from ndtorch.errors import InputError
 from ndtorch.loading import load, model_names
-from ndtorch.vision import FEATURES, HassensteinReichardt, HighPass, LowPass, OrientedDoG, VisualFeatures
+from ndtorch.navigation import Navigator, StereoRig
+from ndtorch.vision import FEATURES, HassensteinReichardt, HighPass, LowPass, NDMin, OrientedDoG, VisualFeatures
 
 __version__ = "0.1.0"
 
@@ -17,7 +19,10 @@ __all__ = [
     "InhibitoryNetwork",
     "InputError",
     "LowPass",
+    "NDMin",
+    "Navigator",
     "OrientedDoG",
+    "StereoRig",
     "VisualBinding",
     "VisualFeatures",
     "load",

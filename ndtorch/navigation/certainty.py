@@ -72,9 +72,7 @@ def beam_table(rig: StereoRig, farthest: float, spacing: float, sigmas: float = 
     nearer by, and half a standard deviation across, which is one or two millimetres.
     """
     if not (0 < spacing < math.inf and 0 < farthest < math.inf and sigmas > 0):
-        raise InputError(
-            f"expected positive numbers, got farthest={farthest}, spacing={spacing}, sigmas={sigmas}"
-        )
+        raise InputError(f"expected positive numbers, got farthest={farthest}, spacing={spacing}, sigmas={sigmas}")
     sigma = math.tan(rig.pixel_angle)
     # Off the axes by s sigma / sqrt(2) each, the rays meet farthest^2 sqrt(2) sigma s / baseline nearer by.
     step = min(0.5, spacing * rig.baseline / (farthest**2 * math.sqrt(2) * sigma))

@@ -65,8 +65,7 @@ def match_features(left: Features, right: Features, params: MatchParams | None =
     params = params or MatchParams()
     if left.column.shape[:-1] != right.column.shape[:-1]:
         raise InputError(
-            f"expected features of the same rows, "
-            f"got {tuple(left.column.shape)} and {tuple(right.column.shape)}"
+            f"expected features of the same rows, got {tuple(left.column.shape)} and {tuple(right.column.shape)}"
         )
     error = patch_error(left.patch, right.patch)
     error = error.masked_fill(~(left.valid.unsqueeze(-1) & right.valid.unsqueeze(-2)), float("inf"))
@@ -74,9 +73,7 @@ def match_features(left: Features, right: Features, params: MatchParams | None =
     column = right.column.gather(-1, partner)
     disparity = left.column - column
     # Without a partner the error is infinite, which is below no limit.
-    valid = (
-        (best < params.max_error) & (disparity > params.min_disparity) & (disparity < params.max_disparity)
-    )
+    valid = (best < params.max_error) & (disparity > params.min_disparity) & (disparity < params.max_disparity)
     if params.one_to_one:
         owner = error.argmin(-2).gather(-1, partner)
         valid = valid & (owner == torch.arange(owner.shape[-1], device=owner.device))

@@ -29,9 +29,7 @@ class FeatureParams:
 
     def __post_init__(self) -> None:
         if self.count < 1 or self.spacing < 0:
-            raise InputError(
-                f"expected count >= 1 and spacing >= 0, got count={self.count}, spacing={self.spacing}"
-            )
+            raise InputError(f"expected count >= 1 and spacing >= 0, got count={self.count}, spacing={self.spacing}")
         if not (self.min_motion >= 0 and self.min_difference >= 0):
             raise InputError(
                 f"expected min_motion and min_difference >= 0, "
@@ -71,8 +69,7 @@ def find_features(row: Tensor, motion: Tensor, params: FeatureParams | None = No
     params = params or FeatureParams()
     if row.shape != motion.shape or row.ndim < 1 or row.shape[-1] < 3:
         raise InputError(
-            f"expected row and motion of one shape [..., W >= 3], "
-            f"got {tuple(row.shape)} and {tuple(motion.shape)}"
+            f"expected row and motion of one shape [..., W >= 3], got {tuple(row.shape)} and {tuple(motion.shape)}"
         )
     column, strength = strongest(motion, params.count, params.spacing)
     return describe(row, column, strength, params)

@@ -75,9 +75,7 @@ class LogOddsMap(nn.Module):
         line = torch.linspace(0.0, clear, math.ceil(farthest / self.grid.cell))
         self.register_buffer("line", line, persistent=False)
 
-    def forward(
-        self, ranges: Ranges, pose: Pose, state: LogOddsState | None = None
-    ) -> tuple[Tensor, LogOddsState]:
+    def forward(self, ranges: Ranges, pose: Pose, state: LogOddsState | None = None) -> tuple[Tensor, LogOddsState]:
         state = self.touch(ranges, pose, state)
         return self.grid.inner(state.cells).sigmoid(), state
 
@@ -93,9 +91,7 @@ class LogOddsMap(nn.Module):
         occupied = self.grid.find(*to_world(pose, x, y))
         seen = ranges.valid.unsqueeze(-1).to(share.dtype)
         x, y = ranges.x.unsqueeze(-1), ranges.y.unsqueeze(-1)
-        free = self.grid.find(
-            *to_world(pose, self.rig.forward + (x - self.rig.forward) * self.line, y * self.line)
-        )
+        free = self.grid.find(*to_world(pose, self.rig.forward + (x - self.rig.forward) * self.line, y * self.line))
         # So many places of the line fall into one cell: together they take `miss`, not each.
         length = torch.hypot(x - self.rig.forward, y) * float(self.line[-1])
         crowding = (length / (len(self.line) * self.grid.cell)).clamp(max=1.0)

@@ -103,9 +103,7 @@ class GridMap(nn.Module):
     tangent: Tensor
     weight: Tensor
 
-    def __init__(
-        self, rig: StereoRig, grid: Grid | None = None, reach: float = REACH, farthest: float = 2.2
-    ) -> None:
+    def __init__(self, rig: StereoRig, grid: Grid | None = None, reach: float = REACH, farthest: float = 2.2) -> None:
         super().__init__()
         if not reach > 0:
             raise InputError(f"reach must be > 0 m, got {reach}")
@@ -114,9 +112,7 @@ class GridMap(nn.Module):
         self.register_buffer("tangent", table.tangent, persistent=False)
         self.register_buffer("weight", table.weight, persistent=False)
 
-    def forward(
-        self, ranges: Ranges, pose: Pose, state: GridMapState | None = None
-    ) -> tuple[Tensor, GridMapState]:
+    def forward(self, ranges: Ranges, pose: Pose, state: GridMapState | None = None) -> tuple[Tensor, GridMapState]:
         batch = check_observations(ranges, pose)
         cells = self.grid.empty(batch, ranges.x) if state is None else state.cells
         if cells.shape != (*batch, self.grid.rows + 2, self.grid.columns + 2):
@@ -137,8 +133,7 @@ def check_observations(ranges: Ranges, pose: Pose) -> tuple[int, ...]:
     """The batch shape of ranges `[..., T, n]` seen from poses `[..., T]`, which must go together."""
     if ranges.x.ndim < 2 or ranges.x.shape[:-1] != pose.x.shape:
         raise InputError(
-            f"expected ranges [..., T, n] and poses [..., T], "
-            f"got {tuple(ranges.x.shape)} and {tuple(pose.x.shape)}"
+            f"expected ranges [..., T, n] and poses [..., T], got {tuple(ranges.x.shape)} and {tuple(pose.x.shape)}"
         )
     return tuple(ranges.x.shape[:-2])
 

@@ -54,8 +54,7 @@ class ObservationList(nn.Module):
         super().__init__()
         if not (0 < dt < math.inf and capacity > 0 and lifetime > 0 and 0 < weight < math.inf):
             raise InputError(
-                f"expected positive numbers, got dt={dt}, capacity={capacity}, lifetime={lifetime}, "
-                f"weight={weight}"
+                f"expected positive numbers, got dt={dt}, capacity={capacity}, lifetime={lifetime}, weight={weight}"
             )
         self.dt, self.capacity, self.lifetime, self.weight = dt, capacity, lifetime, weight
 
@@ -173,8 +172,6 @@ def free_length(
     return torch.where(blocked, along, farthest).amin(-1).clamp(max=farthest)
 
 
-def path_is_free(
-    observations: Observations, pose: Pose, curvature: Tensor, length: float, **options: float
-) -> Tensor:
+def path_is_free(observations: Observations, pose: Pose, curvature: Tensor, length: float, **options: float) -> Tensor:
     """Whether each arc is free for `length` metres, `[..., A]` bool; options as `free_length`."""
     return free_length(observations, pose, curvature, farthest=length, **options) >= length

@@ -57,8 +57,7 @@ class StereoRig:
                 raise InputError(f"{name} must be a positive number, got {getattr(self, name)}")
         if not abs(self.pitch) < math.pi / 2 or not math.isfinite(self.forward):
             raise InputError(
-                f"expected pitch within +-pi/2 and forward finite, "
-                f"got pitch={self.pitch}, forward={self.forward}"
+                f"expected pitch within +-pi/2 and forward finite, got pitch={self.pitch}, forward={self.forward}"
             )
         if self.width < 8 or not 0 <= self.row < self.height:
             raise InputError(
@@ -125,8 +124,7 @@ class StereoRig:
         """
         if not 0 < near < far < math.inf or not -math.pi / 2 < inner < outer < math.pi / 2:
             raise InputError(
-                f"expected 0 < near < far and inner < outer, got near={near}, far={far}, "
-                f"inner={inner}, outer={outer}"
+                f"expected 0 < near < far and inner < outer, got near={near}, far={far}, inner={inner}, outer={outer}"
             )
         x = torch.tensor([near, near, far, far], dtype=torch.float64)
         bearing = torch.tensor([inner, outer, inner, outer], dtype=torch.float64)

@@ -45,15 +45,11 @@ class SubfieldMotion(nn.Module):
         self.size = (rig.height, rig.width)
         self.nd_min = NDMin(tau_high, dt)
         sizes = {(r.bottom - r.top, r.right - r.left) for r in self.fields}
-        inside = all(
-            0 <= r.top < r.bottom <= rig.height and 0 <= r.left < r.right <= rig.width for r in self.fields
-        )
+        inside = all(0 <= r.top < r.bottom <= rig.height and 0 <= r.left < r.right <= rig.width for r in self.fields)
         if len(sizes) != 1 or not inside:
             raise InputError(f"subfields must be of one size and inside {self.size}, got {self.fields}")
 
-    def forward(
-        self, left: Tensor, right: Tensor, state: FilterState | None = None
-    ) -> tuple[Tensor, FilterState]:
+    def forward(self, left: Tensor, right: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
         motion, state = self.nd_min(grey_pair(left, right, *self.fields, self.size), state)
         sides = spatial_maximum(motion)
         check_unit_range(sides, left)
@@ -96,9 +92,7 @@ class RowRanging(nn.Module):
         self.row = row_rect(rig)
         self.nd_min = NDMin(tau_high, dt)
 
-    def forward(
-        self, left: Tensor, right: Tensor, state: FilterState | None = None
-    ) -> tuple[Ranges, FilterState]:
+    def forward(self, left: Tensor, right: Tensor, state: FilterState | None = None) -> tuple[Ranges, FilterState]:
         rows = grey_pair(left, right, self.row, self.row, (self.rig.height, self.rig.width))
         motion, state = self.nd_min(rows, state)
         found = find_features(rows.squeeze(-2), motion.squeeze(-2), self.features)

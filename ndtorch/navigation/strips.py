@@ -40,9 +40,7 @@ def cut(frames: Tensor, rect: Rect) -> Tensor:
     return rows.narrow(-1, rect.left, rect.right - rect.left)
 
 
-def grey_pair(
-    left: Tensor, right: Tensor, left_rect: Rect, right_rect: Rect, size: tuple[int, int]
-) -> Tensor:
+def grey_pair(left: Tensor, right: Tensor, left_rect: Rect, right_rect: Rect, size: tuple[int, int]) -> Tensor:
     """Grey intensities in 0..1 of one rectangle of each image, `[..., T, 2, h, w]`, left first.
 
     Args:
@@ -83,6 +81,5 @@ def check_unit_range(motion: Tensor, frames: Tensor) -> None:
     """
     if frames.is_floating_point() and not bool((motion <= 2.0).all()):
         raise InputError(
-            f"floating point frames must hold finite numbers in 0..1, "
-            f"got changes of up to {float(motion.max())}"
+            f"floating point frames must hold finite numbers in 0..1, got changes of up to {float(motion.max())}"
         )

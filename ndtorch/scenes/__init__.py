@@ -13,6 +13,7 @@ from ndtorch.scenes.bar_scenes import (
 from ndtorch.scenes.bars import Bar, BarScene
 from ndtorch.scenes.base import FrameSource
 from ndtorch.scenes.fluctuation import Distance, Fluctuation, NoFluctuation, RandomShadow, SineShadow
+from ndtorch.scenes.gratings import FlickeringGrating, MovingGrating
 from ndtorch.scenes.named import SCENES, NamedScene, make_scene, scene_names
 from ndtorch.scenes.rendered import RenderedScene
 from ndtorch.scenes.rings import Rings, rings
@@ -29,8 +30,10 @@ __all__ = [
     "Bar",
     "BarScene",
     "Distance",
+    "FlickeringGrating",
     "Fluctuation",
     "FrameSource",
+    "MovingGrating",
     "NamedScene",
     "NoFluctuation",
     "RandomShadow",

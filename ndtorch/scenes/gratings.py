@@ -63,9 +63,7 @@ class MovingGrating(FrameSource):
         if len(speeds) == 0 or len(phases) == 0 or not all(map(math.isfinite, (*speeds, *phases))):
             raise InputError("speeds and phases must be at least one finite number each")
         if not (bar > 0 and gap >= 0 and width > 0 and fps > 0 and length > 0):
-            raise InputError(
-                f"sizes must be positive: bar={bar}, gap={gap}, width={width}, fps={fps}, length={length}"
-            )
+            raise InputError(f"sizes must be positive: bar={bar}, gap={gap}, width={width}, fps={fps}, length={length}")
         self.name, self.fps, self.size, self.length = "moving-grating", fps, (1, width), length
         self.bar, self.period, self.dark, self.bright = bar, bar + gap, dark, bright
         self.speeds = torch.tensor(list(speeds), dtype=torch.float64)
@@ -77,9 +75,7 @@ class MovingGrating(FrameSource):
             # Double precision for the places, so that frame 10 000 is as well placed as frame 0.
             time = torch.arange(first, min(first + frames, self.length), dtype=torch.float64)
             position = self.phases[:, None] + self.speeds[:, None, None] * time
-            light = self.dark + (self.bright - self.dark) * bar_coverage(
-                position, self.bar, self.period, self.size[1]
-            )
+            light = self.dark + (self.bright - self.dark) * bar_coverage(position, self.bar, self.period, self.size[1])
             yield light.to(torch.get_default_dtype())[..., None, None, :]
 
 

@@ -1,7 +1,10 @@
-"""Frames -> signals: temporal filters, motion, orientation and the ten features."""
+"""Frames -> signals: temporal filters, motion, orientation and the ten features; speed of image rows."""
 
+from ndtorch.vision.chahl_srinivasan import ChahlSrinivasan, ShiftState, row_shift
+from ndtorch.vision.characterisation import SpeedCurve, judge_speed_curve, speed_response
 from ndtorch.vision.features import FEATURES, GROUPS, VisualFeatures
 from ndtorch.vision.motion import HassensteinReichardt, MotionState
+from ndtorch.vision.nondirectional import NDS, SPEED_SCALE, NDMin, NDMinus, NDSState, spatial_maximum
 from ndtorch.vision.orientation import ANGLES, OrientedDoG, dog_spectrum
 from ndtorch.vision.temporal import (
     FilterState,
@@ -17,16 +20,28 @@ __all__ = [
     "ANGLES",
     "FEATURES",
     "GROUPS",
+    "NDS",
+    "SPEED_SCALE",
+    "ChahlSrinivasan",
     "FilterState",
     "HassensteinReichardt",
     "HighPass",
     "LowPass",
     "MotionState",
+    "NDMin",
+    "NDMinus",
+    "NDSState",
     "OrientedDoG",
     "RecentMax",
     "RecentMaxState",
+    "ShiftState",
+    "SpeedCurve",
     "VisualFeatures",
     "dog_spectrum",
+    "judge_speed_curve",
     "low_pass_step",
+    "row_shift",
     "smoothing_factor",
+    "spatial_maximum",
+    "speed_response",
 ]

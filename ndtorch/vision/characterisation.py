@@ -67,8 +67,7 @@ def judge_speed_curve(speeds: Tensor, responses: Tensor, noise: float = 1e-6) ->
     """
     if speeds.ndim != 1 or len(speeds) == 0 or responses.shape[-1:] != speeds.shape:
         raise InputError(
-            f"expected speeds [S] and responses [..., S], "
-            f"got {tuple(speeds.shape)} and {tuple(responses.shape)}"
+            f"expected speeds [S] and responses [..., S], got {tuple(speeds.shape)} and {tuple(responses.shape)}"
         )
     if not bool((torch.cat([speeds.new_zeros(1), speeds]).diff() > 0).all()):
         raise InputError("speeds must increase from above 0")

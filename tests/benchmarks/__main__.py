@@ -6,7 +6,7 @@ import argparse
 
 import torch
 
-from tests.benchmarks import bench_binding, bench_features
+from tests.benchmarks import bench_binding, bench_features, bench_navigation
 from tests.benchmarks.timing import machine, table
 
 
@@ -16,7 +16,7 @@ def main() -> None:
     device = parser.parse_args().device
     torch.set_num_threads(1)
     print(f"{machine(device)}\n")
-    for bench in (bench_features, bench_binding):
+    for bench in (bench_features, bench_binding, bench_navigation):
         print(table(bench.TITLE, bench.rows(device)))
 
 

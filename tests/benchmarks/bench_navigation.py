@@ -24,12 +24,17 @@ from ndtorch.navigation import (
     StereoRig,
     SubfieldMotion,
 )
+from tests.benchmarks.timing import Row, table
 
 DT = 1 / 30
+WHOLE = "whole navigation step"
 
 
-class Row(NamedTuple):
-    """One line of the table: what ran, the median time of one call, and what it did."""
+TITLE = "Navigation (two 640x480 RGB frames)"
+
+
+class Timed(NamedTuple):
+    """What ran, the median time of one call, and what it did."""
 
     name: str
     microseconds: float
@@ -61,21 +66,35 @@ def stereo_pair(step: int) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-def rows() -> list[Row]:
+def rows(device: str | None = None) -> list[Row]:
+    """Everything beside the whole navigation step; on the CPU whatever the device: the robot has no other."""
+    found = timings()
+    whole = next(timed.microseconds for timed in found if timed.name == WHOLE)
+    return [
+        Row(
+            f"{timed.name} ({timed.note})",
+            f"{timed.microseconds:.0f} us, {1e6 / timed.microseconds:.0f}/s",
+            "whole navigation step",
+            f"{timed.microseconds / whole:.2f}x",
+        )
+        for timed in found
+    ]
+
+
+def timings() -> list[Timed]:
     """Time everything once; about 20 seconds."""
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     pairs = [stereo_pair(step) for step in range(3)]
     tensors = [
-        tuple(torch.from_numpy(image).permute(2, 0, 1).contiguous().unsqueeze(0) for image in pair)
-        for pair in pairs
+        tuple(torch.from_numpy(image).permute(2, 0, 1).contiguous().unsqueeze(0) for image in pair) for pair in pairs
     ]
     grey = [tuple(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in pair) for pair in pairs]
     with torch.inference_mode():
         return navigation_rows(tensors) + opencv_rows(grey)
 
 
-def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Row]:
+def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
     """The parts and the whole of a navigation step, from whole uint8 RGB frames."""
     rig = StereoRig()
     (left, right), (next_left, next_right) = tensors[1], tensors[2]
@@ -100,30 +119,28 @@ def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Row]:
 
     found = int(ranges.valid.sum())
     result = [
-        Row("avoidance step", median_time(avoid), "subfields, ND-min, maxima, state machine"),
-        Row("features, ranges and grid map", median_time(range_and_map), f"5 features, {found} ranges"),
+        Timed("avoidance step", median_time(avoid), "subfields, ND-min, maxima, state machine"),
+        Timed("features, ranges and grid map", median_time(range_and_map), f"5 features, {found} ranges"),
     ]
     for name, navigator in {
-        "whole navigation step": Navigator(rig, DT),
+        WHOLE: Navigator(rig, DT),
         "whole step with grid map": Navigator(rig, DT, grid_map=GridMap(rig)),
         "whole step with observation list": Navigator(rig, DT, observations=ObservationList(DT)),
     }.items():
         _, state = navigator(left, right)
         call = lambda n=navigator, s=state: n(next_left, next_right, s)  # noqa: E731
-        result.append(Row(name, median_time(call), "two 640x480 RGB frames, uint8"))
+        result.append(Timed(name, median_time(call), "two 640x480 RGB frames, uint8"))
     return result
 
 
-def opencv_rows(grey: list[tuple[np.ndarray, ...]]) -> list[Row]:
+def opencv_rows(grey: list[tuple[np.ndarray, ...]]) -> list[Timed]:
     """Dense stereo over the same disparities, and dense flow of one camera, on grey frames."""
     (left, right), (next_left, _) = grey[1], grey[2]
     sgbm = cv2.StereoSGBM.create(minDisparity=0, numDisparities=208, blockSize=5, P1=8 * 25, P2=32 * 25)
     bm = cv2.StereoBM.create(numDisparities=208, blockSize=15)
     result = [
-        Row(
-            "cv2.StereoSGBM", median_time(lambda: sgbm.compute(left, right), 3.0), "208 disparities, block 5"
-        ),
-        Row("cv2.StereoBM", median_time(lambda: bm.compute(left, right), 2.0), "208 disparities, block 15"),
+        Timed("cv2.StereoSGBM", median_time(lambda: sgbm.compute(left, right), 3.0), "208 disparities, block 5"),
+        Timed("cv2.StereoBM", median_time(lambda: bm.compute(left, right), 2.0), "208 disparities, block 15"),
     ]
     presets = {
         "ultrafast": cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST,
@@ -133,18 +150,9 @@ def opencv_rows(grey: list[tuple[np.ndarray, ...]]) -> list[Row]:
     for name, preset in presets.items():
         dis = cv2.DISOpticalFlow.create(preset)
         call = lambda d=dis: d.calc(left, next_left, None)  # noqa: E731
-        result.append(Row(f"cv2.DISOpticalFlow {name}", median_time(call, 2.0), "one camera"))
+        result.append(Timed(f"cv2.DISOpticalFlow {name}", median_time(call, 2.0), "one camera"))
     return result
 
 
-def main() -> None:
-    table = rows()
-    whole = next(row.microseconds for row in table if row.name == "whole navigation step")
-    print(f"{'':34s}{'us':>10s}{'per second':>12s}{'x step':>9s}")
-    for row in table:
-        ratio = row.microseconds / whole
-        print(f"{row.name:34s}{row.microseconds:10.1f}{1e6 / row.microseconds:12.0f}{ratio:9.2f}  {row.note}")
-
-
 if __name__ == "__main__":
-    main()
+    print(table(TITLE, rows()))

@@ -231,28 +231,26 @@ def test_gradients_flow_through_learning() -> None:
     assert torch.autograd.gradcheck(lambda x: module(x)[1].weights, (inputs,))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 2**31),
     count=st.sampled_from([0, 1, SQUARING_FROM - 1, SQUARING_FROM, 20]),
     when_full=st.sampled_from(["rescale", "stop"]),
-    rule=st.sampled_from(["competitive", "cooperative", "hebbian"]),
     limit=st.sampled_from([0.3, 0.9, 0.95]),
-    loud=st.floats(0.1, 3),
+    shared=st.floats(0, 1),
     dtype=st.sampled_from([torch.float32, torch.float64]),
 )
 def test_weights_keep_their_bounds_whatever_comes_in(
-    seed: int, count: int, when_full: WhenFull, rule: str, limit: float, loud: float, dtype: torch.dtype
+    seed: int, count: int, when_full: WhenFull, limit: float, shared: float, dtype: torch.dtype
 ) -> None:
-    """Radius under its limit, weights never negative, diagonal zero; rates up to 50."""
+    """Radius under its limit, weights never negative, diagonal zero; rates up to 50, inputs up to 1."""
     rng = np.random.default_rng(seed)
     batch = (count,) if count else ()
-    shared = rng.normal(size=(*batch, 40, 1)) * rng.random((*batch, 1, 4))
-    inputs = torch.from_numpy(loud * (shared + 0.3 * rng.normal(size=(*batch, 40, 4)))).to(dtype)
+    common = rng.uniform(-1, 1, (*batch, 40, 1)) * rng.random((*batch, 1, 4))
+    inputs = torch.from_numpy(shared * common + (1 - shared) * rng.uniform(-1, 1, (*batch, 40, 4))).to(dtype)
     network = InhibitoryNetwork(
         4,
         0.01,
-        learning_rule(rule),
         gamma=torch.as_tensor(50 * rng.random(batch)),
         settle=0.0,
         tau_onset=0.0,
@@ -297,7 +295,8 @@ def test_alternation_of_signals_that_flip_and_of_slow_ones() -> None:
     silent = InhibitoryNetwork(2, gamma=0.0, tau_in=math.inf)
     assert alternation(silent(signs)[1]) == pytest.approx(1, abs=1e-3)
     assert alternation(silent(slow)[1]) < 1e-3
-    assert alternation(silent(noise(4000, 2))[1]) == pytest.approx(0.5, abs=0.1)
+    white = torch.cat([torch.zeros(1, 2, dtype=torch.float64), noise(4000, 2)])
+    assert alternation(silent(white)[1]) == pytest.approx(0.5, abs=0.1)
 
 
 def test_an_unstable_network_is_seen_to_alternate() -> None:

@@ -91,9 +91,7 @@ def test_suppression_from_the_start_of_the_turn():
     assert turning == ([True] * 30 + [False] * 30) * 2
 
 
-@pytest.mark.parametrize(
-    ("left", "right", "curvature"), [(2.5, 2.3, -2.0), (2.3, 2.5, 2.0), (2.5, 1.9, -1.0)]
-)
+@pytest.mark.parametrize(("left", "right", "curvature"), [(2.5, 2.3, -2.0), (2.3, 2.5, 2.0), (2.5, 1.9, -1.0)])
 def test_tight_turns(left, right, curvature):
     assert drive((left, right, 0.1))[0].curvature[0] == curvature
 

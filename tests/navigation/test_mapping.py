@@ -94,9 +94,7 @@ def test_chunks_and_batches(kind):
     state = None
     for t in range(6):
         now = slice(t, t + 1)
-        out, state = mapper(
-            Ranges(*(p[..., now, :] for p in ranges)), Pose(*(p[..., now] for p in pose)), state
-        )
+        out, state = mapper(Ranges(*(p[..., now, :] for p in ranges)), Pose(*(p[..., now] for p in pose)), state)
     torch.testing.assert_close(out, whole, atol=1e-5, rtol=1e-5)
     alone, _ = mapper(Ranges(*(p[1, 0] for p in ranges)), Pose(*(p[1, 0] for p in pose)))
     torch.testing.assert_close(alone, whole[1, 0], atol=1e-5, rtol=1e-5)

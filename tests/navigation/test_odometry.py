@@ -15,12 +15,8 @@ def test_circle_and_line():
     speed = torch.full((60,), math.pi / 2, dtype=torch.float64)  # radius 0.5 m: a full circle in 2 s
     poses, last = DeadReckoning(1 / 30)(speed, turn)
     assert [float(v) for v in last] == pytest.approx([0, 0, 2 * math.pi], abs=1e-9)
-    assert [float(part[29]) for part in poses] == pytest.approx(
-        [0, 1.0, math.pi]
-    )  # half way: 1 m to the left
-    straight = DeadReckoning(1 / 30)(speed, 0 * turn, Pose(*torch.tensor([1.0, 2.0, math.pi / 2]).double()))[
-        1
-    ]
+    assert [float(part[29]) for part in poses] == pytest.approx([0, 1.0, math.pi])  # half way: 1 m to the left
+    straight = DeadReckoning(1 / 30)(speed, 0 * turn, Pose(*torch.tensor([1.0, 2.0, math.pi / 2]).double()))[1]
     assert [float(v) for v in straight] == pytest.approx([1.0, 2.0 + math.pi, math.pi / 2])
 
 
@@ -71,9 +67,7 @@ def test_frames_are_inverse_and_turn_the_right_way():
 def test_gradient_through_a_straight_step():
     start = torch.tensor([0.1, 0.2, 0.3], dtype=torch.float64, requires_grad=True)
     drive = torch.tensor([0.5, 0.0], dtype=torch.float64, requires_grad=True)
-    assert gradcheck(
-        lambda p, d: tuple(drive_step(Pose(*p.unbind()), d[0], d[1], 0.1)), (start, drive), atol=1e-6
-    )
+    assert gradcheck(lambda p, d: tuple(drive_step(Pose(*p.unbind()), d[0], d[1], 0.1)), (start, drive), atol=1e-6)
 
 
 def test_bad_input():

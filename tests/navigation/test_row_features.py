@@ -42,8 +42,7 @@ def plain_features(row, motion, p):
         return sum((row[a + k] - row[b + k]) ** 2 for k in (-1, 0, 1))
 
     valid = [
-        abs(motion[a]) >= p.min_motion and all(error(a, b) >= p.min_difference for b in picks if b != a)
-        for a in picks
+        abs(motion[a]) >= p.min_motion and all(error(a, b) >= p.min_difference for b in picks if b != a) for a in picks
     ]
     return picks, valid
 
@@ -114,9 +113,7 @@ def test_best_partner_first_window_second():
     assert found.error.tolist() == pytest.approx([0.01])
 
 
-@pytest.mark.parametrize(
-    ("right", "valid"), [(340, False), (339, True), (201, True), (200, False), (500, False)]
-)
+@pytest.mark.parametrize(("right", "valid"), [(340, False), (339, True), (201, True), (200, False), (500, False)])
 def test_disparity_is_signed_and_its_window_open(right, valid):
     patch = [[0.1, 0.5, 0.9]]
     assert match_features(as_features([400], patch), as_features([right], patch)).valid.tolist() == [valid]

@@ -54,9 +54,7 @@ def test_saturation_order():
 def test_flicker():
     """A1: ND-minus answers flicker least, and a uniform flicker not at all."""
     grating, uniform = FlickeringGrating(length=200), FlickeringGrating(length=200, uniform=True)
-    nds, minus, least = (
-        float(speed_response(s, grating.chunks(), 10)[0]) for s in (NDS(), NDMinus(), NDMin())
-    )
+    nds, minus, least = (float(speed_response(s, grating.chunks(), 10)[0]) for s in (NDS(), NDMinus(), NDMin()))
     assert minus < 0.5 * least < least < nds
     assert speed_response(NDMinus(), uniform.chunks())[0] == 0
     assert speed_response(NDMin(), uniform.chunks())[0] > 0
@@ -68,9 +66,7 @@ TAUS = [0.0, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, math.inf]
 def curve(sensor, *taus):
     speeds = [0.25 * k for k in range(1, 9)]
     settle = max([0] + [math.ceil(5 * tau * 30) for tau in taus if tau < math.inf])
-    found = judge_speed_curve(
-        torch.tensor(speeds), response(sensor(*taus), speeds, settle, PHASES[::2], width=160)
-    )
+    found = judge_speed_curve(torch.tensor(speeds), response(sensor(*taus), speeds, settle, PHASES[::2], width=160))
     return float(found.monotonic_to), float(found.linearity)
 
 
