@@ -150,12 +150,12 @@ def test_a_weak_first_stage_does_not_find_the_bars() -> None:
     with torch.no_grad():
         state = model.from_sums(reference())[1]
     assert names(state.second.weights) != ["red", "green"]
-    assert model.objects(state) == []
+    assert [thing.neuron for thing in model.objects(state)] != ["red", "green"]
 
 
 def test_the_printed_order_of_normalisation_does_not_find_the_bars() -> None:
     model, state = learn(reference(), order="printed")
-    assert float(state.second.weights.max()) < 0.2
+    assert float(state.second.weights.max()) < 0.1
     assert model.objects(state) == []
 
 

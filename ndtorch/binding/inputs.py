@@ -29,7 +29,7 @@ class BindingInputs(nn.Module):
     "filter-first" (default) high-passes the sums and divides by the largest filtered magnitude of the group in
     the last two seconds; "printed" divides by the largest raw value of the group first and filters second, as
     the text of [B] says. Only the first order reproduces the published weights: dividing the raw sums by their
-    own maximum first leaves fluctuations so weak that the cubic rule hardly learns (largest weight below 0.12
+    own maximum first leaves fluctuations so weak that the cubic rule hardly learns (largest weight 0.03
     instead of 0.85).
 
     A group whose fluctuations stay below `floor` of its raw recent maximum is divided by that instead, so that

@@ -176,10 +176,11 @@ class VisualBinding(nn.Module):
             )
         if int(fluctuating_groups(state.inputs, c.floor)) < 2:
             return "static"
-        if float(alternation(state.second)) > ALTERNATING:
+        # Written so that NaN never counts as stable.
+        if not float(alternation(state.second)) <= ALTERNATING:
             return "alternating"
-        changing = float(weight_change(state.second)) > c.stable_change
-        return "learning" if changing or float(state.second.weights.max()) < c.learned_weight else "stable"
+        settled = float(weight_change(state.second)) <= c.stable_change
+        return "stable" if settled and float(state.second.weights.max()) >= c.learned_weight else "learning"
 
     def objects(self, state: BindingState) -> list[BoundObject]:
         """The objects in view of one trial. [C §4.1]
@@ -195,6 +196,9 @@ class VisualBinding(nn.Module):
 
 def fluctuating_groups(state: InputState, floor: float) -> Tensor:
     """How many of the three groups fluctuated by more than `floor` of their level recently, `[...]`."""
+    if state.sums.shape[-2] == 0:
+        # A memory of a single step has nothing to compare: give every group the benefit of the doubt.
+        return torch.full(state.sums.shape[:-2], state.sums.shape[-1])
     return (state.fluctuations.amax(-2) > floor * state.sums.amax(-2)).sum(-1)
 
 

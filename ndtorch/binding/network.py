@@ -102,10 +102,18 @@ class InhibitoryNetwork(nn.Module):
             raise InputError(f"radius_limit must be positive, got {radius_limit}")
         if initial is not None and initial.shape != (neurons, neurons):
             raise InputError(f"initial weights must be [{neurons}, {neurons}], got {tuple(initial.shape)}")
+        if initial is not None and ((initial < 0).any() or initial.diagonal().any()):
+            raise InputError("initial weights must not be negative, and zero on the diagonal")
+        rates = torch.as_tensor(gamma)
+        if not (rates >= 0).all() or not torch.isfinite(rates).all():
+            raise InputError(f"gamma must be a learning rate >= 0, got {gamma}")
+        for name, value in (("settle", settle), ("tau_onset", tau_onset), ("window", window)):
+            if not 0 <= value < math.inf:
+                raise InputError(f"{name} must be a number of seconds >= 0, got {value}")
         self.neurons, self.dt = neurons, dt
         self.rule = rule or learning_rule("competitive")
         self.gamma = gamma
-        self.learns = bool((torch.as_tensor(gamma) != 0).any())
+        self.learns = bool((rates != 0).any())
         self.a_in, self.a_out = smoothing_factor(tau_in, dt), smoothing_factor(tau_out, dt)
         # Alternation is judged over half a second: long against a sample, short against learning.
         self.a_rough = smoothing_factor(0.5, dt)
@@ -126,7 +134,7 @@ class InhibitoryNetwork(nn.Module):
         return NetworkState(
             weights=weights,
             outputs=zeros,
-            input_low=first,
+            input_low=zeros if self.a_in == 0 else first,
             output_low=zeros,
             stopped=torch.zeros(batch, dtype=torch.bool, device=first.device),
             mean_weights=weights,
@@ -180,7 +188,7 @@ class InhibitoryNetwork(nn.Module):
     def _drive(self, inputs: Tensor, low: Tensor) -> tuple[Tensor, Tensor]:
         """High-passed inputs i' `[..., T, N]` and the filter's state."""
         if self.a_in == 0:
-            return inputs - low.unsqueeze(-2), low
+            return inputs, low
         lows = []
         for x in inputs.unbind(-2):
             low = low_pass_step(x, low, self.a_in)

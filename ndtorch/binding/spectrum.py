@@ -28,9 +28,11 @@ def perron_root(weights: Tensor) -> Tensor:
     `max (W v)_n / v_n` then bounds the root from above for any positive v, and the two-sided Rayleigh
     quotient says how tight that is. Matrices where the two differ go to the eigenvalue solver.
     """
-    w = weights.double()
+    # Relative to the largest weight, no power overflows.
+    scale = weights.double().amax((-1, -2)).clamp_min(torch.finfo(torch.float64).tiny)
+    w = weights.double() / scale[:, None, None]
     if len(w) < SQUARING_FROM:
-        return spectral_radius(w).to(weights.dtype)
+        return (spectral_radius(w) * scale).to(weights.dtype)
     power = w + torch.eye(w.shape[-1], dtype=w.dtype, device=w.device)
     for _ in range(SQUARINGS):
         power = power @ power
@@ -42,7 +44,7 @@ def perron_root(weights: Tensor) -> Tensor:
     loose = ~(root - rayleigh <= TIGHT * root)
     if loose.any():
         root[loose] = spectral_radius(w[loose])
-    return root.to(weights.dtype)
+    return (root * scale).to(weights.dtype)
 
 
 def limit_spectral_radius(weights: Tensor, limit: float) -> Tensor:
@@ -53,7 +55,8 @@ def limit_spectral_radius(weights: Tensor, limit: float) -> Tensor:
     """
     # rho(W)^4 = rho(W^4) <= |W^4|: much tighter than |W|, for weights to silent neurons die out in the powers.
     squared = weights @ weights
-    suspect = torch.linalg.matrix_norm(squared @ squared) > limit**4
+    # Not "above": powers of huge weights overflow, and NaN compares false.
+    suspect = ~(torch.linalg.matrix_norm(squared @ squared) <= limit**4)
     if not suspect.any():
         return weights
     flat = weights.reshape(-1, *weights.shape[-2:])

@@ -136,7 +136,7 @@ class HassensteinReichardt(nn.Module):
             if self.border == "wrap":
                 edge = correlate(wrapped_edge(high, dim), wrapped_edge(delayed, dim), dim)
             else:
-                edge = torch.zeros_like(inner.narrow(dim, 0, 1))
+                edge = torch.zeros_like(high.narrow(dim, 0, 1))
             signed.append(torch.cat([inner, edge], dim))
         right, down = signed
         return torch.stack([-right, right, down, -down], -3).clamp_min(0)

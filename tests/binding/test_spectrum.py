@@ -158,6 +158,14 @@ def test_huge_weights_are_limited_too(count: int, dtype: torch.dtype, size: floa
     assert_allclose(radius(limit_spectral_radius(weights, 0.95)), 0.95, rtol=2e-4)
 
 
+@pytest.mark.parametrize("count", BATCHES)
+@pytest.mark.parametrize(("dtype", "size"), [(torch.float32, 1e20), (torch.float64, 1e160)])
+def test_huge_weights_among_zeros_are_limited_too(count: int, dtype: torch.dtype, size: float) -> None:
+    """Their squares overflow, and infinity times zero is not a number."""
+    weights = torch.tensor([[0.0, size], [size, 0.0]], dtype=dtype).repeat(count, 1, 1)
+    assert_allclose(radius(limit_spectral_radius(weights, 0.95)), 0.95, rtol=2e-4)
+
+
 def test_gradients_pass_through_the_scaling() -> None:
     weights = torch.rand(4, 4, dtype=torch.float64, generator=torch.Generator().manual_seed(0)).requires_grad_()
     limit_spectral_radius(weights, 0.5).sum().backward()
