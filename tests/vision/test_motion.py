@@ -58,7 +58,7 @@ def test_images_are_those_of_a_loop_over_pixels(border: Border) -> None:
 
 
 @pytest.mark.parametrize("border", BORDERS)
-@pytest.mark.parametrize("size", [(1, 7), (7, 1), (2, 2), (6, 5)])
+@pytest.mark.parametrize("size", [(1, 1), (1, 7), (7, 1), (2, 2), (6, 5)])
 def test_sums_are_the_sums_of_the_images(border: Border, size: tuple[int, int]) -> None:
     module = HassensteinReichardt(border=border)
     high, delayed, _ = module.scan(noise(6, *size), None)
