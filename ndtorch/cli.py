@@ -5,22 +5,20 @@ from __future__ import annotations
 import json
 import sys
 import warnings
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 
 from ndtorch.errors import InputError
-
-if TYPE_CHECKING:
-    from ndtorch.report.job import BindJob
+from ndtorch.report.job import BindJob, prepare
 
 INTERRUPTED = 130
 
 
 @dataclass(frozen=True)
-class Bind:
+class Bind(BindJob):
     """Find the objects in a scene or a video: their number and their features.
 
     Prints the table of objects and a verdict, and writes pictures, the learned state and an enhanced video
@@ -29,40 +27,10 @@ class Bind:
 
     source: Annotated[str, tyro.conf.Positional] = "two-bars"
     """Scene name (see `ndtorch scenes`), video file, folder of images, camera (`camera:0`, /dev/video0) or address."""
-    seconds: float | None = None
-    """Seconds to learn from a scene (default 15, the settling time comes on top), or to take of a video (all)."""
-    phase: float | None = None
-    """Scenes: lead of the green bar's brightness over the red bar's, degrees (default 290)."""
-    gamma: float | None = None
-    """Learning rate of the second stage, 1/s (default 0.5)."""
-    rule: str | None = None
-    """Learning rule: competitive (default), cooperative or hebbian."""
-    order: str | None = None
-    """High-pass before group normalisation (filter-first, default) or after it, as printed in the paper (printed)."""
-    first_stage_radius: float | None = None
-    """Spectral radius to train the first stage to (default: the shipped model, 0.9)."""
-    settle: float | None = None
-    """Seconds before learning starts (default 4)."""
-    seed: int | None = None
-    """Scenes: pattern of the random shadow."""
-    fps: float | None = None
-    """Frames per second of a scene (default 100), or of a video that declares a wrong rate."""
-    start: int | None = None
-    """Videos: number of the first frame to use."""
-    stop: int | None = None
-    """Videos: number of the frame to stop before."""
-    fit: str = "crop"
-    """Videos: crop to the middle square, or stretch."""
-    device: str = "cpu"
-    """Torch device."""
-    pictures: float = 10.0
-    """Enhanced pictures per second of the source; 0 for none."""
     out: Path = Path("out")
     """Folder to write to; the run gets a folder named after its source in it."""
     json: bool = False
     """Print one JSON object on stdout and nothing else."""
-    resume: Path | None = None
-    """Result folder of an earlier run to go on from."""
     rrd: Path | None = None
     """Also write a recording for the rerun viewer."""
 
@@ -104,7 +72,7 @@ def main(arguments: list[str] | None = None) -> int:
         prog="ndtorch",
         description="Insect-inspired vision: find the objects in a scene.",
         args=arguments,
-        config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+        config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
     )
     try:
         with warnings.catch_warnings():
@@ -140,14 +108,13 @@ def bind(command: Bind) -> int:
     from tqdm import tqdm
 
     from ndtorch.report.files import EnhancedVideo, OutputFolder, RunRecording, folder_name, write_result
-    from ndtorch.report.job import prepare
     from ndtorch.report.pictures import Watcher
     from ndtorch.report.run import run_binding
     from ndtorch.report.words import in_words, summary
 
     # Programs choose; the library never does. Two threads get in each other's way on a busy machine.
     torch.set_num_threads(1)
-    prepared = prepare(job(command))
+    prepared = prepare(command)
     source = prepared.source
     folder = OutputFolder(command.out, folder_name(source.name))
     try:
@@ -160,7 +127,7 @@ def bind(command: Bind) -> int:
             recording = RunRecording(command.rrd)
             watchers.append(recording)
         total = None if source.length is None else source.length - prepared.start
-        with tqdm(total=total, unit=" frames", disable=command.json, leave=False) as bar:
+        with tqdm(total=total, unit=" frames", disable=command.json, leave=False, mininterval=0.5) as bar:
 
             def progress(frames: int) -> None:
                 bar.update(frames)
@@ -190,13 +157,6 @@ def bind(command: Bind) -> int:
         print(in_words(result))
         print(f"written  {folder.final}: {', '.join(path.name for path in files)}")
     return INTERRUPTED if result.interrupted else 0
-
-
-def job(command: Bind) -> BindJob:
-    """What `ndtorch.report.job` needs of the command."""
-    from ndtorch.report.job import BindJob
-
-    return BindJob(**{field.name: getattr(command, field.name) for field in fields(BindJob)})
 
 
 def scenes() -> int:

@@ -31,24 +31,40 @@ MODEL_RADIUS = 0.9
 
 @dataclass(frozen=True)
 class BindJob:
-    """What to run: see `ndtorch bind --help` for the meaning of each. None leaves the default."""
+    """What to run. None leaves the default."""
 
     source: str = "two-bars"
+    """Scene, file, folder, camera or address."""
     seconds: float | None = None
+    """Seconds to learn from a scene (default 15, the settling time comes on top), or to take of a video (all)."""
     phase: float | None = None
+    """Scenes: lead of the green bar's brightness over the red bar's, degrees (default 290)."""
     gamma: float | None = None
+    """Learning rate of the second stage, 1/s (default 0.5)."""
     rule: str | None = None
+    """Learning rule: competitive (default), cooperative or hebbian."""
     order: str | None = None
+    """High-pass before group normalisation (filter-first, default) or after it, as printed in the paper (printed)."""
     first_stage_radius: float | None = None
+    """Spectral radius to train the first stage to (default: the shipped model, 0.9)."""
     settle: float | None = None
+    """Seconds before learning starts (default 4)."""
     seed: int | None = None
+    """Scenes: pattern of the random shadow."""
     fps: float | None = None
+    """Frames per second of a scene (default 100), or of a video that declares a wrong rate."""
     start: int | None = None
+    """Videos: number of the first frame to use."""
     stop: int | None = None
+    """Videos: number of the frame to stop before."""
     fit: str = "crop"
+    """Videos: crop to the middle square, or stretch."""
     device: str = "cpu"
+    """Torch device."""
     pictures: float = 10.0
+    """Enhanced pictures per second of the source; 0 for none."""
     resume: Path | None = None
+    """Result folder of an earlier run to go on from."""
 
 
 @dataclass

@@ -15,6 +15,8 @@ VERDICTS = {
     "static": "static: nothing fluctuates enough to bind features by",
 }
 
+NOTHING_LEARNED = "learning: no weight has grown far enough yet to make a table of"
+
 
 def summary(result: BindResult) -> dict[str, Any]:
     """What `--json` prints."""
@@ -44,7 +46,8 @@ def in_words(result: BindResult) -> str:
         for thing in result.objects:
             cells = (f"{thing.features[n]:7.2f}" if n in thing.features else f"{'.':>7}" for n in FEATURES)
             lines.append(f"{thing.neuron:8}" + "".join(cells))
-    lines += ["", f"verdict  {VERDICTS[result.verdict]}"]
+    untaught = result.verdict == "learning" and not result.objects
+    lines += ["", f"verdict  {NOTHING_LEARNED if untaught else VERDICTS[result.verdict]}"]
     if result.interrupted:
         lines.append(f"stopped early, after {result.simulated_seconds:g} s; what was computed so far is kept")
     return "\n".join(lines)
