@@ -1,0 +1,47 @@
+"""The README's Python runs as it stands there, and its commands exist."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+import torch
+
+README = (Path(__file__).resolve().parents[1] / "README.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+
+
+@pytest.mark.slow
+def test_finding_objects_from_python(capsys: pytest.CaptureFixture[str]) -> None:
+    names: dict[str, object] = {}
+    exec(BLOCKS[0], names)
+    out = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in out] == ["red", "green", "stable"]
+
+
+@pytest.mark.slow
+def test_composing_modules(capsys: pytest.CaptureFixture[str]) -> None:
+    names: dict[str, object] = {}
+    exec(BLOCKS[1], names)
+    assert names["learned"].weights.shape == (3, 10, 10)  # type: ignore[attr-defined]
+    assert "tensor" in capsys.readouterr().out
+
+
+def test_navigating() -> None:
+    frames = torch.randint(0, 255, (3, 2, 3, 480, 640), dtype=torch.uint8)
+    names: dict[str, object] = {"pairs": [(pair[:1], pair[1:]) for pair in frames]}
+    exec(BLOCKS[2], names)
+    command = names["command"]
+    assert torch.isfinite(command.speed).all()  # type: ignore[attr-defined]
+    assert torch.isfinite(command.curvature).all()  # type: ignore[attr-defined]
+
+
+def test_make_targets_exist() -> None:
+    makefile = (Path(__file__).resolve().parents[1] / "Makefile").read_text(encoding="utf-8")
+    targets = {
+        word for pair in re.findall(r"^make (\w+)|`make (\w+)`", README, flags=re.MULTILINE) for word in pair if word
+    }
+    assert {"demo", "test", "check", "bench", "setup"} <= targets
+    for target in targets:
+        assert re.search(rf"^{target}:", makefile, flags=re.MULTILINE)
