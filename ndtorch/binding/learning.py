@@ -35,6 +35,7 @@ def linear(x: Tensor) -> Tensor:
 
 
 ACTIVATIONS: dict[str, Activation] = {"cube": cube, "tanh-pi": tanh_pi, "tanh-10": tanh_10, "linear": linear}
+"""Functions a rule can be made of, by name."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,7 @@ class LearningRule:
 
 
 RULE_NAMES = ("competitive", "cooperative", "hebbian")
+"""Names that `learning_rule` takes."""
 
 
 def learning_rule(name: str, f: str = "cube", g: str = "tanh-pi") -> LearningRule:

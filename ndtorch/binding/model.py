@@ -19,6 +19,7 @@ from ndtorch.vision.features import GROUPS, VisualFeatures
 from ndtorch.vision.motion import Border, MotionState
 
 Verdict = Literal["stable", "learning", "alternating", "static"]
+"""What a table of objects is worth; see `VisualBinding.verdict`."""
 
 # Share of alternating power beyond which the one-step delay, not the scene, makes the outputs: smooth signals have
 # 0.001, white noise 0.5, a locked network 0.96 and more.

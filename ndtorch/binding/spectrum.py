@@ -60,6 +60,8 @@ def limit_spectral_radius(weights: Tensor, limit: float) -> Tensor:
     if not suspect.any():
         return weights
     flat = weights.reshape(-1, *weights.shape[-2:])
+    # Nothing can be done for weights that are not numbers.
+    suspect = suspect & torch.isfinite(weights).all(-1).all(-1)
     at = suspect.reshape(-1).nonzero().squeeze(-1)
     factor = torch.ones(len(flat), dtype=weights.dtype, device=weights.device)
     # The last digits of the root are rounding: stay just inside.

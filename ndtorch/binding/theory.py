@@ -39,13 +39,17 @@ def solutions(mixing: Tensor) -> list[Solution]:
     left out. There are at most N! / (N - m)! solutions.
 
     Raises:
-        InputError: not a matrix, more sources than neurons, or a source that reaches no neuron.
+        InputError: not a matrix, more sources than neurons, a source that reaches no neuron, or columns that are
+            not independent, which nothing can separate.
     """
     if mixing.ndim != 2 or mixing.shape[1] > mixing.shape[0]:
         raise InputError(f"mixing must be [N, m] with m <= N sources, got {tuple(mixing.shape)}")
     neurons, sources = mixing.shape
     if (mixing == 0).all(0).any():
         raise InputError("mixing has a source that reaches no neuron (a column of zeros): leave it out")
+    mixing = mixing if mixing.is_floating_point() else mixing.double()
+    if int(torch.linalg.matrix_rank(mixing)) < sources:
+        raise InputError("mixing has sources that reach the neurons in the same proportions: nothing separates them")
     found = []
     for owners in itertools.permutations(range(neurons), sources):
         own = mixing[list(owners), range(sources)]

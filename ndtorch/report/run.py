@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import torch
 
-from ndtorch.binding import BindingSignals, BindingState, VisualBinding
+from ndtorch.binding import BindingSignals, BindingState, Verdict, VisualBinding
 from ndtorch.errors import InputError
 from ndtorch.report.pictures import Glimpse, PictureMaker, Watcher
 from ndtorch.report.result import BindResult, Trace
@@ -46,14 +46,19 @@ def run_binding(
     every = 8 if pictures_per_second <= 0 else max(1, round(source.fps / pictures_per_second))
     length = next(n for n in range(min(every, 12), 0, -1) if every % n == 0)
     outputs, weights = Trace((10,)), Trace((10, 10))
-    frames_seen, interrupted = 0, False
+    frames_seen, interrupted, diverged = 0, False, False
     maker = PictureMaker(model, every / source.fps, watchers)
     began = time.perf_counter()
     try:
         with torch.inference_mode(), maker:
             for frames in source.chunks(length, start):
                 frames = frames.to(device)
-                signals, state = model(frames, state)
+                signals, after = model(frames, state)
+                # The limit on the radius keeps no non-normal weights from blowing up: stop at the last numbers.
+                if state is not None and not torch.isfinite(after.second.outputs).all():
+                    diverged = True
+                    break
+                state = after
                 frames_seen += len(frames)
                 _note(outputs, weights, signals, state)
                 for watcher in watchers:
@@ -69,12 +74,13 @@ def run_binding(
         interrupted = True
     if state is None or frames_seen == 0:
         raise InputError(f"{source.name}: no frames from frame {start} on")
-    found = model.objects(state)
+    verdict: Verdict = "alternating" if diverged else model.verdict(state)
+    found = [] if diverged else model.objects(state)
     owners = {thing.index for thing in found}
     return BindResult(
         source=source.name,
         objects=found,
-        verdict=model.verdict(state),
+        verdict=verdict,
         state=state,
         settle=model.config.settle,
         simulated_seconds=frames_seen / source.fps,

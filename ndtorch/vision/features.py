@@ -11,7 +11,7 @@ from ndtorch.errors import InputError
 from ndtorch.memory import keep_freed_memory
 from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.fused import front_step
-from ndtorch.vision.motion import Border, HassensteinReichardt, MotionState, by_direction
+from ndtorch.vision.motion import Border, HassensteinReichardt, MotionState
 from ndtorch.vision.orientation import OrientedDoG
 
 FEATURES: tuple[str, ...] = (
@@ -47,7 +47,7 @@ class VisualFeatures(nn.Module):
         dt: seconds between frames.
         tau_high, tau_low: time constants of the motion detectors, seconds.
         border: "wrap" for toroidal scenes, "reflect" for real video.
-        exact: sum the orientation responses at full resolution instead of on a coarse grid (error < 0.5 %).
+        exact: sum the orientation responses at full resolution instead of on a coarse grid (see `OrientedDoG`).
         fused: compile all but the orientation filters, frame by frame (`torch.compile`; on a CPU it needs a C++
             compiler). The first frame takes some seconds more; worth it from minutes of video on.
 
@@ -137,7 +137,7 @@ class VisualFeatures(nn.Module):
             color, signed, image, state = self.front_step(
                 frame, state, self.motion.a_high, self.motion.a_low, self.motion.border
             )
-            sums.append(torch.cat([by_direction(signed), self.orientation.sums(image), color], -1))
+            sums.append(torch.cat([self.motion.by_direction(signed), self.orientation.sums(image), color], -1))
         return torch.stack(sums, -2), state
 
     def _each(self, frames: Tensor, state: MotionState | None) -> tuple[Tensor, MotionState]:

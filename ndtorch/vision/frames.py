@@ -35,8 +35,10 @@ def check_frames(frames: Tensor, size: tuple[int, int] | None = None) -> Tensor:
 
 
 def as_float(frames: Tensor) -> Tensor:
-    """uint8 scaled to 0..1; floating point as it is."""
-    return frames.float().mul_(1 / 255) if frames.dtype == torch.uint8 else frames
+    """uint8 scaled to 0..1; half precision made single, for sums over an image need it; the rest as it is."""
+    if frames.dtype == torch.uint8:
+        return frames.float().mul_(1 / 255)
+    return frames.float() if frames.dtype in (torch.float16, torch.bfloat16) else frames
 
 
 def grey(frames: Tensor) -> Tensor:

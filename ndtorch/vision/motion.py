@@ -21,6 +21,10 @@ def check_border(border: str) -> None:
         raise InputError(f"border must be one of {', '.join(BORDERS)}, got {border!r}")
 
 
+# From (across, its magnitude, along, its magnitude) to left, right, down, up.
+BY_DIRECTION = [[-0.5, 0.5, 0.0, 0.0], [0.5, 0.5, 0.0, 0.0], [0.0, 0.0, 0.5, -0.5], [0.0, 0.0, 0.5, 0.5]]
+
+
 class MotionState(NamedTuple):
     """State of the detectors: the slow and the delayed low-passed image, each `[..., H, W]`."""
 
@@ -68,18 +72,6 @@ def signed_sums(high: Tensor, delayed: Tensor, border: Border) -> Tensor:
     return torch.stack(sums, -1)
 
 
-def by_direction(signed: Tensor) -> Tensor:
-    """Sums of the left, right, down and up images from `signed_sums`, `[..., 4]` -> `[..., 4]`.
-
-    The positive part of a signed image sums to half of (sum of magnitudes + sum).
-    """
-    across, across_size, along, along_size = signed.unbind(-1)
-    left, right = across_size - across, across_size + across
-    up, down = along_size - along, along_size + along
-    # Rounding can leave -1e-7 of the sum where nothing moves in a direction.
-    return torch.stack([left, right, down, up], -1).div(2).clamp_min(0)
-
-
 class HassensteinReichardt(nn.Module):
     """Four images of directional motion: left, right, down, up. [B eq. 7-13]
 
@@ -97,6 +89,8 @@ class HassensteinReichardt(nn.Module):
         `None` settles the filters on the first frame.
     """
 
+    directions: Tensor
+
     def __init__(
         self,
         dt: float = 0.01,
@@ -109,6 +103,7 @@ class HassensteinReichardt(nn.Module):
         self.dt, self.border = dt, border
         self.a_high = smoothing_factor(tau_high, dt)
         self.a_low = smoothing_factor(tau_low, dt)
+        self.register_buffer("directions", torch.tensor(BY_DIRECTION), persistent=False)
 
     def start(self, image: Tensor) -> MotionState:
         """State settled on one grey image `[..., H, W]`."""
@@ -143,7 +138,15 @@ class HassensteinReichardt(nn.Module):
 
     def sums(self, high: Tensor, delayed: Tensor) -> Tensor:
         """Spatial sums of the four images, `[..., 4]`, without making the images."""
-        return by_direction(signed_sums(high, delayed, self.border))
+        return self.by_direction(signed_sums(high, delayed, self.border))
+
+    def by_direction(self, signed: Tensor) -> Tensor:
+        """Sums of the left, right, down and up images from `signed_sums`, `[..., 4]` -> `[..., 4]`.
+
+        The positive part of a signed image sums to half of (sum of magnitudes + sum).
+        """
+        # Rounding can leave -1e-7 of the sum where nothing moves in a direction.
+        return (signed @ self.directions.to(signed.dtype)).clamp_min(0)
 
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
         image = grey(as_float(check_frames(frames)))

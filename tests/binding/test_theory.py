@@ -23,7 +23,9 @@ from ndtorch.binding import (
 from ndtorch.errors import InputError
 
 coefficients = st.floats(0.05, 1.0)
-matrices = st.tuples(coefficients, coefficients, coefficients, coefficients)
+matrices = st.tuples(coefficients, coefficients, coefficients, coefficients).filter(
+    lambda m: abs(m[0] * m[3] - m[1] * m[2]) > 1e-6
+)
 
 
 def random_matrix(seed: int, *shape: int) -> torch.Tensor:
@@ -107,6 +109,11 @@ def test_a_neuron_that_does_not_hear_a_source_does_not_own_it() -> None:
 def test_mixtures_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
     with pytest.raises(InputError, match=r"mixing must be \[N, m\] with m <= N"):
         solutions(torch.ones(shape))
+
+
+def test_sources_in_the_same_proportions_are_refused() -> None:
+    with pytest.raises(InputError, match="same proportions"):
+        solutions(torch.ones(2, 2, dtype=torch.int64))
 
 
 def test_a_source_that_reaches_no_neuron_is_refused() -> None:

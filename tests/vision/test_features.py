@@ -15,7 +15,7 @@ from strategies import chunkings, in_chunks
 from ndtorch.errors import InputError
 from ndtorch.vision import FEATURES, GROUPS, HassensteinReichardt, OrientedDoG, VisualFeatures
 from ndtorch.vision.fused import front_step
-from ndtorch.vision.motion import BORDERS, Border, by_direction
+from ndtorch.vision.motion import BORDERS, Border
 
 
 def noise(*shape: int, seed: int = 0) -> torch.Tensor:
@@ -214,7 +214,7 @@ def test_the_step_that_can_be_compiled_is_the_same(
         color, signed, image, state = front_step(frames[..., t, :, :, :], state, motion.a_high, motion.a_low, border)
         assert_allclose(color, frames[..., t, :, :, :].sum((-1, -2)), atol=1e-12)
         assert_allclose(image, frames[..., t, :, :, :].mean(-3), atol=1e-12)
-        assert_allclose(by_direction(signed), expected[..., t, :], atol=1e-12)
+        assert_allclose(motion.by_direction(signed), expected[..., t, :], atol=1e-12)
     assert_allclose(state.delayed, end.delayed, atol=1e-12)
 
 

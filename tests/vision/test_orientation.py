@@ -14,12 +14,13 @@ from ndtorch.errors import InputError
 from ndtorch.scenes import moving_bar
 from ndtorch.vision import ANGLES, OrientedDoG, dog_spectrum
 from ndtorch.vision.motion import BORDERS, Border
-from ndtorch.vision.orientation import (
-    fast_length,
-    halve,
+from ndtorch.vision.thinning import (
+    halve_rows,
     halving_gain,
     halvings,
     inside_weights,
+    low_rows,
+    smooth_length,
     smooth_margin,
 )
 
@@ -198,7 +199,7 @@ def test_unknown_border_is_refused() -> None:
 
 @pytest.mark.parametrize("sigma", [0.0, -3.0])
 def test_sigmas_must_be_positive(sigma: float) -> None:
-    with pytest.raises(InputError, match="standard deviations must be positive"):
+    with pytest.raises(InputError, match="positive standard deviations"):
         OrientedDoG((20, 20), center=(19.0, sigma))
 
 
@@ -207,21 +208,28 @@ def test_frames_of_another_size_are_refused() -> None:
         OrientedDoG((20, 30))(torch.zeros(1, 3, 30, 20))
 
 
-@pytest.mark.parametrize("dim", [-1, -2])
-def test_halving_smooths_and_takes_every_second_line(dim: int) -> None:
+def test_halving_smooths_and_takes_every_second_row() -> None:
     image = noise(3, 8, 6).numpy()
-    smooth = image + 0.5 * (np.roll(image, 1, dim) + np.roll(image, -1, dim))
-    expected = 0.5 * (smooth[..., ::2] if dim == -1 else smooth[..., ::2, :])
-    got = halve(torch.from_numpy(image), dim).numpy()
-    # The library leaves out one factor of two for the lines that are gone.
-    assert_allclose(got, 2 * expected, atol=1e-15)
+    smooth = image + 0.5 * (np.roll(image, 1, -2) + np.roll(image, -1, -2))
+    # The library leaves out the factor of two for the rows that are gone.
+    assert_allclose(halve_rows(torch.from_numpy(image)).numpy(), smooth[..., ::2, :], atol=1e-15)
+
+
+@pytest.mark.parametrize(("length", "rows"), [(12, 5), (12, 6), (9, 4), (7, 7)])
+def test_low_rows_are_those_of_a_band_limited_wave(length: int, rows: int) -> None:
+    n = torch.arange(length, dtype=torch.float64)
+    wave = torch.cos(2 * math.pi * n / length + 0.3)
+    low = low_rows(torch.fft.fft(wave)[:, None], rows)[:, 0]
+    coarse = torch.arange(rows, dtype=torch.float64) * length / rows
+    expected = torch.cos(2 * math.pi * coarse / length + 0.3)
+    assert_allclose(torch.fft.ifft(low).real.numpy() * rows / length, expected.numpy(), atol=1e-12)
 
 
 def test_halving_gain_is_what_a_sinusoid_loses() -> None:
     n = torch.arange(64, dtype=torch.float64)
     for cycles in (1, 4, 9):
-        wave = torch.cos(2 * math.pi * cycles * n / 64)[None]
-        kept = halve(halve(wave, -1), -1)[0, 0] / 4
+        wave = torch.cos(2 * math.pi * cycles * n / 64)[:, None]
+        kept = halve_rows(halve_rows(wave))[0, 0] / 4
         gain = halving_gain(torch.tensor(cycles / 64, dtype=torch.float64), 2)
         assert kept.item() == pytest.approx(gain.item(), abs=1e-12)
 
@@ -233,10 +241,10 @@ def test_halvings(length: int, spacing: float, times: int) -> None:
     assert halvings(length, spacing) == times
 
 
-def test_fast_length_is_the_next_quick_length() -> None:
-    quick = sorted(f << k for f in (1, 3, 5) for k in range(12))
+def test_smooth_length_is_the_next_quick_length() -> None:
+    quick = [n for n in range(1, 1200) if 30**20 % n == 0]
     for n in range(1, 1000):
-        assert fast_length(n) == min(q for q in quick if q >= n)
+        assert smooth_length(n) == min(q for q in quick if q >= n)
 
 
 def test_margins_make_quick_lengths() -> None:
@@ -248,7 +256,8 @@ def test_margins_make_quick_lengths() -> None:
 
 
 @pytest.mark.parametrize(("length", "points", "margin"), [(120, 32, 10), (90, 90, 20), (61, 16, 3)])
-def test_inside_weights_cover_the_image_once(length: int, points: int, margin: int) -> None:
-    weights = inside_weights(length, points, margin)
+@pytest.mark.parametrize("offset", [0.0, 0.5])
+def test_inside_weights_cover_the_image_once(length: int, points: int, margin: int, offset: float) -> None:
+    weights = inside_weights(length, points, margin, offset)
     assert weights.sum().item() * length / points == pytest.approx(length - 2 * margin)
     assert ((weights >= 0) & (weights <= 1)).all()
