@@ -9,9 +9,13 @@ import torch
 
 from ndtorch.binding import BindingSignals, BindingState, Verdict, VisualBinding
 from ndtorch.errors import InputError
+from ndtorch.memory import give_back_freed_memory
 from ndtorch.report.pictures import Glimpse, PictureMaker, Watcher
 from ndtorch.report.result import BindResult, Trace
 from ndtorch.scenes import FrameSource
+
+# Memory that runs leave in holes is handed back this often.
+TIDY_FRAMES = 500
 
 
 def run_binding(
@@ -68,6 +72,8 @@ def run_binding(
                     maker.look(Glimpse(frames[-1], state.motion, signals, state.second.weights))
                 if progress is not None:
                     progress(len(frames))
+                if frames_seen // TIDY_FRAMES > (frames_seen - len(frames)) // TIDY_FRAMES:
+                    give_back_freed_memory()
     except KeyboardInterrupt:
         if state is None:
             raise
