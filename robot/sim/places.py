@@ -47,7 +47,7 @@ class Places:
 
     def heading(self, x: float, y: float) -> float:
         """Of 24 directions the one in which a car can drive farthest."""
-        angles = np.arange(24) * (2 * math.pi / 24)
+        angles: Floats = np.arange(24, dtype=np.float64) * (2 * math.pi / 24)
         return float(angles[int(self.lengths(x, y, angles).argmax())])
 
     def lengths(self, x: float, y: float, angles: Floats, half_width: float = 0.25) -> Floats:
