@@ -18,6 +18,7 @@ from ndtorch.navigation import (
     Navigator,
     NavigatorState,
     Pose,
+    Strips,
 )
 from robot.config import DriveConfig
 from robot.loop import Loop
@@ -172,7 +173,7 @@ class Run:
             simulation.put_back()
 
     def restart(
-        self, left: torch.Tensor, right: torch.Tensor, placed: tuple[float, float, float]
+        self, left: torch.Tensor | Strips, right: torch.Tensor | Strips, placed: tuple[float, float, float]
     ) -> tuple[Command, NavigatorState]:
         """Begin anew where someone has put the car; the map goes on."""
         before = self.state

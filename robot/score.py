@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import torch
 
 from ndtorch.navigation import Grid, StereoRig
@@ -17,6 +18,10 @@ NEAR = 0.10
 
 FAINTEST = 0.02
 """A peak of the map counts when it is at least this share of its largest."""
+
+
+CONTRAST = 0.08
+"""Smallest jump of brightness that is an edge: ND-min answers it with 0.01, the weakest that is a feature."""
 
 
 class MapScore(NamedTuple):
@@ -35,41 +40,74 @@ class MapScore(NamedTuple):
     spacing_error_percent: float | None
 
 
-def true_edges(plan: Plan, profiles: list[Floats]) -> Floats:
-    """Vertical edges at the height of the cameras, `[E, 2]`: corners of walls, and jumps of their brightness."""
+class Edges(NamedTuple):
+    """Vertical edges at the height of the cameras.
+
+    Attributes:
+        places: `[E, 2]`, m.
+        faint: `[E]`, convex corners of two equally bright walls, which show only where one hides behind the other.
+        normals: `[E, 2, 2]`, where the walls before and after the edge face.
+    """
+
+    places: Floats
+    faint: npt.NDArray[np.bool_]
+    normals: Floats
+
+
+def true_edges(plan: Plan, profiles: list[Floats]) -> Edges:
+    """Where brightness jumps by `CONTRAST` along a wall or from wall to wall, and every convex corner.
+
+    Args:
+        profiles: brightness along every wall, `World.profiles`.
+    """
     places: list[tuple[float, float]] = []
-    k = 0
+    faint: list[bool] = []
+    normals: list[tuple[Floats, Floats]] = []
+    first = 0
     for shape in plan.rings:
         corners = shape.array
-        ahead = np.roll(corners, -1, 0) - corners
-        before = np.roll(ahead, 1, 0)
-        bend = np.abs(np.arctan2(before[:, 0] * ahead[:, 1] - before[:, 1] * ahead[:, 0], (before * ahead).sum(1)))
-        places += [(float(x), float(y)) for x, y in corners[bend > math.radians(15)]]
-        for (x, y), (dx, dy) in zip(corners, ahead, strict=True):
-            length = math.hypot(dx, dy)
-            for s in edge_columns(profiles[k]):
-                if 0.03 < s < length - 0.03:  # nearer ones are the corner itself
-                    places.append((float(x + dx * s / length), float(y + dy * s / length)))
-            k += 1
-    return np.array(places)
+        along = np.roll(corners, -1, 0) - corners
+        lengths = np.hypot(*along.T)
+        along = along / lengths[:, None]
+        facing = np.stack((-along[:, 1], along[:, 0]), -1)
+        for k in range(len(corners)):
+            mine, previous = profiles[first + k], profiles[first + (k - 1) % len(corners)]
+            bend = float(along[k - 1, 0] * along[k, 1] - along[k - 1, 1] * along[k, 0])
+            jump = abs(float(mine[:5].mean()) - float(previous[-5:].mean())) >= CONTRAST
+            if jump or bend < -math.sin(math.radians(15)):
+                places.append((float(corners[k, 0]), float(corners[k, 1])))
+                faint.append(not jump)
+                normals.append((facing[k - 1], facing[k]))
+            for s in edge_columns(mine, CONTRAST):
+                if 0.03 < s < lengths[k] - 0.03:  # nearer ones are the corner itself
+                    x, y = corners[k] + s * along[k]
+                    places.append((float(x), float(y)))
+                    faint.append(False)
+                    normals.append((facing[k], facing[k]))
+        first += len(corners)
+    count = len(places)
+    return Edges(np.array(places).reshape(count, 2), np.array(faint, bool), np.array(normals).reshape(count, 2, 2))
 
 
-def visible(plan: Plan, edges: Floats, poses: Floats, rig: StereoRig, times: int = 5) -> np.ndarray:
+def visible(plan: Plan, edges: Edges, poses: Floats, rig: StereoRig, times: int = 5) -> npt.NDArray[np.bool_]:
     """Which edges could be ranged from at least `times` of the poses `[T, 3]`: inside both images, within the
-    window of disparities, nothing in front.
+    window of disparities, nothing in front, and not the faint corner of two walls that are both seen.
     """
-    count = np.zeros(len(edges), dtype=np.int64)
+    count = np.zeros(len(edges.places), dtype=np.int64)
     for x, y, heading in poses:
-        ahead = (edges - (x, y)) @ np.array([math.cos(heading), math.sin(heading)]) - rig.forward
-        aside = (edges - (x, y)) @ np.array([-math.sin(heading), math.cos(heading)])
+        offset = edges.places - (x, y)
+        ahead = offset @ np.array([math.cos(heading), math.sin(heading)]) - rig.forward
+        aside = offset @ np.array([-math.sin(heading), math.cos(heading)])
         depth = np.where(ahead > 0.1, ahead, np.inf)
         disparity = rig.focal * rig.baseline / depth
         outer = rig.focal * (np.abs(aside) + rig.baseline / 2) / depth
-        near = np.flatnonzero((disparity > 60) & (disparity < 200) & (outer < rig.width / 2 - 1))
+        eye = np.array([x + rig.forward * math.cos(heading), y + rig.forward * math.sin(heading)])
+        seen = ((edges.normals * (eye - edges.places)[:, None]).sum(-1) > 0).all(1)
+        good = (disparity > 60) & (disparity < 200) & (outer < rig.width / 2 - 1) & ~(edges.faint & seen)
+        near = np.flatnonzero(good)
         if len(near):
-            eye = np.array([x + rig.forward * math.cos(heading), y + rig.forward * math.sin(heading)])
-            count[near[plan.sees(eye, edges[near])]] += 1
-    return count >= times
+            count[near[plan.sees(eye, edges.places[near])]] += 1
+    return np.asarray(count >= times)
 
 
 def peaks(cells: torch.Tensor, grid: Grid) -> Floats:
@@ -95,8 +133,8 @@ def score_map(
     row, column = torch.nonzero(cells, as_tuple=True)
     mass = cells[row, column].double().numpy()
     places = torch.stack(grid.centre(row, column), -1).double().numpy()
-    precision = float(mass[nearest(places, edges) <= NEAR].sum() / mass.sum())
-    seen = edges[visible(plan, edges, poses, rig)]
+    precision = float(mass[nearest(places, edges.places) <= NEAR].sum() / mass.sum())
+    seen = edges.places[visible(plan, edges, poses, rig)]
     tops = peaks(cells, grid)
     if not len(seen) or not len(tops):
         return MapScore(precision, None, None, None)

@@ -275,7 +275,7 @@ def add_obstacle(spec: Any, images: dict[str, Image], rng: np.random.Generator) 
     )
 
 
-def edge_columns(profile_: Floats, contrast: float = 0.04, within: float = 0.02) -> Floats:
+def edge_columns(profile_: Floats, contrast: float, within: float = 0.02) -> Floats:
     """Where along a surface its brightness jumps, as metres from its start.
 
     A jump changes the brightness by `contrast` or more within `within` metres, and more than its surroundings.
