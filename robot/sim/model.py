@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 THICKNESS = 0.04
 """Half the depth of what stands behind the face of a wall, m: many times what the car drives in a step."""
 
+SKIRTING = (0.006, 0.08)
+"""Depth and height of the skirting, m."""
+
 OBSTACLE_SIZE = (0.18, 0.25, 0.9)
 """Half the sides of the moving obstacle, m."""
 
@@ -76,6 +79,8 @@ def build(plan: Plan, seed: int = 0, walls: Walls = "textured", moving: bool = F
     wall_mesh = Mesh()
     for segment, surface, cut in zip(plan.segments, surfaces, patches, strict=True):
         wall_mesh.wall(segment, surface, cut)
+    if walls == "textured":
+        add_skirting(spec, plan)
     left, right, bottom, top = ground
     floor_mesh, ceiling_mesh = Mesh(), Mesh()
     floor_mesh.level(ground, 0.0, (0.0, 1.0, 0.0, 1.0))
@@ -186,6 +191,30 @@ def fill_texture(model: mujoco.MjModel, name: str, image: Image) -> None:
     """Put an image into a texture of a compiled model: far faster than through the specification."""
     begin = int(model.tex_adr[model.texture(name).id])
     model.tex_data[begin : begin + image.size] = image.ravel()
+
+
+def add_skirting(spec: Any, plan: Plan) -> None:
+    """A dark board along the foot of the walls, of its own: in the texture, the filter would blur it away."""
+    import mujoco
+
+    kinds = [kind for shape in plan.rings for kind in shape.kinds]
+    boards = Mesh()
+    for ((ax, ay), (bx, by)), kind in zip(plan.segments, kinds, strict=True):
+        if kind == "wall":
+            length = math.hypot(bx - ax, by - ay)
+            x, y = -(by - ay) / length * SKIRTING[0], (bx - ax) / length * SKIRTING[0]
+            top = SKIRTING[1]
+            corners = [(bx + x, by + y, 0.0), (ax + x, ay + y, 0.0), (ax + x, ay + y, top), (bx + x, by + y, top)]
+            boards.quad(corners, [(0.0, 0.0)] * 4)
+    if not boards.points:
+        return
+    mesh = spec.add_mesh(name="skirting")
+    mesh.uservert = np.array(boards.points, np.float32).ravel()
+    mesh.userface = np.array(boards.faces, np.int32).ravel()
+    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+    spec.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_MESH, meshname="skirting", rgba=[0.2, 0.19, 0.18, 1], contype=0, conaffinity=0
+    )
 
 
 def add_lid(spec: Any, corners: Floats, height: float) -> None:

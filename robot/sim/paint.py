@@ -40,8 +40,8 @@ class Painted(NamedTuple):
 def paint_ring(shape: Ring, ceiling: float, rng: np.random.Generator, walls: Walls) -> list[Painted]:
     """The surfaces of a ring, one for each edge.
 
-    Walls have panels up to 1 m with a rail above and a skirting below, uneven light, paper on them here and
-    there, and some stretches without any texture. `walls="blank"` leaves all but the colour away.
+    Walls have panels up to 1 m with a rail above, uneven light, paper on them here and there, and some
+    stretches without any texture. `walls="blank"` leaves all but the colour away.
     """
     height = min(shape.height or ceiling, ceiling)
     corners = shape.array
@@ -100,7 +100,6 @@ class RingStyle:
             panel = np.searchsorted(self.ends, along)
             light = light + np.where(z < 1.0, self.shade[panel], 0.08)
             light = np.where((z >= 1.0) & (z < 1.04), 0.62, light)
-            light = np.where(z < 0.08, 0.5 + uneven, light)
             return np.asarray(light + 0.015 * grain * self.texture[panel])
         if kind == "door":
             frame = (s < 0.06) | (s > length - 0.06)
