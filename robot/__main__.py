@@ -124,14 +124,21 @@ def watched(config: DriveConfig, quiet: bool) -> Result:
 
     if quiet:
         return drive(config)
-    steps = f"{config.arena} seed {config.seed}"
-    with tqdm(total=None, desc=steps, unit=" frames", file=sys.stderr) as bar:
+    bar = None
 
-        def progress(made: int, total: int) -> None:
-            bar.total = total
-            bar.update()
+    def progress(made: int, total: int) -> None:
+        nonlocal bar
+        if bar is None:  # only now, so that an error before the first frame stands alone
+            bar = tqdm(total=total, desc=f"{config.arena} seed {config.seed}", unit=" frames", file=sys.stderr)
+        bar.update()
+        if made == total:
+            bar.close()
 
+    try:
         return drive(config, progress)
+    finally:
+        if bar is not None:
+            bar.close()
 
 
 def prepare(folder: Path) -> None:
