@@ -28,6 +28,7 @@ from robot.score import MapScore, coverage, score_map
 from robot.sim.arenas import load_arena
 from robot.sim.plan import Plan
 from robot.sim.simulation import Simulation
+from robot.watch import CameraWatch
 
 RATE = 30.0
 """Frames a second."""
@@ -72,7 +73,7 @@ def drive(
         steer: changes what the controller wants before it is sent: to compare with a blind or a wrong one.
 
     Raises:
-        InputError: an arena or a machine that cannot be used.
+        InputError: an arena or a machine that cannot be used; cameras that fail, after the car was stopped.
     """
     plan = load_arena(config.arena, config.seed)
     simulation = Simulation(
@@ -111,6 +112,7 @@ class Run:
         )
         self.state: NavigatorState | None = None
         self.record = Record()
+        self.watch = CameraWatch(simulation.rig)
         self.stops: list[float] = []
         self.standing = 0
         self.loop = Loop(RATE, simulation, max_steps=max(1, round(config.seconds * RATE)))
@@ -154,6 +156,7 @@ class Run:
         driven = simulation.driven()
         with timing.part("cameras"):
             frames = simulation.read()
+        self.watch.check(frames, driven.speed)
         with timing.part("navigate"):
             if placed is None:
                 moved = Command(torch.tensor([driven.speed]), torch.tensor([driven.curvature]))

@@ -115,7 +115,9 @@ def map_(plt: Any, result: Result) -> Any:
         f"{100 * score['recall']:.0f} % of the visible edges found" if score["recall"] else "",
         f"median error {score['position_error_cm']:.1f} cm" if score["position_error_cm"] else "",
     ]
-    figure, axes = plan_figure(plt, result.plan, "Map: " + ", ".join(w for w in words if w), faint=True)
+    figure, axes = plan_figure(
+        plt, result.plan, "Map: " + (", ".join(w for w in words if w) or "nothing seen to compare"), faint=True
+    )
     cells = result.cells.numpy()
     # What a pixel shows is the largest of its cells: small peaks must not vanish.
     step = max(1, round(max(cells.shape) / 1400))

@@ -87,6 +87,7 @@ class RingStyle:
             ),
             -1,
         )
+        self.tone = float(rng.uniform(0.85, 1.1))
         self.paper_colours = rng.uniform(0.25, 0.95, (count, 3))
 
     def light(self, kind: str, s: Floats, begin: float, length: float, z: Floats, rng: np.random.Generator) -> Floats:
@@ -112,8 +113,7 @@ class RingStyle:
             drawers = np.cumsum(rng.uniform(0.25, 0.5, int(length / 0.25) + 2))
             fronts = rng.uniform(0.7, 1.3, len(drawers) + 1)
             return np.asarray(light * fronts[np.searchsorted(drawers, s)] + 0.02 * grain)
-        tone = float(rng.uniform(0.85, 1.1))
-        return np.asarray(light * tone + (0.03 if kind == "pillar" else 0.01) * grain)
+        return np.asarray(light * self.tone + (0.03 if kind == "pillar" else 0.01) * grain)
 
     def paper(self, texels: Floats, along: Floats, z: Floats) -> None:
         """Put the papers that hang here on the wall, in place."""
