@@ -154,6 +154,8 @@ class Run:
         timing, simulation = self.loop.timing, self.simulation
         placed = simulation.take_placed()
         driven = simulation.driven()
+        if placed is not None:
+            self.record.placed.append(len(self.record.time))
         with timing.part("cameras"):
             frames = simulation.read()
         self.watch.check(frames, driven.speed)

@@ -88,21 +88,23 @@ def path(plt: Any, result: Result) -> Any:
     if not record.pose:
         return figure
     pose, mode = record.array("pose"), record.array("mode")
-    carried = np.hypot(*np.diff(pose[:, :2], axis=0, prepend=pose[:1, :2]).T) > 0.2
-    line = pose[:, :2].copy()
-    line[carried] = np.nan
+    line = record.track()
+    carried = np.array(record.placed[1:], dtype=np.int64)
+    walk = result.simulation.walk
+    if walk is not None:
+        axes.plot(*zip(*walk, strict=True), ":", color="#cc79a7", lw=2.5, zorder=2, label="way of the moving obstacle")
     axes.plot(*line.T, color=PATH, lw=1.6, zorder=3, label="path")
     turning = np.where((mode == TURN)[:, None], line, np.nan)
     axes.plot(*turning.T, color="#e69f00", lw=3.2, zorder=4, label="turning")
     axes.plot(*pose[0, :2], "o", color="#009e73", ms=8, zorder=5, label="start")
     if hits:
         axes.plot([h.x for h in hits], [h.y for h in hits], "X", color=HIT, ms=10, zorder=6, label="collision")
-    if carried.any():
+    if carried.size:
         axes.plot(*pose[carried, :2].T, "o", mfc="white", mec="0.3", ms=6, zorder=5, label="put back")
     if result.stops:
         at = np.searchsorted(record.array("time"), result.stops).clip(max=len(pose) - 1)
         axes.plot(*pose[at, :2].T, "s", color="#7b3294", ms=8, zorder=6, label="stopped")
-    legend(axes, 6)
+    legend(axes, 7)
     return figure
 
 
@@ -131,8 +133,7 @@ def map_(plt: Any, result: Result) -> Any:
     axes.imshow(image, origin="lower", extent=extent, zorder=2, interpolation="nearest")
     believed = result.record.array("believed")
     if len(believed):
-        line = believed[:, :2].copy()
-        line[np.hypot(*np.diff(line, axis=0, prepend=line[:1]).T) > 0.2] = np.nan
+        line = result.record.track("believed")
         axes.plot(*line.T, color=PATH, lw=1.0, alpha=0.6, zorder=3, label="path by dead reckoning")
         axes.plot([], [], color=(0.8, 0, 0), lw=4, label="map")
         legend(axes, 2)

@@ -31,6 +31,7 @@ class Record:
         mode: of the controller.
         ranges: left range, left angle, right angle, valid, each `[n]`.
         rows: both grey rows, uint8 `[2, W]`, of the first `KEPT_ROWS` frames.
+        placed: numbers of the frames before which someone has put the car where it is; the first is the start.
     """
 
     time: list[float] = field(default_factory=list)
@@ -42,6 +43,7 @@ class Record:
     mode: list[int] = field(default_factory=list)
     ranges: list[npt.NDArray[np.float32]] = field(default_factory=list)
     rows: list[npt.NDArray[np.uint8]] = field(default_factory=list)
+    placed: list[int] = field(default_factory=list)
 
     def add(
         self,
@@ -81,7 +83,14 @@ class Record:
     def distance(self) -> float:
         """Metres driven, without being carried."""
         steps = np.hypot(*np.diff(self.array("pose")[:, :2], axis=0).T)
-        return float(steps[steps < 0.2].sum())
+        steps[np.array(self.placed[1:], dtype=np.int64) - 1] = 0.0
+        return float(steps.sum())
+
+    def track(self, name: str = "pose") -> Floats:
+        """Places of a list of poses as a line `[T, 2]`, with NaN where the car was carried."""
+        line = self.array(name)[:, :2].copy()
+        line[np.array(self.placed[1:], dtype=np.int64)] = np.nan
+        return line
 
 
 def grey_row(eye: Strips | object, rig: StereoRig) -> npt.NDArray[np.uint8]:
