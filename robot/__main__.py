@@ -49,7 +49,7 @@ class Drive:
     moving: bool = False
     """With a person-sized box that walks to and fro."""
     whole: bool = False
-    """Draw whole 640x480 frames although only strips of them are read (4 times slower)."""
+    """Draw whole 640x480 frames although only strips of them are read (six times slower)."""
     out: Path | None = None
     """Folder for the results (default out/drive)."""
     json: bool = False

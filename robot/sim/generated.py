@@ -9,7 +9,7 @@ from robot.sim.tracing import Box, trace
 
 
 def office(seed: int) -> Plan:
-    """A corridor, 14 x 2 m, with six furnished rooms behind open doors, 17.5 x 11 m in all."""
+    """A corridor, 14 x 2 m, with six furnished rooms behind open doors, 14 x 11 m in all."""
     rng = np.random.default_rng((seed, 5))
     rooms = [Box(0.0, -1.0, 14.0, 1.0)]
     solids: list[Ring] = []
