@@ -1,0 +1,67 @@
+"""What can be chosen for a drive, from a TOML file and from the command line."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator
+
+from ndtorch.errors import InputError
+from robot.toml import Strict, check, read_toml
+
+
+class DriveConfig(Strict):
+    """A drive.
+
+    Args:
+        arena: name of an arena (`python -m robot arenas`) or a `.toml` file.
+        seed: of the building, its textures and the starting place.
+        seconds: simulated time, s.
+        controller: `"published"`, the saccades of [A].
+        features: features to range in each frame, n.
+        angle: `"atan"` or `"linear"`, the angle of a pixel.
+        odometry: `"true"` or `"noisy"` dead reckoning.
+        walls: `"textured"` or `"blank"`.
+        moving: with a moving obstacle.
+        whole: draw whole frames instead of the strips that are read.
+        out: folder for the results.
+    """
+
+    arena: str = "hallway"
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+    seconds: Annotated[float, Field(gt=0, le=86400)] = 60.0
+    controller: Literal["published"] = "published"
+    features: Annotated[int, Field(ge=1, le=64)] = 5
+    angle: Literal["atan", "linear"] = "atan"
+    odometry: Literal["true", "noisy"] = "true"
+    walls: Literal["textured", "blank"] = "textured"
+    moving: bool = False
+    whole: bool = False
+    out: Path = Path("out/drive")
+
+    @field_validator("controller", mode="before")
+    @classmethod
+    def known_controller(cls, value: object) -> object:
+        """`ranging` is planned and must not be mistaken for a typing error."""
+        if value == "ranging":
+            raise ValueError("the controller 'ranging' is not there yet, use 'published'")
+        return value
+
+
+def load_config(file: Path | None, choices: dict[str, object]) -> DriveConfig:
+    """The file's values, overridden by those choices that are not None.
+
+    Raises:
+        InputError: an unknown key, with the nearest known one, or a value that cannot be used.
+    """
+    values: dict[str, object] = {}
+    if file is not None:
+        values = read_toml(file, DriveConfig).model_dump(exclude_unset=True)
+    values |= {key: value for key, value in choices.items() if value is not None}
+    unknown = sorted(set(values) - set(DriveConfig.model_fields))
+    if unknown:
+        near = difflib.get_close_matches(unknown[0], DriveConfig.model_fields, 1)
+        raise InputError(f"unknown key {unknown[0]!r}" + (f", did you mean {near[0]!r}?" if near else ""))
+    return check(values, DriveConfig, "drive")

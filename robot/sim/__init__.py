@@ -1,0 +1,1 @@
+"""A simulated world on MuJoCo: buildings, a car with two cameras, and the truth about both for the scorer."""

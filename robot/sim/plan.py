@@ -1,0 +1,198 @@
+"""The plan of a building: closed rings of vertical walls, and what can be asked of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from ndtorch.errors import InputError
+
+Floats = npt.NDArray[np.float64]
+Point = tuple[float, float]
+
+KINDS = ("wall", "blank", "door", "jamb", "pillar", "furniture")
+"""What a surface looks like."""
+
+NARROWEST = 0.6
+"""Metres: a passage narrower than this leaves the car (0.36 m wide) no room to steer."""
+
+
+@dataclass(frozen=True)
+class Ring:
+    """A closed polygon of vertical surfaces.
+
+    Args:
+        points: corners in order, m. Those of an outline run counter-clockwise, those of solids clockwise, so
+            that the free side is always on the left; `ring` turns them round where needed.
+        kinds: one of `KINDS` for the surface from each corner to the next.
+        height: m; None is up to the ceiling.
+    """
+
+    points: tuple[Point, ...]
+    kinds: tuple[str, ...]
+    height: float | None = None
+
+    @cached_property
+    def array(self) -> Floats:
+        """Corners `[N, 2]`."""
+        return np.array(self.points, dtype=np.float64)
+
+    @property
+    def area(self) -> float:
+        """Signed area, m^2, positive when counter-clockwise."""
+        x, y = self.array.T
+        return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) / 2)
+
+    def flipped(self) -> Ring:
+        """The same polygon run through the other way."""
+        points = tuple(reversed(self.points))
+        kinds = tuple(reversed(self.kinds[:-1])) + self.kinds[-1:]
+        return replace(self, points=points, kinds=kinds)
+
+
+def ring(points: list[Point], kind: str = "wall", height: float | None = None, solid: bool = False) -> Ring:
+    """A ring of one kind of surface, turned to have its free side on the left."""
+    made = Ring(tuple(points), (kind,) * len(points), height)
+    return made.flipped() if (made.area < 0) != solid else made
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A building: the free space inside `outline` and outside all `solids`.
+
+    Args:
+        name: of the arena.
+        outline: ring around everything.
+        solids: pillars, furniture, inner walls.
+        start: x, y in m and heading in radians where a drive begins; None lets the seed choose.
+        doors: rows of corners that are one door apart, for scoring the spacing of doors.
+        spacing: distance between neighbouring doors, m; 0 where there are none.
+        height: of the ceiling, m.
+
+    Raises:
+        InputError: a plan that cannot be built, in one line that says where.
+    """
+
+    name: str
+    outline: Ring
+    solids: tuple[Ring, ...] = ()
+    start: tuple[float, float, float] | None = None
+    doors: tuple[tuple[Point, ...], ...] = field(default=())
+    spacing: float = 0.0
+    height: float = 2.4
+
+    def __post_init__(self) -> None:
+        if not 1.0 <= self.height <= 10.0:
+            raise InputError(f"arena {self.name}: height must be 1 to 10 m, got {self.height}")
+        for shape in self.rings:
+            check_ring(shape, self.name)
+        for solid in self.solids:
+            middle = solid.array.mean(0)
+            if not bool(inside(self.outline, middle[None])[0]):
+                raise InputError(
+                    f"arena {self.name}: a {solid.kinds[0]} at ({middle[0]:.2f}, {middle[1]:.2f}) is outside the walls"
+                )
+        if self.start is not None and not (self.clearance(np.array([self.start[:2]]))[0] > 0.3):
+            x, y, _ = self.start
+            raise InputError(f"arena {self.name}: start ({x}, {y}) must be free for 0.3 m all around")
+
+    @property
+    def rings(self) -> tuple[Ring, ...]:
+        """The outline and all solids."""
+        return (self.outline, *self.solids)
+
+    @cached_property
+    def segments(self) -> Floats:
+        """All surfaces, `[S, 2, 2]`: from, to; x, y."""
+        return np.concatenate([np.stack((r.array, np.roll(r.array, -1, 0)), 1) for r in self.rings])
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Smallest and largest x, smallest and largest y, m."""
+        (left, bottom), (right, top) = self.outline.array.min(0), self.outline.array.max(0)
+        return float(left), float(right), float(bottom), float(top)
+
+    def is_free(self, points: Floats) -> npt.NDArray[np.bool_]:
+        """Whether points `[N, 2]` are in free space, `[N]`."""
+        free = inside(self.outline, points)
+        for solid in self.solids:
+            free &= ~inside(solid, points)
+        return free
+
+    def clearance(self, points: Floats) -> Floats:
+        """Distance of points `[N, 2]` from the nearest surface, m, `[N]`; negative where it is not free."""
+        best = np.full(len(points), np.inf)
+        for a, b in self.segments:
+            along = b - a
+            share = np.clip(((points - a) @ along) / max(float(along @ along), 1e-12), 0.0, 1.0)
+            best = np.minimum(best, np.hypot(*(points - a - share[:, None] * along).T))
+        return np.where(self.is_free(points), best, -best)
+
+    def cast(self, eye: Floats, angles: Floats) -> Floats:
+        """Distance from `eye` (x, y) to the first surface in world directions `[N]`, m; inf where there is none."""
+        a, along = self.segments[:, 0], self.segments[:, 1] - self.segments[:, 0]
+        ray = np.stack((np.cos(angles), np.sin(angles)), -1)[:, None]
+        to = a - eye
+        cross = ray[..., 0] * along[:, 1] - ray[..., 1] * along[:, 0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = (to[:, 0] * along[:, 1] - to[:, 1] * along[:, 0]) / cross
+            share = (to[:, 0] * ray[..., 1] - to[:, 1] * ray[..., 0]) / cross
+        hit = (distance > 1e-9) & (share >= -1e-9) & (share <= 1 + 1e-9)
+        return np.asarray(np.where(hit, distance, np.inf).min(-1))
+
+    def sees(self, eye: Floats, targets: Floats, margin: float = 0.02) -> npt.NDArray[np.bool_]:
+        """Whether nothing lies between `eye` and targets `[N, 2]`, up to `margin` metres before them."""
+        offset = targets - eye
+        reach = self.cast(eye, np.arctan2(offset[:, 1], offset[:, 0]))
+        return np.asarray(reach >= np.hypot(*offset.T) - margin)
+
+
+def inside(shape: Ring, points: Floats) -> npt.NDArray[np.bool_]:
+    """Whether points `[N, 2]` lie inside a ring: a ray to the right crosses it an odd number of times."""
+    result = np.zeros(len(points), dtype=bool)
+    x, y = points.T
+    corners = shape.array
+    for (ax, ay), (bx, by) in zip(corners, np.roll(corners, -1, 0), strict=True):
+        if ay != by:
+            across = (ay > y) != (by > y)
+            result ^= across & (x < ax + (y - ay) * ((bx - ax) / (by - ay)))
+    return result
+
+
+def check_ring(shape: Ring, arena: str) -> None:
+    """Raise `InputError` for a ring that is no polygon."""
+    corners = shape.array
+    if len(corners) < 3 or not np.isfinite(corners).all() or len(shape.kinds) != len(corners):
+        raise InputError(f"arena {arena}: a ring needs three corners or more, all finite, got {shape.points}")
+    sides = np.hypot(*(np.roll(corners, -1, 0) - corners).T)
+    if sides.min() < 1e-6 or abs(shape.area) < 1e-4:
+        raise InputError(f"arena {arena}: walls of no length or a ring of no area near {shape.points[0]}")
+    unknown = sorted(set(shape.kinds) - set(KINDS))
+    if unknown:
+        raise InputError(f"arena {arena}: unknown surface {unknown[0]!r}, choose one of {', '.join(KINDS)}")
+    if shape.height is not None and not 0 < shape.height < math.inf:
+        raise InputError(f"arena {arena}: heights must be > 0 m, got {shape.height}")
+    crossing = self_crossing(corners)
+    if crossing is not None:
+        raise InputError(f"arena {arena}: walls cross each other near ({crossing[0]:.2f}, {crossing[1]:.2f})")
+
+
+def self_crossing(corners: Floats) -> Point | None:
+    """Where two walls of a ring cross properly, or None."""
+    a, b = corners, np.roll(corners, -1, 0)
+    d = b - a
+    to = a[None] - a[:, None]
+    cross = d[:, None, 0] * d[None, :, 1] - d[:, None, 1] * d[None, :, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = (to[..., 0] * d[None, :, 1] - to[..., 1] * d[None, :, 0]) / cross
+        t = (to[..., 0] * d[:, None, 1] - to[..., 1] * d[:, None, 0]) / cross
+    proper = (s > 1e-6) & (s < 1 - 1e-6) & (t > 1e-6) & (t < 1 - 1e-6) & (np.abs(cross) > 1e-12)
+    if not proper.any():
+        return None
+    k = int(np.argmax(proper.any(1)))
+    place = a[k] + s[k][proper[k]][0] * d[k]
+    return float(place[0]), float(place[1])
