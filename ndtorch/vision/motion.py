@@ -66,8 +66,10 @@ def signed_sums(high: Tensor, delayed: Tensor, border: Border) -> Tensor:
         inner = correlate(high, delayed, dim)
         total, size = inner.sum((-1, -2)), inner.abs_().sum((-1, -2))
         if border == "wrap":
-            edge = correlate(wrapped_edge(high, dim), wrapped_edge(delayed, dim), dim)
-            total, size = total + edge.sum((-1, -2)), size + edge.abs().sum((-1, -2))
+            # The last line and the first, where the torus closes.
+            edge = high.select(dim, 0) * delayed.select(dim, -1)
+            edge.addcmul_(high.select(dim, -1), delayed.select(dim, 0), value=-1)
+            total, size = total + edge.sum(-1), size + edge.abs_().sum(-1)
         sums += [total, size]
     return torch.stack(sums, -1)
 
