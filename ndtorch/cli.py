@@ -12,6 +12,7 @@ from typing import Annotated
 import tyro
 
 from ndtorch.errors import InputError
+from ndtorch.memory import tune_allocator
 from ndtorch.report.job import BindJob, prepare
 
 INTERRUPTED = 130
@@ -114,6 +115,7 @@ def bind(command: Bind) -> int:
 
     # Programs choose; the library never does. Two threads get in each other's way on a busy machine.
     torch.set_num_threads(1)
+    tune_allocator()
     prepared = prepare(command)
     source = prepared.source
     folder = OutputFolder(command.out, folder_name(source.name))

@@ -18,10 +18,12 @@ import torch
 from torch import Tensor
 
 import ndtorch
+from ndtorch.memory import tune_allocator
 from ndtorch.report.run import run_binding
 from ndtorch.scenes import FrameSource
 
 torch.set_num_threads(1)
+tune_allocator()
 
 
 def peak() -> float:

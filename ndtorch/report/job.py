@@ -61,7 +61,7 @@ class BindJob:
     """Videos: crop to the middle square, or stretch."""
     device: str = "cpu"
     """Torch device."""
-    pictures: float = 10.0
+    pictures: float = 5.0
     """Enhanced pictures per second of the source; 0 for none."""
     resume: Path | None = None
     """Result folder of an earlier run to go on from."""

@@ -23,7 +23,7 @@ def run_binding(
     source: FrameSource,
     state: BindingState | None = None,
     start: int = 0,
-    pictures_per_second: float = 10.0,
+    pictures_per_second: float = 5.0,
     watchers: tuple[Watcher, ...] = (),
     progress: Callable[[int], None] | None = None,
     device: torch.device | str = "cpu",

@@ -6,6 +6,7 @@ import argparse
 
 import torch
 
+from ndtorch.memory import tune_allocator
 from tests.benchmarks import bench_binding, bench_features, bench_navigation
 from tests.benchmarks.timing import machine, table
 
@@ -15,6 +16,8 @@ def main() -> None:
     parser.add_argument("--device", help="also time this torch device, such as cuda", default=None)
     device = parser.parse_args().device
     torch.set_num_threads(1)
+    # As the command line does.
+    tune_allocator()
     print(f"{machine(device)}\n")
     for bench in (bench_features, bench_binding, bench_navigation):
         print(table(bench.TITLE, bench.rows(device)))
