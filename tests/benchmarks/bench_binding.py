@@ -71,7 +71,7 @@ def job_rows() -> list[Row]:
         speeds = []
         for _ in range(3):
             start = time.perf_counter()
-            result = run_binding(ndtorch.load("binding"), two_bars(seconds=5.0), pictures_per_second=pictures)
+            result = run_binding(ndtorch.load("binding"), two_bars(), pictures_per_second=pictures)
             speeds.append(result.simulated_seconds / (time.perf_counter() - start))
         speed = sorted(speeds)[1]
         found.append(
