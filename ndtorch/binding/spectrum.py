@@ -22,7 +22,7 @@ def spectral_radius(weights: Tensor) -> Tensor:
 
 
 def perron_root(weights: Tensor) -> Tensor:
-    """Spectral radius of non-negative weights `[B, N, N]` -> `[B]`, from above and tight to 1e-4.
+    """Spectral radius of non-negative weights `[B, N, N]` -> `[B]` in double precision, from above, tight to 1e-4.
 
     Repeated squaring of `W + I` gives the dominant eigenvectors; Collatz and Wielandt's quotient
     `max (W v)_n / v_n` then bounds the root from above for any positive v, and the two-sided Rayleigh
@@ -32,7 +32,7 @@ def perron_root(weights: Tensor) -> Tensor:
     scale = weights.double().amax((-1, -2)).clamp_min(torch.finfo(torch.float64).tiny)
     w = weights.double() / scale[:, None, None]
     if len(w) < SQUARING_FROM:
-        return (spectral_radius(w) * scale).to(weights.dtype)
+        return spectral_radius(w) * scale
     power = w + torch.eye(w.shape[-1], dtype=w.dtype, device=w.device)
     for _ in range(SQUARINGS):
         power = power @ power
@@ -44,7 +44,7 @@ def perron_root(weights: Tensor) -> Tensor:
     loose = ~(root - rayleigh <= TIGHT * root)
     if loose.any():
         root[loose] = spectral_radius(w[loose])
-    return (root * scale).to(weights.dtype)
+    return root * scale
 
 
 def limit_spectral_radius(weights: Tensor, limit: float) -> Tensor:
@@ -63,7 +63,8 @@ def limit_spectral_radius(weights: Tensor, limit: float) -> Tensor:
     # Nothing can be done for weights that are not numbers.
     suspect = suspect & torch.isfinite(weights).all(-1).all(-1)
     at = suspect.reshape(-1).nonzero().squeeze(-1)
-    factor = torch.ones(len(flat), dtype=weights.dtype, device=weights.device)
+    factor = torch.ones(len(flat), dtype=torch.float64, device=weights.device)
     # The last digits of the root are rounding: stay just inside.
     factor[at] = (limit * (1 - 1e-6) / perron_root(flat[at])).clamp_max(1.0)
-    return weights * factor.reshape(*weights.shape[:-2], 1, 1)
+    # In double precision: the root of single-precision weights can lie beyond single precision.
+    return (weights.double() * factor.reshape(*weights.shape[:-2], 1, 1)).to(weights.dtype)
