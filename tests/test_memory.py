@@ -68,5 +68,5 @@ def test_ten_minutes_of_video_stay_under_a_gigabyte() -> None:
     megabytes = [float(word) for word in done.stdout.split()]
     assert len(megabytes) == 5
     assert megabytes[-1] < 1000
-    # The traces fill up in the first minutes; from then on nothing grows.
-    assert megabytes[-1] - megabytes[1] < 30
+    # From then on nothing grows but holes between blocks (0-45 MB seen); one frame kept in fifty would add 100 MB.
+    assert megabytes[-1] - megabytes[1] < 80
