@@ -131,7 +131,8 @@ def test_one_sample_while_settling(result: BindResult, tmp_path: Path) -> None:
     weights.add(0.0, torch.zeros(10, 10))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        figures.draw_all(dataclasses.replace(result, outputs=outputs, weights=weights), tmp_path)
+        drawn = figures.draw_all(dataclasses.replace(result, outputs=outputs, weights=weights), tmp_path)
+    assert all(path.stat().st_size > 1000 for path in drawn)
 
 
 def test_alternating_is_in_the_title_and_nobody_owns(
@@ -155,7 +156,8 @@ def test_many_objects_and_any_source_name(result: BindResult, tmp_path: Path) ->
     )
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        figures.draw_all(many, tmp_path)
+        drawn = figures.draw_all(many, tmp_path)
+    assert all(path.stat().st_size > 1000 for path in drawn)
 
 
 @pytest.mark.parametrize("size", [(2, 3), (8, 640), (640, 8), (1080, 1920)])
