@@ -1,6 +1,7 @@
-# make demo   install into .venv and find the objects in the two-bars scene
+# make demo   install into .venv, find the objects in the two-bars scene, then drive through the simulated hallway
 # make test   install and run every test that needs no special hardware
 # make check  lint, format and types     make bench  timings side by side
+# make reproduce        every published claim again      make reproduce-quick  the same in under two minutes
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
@@ -9,7 +10,7 @@ STAMP  := $(VENV)/.installed
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: setup demo test check bench clean
+.PHONY: setup demo test check bench reproduce reproduce-quick clean
 
 setup: $(STAMP)
 
@@ -21,9 +22,11 @@ $(STAMP): pyproject.toml constraints.txt
 
 demo: $(STAMP)
 	$(BIN)/ndtorch bind two-bars --out out
+	$(BIN)/python -m robot drive --out out/drive
 
 test: $(STAMP)
-	$(BIN)/python -m pytest -n 2 -q -m 'not bench'
+	$(BIN)/python -m pytest -n 2 -q -m 'not bench and not realtime'
+	$(BIN)/python -m pytest -q -m 'realtime and not bench'
 
 check: $(STAMP)
 	$(BIN)/ruff check .
@@ -32,6 +35,12 @@ check: $(STAMP)
 
 bench: $(STAMP)
 	$(BIN)/python -m tests.benchmarks
+
+reproduce: $(STAMP)
+	$(BIN)/python -m train reproduce
+
+reproduce-quick: $(STAMP)
+	$(BIN)/python -m train reproduce --quick --out out/reproduce-quick
 
 clean:
 	rm -rf $(VENV) out .mypy_cache .pytest_cache .ruff_cache

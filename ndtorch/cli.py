@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import json
 import sys
-import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from ndtorch.errors import InputError
+from ndtorch.commands import INTERRUPTED, run_subcommand
 from ndtorch.memory import tune_allocator
-from ndtorch.report.job import BindJob, prepare
-
-INTERRUPTED = 130
+from ndtorch.report.job import BindJob, prepare, prepare_video, uses_front_end
 
 
 @dataclass(frozen=True)
@@ -23,7 +21,7 @@ class Bind(BindJob):
     """Find the objects in a scene or a video: their number and their features.
 
     Prints the table of objects and a verdict, and writes pictures, the learned state and an enhanced video
-    into a folder of its own.
+    into a folder of its own. Of ordinary video, prints and writes the objects over time: a timeline and an overlay.
     """
 
     source: Annotated[str, tyro.conf.Positional] = "two-bars"
@@ -35,10 +33,119 @@ class Bind(BindJob):
     rrd: Path | None = None
     """Also write a recording for the rerun viewer."""
 
+    def run(self) -> int:
+        """Do it; returns the exit code."""
+        import torch
+
+        # Programs choose; the library never does. Two threads get in each other's way on a busy machine.
+        torch.set_num_threads(1)
+        tune_allocator()
+        return self.run_timeline() if uses_front_end(self) else self.run_table()
+
+    def run_timeline(self) -> int:
+        """Ordinary video: objects over time."""
+        from tqdm import tqdm
+
+        from ndtorch.report.files import OutputFolder, folder_name
+        from ndtorch.report.timeline import Overlay, draw_timeline, in_words, summary, write_timeline
+        from ndtorch.report.video_run import run_video
+
+        source = prepare_video(self)
+        folder = OutputFolder(self.out, folder_name(source.name))
+        try:
+            overlay, rate = None, 0.0
+            if self.pictures > 0:
+                # Every n-th frame, played at the speed it was taken.
+                rate = source.fps / max(1, round(source.fps / self.pictures))
+                overlay = Overlay(folder.work / "overlay.mp4", rate, source.size)
+            with tqdm(total=source.length, unit=" frames", disable=self.json, leave=False, mininterval=0.5) as bar:
+
+                def progress(frames: int) -> None:
+                    bar.update(frames)
+
+                result = run_video(source, self.without, rate, () if overlay is None else (overlay,), progress)
+            if overlay is not None:
+                overlay.close()
+            text = json.dumps(summary(result), ensure_ascii=False)
+            (folder.work / "objects.json").write_text(text + "\n", encoding="utf-8")
+            write_timeline(result, folder.work / "timeline.jsonl")
+            draw_timeline(result, folder.work / "timeline.png")
+        except BaseException:
+            folder.discard()
+            raise
+        files = folder.publish()
+        if self.json:
+            print(text)
+        else:
+            print(in_words(result))
+            print(f"written  {folder.final}: {', '.join(path.name for path in files)}")
+        return INTERRUPTED if result.interrupted else 0
+
+    def run_table(self) -> int:
+        """The published model: one table of objects."""
+        from tqdm import tqdm
+
+        from ndtorch.report.files import EnhancedVideo, OutputFolder, RunRecording, folder_name, write_result
+        from ndtorch.report.pictures import Watcher
+        from ndtorch.report.run import run_binding
+        from ndtorch.report.words import in_words, summary
+
+        prepared = prepare(self)
+        source = prepared.source
+        folder = OutputFolder(self.out, folder_name(source.name))
+        try:
+            watchers: list[Watcher] = []
+            video = recording = None
+            if self.pictures > 0:
+                video = EnhancedVideo(folder.work / "enhanced.mp4", min(self.pictures, source.fps), source.size)
+                watchers.append(video)
+            if self.rrd is not None:
+                recording = RunRecording(self.rrd)
+                watchers.append(recording)
+            total = None if source.length is None else source.length - prepared.start
+            with tqdm(total=total, unit=" frames", disable=self.json, leave=False, mininterval=0.5) as bar:
+
+                def progress(frames: int) -> None:
+                    bar.update(frames)
+
+                result = run_binding(
+                    prepared.model,
+                    source,
+                    prepared.state,
+                    prepared.start,
+                    self.pictures,
+                    tuple(watchers),
+                    progress,
+                    self.device,
+                )
+            if video is not None:
+                video.close()
+            if recording is not None:
+                recording.finish(in_words(result))
+            write_result(result, prepared, folder.work)
+        except BaseException:
+            folder.discard()
+            raise
+        files = folder.publish()
+        if self.json:
+            print(json.dumps(summary(result), ensure_ascii=False))
+        else:
+            print(in_words(result))
+            print(f"written  {folder.final}: {', '.join(path.name for path in files)}")
+        return INTERRUPTED if result.interrupted else 0
+
 
 @dataclass(frozen=True)
 class Scenes:
     """List the simulated scenes."""
+
+    def run(self) -> int:
+        """Do it; returns the exit code."""
+        from ndtorch.scenes import SCENES
+
+        for name, scene in SCENES.items():
+            print(f"{name:22}{scene.description}")
+        return 0
 
 
 @dataclass(frozen=True)
@@ -58,137 +165,33 @@ class Render:
     fps: float = 100.0
     """Frames per second."""
 
+    def run(self) -> int:
+        """Do it; returns the exit code."""
+        from ndtorch.scenes import make_scene
+        from ndtorch.scenes.video_writer import VideoWriter
 
-Command = (
-    Annotated[Bind, tyro.conf.subcommand("bind")]
-    | Annotated[Scenes, tyro.conf.subcommand("scenes")]
-    | Annotated[Render, tyro.conf.subcommand("render")]
-)
+        given = {"seconds": self.seconds, "fps": self.fps, "phase": self.phase, "seed": self.seed}
+        source = make_scene(self.scene, **{name: value for name, value in given.items() if value is not None})
+        done = False
+        try:
+            with VideoWriter(self.file, source.fps, source.size) as writer:
+                for chunk in source.chunks():
+                    for frame in chunk:
+                        writer.write(frame)
+            done = True
+        finally:
+            if not done:
+                self.file.unlink(missing_ok=True)
+        print(f"{self.file}: {source.length} frames, {source.size[1]} x {source.size[0]}, {source.fps:g} a second")
+        return 0
 
 
-def main(arguments: list[str] | None = None) -> int:
+COMMANDS = {"bind": Bind, "scenes": Scenes, "render": Render}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of the `ndtorch` command; returns the exit code: 0, 2 for unusable input, 130 for Ctrl-C."""
-    command = tyro.cli(
-        Command,
-        prog="ndtorch",
-        description="Insect-inspired vision: find the objects in a scene.",
-        args=arguments,
-        config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
-    )
-    try:
-        with warnings.catch_warnings():
-            # Remarks such as "is grey" are for the user of this command: one line, and no source code.
-            warnings.simplefilter("always", UserWarning)
-            warnings.showwarning = note
-            return run(command)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("stopped before there was anything to keep", file=sys.stderr)
-        return INTERRUPTED
-
-
-def run(command: Bind | Scenes | Render) -> int:
-    """Run one of the commands."""
-    if isinstance(command, Bind):
-        return bind(command)
-    if isinstance(command, Render):
-        return render(command)
-    return scenes()
-
-
-def note(message: Warning | str, *_: object, **__: object) -> None:
-    """Show a warning as one line."""
-    print(f"note: {message}", file=sys.stderr)
-
-
-def bind(command: Bind) -> int:
-    """Run `ndtorch bind`."""
-    import torch
-    from tqdm import tqdm
-
-    from ndtorch.report.files import EnhancedVideo, OutputFolder, RunRecording, folder_name, write_result
-    from ndtorch.report.pictures import Watcher
-    from ndtorch.report.run import run_binding
-    from ndtorch.report.words import in_words, summary
-
-    # Programs choose; the library never does. Two threads get in each other's way on a busy machine.
-    torch.set_num_threads(1)
-    tune_allocator()
-    prepared = prepare(command)
-    source = prepared.source
-    folder = OutputFolder(command.out, folder_name(source.name))
-    try:
-        watchers: list[Watcher] = []
-        video = recording = None
-        if command.pictures > 0:
-            video = EnhancedVideo(folder.work / "enhanced.mp4", min(command.pictures, source.fps), source.size)
-            watchers.append(video)
-        if command.rrd is not None:
-            recording = RunRecording(command.rrd)
-            watchers.append(recording)
-        total = None if source.length is None else source.length - prepared.start
-        with tqdm(total=total, unit=" frames", disable=command.json, leave=False, mininterval=0.5) as bar:
-
-            def progress(frames: int) -> None:
-                bar.update(frames)
-
-            result = run_binding(
-                prepared.model,
-                source,
-                prepared.state,
-                prepared.start,
-                command.pictures,
-                tuple(watchers),
-                progress,
-                command.device,
-            )
-        if video is not None:
-            video.close()
-        if recording is not None:
-            recording.finish(in_words(result))
-        write_result(result, prepared, folder.work)
-    except BaseException:
-        folder.discard()
-        raise
-    files = folder.publish()
-    if command.json:
-        print(json.dumps(summary(result), ensure_ascii=False))
-    else:
-        print(in_words(result))
-        print(f"written  {folder.final}: {', '.join(path.name for path in files)}")
-    return INTERRUPTED if result.interrupted else 0
-
-
-def scenes() -> int:
-    """Run `ndtorch scenes`."""
-    from ndtorch.scenes import SCENES
-
-    for name, scene in SCENES.items():
-        print(f"{name:22}{scene.description}")
-    return 0
-
-
-def render(command: Render) -> int:
-    """Run `ndtorch render`."""
-    from ndtorch.scenes import make_scene
-    from ndtorch.scenes.video_writer import VideoWriter
-
-    given = {"seconds": command.seconds, "fps": command.fps, "phase": command.phase, "seed": command.seed}
-    source = make_scene(command.scene, **{name: value for name, value in given.items() if value is not None})
-    done = False
-    try:
-        with VideoWriter(command.file, source.fps, source.size) as writer:
-            for chunk in source.chunks():
-                for frame in chunk:
-                    writer.write(frame)
-        done = True
-    finally:
-        if not done:
-            command.file.unlink(missing_ok=True)
-    print(f"{command.file}: {source.length} frames, {source.size[1]} x {source.size[0]}, {source.fps:g} a second")
-    return 0
+    return run_subcommand("ndtorch", "Insect-inspired vision: find the objects in a scene.", COMMANDS, arguments)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import difflib
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from ndtorch.errors import InputError
 from robot.toml import Strict, check, read_toml
@@ -19,35 +19,40 @@ class DriveConfig(Strict):
         arena: name of an arena (`python -m robot arenas`) or a `.toml` file.
         seed: of the building, its textures and the starting place.
         seconds: simulated time, s.
-        controller: `"published"`, the saccades of [A].
+        controller: `"ranging"`, or `"published"`, the saccades of [A].
         features: features to range in each frame, n.
+        places: `"edges"`, at the edge that moved, to a fraction of a pixel, or `"motion"`, where the motion is
+            largest, as published.
+        prediction: follow features from frame to frame, as in [§2.1.4].
         angle: `"atan"` or `"linear"`, the angle of a pixel.
         odometry: `"true"` or `"noisy"` dead reckoning.
         walls: `"textured"` or `"blank"`.
         moving: with a moving obstacle.
         whole: draw whole frames instead of the strips that are read.
+        rrd: file for a recording to look at with rerun.
+        view: open the rerun viewer and show the drive as it goes.
         out: folder for the results.
+        record: new folder for a recording, robot/recording/FORMAT.md.
+        record_format: frames of the recording, `"png"`, `"jpeg"` or `"raw"`.
     """
 
     arena: str = "hallway"
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
     seconds: Annotated[float, Field(gt=0, le=86400)] = 60.0
-    controller: Literal["published"] = "published"
-    features: Annotated[int, Field(ge=1, le=64)] = 5
+    controller: Literal["ranging", "published"] = "ranging"
+    features: Annotated[int, Field(ge=1, le=64)] = 7
+    places: Literal["edges", "motion"] = "edges"
+    prediction: bool = False
     angle: Literal["atan", "linear"] = "atan"
     odometry: Literal["true", "noisy"] = "true"
     walls: Literal["textured", "blank"] = "textured"
     moving: bool = False
     whole: bool = False
+    rrd: Path | None = None
+    view: bool = False
     out: Path = Path("out/drive")
-
-    @field_validator("controller", mode="before")
-    @classmethod
-    def known_controller(cls, value: object) -> object:
-        """`ranging` is planned and must not be mistaken for a typing error."""
-        if value == "ranging":
-            raise ValueError("the controller 'ranging' is not there yet, use 'published'")
-        return value
+    record: Path | None = None
+    record_format: Literal["png", "jpeg", "raw"] = "png"
 
 
 def load_config(file: Path | None, choices: dict[str, object]) -> DriveConfig:

@@ -3,32 +3,39 @@
 from __future__ import annotations
 
 import math
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import torch
 
 from ndtorch.navigation import (
     STOPPED,
+    AvoidanceParams,
     Command,
-    FeatureParams,
     Grid,
     GridMap,
-    Navigator,
     NavigatorState,
     Pose,
     Strips,
 )
 from robot.config import DriveConfig
 from robot.loop import Loop
+from robot.navigating import NavigatorChoice
 from robot.ports import DriveCommand
 from robot.record import Record
+from robot.recording.recorder import Recorder
+from robot.safety import SafeDrive
 from robot.score import MapScore, coverage, score_map
 from robot.sim.arenas import load_arena
 from robot.sim.plan import Plan
-from robot.sim.simulation import Simulation
+from robot.sim.simulation import RIG, Simulation
 from robot.watch import CameraWatch
+
+if TYPE_CHECKING:
+    from robot.view import DriveView
 
 RATE = 30.0
 """Frames a second."""
@@ -82,12 +89,43 @@ def drive(
         walls=config.walls,
         moving=config.moving,
         odometry=config.odometry,
-        whole=config.whole,
+        whole=config.whole or shown(config),
+        fields=choice(config).fields(RIG),
     )
+    run: Run | None = None
     try:
-        return Run(config, plan, simulation, steer).go(progress)
+        run = Run(config, plan, simulation, steer)
+        if shown(config):
+            run.show()
+        run.recorder = make_recorder(config, simulation)
+        return run.go(progress)
     finally:
+        if run is not None and run.view is not None:
+            run.view.close(run.record)
         simulation.close()
+
+
+def shown(config: DriveConfig) -> bool:
+    """Whether somebody looks at the frames, now or later."""
+    return config.view or config.rrd is not None
+
+
+def choice(config: DriveConfig) -> NavigatorChoice:
+    """The navigator of a drive."""
+    return NavigatorChoice(config.controller, config.features, config.angle, config.places, config.prediction)
+
+
+def make_recorder(config: DriveConfig, simulation: Simulation) -> Recorder | None:
+    """What writes the drive down, if anything. Simulated time waits for it, so that nothing is left out."""
+    if config.record is None:
+        return None
+    from robot.recording.drive_pilot import drive_configuration
+
+    def say(line: str) -> None:
+        print(f"note: {line}", file=sys.stderr)
+
+    configuration = drive_configuration(config, simulation.rig)
+    return Recorder(config.record, configuration, format=config.record_format, when_full="wait", say=say)
 
 
 class Run:
@@ -103,19 +141,29 @@ class Run:
         self.config, self.plan, self.simulation, self.steer = config, plan, simulation, steer
         left, right, bottom, top = plan.bounds
         self.grid = Grid(left - 0.5, right + 0.5, bottom - 0.5, top + 0.5)
-        self.navigator = Navigator(
-            simulation.rig,
-            1 / RATE,
-            features=FeatureParams(count=config.features),
-            angles=config.angle,
-            grid_map=GridMap(simulation.rig, self.grid),
-        )
+        self.navigator = choice(config).navigator(simulation.rig, RATE, GridMap(simulation.rig, self.grid))
         self.state: NavigatorState | None = None
         self.record = Record()
         self.watch = CameraWatch(simulation.rig)
+        self.view: DriveView | None = None
         self.stops: list[float] = []
         self.standing = 0
+        self.recorder: Recorder | None = None
+        self.safe = SafeDrive(simulation, simulation)
         self.loop = Loop(RATE, simulation, max_steps=max(1, round(config.seconds * RATE)))
+
+    def show(self) -> None:
+        """Record the drive for the viewer, or open it."""
+        from robot.view import DriveView
+
+        p = self.navigator.avoidance.params
+        levels = {}
+        if isinstance(p, AvoidanceParams):
+            levels = {"turn left": p.turn_threshold, "turn right": -p.turn_threshold, "stop": p.low_threshold}
+        config, simulation = self.config, self.simulation
+        name = f"{config.arena} seed {config.seed} {config.controller}"
+        fields = simulation.cameras.fields
+        self.view = DriveView(self.plan, simulation.rig, fields, levels, config.rrd, config.view, name)
 
     def go(self, progress: Callable[[int, int], None] | None) -> Result:
         """Drive to the end or to Ctrl-C."""
@@ -129,9 +177,12 @@ class Run:
 
         try:
             with torch.inference_mode():
-                self.loop.run(step, self.simulation)
+                self.loop.run(step, self.safe)
         except KeyboardInterrupt:
             interrupted = True
+        finally:
+            if self.recorder is not None:
+                self.recorder.close()
         wall = time.perf_counter() - began
         cells = torch.zeros(self.grid.rows, self.grid.columns)
         if self.state is not None and self.state.map is not None:
@@ -166,10 +217,15 @@ class Run:
             else:
                 command, self.state = self.restart(frames.left, frames.right, placed)
         wanted = DriveCommand(float(command.speed[-1]), float(command.curvature[-1]))
-        sent = simulation.send(self.steer(wanted) if self.steer else wanted)
-        mode = int(self.navigator.avoidance.mode(self.state.avoidance))
+        sent = self.safe.send(self.steer(wanted) if self.steer else wanted)
+        if self.recorder is not None:
+            self.recorder.record_step(frames, driven, wanted, sent=sent, placed=placed)
+        mode = int(self.navigator.mode(self.state))
         with timing.part("record"):
             self.record.add(frames, self.state, mode, sent, simulation.pose, simulation.rig)
+        if self.view is not None:
+            with timing.part("view"):
+                self.view.frame(frames, self.record, self.grid, self.state.map.cells if self.state.map else None)
         self.standing = self.standing + 1 if mode == STOPPED else 0
         if self.standing == 1:
             self.stops.append(frames.time)
@@ -213,4 +269,5 @@ class Run:
             "walls": self.config.walls,
             "odometry": self.config.odometry,
             "parts_ms": timing,
+            "recording": self.recorder.summary() if self.recorder is not None else None,
         }

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ndtorch.navigation import TURN, AvoidanceParams
+from ndtorch.navigation import REVERSE, TURN, AvoidanceParams
 from robot.drive import RATE, Result
 from robot.record import range_columns
 from robot.sim.plan import Plan
@@ -96,6 +96,9 @@ def path(plt: Any, result: Result) -> Any:
     axes.plot(*line.T, color=PATH, lw=1.6, zorder=3, label="path")
     turning = np.where((mode == TURN)[:, None], line, np.nan)
     axes.plot(*turning.T, color="#e69f00", lw=3.2, zorder=4, label="turning")
+    if (mode == REVERSE).any():
+        backing = np.where((mode == REVERSE)[:, None], line, np.nan)
+        axes.plot(*backing.T, color="#56b4e9", lw=3.2, zorder=4, label="reversing")
     axes.plot(*pose[0, :2], "o", color="#009e73", ms=8, zorder=5, label="start")
     if hits:
         axes.plot([h.x for h in hits], [h.y for h in hits], "X", color=HIT, ms=10, zorder=6, label="collision")
@@ -143,7 +146,12 @@ def map_(plt: Any, result: Result) -> Any:
 
 
 def speeds(plt: Any, result: Result) -> Any:
-    """Both speed estimates, their difference, the thresholds and the saccades. [A fig. 7]"""
+    """Both speed estimates, what the controller weighs, its thresholds and its turns. [A fig. 7]
+
+    For the published controller that is the difference of the estimates; for the ranging one, how much further the
+    arcs to the left are free than those to the right.
+    """
+    published = result.config.controller == "published"
     figure, (upper, lower) = plt.subplots(2, 1, figsize=(13, 6.5), sharex=True)
     figure.set_layout_engine("constrained")
     record, params = result.record, AvoidanceParams()
@@ -152,19 +160,26 @@ def speeds(plt: Any, result: Result) -> Any:
     time, sides = time[shown], record.array("sides").reshape(-1, 2)[shown]
     upper.plot(time, sides[:, 0], color=LEFT, lw=1, label="left")
     upper.plot(time, sides[:, 1], color=RIGHT, lw=1, label="right")
-    upper.axhline(params.low_threshold, color="0.5", lw=1, ls=":")
-    upper.annotate("both below: stop", (0, params.low_threshold), (3, 2), textcoords="offset points", fontsize=8)
+    if published:
+        upper.axhline(params.low_threshold, color="0.5", lw=1, ls=":")
+        upper.annotate("both below: stop", (0, params.low_threshold), (3, 2), textcoords="offset points", fontsize=8)
     top = float(np.quantile(sides, 0.998)) if len(sides) else 1.0
     upper.set(ylabel="speed estimate", ylim=(0, max(1.15 * top, 0.3)))
     upper.set_title(f"{headline(result)}" + (f" (first {LONGEST:.0f} s)" if not shown.all() else ""), fontsize=11)
     difference = record.array("difference")[shown]
-    lower.plot(time, difference, color="0.15", lw=1, label="right - left, low-passed")
+    name = "right - left, low-passed" if published else "free way on arcs to the left - to the right"
+    lower.plot(time, difference, color="0.15", lw=1, label=name)
+    level = params.turn_threshold if published else 0.0
     for sign in (1, -1):
-        lower.axhline(sign * params.turn_threshold, color="0.5", lw=1, ls="--")
-    lower.annotate("turn left above", (0, params.turn_threshold), (3, 3), textcoords="offset points", fontsize=8)
-    lower.annotate("turn right below", (0, -params.turn_threshold), (3, -10), textcoords="offset points", fontsize=8)
+        lower.axhline(sign * level, color="0.5", lw=1, ls="--")
+    lower.annotate("turn left above", (0, level), (3, 3), textcoords="offset points", fontsize=8)
+    lower.annotate("turn right below", (0, -level), (3, -10), textcoords="offset points", fontsize=8)
     span = float(np.quantile(np.abs(difference), 0.998)) if len(difference) else 0.5
-    lower.set(xlabel="time (s)", ylabel="difference", ylim=(-max(1.15 * span, 0.3), max(1.15 * span, 0.3)))
+    lower.set(
+        xlabel="time (s)",
+        ylabel="difference" if published else "difference (m)",
+        ylim=(-max(1.15 * span, 0.3), max(1.15 * span, 0.3)),
+    )
     turning = (record.array("mode") == TURN)[shown]
     starts = np.flatnonzero(turning & ~np.concatenate(([False], turning[:-1])))
     curvature = record.array("command").reshape(-1, 2)[shown, 1]
@@ -174,7 +189,7 @@ def speeds(plt: Any, result: Result) -> Any:
             axes.axvspan(time[k], time[end], color="#e69f00", alpha=0.25, lw=0)
         way = "left" if curvature[k] > 0 else "right"
         upper.annotate(way, (time[k], 0.03), xycoords=("data", "axes fraction"), fontsize=8)
-    upper.axvspan(-1, -1, color="#e69f00", alpha=0.25, lw=0, label="saccade")
+    upper.axvspan(-1, -1, color="#e69f00", alpha=0.25, lw=0, label="turn")
     for hit in result.simulation.collisions:
         if hit.time <= LONGEST:
             lower.axvline(hit.time, color=HIT, lw=1.5)

@@ -10,7 +10,8 @@ from contextlib import contextmanager
 import numpy as np
 
 from ndtorch.errors import InputError
-from robot.ports import Clock, Drive
+from robot.ports import Clock
+from robot.safety import SafeDrive
 
 
 class MonotonicClock:
@@ -87,12 +88,17 @@ class Loop:
         self.steps = 0
         self.late = 0
 
-    def run(self, step: Callable[[int, float], bool | None], drive: Drive) -> int:
+    def run(self, step: Callable[[int, float], bool | None], drive: SafeDrive) -> int:
         """Call `step(n, time)` until it returns False or the steps are used up; returns how many were made.
 
         The drive is stopped at the end, and also when the step raises or the user presses Ctrl-C: both go on
         to the caller after that.
+
+        Raises:
+            TypeError: a drive without the safety layer around it.
         """
+        if not isinstance(drive, SafeDrive):
+            raise TypeError(f"the loop drives only through a SafeDrive, got {type(drive).__name__}")
         try:
             due = self.clock.now()
             while self.max_steps is None or self.steps < self.max_steps:

@@ -30,10 +30,16 @@ class CameraWatch:
     sizes or kinds. After `PATIENCE` frames: a camera that sees black, and a camera whose picture stays the same
     to the bit while the car drives and the other camera's changes. Black is judged by the horizon row. The same
     is judged by the subfield, because floor that is seen must move; where a blank wall hides it nobody can say.
+
+    Args:
+        rig: the camera pair.
+        patience: frames in a row that must look wrong.
+        together: two pictures that stay the same together are a fault as well. Not in a world that may stop.
     """
 
-    def __init__(self, rig: StereoRig, patience: int = PATIENCE) -> None:
+    def __init__(self, rig: StereoRig, patience: int = PATIENCE, together: bool = False) -> None:
         self.rig, self.patience, self.fields = rig, patience, rig.subfields()
+        self.together = together
         self.time = -math.inf
         self.last: list[Tensor | None] = [None, None]
         self.dark = [0, 0]
@@ -60,7 +66,10 @@ class CameraWatch:
         for k, name in enumerate(NAMES):
             darkest = DARK * 255 if left.dtype == torch.uint8 else DARK
             floor = eyes[k].field
-            stuck = same[k] and not same[1 - k] and abs(speed) > MOVING and bool(floor.max() > floor.min())
+            alone = self.together or not same[1 - k]
+            # Something must be in it: a blank wall that fills the subfield looks the same from everywhere.
+            mixed = bool((floor.amax((-2, -1)) > floor.amin((-2, -1))).any())
+            stuck = same[k] and alone and abs(speed) > MOVING and mixed
             self.dark[k] = self.dark[k] + 1 if float(eyes[k].row.max()) <= darkest else 0
             self.frozen[k] = self.frozen[k] + 1 if stuck else 0
             if self.dark[k] >= self.patience:

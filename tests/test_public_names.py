@@ -21,17 +21,23 @@ TOP = """
     VisualBinding VisualFeatures load model_names objects
 """
 VISION = """
-    ANGLES FEATURES GROUPS NDS SPEED_SCALE ChahlSrinivasan FilterState HassensteinReichardt HighPass LowPass
-    MotionState NDMin NDMinus NDSState OrientedDoG RecentMax RecentMaxState ShiftState SpeedCurve VisualFeatures
-    dog_spectrum judge_speed_curve low_pass_step row_shift smoothing_factor spatial_maximum speed_response
+    ANGLES FEATURES GROUPS NDS SPEED_SCALE ChahlSrinivasan FieldSignals FilterState FrontEnd HassensteinReichardt
+    HighPass LocalFeatures LowPass MotionState NDMin NDMinus NDSState OrdinaryState OrdinaryVideo OrientedDoG RecentMax
+    RecentMaxState ShiftState SpeedCurve VisualFeatures dog_spectrum field_weights judge_speed_curve low_pass_step
+    row_shift smoothing_factor spatial_maximum speed_response
 """
 BINDING = """
+    FieldBinding FieldBindingState ObjectFile ObjectFiles
     ACTIVATIONS RULE_NAMES Attention BindingConfig BindingInputs BindingSignals BindingState BoundObject Enhanced
-    FirstStage InhibitoryNetwork InputState LearningRule NetworkState ObjectTable Resample ResampleState Solution
+    RetinotopicParams FirstStage InhibitoryNetwork InputState LearningRule NetworkState LocatedObject RetinotopicBinding
+    RetinotopicState ObjectTable Resample ResampleState Solution
     Verdict VisualBinding alternation attention_mask block_diagonal count_solutions describe feature_weights
     largest_free_weight learning_onset learning_rule limit_spectral_radius load_state mixing_from_weights
-    object_table objects perron_root save_state separated solutions spectral_radius to_device train_first_stage
-    weight_change winner
+    object_table objects perron_root save_state second_stage separated solutions spectral_radius to_device
+    train_first_stage weight_change winner
+    DelayState DelayStatistics Separation diagonalise separate OwnerCriteria OwnerTable SignalStatistics
+    StatisticsState features_by_group owner_table JoinCriteria refined_table ScaleFreeNetwork ScaleFreeRule
+    ScaleFreeState settled ScaleFreeStage StageState as_weights
 """
 MODULES = [ndtorch, ndtorch.vision, ndtorch.scenes, ndtorch.binding, ndtorch.navigation]
 NAMES = [(module, name) for module in MODULES for name in module.__all__]

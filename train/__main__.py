@@ -3,31 +3,25 @@
 from __future__ import annotations
 
 import sys
-from typing import Annotated
+from collections.abc import Sequence
 
-import tyro
+from ndtorch.commands import run_subcommand
+from train.first_stage import FirstStageOptions
+from train.reproduce.command import Reproduce
+from train.score.command import ScoreOptions
+from train.sweep.command import Sweep
 
-from ndtorch.errors import InputError
-from train.first_stage import FirstStageOptions, write_first_stage
+COMMANDS = {
+    "first-stage": FirstStageOptions,
+    "score": ScoreOptions,
+    "reproduce": Reproduce,
+    "sweep": Sweep,
+}
 
-Command = Annotated[FirstStageOptions, tyro.conf.subcommand("first-stage")]
 
-
-def main(arguments: list[str] | None = None) -> int:
-    """Run `python -m train ...`; returns the exit code."""
-    app = tyro.extras.SubcommandApp()
-
-    @app.command(name="first-stage")
-    def first_stage(options: tyro.conf.OmitArgPrefixes[FirstStageOptions]) -> None:
-        """Train the three first-stage networks on the ring stimulus and write a model folder."""
-        write_first_stage(options)
-
-    try:
-        app.cli(prog="python -m train", description="Make the models.", args=arguments)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 0
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run `python -m train ...`; returns the exit code: 0, 2 for unusable input, 130 for Ctrl-C."""
+    return run_subcommand("python -m train", "Make the models and check what they claim.", COMMANDS, arguments)
 
 
 if __name__ == "__main__":

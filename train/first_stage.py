@@ -19,7 +19,7 @@ FOLDER = Path(__file__).resolve().parent.parent / "models" / "binding"
 
 @dataclass(frozen=True)
 class FirstStageOptions:
-    """How to train, and where to write."""
+    """Train the three first-stage networks on the ring stimulus and write a model folder."""
 
     gamma: float = 5.0
     """Learning rate, 1/s: 5 in paper B, 50 in paper C."""
@@ -27,6 +27,11 @@ class FirstStageOptions:
     """Spectral radius at which each network stops."""
     out: Path = FOLDER
     """Model folder to write."""
+
+    def run(self) -> int:
+        """Train and write; returns the exit code."""
+        write_first_stage(self)
+        return 0
 
 
 def write_first_stage(options: FirstStageOptions) -> FirstStage:

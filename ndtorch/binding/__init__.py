@@ -2,15 +2,30 @@
 
 from ndtorch.binding.attention import Attention, Enhanced, attention_mask, feature_weights, winner
 from ndtorch.binding.config import BindingConfig
+from ndtorch.binding.delays import DelayState, DelayStatistics, Separation, diagonalise, separate
+from ndtorch.binding.field_binding import FieldBinding, FieldBindingState
 from ndtorch.binding.first_stage import FirstStage, block_diagonal, train_first_stage
 from ndtorch.binding.inputs import BindingInputs, InputState
 from ndtorch.binding.learning import ACTIVATIONS, RULE_NAMES, LearningRule, learning_onset, learning_rule
-from ndtorch.binding.model import BindingSignals, BindingState, Verdict, VisualBinding
+from ndtorch.binding.model import BindingSignals, BindingState, Verdict, VisualBinding, second_stage
 from ndtorch.binding.network import InhibitoryNetwork, NetworkState, alternation, weight_change
+from ndtorch.binding.object_files import ObjectFile, ObjectFiles
 from ndtorch.binding.objects import BoundObject, ObjectTable, describe, object_table, objects
+from ndtorch.binding.owners import (
+    OwnerCriteria,
+    OwnerTable,
+    SignalStatistics,
+    StatisticsState,
+    features_by_group,
+    owner_table,
+)
+from ndtorch.binding.readout import JoinCriteria, refined_table
 from ndtorch.binding.resample import Resample, ResampleState
+from ndtorch.binding.retinotopic import LocatedObject, RetinotopicBinding, RetinotopicParams, RetinotopicState
 from ndtorch.binding.saving import load_state, save_state, to_device
+from ndtorch.binding.scale_free import ScaleFreeNetwork, ScaleFreeRule, ScaleFreeState, settled
 from ndtorch.binding.spectrum import limit_spectral_radius, perron_root, spectral_radius
+from ndtorch.binding.stage import ScaleFreeStage, StageState, as_weights
 from ndtorch.binding.theory import (
     Solution,
     count_solutions,
@@ -29,24 +44,48 @@ __all__ = [
     "BindingSignals",
     "BindingState",
     "BoundObject",
+    "DelayState",
+    "DelayStatistics",
     "Enhanced",
+    "FieldBinding",
+    "FieldBindingState",
     "FirstStage",
     "InhibitoryNetwork",
     "InputState",
+    "JoinCriteria",
     "LearningRule",
+    "LocatedObject",
     "NetworkState",
+    "ObjectFile",
+    "ObjectFiles",
     "ObjectTable",
+    "OwnerCriteria",
+    "OwnerTable",
     "Resample",
     "ResampleState",
+    "RetinotopicBinding",
+    "RetinotopicParams",
+    "RetinotopicState",
+    "ScaleFreeNetwork",
+    "ScaleFreeRule",
+    "ScaleFreeStage",
+    "ScaleFreeState",
+    "Separation",
+    "SignalStatistics",
     "Solution",
+    "StageState",
+    "StatisticsState",
     "Verdict",
     "VisualBinding",
     "alternation",
+    "as_weights",
     "attention_mask",
     "block_diagonal",
     "count_solutions",
     "describe",
+    "diagonalise",
     "feature_weights",
+    "features_by_group",
     "largest_free_weight",
     "learning_onset",
     "learning_rule",
@@ -55,9 +94,14 @@ __all__ = [
     "mixing_from_weights",
     "object_table",
     "objects",
+    "owner_table",
     "perron_root",
+    "refined_table",
     "save_state",
+    "second_stage",
+    "separate",
     "separated",
+    "settled",
     "solutions",
     "spectral_radius",
     "to_device",

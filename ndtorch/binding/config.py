@@ -9,6 +9,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ndtorch.binding.inputs import Order
+from ndtorch.binding.stage import Readout
 from ndtorch.errors import InputError
 
 
@@ -28,7 +29,7 @@ class BindingConfig(BaseModel):
     tau_out: float = Field(0.5, ge=0, description="high-pass on the outputs in the learning rule")
     window: float = Field(2.0, gt=0, description="memory of the group normalisation")
     floor: float = Field(0.01, ge=0, description="share of a group's level that counts as full fluctuation")
-    rule: str = Field("competitive", description="competitive, cooperative or hebbian")
+    rule: str = Field("competitive", description="competitive, cooperative, hebbian or scale-free")
     f: str = Field("cube", description="expansive function of the rule")
     g: str = Field("tanh-pi", description="compressive function of the rule")
     gamma: float = Field(0.5, ge=0, description="learning rate of the second stage, 1/s")
@@ -39,6 +40,10 @@ class BindingConfig(BaseModel):
     stable_mean: float = Field(2.0, ge=0, description="time constant of the mean weights it looks at")
     stable_change: float = Field(0.5, gt=0, description="S_thr of the stability criterion, weight per window")
     learned_weight: float = Field(0.6, ge=0, description="smallest largest weight of a network that has learned")
+    scale_free_gamma: float = Field(0.2, ge=0, description="scale-free rule: learning rate in the long run, 1/s")
+    scale_free_settle: float = Field(0.5, ge=0, description="scale-free rule: time before the second stage learns")
+    tau_smooth: float = Field(0.05, ge=0, description="scale-free rule: low-pass on the network's inputs")
+    readout: Readout = Field("delays", description="scale-free rule: read objects from owners or from delays")
 
 
 def validated(data: dict[str, Any], where: str) -> BindingConfig:

@@ -61,7 +61,7 @@ class LearningRule:
 
 
 RULE_NAMES = ("competitive", "cooperative", "hebbian")
-"""Names that `learning_rule` takes."""
+"""Names that `learning_rule` takes. (`VisualBinding` also knows "scale-free", see `ScaleFreeRule`.)"""
 
 
 def learning_rule(name: str, f: str = "cube", g: str = "tanh-pi") -> LearningRule:
@@ -81,7 +81,7 @@ def learning_rule(name: str, f: str = "cube", g: str = "tanh-pi") -> LearningRul
         return LearningRule(ACTIVATIONS[f], ACTIVATIONS[g], name)
     if name == "hebbian":
         return LearningRule(linear, linear, name)
-    raise InputError(f"rule must be one of {', '.join(RULE_NAMES)}, got {name!r}")
+    raise InputError(f"rule must be one of {', '.join(RULE_NAMES)} (or scale-free, in VisualBinding), got {name!r}")
 
 
 def learning_onset(seconds: float, tau: float) -> float:

@@ -14,12 +14,17 @@ from ndtorch.binding.learning import learning_rule
 from ndtorch.binding.network import InhibitoryNetwork, NetworkState, alternation, weight_change
 from ndtorch.binding.objects import BoundObject, objects
 from ndtorch.binding.resample import Resample, ResampleState
+from ndtorch.binding.scale_free import ScaleFreeRule, settled
+from ndtorch.binding.stage import ScaleFreeStage, StageState, as_weights
 from ndtorch.errors import InputError
 from ndtorch.vision.features import GROUPS, VisualFeatures
 from ndtorch.vision.motion import Border, MotionState
 
 Verdict = Literal["stable", "learning", "alternating", "static"]
 """What a table of objects is worth; see `VisualBinding.verdict`."""
+
+SCALE_FREE = "scale-free"
+"""Name of the rule that comes with a network and a read-out of its own."""
 
 # Share of alternating power beyond which the one-step delay, not the scene, makes the outputs: smooth signals have
 # 0.001, white noise 0.5, a locked network 0.96 and more.
@@ -32,7 +37,7 @@ class BindingSignals(NamedTuple):
     Attributes:
         sums: the ten spatial sums, `[..., T', 10]`.
         inputs: group-normalised inputs of the first stage.
-        refined: outputs of the first stage.
+        refined: outputs of the first stage; with the scale-free rule, settled ones.
         outputs: outputs of the second stage.
         scale: each group's recent maximum, n(t) of [C eq. 11].
         time: seconds since the first frame, `[T']`.
@@ -47,13 +52,16 @@ class BindingSignals(NamedTuple):
 
 
 class BindingState(NamedTuple):
-    """Everything of `VisualBinding` that changes: nested tuples of tensors, see `ndtorch.binding.saving`."""
+    """Everything of `VisualBinding` that changes: nested tuples of tensors, see `ndtorch.binding.saving`.
+
+    With the scale-free rule `first` is None, for a settled first stage has no state.
+    """
 
     motion: MotionState | None
     resample: ResampleState
     inputs: InputState
-    first: NetworkState
-    second: NetworkState
+    first: NetworkState | None
+    second: NetworkState | StageState
 
 
 class VisualBinding(nn.Module):
@@ -63,8 +71,8 @@ class VisualBinding(nn.Module):
         first_stage: `[10, 10]` weights of the three first-stage networks on the diagonal blocks.
         config: constants of the model.
         size: height and width of the frames in pixels.
-        fps: frames per second. The networks run at their own step (`config.dt`, 10 ms); signals of slower or
-            faster video are interpolated.
+        fps: frames per second. The published networks run at their own step (`config.dt`, 10 ms), and signals of
+            slower or faster video are interpolated; the scale-free rule runs at the rate of the frames.
         border: "wrap" for the toroidal scenes, "reflect" for real video.
         exact: orientation sums at full resolution (slower, differs by < 0.5 %).
         fused: compile the motion sums (see `VisualFeatures`).
@@ -93,24 +101,22 @@ class VisualBinding(nn.Module):
         if not 0 < fps <= 100_000:
             raise InputError(f"fps must be a positive number of frames a second, got {fps}")
         self.config, self.fps = c, fps
+        self.scale_free = c.rule == SCALE_FREE
+        # A settled network has no delay of one step that a long step could make unstable.
+        self.dt = 1 / fps if self.scale_free else c.dt
         self.features = VisualFeatures(size, 1 / fps, c.tau_motion_high, c.tau_motion_low, border, exact, fused)
-        self.resample = Resample(1 / fps, c.dt)
-        self.inputs = BindingInputs(c.dt, c.order, c.tau_in, c.window, c.floor)
+        self.resample = Resample(1 / fps, self.dt)
+        self.inputs = BindingInputs(self.dt, c.order, c.tau_in, c.window, c.floor)
         # The inputs come high-passed. The three networks are one with weights inside the groups only.
         self.first = InhibitoryNetwork(10, c.dt, gamma=0.0, tau_in=float("inf"), initial=check_first_stage(first_stage))
-        self.second = InhibitoryNetwork(
-            10,
-            c.dt,
-            rule=learning_rule(c.rule, c.f, c.g),
-            gamma=c.gamma,
-            tau_in=c.tau_in,
-            tau_out=c.tau_out,
-            settle=c.settle,
-            tau_onset=c.tau_onset,
-            radius_limit=c.radius_limit,
-            window=c.stable_window,
-            tau_mean=c.stable_mean,
-        )
+        self.second: InhibitoryNetwork | ScaleFreeStage
+        if self.scale_free:
+            rule = ScaleFreeRule(c.scale_free_gamma, radius_limit=c.radius_limit)
+            self.second = ScaleFreeStage(
+                first_stage, self.dt, rule, c.readout, c.tau_smooth, c.scale_free_settle, c.stable_window, c.stable_mean
+            )
+            return
+        self.second = second_stage(c)
 
     @classmethod
     def load(cls, path: str | Path, **options: Any) -> Self:
@@ -154,10 +160,15 @@ class VisualBinding(nn.Module):
         if not torch.isfinite(sums).all():
             raise InputError("sums must be finite, got NaN or infinite values")
         (inputs, scale), input_state = self.inputs(sums, state.inputs if state is not None else None)
-        refined, first = self.first(inputs, state.first if state is not None else None)
+        first: NetworkState | None = None
+        if self.scale_free:
+            assert self.first.initial is not None
+            refined = inputs @ settled(self.first.initial.to(inputs.dtype)).mT
+        else:
+            refined, first = self.first(inputs, state.first if state is not None else None)
         outputs, second = self.second(refined, state.second if state is not None else None)
         steps = sums.shape[-2]
-        time = (torch.arange(steps, dtype=torch.float64) + (int(second.steps) - steps)) * self.config.dt
+        time = (torch.arange(steps, dtype=torch.float64) + (int(second.steps) - steps)) * self.dt
         signals = BindingSignals(sums, inputs, refined, outputs, scale, time)
         motion = state.motion if state is not None else None
         return signals, BindingState(motion, resample, input_state, first, second)
@@ -167,8 +178,9 @@ class VisualBinding(nn.Module):
 
         `static`: fewer than two groups of features fluctuate, so there is nothing to bind. `alternating`: the
         outputs flip sign from step to step, a fault of the one-step delay at high learning rates; the weights mean
-        nothing. `learning`: the mean weights still change by more than `stable_change` per `stable_window`
-        [C eq. 5], or no weight has grown far enough to silence another neuron. `stable`: none of these.
+        nothing (never with the scale-free rule, which has no such delay). `learning`: the mean weights still change by
+        more than `stable_change` per `stable_window` [C eq. 5], or, with the published rules, no weight has grown far
+        enough to silence another neuron. `stable`: none of these.
         """
         c = self.config
         if state.second.weights.ndim != 2:
@@ -177,11 +189,14 @@ class VisualBinding(nn.Module):
             )
         if int(fluctuating_groups(state.inputs, c.floor)) < 2:
             return "static"
+        second = state.second
         # Written so that NaN never counts as stable.
-        if not float(alternation(state.second)) <= ALTERNATING:
+        if isinstance(second, StageState):
+            return "stable" if float(second.network.changes.sum(-1)) <= c.stable_change else "learning"
+        if not float(alternation(second)) <= ALTERNATING:
             return "alternating"
-        settled = float(weight_change(state.second)) <= c.stable_change
-        return "stable" if settled and float(state.second.weights.max()) >= c.learned_weight else "learning"
+        unchanged = float(weight_change(second)) <= c.stable_change
+        return "stable" if unchanged and float(second.weights.max()) >= c.learned_weight else "learning"
 
     def objects(self, state: BindingState) -> list[BoundObject]:
         """The objects in view of one trial. [C §4.1]
@@ -190,9 +205,49 @@ class VisualBinding(nn.Module):
         `learned_weight`: the read-out divides by the largest weight, and makes a table of the noise of a
         network that has learned nothing.
         """
-        learned = float(state.second.weights.max()) >= self.config.learned_weight
-        meaningful = learned and self.verdict(state) in ("stable", "learning")
-        return objects(state.second.weights) if meaningful else []
+        if self.verdict(state) in ("static", "alternating"):
+            return []
+        return objects(self.bound_weights(state))
+
+    def bound_weights(self, state: BindingState) -> Tensor:
+        """Weights of one trial whose table [C §4.1] is that of the objects: for attention and figures, `[10, 10]`.
+
+        Those of the published rules are the learned ones, zero until they mean something; the scale-free rule has a
+        read-out of its own, and its table is put into the columns of its owners.
+        """
+        second = state.second
+        if isinstance(second, StageState):
+            assert isinstance(self.second, ScaleFreeStage)
+            return as_weights(self.second.table(second))
+        learned = float(second.weights.max()) >= self.config.learned_weight
+        return second.weights if learned else torch.zeros_like(second.weights)
+
+    @property
+    def settle(self) -> float:
+        """Seconds before the second stage learns."""
+        return self.config.scale_free_settle if self.scale_free else self.config.settle
+
+
+def second_stage(config: BindingConfig, gamma: float | Tensor | None = None) -> InhibitoryNetwork:
+    """The second stage of the published model, untrained.
+
+    Args:
+        gamma: learning rates `[...]` in place of the configuration's, one for every trial of a batch.
+    """
+    c = config
+    return InhibitoryNetwork(
+        10,
+        c.dt,
+        rule=learning_rule(c.rule, c.f, c.g),
+        gamma=c.gamma if gamma is None else gamma,
+        tau_in=c.tau_in,
+        tau_out=c.tau_out,
+        settle=c.settle,
+        tau_onset=c.tau_onset,
+        radius_limit=c.radius_limit,
+        window=c.stable_window,
+        tau_mean=c.stable_mean,
+    )
 
 
 def fluctuating_groups(state: InputState, floor: float) -> Tensor:

@@ -9,12 +9,17 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ndtorch.binding.delays import DelayState
 from ndtorch.binding.inputs import InputState
 from ndtorch.binding.model import BindingState
 from ndtorch.binding.network import NetworkState
+from ndtorch.binding.owners import StatisticsState
 from ndtorch.binding.resample import ResampleState
+from ndtorch.binding.scale_free import ScaleFreeState
+from ndtorch.binding.stage import StageState
 from ndtorch.errors import InputError
 from ndtorch.vision.motion import MotionState
+from ndtorch.vision.temporal import FilterState
 
 
 def flatten_state(state: Any, prefix: str = "") -> dict[str, Tensor]:
@@ -59,13 +64,18 @@ def load_state(path: str | Path) -> tuple[BindingState, dict[str, str]]:
         return kind(**{name: tensors[prefix + name] for name in kind._fields})
 
     motion = part(MotionState, "motion.") if any(name.startswith("motion.") for name in tensors) else None
-    state = BindingState(
-        motion,
-        part(ResampleState, "resample."),
-        part(InputState, "inputs."),
-        part(NetworkState, "first."),
-        part(NetworkState, "second."),
-    )
+    first = None
+    second: NetworkState | StageState
+    if any(name.startswith("second.network.") for name in tensors):
+        second = StageState(
+            part(FilterState, "second.smooth."),
+            part(ScaleFreeState, "second.network."),
+            part(StatisticsState, "second.statistics."),
+            part(DelayState, "second.delays."),
+        )
+    else:
+        first, second = part(NetworkState, "first."), part(NetworkState, "second.")
+    state = BindingState(motion, part(ResampleState, "resample."), part(InputState, "inputs."), first, second)
     return state, about
 
 

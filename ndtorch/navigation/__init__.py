@@ -13,6 +13,7 @@ from ndtorch.navigation.avoidance import (
 from ndtorch.navigation.certainty import beam, certainty
 from ndtorch.navigation.correspondence import Matches, MatchParams, match_features
 from ndtorch.navigation.features import FeatureParams, Features, find_features
+from ndtorch.navigation.floor import FloorMotion, FloorParams, FloorSeen, FloorState, FloorView, floor_view
 from ndtorch.navigation.log_odds import LogOddsMap, LogOddsState
 from ndtorch.navigation.mapping import Grid, GridMap, GridMapState
 from ndtorch.navigation.model import Navigator, NavigatorState
@@ -20,13 +21,16 @@ from ndtorch.navigation.observations import ObservationList, Observations, free_
 from ndtorch.navigation.odometry import DeadReckoning, Pose, drive_step, to_body, to_world
 from ndtorch.navigation.prediction import PredictedFeatures, PredictionState
 from ndtorch.navigation.ranging import Ranges, triangulate
+from ndtorch.navigation.ranging_control import RangingControl, RangingParams, RangingState
+from ndtorch.navigation.ranging_modes import REVERSE
 from ndtorch.navigation.rig import Rect, StereoRig
-from ndtorch.navigation.sensors import RowRanging, SubfieldMotion
+from ndtorch.navigation.sensors import RowRanging, RowRangingState, SubfieldMotion
 from ndtorch.navigation.strips import Strips, cut_strips
 from ndtorch.navigation.tracking import AlphaBetaTracker, TrackParams, Tracks
 
 __all__ = [
     "CRUISE",
+    "REVERSE",
     "STOPPED",
     "SUPPRESSED",
     "TURN",
@@ -37,6 +41,11 @@ __all__ = [
     "DeadReckoning",
     "FeatureParams",
     "Features",
+    "FloorMotion",
+    "FloorParams",
+    "FloorSeen",
+    "FloorState",
+    "FloorView",
     "Grid",
     "GridMap",
     "GridMapState",
@@ -52,8 +61,12 @@ __all__ = [
     "PredictedFeatures",
     "PredictionState",
     "Ranges",
+    "RangingControl",
+    "RangingParams",
+    "RangingState",
     "Rect",
     "RowRanging",
+    "RowRangingState",
     "SaccadeAvoidance",
     "StereoRig",
     "Strips",
@@ -65,6 +78,7 @@ __all__ = [
     "cut_strips",
     "drive_step",
     "find_features",
+    "floor_view",
     "free_length",
     "match_features",
     "path_is_free",

@@ -20,14 +20,27 @@ class FeatureParams:
         spacing: features lie more than this many pixels apart, D_min.
         min_motion: weakest raw ND-min output of a feature, T_min, for intensities 0..1.
         min_difference: two features of a row whose patches differ by less than this are both dropped, T_sim.
+        edge_reach: 0 leaves features where the motion is largest, as published. Otherwise each is moved to the
+            steepest step of brightness within so many pixels, to a fraction of a pixel; see `edge_places`.
+        shared: look only where the other camera can see the same at `MatchParams.min_disparity`, which leaves out
+            the outer border of both rows. Not in [A].
+        follow: 0 looks for the strongest features of every frame anew, as published. Otherwise each is followed
+            within so many pixels of where its last two places point to; see `PredictedFeatures`.
     """
 
     count: int = 5
     spacing: int = 3
     min_motion: float = 0.01
     min_difference: float = 0.008
+    edge_reach: int = 0
+    shared: bool = False
+    follow: int = 0
 
     def __post_init__(self) -> None:
+        if self.edge_reach < 0 or self.follow < 0:
+            raise InputError(
+                f"expected edge_reach and follow >= 0 pixels, got edge_reach={self.edge_reach}, follow={self.follow}"
+            )
         if self.count < 1 or self.spacing < 0:
             raise InputError(f"expected count >= 1 and spacing >= 0, got count={self.count}, spacing={self.spacing}")
         if not (self.min_motion >= 0 and self.min_difference >= 0):
@@ -41,9 +54,9 @@ class Features(NamedTuple):
     """Features of rows, strongest first; n slots, of which `valid` tells the good ones.
 
     Attributes:
-        column: `[..., n]`, whole numbers, 0 is the leftmost pixel.
+        column: `[..., n]`, 0 is the leftmost pixel; whole numbers, or fractions where features are edges.
         strength: `[..., n]`, |ND-min| there.
-        patch: `[..., n, 3]`, the row's intensities at `column - 1 .. column + 1`.
+        patch: `[..., n, 3]`, the row's intensities at `column - 1 .. column + 1`, or at `EDGE_SIDES` of an edge.
         valid: `[..., n]`, bool. Slots that are not valid hold numbers without meaning.
     """
 
@@ -106,21 +119,78 @@ def exclude(magnitude: Tensor, columns: Tensor) -> None:
 
 
 def describe(row: Tensor, column: Tensor, strength: Tensor, params: FeatureParams) -> Features:
-    """Cut the patches and drop weak and ambiguous features; the second half of `find_features`."""
+    """Cut the patches and drop weak and ambiguous features; the second half of `find_features`.
+
+    Where features are moved to edges, two may meet at one: the weaker one is dropped.
+    """
     count, width = column.shape[-1], row.shape[-1]
-    around = torch.arange(-1, 2, device=row.device)
     crowded = width - 2 < count * (2 * params.spacing + 1)  # slots can be empty: see `strongest`
     if crowded:
         column = column.clamp(1, width - 2)
-    patch = row.gather(-1, (column.unsqueeze(-1) + around).flatten(-2)).view(*column.shape, 3)
+    if params.edge_reach:
+        column = edge_places(row, column, params.edge_reach)
+        patch = sample(row, column.unsqueeze(-1) + torch.tensor(EDGE_SIDES, dtype=row.dtype, device=row.device))
+    else:
+        around = torch.arange(-1, 2, device=row.device)
+        patch = row.gather(-1, (column.unsqueeze(-1) + around).flatten(-2)).view(*column.shape, 3)
     valid = strength >= params.min_motion
     if count > 1:
         other = patch_error(patch, patch)
         other.diagonal(dim1=-2, dim2=-1).fill_(float("inf"))
         if crowded:
             other = other.masked_fill((strength < 0).unsqueeze(-2), float("inf"))
+        if params.edge_reach:
+            same = (column.unsqueeze(-1) - column.unsqueeze(-2)).abs() < SAME_EDGE
+            weaker = strength.unsqueeze(-1) < strength.unsqueeze(-2)
+            equal = strength.unsqueeze(-1) == strength.unsqueeze(-2)
+            twin = (same & (weaker | equal.tril(-1))).any(-1)  # of two equals the later one
+            other = other.masked_fill(twin.unsqueeze(-2), float("inf"))
+            valid = valid & ~twin
         valid = valid & (other.amin(-1) >= params.min_difference)
     return Features(column, strength, patch, valid)
+
+
+EDGE_SIDES = (-1.5, 0.0, 1.5)
+"""Where the patch of an edge is sampled, pixels from the edge: on either side of its blur, and in its middle."""
+
+SAME_EDGE = 1.5
+"""Edges less than so many pixels apart are one."""
+
+BLUR = 2
+"""Pixels on either side over which the blur of an edge reaches."""
+
+
+def edge_places(row: Tensor, column: Tensor, reach: int) -> Tensor:
+    """Where the edges are that made the motion at `column` `[..., n]`, as fractions of pixels.
+
+    An edge that sweeps over v pixels between two frames changes all of them, so that the largest |ND-min| lies
+    anywhere in a band v wide, and in the two eyes at different places of it. The edge itself is now at one end
+    of the band: the steepest step of `row` `[..., W]` within `reach` pixels. Its place is the centroid of the
+    step over `BLUR` pixels on either side, which is exact for a step that pixels average.
+    """
+    width = row.shape[-1]
+    step = row[..., 1:] - row[..., :-1]  # number k is between pixels k and k + 1
+    near = torch.arange(-reach - 1, reach + 1, device=row.device)
+    index = (column.unsqueeze(-1) + near).clamp(0, width - 2)
+    steepest = step.gather(-1, index.flatten(-2)).view(index.shape).abs().argmax(-1, keepdim=True)
+    edge = index.gather(-1, steepest)
+    index = (edge + torch.arange(-BLUR, BLUR + 1, device=row.device)).clamp(0, width - 2)
+    steps = step.gather(-1, index.flatten(-2)).view(index.shape)
+    # Only what steps in the same direction belongs to it.
+    weight = (steps * step.gather(-1, edge.squeeze(-1)).sign().unsqueeze(-1)).clamp_min(0)
+    total = weight.sum(-1)
+    place = (weight * (index - edge)).sum(-1) / total.clamp_min(torch.finfo(row.dtype).tiny)
+    return (place + edge.squeeze(-1) + 0.5).clamp(1, width - 2)
+
+
+def sample(row: Tensor, place: Tensor) -> Tensor:
+    """The row `[..., W]` at fractions of pixels `[..., n, k]`, between neighbours by a straight line."""
+    place = place.clamp(0, row.shape[-1] - 1)
+    low = place.floor().clamp(max=row.shape[-1] - 2)
+    number = low.to(torch.int64)
+    left = row.gather(-1, number.flatten(-2)).view(number.shape)
+    right = row.gather(-1, number.flatten(-2) + 1).view(number.shape)
+    return torch.lerp(left, right, place - low)
 
 
 def patch_error(left: Tensor, right: Tensor) -> Tensor:

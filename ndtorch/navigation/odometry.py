@@ -67,12 +67,15 @@ class DeadReckoning(nn.Module):
         pose = Pose(zero, zero, zero) if state is None else state
         poses = []
         for v, k in zip(speed.unbind(-1), curvature.unbind(-1), strict=True):
-            pose = drive_step(pose, v * (1 + self.scale_error) if self.scale_error else v, k, self.dt)
-            if self.drift:
-                pose = pose._replace(heading=pose.heading + self.drift * self.dt)
+            pose = self.step(pose, v, k)
             poses.append(pose)
         x, y, heading = (torch.stack(parts, -1) for parts in zip(*poses, strict=True))
         return Pose(x, y, heading), pose
+
+    def step(self, pose: Pose, speed: Tensor, curvature: Tensor) -> Pose:
+        """One time step: `drive_step` with the errors."""
+        pose = drive_step(pose, speed * (1 + self.scale_error) if self.scale_error else speed, curvature, self.dt)
+        return pose._replace(heading=pose.heading + self.drift * self.dt) if self.drift else pose
 
 
 def to_world(pose: Pose, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 from torch import Tensor, nn
 
 from ndtorch.errors import InputError
 from ndtorch.navigation.correspondence import MatchParams, match_features
 from ndtorch.navigation.features import FeatureParams, Features, find_features
+from ndtorch.navigation.prediction import PredictedFeatures, PredictionState
 from ndtorch.navigation.ranging import Ranges, triangulate
 from ndtorch.navigation.rig import AngleModel, Rect, StereoRig
 from ndtorch.navigation.strips import check_unit_range, grey_pair, row_rect
@@ -56,13 +60,20 @@ class SubfieldMotion(nn.Module):
         return sides * SPEED_SCALE, state
 
 
+class RowRangingState(NamedTuple):
+    """State of `RowRanging`: the filters of the rows `[..., 2, 1, W]`, and the features that are followed, if any."""
+
+    rows: FilterState
+    followed: PredictionState | None
+
+
 class RowRanging(nn.Module):
     """Ranges of features of the horizon rows: ND-min, features, correspondence, triangulation. [A fig. 10]
 
     Shapes:
         left, right: frames `[..., T, C, H, W]`, or rows `[..., T, C, 1, W]`, as `SubfieldMotion`
             -> `Ranges` of `[..., T, n]`.
-        State: the rows, `[..., 2, 1, W]`; `None` settles on the first frame, which then has no features.
+        State: `RowRangingState`; `None` settles on the first frame, which then has no features.
 
     Args:
         rig: the camera pair.
@@ -91,12 +102,20 @@ class RowRanging(nn.Module):
         self.features, self.matching = features or FeatureParams(), matching or MatchParams()
         self.row = row_rect(rig)
         self.nd_min = NDMin(tau_high, dt)
+        self.follow = PredictedFeatures(self.features, self.features.follow) if self.features.follow else None
+        # Nearer the border, a partner with the smallest disparity would lie outside the other row.
+        self.border = math.ceil(self.matching.min_disparity) if self.features.shared else 0
 
-    def forward(self, left: Tensor, right: Tensor, state: FilterState | None = None) -> tuple[Ranges, FilterState]:
+    def forward(
+        self, left: Tensor, right: Tensor, state: RowRangingState | None = None
+    ) -> tuple[Ranges, RowRangingState]:
         rows = grey_pair(left, right, self.row, self.row, (self.rig.height, self.rig.width))
-        motion, state = self.nd_min(rows, state)
-        found = find_features(rows.squeeze(-2), motion.squeeze(-2), self.features)
-        check_unit_range(found.strength, left)
+        motion, filters = self.nd_min(rows, state.rows if state else None)
+        if left.is_floating_point():
+            check_unit_range(spatial_maximum(motion), left)
+        if self.border:
+            motion = self.without_borders(motion)
+        found, followed = self.find(rows.squeeze(-2), motion.squeeze(-2), state.followed if state else None)
         eyes = zip(
             found.column.unbind(-2),
             found.strength.unbind(-2),
@@ -105,4 +124,22 @@ class RowRanging(nn.Module):
             strict=True,
         )
         ours, theirs = (Features(*eye) for eye in eyes)
-        return triangulate(match_features(ours, theirs, self.matching), self.rig, self.angles), state
+        ranges = triangulate(match_features(ours, theirs, self.matching), self.rig, self.angles)
+        return ranges, RowRangingState(filters, followed)
+
+    def without_borders(self, motion: Tensor) -> Tensor:
+        """Motion `[..., 2, 1, W]` less the columns that have no partner: left of the left row, right of the right."""
+        motion = motion.clone()
+        motion[..., 0, :, : self.border] = 0
+        motion[..., 1, :, motion.shape[-1] - self.border :] = 0
+        return motion
+
+    def find(
+        self, rows: Tensor, motion: Tensor, state: PredictionState | None
+    ) -> tuple[Features, PredictionState | None]:
+        """Features of rows `[..., T, 2, W]`: those of each frame, or the same ones as long as they can be followed."""
+        if self.follow is None:
+            return find_features(rows, motion, self.features), None
+        found, state = self.follow(rows.transpose(-2, -3), motion.transpose(-2, -3), state)
+        column, strength, valid = (x.transpose(-2, -3) for x in (found.column, found.strength, found.valid))
+        return Features(column, strength, found.patch.transpose(-3, -4), valid), state

@@ -40,12 +40,15 @@ def cut(frames: Tensor, rect: Rect) -> Tensor:
     return rows.narrow(-1, rect.left, rect.right - rect.left)
 
 
-def grey_pair(left: Tensor, right: Tensor, left_rect: Rect, right_rect: Rect, size: tuple[int, int]) -> Tensor:
+def grey_pair(
+    left: Tensor, right: Tensor, left_rect: Rect, right_rect: Rect, size: tuple[int, int], every: int = 1
+) -> Tensor:
     """Grey intensities in 0..1 of one rectangle of each image, `[..., T, 2, h, w]`, left first.
 
     Args:
         left, right: frames `[..., T, C, H, W]`, uint8 or float in 0..1, C = 3 (mean of RGB) or 1, either
             whole (of `size` H, W) or already cut to the rectangles, which are of one size.
+        every: take only every so many columns.
 
     Raises:
         InputError: frames that differ in shape or type, or of another size, type or number of channels.
@@ -65,6 +68,8 @@ def grey_pair(left: Tensor, right: Tensor, left_rect: Rect, right_rect: Rect, si
         )
     if given == size:
         left, right = cut(left, left_rect), cut(right, right_rect)
+    if every > 1:
+        left, right = left[..., ::every], right[..., ::every]
     pair = torch.stack((left, right), -4)
     if pair.dtype == torch.uint8:
         return pair.sum(-3, dtype=torch.float32) * (1 / (255 * channels))

@@ -72,7 +72,8 @@ def draw_outputs(result: BindResult, path: str | Path) -> Path:
 def draw_weights(result: BindResult, path: str | Path) -> Path:
     """The final 10 x 10 weights beside what the object table keeps of them. [B fig. 8d, e]"""
     raw = result.final_weights
-    simplified = object_table(torch.from_numpy(raw)).simplified.numpy()
+    read = torch.from_numpy(raw) if result.bound is None else result.bound.float()
+    simplified = object_table(read).simplified.numpy()
     figure = new_figure(result, "weights of the second stage", 13.2, 6.7)
     largest = float(raw.max())
     panels = {

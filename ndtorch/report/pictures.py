@@ -42,7 +42,7 @@ class Watcher(Protocol):
 
 
 class Glimpse(NamedTuple):
-    """What a picture is made from: a frame `[3, H, W]` and the model's state right after it."""
+    """What a picture is made from: a frame `[3, H, W]`, the state right after it, and `VisualBinding.bound_weights`."""
 
     frame: Tensor
     motion: MotionState
@@ -101,9 +101,6 @@ class PictureMaker:
 
     def _make(self, glimpse: Glimpse) -> None:
         frame, motion, signals, weights = glimpse
-        if float(weights.max()) < self.model.config.learned_weight:
-            # As `VisualBinding.objects`: nobody owns anything before something has been learned.
-            weights = torch.zeros_like(weights)
         images = self.model.features.images_at(frame, motion)
         shown = as_float(check_frames(frame.unsqueeze(0))[0])
         enhanced, self._state = self.attention(

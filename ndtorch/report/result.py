@@ -86,6 +86,7 @@ class BindResult:
         outputs: second-stage outputs, `[10]` a sample.
         weights: second-stage weights, `[10, 10]` a sample.
         moments: the clearest recent moment of each winning neuron.
+        bound: weights whose table is that of the objects, `VisualBinding.bound_weights`; None for the final weights.
         interrupted: whether Ctrl-C ended the run early.
     """
 
@@ -100,6 +101,7 @@ class BindResult:
     outputs: Trace
     weights: Trace
     moments: dict[int, Moment] = field(default_factory=dict)
+    bound: Tensor | None = None
     interrupted: bool = False
 
     @property

@@ -28,11 +28,13 @@ class Reader(ABC):
         fps: rate the source declares; may be nonsense.
         count: number of frames the source promises, or None.
         live: whether frames pass only once.
+        size: height and width of a frame as it comes.
     """
 
     fps: float
     count: int | None
     live: bool = False
+    size: tuple[int, int]
 
     @abstractmethod
     def read(self, start: int) -> Iterator[Image]:
@@ -56,6 +58,7 @@ class FileReader(Reader):
             if capture is None:
                 raise InputError(f"video {path} cannot be opened: not a video, damaged or cut off at its start")
             self.fps, self.count = _declared(capture)
+            self.size = _declared_size(capture)
             # FFmpeg plays any text file as the screen of a terminal.
             decodes = capture.get(cv2.CAP_PROP_FOURCC) != cv2.VideoWriter.fourcc(*"ansi") and capture.grab()
             capture.release()
@@ -93,6 +96,7 @@ class LiveReader(Reader):
             capture.release()
             raise InputError(f"{what} opens but delivers no frames")
         self.fps, self.count = _declared(capture)[0], None
+        self.size = (first.shape[0], first.shape[1])
         self._capture, self._first = capture, [first]
 
     def read(self, start: int) -> Iterator[Image]:
@@ -120,7 +124,8 @@ class FolderReader(Reader):
             for path in self.files:
                 if not cv2.haveImageReader(str(path)):
                     raise InputError(f"image {path} cannot be read: empty, damaged or not an image")
-            _image(self.files[0])
+            first = _image(self.files[0])
+        self.size = (first.shape[0], first.shape[1])
 
     def read(self, start: int) -> Iterator[Image]:
         return (_image(path) for path in self.files[start:])
@@ -166,6 +171,13 @@ def _declared(capture: Any) -> tuple[float, int | None]:
 
     count = capture.get(cv2.CAP_PROP_FRAME_COUNT)
     return float(capture.get(cv2.CAP_PROP_FPS)), int(count) if 0 < count < 2**53 else None
+
+
+def _declared_size(capture: Any) -> tuple[int, int]:
+    """Height and width of the frames of an open capture."""
+    import cv2
+
+    return int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)), int(capture.get(cv2.CAP_PROP_FRAME_WIDTH))
 
 
 def _frames(capture: Any) -> Iterator[Image]:

@@ -3,8 +3,10 @@
 from ndtorch.vision.chahl_srinivasan import ChahlSrinivasan, ShiftState, row_shift
 from ndtorch.vision.characterisation import SpeedCurve, judge_speed_curve, speed_response
 from ndtorch.vision.features import FEATURES, GROUPS, VisualFeatures
+from ndtorch.vision.local import LocalFeatures, field_weights
 from ndtorch.vision.motion import HassensteinReichardt, MotionState
 from ndtorch.vision.nondirectional import NDS, SPEED_SCALE, NDMin, NDMinus, NDSState, spatial_maximum
+from ndtorch.vision.ordinary import FieldSignals, FrontEnd, OrdinaryState, OrdinaryVideo
 from ndtorch.vision.orientation import ANGLES, OrientedDoG, dog_spectrum
 from ndtorch.vision.temporal import (
     FilterState,
@@ -23,14 +25,19 @@ __all__ = [
     "NDS",
     "SPEED_SCALE",
     "ChahlSrinivasan",
+    "FieldSignals",
     "FilterState",
+    "FrontEnd",
     "HassensteinReichardt",
     "HighPass",
+    "LocalFeatures",
     "LowPass",
     "MotionState",
     "NDMin",
     "NDMinus",
     "NDSState",
+    "OrdinaryState",
+    "OrdinaryVideo",
     "OrientedDoG",
     "RecentMax",
     "RecentMaxState",
@@ -38,6 +45,7 @@ __all__ = [
     "SpeedCurve",
     "VisualFeatures",
     "dog_spectrum",
+    "field_weights",
     "judge_speed_curve",
     "low_pass_step",
     "row_shift",

@@ -150,18 +150,34 @@ class OrientedDoG(nn.Module):
         """Sums over space of the magnitudes, `[..., 3]`, of grey images `[..., H, W]`."""
         if self.exact:
             return self.images(image).abs().sum((-1, -2))
-        image = self._pad(image)
-        for _ in range(self.halvings):
-            image = halve_rows(image)
-        columns = torch.fft.rfft(image)[..., : self.grid[1] // 2 + 1]
-        spectrum = low_rows(torch.fft.fft(columns, dim=-2), self.grid[0])[..., None, None, :, :]
-        size: Tensor = torch.fft.irfft2(spectrum * self.fast_spectrum, s=self.grid).abs_()
-        # irfft2 divides by the grid's points and the sum has that many fewer terms: the two cancel.
+        size = self.magnitudes(image)
         if self.border == "wrap":
             return size.sum((-4, -2, -1))
         rows = self.row_weights.to(size.dtype)
         total: Tensor = torch.einsum("...ofhw,oh,ow->...f", size, rows, self.column_weights.to(size.dtype))
         return total
+
+    def magnitudes(self, image: Tensor) -> Tensor:
+        """Magnitudes on the two coarse grids, `[..., 2, 3, h, w]`, of grey images `[..., H, W]`.
+
+        Every value stands for the pixels around its place (`places`): summed up they are the sums of `sums`.
+        """
+        image = self._pad(image)
+        for _ in range(self.halvings):
+            image = halve_rows(image)
+        columns = torch.fft.rfft(image)[..., : self.grid[1] // 2 + 1]
+        spectrum = low_rows(torch.fft.fft(columns, dim=-2), self.grid[0])[..., None, None, :, :]
+        # irfft2 divides by the grid's points and a sum has that many fewer terms: the two cancel.
+        size: Tensor = torch.fft.irfft2(spectrum * self.fast_spectrum, s=self.grid).abs_()
+        return size
+
+    def places(self) -> tuple[Tensor, Tensor]:
+        """Rows `[2, h]` and columns `[2, w]` of the coarse grids, in pixels of the frame; pixel n is at n + 1/2."""
+        found = []
+        for padded, points, margin in zip(self.padded, self.grid, self.margin, strict=True):
+            cell = padded / points
+            found.append((torch.arange(points) + torch.tensor(OFFSETS)[:, None]) * cell - margin + 0.5)
+        return found[0], found[1]
 
     def forward(self, frames: Tensor) -> Tensor:
         return self.images(grey(as_float(check_frames(frames, self.size))))

@@ -40,6 +40,8 @@ def make_context(width: int, height: int) -> Any:
 
 def open_context(name: str, width: int, height: int) -> Any:
     """A context of one library."""
+    # Mesa draws with as many threads as there are cores; on strips they wait for each other more than they draw.
+    os.environ.setdefault("LP_NUM_THREADS", "0")
     # PyOpenGL chooses its library when first imported: forget an attempt with another one.
     if os.environ.get("PYOPENGL_PLATFORM", name) != name:
         for module in [m for m in sys.modules if m.split(".")[0] == "OpenGL" or m.startswith("mujoco.egl")]:

@@ -7,8 +7,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ndtorch.navigation import StereoRig
-from robot.ports import DriveCommand, StereoFrames
+from ndtorch.navigation import Rect, StereoRig
+from robot.ports import DriveCommand, SafeCommand, StereoFrames, unseal
 from robot.sim.cameras import Cameras
 from robot.sim.car import Car
 from robot.sim.model import build
@@ -53,6 +53,7 @@ class Simulation:
         moving: with a moving obstacle.
         odometry: what `driven` says, exact or `"noisy"`.
         whole: draw whole frames.
+        fields: the subfields to draw; `rig.subfields()` by default.
 
     Raises:
         InputError: no OpenGL, or a plan where the car does not fit.
@@ -68,6 +69,7 @@ class Simulation:
         odometry: Odometry = "true",
         whole: bool = False,
         rig: StereoRig = RIG,
+        fields: tuple[Rect, Rect] | None = None,
     ) -> None:
         import mujoco
 
@@ -84,7 +86,7 @@ class Simulation:
         self.walk = self.places.walk(rng, (start[0], start[1])) if moving else None
         self.move_obstacle()
         self.place(*start)
-        self.cameras = Cameras(self.world.model, rig, whole=whole)
+        self.cameras = Cameras(self.world.model, rig, fields, whole=whole)
 
     @property
     def pose(self) -> tuple[float, float, float]:
@@ -152,9 +154,15 @@ class Simulation:
         left, right = self.cameras.look(self.data, *self.pose)
         return StereoFrames(left, right, self.now())
 
-    def send(self, command: DriveCommand) -> DriveCommand:
+    def send(self, command: SafeCommand) -> DriveCommand:
         """Drive like this from now on."""
-        return self.car.send(command)
+        return self.car.send(unseal(command))
+
+    def resume(self) -> None:
+        """Nothing to do: this drive obeys at once after a stop."""
+
+    def trouble(self) -> None:
+        """Never."""
 
     def stop(self) -> None:
         """Stand still at once."""

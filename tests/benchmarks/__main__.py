@@ -7,7 +7,7 @@ import argparse
 import torch
 
 from ndtorch.memory import tune_allocator
-from tests.benchmarks import bench_binding, bench_features, bench_navigation
+from tests.benchmarks import bench_binding, bench_cameras, bench_features, bench_navigation
 from tests.benchmarks.timing import machine, table
 
 
@@ -19,7 +19,7 @@ def main() -> None:
     # As the command line does.
     tune_allocator()
     print(f"{machine(device)}\n")
-    for bench in (bench_features, bench_binding, bench_navigation):
+    for bench in (bench_features, bench_binding, bench_navigation, bench_cameras):
         print(table(bench.TITLE, bench.rows(device)))
 
 

@@ -7,7 +7,7 @@ import time
 import torch
 
 import ndtorch
-from ndtorch.binding import InhibitoryNetwork
+from ndtorch.binding import InhibitoryNetwork, ScaleFreeNetwork
 from ndtorch.report.run import run_binding
 from ndtorch.scenes import two_bars
 from ndtorch.vision import VisualFeatures
@@ -42,8 +42,16 @@ def network_rows(device: str) -> list[Row]:
         many = torch.stack([learned.refined[100 + d : 700 + d] for d in delays.tolist()])
         _, batch_state = network(many[:, : 600 - STEPS])
         batch = many[:, -STEPS:]
+        other = ScaleFreeNetwork()
+        _, other_state = other(learned.refined[:-STEPS])
+        _, other_batch_state = other(many[:, : 600 - STEPS])
         times = in_turn(
-            {"single": lambda: network(single, trained.second), "batch": lambda: network(batch, batch_state)},
+            {
+                "single": lambda: network(single, trained.second),
+                "batch": lambda: network(batch, batch_state),
+                "scale-free single": lambda: other(single, other_state),
+                "scale-free batch": lambda: other(batch, other_batch_state),
+            },
             rounds=7,
             repeat=1,
         )
@@ -60,6 +68,18 @@ def network_rows(device: str) -> list[Row]:
             f"{1e6 * all_trials / TRIALS:.2f} us a trial-step",
             "one at a time",
             f"{one * TRIALS / all_trials:.0f}x",
+        ),
+        Row(
+            f"scale-free rule on {device}, one network",
+            f"{1e6 * times['scale-free single'] / STEPS:.0f} us a step",
+            "published step",
+            f"{times['scale-free single'] / times['single']:.2f}x its time",
+        ),
+        Row(
+            f"scale-free rule on {device}, {TRIALS} trials at once",
+            f"{1e6 * times['scale-free batch'] / STEPS / TRIALS:.2f} us a trial-step",
+            "published step",
+            f"{times['scale-free batch'] / times['batch']:.2f}x its time",
         ),
     ]
 

@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 import torch
 
+from ndtorch.binding import RetinotopicBinding
 from ndtorch.scenes import two_bars
-from ndtorch.vision import VisualFeatures
+from ndtorch.vision import LocalFeatures, VisualFeatures
 from tests.benchmarks.numpy_features import NumpyFeatures
 from tests.benchmarks.timing import Row, in_turn
 
@@ -28,10 +29,16 @@ def rows(device: str | None = None) -> list[Row]:
         error = ((quick - full).abs() / full)[1:, 4:7].max()
         agree = ((full - reference).abs() / reference.abs().clamp_min(1e-3))[5:].max()
         chunk = frames[8:16]
+        local = LocalFeatures(fast)
+        binding = RetinotopicBinding(local.grid, local.spacing)
+        signals, seen = local(chunk, state)
+        _, files = binding(signals)
         jobs = {
             "fast": lambda: fast(chunk, state),
             "fused": lambda: fused(chunk, state),
             "exact": lambda: exact(chunk, state),
+            "local": lambda: local(chunk, seen),
+            "files": lambda: binding(signals, files),
             "fft": lambda: [fft(array) for array in arrays[8:16]],
             "filter2d": lambda: [filter2d(array) for array in arrays[8:10]],
         }
@@ -51,6 +58,18 @@ def rows(device: str | None = None) -> list[Row]:
     found += [
         Row(
             "features, exact=True", ms["exact"], f"fast {ms['fast']}", f"{per_frame['exact'] / per_frame['fast']:.1f}x"
+        ),
+        Row(
+            "the same in 16x16 receptive fields",
+            ms["local"],
+            f"fast {ms['fast']}",
+            f"{per_frame['local'] / per_frame['fast']:.1f}x",
+        ),
+        Row(
+            "retinotopic binding of those",
+            ms["files"],
+            "10 ms of signal",
+            f"{0.01 / per_frame['files']:.0f}x",
         ),
         Row("largest error of a fast sum", f"{100 * float(error):.2f} %", "exact", ""),
         Row("largest difference of an exact sum", f"{100 * float(agree):.3f} %", "NumPy + scipy.fft", ""),

@@ -15,10 +15,13 @@ import numpy as np
 import torch
 
 from ndtorch.navigation import (
+    Command,
+    FloorMotion,
     GridMap,
     Navigator,
     ObservationList,
     Pose,
+    RangingControl,
     RowRanging,
     SaccadeAvoidance,
     StereoRig,
@@ -118,7 +121,16 @@ def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
         return grid(ranging(next_left, next_right, rows_state)[0], here, cells)
 
     found = int(ranges.valid.sum())
+    look, control = FloorMotion(rig, DT), RangingControl(rig, DT)
+    _, floor = look(left, right)
+    start = control.start(Pose(*torch.zeros(3)))
+    moved = Command(torch.full((1,), 0.5), torch.zeros(1))
+
+    def drive() -> object:
+        return control(look(next_left, next_right, floor)[0], ranges, here, moved, start)
+
     result = [
+        Timed("ranging controller", median_time(drive), "floor cells, patch, free arcs, state machine"),
         Timed("avoidance step", median_time(avoid), "subfields, ND-min, maxima, state machine"),
         Timed("features, ranges and grid map", median_time(range_and_map), f"5 features, {found} ranges"),
     ]
@@ -126,6 +138,7 @@ def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
         WHOLE: Navigator(rig, DT),
         "whole step with grid map": Navigator(rig, DT, grid_map=GridMap(rig)),
         "whole step with observation list": Navigator(rig, DT, observations=ObservationList(DT)),
+        "whole step, ranging controller": Navigator(rig, DT, controller="ranging"),
     }.items():
         _, state = navigator(left, right)
         call = lambda n=navigator, s=state: n(next_left, next_right, s)  # noqa: E731

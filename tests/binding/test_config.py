@@ -33,6 +33,10 @@ def test_defaults_are_the_published_constants() -> None:
         "stable_mean": 2.0,
         "stable_change": 0.5,
         "learned_weight": 0.6,
+        "scale_free_gamma": 0.2,
+        "scale_free_settle": 0.5,
+        "tau_smooth": 0.05,
+        "readout": "delays",
     }
 
 

@@ -11,6 +11,7 @@ from ndtorch.navigation import (
     AlphaBetaTracker,
     AvoidanceParams,
     Command,
+    FeatureParams,
     Grid,
     GridMap,
     Navigator,
@@ -76,6 +77,22 @@ def test_row_ranging_finds_the_shift():
     assert not ranges.valid[0].any()  # nothing has moved yet
 
 
+def test_only_what_both_cameras_can_see():
+    """With `shared`, no feature lies where a partner at the smallest disparity is outside the other row."""
+    left, right = frames(2, steps=6)
+    matching = navigation.MatchParams(min_disparity=60, max_disparity=100)
+    sensor = RowRanging(RIG, DT, FeatureParams(count=20, shared=True), matching)
+    seen = []
+    find = sensor.find
+    sensor.find = lambda rows, motion, state: seen.append(find(rows, motion, state)) or seen[-1]
+    sensor(left, right)
+    column = seen[0][0].column[1:]
+    assert column[:, 0].min() >= 60
+    assert column[:, 1].max() < 320 - 60
+    assert column[:, 0].max() > 320 - 60
+    assert column[:, 1].min() < 60
+
+
 def test_shapes_and_batches():
     left, right = frames(3, 2, 2)
     navigator = full_navigator()
@@ -90,10 +107,11 @@ def test_shapes_and_batches():
         torch.testing.assert_close(a, b[1, 0], atol=1e-4, rtol=1e-4)
 
 
-def test_chunked_is_whole_is_frame_by_frame():
+@pytest.mark.parametrize("features", [None, FeatureParams(7, edge_reach=4, shared=True), FeatureParams(follow=3)])
+def test_chunked_is_whole_is_frame_by_frame(features):
     left, right = frames(4, steps=24)
     quick = AvoidanceParams(turn_threshold=0.01, start_time=0.1, turn_time=0.2, suppression_time=0.1)
-    navigator = full_navigator(avoidance=quick)
+    navigator = full_navigator(avoidance=quick, features=features)
     whole, final = navigator(left, right)
     final = leaves(final)
     assert whole.curvature.unique().numel() > 1  # it does something
@@ -228,4 +246,4 @@ def test_cuda():
 def test_public_names():
     for name in navigation.__all__:
         assert getattr(navigation, name) is not None
-    assert len(navigation.__all__) == len(set(navigation.__all__)) == 45
+    assert len(navigation.__all__) == len(set(navigation.__all__)) == 56

@@ -15,7 +15,7 @@ from ndtorch.navigation import (
     find_features,
     match_features,
 )
-from ndtorch.navigation.features import patch_error
+from ndtorch.navigation.features import edge_places, patch_error, sample
 
 
 def rows(seed, *shape, scale=0.2):
@@ -228,3 +228,60 @@ def test_bad_input():
     found = find_features(row, motion)
     with pytest.raises(InputError, match="same rows"):
         match_features(found, Features(*(part[0] for part in found)))
+
+
+def averaged_step(width, place, low, high):
+    """A step at a fraction of a pixel as pixels average it."""
+    share = (torch.arange(width, dtype=torch.float64) + 0.5 - place).clamp(0, 1)
+    return low + (high - low) * share
+
+
+@settings(max_examples=80, deadline=None)
+@given(st.floats(8, 30), st.floats(0, 1), st.floats(0, 1), st.integers(-4, 4))
+def test_edges_are_found_to_a_fraction_of_a_pixel(place, low, high, off):
+    if abs(high - low) < 0.05:
+        return
+    row = averaged_step(40, place, low, high)
+    found = edge_places(row, torch.tensor([round(place) + off]), reach=4)
+    assert float(found) == pytest.approx(place, abs=1e-9)
+
+
+def test_the_nearest_edge_is_not_taken_when_out_of_reach():
+    row = averaged_step(60, 30.25, 0.2, 0.7)
+    assert float(edge_places(row, torch.tensor([22]), reach=4)) < 28
+
+
+def test_edges_in_both_rows_have_the_same_patches():
+    """Whatever the fraction of a pixel, the patch beside and on an edge is dark, middle, bright."""
+    patches = []
+    for place in (20.0, 20.3, 20.5, 20.9):
+        row = averaged_step(60, place, 0.2, 0.8)
+        motion = row - averaged_step(60, place + 2.6, 0.2, 0.8)
+        found = find_features(row, motion, FeatureParams(count=1, edge_reach=4))
+        assert float(found.column) == pytest.approx(place, abs=1e-9)
+        patches.append(found.patch[0])
+    for patch in patches:
+        assert patch.tolist() == pytest.approx([0.2, 0.5, 0.8], abs=0.06)
+
+
+def test_two_features_of_one_edge_are_one():
+    row = averaged_step(60, 20.5, 0.2, 0.8)
+    motion = torch.zeros(60, dtype=torch.float64)
+    motion[[20, 24]] = torch.tensor([0.05, 0.06], dtype=torch.float64)
+    found = find_features(row, motion, FeatureParams(count=2, edge_reach=4))
+    assert found.valid.tolist() == [True, False]
+    assert found.strength[0] == 0.06
+    motion[20] = 0.06
+    assert find_features(row, motion, FeatureParams(count=2, edge_reach=4)).valid.tolist() == [True, False]
+
+
+def test_sampling_between_pixels():
+    row = torch.tensor([0.0, 1.0, 3.0])
+    places = torch.tensor([[-1.0, 0.5], [1.5, 9.0]])
+    assert sample(row, places).tolist() == [[0.0, 0.5], [2.0, 3.0]]
+
+
+def test_bad_reach():
+    for name in ("edge_reach", "follow"):
+        with pytest.raises(InputError, match=name):
+            FeatureParams(**{name: -1})

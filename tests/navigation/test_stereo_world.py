@@ -1,6 +1,7 @@
 """Ranges and a map of a ray-cast world of textured walls, against the geometry that made it."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import torch
 
 from ndtorch.navigation import (
     DeadReckoning,
+    FeatureParams,
     Grid,
     GridMap,
     MatchParams,
@@ -55,6 +57,29 @@ def test_ranges_in_hallways(half_width, seed, noise):
     assert share >= 0.70
     assert abs(bias) < 0.01
     assert median < 0.01
+
+
+@pytest.mark.parametrize(("half_width", "seed"), [(0.7, 5), (0.8, 2), (1.0, 0)])
+def test_ranges_of_edges(half_width, seed):
+    """Moved to the edges, features are ranged to a third of the error, and more of them find their partners."""
+    edges = FeatureParams(edge_reach=4, shared=True)
+    share, bias, median = figures(*measure(hallway(half_width, seed=seed), noise=0.003, features=edges)[:2])
+    before, _, coarse = figures(*measure(hallway(half_width, seed=seed), noise=0.003)[:2])
+    assert share >= 0.85
+    assert share >= before
+    assert abs(bias) < 0.005
+    assert median < 0.003
+    assert median < coarse / 2
+
+
+def test_features_that_are_followed_have_fewer_false_partners():
+    world, edges = hallway(1.0), FeatureParams(edge_reach=4, shared=True)
+    anew = figures(*measure(world, features=edges)[:2])[0]
+    share, bias, median = figures(*measure(world, features=replace(edges, follow=3))[:2])
+    assert share > anew
+    assert share >= 0.99
+    assert abs(bias) < 0.005
+    assert median < 0.003
 
 
 def test_ranges_among_pillars():

@@ -5,9 +5,10 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig, Strips
+from robot.__main__ import main
 from robot.config import DriveConfig
 from robot.drive import Run, drive
-from robot.ports import StereoFrames
+from robot.ports import DriveCommand, StereoFrames
 from robot.sim.arenas import load_arena
 from robot.sim.simulation import Simulation
 from robot.watch import PATIENCE, CameraWatch
@@ -79,7 +80,7 @@ def test_the_car_is_stopped_first(monkeypatch, fault):
 
     monkeypatch.setattr(simulation, "read", faulty)
     with pytest.raises(InputError, match="same picture" if fault == "frozen" else "finite"):
-        Run(DriveConfig(), simulation.plan, simulation, None).go(None)
+        Run(DriveConfig(controller="published"), simulation.plan, simulation, None).go(None)
     assert len(kept) in (21, 36, 35)
     assert simulation.car.speed == 0.0
     simulation.close()
@@ -88,3 +89,33 @@ def test_the_car_is_stopped_first(monkeypatch, fault):
 @needs_gl
 def test_a_blank_building_is_no_fault():
     assert drive(DriveConfig(arena="loop", walls="blank", seconds=6)).summary["simulated_seconds"] == 6.0
+
+
+@needs_gl
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda f: f._replace(right=f.right[..., :400, :]), "gives 640x400 frames, 640x480 are wanted"),
+        (lambda f: f._replace(left=f.left[:, :1]), "must be alike"),
+        (lambda f: f._replace(left=None), "left camera gave no frame"),
+        (lambda f: f._replace(time=0.1), "must increase"),
+    ],
+)
+def test_the_command_ends_with_one_line(monkeypatch, capsys, tmp_path, change, message):
+    """Whatever the cameras do, the car stands still before the program ends."""
+    read, cars = Simulation.read, []
+
+    def faulty(self):
+        cars.append(self.car)
+        frames = read(self)
+        return frames if len(cars) <= 10 else change(frames)
+
+    monkeypatch.setattr(Simulation, "read", faulty)
+    assert main(["drive", "--whole", "--json", "--out", str(tmp_path)]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert message in err
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert cars[-1].speed == 0.0
+    assert cars[-1].wanted == DriveCommand(0.0, 0.0)

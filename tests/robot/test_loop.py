@@ -4,24 +4,25 @@ import pytest
 
 from ndtorch.errors import InputError
 from robot.loop import Loop, MonotonicClock, SimulatedClock, Timing
-from robot.ports import DriveCommand
+from robot.safety import SafeDrive
+from tests.robot.plain_drive import PlainDrive
 
 
-class FakeDrive:
-    def __init__(self):
-        self.stops = 0
+def safe(drive):
+    return SafeDrive(drive, SimulatedClock())
 
-    def send(self, command):
-        return DriveCommand(min(command.speed, 0.5), command.curvature)
 
-    def stop(self):
-        self.stops += 1
+def test_drives_only_through_the_safety_layer():
+    drive = PlainDrive()
+    with pytest.raises(TypeError, match="SafeDrive, got PlainDrive"):
+        Loop(30, SimulatedClock(), max_steps=1).run(lambda n, t: None, drive)
+    assert drive.sent == []
 
 
 def test_fixed_rate_without_drift():
-    times, drive = [], FakeDrive()
+    times, drive = [], PlainDrive()
     loop = Loop(30, SimulatedClock(), max_steps=301)
-    assert loop.run(lambda n, t: times.append((n, t)), drive) == 301
+    assert loop.run(lambda n, t: times.append((n, t)), safe(drive)) == 301
     assert [n for n, _ in times] == list(range(301))
     assert times[300][1] == pytest.approx(10.0, abs=1e-9)
     assert loop.late == 0
@@ -29,8 +30,8 @@ def test_fixed_rate_without_drift():
 
 
 def test_step_can_end_the_loop():
-    drive = FakeDrive()
-    assert Loop(30, SimulatedClock()).run(lambda n, t: n < 4, drive) == 5
+    drive = PlainDrive()
+    assert Loop(30, SimulatedClock()).run(lambda n, t: n < 4, safe(drive)) == 5
     assert drive.stops == 1
 
 
@@ -40,9 +41,9 @@ def test_stops_on_every_error(error):
         if n == 2:
             raise error
 
-    drive = FakeDrive()
+    drive = PlainDrive()
     with pytest.raises(type(error)):
-        Loop(30, SimulatedClock(), max_steps=5).run(step, drive)
+        Loop(30, SimulatedClock(), max_steps=5).run(step, safe(drive))
     assert drive.stops == 1
 
 
@@ -54,7 +55,7 @@ def test_late_steps_are_counted_not_made_up():
             clock.time += 1.0
 
     loop = Loop(10, clock, max_steps=4)
-    loop.run(step, FakeDrive())
+    loop.run(step, safe(PlainDrive()))
     assert loop.late == 1
     assert clock.now() == pytest.approx(0.1 + 1.0 + 0.2)
 
@@ -62,7 +63,7 @@ def test_late_steps_are_counted_not_made_up():
 def test_real_time():
     clock = MonotonicClock()
     start = clock.now()
-    Loop(100, clock, max_steps=6).run(lambda n, t: None, FakeDrive())
+    Loop(100, clock, max_steps=6).run(lambda n, t: None, safe(PlainDrive()))
     assert 0.05 <= clock.now() - start < 0.5
 
 

@@ -1,6 +1,10 @@
 """The command line: results, errors of one line with code 2, configuration files."""
 
+import ctypes.util
 import json
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -10,7 +14,7 @@ from ndtorch.errors import InputError
 from robot.__main__ import main
 from robot.config import load_config
 from robot.sim import gl
-from tests.robot.gl_needed import needs_gl
+from tests.robot.gl_needed import WHY, needs_gl
 
 FILES = ["map.npz", "map.png", "path.png", "rows.png", "speeds.png", "summary.json"]
 KEYS = {
@@ -51,7 +55,7 @@ def test_words_and_file(tmp_path, capsys):
     config.write_text(f'arena = "room"\nseconds = 9\nseed = 3\nout = "{tmp_path / "out"}"')
     assert main(["drive", str(config), "--seconds", "2"]) == 0
     out, err = capsys.readouterr()
-    assert "room, seed 3, published" in out
+    assert "room, seed 3, ranging" in out
     assert "  2 s and" in out
     assert "60/60" in err
 
@@ -91,7 +95,6 @@ def test_arenas(capsys):
     ("arguments", "message"),
     [
         (["--arena", "halway"], "no arena 'halway', choose one of hallway"),
-        (["--controller", "ranging"], "'ranging' is not there yet, use 'published'"),
         (["--controller", "pid"], "controller = 'pid'"),
         (["--seconds", "-1"], "seconds = -1"),
         (["--seconds", "nan"], "seconds"),
@@ -139,6 +142,38 @@ def test_no_opengl_names_the_package(monkeypatch):
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     with pytest.raises(InputError, match=r"install the system package 'libegl1 libgl1-mesa-dri' or 'libosmesa6'"):
         gl.make_context(16, 16)
+
+
+def test_drive_without_opengl(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr(gl.ctypes.util, "find_library", lambda name: None)
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    assert main(["drive", "--out", str(tmp_path)]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith("error: cannot draw without a screen (egl: library not found; osmesa: library not found)")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.skipif(not ctypes.util.find_library("OSMesa"), reason="libosmesa6 is not installed")
+def test_osmesa_draws_the_same_world():
+    """In a process of its own, because a program keeps the library it drew with first."""
+    script = """
+import numpy as np
+from robot.sim.arenas import load_arena
+from robot.sim.simulation import Simulation
+simulation = Simulation(load_arena("room", 1), 1)
+left, right = simulation.cameras.look(simulation.data, 4.0, 2.0, 0.3)
+print(*left.row.flatten().tolist(), *right.field.flatten().tolist())
+simulation.close()
+"""
+    seen = []
+    for library in ("osmesa", "egl") if not WHY else ("osmesa",):
+        environment = {k: v for k, v in os.environ.items() if k != "PYOPENGL_PLATFORM"} | {"MUJOCO_GL": library}
+        done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr[-500:]
+        seen.append(np.array([int(word) for word in done.stdout.split()]))
+    assert len(seen[0]) == 3 * (640 + 29 * 85)
+    assert seen[0].std() > 10
+    assert np.abs(seen[0] - seen[-1]).mean() < 2.0
 
 
 def test_opengl_that_fails(monkeypatch):

@@ -7,9 +7,12 @@ import pytest
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import StereoRig, cut_strips
+from ndtorch.navigation import Rect, StereoRig, cut_strips
+from ndtorch.navigation.strips import cut as cut_out
 from robot.ports import DriveCommand
+from robot.safety import SafeDrive
 from robot.sim.arenas import load_arena
+from robot.sim.cameras import Cameras, side_by_side
 from robot.sim.paint import Painted, pack, paint_floor
 from robot.sim.plan import Plan, ring
 from robot.sim.simulation import RIG, Simulation
@@ -41,18 +44,53 @@ def test_strips_are_the_pixels_of_whole_frames(moving):
 
 
 @needs_gl
+def test_any_number_of_strips():
+    """Further rectangles are the pixels of the whole frame, too, and the others stay as they are, up to rounding."""
+    simulation = Simulation(load_arena("room", 1), 1)
+    cameras = Cameras(simulation.world.model, RIG, whole=True, more=[(Rect(350, 400, 0, 90), Rect(350, 400, 550, 640))])
+    drawn = [[RIG.subfields()[k], cameras.row, cameras.strips[k][2]] for k in (0, 1)]
+    for pose in POSES[:3]:
+        plain = simulation.cameras.look(simulation.data, *pose)
+        frames = cameras.look(simulation.data, *pose)
+        for k in (0, 1):
+            whole = torch.from_numpy(cameras.whole_frame(*pose, k)).permute(2, 0, 1)
+            for rect in drawn[k]:
+                assert levels(cut_out(frames[k][0], rect), cut_out(whole, rect)) <= 1
+            for rect, piece in zip(drawn[k], plain[k], strict=False):
+                assert levels(cut_out(frames[k], rect), piece) <= 1
+    cameras.close()
+    simulation.close()
+
+
+def levels(a, b):
+    return int((a.int() - b.int()).abs().max())
+
+
+def test_strips_lie_side_by_side():
+    rects = [Rect(0, 29, 10, 95), Rect(240, 241, 0, 640), Rect(0, 29, 545, 630), Rect(240, 241, 0, 640)]
+    rects += [Rect(0, 60, 0, 500), Rect(0, 60, 0, 200)]
+    places, height = side_by_side(rects, 640)
+    used = np.zeros((height, 640), int)
+    for rect, (x, y) in zip(rects, places, strict=True):
+        used[y : y + rect.bottom - rect.top, x : x + rect.right - rect.left] += 1
+    assert used.max() == 1
+    assert used.sum() == sum((r.bottom - r.top) * (r.right - r.left) for r in rects)
+    assert height <= 160
+
+
+@needs_gl
 def test_pasted_strips_do_not_show():
     """As drawn, before the pasting: at most one level of 256 off, in less than one pixel of two hundred."""
     simulation = Simulation(load_arena("curve", 1), 1, whole=True)
     cameras, field = simulation.cameras, RIG.subfields()[0]
-    simulation.read()
     off = []
     for angle in np.arange(0, 6, 0.5):
-        cameras.aim(10.8 * math.cos(angle), 10.8 * math.sin(angle), angle + 1.3, 0.15)
-        frame = cameras.draw(cameras.frame).astype(int)
+        pose = (10.8 * math.cos(angle), 10.8 * math.sin(angle), angle + 1.3)
+        pasted, _ = cameras.look(simulation.data, *pose)
+        frame = torch.from_numpy(cameras.whole_frame(*pose, 0)).permute(2, 0, 1).int()
         for rect in (field, cameras.row):
-            piece = cameras.draw(rect).astype(int)
-            off.append(np.abs(frame[rect.top : rect.bottom, rect.left : rect.right] - piece).ravel())
+            area = (slice(None), slice(rect.top, rect.bottom), slice(rect.left, rect.right))
+            off.append((frame[area] - pasted[0].int()[area]).abs().flatten().numpy())
     simulation.close()
     off = np.concatenate(off)
     assert off.max() <= 1
@@ -119,7 +157,7 @@ def test_collision_is_counted_and_the_car_put_back():
     assert simulation.take_placed() is None
     simulation.place(16.5, 0.0, 0.0)
     simulation.take_placed()
-    simulation.send(DriveCommand(0.5, 0.0))
+    SafeDrive(simulation, simulation).send(DriveCommand(0.5, 0.0))
     simulation.wait_until(4.0)
     (hit,) = simulation.collisions
     assert hit.x == pytest.approx(18.0 - 0.25, abs=0.01)  # the front of the body at the end wall
@@ -149,7 +187,7 @@ def test_moving_obstacle_is_seen_and_hit():
 def test_noisy_odometry():
     exact, noisy = (Simulation(load_arena("hallway", 0), 0, odometry=kind) for kind in ("true", "noisy"))
     for simulation in (exact, noisy):
-        simulation.send(DriveCommand(0.5, 0.0))
+        SafeDrive(simulation, simulation).send(DriveCommand(0.5, 0.0))
         simulation.wait_until(1.0)
     a, b = exact.driven(), noisy.driven()
     assert b.speed == pytest.approx(1.01 * a.speed)

@@ -1,0 +1,175 @@
+"""Where something moves right now: neighbouring fields that show the same are one sighting."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from torch import Tensor
+
+COLORS = slice(7, 10)
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SightingCriteria:
+    """What counts as a sighting.
+
+    Attributes:
+        faint: smallest strength (root of the opponent motion: contrast) of a field that shows motion.
+        noisy: the same, in units of the noise.
+        relative: the same, as a share of the strongest field of the last 20 s.
+        saddle: two peaks are one thing when the strength between them stays above this share of the lower one,
+        filled: or something stands out in this share of a field between them (the middle of something large and
+            plain shows no motion),
+        alike: and the outputs of their colours have at least this cosine,
+        along: and their directions of motion this one.
+    """
+
+    faint: float = 0.01
+    noisy: float = 0.5
+    relative: float = 0.1
+    saddle: float = 0.6
+    filled: float = 0.5
+    alike: float = 0.8
+    along: float = 0.7
+
+
+@dataclass
+class Sighting:
+    """One thing at one moment.
+
+    Attributes:
+        place: row and column, shares of the picture's height and width.
+        strength: of its strongest field.
+        motion: opponent motion to the right and downward, summed over its fields.
+        outputs: the network's outputs, summed over its fields, `[10]`.
+        inputs: the same of the network's inputs.
+        fields: numbers of its fields.
+    """
+
+    place: tuple[float, float]
+    strength: float
+    motion: Floats
+    outputs: Floats
+    inputs: Floats
+    fields: list[int]
+
+
+def strengths(motion: Floats) -> Floats:
+    """Root of the opponent motion of every field, `[R, C, 2]` -> `[R, C]`."""
+    return np.asarray(np.sqrt(np.hypot(motion[..., 0], motion[..., 1])))
+
+
+def sightings(
+    motion: Tensor,
+    inputs: Tensor,
+    outputs: Tensor,
+    presence: Tensor,
+    noise: float,
+    strongest: float,
+    criteria: SightingCriteria | None = None,
+) -> list[Sighting]:
+    """Sightings of one moment, strongest first.
+
+    Fields are taken in the order of their strength; each joins the strongest of its eight neighbours already taken,
+    or starts a sighting of its own (inhibition of the weaker by the stronger neighbour). Then sightings that touch
+    and show the same are joined: a thing larger than a field is one thing. Fields that are filled by something that
+    does not move only tell what hangs together.
+
+    Args:
+        motion: `[R, C, 2]`, averaged over a tenth of a second or so.
+        inputs, outputs: of the network, `[R * C, 10]`.
+        presence: share of every field in which something stands out, `[R, C]`.
+        noise: what a pixel's difference from the background had to pass.
+        strongest: strength of the strongest field in the recent past.
+        criteria: see there.
+    """
+    c = criteria or SightingCriteria()
+    moved = motion.double().numpy()
+    strength = strengths(moved)
+    rows, columns = strength.shape
+    floor = max(c.faint, c.noisy * noise, c.relative * strongest)
+    filled = presence.double().numpy().reshape(-1)
+    order = [int(i) for i in np.argsort(-strength, axis=None)]
+    active = [i for i in order if strength.flat[i] > floor or filled[i] > c.filled]
+    if not active or strength.flat[active[0]] <= floor:
+        return []
+    y, o = inputs.double().numpy(), outputs.double().numpy()
+    flat, size = moved.reshape(-1, 2), strength.reshape(-1)
+    owner: dict[int, int] = {}
+    members: dict[int, list[int]] = {}
+    touching: dict[tuple[int, int], bool] = {}
+    for i in active:
+        near = [j for j in neighbours(i, rows, columns) if j in owner]
+        peak = owner[max(near, key=lambda j: size[j])] if near else i
+        owner[i] = peak
+        members.setdefault(peak, []).append(i)
+        for other in {owner[j] for j in near} - {peak}:
+            pair = (min(peak, other), max(peak, other))
+            level = size[i] >= c.saddle * min(size[peak], size[other]) or filled[i] >= c.filled
+            touching[pair] = touching.get(pair, False) or bool(level)
+    for (one, other), level in touching.items():
+        a, b = find(owner, one), find(owner, other)
+        if a == b or not level:
+            continue
+        first, second = moving(members[a], size, floor), moving(members[b], size, floor)
+        if not first or not second:
+            continue
+        same = likeness(o[first].sum(0), o[second].sum(0)) >= c.alike
+        if same and cosine(flat[first].sum(0), flat[second].sum(0)) >= c.along:
+            strong, weak = (a, b) if size[a] >= size[b] else (b, a)
+            members[strong] += members.pop(weak)
+            owner[weak] = strong
+    found = []
+    for peak, every in members.items():
+        fields = moving(every, size, floor)
+        if not fields:
+            continue
+        weight = size[fields] ** 2
+        r = float(((np.array(fields) // columns + 0.5) * weight).sum() / weight.sum() / rows)
+        q = float(((np.array(fields) % columns + 0.5) * weight).sum() / weight.sum() / columns)
+        found.append(
+            Sighting((r, q), float(size[peak]), flat[fields].sum(0), o[fields].sum(0), y[fields].sum(0), fields)
+        )
+    return sorted(found, key=lambda s: -s.strength)
+
+
+def moving(fields: list[int], size: Floats, floor: float) -> list[int]:
+    """Those of the fields that show motion."""
+    return [i for i in fields if size[i] > floor]
+
+
+def find(owner: dict[int, int], i: int) -> int:
+    """The sighting that `i` belongs to after joining."""
+    while owner[i] != i:
+        i = owner[i]
+    return i
+
+
+def neighbours(i: int, rows: int, columns: int) -> list[int]:
+    """Numbers of the up to eight fields around field `i`."""
+    r, c = divmod(i, columns)
+    return [
+        y * columns + x
+        for y in range(max(0, r - 1), min(rows, r + 2))
+        for x in range(max(0, c - 1), min(columns, c + 2))
+        if (y, x) != (r, c)
+    ]
+
+
+def likeness(a: Floats, b: Floats) -> float:
+    """Cosine of two things' colours, as the network puts them out.
+
+    Motion is compared by itself, and things as small as a field have every orientation.
+    """
+    return cosine(a[COLORS], b[COLORS])
+
+
+def cosine(a: Floats, b: Floats) -> float:
+    """Cosine of the angle between two vectors, 0 where one of them is zero."""
+    size = math.sqrt(float(a @ a) * float(b @ b))
+    return float(a @ b) / size if size > 0 else 0.0

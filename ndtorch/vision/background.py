@@ -1,0 +1,70 @@
+"""A slow background, the noise around it, and what stands out from both."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+# Mean magnitude of a normal variable against its standard deviation, and median of its magnitude likewise.
+MEAN_SIZE, MEDIAN_SIZE = 0.798, 0.6745
+
+
+class BackgroundState(NamedTuple):
+    """What changes: the background and the mean deviation from it, each `[..., C, H, W]`, and frames seen `[]`."""
+
+    mean: Tensor
+    deviation: Tensor
+    frames: Tensor
+
+
+def background_start(frame: Tensor, deviation: float = 0.01) -> BackgroundState:
+    """State settled on one frame `[..., C, H, W]`."""
+    return BackgroundState(frame, torch.full_like(frame, deviation), torch.zeros((), dtype=torch.int64))
+
+
+def measured_noise(difference: Tensor) -> Tensor:
+    """Standard deviation of a sensor's noise and a codec's, from a difference `[..., C, H, W]` -> `[..., C, 1, 1]`.
+
+    The median of the magnitude over space: what moves covers less than half of the picture and does not count.
+    """
+    # Every fourth pixel tells as much, and a median is the dearest thing done here.
+    return (difference[..., ::2, ::2].abs().flatten(-2).median(-1).values / MEDIAN_SIZE)[..., None, None]
+
+
+def background_step(
+    frame: Tensor, state: BackgroundState, a: float, a_deviation: float, hold: float, spread: float
+) -> tuple[Tensor, Tensor, BackgroundState]:
+    """One step: the difference from the background, the threshold it has to pass, and the new state.
+
+    The background follows with share `a` of the difference, but at least with 1 / (frames seen), which makes it the
+    mean of the first frames; where something stands out it follows `hold` times as fast. The threshold is `spread`
+    standard deviations of the noise: of the picture (see `measured_noise`), or of the pixel itself where that is
+    larger, as leaves, screens and water flicker.
+
+    Args:
+        frame: `[..., C, H, W]`, its exposure corrected.
+        a, a_deviation: smoothing factors of background and deviation.
+        hold: share of `a` where something stands out.
+        spread: standard deviations that count as standing out.
+
+    Returns:
+        difference `[..., C, H, W]`, threshold `[..., C, H, W]`, state.
+    """
+    difference = frame - state.mean
+    noise = measured_noise(difference).clamp_min(1 / 1024)
+    threshold = spread * torch.maximum(noise, state.deviation / MEAN_SIZE)
+    out = ((difference.abs() > threshold).any(-3, keepdim=True)).to(frame.dtype)
+    seen = int(state.frames) + 1
+    pace = max(a, 1 / (seen + 1))
+    mean = state.mean + (pace * (1 - (1 - hold) * out)) * difference
+    # What passes by is no noise: its deviation counts as little more than what is known already.
+    size = torch.minimum(difference.abs(), 3 * torch.maximum(noise, state.deviation))
+    deviation = state.deviation + max(a_deviation, 1 / (seen + 5)) * (size - state.deviation)
+    return difference, threshold, BackgroundState(mean, deviation, torch.tensor(seen, dtype=torch.int64))
+
+
+def core(difference: Tensor, threshold: Tensor) -> Tensor:
+    """Soft threshold: nothing of a difference below the threshold, and what is beyond it above."""
+    return difference - torch.minimum(torch.maximum(difference, -threshold), threshold)

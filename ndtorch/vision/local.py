@@ -1,0 +1,127 @@
+"""The ten signals of many overlapping receptive fields, instead of one field as wide as the image."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor, nn
+
+from ndtorch.errors import InputError
+from ndtorch.vision.features import VisualFeatures
+from ndtorch.vision.frames import as_float, check_frames, grey
+from ndtorch.vision.motion import Border, MotionState, correlate
+
+
+def field_weights(points: Tensor, length: float, fields: int, border: Border = "wrap") -> Tensor:
+    """How much each point of a line belongs to each of `fields` overlapping fields, `[fields, points]`.
+
+    Raised cosines two spacings wide, centred on `(f + 1/2) length / fields`: they add up to one everywhere.
+    With border "reflect" the first and the last field keep what lies beyond their centres.
+
+    Args:
+        points: positions `[points]`; pixel n covers n to n + 1.
+        length: of the line, in the same unit.
+    """
+    spacing = length / fields
+    centres = (torch.arange(fields, dtype=points.dtype) + 0.5) * spacing
+    offset = (points - centres[:, None]) / spacing
+    if border == "wrap":
+        offset = (offset + fields / 2) % fields - fields / 2
+    else:
+        offset[0].clamp_(min=0)
+        offset[-1].clamp_(max=0)
+    return torch.where(offset.abs() < 1, 0.5 + 0.5 * torch.cos(math.pi * offset), torch.zeros_like(offset))
+
+
+class LocalFeatures(nn.Module):
+    """The ten signals of `VisualFeatures`, summed over a coarse grid of overlapping receptive fields.
+
+    Glomeruli with a retinotopic place each, as [B discussion] proposes. The fields' windows add up to one
+    everywhere, so the sum over all fields is the wide-field signal.
+
+    Args:
+        features: detectors, with the size and border of the frames.
+        fields: fields along the shorter side; the longer one gets as many as make them about square.
+
+    Shapes:
+        frames `[..., T, C, H, W]` -> `[..., T, R, C', 10]`: rows and columns of fields, then the signals in the
+        order of `FEATURES`. State: that of the detectors; `None` settles on the first frame.
+
+    Raises:
+        InputError: fewer than 3 fields, more fields than pixels, or frames that cannot be used.
+    """
+
+    rows: Tensor
+    columns: Tensor
+    dog_rows: Tensor
+    dog_columns: Tensor
+
+    def __init__(self, features: VisualFeatures, fields: int = 16) -> None:
+        super().__init__()
+        height, width = features.size
+        if not 3 <= fields <= min(height, width):
+            raise InputError(f"fields must lie between 3 and the {min(height, width)} pixels of a side, got {fields}")
+        self.features = features
+        self.spacing = min(height, width) / fields
+        self.grid = (round(height / self.spacing), round(width / self.spacing))
+        self.border = features.motion.border
+        for name, length, count in zip(("rows", "columns"), features.size, self.grid, strict=True):
+            weights = field_weights(torch.arange(length) + 0.5, length, count, self.border)
+            self.register_buffer(name, weights, persistent=False)
+        # Where the coarse responses of the orientation filters lie, and how much of each counts.
+        for name, length, count, places, inside in zip(
+            ("dog_rows", "dog_columns"),
+            features.size,
+            self.grid,
+            features.orientation.places(),
+            (features.orientation.row_weights, features.orientation.column_weights),
+            strict=True,
+        ):
+            mirrored = self.border == "reflect"
+            kept = places.clamp(0, length) if mirrored else places
+            weights = torch.stack([field_weights(p, length, count, self.border) for p in kept])
+            if mirrored:  # on a torus nothing lies outside
+                weights = weights * inside.unsqueeze(-2).to(weights)
+            self.register_buffer(name, weights, persistent=False)
+
+    def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
+        frames = check_frames(frames, self.features.size)
+        signals = []
+        for frame in frames.unbind(-4):
+            frame = as_float(frame)
+            image = grey(frame)
+            high, delayed, state = self.features.motion.scan(image.unsqueeze(-3), state)
+            motion = self._motion(high.squeeze(-3), delayed.squeeze(-3))
+            signals.append(torch.cat([motion, self._orientation(image), self._pool(frame)], -3))
+        assert state is not None
+        out = torch.stack(signals, -4).movedim(-3, -1)
+        if not torch.isfinite(out).all():
+            raise InputError("frames must be finite, got NaN or infinite values")
+        return out, state
+
+    def _pool(self, images: Tensor) -> Tensor:
+        """Sums over every field, `[..., H, W]` -> `[..., R, C']`."""
+        return self.rows.to(images.dtype) @ (images @ self.columns.to(images.dtype).T)
+
+    def _motion(self, high: Tensor, delayed: Tensor) -> Tensor:
+        """Left, right, down and up in every field, `[..., 4, R, C']`."""
+        pooled = []
+        for dim in (-1, -2):
+            inner = correlate(high, delayed, dim)
+            if self.border == "wrap":
+                edge = high.select(dim, 0) * delayed.select(dim, -1) - high.select(dim, -1) * delayed.select(dim, 0)
+            else:
+                edge = torch.zeros_like(high.select(dim, 0))
+            signed = torch.cat([inner, edge.unsqueeze(dim)], dim)
+            total, size = self._pool(signed), self._pool(signed.abs_())
+            # The positive part of a signed image is half of magnitude plus value.
+            pooled += [(size - total) / 2, (size + total) / 2]
+        left, right, up, down = pooled
+        return torch.stack([left, right, down, up], -3).clamp_min(0)
+
+    def _orientation(self, image: Tensor) -> Tensor:
+        """The three orientations in every field, `[..., 3, R, C']`."""
+        size = self.features.orientation.magnitudes(image)  # [..., grids, 3, h, w]
+        rows, columns = self.dog_rows.to(size.dtype), self.dog_columns.to(size.dtype)
+        return (rows.unsqueeze(1) @ size @ columns.unsqueeze(1).mT).sum(-4)

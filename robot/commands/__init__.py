@@ -1,0 +1,1 @@
+"""Subcommands of `python -m robot`, one file each."""

@@ -1,0 +1,86 @@
+"""`python -m robot run`."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from ndtorch.errors import InputError
+
+
+@dataclass(frozen=True)
+class Run:
+    """Drive a car: cameras, navigator, safety layer and board, in real time.
+
+    The car stands until the key g is pressed (or SIGUSR1 comes); any other key is an emergency stop. SIGINT and
+    SIGTERM stop the car and end the program.
+    """
+
+    config: Annotated[Path, tyro.conf.Positional]
+    """TOML file of the car: robot/configs/maxstone8.toml, or sim.toml for one without any hardware."""
+    seconds: float | None = None
+    """Drive so long, s; until it is told to end by default."""
+    go: bool = False
+    """Drive off without waiting for the key."""
+    record: Path | None = None
+    """New folder for a recording that `python -m robot replay` drives again."""
+    record_format: Literal["png", "jpeg", "raw"] = "jpeg"
+    """Frames of the recording: png and raw keep them to the bit, jpeg is small and cheap."""
+    json: bool = False
+    """Print the summary as one JSON object and nothing else on stdout."""
+
+    def run(self) -> int:
+        """Drive; prints what happens to stderr and a summary at the end."""
+        import torch
+
+        from robot.emergency import HELP, emergency_stops
+        from robot.recording import Recorder, RecordSteps
+        from robot.run import open_car, real_time_priority, timed_report
+        from robot.run_config import RunConfig
+        from robot.toml import read_toml
+
+        if self.seconds is not None and not 0 < self.seconds < 1e7:
+            raise InputError(f"--seconds must be positive, got {self.seconds}")
+        config = read_toml(self.config, RunConfig)
+        torch.set_num_threads(1)
+        report = timed_report()
+        real_time_priority(report)
+        with contextlib.ExitStack() as stack:
+            car = stack.enter_context(open_car(config, report, self.go))
+            car.ended = stack.enter_context(emergency_stops(car.safe))
+            recorder = None
+            if self.record is not None:
+                recorder = Recorder(self.record, car.configuration(), format=self.record_format, say=report)
+                car.observers.append(RecordSteps(stack.enter_context(recorder)))
+            report(f"ready; {HELP}" if sys.stdin.isatty() else "ready; SIGUSR1: go, SIGTERM: stop and end")
+            car.run(self.seconds)
+            summary = car.summary() | world(car.cameras)
+            if recorder is not None:
+                recorder.close()
+                summary["recording"] = recorder.summary()
+        if self.json:
+            print(json.dumps(summary))
+        else:
+            for key, value in summary.items():
+                print(f"{key}: {value}")
+        return 0
+
+
+def world(cameras: object) -> dict[str, object]:
+    """What the simulated world knows of the drive."""
+    from robot.sim.pulse_world import PulseWorld
+
+    if not isinstance(cameras, PulseWorld):
+        return {}
+    late = sum(event.name == "late" for event in cameras.board.events)
+    return {
+        "collisions": len(cameras.simulation.collisions),
+        "distance_m": round(cameras.distance, 2),
+        "board_late": late,
+    }

@@ -1,0 +1,1 @@
+"""Many drives at once, and what they were worth together."""

@@ -1,0 +1,176 @@
+#include "drive.h"
+
+#include <string.h>
+
+#include "config.h"
+
+static int16_t clip(int16_t value, int16_t most) { return value > most ? most : value < -most ? (int16_t)-most : value; }
+
+static uint16_t pulse(int16_t neutral, int32_t offset) {
+    int32_t us = neutral + offset;
+    return (uint16_t)(us < MIN_PULSE_US ? MIN_PULSE_US : us > MAX_PULSE_US ? MAX_PULSE_US : us);
+}
+
+static void stand(struct drive *d, uint8_t fault) {
+    d->state = STANDING;
+    d->faults |= fault;
+    d->target_speed = d->target_curvature = d->speed = d->curvature = 0;
+    d->remainder = 0;
+    if (d->gear != REVERSE) d->gear = FORWARD; /* a brake begun must begin again */
+    d->motor_us = MOTOR_NEUTRAL_US;
+    d->front_us = FRONT_NEUTRAL_US;
+    d->rear_us = REAR_NEUTRAL_US;
+}
+
+void drive_init(struct drive *d, uint8_t watchdog_reset) {
+    memset(d, 0, sizeof *d);
+    stand(d, watchdog_reset ? FAULT_WATCHDOG : 0);
+}
+
+static void refuse(struct drive *d) {
+    if (d->rejected < 0xffff) d->rejected++;
+    if (d->noise < NOISE_LIMIT) d->noise++;
+    if (d->noise >= NOISE_LIMIT && d->state == ARMED) stand(d, FAULT_NOISE);
+}
+
+uint8_t drive_receive(struct drive *d, enum result result, const struct frame *f, uint32_t now_ms) {
+    if (result == NOTHING) return 0;
+    if (result == OTHER_VERSION) {
+        stand(d, FAULT_VERSION);
+        refuse(d);
+        return WELCOME; /* whose header says which version this is */
+    }
+    if (result == REFUSED || f->type >= WELCOME) {
+        refuse(d);
+        return 0;
+    }
+    if (f->type == STOP) { /* always heard */
+        stand(d, FAULT_STOPPED);
+        return TELEMETRY;
+    }
+    if (f->type == HELLO) {
+        stand(d, 0);
+        d->greeted = 1;
+        d->sequence = f->sequence;
+        d->noise = 0;
+        return WELCOME;
+    }
+    if (!d->greeted) return 0;
+    if ((uint16_t)(f->sequence - d->sequence - 1) >= 0x7fff) { /* seen already, or older */
+        refuse(d);
+        return 0;
+    }
+    d->sequence = f->sequence;
+    switch (f->type) {
+    case HEARTBEAT:
+        d->beaten_ms = now_ms;
+        d->echo = f->sequence;
+        return TELEMETRY;
+    case COMMAND:
+        d->commanded_ms = now_ms;
+        if (d->state == ARMED) {
+            d->target_speed = clip(get_i16(f->body), MAX_SPEED_MM_S);
+            d->target_curvature = clip(get_i16(f->body + 2), MAX_CURVATURE_1_KM);
+        }
+        return 0;
+    case ARM:
+        d->faults &= FAULT_BATTERY;
+        d->noise = 0;
+        d->commanded_ms = d->beaten_ms = now_ms;
+        d->state = ARMED;
+        return TELEMETRY;
+    default:
+        return 0;
+    }
+}
+
+/* Towards the target, through zero, by no more than the acceleration allows. */
+static void ramp(struct drive *d, int16_t target, uint16_t elapsed_ms) {
+    uint32_t most = (uint32_t)ACCELERATION_MM_S2 * elapsed_ms + d->remainder;
+    int16_t step = (int16_t)(most / 1000);
+    d->remainder = (uint16_t)(most % 1000);
+    if (d->speed < target) d->speed = target - d->speed > step ? (int16_t)(d->speed + step) : target;
+    else if (d->speed > target) d->speed = d->speed - target > step ? (int16_t)(d->speed - step) : target;
+    else d->remainder = 0;
+}
+
+/* A motor controller of model cars takes the first pulse below neutral for the brake. */
+static void shift(struct drive *d, uint16_t elapsed_ms, uint32_t now_ms) {
+    int16_t target = d->target_speed;
+    switch (d->gear) {
+    case FORWARD:
+        ramp(d, target < 0 ? 0 : target, elapsed_ms);
+        if (target < 0 && d->speed == 0) {
+            d->gear = BRAKING;
+            d->gear_ms = now_ms;
+        }
+        break;
+    case BRAKING:
+        if (target > 0) d->gear = FORWARD;
+        else if (now_ms - d->gear_ms >= BRAKE_MS) {
+            d->gear = PAUSING;
+            d->gear_ms = now_ms;
+        }
+        break;
+    case PAUSING:
+        if (target > 0) d->gear = FORWARD;
+        else if (now_ms - d->gear_ms >= PAUSE_MS) d->gear = REVERSE;
+        break;
+    case REVERSE:
+        ramp(d, target > 0 ? 0 : target, elapsed_ms);
+        if (target > 0 && d->speed == 0) d->gear = FORWARD;
+        break;
+    }
+}
+
+void drive_tick(struct drive *d, uint32_t now_ms) {
+    uint32_t elapsed = now_ms - d->ticked_ms;
+    d->ticked_ms = now_ms;
+    if (now_ms - d->forgiven_ms >= FORGIVE_MS) {
+        d->forgiven_ms = now_ms;
+        if (d->noise) d->noise--;
+    }
+    if (d->battery_mv > BATTERY_ABSENT_MV && d->battery_mv < BATTERY_LOW_MV) d->faults |= FAULT_BATTERY;
+    else d->faults &= (uint8_t)~FAULT_BATTERY;
+    if (d->state != ARMED) return;
+    if (now_ms - d->commanded_ms >= COMMAND_TIMEOUT_MS) stand(d, FAULT_COMMAND);
+    if (now_ms - d->beaten_ms >= HEARTBEAT_TIMEOUT_MS) stand(d, FAULT_HEARTBEAT);
+    if (d->state != ARMED) return;
+
+    shift(d, (uint16_t)(elapsed > 50 ? 50 : elapsed), now_ms);
+    d->curvature = d->target_curvature;
+    int32_t offset = (int32_t)d->speed * MOTOR_US_PER_M_S / 1000;
+    if (d->speed > 0) offset += MOTOR_DEAD_BAND_US;
+    if (d->speed < 0) offset -= MOTOR_DEAD_BAND_US;
+    if (d->gear == BRAKING) offset = MOTOR_BRAKE_US - MOTOR_NEUTRAL_US;
+    d->motor_us = pulse(MOTOR_NEUTRAL_US, offset);
+    d->front_us = pulse(FRONT_NEUTRAL_US, (int32_t)d->curvature * FRONT_US_PER_1_M / 1000);
+    d->rear_us = pulse(REAR_NEUTRAL_US, (int32_t)d->curvature * REAR_US_PER_1_M / 1000);
+}
+
+void drive_welcome(const struct drive *d, uint16_t sequence, struct frame *out) {
+    out->version = PROTOCOL_VERSION;
+    out->type = WELCOME;
+    out->sequence = sequence;
+    out->size = body_size(WELCOME);
+    put_u16(out->body, d->sequence);
+    memcpy(out->body + 2, ROBOT_NAME, 8);
+}
+
+void drive_telemetry(const struct drive *d, uint16_t sequence, uint32_t now_ms, struct frame *out) {
+    out->version = PROTOCOL_VERSION;
+    out->type = TELEMETRY;
+    out->sequence = sequence;
+    out->size = body_size(TELEMETRY);
+    put_u16(out->body, d->echo);
+    out->body[2] = d->state;
+    out->body[3] = d->faults;
+    put_u16(out->body + 4, (uint16_t)d->speed);
+    put_u16(out->body + 6, (uint16_t)d->curvature);
+    put_u16(out->body + 8, d->battery_mv);
+    put_u16(out->body + 10, d->motor_us);
+    put_u16(out->body + 12, d->front_us);
+    put_u16(out->body + 14, d->rear_us);
+    put_u16(out->body + 16, d->rejected);
+    put_u16(out->body + 18, (uint16_t)(now_ms / 1000));
+}

@@ -1,0 +1,44 @@
+/* What the board does with messages: arming, watchdogs, ramps and pulses. No hardware in here. */
+#ifndef DRIVE_H
+#define DRIVE_H
+
+#include "protocol.h"
+
+enum { STANDING = 0, ARMED = 1 };
+
+/* Bits of `faults`: why the wheels stand. ARM clears all but BATTERY_LOW. */
+enum {
+    FAULT_COMMAND = 1,    /* no command for COMMAND_TIMEOUT_MS */
+    FAULT_HEARTBEAT = 2,  /* no heartbeat for HEARTBEAT_TIMEOUT_MS */
+    FAULT_VERSION = 4,    /* a frame of another version of the protocol */
+    FAULT_NOISE = 8,      /* too many refused frames */
+    FAULT_BATTERY = 16,   /* low */
+    FAULT_WATCHDOG = 32,  /* the watchdog timer reset the board */
+    FAULT_STOPPED = 64,   /* told to stop */
+};
+
+enum gear { FORWARD, BRAKING, PAUSING, REVERSE };
+
+struct drive {
+    uint8_t state, faults, greeted;
+    uint16_t sequence, echo, rejected, battery_mv;
+    uint8_t noise;
+    uint32_t commanded_ms, beaten_ms, forgiven_ms, ticked_ms, gear_ms;
+    int16_t target_speed, target_curvature; /* mm/s, 1/km */
+    int16_t speed, curvature;               /* applied */
+    enum gear gear;
+    uint16_t motor_us, front_us, rear_us;
+    uint16_t remainder; /* of the ramp, in mm/s / 1000 */
+};
+
+void drive_init(struct drive *d, uint8_t watchdog_reset);
+
+/* A result of the parser; returns the type of message to answer with now, or 0. */
+uint8_t drive_receive(struct drive *d, enum result result, const struct frame *f, uint32_t now_ms);
+
+/* Watchdogs, ramp and pulses; to be called every few milliseconds. */
+void drive_tick(struct drive *d, uint32_t now_ms);
+
+void drive_telemetry(const struct drive *d, uint16_t sequence, uint32_t now_ms, struct frame *out);
+void drive_welcome(const struct drive *d, uint16_t sequence, struct frame *out);
+#endif

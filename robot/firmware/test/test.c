@@ -1,0 +1,215 @@
+/* The board's logic on this computer: frames, arming, watchdogs, ramps, brake before reverse. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "../config.h"
+#include "../drive.h"
+
+static int checks;
+
+#define CHECK(what)                                                   \
+    do {                                                              \
+        checks++;                                                     \
+        if (!(what)) {                                                \
+            fprintf(stderr, "%s:%d: %s\n", __FILE__, __LINE__, #what); \
+            exit(1);                                                  \
+        }                                                             \
+    } while (0)
+
+static struct drive d;
+static uint32_t now;
+static uint16_t sequence;
+
+static uint8_t say(enum message type, int16_t speed, int16_t curvature) {
+    struct frame f = {.version = PROTOCOL_VERSION, .type = (uint8_t)type, .sequence = ++sequence, .size = body_size(type)};
+    put_u16(f.body, (uint16_t)speed);
+    put_u16(f.body + 2, (uint16_t)curvature);
+    return drive_receive(&d, FRAME, &f, now);
+}
+
+/* Time passes; every 30 ms a heartbeat and a command, as the program sends them. */
+static void pass(uint32_t ms, int beats, int commands, int16_t speed, int16_t curvature) {
+    for (uint32_t end = now + ms; now < end;) {
+        now += 5;
+        if (now % 30 == 0) {
+            if (beats) say(HEARTBEAT, 0, 0);
+            if (commands) say(COMMAND, speed, curvature);
+        }
+        drive_tick(&d, now);
+    }
+}
+
+static void begin(void) {
+    now = 1000, sequence = 65500; /* soon to wrap */
+    drive_init(&d, 0);
+    drive_tick(&d, now);
+    CHECK(say(HELLO, 0, 0) == WELCOME);
+}
+
+static int stands(void) { return d.state == STANDING && d.motor_us == 1500 && d.front_us == 1500 && d.rear_us == 1500; }
+
+static void test_checksums(void) { /* the published check values */
+    CHECK(crc_ccitt((const uint8_t *)"123456789", 9) == 0x29b1);
+    CHECK(crc_dnp((const uint8_t *)"123456789", 9) == 0xea82);
+}
+
+static void test_frames(void) {
+    struct parser p = {0};
+    for (unsigned size = 0; size <= MAX_BODY; size++) {
+        struct frame f = {.version = PROTOCOL_VERSION, .type = TELEMETRY, .sequence = 0x1200, .size = (uint8_t)size}, g;
+        for (unsigned i = 0; i < size; i++) f.body[i] = (uint8_t)(i % 3);
+        uint8_t bytes[MAX_FRAME], length = frame_encode(&f, bytes);
+        CHECK(length == size + 10 && bytes[length - 1] == 0 && !memchr(bytes, 0, length - 1u));
+        enum result r = NOTHING;
+        for (unsigned i = 0; i < length; i++) {
+            CHECK(r == NOTHING);
+            r = parser_feed(&p, bytes[i], &g);
+        }
+        CHECK(r == (size == 20 ? FRAME : REFUSED)); /* only one size is right */
+        if (r == FRAME) CHECK(g.sequence == 0x1200 && memcmp(f.body, g.body, size) == 0);
+        for (unsigned i = 0; i < length - 1u; i++) /* every single wrong bit is noticed */
+            for (unsigned bit = 0; bit < 8; bit++) {
+                bytes[i] ^= (uint8_t)(1 << bit);
+                for (unsigned k = 0; k < length; k++) CHECK(parser_feed(&p, bytes[k], &g) != FRAME);
+                bytes[i] ^= (uint8_t)(1 << bit);
+            }
+    }
+    struct frame f = {.version = 2, .type = 77, .sequence = 1, .size = 3}, g;
+    uint8_t bytes[MAX_FRAME], length = frame_encode(&f, bytes);
+    enum result r = NOTHING;
+    for (unsigned i = 0; i < length; i++) r = parser_feed(&p, bytes[i], &g);
+    CHECK(r == OTHER_VERSION && g.version == 2);
+    for (unsigned i = 0; i < 1000; i++) CHECK(parser_feed(&p, 7, &g) == NOTHING);
+    CHECK(parser_feed(&p, 0, &g) == REFUSED);
+    CHECK(parser_feed(&p, 0, &g) == NOTHING);
+}
+
+static void test_arming(void) {
+    begin();
+    pass(300, 1, 1, 500, 1000);
+    CHECK(stands()); /* a command alone moves nothing */
+    CHECK(say(ARM, 0, 0) == TELEMETRY && d.state == ARMED && d.faults == 0);
+    pass(600, 1, 1, 500, 1000);
+    CHECK(d.speed == 500 && d.motor_us == 1630 && d.front_us == 1700 && d.rear_us == 1300);
+    pass(90, 1, 1, 30000, -30000); /* limits of its own */
+    CHECK(d.target_speed == 1000 && d.target_curvature == -2200 && d.front_us == 1060 && d.rear_us == 1940);
+    CHECK(say(STOP, 0, 0) == TELEMETRY && stands() && d.faults == FAULT_STOPPED);
+    pass(300, 1, 1, 500, 0);
+    CHECK(stands());
+    drive_init(&d, 1); /* after a reset nothing is obeyed before a hello */
+    CHECK(d.faults == FAULT_WATCHDOG && say(ARM, 0, 0) == 0 && stands());
+}
+
+static void test_ramp(void) {
+    begin();
+    say(ARM, 0, 0);
+    say(COMMAND, 1000, 0);
+    int16_t before = 0;
+    for (unsigned i = 0; i < 20; i++) {
+        now += 5;
+        drive_tick(&d, now);
+        CHECK(d.speed - before == 10); /* 2 m/s2 */
+        before = d.speed;
+    }
+    for (unsigned i = 0; i < 7; i++) { /* a step of 7 ms is no whole number of mm/s: nothing is lost */
+        now += 1;
+        drive_tick(&d, now);
+    }
+    CHECK(d.speed == 214);
+}
+
+static void test_watchdogs(void) {
+    begin();
+    say(ARM, 0, 0);
+    pass(600, 1, 1, 500, 1000);
+    uint32_t last = d.commanded_ms;
+    while (!stands()) pass(5, 1, 0, 0, 0);
+    CHECK(now - last == COMMAND_TIMEOUT_MS && d.faults == FAULT_COMMAND);
+    say(ARM, 0, 0);
+    pass(600, 1, 1, 500, 1000);
+    CHECK(d.speed == 500 && d.faults == 0);
+    last = d.beaten_ms;
+    while (!stands()) pass(5, 0, 1, 500, 1000);
+    CHECK(now - last == HEARTBEAT_TIMEOUT_MS && d.faults == FAULT_HEARTBEAT);
+}
+
+static void test_bad_lines(void) {
+    struct frame f = {.version = 9, .type = COMMAND};
+    begin();
+    say(ARM, 0, 0);
+    pass(600, 1, 1, 500, 0);
+    CHECK(drive_receive(&d, OTHER_VERSION, &f, now) == WELCOME && stands() && d.faults == FAULT_VERSION);
+
+    begin();
+    say(ARM, 0, 0);
+    pass(600, 1, 1, 500, 0);
+    for (unsigned i = 1; i < NOISE_LIMIT; i++) drive_receive(&d, REFUSED, &f, now);
+    pass(300, 1, 1, 500, 0);
+    CHECK(d.state == ARMED); /* a little noise is forgiven */
+    for (unsigned i = 0; i < NOISE_LIMIT; i++) drive_receive(&d, REFUSED, &f, now);
+    CHECK(stands() && d.faults == FAULT_NOISE);
+
+    begin();
+    say(ARM, 0, 0);
+    pass(600, 1, 1, 500, 0);
+    sequence -= 2; /* a frame sent before */
+    int16_t target = d.target_speed;
+    say(COMMAND, 900, 0);
+    CHECK(d.target_speed == target && d.rejected == 1);
+    sequence += 2;
+    say(COMMAND, 900, 0);
+    CHECK(d.target_speed == 900);
+}
+
+static void test_brake_then_reverse(void) {
+    begin();
+    say(ARM, 0, 0);
+    pass(600, 1, 1, 500, 0);
+    uint32_t braked = 0, paused = 0;
+    int coasted = 0;
+    while (d.speed >= 0) {
+        pass(5, 1, 1, -300, 0);
+        if (d.gear == FORWARD && d.motor_us > 1500) coasted = 1;
+        if (d.gear == BRAKING) {
+            braked += 5;
+            CHECK(d.motor_us == MOTOR_BRAKE_US);
+        }
+        if (d.gear == PAUSING) {
+            paused += 5;
+            CHECK(d.motor_us == 1500);
+        }
+        CHECK(now < 4000);
+    }
+    CHECK(coasted && braked == BRAKE_MS && paused == PAUSE_MS);
+    pass(600, 1, 1, -300, 0);
+    CHECK(d.speed == -300 && d.motor_us == 1410);
+    pass(600, 1, 1, 0, 0);
+    pass(300, 1, 1, -300, 0);
+    CHECK(d.speed == -300); /* still in reverse: no brake needed */
+    pass(800, 1, 1, 200, 0);
+    CHECK(d.speed == 200 && d.gear == FORWARD);
+}
+
+static void test_battery(void) {
+    begin();
+    d.battery_mv = 6000;
+    drive_tick(&d, now);
+    CHECK(d.faults == FAULT_BATTERY);
+    d.battery_mv = 100; /* no divider */
+    drive_tick(&d, now);
+    CHECK(d.faults == 0);
+}
+
+int main(void) {
+    test_checksums();
+    test_frames();
+    test_arming();
+    test_ramp();
+    test_watchdogs();
+    test_bad_lines();
+    test_brake_then_reverse();
+    test_battery();
+    printf("%d checks passed\n", checks);
+    return 0;
+}

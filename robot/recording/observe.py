@@ -1,0 +1,59 @@
+"""Recording a car: an observer of its loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from robot.ports import DriveCommand, StereoFrames
+from robot.recording.recorder import Recorder
+
+
+class SeenStep(Protocol):
+    """What the loop tells its observers of a step; `state` is None where the navigator was not asked."""
+
+    @property
+    def time(self) -> float: ...
+    @property
+    def frames(self) -> StereoFrames | None: ...
+    @property
+    def driven(self) -> DriveCommand: ...
+    @property
+    def state(self) -> object | None: ...
+    @property
+    def wanted(self) -> DriveCommand: ...
+    @property
+    def sent(self) -> DriveCommand: ...
+    @property
+    def standing(self) -> str | None: ...
+
+
+class RecordSteps:
+    """An observer that records every step, those without good frames included.
+
+    After a step in which the navigator was not asked it begins anew: that is noted, and replayed.
+
+    Args:
+        recorder: where to.
+        telemetry: asked in every step for what else is known, as JSON.
+    """
+
+    def __init__(self, recorder: Recorder, telemetry: Callable[[], dict[str, Any]] | None = None) -> None:
+        self.recorder, self.telemetry = recorder, telemetry
+        self.steered, self.interrupted = False, False
+
+    def __call__(self, step: SeenStep) -> None:
+        used = step.state is not None and step.frames is not None
+        more = self.telemetry() if self.telemetry is not None else {}
+        self.recorder.record_step(
+            step.frames,
+            step.driven,
+            step.wanted,
+            more | {"standing": step.standing},
+            sent=step.sent,
+            restarted=used and self.interrupted and self.steered,
+            used=used,
+            time=step.time,
+        )
+        self.steered |= used
+        self.interrupted = not used

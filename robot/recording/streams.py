@@ -1,0 +1,83 @@
+"""Frames as bytes: one file a picture stream, each picture written after the last."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ndtorch.errors import InputError
+from ndtorch.navigation import Strips
+
+Format = Literal["png", "jpeg", "raw"]
+
+SUFFIXES: dict[str, str] = {"png": "pngs", "jpeg": "mjpeg", "raw": "rgb"}
+"""Suffix of a stream's file by format."""
+
+JPEG_QUALITY = 95
+
+
+def pictures(left: Tensor | Strips, right: Tensor | Strips) -> dict[str, Tensor]:
+    """The pictures of a step by the name of their stream: whole frames, or the strips of both eyes.
+
+    Raises:
+        InputError: frames that are not one uint8 picture each, grey or in colour.
+    """
+    found: dict[str, Tensor] = {}
+    for side, eye in (("left", left), ("right", right)):
+        if isinstance(eye, Strips):
+            found |= {f"{side}-field": eye.field, f"{side}-row": eye.row}
+        else:
+            found[side] = eye
+    for name, picture in found.items():
+        if picture.dtype != torch.uint8 or picture.ndim != 4 or picture.shape[:2] not in ((1, 1), (1, 3)):
+            raise InputError(
+                f"only single uint8 frames [1, C, H, W] with C = 1 or 3 are recorded, "
+                f"got {picture.dtype} {tuple(picture.shape)} of {name}"
+            )
+    return found
+
+
+def eyes(found: dict[str, Tensor]) -> tuple[Tensor | Strips, Tensor | Strips]:
+    """The reverse of `pictures`."""
+    if "left" in found:
+        return found["left"], found["right"]
+    return tuple(Strips(found[f"{side}-field"], found[f"{side}-row"]) for side in ("left", "right"))  # type: ignore[return-value]
+
+
+def encode(picture: Tensor, kind: Format, quality: int = JPEG_QUALITY) -> bytes:
+    """A picture `[1, C, H, W]` as the bytes of a PNG or JPEG file, or as raw bytes row by row, red, green, blue."""
+    import cv2
+
+    image = np.ascontiguousarray(picture[0].permute(1, 2, 0).numpy())
+    if kind == "raw":
+        return image.tobytes()
+    if image.shape[2] == 3:
+        image = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    if kind == "png":
+        # Fast and a tenth larger: recording must keep up with two cameras.
+        done, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    else:
+        done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    assert done
+    return data.tobytes()
+
+
+def decode(data: bytes, shape: tuple[int, int, int], kind: Format) -> Tensor | None:
+    """The picture `[1, C, H, W]` of `shape` (C, H, W) again; None where the bytes are none."""
+    import cv2
+
+    channels, height, width = shape
+    if kind == "raw":
+        if len(data) != channels * height * width:
+            return None
+        image: Any = np.frombuffer(data, np.uint8).reshape(height, width, channels).copy()
+    else:
+        flags = cv2.IMREAD_COLOR if channels == 3 else cv2.IMREAD_GRAYSCALE
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
+        if image is None or image.shape[:2] != (height, width):
+            return None
+        image = cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if channels == 3 else image[..., None]
+    return torch.from_numpy(image).permute(2, 0, 1)[None]

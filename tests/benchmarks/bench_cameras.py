@@ -1,0 +1,132 @@
+"""Cameras, correction and recording: from the frame to the command, and what recording costs the loop.
+
+`python -m tests.benchmarks.bench_cameras`
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+
+from ndtorch.navigation import Strips
+from ndtorch.navigation.strips import cut_strips
+from robot.calibration import Calibration, Rectifier
+from robot.cameras import CameraSettings, FramesEnded, StereoCameras
+from robot.cameras.pair import to_tensor
+from robot.navigating import NavigatorChoice
+from robot.ports import DriveCommand, StereoFrames
+from robot.recording import NavigatorPilot, Recorder
+from robot.recording.streams import encode
+from robot.sim.simulation import RIG
+from tests.benchmarks.bench_navigation import stereo_pair
+from tests.benchmarks.timing import Row, in_turn, table
+
+TITLE = "Cameras and recording (two 640x480 films)"
+STILL = DriveCommand(0.5, 0.0)
+
+
+def calibration() -> Calibration:
+    """Two cameras that are a little askew."""
+    lens = {"fx_px": 428.0, "fy_px": 429.0, "cx_px": 322.0, "cy_px": 237.0, "distortion": (-0.12, 0.05, 0.0, 0.0, 0.0)}
+    quality = dict.fromkeys(("left_px", "right_px", "pair_px", "row_px", "row_95_px", "focal_percent"), 0.0)
+    values = {
+        "width_px": 640,
+        "height_px": 480,
+        "rotation_rad": (0.01, 0.01, 0.01),
+        "translation_m": (-0.3, 0.0, 0.0),
+        "focal_px": 430.0,
+        "left": lens,
+        "right": lens,
+        "quality": quality | {"views": 20, "square_percent": 0.0, "tilt_deg": 60.0, "covered_percent": 60.0},
+    }
+    return Calibration.model_validate(values)
+
+
+def films(folder: Path, count: int) -> tuple[str, str]:
+    """Two MJPG films of a scene that slides by."""
+    names = (str(folder / "left.avi"), str(folder / "right.avi"))
+    writers = [cv2.VideoWriter(name, cv2.VideoWriter.fourcc(*"MJPG"), 30, (640, 480)) for name in names]
+    for n in range(count):
+        for writer, frame in zip(writers, stereo_pair(n % 30), strict=True):
+            writer.write(np.ascontiguousarray(frame[..., ::-1]))
+    for writer in writers:
+        writer.release()
+    return names
+
+
+def frame_to_command(names: tuple[str, str], rectifier: Rectifier | None) -> tuple[float, float]:
+    """Median and 99th percentile, ms, from when a frame was due until its command was there."""
+    pilot, delays = NavigatorPilot(rectifier.rig if rectifier else RIG, 30.0, NavigatorChoice("published")), []
+    with StereoCameras(CameraSettings(left=names[0], right=names[1], max_age_ms=10_000), rectifier) as cameras:
+        while True:
+            try:
+                frames = cameras.read()
+            except FramesEnded:
+                break
+            pilot.step(frames, STILL)
+            delays.append(time.monotonic() - frames.time)
+    p50, p99 = np.percentile(np.array(delays[10:]) * 1e3, (50, 99))
+    return float(p50), float(p99)
+
+
+def rows(device: str | None = None) -> list[Row]:
+    """The table."""
+    cv2.setNumThreads(1)
+    rectifier = Rectifier(calibration(), RIG)
+    images = stereo_pair(0)
+    frames = [to_tensor(image) for image in images]
+    maps = cv2.initUndistortRectifyMap(
+        calibration().left.matrix, calibration().left.coefficients, np.eye(3), np.eye(3) * 430, (640, 480), cv2.CV_32FC1
+    )
+    strips = [cut_strips(frame, field, RIG) for frame, field in zip(frames, RIG.subfields(), strict=True)]
+    found = []
+    with tempfile.TemporaryDirectory() as folder, torch.inference_mode():
+        names = films(Path(folder), 300)
+        for what, use in (("as they are", None), ("corrected strips", rectifier)):
+            p50, p99 = frame_to_command(names, use)
+            found.append(
+                Row(
+                    f"frame to command, {what}: median and 99 %",
+                    f"{p50:.1f}, {p99:.1f} ms",
+                    "10 ms",
+                    f"{10 / p99:.1f}x",
+                )
+            )
+        pilot = NavigatorPilot(RIG, 30.0, NavigatorChoice("published"))
+        with Recorder(Path(folder) / "r", {}, format="raw", queue=10) as recorder:
+            seen = StereoFrames(Strips(*strips[0]), Strips(*strips[1]), 0.0)
+            jobs = {
+                "navigate": lambda: pilot.step(seen, STILL),
+                "record": lambda: recorder.record_step(seen, STILL, STILL),
+                "strips": lambda: rectifier.strips(*images),
+                "whole": lambda: [cv2.remap(image, *maps, cv2.INTER_CUBIC) for image in images],
+                "png": lambda: [encode(frame, "png") for frame in frames],
+                "jpeg": lambda: [encode(frame, "jpeg") for frame in frames],
+                "raw": lambda: [encode(frame, "raw") for frame in frames],
+                "png strips": lambda: [encode(part, "png") for eye in strips for part in eye],
+            }
+            times = in_turn(jobs)
+    us = {name: 1e6 * seconds for name, seconds in times.items()}
+
+    def row(what: str, name: str, against: str, other: str) -> Row:
+        return Row(what, f"{us[name]:.0f} us", against, f"{us[other] / us[name]:.2f}x")
+
+    return [
+        *found,
+        row("correct the strips of both pictures", "strips", "both whole pictures", "whole"),
+        row("record a step, in the loop", "record", "navigation step", "navigate"),
+        row("record a step of strips as PNG, in the thread", "png strips", "navigation step", "navigate"),
+        row("record two whole frames as PNG, in the thread", "png", "navigation step", "navigate"),
+        row("record two whole frames as JPEG, in the thread", "jpeg", "as PNG", "png"),
+        row("record two whole frames raw, in the thread", "raw", "as PNG", "png"),
+    ]
+
+
+if __name__ == "__main__":
+    torch.set_num_threads(1)
+    print(table(TITLE, rows()))

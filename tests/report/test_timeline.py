@@ -1,0 +1,91 @@
+"""Objects of a video: figure, JSON lines, overlay, and the command that writes them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import pytest
+
+from ndtorch.cli import main
+from ndtorch.errors import InputError
+from ndtorch.report.video_run import front_end
+from ndtorch.scenes.video_writer import VideoWriter
+from tests.vision.ordinary_scenes import SIZE, passing
+
+CAR = Path(__file__).resolve().parents[3] / "shared" / "data" / "car-detection.mp4"
+FILES = {"objects.json", "overlay.mp4", "timeline.jsonl", "timeline.png"}
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A red square passes to the right, in 2 s at 25 frames a second."""
+    path = tmp_path_factory.mktemp("clip") / "square.avi"
+    with VideoWriter(path, 25, SIZE) as writer:
+        for frame in passing(60, 3.5, first=12):
+            writer.write(frame)
+    return path
+
+
+def test_bind_writes_the_objects_over_time(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bind", str(clip), "--json", "--out", str(tmp_path)]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    folder = tmp_path / "square"
+    assert {path.name for path in folder.iterdir()} == FILES
+    (thing,) = printed["objects"]
+    assert (thing["color"], thing["direction"]) == ("red", "right")
+    # It comes in at 0.48 s and is half a width from the left then.
+    assert 0.4 < thing["appeared"] < 0.9
+    assert thing["disappeared"] > 2.1
+    columns = [column for _, _, column in thing["path"]]
+    assert columns == sorted(columns)
+    assert thing["path"][-1][1] == pytest.approx(56 / 112, abs=0.1)
+    lines = (folder / "timeline.jsonl").read_text(encoding="utf-8").splitlines()
+    assert [json.loads(line) for line in lines] == printed["objects"]
+    picture = cv2.imread(str(folder / "timeline.png"))
+    assert picture is not None
+    # The lane is drawn in the palette's red (blue, green, red here).
+    assert (abs(picture.astype(int) - [17, 51, 204]).max(-1) < 30).sum() > 500
+    overlay = cv2.VideoCapture(str(folder / "overlay.mp4"))
+    assert int(overlay.get(cv2.CAP_PROP_FRAME_COUNT)) == 12
+
+
+def test_published_options_bring_the_published_model_back(clip: Path, tmp_path: Path) -> None:
+    assert main(["bind", str(clip), "--rule", "competitive", "--pictures", "0", "--out", str(tmp_path)]) == 0
+    assert (tmp_path / "square" / "state.safetensors").is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["two-bars", "--front-end", "on"], "front-end"),
+        (["{clip}", "--front-end", "on", "--rule", "hebbian"], "--rule"),
+        (["{clip}", "--without", "sight"], "without"),
+        (["{clip}", "--front-end", "off", "--without", "scale"], "without"),
+        (["two-bars", "--without", "scale"], "without"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(
+    arguments: list[str], word: str, clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["bind", *(a.format(clip=clip) for a in arguments), "--out", str(tmp_path / "out")]) == 2
+    assert word in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_parts_have_names() -> None:
+    assert front_end(("fields", "scale")).grid == (1, 1)
+    assert front_end(("scale",)).scale == 0
+    assert not front_end(("noise-floor",)).noise_floor
+    with pytest.raises(InputError, match="exposure"):
+        front_end(("nose",))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not CAR.is_file(), reason="shared/data/car-detection.mp4 is not here")
+def test_road_camera_tells_the_red_car_from_the_blue(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    part = ["--start", "170", "--stop", "245", "--pictures", "0"]
+    assert main(["bind", str(CAR), *part, "--json", "--out", str(tmp_path)]) == 0
+    things = json.loads(capsys.readouterr().out)["objects"]
+    assert {(thing["color"], thing["direction"]) for thing in things} == {("red", "up"), ("blue", "down")}

@@ -1,0 +1,21 @@
+"""A drive that notes what it is told."""
+
+from robot.ports import unseal
+
+
+class PlainDrive:
+    def __init__(self):
+        self.sent, self.stops, self.resumes, self.why = [], 0, 0, None
+
+    def send(self, command):
+        self.sent.append(unseal(command))
+        return self.sent[-1]
+
+    def stop(self):
+        self.stops += 1
+
+    def resume(self):
+        self.resumes += 1
+
+    def trouble(self):
+        return self.why

@@ -1,0 +1,195 @@
+"""Every fault, through the real loop, link and firmware: the wheels stand within 250 ms, and what can goes on."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from robot.link.messages import Fault
+from tests.robot.bench import LIMIT, NEUTRAL, SLACK, Garage, said
+from tests.robot.board_needed import needs_board_and_gl
+
+pytestmark = [needs_board_and_gl, pytest.mark.slow, pytest.mark.realtime]
+
+
+@pytest.fixture(scope="module")
+def garage():
+    made = Garage()
+    yield made
+    made.close()
+
+
+@pytest.mark.parametrize(
+    ("fault", "words", "goes_on"),
+    [
+        ("unplugged", ["left camera gives no frames"], True),
+        ("left frozen", ["left camera", "same picture"], False),
+        ("both frozen", ["same picture"], False),
+        ("black", ["right camera", "black"], True),
+        ("half rate", ["frames a second, 30 are wanted"], True),
+        ("late", ["no pair of frames"], True),
+        ("jumping", ["ahead"], True),
+        ("hang", ["sent nothing for"], False),
+    ],
+)
+def test_cameras(garage, fault, words, goes_on):
+    def try_it(car):
+        took = car.watch(car.cameras.fail(fault), 1.0 if fault == "hang" else 0.7)
+        assert said(car.lines, *words), car.lines
+        assert car.steps_go_on() or fault == "hang"
+        car.cameras.fault = None
+        if not goes_on:
+            time.sleep(1.5 if fault == "both frozen" else 0.7)  # longer than a passing fault is waited for, once
+            assert car.car.safe.standing is not None
+            car.car.safe.resume()
+        car.wait_to_move()
+        return took
+
+    garage.in_time(try_it)
+
+
+@pytest.mark.parametrize(
+    ("command", "words", "cure"),
+    [
+        ("unplug", ["serial port is gone"], "plug"),
+        ("up silence", ["board stands", "no "], "up clean"),
+        ("up garbage", ["board stands"], "up clean"),
+        ("up truncate", ["board stands"], "up clean"),
+        ("up duplicate", ["board stands", "refused"], "up clean"),
+        ("up reorder", ["board stands", "refused"], "up clean"),
+        ("up version", ["board stands", "another protocol version"], "up clean"),
+        ("down garbage", ["link: "], "down clean"),
+        ("down truncate", ["link: "], "down clean"),
+        ("down duplicate", ["many frames from the board are refused"], "down clean"),
+        ("down silence", ["lost: no valid telemetry"], "down clean"),
+        ("down version", ["board speaks version 2", "flash"], "down clean"),
+        ("stall", ["lost: no valid telemetry"], None),
+    ],
+)
+def test_line_and_board(garage, command, words, cure):
+    def try_it(car):
+        took = car.watch(car.board.command(command), 0.7)
+        assert said(car.lines, *words), car.lines
+        assert car.steps_go_on()
+        if cure:
+            car.board.command(cure)
+        end = time.monotonic() + 8.0
+        while not car.car.link.welcomed.is_set() and time.monotonic() < end:
+            time.sleep(0.02)
+        assert car.car.link.welcomed.is_set(), car.lines
+        time.sleep(0.4)
+        motor = [p for p in car.board.pulses[-60:] if p.name == "motor" and p.time > time.monotonic() - 0.3]
+        assert motor
+        assert all(abs(p.width - NEUTRAL) < SLACK for p in motor)  # connected again, and stands until told otherwise
+        if command == "stall":
+            assert Fault.WATCHDOG in car.car.link.telemetry.faults
+        car.car.safe.resume()
+        car.wait_to_move()
+        return took
+
+    garage.in_time(try_it)
+
+
+def test_emergency_stop(garage):
+    def try_it(car):
+        fault = time.monotonic()
+        car.car.safe.emergency("key ' '")
+        took = car.watch(fault)
+        assert said(car.lines, "emergency stop", "key")
+        assert car.steps_go_on()
+        car.car.safe.resume()
+        car.wait_to_move()
+        return took
+
+    garage.in_time(try_it)
+
+
+CONFIG = """
+robot = "maxston8"
+[simulation]
+arena = "curve"
+seed = 11
+pulse_log = "{log}"
+"""
+
+
+def pulses(log):
+    """Times of motor pulses, and whether they move the wheels."""
+    lines = [
+        line.split() for line in log.read_text().splitlines() if line.startswith("P motor") and line.count(" ") == 4
+    ]
+    return [(int(parts[4]) / 1e9, abs(float(parts[2]) - NEUTRAL) > SLACK) for parts in lines]
+
+
+def wait_for(condition, seconds, what):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, what()
+        time.sleep(0.05)
+
+
+def drives(log, count=15):
+    def condition():
+        last = pulses(log)[-count:] if log.exists() else []
+        return len(last) == count and all(moving for _, moving in last) and last[0][0] > time.monotonic() - 1.0
+
+    return condition
+
+
+def stood_after(log, fault):
+    times = pulses(log)
+    assert not any(moving for when, moving in times if when > fault + 0.4)
+    assert any(when > fault + 0.4 for when, _ in times)
+    return max([when for when, moving in times if moving and when > fault], default=fault) - fault
+
+
+def test_paused_killed_and_told_to_end(tmp_path):
+    """SIGSTOP, SIGCONT and resuming, SIGKILL; and another one ended by SIGTERM."""
+    for attempt in range(2):
+        took = {}
+        for ending in (signal.SIGKILL, signal.SIGTERM):
+            log, config, errors = (tmp_path / name for name in ("pulses", "car.toml", "errors"))
+            config.write_text(CONFIG.format(log=log))
+            log.unlink(missing_ok=True)
+            with errors.open("w") as file:
+                run = subprocess.Popen(
+                    [sys.executable, "-m", "robot", "run", str(config), "--go", "--json"],
+                    stdout=subprocess.PIPE,
+                    stderr=file,
+                )
+            try:
+                wait_for(drives(log), 60, errors.read_text)
+                if ending == signal.SIGKILL:
+                    fault = time.monotonic()
+                    run.send_signal(signal.SIGSTOP)
+                    time.sleep(0.7)
+                    took["SIGSTOP"] = stood_after(log, fault)
+                    run.send_signal(signal.SIGCONT)
+                    time.sleep(0.7)
+                    assert not any(moving for when, moving in pulses(log) if when > fault + 0.4)
+                    assert said(errors.read_text().splitlines(), "stopped:")
+                    run.send_signal(signal.SIGUSR1)
+                    wait_for(drives(log), 5, errors.read_text)
+                fault = time.monotonic()
+                run.send_signal(ending)
+                code = run.wait(10)
+                assert code == (-signal.SIGKILL if ending == signal.SIGKILL else 0)
+                time.sleep(0.7)
+                if ending == signal.SIGKILL:
+                    took["SIGKILL"] = stood_after(log, fault)
+                else:
+                    moving = [when - fault for when, moves in pulses(log) if moves and when > fault]
+                    took["SIGTERM"] = max(moving, default=0.0)
+                    assert said(errors.read_text().splitlines(), "emergency stop: SIGTERM")
+            finally:
+                if run.poll() is None:
+                    os.kill(run.pid, signal.SIGKILL)
+                    run.wait()
+        print({name: f"{1e3 * seconds:.0f} ms" for name, seconds in took.items()})
+        if max(took.values()) <= LIMIT:
+            return
+        print(f"too slow at attempt {attempt + 1}")
+    raise AssertionError(took)

@@ -1,0 +1,53 @@
+"""The ranging controller in closed loop: no collision where it drives, and collisions where its turns are mirrored."""
+
+import numpy as np
+import pytest
+
+from ndtorch.navigation import CRUISE, SUPPRESSED, TURN
+from robot.config import DriveConfig
+from robot.drive import drive
+from robot.ports import DriveCommand
+from tests.robot.gl_needed import needs_gl
+
+pytestmark = needs_gl
+
+SEED = 21
+"""Of the short drives below; taken before anything was driven with it, and not one that anything was tuned on."""
+
+
+def mirrored(command):
+    """Turns the other way, and cannot reverse out of it."""
+    return DriveCommand(abs(command.speed), -command.curvature)
+
+
+@pytest.mark.parametrize(("arena", "walls"), [("loop", "textured"), ("room", "blank")])
+def test_a_minute_without_collisions(arena, walls):
+    result = drive(DriveConfig(arena=arena, walls=walls, seed=SEED, seconds=60))
+    assert result.summary["collisions"] == 0
+    assert result.summary["stopped"] == 0
+    assert result.summary["controller"] == "ranging"
+    assert result.summary["distance_m"] > 25
+    assert result.summary["free_area_passed"] > 0.4
+    mode = result.record.array("mode").astype(int)
+    assert mode[0] == SUPPRESSED
+    assert {CRUISE, TURN} <= set(np.unique(mode))
+
+
+def test_turning_the_wrong_way_collides():
+    result = drive(DriveConfig(arena="loop", seed=SEED, seconds=25), steer=mirrored)
+    assert result.summary["collisions"] >= 1
+
+
+def test_same_seed_same_drive_and_restart():
+    """A blind car collides and is put back; the controller begins anew there, and all of it can be repeated."""
+
+    def blind(command):
+        return DriveCommand(0.5, 0.0)
+
+    config = DriveConfig(arena="curve", seed=SEED, seconds=14)
+    first, second = drive(config, steer=blind), drive(config, steer=blind)
+    assert first.summary["collisions"] >= 1
+    for name in ("pose", "believed", "command", "sides", "mode"):
+        assert np.array_equal(first.record.array(name), second.record.array(name))
+    begun = first.record.placed[1]
+    assert int(first.record.mode[begun]) == SUPPRESSED

@@ -1,0 +1,175 @@
+"""The safety layer: nothing gets around it, and what it lets through."""
+
+import ast
+import math
+from pathlib import Path
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ndtorch.errors import InputError
+from ndtorch.navigation import StereoRig
+from robot.loop import SimulatedClock
+from robot.ports import DriveCommand, SafeCommand, StereoFrames, unseal
+from robot.safety import SafeDrive, SafetyLimits, Sight
+from tests.robot.plain_drive import PlainDrive
+
+ROBOT = Path(__file__).resolve().parents[2] / "robot"
+RIG = StereoRig(width=64, height=48, focal=43.0)
+CRUISE = DriveCommand(0.5, 1.0)
+LIMITS = SafetyLimits(0.6, 2.2, 2.0, 40.0, 0.1, 0.1, 1.0)
+
+
+def test_only_the_safety_layer_makes_commands():
+    with pytest.raises(TypeError, match=r"only robot\.safety"):
+        SafeCommand(DriveCommand(0.5, 0.0), 0.0, object())
+    for wrong in (DriveCommand(0.5, 0.0), (0.5, 0.0), None):
+        with pytest.raises(TypeError, match="send through a SafeDrive"):
+            unseal(wrong)
+    drive, kept = PlainDrive(), []
+    drive.send = lambda command: kept.append(command) or unseal(command)
+    SafeDrive(drive, SimulatedClock()).send(DriveCommand(0.5, 0.0))
+    with pytest.raises(AttributeError, match="cannot be changed"):
+        kept[0].speed = 3.0
+
+
+def test_nobody_else_has_the_seal():
+    """In all of the source the seal is used where it is defined and in robot/safety.py, and every drive asks for it."""
+    users, drives = set(), 0
+    for path in ROBOT.rglob("*.py"):
+        tree = ast.parse(path.read_text())
+        users |= {
+            path.name for node in ast.walk(tree) if isinstance(node, ast.Name | ast.alias) and "_SEAL" in ast.dump(node)
+        }
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef) and node.name == "send" and "SafeCommand" in ast.dump(node.args):
+                drives += path.name != "ports.py"
+                assert path.name == "ports.py" or "unseal" in ast.dump(node), path
+    assert users == {"ports.py", "safety.py"}
+    assert drives == 3  # the simulated one, the serial one, and the recorded one, which moves nothing
+
+
+def make(sight=False):
+    clock, drive, lines = SimulatedClock(), PlainDrive(), []
+    safe = SafeDrive(drive, clock, LIMITS, Sight(RIG, 30, 0.1) if sight else None, lines.append)
+    return clock, drive, lines, safe
+
+
+def steps(clock, safe, seconds, command=CRUISE, frames=None):
+    for _ in range(round(seconds * 30)):
+        clock.time += 1 / 30
+        if frames is not None:
+            safe.see(frames(), 0.5)
+        safe.send(command)
+
+
+def test_ramps_up_and_stops_at_once():
+    clock, drive, _, safe = make()
+    steps(clock, safe, 0.4)
+    speeds = [sent.speed for sent in drive.sent]
+    assert speeds[0] == 0.0
+    assert speeds[1:8] == pytest.approx([min(0.5, n * 2.0 / 30) for n in range(1, 8)])
+    steps(clock, safe, 1 / 30, DriveCommand(0.0, 0.0))
+    assert drive.sent[-1].speed == 0.0
+    steps(clock, safe, 0.4)
+    steps(clock, safe, 1 / 30, DriveCommand(-0.5, 0.0))
+    assert drive.sent[-1].speed == 0.0  # never straight through zero
+
+
+@given(st.lists(st.tuples(st.floats(-0.6, 0.6), st.floats(-2.2, 2.2)), min_size=2, max_size=30))
+def test_limits_hold_for_any_commands(commands):
+    clock, drive, lines, safe = make()
+    for command in commands:
+        clock.time += 1 / 30
+        safe.send(DriveCommand(*command))
+    for a, b in zip(drive.sent, drive.sent[1:], strict=False):
+        assert abs(b.speed) <= abs(a.speed) + 2.0 / 30 + 1e-9
+        assert abs(b.curvature - a.curvature) <= 40.0 / 30 + 1e-9
+    assert lines == []
+
+
+@pytest.mark.parametrize("command", [DriveCommand(0.7, 0.0), DriveCommand(-0.7, 0.0), DriveCommand(0.5, 2.3)])
+def test_out_of_limits_stands_and_goes_on(command):
+    clock, drive, lines, safe = make()
+    steps(clock, safe, 0.5)
+    steps(clock, safe, 1 / 30, command)
+    assert drive.stops == 1
+    assert drive.sent[-1] == (0.0, 0.0)
+    assert "out of limits" in lines[0]
+    steps(clock, safe, 0.9)
+    assert drive.sent[-1] == (0.0, 0.0)
+    steps(clock, safe, 0.5)
+    assert drive.sent[-1].speed > 0
+    assert drive.resumes == 1
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_what_is_no_number_ends_the_drive(value):
+    clock, drive, _, safe = make()
+    with pytest.raises(InputError, match="finite"):
+        safe.send(DriveCommand(value, 0.0))
+    assert drive.stops == 1
+    steps(clock, safe, 3.0)
+    assert set(drive.sent) == {(0.0, 0.0)}
+
+
+def test_a_slow_step():
+    clock, drive, lines, safe = make()
+    steps(clock, safe, 0.5)
+    clock.time += 0.2
+    safe.send(DriveCommand(0.5, 0.0))
+    assert drive.stops == 1
+    assert "a step took 0.200 s" in lines[0]
+
+
+def test_trouble_of_the_drive_and_emergency_need_resuming():
+    for fault in ("link", "emergency"):
+        clock, drive, lines, safe = make()
+        steps(clock, safe, 0.5)
+        if fault == "link":
+            drive.why = "lost"
+        else:
+            safe.emergency("key")
+        steps(clock, safe, 0.1)
+        drive.why = None
+        steps(clock, safe, 5.0)
+        assert drive.sent[-1] == (0.0, 0.0)
+        assert drive.resumes == 0
+        safe.resume()
+        steps(clock, safe, 0.5)
+        assert drive.sent[-1].speed == 0.5
+        assert lines[-1].startswith("resumed after")
+
+
+def test_no_frames_no_driving():
+    clock, drive, _, safe = make(sight=True)
+    safe.resume()
+    seed = [0]
+
+    def good():
+        seed[0] += 1
+        made = torch.Generator().manual_seed(seed[0])
+        left, right = torch.randint(20, 250, (2, 1, 3, 48, 64), generator=made, dtype=torch.uint8)
+        return StereoFrames(left, right, clock.time)
+
+    steps(clock, safe, 0.5, frames=good)
+    assert drive.sent[-1].speed == 0.5
+    steps(clock, safe, 0.2)  # commands, but no frames
+    assert drive.sent[-1] == (0.0, 0.0)
+    assert "old" in safe.standing
+    steps(clock, safe, 1.5, frames=good)
+    assert drive.sent[-1].speed == 0.5
+
+
+def test_unlimited_layer_changes_nothing():
+    """In simulated time, where the car has limits of its own."""
+    drive, clock = PlainDrive(), SimulatedClock()
+    safe = SafeDrive(drive, clock)
+    wanted = [DriveCommand(s, c) for s, c in ((0.5, 2.0), (-9.0, -50.0), (9.0, 50.0), (0.0, 1.0))]
+    for command in wanted:
+        safe.send(command)
+        clock.time += 10.0
+    assert drive.sent == wanted
+    assert drive.stops == 0

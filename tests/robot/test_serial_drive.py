@@ -1,0 +1,141 @@
+"""The drive at the other end of a line: errors on opening, and a round trip on a bare pty."""
+
+import errno
+import os
+import pty
+import threading
+import time
+import tty
+
+import numpy as np
+import pytest
+
+from ndtorch.errors import InputError
+from robot.link import SerialDrive
+from robot.link.messages import Frame, Type, encode_frame
+from robot.link.parser import Parser
+from robot.link.port import owner_group, reason
+from robot.ports import DriveCommand
+
+
+class Peer:
+    """The other end of a pty, which answers as `answer` says."""
+
+    def __init__(self, answer):
+        self.end, slave = pty.openpty()
+        tty.setraw(slave)
+        self.slave, self.device, self.answer = slave, os.ttyname(slave), answer
+        self.going = True
+        self.thread = threading.Thread(target=self.work, daemon=True)
+        self.thread.start()
+
+    def work(self):
+        parser, sequence = Parser(), 0
+        while self.going:
+            try:
+                data = os.read(self.end, 200)
+            except OSError:
+                return
+            for frame in parser.feed(data):
+                for version, kind, body in self.answer(frame):
+                    sequence += 1
+                    os.write(self.end, encode_frame(Frame(version, kind, sequence, body)))
+
+    def close(self):
+        self.going = False
+        os.write(self.slave, b"\0")
+        self.thread.join(2)
+        os.close(self.end)
+        os.close(self.slave)
+
+
+def board(frame, version=1, name=b"maxston8"):
+    if frame.type == Type.HELLO:
+        yield version, Type.WELCOME, frame.sequence.to_bytes(2, "little") + name
+    elif frame.type in (Type.HEARTBEAT, Type.ARM, Type.STOP):
+        yield version, Type.TELEMETRY, frame.sequence.to_bytes(2, "little") + bytes(18)
+
+
+def open_with(answer, **options):
+    peer = Peer(answer)
+    try:
+        SerialDrive(peer.device, greeting=0.6, **options).close()
+    finally:
+        peer.close()
+
+
+def test_no_such_device():
+    with pytest.raises(InputError, match="no such device; is the board plugged in"):
+        SerialDrive("/dev/serial/by-id/nothing")
+
+
+def test_no_permission_names_the_group(tmp_path):
+    file = tmp_path / "port"
+    file.touch()
+    message = reason(str(file), errno.EACCES, "")
+    assert f"usermod -aG {owner_group(file)}" in message
+
+
+def test_a_file_is_no_port(tmp_path):
+    file = tmp_path / "port"
+    file.touch()
+    with pytest.raises(InputError, match="is no serial port"):
+        SerialDrive(str(file))
+
+
+def test_in_use():
+    peer = Peer(board)
+    drive = SerialDrive(peer.device, report=lambda line: None)
+    with pytest.raises(InputError, match="in use by another program"):
+        SerialDrive(peer.device)
+    drive.close()
+    peer.close()
+
+
+def test_no_answer():
+    with pytest.raises(InputError, match="no answer from the board; is the firmware on it"):
+        open_with(lambda frame: [])
+
+
+def test_wrong_baud():
+    def garbled(frame):
+        os.write(peer.end, b"\xfe\x9c\x11\x00\xe0\xfe")
+        return []
+
+    peer = Peer(garbled)
+    with pytest.raises(InputError, match=r"bytes came but no valid frame; is 115200 baud right"):
+        SerialDrive(peer.device, 115200, greeting=0.6)
+    peer.close()
+
+
+def test_other_version_and_other_robot():
+    with pytest.raises(InputError, match="speaks version 2 of the protocol, this program 1"):
+        open_with(lambda frame: board(frame, version=2))
+    with pytest.raises(InputError, match="'lorry', the configuration is for 'maxston8'"):
+        open_with(lambda frame: board(frame, name=b"lorry\0\0\0"), robot="maxston8")
+
+
+def test_refuses_commands_from_elsewhere():
+    peer = Peer(board)
+    drive = SerialDrive(peer.device, report=lambda line: None)
+    with pytest.raises(TypeError, match="send through a SafeDrive"):
+        drive.send(DriveCommand(0.5, 0.0))
+    drive.close()
+    peer.close()
+
+
+@pytest.mark.realtime
+def test_round_trip_on_a_bare_pty():
+    for _ in range(3):  # another program may have the computer just then
+        peer = Peer(board)
+        drive = SerialDrive(peer.device, robot="maxston8", report=lambda line: None)
+        time.sleep(3.2)
+        trips = np.array(drive.round_trips) * 1e3
+        drive.close()
+        peer.close()
+        p50, p99 = np.percentile(trips, (50, 99))
+        print(f"{len(trips)} round trips: median {p50:.2f} ms, 99 % below {p99:.2f} ms")
+        assert len(trips) > 80
+        if p99 < 2.0:
+            return
+    pytest.skip(f"this computer is too busy to time a line: 99 % below {p99:.1f} ms")

@@ -1,0 +1,37 @@
+"""What robot/SIMULATION.md shows works as it stands there."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from robot.sim.arenas import load_arena
+from tests.robot.gl_needed import needs_gl
+
+GUIDE = (Path(__file__).resolve().parents[2] / "robot" / "SIMULATION.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(("number", "rings", "area"), [(0, 3, 24 + 4 * 1.6), (1, 1, 9 * (2 + 5) / 2)])
+def test_arenas_of_the_guide(tmp_path, number, rings, area):
+    text = re.findall(r"```toml\n(.*?)```", GUIDE, flags=re.DOTALL)[number]
+    file = tmp_path / "arena.toml"
+    file.write_text(text)
+    plan = load_arena(str(file))
+    assert len(plan.rings) == rings
+    assert plan.outline.area == pytest.approx(area)
+    assert ("blank" in plan.outline.kinds) == (number == 1)
+
+
+@needs_gl
+def test_script_of_the_guide(capsys):
+    (script,) = re.findall(r"```python\n(.*?)```", GUIDE, flags=re.DOTALL)
+    names = {}
+    exec(script, names)
+    assert capsys.readouterr().out == "2.0 s, 0 collisions\n"
+    assert names["world"].car.speed == pytest.approx(0.5)
+
+
+def test_commands_of_the_guide_exist():
+    from robot.__main__ import COMMANDS
+
+    assert set(re.findall(r"python -m robot (\w+)", GUIDE)) <= set(COMMANDS)

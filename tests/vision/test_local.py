@@ -1,0 +1,85 @@
+"""Ten signals over a grid of overlapping receptive fields."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+
+from ndtorch import InputError
+from ndtorch.scenes import Bar, BarScene
+from ndtorch.vision import LocalFeatures, VisualFeatures, field_weights
+from ndtorch.vision.motion import Border
+
+
+@pytest.mark.parametrize("border", ["wrap", "reflect"])
+@pytest.mark.parametrize(("length", "fields"), [(500, 16), (120, 7), (33, 5)])
+def test_windows_add_up_to_one_everywhere(border: Border, length: int, fields: int) -> None:
+    weights = field_weights(torch.arange(length, dtype=torch.float64) + 0.5, length, fields, border)
+    assert weights.shape == (fields, length)
+    assert float((weights.sum(0) - 1).abs().max()) < 1e-12
+    assert float(weights.min()) >= 0
+
+
+def test_a_window_is_a_raised_cosine() -> None:
+    weights = field_weights(torch.tensor([15.0, 20.0, 22.5, 25.0, 35.0]), 100, 10)
+    half = 0.5 + 0.5 * math.cos(math.pi * 0.75)
+    assert weights[1].tolist() == pytest.approx([1.0, 0.5, half, 0.0, 0.0], abs=1e-6)
+
+
+@pytest.mark.parametrize(("size", "border"), [((500, 500), "wrap"), ((90, 120), "wrap"), ((432, 600), "reflect")])
+def test_the_fields_together_see_what_the_wide_field_sees(size: tuple[int, int], border: Border) -> None:
+    frames = torch.nn.functional.avg_pool2d(torch.rand(5, 3, *size), 7, 1, 3)
+    wide = VisualFeatures(size, border=border)
+    local = LocalFeatures(wide, 9)
+    expected, _ = wide(frames)
+    signals, _ = local(frames)
+    assert signals.shape == (5, *local.grid, 10)
+    assert float(((signals.sum((1, 2)) - expected).abs() / expected.amax(0)).max()) < 1e-3
+
+
+def test_every_field_agrees_with_the_feature_images() -> None:
+    wide = VisualFeatures((400, 400))
+    local = LocalFeatures(wide, 12)
+    frames = BarScene([Bar((0.8, 0.2, 0.1), 30.0, (120.0, 210.0))], 0.1, size=(400, 400)).frames(0, 10)
+    images, _ = wide.images(frames)
+    signals, _ = local(frames)
+    rows = field_weights(torch.arange(400) + 0.5, 400, 12)
+    expected = torch.einsum("rh,fhw,cw->rcf", rows, images[-1], rows)
+    error = (signals[-1] - expected).abs().amax((0, 1)) / expected.amax((0, 1)).clamp_min(1e-3)
+    assert float(error.max()) < 0.03
+
+
+def test_a_bar_is_seen_where_it_is() -> None:
+    local = LocalFeatures(VisualFeatures((320, 320)), 10)
+    frames = BarScene([Bar((0.1, 0.9, 0.1), 0.0, (112.0, 240.0))], 0.5, size=(320, 320)).frames(0, 50)
+    signals, _ = local(frames)
+    seen = signals[-1].flatten(0, 1)
+    assert divmod(int(seen[:, 1].argmax()), 10) == (7, 4)  # right, half a second later at column 137
+    assert divmod(int(seen[:, 8].argmax()), 10) == (7, 4)  # green
+
+
+def test_pieces_give_the_same_numbers() -> None:
+    local = LocalFeatures(VisualFeatures((60, 80), border="reflect"), 5)
+    frames = torch.rand(9, 3, 60, 80)
+    whole, end = local(frames)
+    first, state = local(frames[:4])
+    second, state = local(frames[4:], state)
+    assert torch.allclose(torch.cat([first, second]), whole, rtol=1e-5, atol=1e-5)
+    assert torch.equal(state.slow, end.slow)
+    batch, _ = local(torch.stack([frames, frames.flip(0)]))
+    assert torch.allclose(batch[0], whole, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("fields", [0, 2, 61])
+def test_fields_must_fit(fields: int) -> None:
+    with pytest.raises(InputError, match="fields must lie between 3 and the 60 pixels"):
+        LocalFeatures(VisualFeatures((60, 80)), fields)
+
+
+def test_bad_pixels_are_refused() -> None:
+    frames = torch.rand(2, 3, 60, 80)
+    frames[1, 0, 3, 3] = math.nan
+    with pytest.raises(InputError, match="finite"):
+        LocalFeatures(VisualFeatures((60, 80)), 5)(frames)
