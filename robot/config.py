@@ -24,6 +24,7 @@ class DriveConfig(Strict):
         places: `"edges"`, at the edge that moved, to a fraction of a pixel, or `"motion"`, where the motion is
             largest, as published.
         prediction: follow features from frame to frame, as in [§2.1.4].
+        compiled: compile the step of the navigator; see `ndtorch.navigation.CompiledNavigator`.
         angle: `"atan"` or `"linear"`, the angle of a pixel.
         odometry: `"true"` or `"noisy"` dead reckoning.
         walls: `"textured"` or `"blank"`.
@@ -43,6 +44,7 @@ class DriveConfig(Strict):
     features: Annotated[int, Field(ge=1, le=64)] = 7
     places: Literal["edges", "motion"] = "edges"
     prediction: bool = False
+    compiled: bool = False
     angle: Literal["atan", "linear"] = "atan"
     odometry: Literal["true", "noisy"] = "true"
     walls: Literal["textured", "blank"] = "textured"

@@ -112,7 +112,8 @@ def shown(config: DriveConfig) -> bool:
 
 def choice(config: DriveConfig) -> NavigatorChoice:
     """The navigator of a drive."""
-    return NavigatorChoice(config.controller, config.features, config.angle, config.places, config.prediction)
+    c = config
+    return NavigatorChoice(c.controller, c.features, c.angle, c.places, c.prediction, c.compiled)
 
 
 def make_recorder(config: DriveConfig, simulation: Simulation) -> Recorder | None:

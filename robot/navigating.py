@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from ndtorch.navigation import FeatureParams, FloorParams, GridMap, Navigator, Rect, StereoRig, floor_view
+from ndtorch.navigation import (
+    CompiledNavigator,
+    FeatureParams,
+    FloorParams,
+    GridMap,
+    Navigator,
+    Rect,
+    StereoRig,
+    floor_view,
+)
 
 Controller = Literal["ranging", "published"]
 
@@ -23,6 +33,7 @@ class NavigatorChoice:
         angle: of a pixel, `"atan"` or `"linear"`.
         places: features at edges, to a fraction of a pixel, or where the motion is largest, as published.
         prediction: follow features from frame to frame.
+        compiled: step in one compiled function, see `CompiledNavigator`.
     """
 
     controller: Controller = "ranging"
@@ -30,20 +41,27 @@ class NavigatorChoice:
     angle: Literal["atan", "linear"] = "atan"
     places: Literal["edges", "motion"] = "edges"
     prediction: bool = False
+    compiled: bool = False
 
     def fields(self, rig: StereoRig) -> tuple[Rect, Rect]:
         """The rectangles that the controller looks at."""
         return rig.subfields() if self.controller == "published" else floor_view(rig, FloorParams()).rects
 
-    def navigator(self, rig: StereoRig, rate: float, grid_map: GridMap | None = None) -> Navigator:
+    def navigator(self, rig: StereoRig, rate: float, grid_map: GridMap | None = None) -> Navigator | CompiledNavigator:
         """A navigator for so many frames a second."""
         follow = FOLLOW if self.prediction else 0
         edges = self.places == "edges"
         features = FeatureParams(self.features, edge_reach=EDGE_REACH if edges else 0, shared=edges, follow=follow)
-        return Navigator(
+        navigator = Navigator(
             rig, 1 / rate, features=features, angles=self.angle, controller=self.controller, grid_map=grid_map
         )
+        return CompiledNavigator(navigator, say=say) if self.compiled else navigator
 
     def configuration(self, rig: StereoRig, rate: float) -> dict[str, Any]:
         """For a recording: everything from which the same navigator can be made again."""
         return {"program": "navigator", "rig": asdict(rig), "rate_hz": rate, **asdict(self)}
+
+
+def say(line: str) -> None:
+    """Tell the user, beside the results."""
+    print(f"note: {line}", file=sys.stderr)

@@ -16,6 +16,7 @@ import torch
 from ndtorch.errors import InputError
 from ndtorch.navigation import (
     Command,
+    CompiledNavigator,
     Grid,
     GridMap,
     NavigatorState,
@@ -105,6 +106,7 @@ class CarLoop:
 
     def run(self, seconds: float | None = None) -> int:
         """Step until `ended` is set or so many seconds are over; returns the number of steps."""
+        self.warm_up()
         end = None if seconds is None else self.loop.clock.now() + seconds
 
         def step(number: int, now: float) -> bool:
@@ -120,6 +122,18 @@ class CarLoop:
                 return self.loop.run(step, self.safe)
         finally:
             gc.unfreeze()
+
+    def warm_up(self) -> None:
+        """Compile the navigator's step while the car stands, if it is to be compiled."""
+        while isinstance(self.navigator, CompiledNavigator) and not self.ended.is_set():
+            try:
+                frames = self.cameras.read()
+            except InputError:  # the loop will say so
+                time.sleep(0.1)
+                continue
+            with torch.inference_mode():
+                self.navigator.warm_up(frames.left, frames.right)
+            return
 
     def step(self, number: int, now: float) -> None:
         """See, navigate, drive."""

@@ -83,17 +83,19 @@ class NavigationTable(Strict):
         controller: `"ranging"`, or `"published"`, the saccades of [A].
         features: to range in each frame.
         angle: of a pixel, `"atan"` or `"linear"`.
+        compiled: compile the step of the navigator, before the car may drive.
         map_half_size_m: the map reaches so far from the start, m; 0 makes none.
     """
 
     controller: Controller = "ranging"
     features: Annotated[int, Field(ge=1, le=64)] = 7
     angle: Literal["atan", "linear"] = "atan"
+    compiled: bool = False
     map_half_size_m: Annotated[float, Field(ge=0, le=50)] = 0.0
 
     def choice(self) -> NavigatorChoice:
         """What the navigator is made of."""
-        return NavigatorChoice(self.controller, self.features, self.angle)
+        return NavigatorChoice(self.controller, self.features, self.angle, compiled=self.compiled)
 
 
 class SimulationTable(Strict):

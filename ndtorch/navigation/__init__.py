@@ -11,6 +11,7 @@ from ndtorch.navigation.avoidance import (
     SaccadeAvoidance,
 )
 from ndtorch.navigation.certainty import beam, certainty
+from ndtorch.navigation.compiled import CompiledNavigator
 from ndtorch.navigation.correspondence import Matches, MatchParams, match_features
 from ndtorch.navigation.features import FeatureParams, Features, find_features
 from ndtorch.navigation.floor import FloorMotion, FloorParams, FloorSeen, FloorState, FloorView, floor_view
@@ -38,6 +39,7 @@ __all__ = [
     "AvoidanceParams",
     "AvoidanceState",
     "Command",
+    "CompiledNavigator",
     "DeadReckoning",
     "FeatureParams",
     "Features",

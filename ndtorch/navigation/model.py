@@ -123,6 +123,17 @@ class Navigator(nn.Module):
         state: NavigatorState | None = None,
         driven: Command | None = None,
     ) -> tuple[Command, NavigatorState]:
+        command, state, ranges, poses = self.see_and_steer(left, right, state, driven)
+        return command, self.remember(state, ranges, poses)
+
+    def see_and_steer(
+        self,
+        left: Tensor | Strips,
+        right: Tensor | Strips,
+        state: NavigatorState | None = None,
+        driven: Command | None = None,
+    ) -> tuple[Command, NavigatorState, Ranges, Pose]:
+        """All but the memory: command, state, and the ranges and poses of every frame, which `remember` takes."""
         left_field, left_row = strips(left)
         right_field, right_row = strips(right)
         motion, fields = self.motion(left_field, right_field, state.fields if state else None)
@@ -142,18 +153,22 @@ class Navigator(nn.Module):
             if driven is None:
                 driven = Command(*(delayed(c, b) for c, b in zip(command, before(state, command), strict=True)))
             poses, pose = self.reckoning(driven.speed, driven.curvature, state.pose if state else None)
-        grid, seen, tracks = (state.map, state.observations, state.tracks) if state else (None, None, None)
+        last = Command(command.speed[..., -1], command.curvature[..., -1])
+        now = Ranges(*(part[..., -1, :] for part in ranges))
+        memory = (state.map, state.observations, state.tracks) if state else (None, None, None)
+        state = NavigatorState(fields, rows, avoidance, last, pose, sides[..., -1, :], now, *memory)
+        return command, state, ranges, poses
+
+    def remember(self, state: NavigatorState, ranges: Ranges, poses: Pose) -> NavigatorState:
+        """Fill the map, the observation list and the tracks, as far as there are any."""
+        grid, seen, tracks = state.map, state.observations, state.tracks
         if self.grid_map is not None:
             _, grid = self.grid_map(ranges, poses, grid)
         if self.observations is not None:
             _, seen = self.observations(ranges, poses, seen)
         if self.tracker is not None:
             _, tracks = self.tracker(ranges, poses, tracks)
-        last = Command(command.speed[..., -1], command.curvature[..., -1])
-        ranges = Ranges(*(part[..., -1, :] for part in ranges))
-        return command, NavigatorState(
-            fields, rows, avoidance, last, pose, sides[..., -1, :], ranges, grid, seen, tracks
-        )
+        return state._replace(map=grid, observations=seen, tracks=tracks)
 
     def mode(self, state: NavigatorState) -> Tensor:
         """What the controller is doing, `[...]`: `CRUISE`, `TURN`, `SUPPRESSED`, `STOPPED` or `REVERSE`."""

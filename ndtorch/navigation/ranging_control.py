@@ -311,17 +311,23 @@ class RangingControl(nn.Module):
             rear < c.rear,
         )
         code = torch.stack(facts, -1).to(self.powers.dtype) @ self.powers
-        mode = self.table.take((code + state.mode * self.facts).long()).to(side.dtype)
+        mode = look_up(self.table, code + state.mode * self.facts).to(side.dtype)
         # Once tight, a turn stays tight until its arc is long.
         roomy = (wide >= c.wide_needs).to(side.dtype)
-        row = (mode * 4 + roomy * 2 + swing).long()
+        row = mode * 4 + roomy * 2 + swing
         stands = floor.age <= self.floor.standing
-        speed = torch.where(stands, c.zero, self.speeds.take(row))
+        speed = torch.where(stands, c.zero, look_up(self.speeds, row))
         age = torch.where(mode == state.mode, age, c.zero)
         bold = torch.where(mode == c.reverse, c.one, torch.where(mode == c.cruise, c.zero, state.bold))
-        command = Command(speed, self.bends.take(row) * side)
+        command = Command(speed, look_up(self.bends, row) * side)
         return command, RangingState(floor, patch, mode, age, side, swing, gone, bold, difference)
 
     def mode(self, state: RangingState) -> Tensor:
         """What the car is doing, `[...]`: `CRUISE`, `TURN`, `REVERSE`, `SUPPRESSED` (the start), `STOPPED`."""
         return state.mode
+
+
+def look_up(table: Tensor, number: Tensor) -> Tensor:
+    """Entries of a table `[n]` at whole numbers of any shape. A single one is looked up as a row, so that it is
+    not taken for a number known beforehand when the step is compiled."""
+    return table[number.long().unsqueeze(-1)].squeeze(-1)

@@ -43,6 +43,8 @@ class Drive:
     """Features lie at the edge that moved, to a fraction of a pixel (default), or where most motion is (paper)."""
     prediction: bool = False
     """Follow features from frame to frame instead of choosing the strongest anew."""
+    compiled: bool = False
+    """Compile the navigation step: several times faster, after half a minute of compiling the first time."""
     angle: Literal["atan", "linear"] | None = None
     """Angle of a pixel: exact (atan, default) or the paper's straight line."""
     odometry: Literal["true", "noisy"] | None = None
@@ -74,7 +76,7 @@ class Drive:
 
         choices = asdict(self)
         del choices["config"], choices["json"]
-        for flag in ("moving", "whole", "prediction", "view"):
+        for flag in ("moving", "whole", "prediction", "compiled", "view"):
             choices[flag] = choices[flag] or None  # a flag that is not given leaves the file's value
         config = load_config(self.config, choices)
         prepare(config.out)

@@ -48,6 +48,8 @@ class Evaluate:
     """What steers (default every controller there is)."""
     walls: tuple[Literal["textured", "blank"], ...] = ("textured",)
     """Walls with panels, doors and papers, without any texture, or both."""
+    compiled: bool = False
+    """Compile the navigation step: long evaluations take half the time."""
     jobs: int = 0
     """Drives at a time (default one a core)."""
     out: Path = Path("out/evaluate")
@@ -87,7 +89,9 @@ class Evaluate:
         controllers = self.controllers or known
         if not (self.seeds and self.walls):
             raise InputError("--seeds and --walls need one value or more")
-        base = load_config(self.config, {"seconds": self.seconds, "seed": self.seeds[0]})
+        base = load_config(
+            self.config, {"seconds": self.seconds, "seed": self.seeds[0], "compiled": self.compiled or None}
+        )
         if "seconds" not in base.model_fields_set:
             base = base.model_copy(update={"seconds": SECONDS})
         for controller in controllers:

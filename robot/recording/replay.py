@@ -60,7 +60,8 @@ def make_pilot(configuration: dict[str, Any]) -> Pilot:
     try:
         if program == "navigator":
             rig = StereoRig(**configuration["rig"])
-            chosen = {item.name: configuration[item.name] for item in fields(NavigatorChoice)}
+            names = [item.name for item in fields(NavigatorChoice) if item.name in configuration]
+            chosen = {name: configuration[name] for name in names}
             return NavigatorPilot(rig, float(configuration["rate_hz"]), NavigatorChoice(**chosen))
         if program == "drive":
             from robot.recording.drive_pilot import DrivePilot
