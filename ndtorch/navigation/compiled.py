@@ -29,8 +29,8 @@ class CompiledNavigator(nn.Module):
 
     A step of a navigator is some four hundred small operations, and calling them takes longer than what they
     do. Compiled from the very same code they are a few loops. The first frame is not compiled. The second one
-    is: that takes half a minute and a C++ compiler, once for every kind of navigator and shape of frames,
-    because the library is kept in `folder`.
+    is: that takes half a minute and a C++ compiler, once for every kind of navigator and shape of frames and for
+    either layout of colours in memory, because the library is kept in `folder`.
 
     Sums may be rounded in another order than in the `Navigator`, by about 1e-7: commands of the same frames are
     the same nearly always, and two closed-loop drives part ways in the end. A drive repeated is the same.
@@ -109,7 +109,7 @@ class CompiledNavigator(nn.Module):
                     f"compiled steps take one frame of uint8 at a time, [..., 1, C, H, W], "
                     f"got {part.dtype} {tuple(part.shape)}"
                 )
-        return eye
+        return Strips(*map(dense, eye))
 
     def library(self, kind: tuple[Any, ...], given: tuple[Any, ...], tensors: list[Tensor]) -> Function:
         """Load the function for such inputs, compiling it unless that was done before."""
@@ -183,6 +183,13 @@ def core_parts(navigator: Navigator) -> list[Any]:
 def cache_folder() -> Path:
     """Where compiled libraries are kept."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ndtorch"
+
+
+def dense(pixels: Tensor) -> Tensor:
+    """The same in one of two memory layouts, colour by colour or pixel by pixel: a library serves one of them."""
+    if pixels.stride(-3) == 1 < pixels.shape[-3]:
+        return pixels.movedim(-3, -1).contiguous().movedim(-1, -3)
+    return pixels.contiguous()
 
 
 def leaves(value: Any) -> list[Tensor]:

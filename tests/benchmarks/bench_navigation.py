@@ -16,6 +16,8 @@ import torch
 
 from ndtorch.navigation import (
     Command,
+    CompiledNavigator,
+    FeatureParams,
     FloorMotion,
     GridMap,
     Navigator,
@@ -31,6 +33,8 @@ from tests.benchmarks.timing import Row, table
 
 DT = 1 / 30
 WHOLE = "whole navigation step"
+EDGES = FeatureParams(7, edge_reach=4, shared=True)
+"""As the simulated drives have it."""
 
 
 TITLE = "Navigation (two 640x480 RGB frames)"
@@ -139,8 +143,15 @@ def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
         "whole step with grid map": Navigator(rig, DT, grid_map=GridMap(rig)),
         "whole step with observation list": Navigator(rig, DT, observations=ObservationList(DT)),
         "whole step, ranging controller": Navigator(rig, DT, controller="ranging"),
+        "whole step, 7 features at edges": Navigator(rig, DT, features=EDGES),
+        "whole step, compiled": CompiledNavigator(Navigator(rig, DT)),
+        "whole step, ranging controller, compiled": CompiledNavigator(Navigator(rig, DT, controller="ranging")),
+        "what `robot drive` does, compiled": CompiledNavigator(
+            Navigator(rig, DT, controller="ranging", features=EDGES, grid_map=GridMap(rig))
+        ),
     }.items():
         _, state = navigator(left, right)
+        _, state = navigator(left, right, state)  # compiles what is to be compiled
         call = lambda n=navigator, s=state: n(next_left, next_right, s)  # noqa: E731
         result.append(Timed(name, median_time(call), "two 640x480 RGB frames, uint8"))
     return result

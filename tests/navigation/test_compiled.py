@@ -1,0 +1,149 @@
+"""The compiled step beside the plain one: same commands, same states, same maps."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+import torch
+
+from ndtorch.errors import InputError
+from ndtorch.navigation import (
+    Command,
+    CompiledNavigator,
+    FeatureParams,
+    Grid,
+    GridMap,
+    Navigator,
+    ObservationList,
+    RangingParams,
+    StereoRig,
+    cut_strips,
+)
+from ndtorch.navigation.compiled import dense, leaves
+
+DT = 1 / 30
+RIG = StereoRig()
+STEPS = 60
+
+
+def navigator(controller="ranging", **options):
+    grid = GridMap(RIG, Grid(-1.0, 5.0, -2.0, 2.0, cell=0.02))
+    features = FeatureParams(2, edge_reach=4, shared=True)
+    return Navigator(RIG, DT, features=features, controller=controller, grid_map=grid, **options)
+
+
+def world(steps=STEPS):
+    """A texture that slides past, 100 pixels further left in the right image, and goes blank half way."""
+    generator = torch.Generator().manual_seed(5)
+    wide = torch.randint(0, 256, (1, 3, 480, 740 + 3 * steps), generator=generator, dtype=torch.uint8)
+    for t in range(steps):
+        left, right = (wide[..., 3 * t + k : 3 * t + k + 640] for k in (0, 100))
+        yield (left, right) if t % 40 < 30 else (left // 8, right // 8)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("compiled")
+
+
+@pytest.fixture(scope="module")
+def compiled(folder):
+    """One that has compiled its step; that takes a while."""
+    said = []
+    made = CompiledNavigator(navigator(), folder, said.append)
+    with torch.inference_mode():
+        made.warm_up(*next(iter(world())))
+    assert len(said) == 1
+    assert "compiling" in said[0]
+    assert len(list(folder.iterdir())) == 1
+    return made
+
+
+@pytest.mark.slow
+def test_same_commands_states_and_map(compiled):
+    plain, a, b = navigator(), None, None
+    modes, found = set(), 0
+    with torch.inference_mode():
+        for left, right in world():
+            one, a = plain(left, right, a)
+            other, b = compiled(left, right, b)
+            torch.testing.assert_close(one, other)
+            torch.testing.assert_close(leaves(a), leaves(b), rtol=1e-4, atol=1e-5)
+            modes.add(int(compiled.mode(b)))
+            found += int(b.ranges.valid.sum())
+    assert len(modes) >= 2, modes  # or else little was compared
+    assert found > 20
+    assert float(b.map.cells.sum()) > 0
+
+
+@pytest.mark.slow
+def test_what_was_driven_counts(compiled):
+    still = Command(torch.zeros(1), torch.zeros(1))
+    with torch.inference_mode():
+        frames = list(world(3))
+        _, state = compiled(*frames[0])
+        command, _ = compiled(*frames[1], state)
+        _, after = compiled(*frames[1], state, Command(torch.tensor([0.5]), torch.tensor([1.0])))
+        _, stood = compiled(*frames[1], state, still)
+    assert float(after.pose.heading) == pytest.approx(0.5 * DT, rel=1e-5)
+    assert float(stood.pose.x) == 0.0
+    assert command.speed.shape == (1,)
+
+
+@pytest.mark.slow
+def test_strips_and_frames_share_a_library(compiled, folder):
+    """Also frames that are a part of larger ones."""
+    before = sorted(folder.iterdir())
+    again = CompiledNavigator(navigator(), folder, pytest.fail)  # says something only when it compiles
+    for steps in (1, 2):
+        left, right = next(iter(world(steps)))
+        cut = [cut_strips(eye, field, RIG) for eye, field in zip((left, right), again.motion.fields, strict=True)]
+        with torch.inference_mode():
+            again.warm_up(left, right)
+            again.warm_up(*cut)
+    assert sorted(folder.iterdir()) == before
+
+
+@pytest.mark.parametrize("layout", [(0, 2, 3, 1), (0, 1, 2, 3)])
+def test_two_layouts_of_memory(layout):
+    """Pictures of OpenCV have their colours side by side, others one after the other."""
+    pixels = torch.rand(1, 3, 8, 10).permute(layout).contiguous().permute(*[layout.index(k) for k in range(4)])
+    for part in (pixels, pixels[..., 2:7, 1:4], pixels[..., :1, :]):
+        torch.testing.assert_close(dense(part), part, rtol=0, atol=0)
+        assert dense(part).permute(layout).is_contiguous()
+
+
+@pytest.mark.slow
+def test_unusable_frames_are_refused(compiled):
+    left, right = next(iter(world()))
+    with pytest.raises(InputError, match="one frame of uint8"):
+        compiled(left / 255, right / 255)
+    with pytest.raises(InputError, match="one frame of uint8"):
+        compiled(torch.stack((left, left), -4)[0], torch.stack((right, right), -4)[0])
+    with pytest.raises(InputError, match="480, 640"):
+        compiled(left[..., :100], right[..., :100])
+
+
+def test_one_library_for_one_kind_of_navigator():
+    """Maps do not matter, parameters do; another process finds the same name."""
+    name = CompiledNavigator(navigator()).same
+    assert CompiledNavigator(Navigator(RIG, DT, features=FeatureParams(2, edge_reach=4, shared=True))).same != name
+    assert CompiledNavigator(navigator(observations=ObservationList(DT))).same == name
+    assert CompiledNavigator(navigator(ranging=RangingParams(turn_at=1.2))).same != name
+    script = "from tests.navigation.test_compiled import *\nprint(CompiledNavigator(navigator()).same)"
+    environment = os.environ | {"PYTHONHASHSEED": "77"}
+    out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=environment, check=True)
+    assert out.stdout.strip() == name
+
+
+def test_what_cannot_be_compiled_or_kept_is_said(tmp_path, monkeypatch):
+    left, right = next(iter(world()))
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    with pytest.raises(InputError, match="cannot keep the compiled step"):
+        CompiledNavigator(navigator(), blocked / "folder").warm_up(left, right)
+    monkeypatch.setenv("CXX", "no-such-compiler")
+    with pytest.raises(InputError, match=r"C\+\+ compiler.*no-such-compiler"):
+        CompiledNavigator(navigator(), tmp_path).warm_up(left, right)
+    assert not any(tmp_path.glob("*.pt2"))
