@@ -16,6 +16,7 @@
  * When stdin ends it goes on for a second: what a killed program leaves behind can be read in LOG. */
 #define _GNU_SOURCE
 #include <avr_adc.h>
+#include <avr_extint.h>
 #include <avr_ioport.h>
 #include <avr_timer.h>
 #include <avr_uart.h>
@@ -222,6 +223,9 @@ static void start(const char *path) {
     for (size_t k = 0; k < 2; k++)
         avr_irq_register_notify(
             avr_io_getirq(avr, AVR_IOCTL_TIMER_GETIRQ('1'), TIMER_IRQ_OUT_PWM0 + (int)k), on_compare, (void *)k);
+    /* Interrupts on low levels are not used. simavr would still look for them in every cycle in which D3, the rear
+     * pulse, is low, and be slower than a real board on a computer that does other things as well. */
+    for (uint8_t k = 0; k < 2; k++) avr_extint_set_strict_lvl_trig(avr, k, 0);
     battery(7400);
 }
 
