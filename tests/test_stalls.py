@@ -35,7 +35,7 @@ def test_patience_ends():
     again = Again(lambda since: 0.3)
     again.patience = 0.1
     assert again.run(lambda: time.sleep(0.06)) == (None, [0.3] * 3)  # the first attempt costs nothing
-    assert again.run(lambda: time.sleep(0.06)) == (None, [0.3] * 2)
+    assert again.run(lambda: time.sleep(0.06)) == (None, [0.3])
 
 
 def test_the_meter_notices_a_stall():
@@ -47,7 +47,6 @@ def test_the_meter_notices_a_stall():
         time.sleep(0.15)
         os.kill(meter.process.pid, signal.SIGCONT)
         assert meter.worst(began) > 0.12
-        assert meter.late(time.monotonic()) == []
     finally:
         meter.close()
     with pytest.raises(ProcessLookupError):
