@@ -41,7 +41,8 @@
 
 #define MHZ 16
 #define TIMER1_PRESCALER 8
-#define SLICE_NS 400000
+#define SLICE_NS 200000
+#define USB_NS 1000000u
 #define LATE_NS 30000000
 #define AFTERLIFE_NS 1000000000u
 
@@ -77,13 +78,16 @@ static void to_board(const uint8_t *bytes, unsigned length) {
 
 static uint8_t outgoing[4096];
 static unsigned outgoing_length;
+static uint64_t outgoing_since;
 
 static void to_program(const uint8_t *bytes, unsigned length) {
+    if (!outgoing_length) outgoing_since = now_ns();
     for (unsigned i = 0; i < length && outgoing_length < sizeof outgoing; i++) outgoing[outgoing_length++] = bytes[i];
 }
 
-static void flush_to_program(void) { /* in chunks, as a USB adapter does */
-    if (outgoing_length && master >= 0 && write(master, outgoing, outgoing_length) < 0 && errno != EAGAIN && errno != EIO)
+static void flush_to_program(uint64_t now) { /* in chunks, as a USB adapter does: whole frames, or what came in 1 ms */
+    if (!outgoing_length || (outgoing[outgoing_length - 1] && now < outgoing_since + USB_NS)) return;
+    if (master >= 0 && write(master, outgoing, outgoing_length) < 0 && errno != EAGAIN && errno != EIO)
         perror("avrsim: write");
     outgoing_length = 0;
 }
@@ -260,7 +264,7 @@ int main(int argc, char **argv) {
             int state = avr_run(avr);
             if (state == cpu_Done || state == cpu_Crashed) return fprintf(stderr, "avrsim: the processor died\n"), 1;
         }
-        flush_to_program();
+        flush_to_program(now);
         struct pollfd files[] = {{.fd = end ? -1 : STDIN_FILENO, .events = POLLIN}, {.fd = master, .events = POLLIN}};
         struct timespec wait = {.tv_nsec = SLICE_NS};
         if (ppoll(files, 2, &wait, NULL) < 0) continue;
