@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import gc
 import os
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -30,10 +29,6 @@ from robot.safety import SafeDrive, Sight
 from robot.sim.board import SimulatedBoard
 
 STAND = DriveCommand(0.0, 0.0)
-
-SWITCH_INTERVAL = 0.0005
-"""Seconds that a thread computes while another one waits for the interpreter. Python's own 5 ms are too long for the
-thread that listens to the board: it waits for the interpreter several times a round trip."""
 
 
 class Step(NamedTuple):
@@ -231,17 +226,6 @@ def real_time_priority(report: Callable[[str], None]) -> None:
 
 
 @contextlib.contextmanager
-def prompt_threads() -> Iterator[None]:
-    """Threads that wait for the interpreter get it soon; afterwards as it was before."""
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(SWITCH_INTERVAL)
-    try:
-        yield
-    finally:
-        sys.setswitchinterval(before)
-
-
-@contextlib.contextmanager
 def open_car(
     config: RunConfig,
     report: Callable[[str], None],
@@ -254,7 +238,6 @@ def open_car(
         InputError: a port, a board or cameras that cannot be used.
     """
     with contextlib.ExitStack() as stack:
-        stack.enter_context(prompt_threads())
         board, device = None, config.link.device
         if config.simulation is not None and device is None:
             board = SimulatedBoard(config.simulation.pulse_log)
@@ -272,6 +255,8 @@ def open_car(
 
 def timed_report() -> Callable[[str], None]:
     """Prints lines with the seconds since now, to stderr."""
+    import sys
+
     start = time.monotonic()
 
     def report(line: str) -> None:

@@ -20,7 +20,7 @@ import numpy as np
 import torch
 
 from robot.link import SerialDrive
-from robot.run import open_car, percentiles, prompt_threads, real_time_priority
+from robot.run import open_car, percentiles, real_time_priority
 from robot.run_config import LinkTable, RunConfig
 from robot.sim.board import SimulatedBoard
 from tests.benchmarks.bench_cameras import films
@@ -33,13 +33,12 @@ SECONDS = 20.0
 
 def bare_line(seconds: float) -> dict[str, float]:
     """Round trips, ms, with somebody at the other end of a pty who answers at once."""
-    with prompt_threads():
-        peer = Peer(board)
-        drive = SerialDrive(peer.device, report=lambda line: None)
-        time.sleep(seconds)
-        trips = np.array(drive.round_trips) * 1e3
-        drive.close()
-        peer.close()
+    peer = Peer(board)
+    drive = SerialDrive(peer.device, report=lambda line: None)
+    time.sleep(seconds)
+    trips = np.array(drive.round_trips) * 1e3
+    drive.close()
+    peer.close()
     return percentiles(trips)
 
 

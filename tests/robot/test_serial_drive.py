@@ -11,7 +11,7 @@ from ndtorch.errors import InputError
 from robot.link import SerialDrive
 from robot.link.port import owner_group, reason
 from robot.ports import DriveCommand
-from robot.run import prompt_threads, real_time_priority
+from robot.run import real_time_priority
 from tests.robot.bench import ordinary_priority
 from tests.robot.peer import Peer, board
 
@@ -89,13 +89,12 @@ def test_round_trip_on_a_bare_pty(stall_meter):
     said = []
     real_time_priority(said.append)
     began = time.monotonic()
-    with prompt_threads():
-        peer = Peer(board)
-        drive = SerialDrive(peer.device, robot="maxston8", report=lambda line: None)
-        time.sleep(4.0)
-        trips = np.array(drive.round_trips) * 1e3
-        drive.close()
-        peer.close()
+    peer = Peer(board)
+    drive = SerialDrive(peer.device, robot="maxston8", report=lambda line: None)
+    time.sleep(4.0)
+    trips = np.array(drive.round_trips) * 1e3
+    drive.close()
+    peer.close()
     ordinary_priority()
     late = len(stall_meter.late(began))
     p50, p99 = np.percentile(trips, (50, 99))
