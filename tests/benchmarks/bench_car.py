@@ -3,7 +3,7 @@
 The real loop, link and firmware, the latter on a simulated processor; the cameras are two films. Everything runs with
 the priority that `python -m robot run` asks for.
 
-`python -m tests.benchmarks.bench_car [--seconds 20]`
+`python -m tests.benchmarks.bench_car [--seconds 20] [--controller published]`
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ import numpy as np
 import torch
 
 from robot.link import SerialDrive
+from robot.navigating import Controller
 from robot.run import open_car, percentiles, real_time_priority
-from robot.run_config import LinkTable, RunConfig
+from robot.run_config import LinkTable, NavigationTable, RunConfig
 from robot.sim.board import SimulatedBoard
 from tests.benchmarks.bench_cameras import films
 from tests.benchmarks.timing import Row, table
@@ -42,7 +43,7 @@ def bare_line(seconds: float) -> dict[str, float]:
     return percentiles(trips)
 
 
-def car(seconds: float) -> dict[str, object]:
+def car(seconds: float, controller: Controller) -> dict[str, object]:
     """The summary of a run: see `robot.run.CarLoop.summary`."""
     lines: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
@@ -50,7 +51,10 @@ def car(seconds: float) -> dict[str, object]:
         simulated = SimulatedBoard()
         try:
             link = LinkTable(device=simulated.device)
-            config = RunConfig(robot="maxston8", cameras={"left": left, "right": right}, link=link)
+            navigation = NavigationTable(controller=controller)
+            config = RunConfig(
+                robot="maxston8", cameras={"left": left, "right": right}, link=link, navigation=navigation
+            )
             with open_car(config, lines.append, go=True) as running:
                 running.run(seconds)
                 return running.summary()
@@ -58,13 +62,13 @@ def car(seconds: float) -> dict[str, object]:
             simulated.close()
 
 
-def rows(device: str | None = None, seconds: float = SECONDS) -> list[Row]:
+def rows(seconds: float = SECONDS, controller: Controller = "ranging") -> list[Row]:
     """The table."""
     cv2.setNumThreads(1)
     said: list[str] = []
     real_time_priority(said.append)
     try:
-        bare, summary = bare_line(min(seconds, 10.0)), car(seconds)
+        bare, summary = bare_line(min(seconds, 10.0)), car(seconds, controller)
     finally:
         with suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
@@ -91,5 +95,7 @@ def rows(device: str | None = None, seconds: float = SECONDS) -> list[Row]:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=SECONDS)
+    parser.add_argument("--controller", choices=("ranging", "published"), default="ranging")
+    asked = parser.parse_args()
     torch.set_num_threads(1)
-    print(table(TITLE, rows(seconds=parser.parse_args().seconds)))
+    print(table(TITLE, rows(asked.seconds, asked.controller)))
