@@ -60,7 +60,8 @@ def test_cameras(garage, fault, words, goes_on):
         ("up garbage", ["board stands"], "up clean"),
         ("up truncate", ["board stands"], "up clean"),
         ("up duplicate", ["board stands", "refused"], "up clean"),
-        ("up reorder", ["board stands", "refused"], "up clean"),
+        # Too many refused frames, or no heartbeat, when each comes after the command behind it and is refused.
+        ("up reorder", ["board stands"], "up clean"),
         ("up version", ["board stands", "another protocol version"], "up clean"),
         ("down garbage", ["link: "], "down clean"),
         ("down truncate", ["link: "], "down clean"),
