@@ -137,8 +137,6 @@ class CarLoop:
 
     def step(self, number: int, now: float) -> None:
         """See, navigate, drive."""
-        self.starts.append(now)
-        del self.starts[:-200_000]
         timing = self.loop.timing
         driven = self.link.driven()
         frames: StereoFrames | None = None
@@ -147,6 +145,9 @@ class CarLoop:
                 frames = self.cameras.read()
             except InputError as error:
                 self.safe.blind(str(error))
+        # A step that waits for its cameras begins when they have answered.
+        self.starts.append(self.loop.clock.now() if isinstance(self.loop.clock, CameraClock) else now)
+        del self.starts[:-200_000]
         if self.safe.standing is not None:
             self.interrupted = True  # a car that stands sees nothing move, which the navigator takes for being lost
         wanted, good = STAND, frames is not None and self.safe.see(frames, driven.speed)

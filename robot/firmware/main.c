@@ -113,9 +113,9 @@ static void start_hardware(void) {
     TIMSK1 = _BV(TOIE1);
     TCCR2A = _BV(WGM21); /* stopped; started by timer 1 */
     TIMSK2 = _BV(OCIE2A);
-    UBRR0 = (uint16_t)(F_CPU / 8 / BAUD - 1);
     UCSR0A = _BV(U2X0);
     UCSR0C = _BV(UCSZ01) | _BV(UCSZ00);
+    UBRR0 = (uint16_t)(F_CPU / 8 / BAUD - 1); /* last: simavr works out the speed when this is written */
     UCSR0B = _BV(RXEN0) | _BV(TXEN0) | _BV(RXCIE0);
     ADMUX = _BV(REFS0);
     ADCSRA = _BV(ADEN) | _BV(ADPS2) | _BV(ADPS1) | _BV(ADPS0) | _BV(ADSC);

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import grp
 import os
+import select
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,6 +32,25 @@ def open_port(device: str, baud: int) -> serial.Serial:
         raise InputError(f"{device}: {reason(device, error.errno, str(error))}") from None
     except (OSError, ValueError) as error:
         raise InputError(f"{device}: is no serial port ({error})") from None
+
+
+def read_some(port: serial.Serial) -> bytes:
+    """All that has come, up to 512 bytes; waits for it, and gives nothing after `READ_TIMEOUT`.
+
+    It takes one call to wait and one to read. `Serial.read` takes more, and after each of them this thread may have
+    to wait for the interpreter.
+
+    Raises:
+        OSError: the port is gone.
+    """
+    file = port.fileno()
+    ready, _, _ = select.select([file], [], [], READ_TIMEOUT)
+    if not ready:
+        return b""
+    data = os.read(file, 512)
+    if not data:
+        raise OSError(errno.EIO, "it gives nothing although it says that it has something")
+    return data
 
 
 def reason(device: str, number: int | None, message: str) -> str:

@@ -23,7 +23,7 @@ from robot.link.messages import (
     read_welcome,
 )
 from robot.link.parser import Parser
-from robot.link.port import open_port
+from robot.link.port import open_port, read_some
 from robot.ports import DriveCommand, SafeCommand, unseal
 
 if TYPE_CHECKING:
@@ -277,7 +277,7 @@ class SerialDrive:
                     self.heard_sequence = None
                     self.write(Type.HELLO)
             try:
-                data = port.read(max(1, port.in_waiting))
+                data = read_some(port)
             except GONE as error:
                 return f"the serial port is gone ({error})"
             self.handle(data)

@@ -26,10 +26,11 @@ class Pulse(NamedTuple):
 
 
 class Event(NamedTuple):
-    """A command the simulator carried out (`"stall"`, `"up-garbage"`), or `"late"`, and when."""
+    """A command the simulator carried out (`"stall"`, `"up-garbage"`), or `"late"`, when, and how late, s."""
 
     name: str
     time: float
+    late: float = 0.0
 
 
 def constants() -> dict[str, int]:
@@ -97,7 +98,7 @@ class SimulatedBoard:
             elif line.startswith("F "):
                 self.events.append(Event(parts[1], int(parts[2]) / 1e9))
             elif line.startswith("L "):
-                self.events.append(Event("late", int(parts[2]) / 1e9))
+                self.events.append(Event("late", int(parts[2]) / 1e9, int(parts[1]) / 1e6))
             elif line.startswith("R "):
                 self.ready.set()
 

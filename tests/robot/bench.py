@@ -12,6 +12,7 @@ import torch
 from ndtorch.errors import InputError
 from robot.run import open_car, real_time_priority
 from robot.run_config import RunConfig, SimulationTable
+from tests.stalls import OTHERS
 
 NEUTRAL, SLACK, STEERING_SLACK = 1500.0, 2.0, 12.0
 LIMIT = 0.25
@@ -74,10 +75,14 @@ class Bench:
     def moving(self):
         return [p.time for p in self.board.pulses if p.name == "motor" and abs(p.width - NEUTRAL) > SLACK]
 
-    def wait_to_move(self, seconds=4.0):
-        """Until it has driven for a while."""
-        began = time.monotonic()
+    def wait_to_move(self, seconds=10.0):
+        """Until it has driven for a while. Told to resume again every two seconds when the link broke: it may break
+        on a machine that stalls, and waiting is no claim. Other reasons to stand must pass by themselves."""
+        began = told = time.monotonic()
         while time.monotonic() < began + seconds:
+            if time.monotonic() > told + 2.0 and self.car.link.trouble() is not None:
+                told = time.monotonic()
+                self.car.safe.resume()
             recent = [p for p in self.board.pulses[-75:] if p.name == "motor"]
             if len(recent) > 20 and all(p.time > began and p.width > NEUTRAL + SLACK for p in recent[-15:]):
                 return
@@ -130,6 +135,7 @@ def bench(**changes):
         yield result
     finally:
         for car in made:
+            OTHERS.extend((event.time, event.late) for event in car.cameras.inner.board.events if event.name == "late")
             car.ended.set()
         thread.join(10)
         ordinary_priority()
@@ -161,20 +167,14 @@ class Garage:
             context.__exit__(None, None, None)
 
     def in_time(self, try_it):
-        """Stops are timed on a computer that does other things as well: a failed attempt is made once more, with a
-        fresh car, and its reason printed; the limit is the same."""
-        for attempt in (1, 2):
-            try:
-                took = try_it(self.get())
-                print(f"stood after {1e3 * took:.0f} ms")
-                assert took <= LIMIT, f"the wheels stood {1e3 * took:.0f} ms after the fault"
-                return
-            except AssertionError as error:
-                late = [e for e in self.car.board.events if e.name == "late"] if self.car else []
-                self.close()
-                print(f"attempt {attempt} failed: {error}; the simulated board was late {len(late)} times")
-                if attempt == 2:
-                    raise
+        """What `try_it` returns is within the limit. After a failure the next one gets a fresh car."""
+        try:
+            took = try_it(self.get())
+            print(f"stood after {1e3 * took:.0f} ms")
+            assert took <= LIMIT, f"the wheels stood {1e3 * took:.0f} ms after the fault"
+        except BaseException:
+            self.close()
+            raise
 
 
 def said(lines, *words):

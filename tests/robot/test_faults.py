@@ -11,6 +11,7 @@ import pytest
 from robot.link.messages import Fault
 from tests.robot.bench import LIMIT, NEUTRAL, SLACK, Garage, said
 from tests.robot.board_needed import needs_board_and_gl
+from tests.stalls import OTHERS
 
 pytestmark = [needs_board_and_gl, pytest.mark.slow, pytest.mark.realtime]
 
@@ -59,7 +60,8 @@ def test_cameras(garage, fault, words, goes_on):
         ("up garbage", ["board stands"], "up clean"),
         ("up truncate", ["board stands"], "up clean"),
         ("up duplicate", ["board stands", "refused"], "up clean"),
-        ("up reorder", ["board stands", "refused"], "up clean"),
+        # Too many refused frames, or no heartbeat, when each comes after the command behind it and is refused.
+        ("up reorder", ["board stands"], "up clean"),
         ("up version", ["board stands", "another protocol version"], "up clean"),
         ("down garbage", ["link: "], "down clean"),
         ("down truncate", ["link: "], "down clean"),
@@ -124,10 +126,15 @@ def pulses(log):
     return [(int(parts[4]) / 1e9, abs(float(parts[2]) - NEUTRAL) > SLACK) for parts in lines]
 
 
-def wait_for(condition, seconds, what):
+def wait_to_drive(run, log, errors, seconds):
+    """Told to resume again every two seconds once it watches for signals: see `Bench.wait_to_move`."""
     end = time.monotonic() + seconds
+    told, condition = time.monotonic(), drives(log)
     while not condition():
-        assert time.monotonic() < end, what()
+        assert time.monotonic() < end, errors.read_text()
+        if time.monotonic() > told + 2.0 and "ready;" in errors.read_text():
+            told = time.monotonic()
+            run.send_signal(signal.SIGUSR1)
         time.sleep(0.05)
 
 
@@ -139,6 +146,13 @@ def drives(log, count=15):
     return condition
 
 
+def late(log):
+    """When the simulated board was late, and by how many seconds."""
+    text = log.read_text() if log.exists() else ""
+    lines = [line.split() for line in text.splitlines() if line.startswith("L ")]
+    return [(int(parts[2]) / 1e9, int(parts[1]) / 1e6) for parts in lines if len(parts) == 3]
+
+
 def stood_after(log, fault):
     times = pulses(log)
     assert not any(moving for when, moving in times if when > fault + 0.4)
@@ -148,48 +162,45 @@ def stood_after(log, fault):
 
 def test_paused_killed_and_told_to_end(tmp_path):
     """SIGSTOP, SIGCONT and resuming, SIGKILL; and another one ended by SIGTERM."""
-    for attempt in range(2):
-        took = {}
-        for ending in (signal.SIGKILL, signal.SIGTERM):
-            log, config, errors = (tmp_path / name for name in ("pulses", "car.toml", "errors"))
-            config.write_text(CONFIG.format(log=log))
-            log.unlink(missing_ok=True)
-            with errors.open("w") as file:
-                run = subprocess.Popen(
-                    [sys.executable, "-m", "robot", "run", str(config), "--go", "--json"],
-                    stdout=subprocess.PIPE,
-                    stderr=file,
-                )
-            try:
-                wait_for(drives(log), 60, errors.read_text)
-                if ending == signal.SIGKILL:
-                    fault = time.monotonic()
-                    run.send_signal(signal.SIGSTOP)
-                    time.sleep(0.7)
-                    took["SIGSTOP"] = stood_after(log, fault)
-                    run.send_signal(signal.SIGCONT)
-                    time.sleep(0.7)
-                    assert not any(moving for when, moving in pulses(log) if when > fault + 0.4)
-                    assert said(errors.read_text().splitlines(), "stopped:")
-                    run.send_signal(signal.SIGUSR1)
-                    wait_for(drives(log), 5, errors.read_text)
+    took = {}
+    for ending in (signal.SIGKILL, signal.SIGTERM):
+        log, config, errors = (tmp_path / name for name in ("pulses", "car.toml", "errors"))
+        config.write_text(CONFIG.format(log=log))
+        log.unlink(missing_ok=True)
+        with errors.open("w") as file:
+            run = subprocess.Popen(
+                [sys.executable, "-m", "robot", "run", str(config), "--go", "--json"],
+                stdout=subprocess.PIPE,
+                stderr=file,
+            )
+        try:
+            wait_to_drive(run, log, errors, 60)
+            if ending == signal.SIGKILL:
                 fault = time.monotonic()
-                run.send_signal(ending)
-                code = run.wait(10)
-                assert code == (-signal.SIGKILL if ending == signal.SIGKILL else 0)
+                run.send_signal(signal.SIGSTOP)
                 time.sleep(0.7)
-                if ending == signal.SIGKILL:
-                    took["SIGKILL"] = stood_after(log, fault)
-                else:
-                    moving = [when - fault for when, moves in pulses(log) if moves and when > fault]
-                    took["SIGTERM"] = max(moving, default=0.0)
-                    assert said(errors.read_text().splitlines(), "emergency stop: SIGTERM")
-            finally:
-                if run.poll() is None:
-                    os.kill(run.pid, signal.SIGKILL)
-                    run.wait()
-        print({name: f"{1e3 * seconds:.0f} ms" for name, seconds in took.items()})
-        if max(took.values()) <= LIMIT:
-            return
-        print(f"too slow at attempt {attempt + 1}")
-    raise AssertionError(took)
+                took["SIGSTOP"] = stood_after(log, fault)
+                run.send_signal(signal.SIGCONT)
+                time.sleep(0.7)
+                assert not any(moving for when, moving in pulses(log) if when > fault + 0.4)
+                assert said(errors.read_text().splitlines(), "stopped:")
+                run.send_signal(signal.SIGUSR1)
+                wait_to_drive(run, log, errors, 10)
+            fault = time.monotonic()
+            run.send_signal(ending)
+            code = run.wait(10)
+            assert code == (-signal.SIGKILL if ending == signal.SIGKILL else 0)
+            time.sleep(0.7)
+            if ending == signal.SIGKILL:
+                took["SIGKILL"] = stood_after(log, fault)
+            else:
+                moving = [when - fault for when, moves in pulses(log) if moves and when > fault]
+                took["SIGTERM"] = max(moving, default=0.0)
+                assert said(errors.read_text().splitlines(), "emergency stop: SIGTERM")
+        finally:
+            if run.poll() is None:
+                os.kill(run.pid, signal.SIGKILL)
+                run.wait()
+            OTHERS.extend(late(log))
+    print({name: f"{1e3 * seconds:.0f} ms" for name, seconds in took.items()})
+    assert max(took.values()) <= LIMIT, took

@@ -2,58 +2,18 @@
 
 import errno
 import os
-import pty
-import threading
 import time
-import tty
 
 import numpy as np
 import pytest
 
 from ndtorch.errors import InputError
 from robot.link import SerialDrive
-from robot.link.messages import Frame, Type, encode_frame
-from robot.link.parser import Parser
 from robot.link.port import owner_group, reason
 from robot.ports import DriveCommand
-
-
-class Peer:
-    """The other end of a pty, which answers as `answer` says."""
-
-    def __init__(self, answer):
-        self.end, slave = pty.openpty()
-        tty.setraw(slave)
-        self.slave, self.device, self.answer = slave, os.ttyname(slave), answer
-        self.going = True
-        self.thread = threading.Thread(target=self.work, daemon=True)
-        self.thread.start()
-
-    def work(self):
-        parser, sequence = Parser(), 0
-        while self.going:
-            try:
-                data = os.read(self.end, 200)
-            except OSError:
-                return
-            for frame in parser.feed(data):
-                for version, kind, body in self.answer(frame):
-                    sequence += 1
-                    os.write(self.end, encode_frame(Frame(version, kind, sequence, body)))
-
-    def close(self):
-        self.going = False
-        os.write(self.slave, b"\0")
-        self.thread.join(2)
-        os.close(self.end)
-        os.close(self.slave)
-
-
-def board(frame, version=1, name=b"maxston8"):
-    if frame.type == Type.HELLO:
-        yield version, Type.WELCOME, frame.sequence.to_bytes(2, "little") + name
-    elif frame.type in (Type.HEARTBEAT, Type.ARM, Type.STOP):
-        yield version, Type.TELEMETRY, frame.sequence.to_bytes(2, "little") + bytes(18)
+from robot.run import real_time_priority
+from tests.robot.bench import ordinary_priority
+from tests.robot.peer import Peer, board
 
 
 def open_with(answer, **options):
@@ -125,17 +85,22 @@ def test_refuses_commands_from_elsewhere():
 
 
 @pytest.mark.realtime
-def test_round_trip_on_a_bare_pty():
-    for _ in range(3):  # another program may have the computer just then
-        peer = Peer(board)
-        drive = SerialDrive(peer.device, robot="maxston8", report=lambda line: None)
-        time.sleep(3.2)
-        trips = np.array(drive.round_trips) * 1e3
-        drive.close()
-        peer.close()
-        p50, p99 = np.percentile(trips, (50, 99))
-        print(f"{len(trips)} round trips: median {p50:.2f} ms, 99 % below {p99:.2f} ms")
-        assert len(trips) > 80
-        if p99 < 2.0:
-            return
-    pytest.skip(f"this computer is too busy to time a line: 99 % below {p99:.1f} ms")
+def test_round_trip_on_a_bare_pty(stall_meter):
+    said = []
+    real_time_priority(said.append)
+    began = time.monotonic()
+    peer = Peer(board)
+    drive = SerialDrive(peer.device, robot="maxston8", report=lambda line: None)
+    time.sleep(4.0)
+    trips = np.array(drive.round_trips) * 1e3
+    drive.close()
+    peer.close()
+    ordinary_priority()
+    late = len(stall_meter.late(began))
+    p50, p99 = np.percentile(trips, (50, 99))
+    print(f"{len(trips)} round trips: median {p50:.2f} ms, 99 % below {p99:.2f} ms; woken late {late} times; {said}")
+    assert len(trips) > 100
+    assert p50 < 2.0
+    if p99 >= 2.0 and (said or late > 4):
+        pytest.skip(f"this computer is too busy to time a line: 99 % below {p99:.1f} ms")
+    assert p99 < 2.0

@@ -16,6 +16,7 @@
  * When stdin ends it goes on for a second: what a killed program leaves behind can be read in LOG. */
 #define _GNU_SOURCE
 #include <avr_adc.h>
+#include <avr_extint.h>
 #include <avr_ioport.h>
 #include <avr_timer.h>
 #include <avr_uart.h>
@@ -40,7 +41,8 @@
 
 #define MHZ 16
 #define TIMER1_PRESCALER 8
-#define SLICE_NS 400000
+#define SLICE_NS 200000
+#define USB_NS 1000000u
 #define LATE_NS 30000000
 #define AFTERLIFE_NS 1000000000u
 
@@ -76,13 +78,16 @@ static void to_board(const uint8_t *bytes, unsigned length) {
 
 static uint8_t outgoing[4096];
 static unsigned outgoing_length;
+static uint64_t outgoing_since;
 
 static void to_program(const uint8_t *bytes, unsigned length) {
+    if (!outgoing_length) outgoing_since = now_ns();
     for (unsigned i = 0; i < length && outgoing_length < sizeof outgoing; i++) outgoing[outgoing_length++] = bytes[i];
 }
 
-static void flush_to_program(void) { /* in chunks, as a USB adapter does */
-    if (outgoing_length && master >= 0 && write(master, outgoing, outgoing_length) < 0 && errno != EAGAIN && errno != EIO)
+static void flush_to_program(uint64_t now) { /* in chunks, as a USB adapter does: whole frames, or what came in 1 ms */
+    if (!outgoing_length || (outgoing[outgoing_length - 1] && now < outgoing_since + USB_NS)) return;
+    if (master >= 0 && write(master, outgoing, outgoing_length) < 0 && errno != EAGAIN && errno != EIO)
         perror("avrsim: write");
     outgoing_length = 0;
 }
@@ -222,6 +227,9 @@ static void start(const char *path) {
     for (size_t k = 0; k < 2; k++)
         avr_irq_register_notify(
             avr_io_getirq(avr, AVR_IOCTL_TIMER_GETIRQ('1'), TIMER_IRQ_OUT_PWM0 + (int)k), on_compare, (void *)k);
+    /* Interrupts on low levels are not used. simavr would still look for them in every cycle in which D3, the rear
+     * pulse, is low, and be slower than a real board on a computer that does other things as well. */
+    for (uint8_t k = 0; k < 2; k++) avr_extint_set_strict_lvl_trig(avr, k, 0);
     battery(7400);
 }
 
@@ -256,7 +264,7 @@ int main(int argc, char **argv) {
             int state = avr_run(avr);
             if (state == cpu_Done || state == cpu_Crashed) return fprintf(stderr, "avrsim: the processor died\n"), 1;
         }
-        flush_to_program();
+        flush_to_program(now);
         struct pollfd files[] = {{.fd = end ? -1 : STDIN_FILENO, .events = POLLIN}, {.fd = master, .events = POLLIN}};
         struct timespec wait = {.tv_nsec = SLICE_NS};
         if (ppoll(files, 2, &wait, NULL) < 0) continue;

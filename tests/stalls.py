@@ -1,0 +1,124 @@
+"""Notes when the machine itself stalls, and runs a real-time test again that failed in such a moment.
+
+The meter is a process of its own, so that no test can keep it from waking. It has one thread on each processor, more
+important than everything under test. A thread sleeps a few milliseconds and notes how late it woke.
+`python tests/stalls.py FILE` is the meter; it ends with its standard input.
+"""
+
+import contextlib
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+STEP = 0.005
+NOTED = 0.001
+"""Waking later than this is written down, s."""
+
+STALL = 0.06
+"""From here on the machine stalled: a car whose wheels must stand within 0.25 s cannot be timed on it."""
+
+PRIORITY = 20
+"""Above the loop (3) and the simulated board (5), which therefore cannot delay the meter."""
+
+ATTEMPTS = 3
+
+PATIENCE = 150.0
+"""Seconds for all further attempts of all tests: on a machine that stalls all the time nobody waits for ever."""
+
+OTHERS: list[tuple[float, float]] = []
+"""Stalls seen by others than the meter: when they ended, and seconds."""
+
+
+class StallMeter:
+    """The running meter. Worst of all stalls since some moment, and how punctual waking was."""
+
+    def __init__(self):
+        self.folder = tempfile.TemporaryDirectory(prefix="stalls-")
+        self.file = Path(self.folder.name) / "late"
+        command = [sys.executable, "-I", "-S", __file__, str(self.file)]
+        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, start_new_session=True)
+        end = time.monotonic() + 10.0
+        while not self.file.exists():
+            if time.monotonic() > end or self.process.poll() is not None:
+                raise RuntimeError("the stall meter does not start")
+            time.sleep(0.01)
+
+    def late(self, since):
+        """How late the meter woke, s, each time it did so since then."""
+        text = self.file.read_text()
+        lines = [line.split() for line in text[: text.rfind("\n") + 1].splitlines()]
+        return [float(seconds) for when, seconds in lines if float(when) > since]
+
+    def worst(self, since):
+        """The longest stall that ended since then, s."""
+        time.sleep(0.1)  # until a stall that lasts has been noted
+        return max([*self.late(since), *(seconds for when, seconds in OTHERS if when > since)], default=0.0)
+
+    def close(self):
+        self.process.stdin.close()
+        try:
+            self.process.wait(3.0)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        self.folder.cleanup()
+
+
+class Again:
+    """Runs what failed while the machine stalled again, up to three times in all, while patience lasts.
+
+    Args:
+        worst_since: the longest stall that ended after a given time, s.
+    """
+
+    def __init__(self, worst_since):
+        self.worst_since, self.patience = worst_since, PATIENCE
+
+    def run(self, work):
+        """Call `work`, which returns whether it went well, until it did, or failed though the machine did not stall.
+
+        Returns what counts, True or False, or None when every attempt fell into a stall; and these stalls, s.
+        """
+        stalls = []
+        for attempt in range(ATTEMPTS):
+            began = time.monotonic()
+            if work():
+                return True, stalls
+            worst = self.worst_since(began)
+            if worst < STALL:
+                return False, stalls
+            stalls.append(worst)
+            self.patience -= (time.monotonic() - began) if attempt else 0.0
+            if self.patience < 0:
+                break
+        return None, stalls
+
+
+def measure(cpu, file):
+    """Sleep and note, for ever, on one processor."""
+    with contextlib.suppress(OSError):
+        os.sched_setaffinity(0, {cpu})
+    with contextlib.suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(PRIORITY))
+    while True:
+        due = time.monotonic() + STEP
+        time.sleep(STEP)
+        now = time.monotonic()
+        if now - due > NOTED:
+            file.write(f"{now:.4f} {now - due:.4f}\n")
+
+
+def main(path):
+    with Path(path).open("w", buffering=1) as file:
+        for cpu in sorted(os.sched_getaffinity(0)):
+            threading.Thread(target=measure, args=(cpu, file), daemon=True).start()
+        sys.stdin.read()
+        os._exit(0)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,53 @@
+"""What is run again, what fails at once, and that the meter notices."""
+
+import os
+import signal
+import time
+
+import pytest
+
+from tests.stalls import ATTEMPTS, Again, StallMeter
+
+
+def attempts(outcomes, stalls):
+    """Runs with these outcomes, during which the machine stalled for so long; returns the result and how many ran."""
+    ran = []
+
+    def work():
+        ran.append(outcomes[len(ran)])
+        return ran[-1]
+
+    return Again(lambda since: stalls[len(ran) - 1]).run(work), len(ran)
+
+
+def test_what_fails_on_a_machine_that_works_fails_at_once():
+    assert attempts([False, True], [0.05, 0.0]) == ((False, []), 1)
+    assert attempts([False, False, True], [0.3, 0.01, 0.0]) == ((False, [0.3]), 2)
+
+
+def test_what_fails_in_a_stall_is_run_again():
+    assert attempts([False, True], [0.3, 0.3]) == ((True, [0.3]), 2)
+    assert attempts([True], [0.3]) == ((True, []), 1)
+    assert attempts([False] * ATTEMPTS, [0.3, 0.2, 0.1]) == ((None, [0.3, 0.2, 0.1]), ATTEMPTS)
+
+
+def test_patience_ends():
+    again = Again(lambda since: 0.3)
+    again.patience = 0.1
+    assert again.run(lambda: time.sleep(0.06)) == (None, [0.3] * 3)  # the first attempt costs nothing
+    assert again.run(lambda: time.sleep(0.06)) == (None, [0.3])
+
+
+def test_the_meter_notices_a_stall():
+    meter = StallMeter()
+    try:
+        began = time.monotonic()
+        time.sleep(0.05)
+        os.kill(meter.process.pid, signal.SIGSTOP)
+        time.sleep(0.15)
+        os.kill(meter.process.pid, signal.SIGCONT)
+        assert meter.worst(began) > 0.12
+    finally:
+        meter.close()
+    with pytest.raises(ProcessLookupError):
+        os.kill(meter.process.pid, 0)
