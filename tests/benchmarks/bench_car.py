@@ -3,7 +3,7 @@
 The real loop, link and firmware, the latter on a simulated processor; the cameras are two films. Everything runs with
 the priority that `python -m robot run` asks for.
 
-`python -m tests.benchmarks.bench_car [--seconds 20] [--controller published]`
+`python -m tests.benchmarks.bench_car [--seconds 20] [--controller published] [--compiled]`
 """
 
 from __future__ import annotations
@@ -19,12 +19,14 @@ import cv2
 import numpy as np
 import torch
 
+from ndtorch.navigation import CompiledNavigator
 from robot.link import SerialDrive
 from robot.navigating import Controller
 from robot.run import open_car, percentiles, real_time_priority
-from robot.run_config import LinkTable, NavigationTable, RunConfig
+from robot.run_config import LinkTable, NavigationTable, RigTable, RunConfig
 from robot.sim.board import SimulatedBoard
 from tests.benchmarks.bench_cameras import films
+from tests.benchmarks.bench_navigation import stereo_pair
 from tests.benchmarks.timing import Row, table
 from tests.robot.peer import Peer, board
 
@@ -43,7 +45,7 @@ def bare_line(seconds: float) -> dict[str, float]:
     return percentiles(trips)
 
 
-def car(seconds: float, controller: Controller) -> dict[str, object]:
+def car(seconds: float, controller: Controller, compiled: bool) -> dict[str, object]:
     """The summary of a run: see `robot.run.CarLoop.summary`."""
     lines: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
@@ -51,7 +53,9 @@ def car(seconds: float, controller: Controller) -> dict[str, object]:
         simulated = SimulatedBoard()
         try:
             link = LinkTable(device=simulated.device)
-            navigation = NavigationTable(controller=controller)
+            navigation = NavigationTable(controller=controller, compiled=compiled)
+            if compiled:  # before the films begin
+                warm_up(navigation)
             config = RunConfig(
                 robot="maxston8", cameras={"left": left, "right": right}, link=link, navigation=navigation
             )
@@ -62,13 +66,22 @@ def car(seconds: float, controller: Controller) -> dict[str, object]:
             simulated.close()
 
 
-def rows(seconds: float = SECONDS, controller: Controller = "ranging") -> list[Row]:
+def warm_up(navigation: NavigationTable) -> None:
+    """Have the navigation step compiled and the compiler's modules imported."""
+    navigator = navigation.choice().navigator(RigTable().rig(), 30.0)
+    assert isinstance(navigator, CompiledNavigator)
+    left, right = (torch.from_numpy(eye).permute(2, 0, 1).unsqueeze(0) for eye in stereo_pair(0))
+    with torch.inference_mode():
+        navigator.warm_up(left, right)
+
+
+def rows(seconds: float = SECONDS, controller: Controller = "ranging", compiled: bool = False) -> list[Row]:
     """The table."""
     cv2.setNumThreads(1)
     said: list[str] = []
     real_time_priority(said.append)
     try:
-        bare, summary = bare_line(min(seconds, 10.0)), car(seconds, controller)
+        bare, summary = bare_line(min(seconds, 10.0)), car(seconds, controller, compiled)
     finally:
         with suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
@@ -96,6 +109,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=SECONDS)
     parser.add_argument("--controller", choices=("ranging", "published"), default="ranging")
+    parser.add_argument("--compiled", action="store_true")
     asked = parser.parse_args()
     torch.set_num_threads(1)
-    print(table(TITLE, rows(asked.seconds, asked.controller)))
+    print(table(TITLE, rows(asked.seconds, asked.controller, asked.compiled)))
