@@ -101,7 +101,13 @@ class CarLoop:
 
     def configuration(self) -> dict[str, Any]:
         """For a recording: what the navigator is made of."""
-        return self.config.navigation.choice().configuration(self.rig, self.config.rate_hz)
+        made_of = self.config.navigation.choice().configuration(self.rig, self.config.rate_hz)
+        return made_of | {"map_half_size_m": self.config.navigation.map_half_size_m}
+
+    def telemetry(self) -> dict[str, Any]:
+        """What the board says of itself, for JSON; `link` is why it cannot be commanded, or None."""
+        heard = self.link.telemetry
+        return (heard.values() if heard is not None else {}) | {"link": self.link.trouble()}
 
     def run(self, seconds: float | None = None) -> int:
         """Step until `ended` is set or so many seconds are over; returns the number of steps."""

@@ -231,8 +231,10 @@ class Recorder:
             self.say(self.failed)
 
     def close(self) -> None:
-        """Write what is left, and the last line that says that nothing is missing."""
+        """Write what is left, and the last line that says that nothing is missing. Calling it again does nothing."""
         with self.changed:
+            if self.closing:
+                return
             self.closing = True
             self.changed.notify_all()
         self.thread.join()
