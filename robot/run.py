@@ -41,6 +41,7 @@ class Step(NamedTuple):
         state: of the navigator; None when it did not run.
         wanted, sent: by the navigator, and by the safety layer to the board.
         standing: why the car is kept standing, or None.
+        restarted: the navigator began anew, because it had seen nothing, or nothing move, before.
     """
 
     number: int
@@ -51,6 +52,7 @@ class Step(NamedTuple):
     wanted: DriveCommand
     sent: DriveCommand
     standing: str | None
+    restarted: bool
 
 
 Observer = Callable[[Step], None]
@@ -142,6 +144,7 @@ class CarLoop:
         if self.safe.standing is not None:
             self.interrupted = True  # a car that stands sees nothing move, which the navigator takes for being lost
         wanted, good = STAND, frames is not None and self.safe.see(frames, driven.speed)
+        restarted = good and self.interrupted and self.state is not None
         if good and frames is not None:
             with timing.part("navigate"):
                 wanted = self.navigate(frames, driven)
@@ -157,7 +160,7 @@ class CarLoop:
             del seconds[:-200_000]
         for observer in self.observers:
             state = self.state if good else None
-            observer(Step(number, now, frames, driven, state, wanted, sent, self.safe.standing))
+            observer(Step(number, now, frames, driven, state, wanted, sent, self.safe.standing, restarted))
 
     def navigate(self, frames: StereoFrames, driven: DriveCommand) -> DriveCommand:
         """What the navigator wants."""
