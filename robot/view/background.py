@@ -71,9 +71,7 @@ class Background(Generic[T]):
                 self.shown += 1
             self.finish()
         except Exception as error:  # whatever it is, driving goes on
-            self.failed = (
-                f"the view has ended: {type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
-            )
+            self.failed = f"the view has ended: {' '.join(f'{type(error).__name__}: {error}'.split())}"
             if self.say is not None:
                 self.say(self.failed)
 

@@ -38,6 +38,10 @@ STRIDE, PIECE = 0.03, 200
 MAP_EVERY = 2.0
 """Seconds between two pictures of the map."""
 
+PALE = (200, 200, 200)
+THIN, FINE = -1.0, -1.2
+"""Radii of lines and of cells of the map in points of the screen, so that they are seen in a large building too."""
+
 COMMAND_LINES = {"wanted": OTHER, "sent": LEFT, "applied": RIGHT}
 
 
@@ -74,7 +78,8 @@ class CarView:
 
     Entities: `cameras/left` and `cameras/right` (JPEG, with `fields` and `features`; strips are drawn in their
     places), `speeds`, `command/speed` and `command/curvature` (wanted, sent, applied), `board/battery`, `car`
-    (text), `events`, and `floor` (y up: drawn at -y) with `path`, `car` and `map`, all by dead reckoning.
+    (text), `events`, and `floor` (y up: drawn at -y) with `start` (a square metre about it), `path`, `car` and
+    `map`, all by dead reckoning.
 
     Args:
         stream: of `open_stream`, with `layout`.
@@ -106,9 +111,6 @@ class CarView:
         for entity in ("command/speed", "command/curvature"):
             log(entity, rr.SeriesLines(colors=colours, names=names, widths=[1.0, 2.0, 1.5]), static=True)
         log("board/battery", rr.SeriesLines(colors=[CAR], names=["battery, V"]), static=True)
-        # The viewer shows what lies about the start until there is more to see.
-        start = rr.Points2D([(0.0, 0.0)], colors=[OTHER], radii=0.05, labels=["start"])
-        log("floor/start", start, static=True)
 
     def show(self, seen: Seen) -> None:
         """Show a step."""
@@ -122,7 +124,7 @@ class CarView:
             self.place(seen.state, seen.carried)
             if self.grid is not None and seen.state.map is not None and seen.time >= self.next_map:
                 self.next_map = seen.time + MAP_EVERY
-                self.stream.log("floor/map", map_points(self.rr, self.grid, seen.state.map.cells))
+                self.stream.log("floor/map", map_points(self.rr, self.grid, seen.state.map.cells, FINE))
         speeds = [math.nan] * 3
         if seen.state is not None:
             speeds = [*map(float, seen.state.sides), float(seen.state.avoidance.difference)]
@@ -160,6 +162,10 @@ class CarView:
         if carried:
             self.draw_path()
             self.path, self.piece = [], self.piece + 1
+        if not self.path and not self.piece:
+            # A square metre gives the scale, and the viewer something to show until there is more.
+            square = self.rr.Boxes2D(centers=[(x, -y)], sizes=[(1.0, 1.0)], colors=[PALE], radii=THIN)
+            self.stream.log("floor/start", square)
         if self.path and math.dist(self.path[-1], (x, y)) < STRIDE:
             return
         self.path.append((x, y))
@@ -172,7 +178,7 @@ class CarView:
         """The newest piece of the path."""
         if len(self.path) > 1:
             line = [(x, -y) for x, y in self.path]
-            self.stream.log(f"floor/path/{self.piece}", self.rr.LineStrips2D([line], colors=[PATH], radii=0.02))
+            self.stream.log(f"floor/path/{self.piece}", self.rr.LineStrips2D([line], colors=[PATH], radii=THIN))
 
     def say_how(self, seen: Seen) -> None:
         """How the car is, in words, when that has changed."""

@@ -116,8 +116,8 @@ def car_arrow(rr: Any, pose: tuple[float, float, float]) -> Any:
     return rr.Arrows2D(origins=[(x, -y)], vectors=[vector], colors=[CAR], radii=0.06)
 
 
-def map_points(rr: Any, grid: Grid, cells: Tensor) -> Any:
-    """The strongest cells of a map, with its margin, as points."""
+def map_points(rr: Any, grid: Grid, cells: Tensor, radius: float) -> Any:
+    """The strongest cells of a map, with its margin, as points of a radius in m, or minus that in screen points."""
     inner = grid.inner(cells)
     largest = inner.max().clamp_min(1e-9)
     row, column = (inner > FAINT * largest).nonzero(as_tuple=True)
@@ -129,7 +129,7 @@ def map_points(rr: Any, grid: Grid, cells: Tensor) -> Any:
     x, y = grid.centre(row, column)
     points = np.stack((x.numpy(), -y.numpy()), -1)
     colours = (MAP_LOW + share * (MAP_HIGH - MAP_LOW)).astype(np.uint8)
-    return rr.Points2D(points, colors=colours, radii=0.5 * grid.cell + 0.01)
+    return rr.Points2D(points, colors=colours, radii=radius)
 
 
 def flipped(points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

@@ -132,7 +132,7 @@ class DriveView:
             self._stream.log(f"plan/{name}", line)
 
     def _map(self, grid: Grid, cells: Tensor) -> None:
-        self._stream.log("plan/map", map_points(self._rr, grid, cells))
+        self._stream.log("plan/map", map_points(self._rr, grid, cells, 0.015))
 
     def _numbers(self, record: Record) -> None:
         """The speeds and commands of the frames that are waiting."""

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import atexit
+import contextlib
+import os
+import signal
 import socket
 import subprocess
 import sys
@@ -101,7 +104,7 @@ def open_server(address: str) -> str:
         raise InputError(f"--view-at {address}: cannot listen there ({error.strerror})") from None
     options = ["--serve-grpc", "--server-memory-limit", SERVED]
     server = start(options, host, port, f"--view-at {address}: the rerun server does not start")
-    atexit.register(server.terminate)
+    atexit.register(end, server)
     return f"rerun+http://{near(host)}:{port}/proxy"
 
 
@@ -121,6 +124,11 @@ def start(options: list[str], host: str, port: int, failure: str) -> subprocess.
             if line.connect_ex((near(host), port)) == 0:
                 return viewer
         time.sleep(0.1)
-    if viewer.poll() is None:
-        viewer.terminate()
+    end(viewer)
     raise InputError(failure)
+
+
+def end(viewer: subprocess.Popen[bytes]) -> None:
+    """End a viewer or server with all its processes: what was started only starts the program."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(viewer.pid, signal.SIGTERM)

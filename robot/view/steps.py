@@ -60,7 +60,8 @@ class Rate:
         """Whether it is time again."""
         if now < self.next - 1e-6:
             return False
-        self.next = max(self.next + self.period, now)
+        later = self.next + self.period
+        self.next = later if later > now else now + self.period
         return True
 
 

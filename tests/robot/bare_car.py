@@ -1,4 +1,4 @@
-"""The loop of a car without a board: as fast as it goes, on the ports of a simulation or of pictures that slide past."""
+"""The loop of a car without a board: as fast as it goes, on pictures that slide past."""
 
 from robot.ports import DriveCommand, unseal
 from robot.run import CarLoop
