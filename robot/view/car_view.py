@@ -38,6 +38,12 @@ STRIDE, PIECE = 0.03, 200
 MAP_EVERY = 2.0
 """Seconds between two pictures of the map."""
 
+Bounds = tuple[float, float, float, float]
+"""Left, right, upper and lower side of the floor that is shown, m, y down."""
+
+MARGIN, NEAR, MORE = 2.0, 0.5, 0.5
+"""When the car is nearer than 0.5 m to the end of what is shown, half as much more is shown there, at least 2 m."""
+
 PALE = (200, 200, 200)
 THIN, FINE = -1.0, -1.2
 """Radii of lines and of cells of the map in points of the screen, so that they are seen in a large building too."""
@@ -99,6 +105,7 @@ class CarView:
         self.path: list[tuple[float, float]] = []
         self.piece = 0
         self.words = ""
+        self.shown: Bounds | None = None
         self.fixed()
 
     def fixed(self) -> None:
@@ -162,6 +169,7 @@ class CarView:
         if carried:
             self.draw_path()
             self.path, self.piece = [], self.piece + 1
+        self.widen(x, y)
         if not self.path and not self.piece:
             # A square metre gives the scale, and the viewer something to show until there is more.
             square = self.rr.Boxes2D(centers=[(x, -y)], sizes=[(1.0, 1.0)], colors=[PALE], radii=THIN)
@@ -173,6 +181,17 @@ class CarView:
             self.draw_path()
         if len(self.path) >= PIECE:
             self.path, self.piece = [(x, y)], self.piece + 1
+
+    def widen(self, x: float, y: float) -> None:
+        """Show more of the floor when the car comes near the end of what is shown."""
+        shown = self.shown or (x, x, -y, -y)
+        sides = []
+        for low, high, at in ((*shown[:2], x), (*shown[2:], -y)):
+            more = max(MARGIN, MORE * (high - low))
+            sides += [low - more if at < low + NEAR else low, high + more if at > high - NEAR else high]
+        if tuple(sides) != self.shown:
+            self.shown = (sides[0], sides[1], sides[2], sides[3])
+            self.rr.send_blueprint(layout(self.shown), recording=self.stream)
 
     def draw_path(self) -> None:
         """The newest piece of the path."""
@@ -218,8 +237,8 @@ class CarView:
             self.stream.send_columns(entity, indexes=[index], columns=self.rr.Scalars.columns(scalars=values))
 
 
-def layout() -> Any:
-    """Cameras on top, the floor at the left below them, and beside it how the car is, its speeds and commands."""
+def layout(shown: Bounds = (-MARGIN, MARGIN, -MARGIN, MARGIN)) -> Any:
+    """Cameras on top, the floor below them, and beside it how the car is, its speeds and commands."""
     import rerun.blueprint as rrb
 
     legend = rrb.PlotLegend(rrb.Corner2D.LeftTop)
@@ -229,7 +248,9 @@ def layout() -> Any:
 
     plain = rrb.archetypes.TextDocumentFormat(word_wrap=True)
     cameras = [rrb.Spatial2DView(origin=f"cameras/{eye}", name=f"{eye} camera") for eye in ("left", "right")]
-    floor = rrb.Spatial2DView(origin="floor", name="path and map by dead reckoning (m)", background=WHITE)
+    bounds = rrb.VisualBounds2D(x_range=shown[:2], y_range=shown[2:])
+    name = "path and map by dead reckoning (m)"
+    floor = rrb.Spatial2DView(origin="floor", name=name, background=WHITE, visual_bounds=bounds)
     words = rrb.Horizontal(
         rrb.TextDocumentView(origin="car", name="car", format_options=plain),
         rrb.TextLogView(origin="events", name="what happened"),

@@ -9,12 +9,13 @@ import pytest
 import torch
 
 import robot.commands.replay
+import robot.view.car_view
 import robot.view.opening
 from ndtorch.errors import InputError
 from ndtorch.navigation import Strips
 from robot.__main__ import main
 from robot.recording import Recorder, RecordSteps
-from robot.view import Background, Where, layout, open_stream, start_view
+from robot.view import Background, CarView, Where, layout, open_stream, start_view
 from robot.view.drawing import THICK, UNREAD, picture
 from robot.view.opening import open_server
 from robot.view.steps import Rate, ViewSteps
@@ -94,7 +95,25 @@ def test_a_run_and_its_replay(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["same"] == 90
     check_contents(again, 90)
     for file in (path, again):
-        assert len(RrdReader(file).recordings()) == len(RrdReader(file).blueprints()) == 1
+        assert len(RrdReader(file).recordings()) == 1
+        assert RrdReader(file).blueprints()
+
+
+def test_more_floor_is_shown_as_the_car_goes_on(monkeypatch):
+    """Seldom, so that what the user has arranged stays for long; the car is always in what is shown."""
+    shown = []
+    monkeypatch.setattr(robot.view.car_view, "layout", lambda bounds: bounds)
+    monkeypatch.setattr(rerun, "send_blueprint", lambda layout, recording: shown.append(layout))
+    view = CarView(rerun.RecordingStream("nowhere"), RIG, RIG.subfields(), {}, None)
+    for k in range(1000):
+        x, y = 2.0 + 0.001 * k, 1.0 + 0.1 * k
+        view.widen(x, y)
+        left, right, top, bottom = view.shown
+        assert left + 0.5 <= x <= right - 0.5
+        assert top + 0.5 <= -y <= bottom - 0.5
+    assert len(shown) < 12
+    assert shown[0] == (0.0, 4.0, -3.0, 1.0)
+    assert view.shown[1] == 4.0
 
 
 def test_strips_are_drawn_in_their_places():
