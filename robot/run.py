@@ -30,6 +30,9 @@ from robot.sim.board import SimulatedBoard
 
 STAND = DriveCommand(0.0, 0.0)
 
+KEPT = 30_000
+"""Steps whose times are kept for the summary, a quarter of an hour: 1 MB for each part that is timed."""
+
 
 class Step(NamedTuple):
     """What one step of the loop saw and did, for observers.
@@ -132,7 +135,7 @@ class CarLoop:
     def step(self, number: int, now: float) -> None:
         """See, navigate, drive."""
         self.starts.append(now)
-        del self.starts[:-200_000]
+        del self.starts[:-KEPT]
         timing = self.loop.timing
         driven = self.link.driven()
         frames: StereoFrames | None = None
@@ -157,7 +160,7 @@ class CarLoop:
                 self.go = False
                 self.safe.resume()
         for seconds in timing.seconds.values():
-            del seconds[:-200_000]
+            del seconds[:-KEPT]
         for observer in self.observers:
             state = self.state if good else None
             observer(Step(number, now, frames, driven, state, wanted, sent, self.safe.standing, restarted))

@@ -1,9 +1,12 @@
 """Every fault, through the real loop, link and firmware: the wheels stand within 250 ms, and what can goes on."""
 
+import fcntl
 import os
+import pty
 import signal
 import subprocess
 import sys
+import termios
 import time
 
 import pytest
@@ -144,6 +147,51 @@ def stood_after(log, fault):
     assert not any(moving for when, moving in times if when > fault + 0.4)
     assert any(when > fault + 0.4 for when, _ in times)
     return max([when for when, moving in times if moving and when > fault], default=fault) - fault
+
+
+def test_keys_in_a_terminal(tmp_path):
+    """The whole command in a terminal: it stands until g is pressed, any key stops the wheels, Ctrl-C ends."""
+    log, config, errors = (tmp_path / name for name in ("pulses", "car.toml", "errors"))
+    config.write_text(CONFIG.format(log=log))
+    for attempt in range(2):
+        log.unlink(missing_ok=True)
+        master, slave = pty.openpty()
+        with errors.open("w") as file:
+            run = subprocess.Popen(
+                [sys.executable, "-m", "robot", "run", str(config), "--json"],
+                stdin=slave,
+                stdout=subprocess.PIPE,
+                stderr=file,
+                start_new_session=True,
+                preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+            )
+        os.close(slave)
+        try:
+            wait_for(lambda: "any key: emergency stop" in errors.read_text(), 60, errors.read_text)
+            time.sleep(1.0)
+            assert not any(moving for _, moving in pulses(log))
+            os.write(master, b"g")
+            wait_for(drives(log), 10, errors.read_text)
+            pressed = time.monotonic()
+            os.write(master, b" ")
+            time.sleep(0.7)
+            took = stood_after(log, pressed)
+            assert said(errors.read_text().splitlines(), "emergency stop: key ' '")
+            os.write(master, b"g")
+            wait_for(drives(log), 10, errors.read_text)
+            os.write(master, b"\x03")
+            assert run.wait(10) == 0
+            assert said(errors.read_text().splitlines(), "emergency stop: SIGINT")
+        finally:
+            if run.poll() is None:
+                os.kill(run.pid, signal.SIGKILL)
+                run.wait()
+            os.close(master)
+        print(f"stood {1e3 * took:.0f} ms after the key")
+        if took <= LIMIT:
+            return
+        print(f"too slow at attempt {attempt + 1}")
+    raise AssertionError(took)
 
 
 def test_paused_killed_and_told_to_end(tmp_path):
