@@ -32,6 +32,7 @@ class DriveConfig(Strict):
         whole: draw whole frames instead of the strips that are read.
         rrd: file for a recording to look at with rerun.
         view: open the rerun viewer and show the drive as it goes.
+        view_at: serve the same at this address, for viewers elsewhere.
         out: folder for the results.
         record: new folder for a recording, robot/recording/FORMAT.md.
         record_format: frames of the recording, `"png"`, `"jpeg"` or `"raw"`.
@@ -52,6 +53,7 @@ class DriveConfig(Strict):
     whole: bool = False
     rrd: Path | None = None
     view: bool = False
+    view_at: str | None = None
     out: Path = Path("out/drive")
     record: Path | None = None
     record_format: Literal["png", "jpeg", "raw"] = "png"

@@ -13,7 +13,6 @@ import torch
 
 from ndtorch.navigation import (
     STOPPED,
-    AvoidanceParams,
     Command,
     Grid,
     GridMap,
@@ -107,7 +106,7 @@ def drive(
 
 def shown(config: DriveConfig) -> bool:
     """Whether somebody looks at the frames, now or later."""
-    return config.view or config.rrd is not None
+    return config.view or config.view_at is not None or config.rrd is not None
 
 
 def choice(config: DriveConfig) -> NavigatorChoice:
@@ -155,16 +154,14 @@ class Run:
 
     def show(self) -> None:
         """Record the drive for the viewer, or open it."""
-        from robot.view import DriveView
+        from robot.view import DriveView, Where
+        from robot.view.drawing import levels
 
-        p = self.navigator.avoidance.params
-        levels = {}
-        if isinstance(p, AvoidanceParams):
-            levels = {"turn left": p.turn_threshold, "turn right": -p.turn_threshold, "stop": p.low_threshold}
         config, simulation = self.config, self.simulation
         name = f"{config.arena} seed {config.seed} {config.controller}"
         fields = simulation.cameras.fields
-        self.view = DriveView(self.plan, simulation.rig, fields, levels, config.rrd, config.view, name)
+        lines, where = levels(self.navigator), Where(config.rrd, config.view, config.view_at)
+        self.view = DriveView(self.plan, simulation.rig, fields, lines, where, name)
 
     def go(self, progress: Callable[[int, int], None] | None) -> Result:
         """Drive to the end or to Ctrl-C."""

@@ -18,6 +18,7 @@ from ndtorch.navigation import (
 )
 
 Controller = Literal["ranging", "published"]
+AnyNavigator = Navigator | CompiledNavigator
 
 EDGE_REACH, FOLLOW = 4, 3
 """Pixels within which a feature's edge is looked for, and within which it is followed to the next frame."""
@@ -47,7 +48,7 @@ class NavigatorChoice:
         """The rectangles that the controller looks at."""
         return rig.subfields() if self.controller == "published" else floor_view(rig, FloorParams()).rects
 
-    def navigator(self, rig: StereoRig, rate: float, grid_map: GridMap | None = None) -> Navigator | CompiledNavigator:
+    def navigator(self, rig: StereoRig, rate: float, grid_map: GridMap | None = None) -> AnyNavigator:
         """A navigator for so many frames a second."""
         follow = FOLLOW if self.prediction else 0
         edges = self.places == "edges"

@@ -31,6 +31,9 @@ from robot.sim.board import SimulatedBoard
 
 STAND = DriveCommand(0.0, 0.0)
 
+KEPT = 30_000
+"""Steps whose times are kept for the summary, a quarter of an hour: 1 MB for each part that is timed."""
+
 
 class Step(NamedTuple):
     """What one step of the loop saw and did, for observers.
@@ -42,6 +45,7 @@ class Step(NamedTuple):
         state: of the navigator; None when it did not run.
         wanted, sent: by the navigator, and by the safety layer to the board.
         standing: why the car is kept standing, or None.
+        restarted: the navigator began anew, because it had seen nothing, or nothing move, before.
     """
 
     number: int
@@ -52,6 +56,7 @@ class Step(NamedTuple):
     wanted: DriveCommand
     sent: DriveCommand
     standing: str | None
+    restarted: bool
 
 
 Observer = Callable[[Step], None]
@@ -102,7 +107,13 @@ class CarLoop:
 
     def configuration(self) -> dict[str, Any]:
         """For a recording: what the navigator is made of."""
-        return self.config.navigation.choice().configuration(self.rig, self.config.rate_hz)
+        made_of = self.config.navigation.choice().configuration(self.rig, self.config.rate_hz)
+        return made_of | {"map_half_size_m": self.config.navigation.map_half_size_m}
+
+    def telemetry(self) -> dict[str, Any]:
+        """What the board says of itself, for JSON; `link` is why it cannot be commanded, or None."""
+        heard = self.link.telemetry
+        return (heard.values() if heard is not None else {}) | {"link": self.link.trouble()}
 
     def run(self, seconds: float | None = None) -> int:
         """Step until `ended` is set or so many seconds are over; returns the number of steps."""
@@ -147,10 +158,11 @@ class CarLoop:
                 self.safe.blind(str(error))
         # A step that waits for its cameras begins when they have answered.
         self.starts.append(self.loop.clock.now() if isinstance(self.loop.clock, CameraClock) else now)
-        del self.starts[:-200_000]
+        del self.starts[:-KEPT]
         if self.safe.standing is not None:
             self.interrupted = True  # a car that stands sees nothing move, which the navigator takes for being lost
         wanted, good = STAND, frames is not None and self.safe.see(frames, driven.speed)
+        restarted = good and self.interrupted and self.state is not None
         if good and frames is not None:
             with timing.part("navigate"):
                 wanted = self.navigate(frames, driven)
@@ -163,10 +175,10 @@ class CarLoop:
                 self.go = False
                 self.safe.resume()
         for seconds in timing.seconds.values():
-            del seconds[:-200_000]
+            del seconds[:-KEPT]
         for observer in self.observers:
             state = self.state if good else None
-            observer(Step(number, now, frames, driven, state, wanted, sent, self.safe.standing))
+            observer(Step(number, now, frames, driven, state, wanted, sent, self.safe.standing, restarted))
 
     def navigate(self, frames: StereoFrames, driven: DriveCommand) -> DriveCommand:
         """What the navigator wants."""

@@ -18,6 +18,7 @@ from torch import Tensor, nn
 from ndtorch.errors import InputError
 from ndtorch.navigation.avoidance import Command
 from ndtorch.navigation.fingerprint import code_fingerprint, fingerprint, machine_fingerprint
+from ndtorch.navigation.mapping import GridMap
 from ndtorch.navigation.model import Navigator, NavigatorState
 from ndtorch.navigation.strips import Strips, cut_strips
 
@@ -47,6 +48,8 @@ class CompiledNavigator(nn.Module):
         InputError: no C++ compiler, a folder that cannot be written, frames that are not uint8 or several at once.
     """
 
+    grid_map: GridMap | None
+
     def __init__(
         self, navigator: Navigator, folder: Path | None = None, say: Callable[[str], None] | None = None
     ) -> None:
@@ -54,6 +57,7 @@ class CompiledNavigator(nn.Module):
         self.navigator = navigator
         self.folder, self.say = folder or cache_folder(), say
         self.avoidance, self.motion, self.ranging = navigator.avoidance, navigator.motion, navigator.ranging
+        self.grid_map = navigator.grid_map
         self.same = fingerprint((core_parts(navigator), code_fingerprint(), machine_fingerprint()))
         self.functions: dict[Any, Function] = {}
 

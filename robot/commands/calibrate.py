@@ -28,9 +28,9 @@ class Calibrate:
     bad to drive with; robot/calibration/README.md says how to do it and what the figures mean.
     """
 
-    left: Annotated[Path, tyro.conf.Positional]
-    """Folder of the left camera's images, or the left camera."""
-    right: Annotated[Path, tyro.conf.Positional]
+    left: Annotated[str, tyro.conf.Positional]
+    """Folder of the left camera's images, or the left camera: a device, a video file, or an address with ://."""
+    right: Annotated[str, tyro.conf.Positional]
     """Folder of the right camera's images, or the right camera."""
     columns: int = 9
     """Inner corners of the board along its longer side."""
@@ -82,8 +82,9 @@ class Calibrate:
                 where = view.left.mean(0)
                 print(f"  view {count}: board at column {where[0]:.0f}, row {where[1]:.0f}", file=sys.stderr)
 
-        if self.left.is_dir() or self.right.is_dir():
-            pairs = folder_pairs(self.left, self.right)
+        folders = Path(self.left), Path(self.right)
+        if any(folder.is_dir() for folder in folders):
+            pairs = folder_pairs(*folders)
             views, size = from_files(pairs, board, seen)
             return views, size, len(pairs)
         if self.views < 1 or not 0 < self.seconds <= 86400:
@@ -93,8 +94,8 @@ class Calibrate:
         from robot.toml import check
 
         values: dict[str, object] = {
-            "left": str(self.left),
-            "right": str(self.right),
+            "left": self.left,
+            "right": self.right,
             "width_px": self.width,
             "height_px": self.height,
             "max_age_ms": 500.0,

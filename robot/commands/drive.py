@@ -61,6 +61,8 @@ class Drive:
     """Also record the drive into this file, to look at with rerun; draws whole frames."""
     view: bool = False
     """Open the rerun viewer and show the drive as it goes; draws whole frames."""
+    view_at: str | None = None
+    """Serve the same at this ADDRESS or ADDRESS:PORT, for `rerun rerun+http://ADDRESS:9876/proxy` elsewhere."""
     record: Path | None = None
     """New folder for a recording that `python -m robot replay` drives again."""
     record_format: Literal["png", "jpeg", "raw"] | None = None

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import signal
+import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 if TYPE_CHECKING:
-    from robot.recording import Recording
+    from robot.recording import Comparison, Recording
 
 DIFFERENT = 1
 """Exit code when lossless frames give other commands than were recorded."""
@@ -27,6 +30,12 @@ class Replay:
 
     folder: Annotated[Path, tyro.conf.Positional]
     """The recording."""
+    rrd: Path | None = None
+    """Also write what the replay sees and does into this file, to look at with rerun."""
+    view: bool = False
+    """Open the rerun viewer and show the same. It listens at 127.0.0.1 only."""
+    view_at: str | None = None
+    """Serve the same at this ADDRESS or ADDRESS:PORT until Ctrl-C, for `rerun rerun+http://ADDRESS:9876/proxy`."""
     json: bool = False
     """Print one JSON object and nothing else."""
 
@@ -34,11 +43,11 @@ class Replay:
         """Replay, compare, say so."""
         import torch
 
-        from robot.recording import make_pilot, open_recording, replay
+        from robot.recording import open_recording
 
         torch.set_num_threads(1)
         recording = open_recording(self.folder)
-        comparison = replay(recording, make_pilot(recording.configuration))
+        comparison = self.shown(recording) if self.rrd or self.view or self.view_at else self.plain(recording)
         result = asdict(comparison) | {
             "frames": recording.kind,
             "complete": recording.complete,
@@ -49,8 +58,40 @@ class Replay:
             print(json.dumps(result))
         else:
             print(describe(recording, result))
+        if self.view_at:
+            self.serve()
         gaps = comparison.skipped or recording.missing
         return DIFFERENT if recording.lossless and not gaps and comparison.same < comparison.steps else 0
+
+    def plain(self, recording: Recording) -> Comparison:
+        """Replay without showing anything."""
+        from robot.recording import make_pilot, replay
+
+        return replay(recording, make_pilot(recording.configuration))
+
+    def shown(self, recording: Recording) -> Comparison:
+        """Replay and show it."""
+        from robot.recording import make_pilot, replay
+        from robot.view import ViewRecorded, Where, layout, open_stream, start_view
+
+        pilot = make_pilot(recording.configuration, mapping=True)
+        where = Where(self.rrd, self.view, self.view_at)
+        stream = open_stream(f"replay {self.folder.name}", where, layout())
+
+        def say(line: str) -> None:
+            print(f"note: {line}", file=sys.stderr)
+
+        view = start_view(stream, pilot.navigator, pilot.rig, pilot.fields, say, wait=True)
+        try:
+            return replay(recording, pilot, ViewRecorded(view, pilot))
+        finally:
+            view.close()
+
+    def serve(self) -> None:
+        """Leave the server to viewers until Ctrl-C."""
+        print(f"served at {self.view_at} until Ctrl-C", file=sys.stderr)
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.pause()
 
 
 def describe(recording: Recording, r: dict[str, Any]) -> str:

@@ -7,7 +7,7 @@ import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -32,6 +32,12 @@ class Run:
     """New folder for a recording that `python -m robot replay` drives again."""
     record_format: Literal["png", "jpeg", "raw"] = "jpeg"
     """Frames of the recording: png and raw keep them to the bit, jpeg is small and cheap."""
+    rrd: Path | None = None
+    """Also write what the car sees and does into this file, to look at with rerun."""
+    view: bool = False
+    """Open the rerun viewer and show the same as it goes. It listens at 127.0.0.1 only."""
+    view_at: str | None = None
+    """Serve the same at this ADDRESS or ADDRESS:PORT, for `rerun rerun+http://ADDRESS:9876/proxy` elsewhere."""
     json: bool = False
     """Print the summary as one JSON object and nothing else on stdout."""
 
@@ -49,7 +55,14 @@ class Run:
             raise InputError(f"--seconds must be positive, got {self.seconds}")
         config = read_toml(self.config, RunConfig)
         torch.set_num_threads(1)
-        report = timed_report()
+        printed = timed_report()
+        told = [printed]
+
+        def report(line: str) -> None:
+            for tell in told:
+                tell(line)
+
+        stream = self.stream()
         real_time_priority(report)
         with contextlib.ExitStack() as stack:
             car = stack.enter_context(open_car(config, report, self.go))
@@ -57,19 +70,40 @@ class Run:
             recorder = None
             if self.record is not None:
                 recorder = Recorder(self.record, car.configuration(), format=self.record_format, say=report)
-                car.observers.append(RecordSteps(stack.enter_context(recorder)))
+                car.observers.append(RecordSteps(stack.enter_context(recorder), car.telemetry))
+            view = None
+            if stream is not None:
+                from robot.view import ViewSteps, start_view
+
+                fields = config.navigation.choice().fields(car.rig)
+                view = start_view(stream, car.navigator, car.rig, fields, printed)
+                stack.callback(view.close)
+                observer = ViewSteps(view, car.telemetry)
+                car.observers.append(observer)
+                told.append(observer.say)
             report(f"ready; {HELP}" if sys.stdin.isatty() else "ready; SIGUSR1: go, SIGTERM: stop and end")
             car.run(self.seconds)
             summary = car.summary() | world(car.cameras)
             if recorder is not None:
                 recorder.close()
                 summary["recording"] = recorder.summary()
+            if view is not None:
+                summary["view"] = {"shown": view.shown, "dropped": view.dropped, "failed": view.failed}
         if self.json:
             print(json.dumps(summary))
         else:
             for key, value in summary.items():
                 print(f"{key}: {value}")
         return 0
+
+    def stream(self) -> Any:
+        """Where the view goes; None where nobody looks."""
+        where = (self.rrd, self.view, self.view_at)
+        if not any(where):
+            return None
+        from robot.view import Where, layout, open_stream
+
+        return open_stream(f"run {self.config.stem}", Where(*where), layout())
 
 
 def world(cameras: object) -> dict[str, object]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from enum import IntEnum, IntFlag
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from robot.link import cobs
 from robot.link.crc import crc_ccitt, crc_dnp
@@ -108,7 +108,26 @@ class Telemetry(NamedTuple):
 
     def why(self) -> str:
         """The faults in words."""
-        return ", ".join(WORDS[fault] for fault in Fault if fault in self.faults) or "it was not armed"
+        return ", ".join(self.words()) or "it was not armed"
+
+    def words(self) -> list[str]:
+        """Each fault in words."""
+        return [WORDS[fault] for fault in Fault if fault in self.faults]
+
+    def values(self) -> dict[str, Any]:
+        """All but the echo for JSON, units in the keys."""
+        return {
+            "armed": self.armed,
+            "faults": self.words(),
+            "applied_m_per_s": self.applied.speed,
+            "applied_per_m": self.applied.curvature,
+            "battery_v": self.battery,
+            "motor_us": self.motor,
+            "front_us": self.front,
+            "rear_us": self.rear,
+            "rejected": self.rejected,
+            "uptime_s": self.uptime,
+        }
 
 
 def encode_frame(frame: Frame) -> bytes:

@@ -6,15 +6,15 @@ from dataclasses import asdict
 from typing import Any, cast
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import StereoRig
+from ndtorch.navigation import NavigatorState, StereoRig
 from robot.config import DriveConfig, load_config
-from robot.drive import RATE, Run
+from robot.drive import RATE, Run, choice
 from robot.ports import DriveCommand, SafeCommand, StereoFrames, unseal
 from robot.recording.replay import Placed
 from robot.sim.arenas import load_arena
 from robot.sim.simulation import Simulation
 
-NOT_RECORDED = {"out", "record", "record_format", "rrd", "view"}
+NOT_RECORDED = {"out", "record", "record_format", "rrd", "view", "view_at"}
 """Where results go is no part of what was driven."""
 
 
@@ -80,6 +80,13 @@ class DrivePilot:
         self.world = RecordedWorld(StereoRig(**configuration["rig"]))
         plan = load_arena(config.arena, config.seed)
         self.run = Run(config, plan, cast("Simulation", self.world), None)
+        self.navigator = self.run.navigator
+        self.rig, self.fields = self.world.rig, choice(config).fields(self.world.rig)
+
+    @property
+    def state(self) -> NavigatorState | None:
+        """Of the navigator after the last step."""
+        return self.run.state
 
     def step(
         self, frames: StereoFrames, driven: DriveCommand, placed: Placed = None, restarted: bool = False

@@ -26,12 +26,14 @@ class SeenStep(Protocol):
     def sent(self) -> DriveCommand: ...
     @property
     def standing(self) -> str | None: ...
+    @property
+    def restarted(self) -> bool: ...
 
 
 class RecordSteps:
     """An observer that records every step, those without good frames included.
 
-    After a step in which the navigator was not asked it begins anew: that is noted, and replayed.
+    Where the navigator began anew, after it was not asked or while the car stood, is noted, and replayed.
 
     Args:
         recorder: where to.
@@ -40,7 +42,6 @@ class RecordSteps:
 
     def __init__(self, recorder: Recorder, telemetry: Callable[[], dict[str, Any]] | None = None) -> None:
         self.recorder, self.telemetry = recorder, telemetry
-        self.steered, self.interrupted = False, False
 
     def __call__(self, step: SeenStep) -> None:
         used = step.state is not None and step.frames is not None
@@ -51,9 +52,7 @@ class RecordSteps:
             step.wanted,
             more | {"standing": step.standing},
             sent=step.sent,
-            restarted=used and self.interrupted and self.steered,
+            restarted=step.restarted,
             used=used,
             time=step.time,
         )
-        self.steered |= used
-        self.interrupted = not used

@@ -28,7 +28,8 @@ RESERVE = 100_000_000
 """Bytes to leave free on the disk, since a full one makes a computer fall over."""
 
 WAIT = 0.4
-"""Seconds that the oldest waiting step may be late before frames are left out: what a kill may cost stays small."""
+"""Seconds after which a step is written without its frames, and no more frames are let into the queue: what a kill may
+cost stays at this much and the time for one step's pictures."""
 
 LINES = 20
 """So many times more steps may wait without their frames than with them."""
@@ -93,6 +94,8 @@ class Recorder:
         self.ends: dict[str, int] = {}
         self.files: dict[str, IO[bytes]] = {}
         self.synced = monotonic()
+        self.forcing: threading.Thread | None = None
+        self.disk_error: Exception | None = None
         header = {"format": "ndtorch recording", "version": VERSION, "frames": format, "configuration": configuration}
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -170,13 +173,17 @@ class Recorder:
                 if not self.waiting:
                     return
                 step = self.waiting.popleft()
+            pending = bool(step.frames)
+            if self.when_full == "drop" and not self.closing and monotonic() - step.since > WAIT:
+                # The queue was short when this came in, but its pictures take longer than there is time.
+                step = step._replace(frames=None)
             try:
                 self.write(step)
             except Exception as error:  # whatever it is, driving goes on
                 self.fail(error)
                 return
             with self.changed:
-                self.pending -= bool(step.frames)
+                self.pending -= pending
                 self.changed.notify_all()
 
     def write(self, step: Step) -> None:
@@ -209,13 +216,28 @@ class Recorder:
         self.ends[file] = self.ends.get(file, 0) + len(data)
 
     def sync(self) -> None:
-        """Get everything onto the disk, and see whether there is room for more."""
-        for file in self.files.values():
-            os.fsync(file.fileno())
+        """Have everything forced onto the disk, and see whether there is room for more.
+
+        A slow disk takes seconds for that, in which the writing must go on, so it is done in a thread of its own.
+        """
         self.synced = monotonic()
+        if self.disk_error is not None:
+            raise self.disk_error
+        if self.forcing is None or not self.forcing.is_alive():
+            files = list(self.files.values())
+            self.forcing = threading.Thread(target=self.force, args=(files,), name="recorder-sync", daemon=True)
+            self.forcing.start()
         room = os.statvfs(self.folder)
         if room.f_bavail * room.f_frsize < self.reserve:
             raise OSError(f"the disk is full: less than {self.reserve / 1e6:.0f} MB are left")
+
+    def force(self, files: list[IO[bytes]]) -> None:
+        """Wait until the disk has it all; what goes wrong ends the recording at the next step."""
+        try:
+            for file in files:
+                os.fsync(file.fileno())
+        except (OSError, ValueError) as error:  # ValueError: closed by the end of the recording meanwhile
+            self.disk_error = error
 
     def fail(self, error: Exception) -> None:
         """End the recording; nobody waits for it any more."""
@@ -231,8 +253,10 @@ class Recorder:
             self.say(self.failed)
 
     def close(self) -> None:
-        """Write what is left, and the last line that says that nothing is missing."""
+        """Write what is left, and the last line that says that nothing is missing. Calling it again does nothing."""
         with self.changed:
+            if self.closing:
+                return
             self.closing = True
             self.changed.notify_all()
         self.thread.join()
@@ -241,8 +265,10 @@ class Recorder:
         try:
             last = {"end": True, "steps": self.steps, "without_frames": self.without_frames, "dropped": self.dropped}
             self.append(STEPS, json.dumps(last).encode() + b"\n")
-            self.reserve = 0
-            self.sync()
+            if self.forcing is not None:
+                self.forcing.join()
+            for file in self.files.values():
+                os.fsync(file.fileno())
             for file in self.files.values():
                 file.close()
         except OSError as error:

@@ -9,16 +9,39 @@ from typing import Any, Protocol
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Command, NavigatorState, StereoRig
-from robot.navigating import NavigatorChoice
+from ndtorch.navigation import Command, Grid, GridMap, NavigatorState, Rect, StereoRig
+from robot.navigating import AnyNavigator, NavigatorChoice
 from robot.ports import DriveCommand, StereoFrames
 from robot.recording.reading import RecordedStep, Recording
 
 Placed = tuple[float, float, float] | None
 
+MAP_HALF = 10.0
+"""Metres from the start to the sides of the map of a car that made none."""
+
 
 class Pilot(Protocol):
     """Whatever made the commands."""
+
+    @property
+    def navigator(self) -> AnyNavigator:
+        """What steers."""
+        ...
+
+    @property
+    def rig(self) -> StereoRig:
+        """The cameras."""
+        ...
+
+    @property
+    def fields(self) -> tuple[Rect, Rect]:
+        """The rectangles that it looks at."""
+        ...
+
+    @property
+    def state(self) -> NavigatorState | None:
+        """Of the navigator after the last step."""
+        ...
 
     def step(
         self, frames: StereoFrames, driven: DriveCommand, placed: Placed = None, restarted: bool = False
@@ -28,10 +51,15 @@ class Pilot(Protocol):
 
 
 class NavigatorPilot:
-    """The navigator alone: replays recordings whose configuration is that of a `NavigatorChoice`."""
+    """The navigator alone: replays recordings whose configuration is that of a `NavigatorChoice`.
 
-    def __init__(self, rig: StereoRig, rate: float, choice: NavigatorChoice) -> None:
-        self.navigator = choice.navigator(rig, rate)
+    Args:
+        grid: to map as well, which changes no command.
+    """
+
+    def __init__(self, rig: StereoRig, rate: float, choice: NavigatorChoice, grid: Grid | None = None) -> None:
+        self.rig, self.fields = rig, choice.fields(rig)
+        self.navigator = choice.navigator(rig, rate, GridMap(rig, grid) if grid is not None else None)
         self.state: NavigatorState | None = None
 
     def step(
@@ -42,7 +70,7 @@ class NavigatorPilot:
         if placed is not None or restarted or before is None:
             command, state = self.navigator(frames.left, frames.right)
             if restarted and before is not None:  # it knows where it is all the same
-                state = state._replace(pose=before.pose)
+                state = state._replace(pose=before.pose, map=before.map)
             self.state = state
         else:
             moved = Command(*(torch.tensor([value]) for value in driven))
@@ -50,8 +78,11 @@ class NavigatorPilot:
         return DriveCommand(float(command.speed[-1]), float(command.curvature[-1]))
 
 
-def make_pilot(configuration: dict[str, Any]) -> Pilot:
+def make_pilot(configuration: dict[str, Any], mapping: bool = False) -> Pilot:
     """The pilot of a recording.
+
+    Args:
+        mapping: make a map as well, as large as the car's own, or `MAP_HALF` to all sides where it made none.
 
     Raises:
         InputError: a configuration of a program that is not known, or with unusable values.
@@ -62,7 +93,9 @@ def make_pilot(configuration: dict[str, Any]) -> Pilot:
             rig = StereoRig(**configuration["rig"])
             names = [item.name for item in fields(NavigatorChoice) if item.name in configuration]
             chosen = {name: configuration[name] for name in names}
-            return NavigatorPilot(rig, float(configuration["rate_hz"]), NavigatorChoice(**chosen))
+            half = float(configuration.get("map_half_size_m", 0.0)) or MAP_HALF
+            grid = Grid(-half, half, -half, half) if mapping else None
+            return NavigatorPilot(rig, float(configuration["rate_hz"]), NavigatorChoice(**chosen), grid)
         if program == "drive":
             from robot.recording.drive_pilot import DrivePilot
 
@@ -106,20 +139,20 @@ class Comparison:
 
 
 def replay(
-    recording: Recording, pilot: Pilot, seen: Callable[[RecordedStep, DriveCommand], None] | None = None
+    recording: Recording, pilot: Pilot, seen: Callable[[RecordedStep, DriveCommand | None], None] | None = None
 ) -> Comparison:
     """Run a pilot on a recording.
 
     Args:
-        seen: called with each step and the new command.
+        seen: called with each step and the new command, which is None where the pilot was not asked.
     """
     result = Comparison()
     with torch.inference_mode():
         for step in recording.steps():
-            if not step.used:
-                continue
-            if step.frames is None:
-                result.skipped += 1
+            if step.frames is None or not step.used:
+                result.skipped += step.used
+                if seen is not None:
+                    seen(step, None)
                 continue
             command = pilot.step(step.frames, step.driven, step.placed, step.restarted)
             result.add(step.number, step.command, command)

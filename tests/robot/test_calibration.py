@@ -308,6 +308,54 @@ def test_live_views_are_different_ones(tmp_path):
     assert len(list((tmp_path / "kept" / "right").iterdir())) == wanted
 
 
+def write_films(folder, pictures, rate):
+    """Videos that two cameras might give, as motion JPEG."""
+    paths = []
+    for k, side in enumerate(("left", "right")):
+        path = folder / f"{side}.avi"
+        film = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), rate, (640, 480))
+        for pair in pictures:
+            film.write(cv2.cvtColor(pair[k], cv2.COLOR_GRAY2BGR))
+        film.release()
+        paths.append(str(path))
+    return paths
+
+
+@pytest.mark.slow
+def test_live_command_from_a_moving_board(tmp_path, capsys):
+    """Videos that run on in real time as cameras: views are taken as the board moves, and the pair is found."""
+    pictures = [pair[:2] for seed in (0, 1) for pair in board_pictures(seed=seed)]
+    films = write_films(tmp_path, pictures, 6.0)
+    out, kept = tmp_path / "pair.toml", tmp_path / "kept"
+    assert main(["calibrate", *films, "--views", "13", "--keep", str(kept), "--out", str(out)]) == 0
+    text = capsys.readouterr()
+    assert f"written to {out}" in text.out
+    count = text.err.count("  view ")
+    assert 10 <= count <= 13
+    assert [len(list((kept / side).iterdir())) for side in ("left", "right")] == [count, count]
+    live, true = read_calibration(out), measured()
+    assert live.baseline_m == pytest.approx(0.301, abs=0.002)
+    assert live.rotation_rad == pytest.approx(true.rotation_rad, abs=0.004)
+    assert live.quality.row_px < 0.3
+    # From the pictures that were kept comes the very same.
+    assert main(["calibrate", str(kept / "left"), str(kept / "right"), "--out", str(tmp_path / "again.toml")]) == 0
+    assert (tmp_path / "again.toml").read_bytes() == out.read_bytes()
+
+
+def test_live_command_without_a_board(tmp_path, capsys):
+    """Nothing is written; what is missing is said."""
+    films = write_films(tmp_path, [[np.full((480, 640), 120, np.uint8)] * 2] * 6, 30.0)
+    assert main(["calibrate", *films, "--out", str(tmp_path / "pair.toml")]) == 2
+    assert "10 pairs that show the whole board are needed, got 0" in capsys.readouterr().err
+    assert not (tmp_path / "pair.toml").exists()
+
+
+def test_live_command_at_an_address(capsys):
+    """An address stays what it is; a path would lose one of its slashes."""
+    assert main(["calibrate", "http://127.0.0.1:9/left", "http://127.0.0.1:9/right"]) == 2
+    assert "camera http://127.0.0.1:9/left: cannot be opened" in capsys.readouterr().err
+
+
 class Clumsy(Cameras):
     """The right camera sits where `RIGHT` does."""
 

@@ -1,10 +1,14 @@
 """Every fault, through the real loop, link and firmware: the wheels stand within 250 ms, and what can goes on."""
 
+import fcntl
 import os
+import pty
 import signal
 import subprocess
 import sys
+import termios
 import time
+from functools import partial
 
 import pytest
 
@@ -126,15 +130,15 @@ def pulses(log):
     return [(int(parts[4]) / 1e9, abs(float(parts[2]) - NEUTRAL) > SLACK) for parts in lines]
 
 
-def wait_to_drive(run, log, errors, seconds):
-    """Told to resume again every two seconds once it watches for signals: see `Bench.wait_to_move`."""
+def wait_to_drive(go, log, errors, seconds):
+    """Told to go again every two seconds once it is ready for that: see `Bench.wait_to_move`."""
     end = time.monotonic() + seconds
     told, condition = time.monotonic(), drives(log)
     while not condition():
         assert time.monotonic() < end, errors.read_text()
         if time.monotonic() > told + 2.0 and "ready;" in errors.read_text():
             told = time.monotonic()
-            run.send_signal(signal.SIGUSR1)
+            go()
         time.sleep(0.05)
 
 
@@ -160,6 +164,54 @@ def stood_after(log, fault):
     return max([when for when, moving in times if moving and when > fault], default=fault) - fault
 
 
+def test_keys_in_a_terminal(tmp_path):
+    """The whole command in a terminal: it stands until g is pressed, any key stops the wheels, Ctrl-C ends."""
+    log, config, errors = (tmp_path / name for name in ("pulses", "car.toml", "errors"))
+    config.write_text(CONFIG.format(log=log))
+    master, slave = pty.openpty()
+    with errors.open("w") as file:
+        run = subprocess.Popen(
+            [sys.executable, "-m", "robot", "run", str(config), "--json"],
+            stdin=slave,
+            stdout=subprocess.PIPE,
+            stderr=file,
+            start_new_session=True,
+            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+        )
+    os.close(slave)
+
+    def press(key=b"g"):
+        os.write(master, key)
+
+    try:
+        end = time.monotonic() + 60.0
+        while "any key: emergency stop" not in errors.read_text():
+            assert time.monotonic() < end, errors.read_text()
+            time.sleep(0.05)
+        time.sleep(1.0)
+        assert not any(moving for _, moving in pulses(log))
+        press()
+        wait_to_drive(press, log, errors, 20)
+        pressed = time.monotonic()
+        press(b" ")
+        time.sleep(0.7)
+        took = stood_after(log, pressed)
+        assert said(errors.read_text().splitlines(), "emergency stop: key ' '")
+        press()
+        wait_to_drive(press, log, errors, 20)
+        press(b"\x03")
+        assert run.wait(10) == 0
+        assert said(errors.read_text().splitlines(), "emergency stop: SIGINT")
+    finally:
+        if run.poll() is None:
+            os.kill(run.pid, signal.SIGKILL)
+            run.wait()
+        os.close(master)
+        OTHERS.extend(late(log))
+    print(f"stood {1e3 * took:.0f} ms after the key")
+    assert took <= LIMIT
+
+
 def test_paused_killed_and_told_to_end(tmp_path):
     """SIGSTOP, SIGCONT and resuming, SIGKILL; and another one ended by SIGTERM."""
     took = {}
@@ -174,7 +226,8 @@ def test_paused_killed_and_told_to_end(tmp_path):
                 stderr=file,
             )
         try:
-            wait_to_drive(run, log, errors, 60)
+            go = partial(run.send_signal, signal.SIGUSR1)
+            wait_to_drive(go, log, errors, 60)
             if ending == signal.SIGKILL:
                 fault = time.monotonic()
                 run.send_signal(signal.SIGSTOP)
@@ -184,8 +237,8 @@ def test_paused_killed_and_told_to_end(tmp_path):
                 time.sleep(0.7)
                 assert not any(moving for when, moving in pulses(log) if when > fault + 0.4)
                 assert said(errors.read_text().splitlines(), "stopped:")
-                run.send_signal(signal.SIGUSR1)
-                wait_to_drive(run, log, errors, 10)
+                go()
+                wait_to_drive(go, log, errors, 10)
             fault = time.monotonic()
             run.send_signal(ending)
             code = run.wait(10)

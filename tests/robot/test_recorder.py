@@ -179,6 +179,80 @@ def test_a_kill_costs_less_than_a_second(tmp_path):
     assert len(found) >= 15
 
 
+STARVED = """
+import sys, time, torch
+from pathlib import Path
+from robot.ports import DriveCommand, StereoFrames
+from robot.recording import Recorder, recorder as module
+encode = module.encode
+def slowly(*arguments):  # a processor that others keep busy
+    time.sleep(0.07)
+    return encode(*arguments)
+module.encode = slowly
+torch.set_num_threads(1)
+recorder = Recorder(Path(sys.argv[1]), {})
+frame = torch.randint(0, 256, (1, 3, 480, 640), dtype=torch.uint8)
+began = time.monotonic()
+for n in range(1000):
+    recorder.record_step(StereoFrames(frame, frame, time.monotonic()), DriveCommand(0, 0), DriveCommand(0, 0))
+    print(time.monotonic(), flush=True)
+    time.sleep(max(0.0, began + (n + 1) / 30 - time.monotonic()))
+"""
+
+
+def test_a_kill_costs_less_than_a_second_with_whole_frames(tmp_path):
+    """Two pictures take five times as long as there is time: frames are left out rather than written late."""
+    with subprocess.Popen([sys.executable, "-c", STARVED, str(tmp_path / "r")], stdout=subprocess.PIPE) as process:
+        for _ in range(75):
+            last = float(process.stdout.readline())
+        process.kill()
+        last = max([last, *(float(line) for line in process.stdout.read().split())])
+    found = list(open_recording(tmp_path / "r").steps())
+    print(f"lost {last - found[-1].time:.3f} s")
+    assert last - found[-1].time < 1.0
+    kept = [step.time for step in found if step.frames is not None]
+    assert len(kept) >= 5
+    assert last - kept[-1] < 1.5  # some frames come through all the time
+    assert [step.number for step in found] == list(range(len(found)))
+
+
+def test_a_slow_disk_does_not_hold_the_writing_up(tmp_path, monkeypatch):
+    """Forcing onto the disk takes long: steps go on being written, and closing waits for it."""
+    monkeypatch.setattr(recorder_module, "SYNC", 0.0)
+    fsync, free = os.fsync, threading.Event()
+    monkeypatch.setattr(recorder_module.os, "fsync", lambda file: (free.wait(5), fsync(file)))
+    recorder = Recorder(tmp_path / "r", {})
+    for n in range(10):
+        recorder.record_step(step(n), STILL, STILL)
+    end = time.monotonic() + 4.0
+    while recorder.steps < 10 and time.monotonic() < end:
+        time.sleep(0.01)
+    assert recorder.steps == 10
+    assert len(list(open_recording(tmp_path / "r").steps())) == 10
+    free.set()
+    recorder.close()
+    assert recorder.failed == ""
+
+
+def test_a_disk_that_fails_late(tmp_path, monkeypatch):
+    """The disk says only when it is forced that it has taken nothing."""
+    monkeypatch.setattr(recorder_module, "SYNC", 0.0)
+
+    def failing(file):
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(recorder_module.os, "fsync", failing)
+    said = []
+    recorder = Recorder(tmp_path / "r", {}, say=said.append)
+    end = time.monotonic() + 4.0
+    while not recorder.failed and time.monotonic() < end:
+        recorder.record_step(step(0), STILL, STILL)
+        time.sleep(0.02)
+    recorder.close()
+    assert said == [recorder.failed]
+    assert "Input/output error" in recorder.failed
+
+
 @pytest.mark.parametrize("cut", [1, 20, 150, 300])
 def test_a_recording_cut_short(tmp_path, cut):
     """Bytes are missing at the end of the lines, or of the frames: what is whole is read."""

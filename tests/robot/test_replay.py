@@ -25,6 +25,7 @@ from robot.recording import (
     open_recording,
     replay,
 )
+from tests.robot.bare_car import FilmCar, bare_loop
 from tests.robot.gl_needed import needs_gl
 
 RIG = StereoRig(width=64, height=48, focal=43.0)
@@ -179,6 +180,7 @@ class LoopStep(NamedTuple):
     wanted: DriveCommand
     sent: DriveCommand
     standing: str | None
+    restarted: bool = False
 
 
 def test_a_car_that_was_blind_for_a_while(tmp_path):
@@ -193,8 +195,8 @@ def test_a_car_that_was_blind_for_a_while(tmp_path):
                 interrupted = True
                 continue
             wanted = pilot.step(frames, still, restarted=interrupted)
+            observe(LoopStep(n / 30, frames, still, pilot.state, wanted, still, None, interrupted))
             interrupted = False
-            observe(LoopStep(n / 30, frames, still, pilot.state, wanted, still, None))
     recording = open_recording(tmp_path / "r")
     steps = list(recording.steps())
     assert [step.number for step in steps if not step.used] == list(range(20, 30))
@@ -204,6 +206,29 @@ def test_a_car_that_was_blind_for_a_while(tmp_path):
     assert steps[22].telemetry == {"battery_v": 7.2, "standing": "no frames"}
     result = replay(recording, make_pilot(recording.configuration))
     assert (result.steps, result.same, result.skipped) == (50, 50, 0)
+
+
+def test_the_loop_of_a_car_bit_for_bit(tmp_path):
+    """It stands in between, while the navigator begins anew with every frame, and sees nothing for two steps."""
+    frames = list(moving_world(90, RIG))
+    frames[60] = frames[61] = frames[0]._replace(left=torch.zeros(1, 3, 4, 4, dtype=torch.uint8))
+    car = FilmCar(frames)
+    loop = bare_loop(car, RIG, controller="published", map_half_size_m=5.0)
+    anew = []
+    with Recorder(tmp_path / "r", loop.configuration(), when_full="wait") as recorder:
+        loop.observers += [RecordSteps(recorder, loop.telemetry), lambda step: anew.append(step.restarted)]
+        loop.observers.append(lambda step: loop.safe.emergency("a key") if step.number == 20 else None)
+        loop.observers.append(lambda step: loop.safe.resume() if step.number == 40 else None)
+        assert loop.run(88.5 / 30) == 90
+    assert 20 < sum(anew) < 60
+    recording = open_recording(tmp_path / "r")
+    steps = list(recording.steps())
+    assert steps[30].telemetry["standing"] == "emergency stop: a key"
+    assert steps[30].telemetry["battery_v"] == 7.4
+    assert steps[30].telemetry["link"] is None
+    for mapping in (False, True):
+        result = replay(recording, make_pilot(recording.configuration, mapping))
+        assert (result.steps, result.same) == (88, 88)
 
 
 MEMORY = """

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-import robot.view
+import robot.view.opening
 from ndtorch.errors import InputError
 from ndtorch.navigation import Grid
 from robot.__main__ import main
@@ -17,7 +17,9 @@ from robot.ports import DriveCommand, StereoFrames
 from robot.record import Record
 from robot.sim.arenas import load_arena
 from robot.sim.simulation import RIG
-from robot.view import DriveView, open_viewer, pieces
+from robot.view import DriveView, Where
+from robot.view.drive_view import pieces
+from robot.view.opening import open_viewer
 from tests.robot.gl_needed import needs_gl
 
 rerun = pytest.importorskip("rerun")
@@ -36,7 +38,7 @@ def column(chunk, name):
 def made_up(path, steps=65):
     """A short drive that nobody drove: along x, one feature straight ahead, one cell of the map."""
     plan, grid, record = load_arena("room"), Grid(0, 4, 0, 4), Record()
-    view = DriveView(plan, RIG, RIG.subfields(), {"turn left": 0.15}, path)
+    view = DriveView(plan, RIG, RIG.subfields(), {"turn left": 0.15}, Where(path))
     cells = torch.zeros(grid.rows + 2, grid.columns + 2)
     cells[101, 201] = 1.0
     frame = torch.full((1, 3, 480, 640), 90, dtype=torch.uint8)
@@ -121,7 +123,7 @@ def test_viewer_listens_here_only(monkeypatch):
         def poll(self):
             return None
 
-    monkeypatch.setattr(robot.view.subprocess, "Popen", Viewer)
+    monkeypatch.setattr(robot.view.opening.subprocess, "Popen", Viewer)
     address = open_viewer()
     assert address.startswith("rerun+http://127.0.0.1:")
     assert asked[0][:3] == [sys.executable, "-m", "rerun"]
@@ -129,6 +131,6 @@ def test_viewer_listens_here_only(monkeypatch):
 
 
 def test_viewer_that_does_not_open(monkeypatch):
-    monkeypatch.setattr(robot.view.sys, "executable", "/bin/false")
+    monkeypatch.setattr(robot.view.opening.sys, "executable", "/bin/false")
     with pytest.raises(InputError, match="use --rrd FILE instead of --view"):
         open_viewer()

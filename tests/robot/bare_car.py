@@ -1,0 +1,53 @@
+"""The loop of a car without a board: as fast as it goes, on pictures that slide past."""
+
+from robot.ports import DriveCommand, unseal
+from robot.run import CarLoop
+from robot.run_config import RunConfig, SimulationTable
+
+FAULTS = ["no command for 0.2 s"]
+
+
+class Telemetry:
+    """What a board says."""
+
+    def values(self):
+        return {"armed": True, "faults": FAULTS, "battery_v": 7.4, "rejected": 3}
+
+
+class FilmCar:
+    """Cameras, clock and drive: every reading gives the next of some frames, and wheels that do what they are told."""
+
+    def __init__(self, frames):
+        self.frames, self.time, self.sent = iter(frames), 0.0, DriveCommand(0.0, 0.0)
+        self.telemetry, self.round_trips = Telemetry(), []
+
+    def now(self):
+        return self.time
+
+    def wait_until(self, time):
+        self.time = time
+
+    def read(self):
+        return next(self.frames)._replace(time=self.time)
+
+    def send(self, command):
+        self.sent = unseal(command)
+        return self.sent
+
+    def driven(self):
+        return self.sent
+
+    def trouble(self):
+        return None
+
+    def stop(self):
+        self.sent = DriveCommand(0.0, 0.0)
+
+    def resume(self):
+        pass
+
+
+def bare_loop(car, rig, observers=None, **navigation):
+    """A loop that drives off at once."""
+    config = RunConfig(robot="bare", simulation=SimulationTable(), navigation=navigation)
+    return CarLoop(config, car, rig, car, car, lambda line: None, True, observers)

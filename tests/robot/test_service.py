@@ -1,0 +1,48 @@
+"""The systemd unit: systemd takes it, and what it starts is there."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from robot.run_config import RunConfig
+from robot.toml import read_toml
+
+ROOT = Path(__file__).resolve().parents[2]
+UNIT = ROOT / "robot" / "maxstone8.service"
+
+
+def values(key):
+    return [line.partition("=")[2] for line in UNIT.read_text().splitlines() if line.startswith(f"{key}=")]
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd-analyze")
+@pytest.mark.parametrize("break_it", [False, True])
+def test_systemd_takes_it(tmp_path, break_it):
+    """With a program that is there in place of the one in /home/robot. An unknown key would be told."""
+    text = UNIT.read_text().replace(values("ExecStart")[0].split()[0], sys.executable)
+    text = text.replace(values("WorkingDirectory")[0], str(ROOT))
+    text = text.replace("LimitRTPRIO", "LimitPriority") if break_it else text
+    (tmp_path / UNIT.name).write_text(text)
+    done = subprocess.run(
+        ["systemd-analyze", "verify", "--recursive-errors=no", str(tmp_path / UNIT.name)],
+        capture_output=True,
+        text=True,
+    )
+    said = [line for line in done.stderr.splitlines() if UNIT.name in line]
+    assert bool(said) == break_it, done.stderr
+    assert not break_it or "LimitPriority" in said[0]
+
+
+def test_what_it_starts_is_there():
+    program, *arguments = values("ExecStart")[0].split()
+    folder = values("WorkingDirectory")[0]
+    assert program == f"{folder}/.venv/bin/python"  # where `make setup` puts it
+    assert arguments[:3] == ["-m", "robot", "run"]
+    assert read_toml(ROOT / arguments[3], RunConfig).robot == "maxston8"
+    assert values("KillSignal") == ["SIGTERM"]
+    assert int(values("LimitRTPRIO")[0]) >= 3  # what robot/run.py asks for
+    assert set(values("SupplementaryGroups")[0].split()) == {"dialout", "video"}
+    assert "sudo cp robot/maxstone8.service" in (ROOT / "robot" / "README.md").read_text()
