@@ -25,7 +25,7 @@ demo: $(STAMP)
 	$(BIN)/python -m robot drive --out out/drive
 
 test: $(STAMP)
-	$(BIN)/python -m pytest -n 2 -q -m 'not bench and not realtime'
+	$(BIN)/python -m pytest -n 2 --dist worksteal -q -m 'not bench and not realtime'
 	$(BIN)/python -m pytest -q -m 'realtime and not bench'
 
 check: $(STAMP)

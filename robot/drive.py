@@ -14,6 +14,7 @@ import torch
 from ndtorch.navigation import (
     STOPPED,
     Command,
+    CompiledNavigator,
     Grid,
     GridMap,
     NavigatorState,
@@ -97,6 +98,10 @@ def drive(
         if shown(config):
             run.show()
         run.recorder = make_recorder(config, simulation)
+        if isinstance(run.navigator, CompiledNavigator):  # before the time is taken
+            frames = simulation.read()
+            with torch.inference_mode():
+                run.navigator.warm_up(frames.left, frames.right)
         return run.go(progress)
     finally:
         if run is not None and run.view is not None:

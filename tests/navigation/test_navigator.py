@@ -246,4 +246,4 @@ def test_cuda():
 def test_public_names():
     for name in navigation.__all__:
         assert getattr(navigation, name) is not None
-    assert len(navigation.__all__) == len(set(navigation.__all__)) == 56
+    assert len(navigation.__all__) == len(set(navigation.__all__)) == 57
