@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 
 from torch import Tensor
 
-from ndtorch.navigation import Strips
+from ndtorch.navigation import NavigatorState, Strips
 
 
 class DriveCommand(NamedTuple):
@@ -117,3 +117,22 @@ class Clock(Protocol):
     def wait_until(self, time: float) -> None:
         """Return at that time, or at once when it is past. A simulated world moves on in here."""
         ...
+
+
+class LoopStep(Protocol):
+    """What a loop tells its observers of a step; `state` is None where the navigator was not asked."""
+
+    @property
+    def time(self) -> float: ...
+    @property
+    def frames(self) -> StereoFrames | None: ...
+    @property
+    def driven(self) -> DriveCommand: ...
+    @property
+    def state(self) -> NavigatorState | None: ...
+    @property
+    def wanted(self) -> DriveCommand: ...
+    @property
+    def sent(self) -> DriveCommand: ...
+    @property
+    def standing(self) -> str | None: ...

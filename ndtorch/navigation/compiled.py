@@ -30,7 +30,7 @@ class CompiledNavigator(nn.Module):
 
     A step of a navigator is some four hundred small operations, and calling them takes longer than what they
     do. Compiled from the very same code they are a few loops. The first frame is not compiled. The second one
-    is: that takes half a minute and a C++ compiler, once for every kind of navigator and shape of frames and for
+    is: that takes a minute or so and a C++ compiler, once for every kind of navigator and shape of frames and for
     either layout of colours in memory, because the library is kept in `folder`.
 
     Sums may be rounded in another order than in the `Navigator`, by about 1e-7: commands of the same frames are
@@ -150,7 +150,7 @@ def compile_step(
     if shutil.which(compiler) is None:
         raise InputError(f"compiling the navigation step needs a C++ compiler, and there is no {compiler}")
     if say is not None:
-        say(f"compiling the navigation step, once, into {file}; this takes half a minute")
+        say(f"compiling the navigation step, once, into {file}; this takes a minute or so")
     # Only their kind matters. Those of an inference mode could not be used.
     with torch.inference_mode(False):
         examples = tuple(torch.empty_strided(t.shape, t.stride(), dtype=t.dtype).zero_() for t in tensors)

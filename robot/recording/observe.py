@@ -5,27 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from robot.ports import DriveCommand, StereoFrames
+from robot.ports import LoopStep
 from robot.recording.recorder import Recorder
 
 
-class SeenStep(Protocol):
-    """What the loop tells its observers of a step; `state` is None where the navigator was not asked."""
+class SeenStep(LoopStep, Protocol):
+    """A step of the loop, and whether the navigator began anew in it."""
 
-    @property
-    def time(self) -> float: ...
-    @property
-    def frames(self) -> StereoFrames | None: ...
-    @property
-    def driven(self) -> DriveCommand: ...
-    @property
-    def state(self) -> object | None: ...
-    @property
-    def wanted(self) -> DriveCommand: ...
-    @property
-    def sent(self) -> DriveCommand: ...
-    @property
-    def standing(self) -> str | None: ...
     @property
     def restarted(self) -> bool: ...
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
-from ndtorch.navigation import NavigatorState, Rect, StereoRig
+from ndtorch.navigation import Rect, StereoRig
 from robot.navigating import AnyNavigator
-from robot.ports import DriveCommand, StereoFrames
+from robot.ports import DriveCommand, LoopStep
 from robot.view.background import Background
 from robot.view.car_view import CarView, Seen
 from robot.view.drawing import PICTURES, levels
@@ -16,25 +16,6 @@ from robot.view.drawing import PICTURES, levels
 if TYPE_CHECKING:
     from robot.recording.reading import RecordedStep
     from robot.recording.replay import Pilot
-
-
-class LoopStep(Protocol):
-    """What the loop tells of a step, as `robot.run.Step`."""
-
-    @property
-    def time(self) -> float: ...
-    @property
-    def frames(self) -> StereoFrames | None: ...
-    @property
-    def driven(self) -> DriveCommand: ...
-    @property
-    def state(self) -> NavigatorState | None: ...
-    @property
-    def wanted(self) -> DriveCommand: ...
-    @property
-    def sent(self) -> DriveCommand: ...
-    @property
-    def standing(self) -> str | None: ...
 
 
 def start_view(

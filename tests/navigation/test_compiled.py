@@ -1,6 +1,7 @@
 """The compiled step beside the plain one: same commands, same states, same maps."""
 
 import os
+import shutil
 import subprocess
 import sys
 
@@ -50,6 +51,8 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def compiled(folder):
     """One that has compiled its step; that takes a while."""
+    if shutil.which(os.environ.get("CXX", "g++")) is None:
+        pytest.skip("needs a C++ compiler")
     said = []
     made = CompiledNavigator(navigator(), folder, said.append)
     with torch.inference_mode():
