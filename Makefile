@@ -14,15 +14,15 @@ export MKL_NUM_THREADS := 1
 
 setup: $(STAMP)
 
-$(STAMP): pyproject.toml constraints.txt
+$(STAMP): pyproject.toml robot/pyproject.toml train/pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "ndtorch needs Python 3.11 or newer; set PYTHON=...")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[view,train,robot,sim,dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[view,dev]' -e 'robot[sim,view]' -e train
 	touch $@
 
 demo: $(STAMP)
 	$(BIN)/ndtorch bind two-bars --out out
-	$(BIN)/python -m robot drive --out out/drive
+	$(BIN)/ndtorch drive --out out/drive
 
 test: $(STAMP)
 	$(BIN)/python -m pytest -n 2 --dist worksteal -q -m 'not bench and not realtime'
@@ -31,16 +31,16 @@ test: $(STAMP)
 check: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy --strict ndtorch train $(if $(wildcard robot/*.py),robot)
+	$(BIN)/mypy --strict ndtorch robot/ndtorch_robot train/ndtorch_train
 
 bench: $(STAMP)
 	$(BIN)/python -m tests.benchmarks
 
 reproduce: $(STAMP)
-	$(BIN)/python -m train reproduce
+	$(BIN)/ndtorch reproduce
 
 reproduce-quick: $(STAMP)
-	$(BIN)/python -m train reproduce --quick --out out/reproduce-quick
+	$(BIN)/ndtorch reproduce --quick --out out/reproduce-quick
 
 clean:
 	rm -rf $(VENV) out .mypy_cache .pytest_cache .ruff_cache

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from ndtorch.commands import INTERRUPTED, run_subcommand
+from ndtorch.commands import INTERRUPTED
 from ndtorch.memory import tune_allocator
-from ndtorch.report.job import BindJob, prepare, prepare_video, uses_front_end
+from ndtorch.run.options import BindJob, prepare, prepare_video, uses_front_end
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,7 @@ class Bind(BindJob):
 
         from ndtorch.report.files import OutputFolder, folder_name
         from ndtorch.report.timeline import Overlay, draw_timeline, in_words, summary, write_timeline
-        from ndtorch.report.video_run import run_video
+        from ndtorch.run.video import run_video
 
         source = prepare_video(self)
         folder = OutputFolder(self.out, folder_name(source.name))
@@ -86,9 +84,9 @@ class Bind(BindJob):
         from tqdm import tqdm
 
         from ndtorch.report.files import EnhancedVideo, OutputFolder, RunRecording, folder_name, write_result
-        from ndtorch.report.pictures import Watcher
-        from ndtorch.report.run import run_binding
         from ndtorch.report.words import in_words, summary
+        from ndtorch.run.pictures import Watcher
+        from ndtorch.run.run import run_binding
 
         prepared = prepare(self)
         source = prepared.source
@@ -184,15 +182,3 @@ class Render:
                 self.file.unlink(missing_ok=True)
         print(f"{self.file}: {source.length} frames, {source.size[1]} x {source.size[0]}, {source.fps:g} a second")
         return 0
-
-
-COMMANDS = {"bind": Bind, "scenes": Scenes, "render": Render}
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of the `ndtorch` command; returns the exit code: 0, 2 for unusable input, 130 for Ctrl-C."""
-    return run_subcommand("ndtorch", "Insect-inspired vision: find the objects in a scene.", COMMANDS, arguments)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ndtorch.binding.model import VisualBinding
+from ndtorch.binding.models.published import VisualBinding
 from ndtorch.errors import InputError
 
 HERE = Path(__file__).resolve().parent

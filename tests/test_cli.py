@@ -16,7 +16,7 @@ import pytest
 import torch
 
 from ndtorch.binding import load_state
-from ndtorch.cli import main
+from ndtorch.commands import main
 from ndtorch.scenes import two_bars
 from ndtorch.scenes.video_writer import VideoWriter
 
@@ -181,7 +181,7 @@ def test_ctrl_c_keeps_what_was_computed(tmp_path: Path) -> None:
     command = [
         sys.executable,
         "-m",
-        "ndtorch.cli",
+        "ndtorch",
         "bind",
         "--seconds",
         "600",

@@ -59,15 +59,17 @@ def test_no_floor_imports_the_package_as_a_whole(folder: str) -> None:
 
 
 def test_the_library_never_imports_the_programs() -> None:
-    assert within(imported("."), "train", "robot", "tests") == set()
+    assert within(imported("."), "ndtorch_train", "ndtorch_robot", "tests") == set()
 
 
 def test_the_scan_sees_relative_and_nested_imports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys.modules[__name__], "LIBRARY", tmp_path)
     path = tmp_path / "vision" / "bad.py"
     path.parent.mkdir()
-    path.write_text("def f():\n    from ..binding import model\n    import train.sweep\n    from . import motion\n")
-    assert set(imports(path)) == {"ndtorch.binding.model", "train.sweep", "ndtorch.vision.motion"}
+    path.write_text(
+        "def f():\n    from ..binding import rules\n    import ndtorch_train.sweep\n    from . import motion\n"
+    )
+    assert set(imports(path)) == {"ndtorch.binding.rules", "ndtorch_train.sweep", "ndtorch.vision.motion"}
 
 
 PROGRAM = f"""

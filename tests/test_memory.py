@@ -19,7 +19,7 @@ from torch import Tensor
 
 import ndtorch
 from ndtorch.memory import tune_allocator
-from ndtorch.report.run import run_binding
+from ndtorch.run.run import run_binding
 from ndtorch.scenes import FrameSource
 
 torch.set_num_threads(1)

@@ -23,14 +23,14 @@ TOP = """
 VISION = """
     ANGLES FEATURES GROUPS NDS SPEED_SCALE ChahlSrinivasan FieldSignals FilterState FrontEnd HassensteinReichardt
     HighPass LocalFeatures LowPass MotionState NDMin NDMinus NDSState OrdinaryState OrdinaryVideo OrientedDoG RecentMax
-    RecentMaxState ShiftState SpeedCurve VisualFeatures dog_spectrum field_weights judge_speed_curve low_pass_step
+    RecentMaxState Resample ResampleState ShiftState SpeedCurve VisualFeatures dog_spectrum field_weights judge_speed_curve low_pass_step
     row_shift smoothing_factor spatial_maximum speed_response
 """
 BINDING = """
     FieldBinding FieldBindingState ObjectFile ObjectFiles
     ACTIVATIONS RULE_NAMES Attention BindingConfig BindingInputs BindingSignals BindingState BoundObject Enhanced
     RetinotopicParams FirstStage InhibitoryNetwork InputState LearningRule NetworkState LocatedObject RetinotopicBinding
-    RetinotopicState ObjectTable Resample ResampleState Solution
+    RetinotopicState ObjectTable Solution
     Verdict VisualBinding alternation attention_mask block_diagonal count_solutions describe feature_weights
     largest_free_weight learning_onset learning_rule limit_spectral_radius load_state mixing_from_weights
     object_table objects perron_root save_state second_stage separated solutions spectral_radius to_device

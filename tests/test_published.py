@@ -16,8 +16,8 @@ from ndtorch.binding import (
     object_table,
     train_first_stage,
 )
-from ndtorch.report.pictures import Picture
-from ndtorch.report.run import run_binding
+from ndtorch.run.pictures import Picture
+from ndtorch.run.run import run_binding
 from ndtorch.scenes import FrameSource, equal_bars, one_bar, three_bars, two_bars
 from ndtorch.vision import FEATURES, VisualFeatures
 

@@ -2,16 +2,17 @@
 
 from ndtorch.binding.attention import Attention, Enhanced, attention_mask, feature_weights, winner
 from ndtorch.binding.config import BindingConfig
-from ndtorch.binding.delays import DelayState, DelayStatistics, Separation, diagonalise, separate
-from ndtorch.binding.field_binding import FieldBinding, FieldBindingState
+from ndtorch.binding.field_network import FieldBinding, FieldBindingState
 from ndtorch.binding.first_stage import FirstStage, block_diagonal, train_first_stage
-from ndtorch.binding.inputs import BindingInputs, InputState
-from ndtorch.binding.learning import ACTIVATIONS, RULE_NAMES, LearningRule, learning_onset, learning_rule
-from ndtorch.binding.model import BindingSignals, BindingState, Verdict, VisualBinding, second_stage
+from ndtorch.binding.models.published import BindingSignals, BindingState, Verdict, VisualBinding, second_stage
+from ndtorch.binding.models.retinotopic import LocatedObject, RetinotopicBinding, RetinotopicParams, RetinotopicState
+from ndtorch.binding.models.scale_free import ScaleFreeStage, StageState, as_weights
 from ndtorch.binding.network import InhibitoryNetwork, NetworkState, alternation, weight_change
-from ndtorch.binding.object_files import ObjectFile, ObjectFiles
+from ndtorch.binding.normalise import BindingInputs, InputState
 from ndtorch.binding.objects import BoundObject, ObjectTable, describe, object_table, objects
-from ndtorch.binding.owners import (
+from ndtorch.binding.readout.delays import DelayState, DelayStatistics, Separation, diagonalise, separate
+from ndtorch.binding.readout.joined import JoinCriteria, refined_table
+from ndtorch.binding.readout.owners import (
     OwnerCriteria,
     OwnerTable,
     SignalStatistics,
@@ -19,13 +20,10 @@ from ndtorch.binding.owners import (
     features_by_group,
     owner_table,
 )
-from ndtorch.binding.readout import JoinCriteria, refined_table
-from ndtorch.binding.resample import Resample, ResampleState
-from ndtorch.binding.retinotopic import LocatedObject, RetinotopicBinding, RetinotopicParams, RetinotopicState
+from ndtorch.binding.rules import ACTIVATIONS, RULE_NAMES, LearningRule, learning_onset, learning_rule
 from ndtorch.binding.saving import load_state, save_state, to_device
 from ndtorch.binding.scale_free import ScaleFreeNetwork, ScaleFreeRule, ScaleFreeState, settled
 from ndtorch.binding.spectrum import limit_spectral_radius, perron_root, spectral_radius
-from ndtorch.binding.stage import ScaleFreeStage, StageState, as_weights
 from ndtorch.binding.theory import (
     Solution,
     count_solutions,
@@ -34,6 +32,7 @@ from ndtorch.binding.theory import (
     separated,
     solutions,
 )
+from ndtorch.binding.tracking.tracks import ObjectFile, ObjectFiles
 
 __all__ = [
     "ACTIVATIONS",
@@ -61,8 +60,6 @@ __all__ = [
     "ObjectTable",
     "OwnerCriteria",
     "OwnerTable",
-    "Resample",
-    "ResampleState",
     "RetinotopicBinding",
     "RetinotopicParams",
     "RetinotopicState",

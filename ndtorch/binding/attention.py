@@ -7,7 +7,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.binding.inputs import divide
+from ndtorch.binding.normalise import divide
 from ndtorch.binding.objects import ObjectTable, object_table
 from ndtorch.errors import InputError
 from ndtorch.vision.temporal import FilterState, LowPass

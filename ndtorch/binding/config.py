@@ -8,8 +8,8 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from ndtorch.binding.inputs import Order
-from ndtorch.binding.stage import Readout
+from ndtorch.binding.models.scale_free import Readout
+from ndtorch.binding.normalise import Order
 from ndtorch.errors import InputError
 
 

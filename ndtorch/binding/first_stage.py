@@ -8,8 +8,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ndtorch.binding.inputs import BindingInputs
 from ndtorch.binding.network import InhibitoryNetwork, NetworkState
+from ndtorch.binding.normalise import BindingInputs
 from ndtorch.errors import InputError
 from ndtorch.scenes.rings import rings
 from ndtorch.vision.features import GROUPS, VisualFeatures

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.binding.learning import LearningRule, learning_onset, learning_rule
+from ndtorch.binding.rules import LearningRule, learning_onset, learning_rule
 from ndtorch.binding.spectrum import limit_spectral_radius
 from ndtorch.errors import InputError
 from ndtorch.vision.temporal import low_pass_step, smoothing_factor, time_dim

@@ -9,16 +9,16 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ndtorch.binding.delays import DelayState
-from ndtorch.binding.inputs import InputState
-from ndtorch.binding.model import BindingState
+from ndtorch.binding.models.published import BindingState
+from ndtorch.binding.models.scale_free import StageState
 from ndtorch.binding.network import NetworkState
-from ndtorch.binding.owners import StatisticsState
-from ndtorch.binding.resample import ResampleState
+from ndtorch.binding.normalise import InputState
+from ndtorch.binding.readout.delays import DelayState
+from ndtorch.binding.readout.owners import StatisticsState
 from ndtorch.binding.scale_free import ScaleFreeState
-from ndtorch.binding.stage import StageState
 from ndtorch.errors import InputError
 from ndtorch.vision.motion import MotionState
+from ndtorch.vision.resample import ResampleState
 from ndtorch.vision.temporal import FilterState
 
 

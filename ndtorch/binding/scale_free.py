@@ -37,9 +37,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.binding.filters import BlockLowPass, aligned
 from ndtorch.binding.spectrum import limit_spectral_radius
 from ndtorch.errors import InputError
+from ndtorch.vision.blocks import BlockLowPass, aligned
 from ndtorch.vision.temporal import smoothing_factor, time_dim
 
 

@@ -18,7 +18,7 @@ import torch
 from ndtorch.binding import object_table
 from ndtorch.binding.objects import SMALLEST_WEIGHT
 from ndtorch.report.palette import STYLES
-from ndtorch.report.result import BindResult, Floats, Pixels
+from ndtorch.run.result import BindResult, Floats, Pixels
 from ndtorch.vision.features import FEATURES, GROUPS
 
 if TYPE_CHECKING:

@@ -14,11 +14,11 @@ from torch import Tensor
 from ndtorch.binding import BindingSignals, save_state
 from ndtorch.errors import InputError
 from ndtorch.report.figures import draw_all
-from ndtorch.report.job import Prepared
-from ndtorch.report.pictures import Picture, Watcher
 from ndtorch.report.recording import Recording
-from ndtorch.report.result import BindResult
 from ndtorch.report.words import summary
+from ndtorch.run.options import Prepared
+from ndtorch.run.pictures import Picture, Watcher
+from ndtorch.run.result import BindResult
 from ndtorch.scenes.video_writer import VideoWriter
 from ndtorch.vision import FEATURES
 

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from ndtorch.errors import InputError
 from ndtorch.report.palette import rgb
-from ndtorch.report.result import Pixels
+from ndtorch.run.result import Pixels
 from ndtorch.vision.features import FEATURES
 
 TIMELINE = "time"

@@ -11,10 +11,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.binding.object_files import ObjectFile
-from ndtorch.binding.sightings import Sighting
+from ndtorch.binding.tracking.detections import Sighting
+from ndtorch.binding.tracking.tracks import ObjectFile
 from ndtorch.report.palette import STYLES, rgb
-from ndtorch.report.video_run import VideoResult
+from ndtorch.run.video import VideoResult
 from ndtorch.scenes.video_writer import VideoWriter
 
 GREY = "#888888"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ndtorch.binding import describe, spectral_radius
-from ndtorch.report.result import BindResult
+from ndtorch.run.result import BindResult
 from ndtorch.vision import FEATURES
 
 VERDICTS = {

@@ -1,13 +1,14 @@
 """Frames -> signals: temporal filters, motion, orientation and the ten features; speed of image rows."""
 
+from ndtorch.vision.camera.front_end import FieldSignals, FrontEnd, OrdinaryState, OrdinaryVideo
 from ndtorch.vision.chahl_srinivasan import ChahlSrinivasan, ShiftState, row_shift
 from ndtorch.vision.characterisation import SpeedCurve, judge_speed_curve, speed_response
 from ndtorch.vision.features import FEATURES, GROUPS, VisualFeatures
 from ndtorch.vision.local import LocalFeatures, field_weights
 from ndtorch.vision.motion import HassensteinReichardt, MotionState
 from ndtorch.vision.nondirectional import NDS, SPEED_SCALE, NDMin, NDMinus, NDSState, spatial_maximum
-from ndtorch.vision.ordinary import FieldSignals, FrontEnd, OrdinaryState, OrdinaryVideo
 from ndtorch.vision.orientation import ANGLES, OrientedDoG, dog_spectrum
+from ndtorch.vision.resample import Resample, ResampleState
 from ndtorch.vision.temporal import (
     FilterState,
     HighPass,
@@ -41,6 +42,8 @@ __all__ = [
     "OrientedDoG",
     "RecentMax",
     "RecentMaxState",
+    "Resample",
+    "ResampleState",
     "ShiftState",
     "SpeedCurve",
     "VisualFeatures",

@@ -8,7 +8,7 @@ import torch
 
 import ndtorch
 from ndtorch.binding import InhibitoryNetwork, ScaleFreeNetwork
-from ndtorch.report.run import run_binding
+from ndtorch.run.run import run_binding
 from ndtorch.scenes import two_bars
 from ndtorch.vision import VisualFeatures
 from tests.benchmarks.timing import Row, in_turn

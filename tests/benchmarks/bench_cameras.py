@@ -15,14 +15,14 @@ import torch
 
 from ndtorch.navigation import Strips
 from ndtorch.navigation.strips import cut_strips
-from robot.calibration import Calibration, Rectifier
-from robot.cameras import CameraSettings, FramesEnded, StereoCameras
-from robot.cameras.pair import to_tensor
-from robot.navigating import NavigatorChoice
-from robot.ports import DriveCommand, StereoFrames
-from robot.recording import NavigatorPilot, Recorder
-from robot.recording.streams import encode
-from robot.sim.simulation import RIG
+from ndtorch_robot.calibration import Calibration, Rectifier
+from ndtorch_robot.cameras import CameraSettings, FramesEnded, StereoCameras
+from ndtorch_robot.cameras.pair import to_tensor
+from ndtorch_robot.navigating import NavigatorChoice
+from ndtorch_robot.ports import DriveCommand, StereoFrames
+from ndtorch_robot.recording import NavigatorPilot, Recorder
+from ndtorch_robot.recording.streams import encode
+from ndtorch_robot.sim.simulation import RIG
 from tests.benchmarks.bench_navigation import stereo_pair
 from tests.benchmarks.timing import Row, in_turn, table
 

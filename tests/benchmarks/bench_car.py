@@ -1,7 +1,7 @@
 """The running car: round trips of the link, jitter of the loop, and from the frame to the command.
 
 The real loop, link and firmware, the latter on a simulated processor; the cameras are two films. Everything runs with
-the priority that `python -m robot run` asks for.
+the priority that `ndtorch run` asks for.
 
 `python -m tests.benchmarks.bench_car [--seconds 20] [--controller published] [--compiled]`
 """
@@ -20,11 +20,11 @@ import numpy as np
 import torch
 
 from ndtorch.navigation import CompiledNavigator
-from robot.link import SerialDrive
-from robot.navigating import Controller
-from robot.run import open_car, percentiles, real_time_priority
-from robot.run_config import LinkTable, NavigationTable, RigTable, RunConfig
-from robot.sim.board import SimulatedBoard
+from ndtorch_robot.link import SerialDrive
+from ndtorch_robot.navigating import Controller
+from ndtorch_robot.run import open_car, percentiles, real_time_priority
+from ndtorch_robot.run_config import LinkTable, NavigationTable, RigTable, RunConfig
+from ndtorch_robot.sim.board import SimulatedBoard
 from tests.benchmarks.bench_cameras import films
 from tests.benchmarks.bench_navigation import stereo_pair
 from tests.benchmarks.timing import Row, table
@@ -46,7 +46,7 @@ def bare_line(seconds: float) -> dict[str, float]:
 
 
 def car(seconds: float, controller: Controller, compiled: bool) -> dict[str, object]:
-    """The summary of a run: see `robot.run.CarLoop.summary`."""
+    """The summary of a run: see `ndtorch_robot.run.CarLoop.summary`."""
     lines: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
         left, right = films(Path(folder), round(30 * (seconds + 2)))

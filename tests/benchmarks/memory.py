@@ -1,6 +1,6 @@
 """Memory of the loop of a car over an hour of driving: `python -m tests.benchmarks.memory [--minutes 60] [--compiled]`.
 
-The very loop of `python -m robot run` (navigator with its map, safety layer, timing) drives through the simulated
+The very loop of `ndtorch run` (navigator with its map, safety layer, timing) drives through the simulated
 building as fast as it can, on simulated time. Only the serial link and its board are left out, which keep real time.
 The resident memory is printed ten times; the exit code is 1 when it grew by more than 10 MB after the first quarter.
 """
@@ -16,11 +16,11 @@ from typing import cast
 import torch
 
 from ndtorch.memory import tune_allocator
-from robot.link import SerialDrive
-from robot.run import CarLoop, Step
-from robot.run_config import NavigationTable, RunConfig, SimulationTable
-from robot.sim.arenas import load_arena
-from robot.sim.simulation import Simulation
+from ndtorch_robot.link import SerialDrive
+from ndtorch_robot.run import CarLoop, Step
+from ndtorch_robot.run_config import NavigationTable, RunConfig, SimulationTable
+from ndtorch_robot.sim.arenas import load_arena
+from ndtorch_robot.sim.simulation import Simulation
 
 GROWTH = 10.0
 """MB that the memory may grow by after the first quarter: the figures of the last quarter of an hour are kept."""

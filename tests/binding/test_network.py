@@ -10,12 +10,12 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from strategies import chunkings, in_chunks
 
 from ndtorch.binding import InhibitoryNetwork, NetworkState, alternation, learning_rule, weight_change
 from ndtorch.binding.network import WhenFull, inhibit
 from ndtorch.binding.spectrum import SQUARING_FROM
 from ndtorch.errors import InputError
+from tests.strategies import chunkings, in_chunks
 
 
 def noise(*shape: int, seed: int = 0) -> torch.Tensor:

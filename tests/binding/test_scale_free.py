@@ -9,10 +9,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from strategies import chunkings, in_chunks
 
 from ndtorch.binding import ScaleFreeNetwork, ScaleFreeRule, settled
 from ndtorch.errors import InputError
+from tests.strategies import chunkings, in_chunks
 
 
 def sources(steps: int, seed: int = 0, count: int = 2) -> torch.Tensor:

@@ -16,7 +16,7 @@ import ndtorch
 from ndtorch.binding import objects
 from ndtorch.report import figures
 from ndtorch.report.palette import STYLES, rgb
-from ndtorch.report.result import BindResult, Moment, Trace
+from ndtorch.run.result import BindResult, Moment, Trace
 
 NAMES = ["outputs.png", "weights.png", "weights_over_time.png", "frames.png"]
 

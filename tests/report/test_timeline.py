@@ -8,11 +8,11 @@ from pathlib import Path
 import cv2
 import pytest
 
-from ndtorch.cli import main
+from ndtorch.commands import main
 from ndtorch.errors import InputError
-from ndtorch.report.video_run import front_end
+from ndtorch.run.video import front_end
 from ndtorch.scenes.video_writer import VideoWriter
-from tests.vision.ordinary_scenes import SIZE, passing
+from tests.vision.camera.passing_scenes import SIZE, passing
 
 CAR = Path(__file__).resolve().parents[3] / "shared" / "data" / "car-detection.mp4"
 FILES = {"objects.json", "overlay.mp4", "timeline.jsonl", "timeline.png"}

@@ -1,8 +1,8 @@
 """The loop of a car without a board: as fast as it goes, on pictures that slide past."""
 
-from robot.ports import DriveCommand, unseal
-from robot.run import CarLoop
-from robot.run_config import RunConfig, SimulationTable
+from ndtorch_robot.ports import DriveCommand, unseal
+from ndtorch_robot.run import CarLoop
+from ndtorch_robot.run_config import RunConfig, SimulationTable
 
 FAULTS = ["no command for 0.2 s"]
 

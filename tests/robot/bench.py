@@ -10,8 +10,8 @@ import numpy as np
 import torch
 
 from ndtorch.errors import InputError
-from robot.run import open_car, real_time_priority
-from robot.run_config import RunConfig, SimulationTable
+from ndtorch_robot.run import open_car, real_time_priority
+from ndtorch_robot.run_config import RunConfig, SimulationTable
 from tests.stalls import OTHERS
 
 NEUTRAL, SLACK, STEERING_SLACK = 1500.0, 2.0, 12.0

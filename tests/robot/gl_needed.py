@@ -7,7 +7,7 @@ def reason():
     try:
         import mujoco  # noqa: F401
 
-        from robot.sim.gl import make_context
+        from ndtorch_robot.sim.gl import make_context
 
         make_context(16, 16).free()
     except Exception as error:

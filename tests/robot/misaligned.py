@@ -5,7 +5,7 @@ from functools import cache
 import cv2
 import numpy as np
 
-from robot.calibration import Board, calibrate, find_view
+from ndtorch_robot.calibration import Board, calibrate, find_view
 from tests.robot.board_renderer import Eye, draw_board, poses, turn
 
 BOARD = Board(9, 6, 0.04)

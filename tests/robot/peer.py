@@ -5,8 +5,8 @@ import pty
 import threading
 import tty
 
-from robot.link.messages import Frame, Type, encode_frame
-from robot.link.parser import Parser
+from ndtorch_robot.link.messages import Frame, Type, encode_frame
+from ndtorch_robot.link.parser import Parser
 
 
 class Peer:

@@ -1,6 +1,6 @@
 """A drive that notes what it is told."""
 
-from robot.ports import unseal
+from ndtorch_robot.ports import unseal
 
 
 class PlainDrive:

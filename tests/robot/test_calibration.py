@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import torch
 
+from ndtorch.commands import main
 from ndtorch.errors import InputError
 from ndtorch.navigation import Navigator, StereoRig
-from robot.__main__ import main
-from robot.calibration import (
+from ndtorch_robot.calibration import (
     Board,
     Calibration,
     Rectifier,
@@ -22,15 +22,15 @@ from robot.calibration import (
     read_calibration,
     write_calibration,
 )
-from robot.calibration.collect import collect
-from robot.calibration.solve import rectified
-from robot.cameras import CameraSettings, StereoCameras, open_cameras
-from robot.cameras.pair import to_tensor
-from robot.ports import DriveCommand
-from robot.safety import SafeDrive
-from robot.sim.arenas import load_arena
-from robot.sim.cameras import Cameras
-from robot.sim.simulation import RIG, Simulation
+from ndtorch_robot.calibration.collect import collect
+from ndtorch_robot.calibration.solve import rectified
+from ndtorch_robot.cameras import CameraSettings, StereoCameras, open_cameras
+from ndtorch_robot.cameras.pair import to_tensor
+from ndtorch_robot.ports import DriveCommand
+from ndtorch_robot.safety import SafeDrive
+from ndtorch_robot.sim.arenas import load_arena
+from ndtorch_robot.sim.cameras import Cameras
+from ndtorch_robot.sim.simulation import RIG, Simulation
 from tests.robot.board_renderer import Eye, draw_board, turn
 from tests.robot.fake_captures import FilmCapture, folder_of
 from tests.robot.gl_needed import needs_gl

@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ndtorch.errors import InputError
-from robot.cameras import CameraSettings, CamerasSilent, Frame, FramesEnded, Pairing, StereoCameras
-from robot.cameras import pair as pair_module
-from robot.cameras import reader as reader_module
-from robot.cameras.sysfs import UsbPlace
+from ndtorch_robot.cameras import CameraSettings, CamerasSilent, Frame, FramesEnded, Pairing, StereoCameras
+from ndtorch_robot.cameras import pair as pair_module
+from ndtorch_robot.cameras import reader as reader_module
+from ndtorch_robot.cameras.sysfs import UsbPlace
 from tests.robot.fake_captures import LiveCapture, folder_of, picture
 
 SMALL = {"width_px": 64, "height_px": 48}

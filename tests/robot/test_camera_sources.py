@@ -13,12 +13,12 @@ import cv2
 import numpy as np
 import pytest
 
+from ndtorch.commands import main
 from ndtorch.errors import InputError
-from robot.__main__ import main
-from robot.cameras import CameraSettings, StereoCameras, find_source, list_devices, open_capture
-from robot.cameras import source as source_module
-from robot.cameras.source import set_up, try_device
-from robot.cameras.sysfs import UsbPlace, group_of, holders
+from ndtorch_robot.cameras import CameraSettings, StereoCameras, find_source, list_devices, open_capture
+from ndtorch_robot.cameras import source as source_module
+from ndtorch_robot.cameras.source import set_up, try_device
+from ndtorch_robot.cameras.sysfs import UsbPlace, group_of, holders
 from tests.robot.fake_captures import Properties, folder_of, picture
 
 SETTINGS = CameraSettings(left="0", right="1")
@@ -92,7 +92,7 @@ def test_settings_that_are_not_taken(stubborn, message):
 @pytest.mark.parametrize(
     ("number", "message"),
     [
-        (errno.ENOENT, "no such device; `python -m robot cameras` lists"),
+        (errno.ENOENT, "no such device; `ndtorch cameras` lists"),
         (errno.ENODEV, "no such device"),
         (errno.EACCES, "no permission: add yourself to the group 'video' (sudo usermod -aG video $USER)"),
         (errno.EBUSY, "in use by cheese (4711)"),
@@ -223,18 +223,18 @@ def test_what_the_kernel_knows(tmp_path):
 
 
 def test_command_lists(tmp_path, capsys, monkeypatch):
-    import robot.cameras
+    import ndtorch_robot.cameras
 
     assert main(["cameras", "--json"]) == 0
     json.loads(capsys.readouterr().out)
     classes, dev = kernel(tmp_path)
-    monkeypatch.setattr(robot.cameras, "list_devices", lambda: list_devices(classes, dev))
+    monkeypatch.setattr(ndtorch_robot.cameras, "list_devices", lambda: list_devices(classes, dev))
     assert main(["cameras"]) == 0
     out = capsys.readouterr().out
     assert "Left eye" in out
     assert "USB bus 1 port 1-2, 480 Mbit/s" in out
     assert "may not fit together" in out
-    monkeypatch.setattr(robot.cameras, "list_devices", list)
+    monkeypatch.setattr(ndtorch_robot.cameras, "list_devices", list)
     assert main(["cameras"]) == 0
     assert "no cameras: the kernel knows none" in capsys.readouterr().out
 

@@ -3,15 +3,15 @@
 import pytest
 import torch
 
+from ndtorch.commands import main
 from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig, Strips
-from robot.__main__ import main
-from robot.config import DriveConfig
-from robot.drive import Run, drive
-from robot.ports import DriveCommand, StereoFrames
-from robot.sim.arenas import load_arena
-from robot.sim.simulation import Simulation
-from robot.watch import PATIENCE, CameraWatch
+from ndtorch_robot.config import DriveConfig
+from ndtorch_robot.drive import Run, drive
+from ndtorch_robot.ports import DriveCommand, StereoFrames
+from ndtorch_robot.sim.arenas import load_arena
+from ndtorch_robot.sim.simulation import Simulation
+from ndtorch_robot.watch import PATIENCE, CameraWatch
 from tests.robot.gl_needed import needs_gl
 
 RIG = StereoRig(width=64, height=48, focal=43.0)

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 import torch
 
-import robot.commands.replay
-import robot.view.car_view
-import robot.view.opening
+import ndtorch_robot.commands.replay
+import ndtorch_robot.view.car_view
+import ndtorch_robot.view.opening
+from ndtorch.commands import main
 from ndtorch.errors import InputError
 from ndtorch.navigation import Strips
-from robot.__main__ import main
-from robot.recording import Recorder, RecordSteps
-from robot.view import Background, CarView, Where, layout, open_stream, start_view
-from robot.view.drawing import THICK, UNREAD, picture
-from robot.view.opening import open_server
-from robot.view.steps import Rate, ViewSteps
+from ndtorch_robot.recording import Recorder, RecordSteps
+from ndtorch_robot.view import Background, CarView, Where, layout, open_stream, start_view
+from ndtorch_robot.view.drawing import THICK, UNREAD, picture
+from ndtorch_robot.view.opening import open_server
+from ndtorch_robot.view.steps import Rate, ViewSteps
 from tests.robot.bare_car import FAULTS, FilmCar, bare_loop
 from tests.robot.test_replay import RIG, moving_world
 from tests.robot.test_view import chunks, column
@@ -102,7 +102,7 @@ def test_a_run_and_its_replay(tmp_path, capsys):
 def test_more_floor_is_shown_as_the_car_goes_on(monkeypatch):
     """Seldom, so that what the user has arranged stays for long; the car is always in what is shown."""
     shown = []
-    monkeypatch.setattr(robot.view.car_view, "layout", lambda bounds: bounds)
+    monkeypatch.setattr(ndtorch_robot.view.car_view, "layout", lambda bounds: bounds)
     monkeypatch.setattr(rerun, "send_blueprint", lambda layout, recording: shown.append(layout))
     view = CarView(rerun.RecordingStream("nowhere"), RIG, RIG.subfields(), {}, None)
     for k in range(1000):
@@ -221,14 +221,14 @@ def test_a_port_in_use():
 def test_replay_that_is_served(tmp_path, capsys, monkeypatch):
     """The server listens at the address that was asked for, takes everything, and stays until Ctrl-C."""
     asked, held = [], []
-    monkeypatch.setattr(robot.view.opening, "start", lambda options, host, *rest: asked.append((host, options)))
-    monkeypatch.setattr(robot.view.opening.atexit, "register", lambda *call: None)
+    monkeypatch.setattr(ndtorch_robot.view.opening, "start", lambda options, host, *rest: asked.append((host, options)))
+    monkeypatch.setattr(ndtorch_robot.view.opening.atexit, "register", lambda *call: None)
 
     def interrupted():
         held.append(True)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(robot.commands.replay.signal, "pause", interrupted)
+    monkeypatch.setattr(ndtorch_robot.commands.replay.signal, "pause", interrupted)
     sinks = []
     monkeypatch.setattr(rerun, "GrpcSink", lambda address: (sinks.append(address), rerun.FileSink(tmp_path / "s"))[1])
     loop = bare_loop(FilmCar(moving_world(20, RIG)), RIG, controller="published")

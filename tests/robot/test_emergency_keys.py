@@ -12,10 +12,10 @@ import pytest
 
 PROGRAM = """
 import termios, time
-from robot.emergency import emergency_stops
-from robot.loop import MonotonicClock
-from robot.ports import DriveCommand
-from robot.safety import SafeDrive
+from ndtorch_robot.emergency import emergency_stops
+from ndtorch_robot.loop import MonotonicClock
+from ndtorch_robot.ports import DriveCommand
+from ndtorch_robot.safety import SafeDrive
 from tests.robot.plain_drive import PlainDrive
 
 drive = PlainDrive()

@@ -8,14 +8,14 @@ import os
 import numpy as np
 import pytest
 
-import robot.commands.evaluate as command
-import robot.evaluation.workers as workers
-from robot.__main__ import main
-from robot.config import DriveConfig
-from robot.evaluation.drives import Cache, all_drives, code_digest, key_of
-from robot.evaluation.picture import draw_table
-from robot.evaluation.table import COLUMNS, comma_separated, markdown, rows_of
-from robot.evaluation.workers import Done, Progress, Trouble, run_jobs
+import ndtorch_robot.commands.evaluate as command
+import ndtorch_robot.evaluation.workers as workers
+from ndtorch.commands import main
+from ndtorch_robot.config import DriveConfig
+from ndtorch_robot.evaluation.drives import Cache, all_drives, code_digest, key_of
+from ndtorch_robot.evaluation.picture import draw_table
+from ndtorch_robot.evaluation.table import COLUMNS, comma_separated, markdown, rows_of
+from ndtorch_robot.evaluation.workers import Done, Progress, Trouble, run_jobs
 from tests.robot.gl_needed import needs_gl
 from tests.robot.jobs_to_do import work
 

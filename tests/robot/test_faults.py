@@ -12,7 +12,7 @@ from functools import partial
 
 import pytest
 
-from robot.link.messages import Fault
+from ndtorch_robot.link.messages import Fault
 from tests.robot.bench import LIMIT, NEUTRAL, SLACK, Garage, said
 from tests.robot.board_needed import needs_board_and_gl
 from tests.stalls import OTHERS
@@ -171,7 +171,7 @@ def test_keys_in_a_terminal(tmp_path):
     master, slave = pty.openpty()
     with errors.open("w") as file:
         run = subprocess.Popen(
-            [sys.executable, "-m", "robot", "run", str(config), "--json"],
+            [sys.executable, "-m", "ndtorch", "run", str(config), "--json"],
             stdin=slave,
             stdout=subprocess.PIPE,
             stderr=file,
@@ -221,7 +221,7 @@ def test_paused_killed_and_told_to_end(tmp_path):
         log.unlink(missing_ok=True)
         with errors.open("w") as file:
             run = subprocess.Popen(
-                [sys.executable, "-m", "robot", "run", str(config), "--go", "--json"],
+                [sys.executable, "-m", "ndtorch", "run", str(config), "--go", "--json"],
                 stdout=subprocess.PIPE,
                 stderr=file,
             )

@@ -7,9 +7,9 @@ import time
 import numpy as np
 import pytest
 
-from robot.__main__ import main
-from robot.link.messages import BODY_SIZE, VERSION, Fault, Type
-from robot.run import real_time_priority
+from ndtorch.commands import main
+from ndtorch_robot.link.messages import BODY_SIZE, VERSION, Fault, Type
+from ndtorch_robot.run import real_time_priority
 from tests.robot.bench import bench, ordinary_priority
 from tests.robot.board_needed import FIRMWARE, needs_board, needs_board_and_gl
 

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robot.link import cobs
-from robot.link.crc import crc_ccitt, crc_dnp
-from robot.link.messages import BODY_SIZE, Frame, Type, command_body, encode_frame, read_command, read_telemetry
-from robot.link.parser import Parser
-from robot.ports import DriveCommand
+from ndtorch_robot.link import cobs
+from ndtorch_robot.link.crc import crc_ccitt, crc_dnp
+from ndtorch_robot.link.messages import BODY_SIZE, Frame, Type, command_body, encode_frame, read_command, read_telemetry
+from ndtorch_robot.link.parser import Parser
+from ndtorch_robot.ports import DriveCommand
 
 FRAMES = st.sampled_from(list(Type)).flatmap(
     lambda kind: st.builds(

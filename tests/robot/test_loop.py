@@ -3,8 +3,8 @@
 import pytest
 
 from ndtorch.errors import InputError
-from robot.loop import Loop, MonotonicClock, SimulatedClock, Timing
-from robot.safety import SafeDrive
+from ndtorch_robot.loop import Loop, MonotonicClock, SimulatedClock, Timing
+from ndtorch_robot.safety import SafeDrive
 from tests.robot.plain_drive import PlainDrive
 
 

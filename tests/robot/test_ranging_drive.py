@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from ndtorch.navigation import CRUISE, SUPPRESSED, TURN
-from robot.config import DriveConfig
-from robot.drive import drive
-from robot.ports import DriveCommand
+from ndtorch_robot.config import DriveConfig
+from ndtorch_robot.drive import drive
+from ndtorch_robot.ports import DriveCommand
 from tests.robot.gl_needed import needs_gl
 
 pytestmark = needs_gl

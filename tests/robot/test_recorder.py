@@ -16,10 +16,10 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig, Strips
-from robot.ports import DriveCommand, StereoFrames
-from robot.recording import Recorder, open_recording
-from robot.recording import recorder as recorder_module
-from robot.recording.streams import decode, encode
+from ndtorch_robot.ports import DriveCommand, StereoFrames
+from ndtorch_robot.recording import Recorder, open_recording
+from ndtorch_robot.recording import recorder as recorder_module
+from ndtorch_robot.recording.streams import decode, encode
 
 RIG = StereoRig(width=64, height=48, focal=43.0)
 STILL = DriveCommand(0.0, 0.0)
@@ -154,8 +154,8 @@ def test_a_simulation_waits(tmp_path, monkeypatch):
 KILLED = """
 import sys, time, torch
 from pathlib import Path
-from robot.ports import DriveCommand, StereoFrames
-from robot.recording import Recorder
+from ndtorch_robot.ports import DriveCommand, StereoFrames
+from ndtorch_robot.recording import Recorder
 recorder = Recorder(Path(sys.argv[1]), {})
 frame = torch.zeros(1, 3, 29, 85, dtype=torch.uint8)  # about what is read of a frame
 n = 0
@@ -182,8 +182,8 @@ def test_a_kill_costs_less_than_a_second(tmp_path):
 STARVED = """
 import sys, time, torch
 from pathlib import Path
-from robot.ports import DriveCommand, StereoFrames
-from robot.recording import Recorder, recorder as module
+from ndtorch_robot.ports import DriveCommand, StereoFrames
+from ndtorch_robot.recording import Recorder, recorder as module
 encode = module.encode
 def slowly(*arguments):  # a processor that others keep busy
     time.sleep(0.07)
@@ -296,8 +296,8 @@ def test_steps_that_are_missing_are_counted(tmp_path):
 FULL = """
 import resource, sys, torch
 from pathlib import Path
-from robot.ports import DriveCommand, StereoFrames
-from robot.recording import Recorder
+from ndtorch_robot.ports import DriveCommand, StereoFrames
+from ndtorch_robot.recording import Recorder
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
 said = []
 recorder = Recorder(Path(sys.argv[1]), {}, format="raw", say=said.append)
@@ -386,7 +386,7 @@ def test_unwritable_folder(tmp_path):
             Recorder(tmp_path / "mine" / "r", {})
         return
     code = (
-        "import os, sys; from pathlib import Path; from robot.recording import Recorder; os.seteuid(65534)\n"
+        "import os, sys; from pathlib import Path; from ndtorch_robot.recording import Recorder; os.seteuid(65534)\n"
         "try: Recorder(Path(sys.argv[1]), {})\nexcept Exception as e: print(type(e).__name__, e)"
     )
     done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "r")], capture_output=True, text=True, check=True)

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 import torch
 
+from ndtorch.commands import main
 from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
-from robot.__main__ import main
-from robot.config import DriveConfig
-from robot.drive import drive
-from robot.navigating import NavigatorChoice
-from robot.ports import DriveCommand, StereoFrames
-from robot.recording import (
+from ndtorch_robot.config import DriveConfig
+from ndtorch_robot.drive import drive
+from ndtorch_robot.navigating import NavigatorChoice
+from ndtorch_robot.ports import DriveCommand, StereoFrames
+from ndtorch_robot.recording import (
     NavigatorPilot,
     Recorder,
     RecordSteps,
@@ -236,11 +236,11 @@ import re, sys
 from pathlib import Path
 import torch
 from ndtorch.memory import tune_allocator
-from robot.cameras import CameraSettings, StereoCameras
-from robot.navigating import NavigatorChoice
-from robot.ports import DriveCommand
-from robot.recording import NavigatorPilot, Recorder
-from robot.sim.simulation import RIG
+from ndtorch_robot.cameras import CameraSettings, StereoCameras
+from ndtorch_robot.navigating import NavigatorChoice
+from ndtorch_robot.ports import DriveCommand
+from ndtorch_robot.recording import NavigatorPilot, Recorder
+from ndtorch_robot.sim.simulation import RIG
 from tests.robot.fake_captures import FilmCapture, picture
 
 CHOICE = NavigatorChoice("published", 5, places="motion")

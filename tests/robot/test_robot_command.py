@@ -9,11 +9,11 @@ import sys
 import numpy as np
 import pytest
 
-import robot.drive
+import ndtorch_robot.drive
+from ndtorch.commands import main
 from ndtorch.errors import InputError
-from robot.__main__ import main
-from robot.config import load_config
-from robot.sim import gl
+from ndtorch_robot.config import load_config
+from ndtorch_robot.sim import gl
 from tests.robot.gl_needed import WHY, needs_gl
 
 FILES = ["map.npz", "map.png", "path.png", "rows.png", "speeds.png", "summary.json"]
@@ -62,14 +62,14 @@ def test_words_and_file(tmp_path, capsys):
 
 @needs_gl
 def test_ctrl_c(tmp_path, capsys, monkeypatch):
-    step = robot.drive.Run.step
+    step = ndtorch_robot.drive.Run.step
 
     def interrupted(self):
         if len(self.record.time) == 20:
             raise KeyboardInterrupt
         step(self)
 
-    monkeypatch.setattr(robot.drive.Run, "step", interrupted)
+    monkeypatch.setattr(ndtorch_robot.drive.Run, "step", interrupted)
     assert main(["drive", "--out", str(tmp_path)]) == 130
     assert "(interrupted)" in capsys.readouterr().out
     assert sorted(p.name for p in tmp_path.iterdir()) == FILES
@@ -80,7 +80,7 @@ def test_interrupted_before_the_first_frame(tmp_path, capsys, monkeypatch):
     def interrupted(self):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(robot.drive.Run, "step", interrupted)
+    monkeypatch.setattr(ndtorch_robot.drive.Run, "step", interrupted)
     assert main(["drive", "--out", str(tmp_path)]) == 130
     assert "collisions 0" in capsys.readouterr().out
 
@@ -158,8 +158,8 @@ def test_osmesa_draws_the_same_world():
     """In a process of its own, because a program keeps the library it drew with first."""
     script = """
 import numpy as np
-from robot.sim.arenas import load_arena
-from robot.sim.simulation import Simulation
+from ndtorch_robot.sim.arenas import load_arena
+from ndtorch_robot.sim.simulation import Simulation
 simulation = Simulation(load_arena("room", 1), 1)
 left, right = simulation.cameras.look(simulation.data, 4.0, 2.0, 0.3)
 print(*left.row.flatten().tolist(), *right.field.flatten().tolist())

@@ -5,10 +5,10 @@ import pytest
 import torch
 
 from ndtorch.navigation import STOPPED
-from robot.config import DriveConfig
-from robot.drive import drive
-from robot.ports import DriveCommand
-from robot.record import range_columns
+from ndtorch_robot.config import DriveConfig
+from ndtorch_robot.drive import drive
+from ndtorch_robot.ports import DriveCommand
+from ndtorch_robot.record import range_columns
 from tests.robot.gl_needed import needs_gl
 
 pytestmark = needs_gl

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
-from robot.loop import SimulatedClock
-from robot.ports import DriveCommand, SafeCommand, StereoFrames, unseal
-from robot.safety import SafeDrive, SafetyLimits, Sight
+from ndtorch_robot.loop import SimulatedClock
+from ndtorch_robot.ports import DriveCommand, SafeCommand, StereoFrames, unseal
+from ndtorch_robot.safety import SafeDrive, SafetyLimits, Sight
 from tests.robot.plain_drive import PlainDrive
 
-ROBOT = Path(__file__).resolve().parents[2] / "robot"
+ROBOT = Path(__file__).resolve().parents[2] / "robot" / "ndtorch_robot"
 RIG = StereoRig(width=64, height=48, focal=43.0)
 CRUISE = DriveCommand(0.5, 1.0)
 LIMITS = SafetyLimits(0.6, 2.2, 2.0, 40.0, 0.1, 0.1, 1.0)
@@ -36,7 +36,7 @@ def test_only_the_safety_layer_makes_commands():
 
 
 def test_nobody_else_has_the_seal():
-    """In all of the source the seal is used where it is defined and in robot/safety.py, and every drive asks for it."""
+    """The seal is used where it is defined and in the safety layer alone, and every drive asks for it."""
     users, drives = set(), 0
     for path in ROBOT.rglob("*.py"):
         tree = ast.parse(path.read_text())

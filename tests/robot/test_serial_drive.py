@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from ndtorch.errors import InputError
-from robot.link import SerialDrive
-from robot.link.port import owner_group, reason
-from robot.ports import DriveCommand
-from robot.run import real_time_priority
+from ndtorch_robot.link import SerialDrive
+from ndtorch_robot.link.port import owner_group, reason
+from ndtorch_robot.ports import DriveCommand
+from ndtorch_robot.run import real_time_priority
 from tests.robot.bench import ordinary_priority
 from tests.robot.peer import Peer, board
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from robot.run_config import RunConfig
-from robot.toml import read_toml
+from ndtorch_robot.run_config import RunConfig
+from ndtorch_robot.toml import read_toml
 
 ROOT = Path(__file__).resolve().parents[2]
 UNIT = ROOT / "robot" / "maxstone8.service"
@@ -39,10 +39,10 @@ def test_systemd_takes_it(tmp_path, break_it):
 def test_what_it_starts_is_there():
     program, *arguments = values("ExecStart")[0].split()
     folder = values("WorkingDirectory")[0]
-    assert program == f"{folder}/.venv/bin/python"  # where `make setup` puts it
-    assert arguments[:3] == ["-m", "robot", "run"]
-    assert read_toml(ROOT / arguments[3], RunConfig).robot == "maxston8"
+    assert program == f"{folder}/.venv/bin/ndtorch"  # where `make setup` puts it
+    assert arguments[0] == "run"
+    assert read_toml(ROOT / arguments[1], RunConfig).robot == "maxston8"
     assert values("KillSignal") == ["SIGTERM"]
-    assert int(values("LimitRTPRIO")[0]) >= 3  # what robot/run.py asks for
+    assert int(values("LimitRTPRIO")[0]) >= 3  # what robot/ndtorch_robot/run.py asks for
     assert set(values("SupplementaryGroups")[0].split()) == {"dialout", "video"}
     assert "sudo cp robot/maxstone8.service" in (ROOT / "robot" / "README.md").read_text()

@@ -9,13 +9,13 @@ import torch
 from ndtorch.errors import InputError
 from ndtorch.navigation import Rect, StereoRig, cut_strips
 from ndtorch.navigation.strips import cut as cut_out
-from robot.ports import DriveCommand
-from robot.safety import SafeDrive
-from robot.sim.arenas import load_arena
-from robot.sim.cameras import Cameras, side_by_side
-from robot.sim.paint import Painted, pack, paint_floor
-from robot.sim.plan import Plan, ring
-from robot.sim.simulation import RIG, Simulation
+from ndtorch_robot.ports import DriveCommand
+from ndtorch_robot.safety import SafeDrive
+from ndtorch_robot.sim.arenas import load_arena
+from ndtorch_robot.sim.cameras import Cameras, side_by_side
+from ndtorch_robot.sim.paint import Painted, pack, paint_floor
+from ndtorch_robot.sim.plan import Plan, ring
+from ndtorch_robot.sim.simulation import RIG, Simulation
 from tests.robot.gl_needed import needs_gl
 
 POSES = [(0.6 + 0.9 * k, 0.05 * (-1) ** k, 0.1 * (k % 5 - 2)) for k in range(16)]

@@ -5,8 +5,8 @@ import math
 import pytest
 
 from ndtorch.errors import InputError
-from robot.ports import DriveCommand
-from robot.sim.car import Car, CarLimits
+from ndtorch_robot.ports import DriveCommand
+from ndtorch_robot.sim.car import Car, CarLimits
 
 
 def drive(car, seconds, dt=1 / 120):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from ndtorch.errors import InputError
-from robot.sim.arenas import ARENAS, DOOR_SPACING, load_arena
-from robot.sim.places import Places
-from robot.sim.plan import Plan, Ring, inside, ring
-from robot.sim.tracing import Box, trace
+from ndtorch_robot.sim.arenas import ARENAS, DOOR_SPACING, load_arena
+from ndtorch_robot.sim.places import Places
+from ndtorch_robot.sim.plan import Plan, Ring, inside, ring
+from ndtorch_robot.sim.tracing import Box, trace
 
 SQUARE = [(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0)]
 

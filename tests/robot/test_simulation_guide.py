@@ -1,14 +1,14 @@
-"""What robot/SIMULATION.md shows works as it stands there."""
+"""What robot/books/simulation.md shows works as it stands there."""
 
 import re
 from pathlib import Path
 
 import pytest
 
-from robot.sim.arenas import load_arena
+from ndtorch_robot.sim.arenas import load_arena
 from tests.robot.gl_needed import needs_gl
 
-GUIDE = (Path(__file__).resolve().parents[2] / "robot" / "SIMULATION.md").read_text(encoding="utf-8")
+GUIDE = (Path(__file__).resolve().parents[2] / "robot" / "books" / "simulation.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(("number", "rings", "area"), [(0, 3, 24 + 4 * 1.6), (1, 1, 9 * (2 + 5) / 2)])
@@ -32,6 +32,6 @@ def test_script_of_the_guide(capsys):
 
 
 def test_commands_of_the_guide_exist():
-    from robot.__main__ import COMMANDS
+    from ndtorch.commands import installed
 
-    assert set(re.findall(r"python -m robot (\w+)", GUIDE)) <= set(COMMANDS)
+    assert set(re.findall(r"ndtorch (\w+)", GUIDE)) <= set(installed())

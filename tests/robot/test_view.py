@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 import torch
 
-import robot.view.opening
+import ndtorch_robot.view.opening
+from ndtorch.commands import main
 from ndtorch.errors import InputError
 from ndtorch.navigation import Grid
-from robot.__main__ import main
-from robot.config import DriveConfig
-from robot.drive import drive
-from robot.ports import DriveCommand, StereoFrames
-from robot.record import Record
-from robot.sim.arenas import load_arena
-from robot.sim.simulation import RIG
-from robot.view import DriveView, Where
-from robot.view.drive_view import pieces
-from robot.view.opening import open_viewer
+from ndtorch_robot.config import DriveConfig
+from ndtorch_robot.drive import drive
+from ndtorch_robot.ports import DriveCommand, StereoFrames
+from ndtorch_robot.record import Record
+from ndtorch_robot.sim.arenas import load_arena
+from ndtorch_robot.sim.simulation import RIG
+from ndtorch_robot.view import DriveView, Where
+from ndtorch_robot.view.drive_view import pieces
+from ndtorch_robot.view.opening import open_viewer
 from tests.robot.gl_needed import needs_gl
 
 rerun = pytest.importorskip("rerun")
@@ -123,7 +123,7 @@ def test_viewer_listens_here_only(monkeypatch):
         def poll(self):
             return None
 
-    monkeypatch.setattr(robot.view.opening.subprocess, "Popen", Viewer)
+    monkeypatch.setattr(ndtorch_robot.view.opening.subprocess, "Popen", Viewer)
     address = open_viewer()
     assert address.startswith("rerun+http://127.0.0.1:")
     assert asked[0][:3] == [sys.executable, "-m", "rerun"]
@@ -131,6 +131,6 @@ def test_viewer_listens_here_only(monkeypatch):
 
 
 def test_viewer_that_does_not_open(monkeypatch):
-    monkeypatch.setattr(robot.view.opening.sys, "executable", "/bin/false")
+    monkeypatch.setattr(ndtorch_robot.view.opening.sys, "executable", "/bin/false")
     with pytest.raises(InputError, match="use --rrd FILE instead of --view"):
         open_viewer()

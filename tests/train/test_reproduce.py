@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
+from ndtorch.commands import main
 from ndtorch.errors import InputError
-from train.__main__ import main
-from train.reproduce.claims import CLAIMS, chosen
-from train.reproduce.lab import ROOT, ResultCache, code_of
-from train.reproduce.outcome import verdict_of
-from train.reproduce.page import BEGIN, END, put_table
+from ndtorch_train.reproduce.claims import CLAIMS, chosen
+from ndtorch_train.reproduce.lab import ROOT, ResultCache, code_of
+from ndtorch_train.reproduce.outcome import verdict_of
+from ndtorch_train.reproduce.page import BEGIN, END, put_table
 
 
 def test_every_claim_of_the_list_is_there() -> None:
@@ -63,7 +63,7 @@ def in_process(monkeypatch: pytest.MonkeyPatch) -> list[str]:
             function(task, lambda share: None)
             yield "done", n, None
 
-    monkeypatch.setattr("train.reproduce.command.run_tasks", events)
+    monkeypatch.setattr("ndtorch_train.reproduce.command.run_tasks", events)
     return ran
 
 
@@ -124,7 +124,7 @@ def test_an_experiment_that_breaks_leaves_the_others(
                 function(task, lambda share: None)
                 yield "done", n, None
 
-    monkeypatch.setattr("train.reproduce.command.run_tasks", events)
+    monkeypatch.setattr("ndtorch_train.reproduce.command.run_tasks", events)
     assert main(["reproduce", "A3", "B3", "--out", str(tmp_path), "--jobs", "1"]) == 1
     assert [c["id"] for c in json.loads((tmp_path / "claims.json").read_text())["claims"]] == ["A3"]
     assert "error: B3 could not be tried: its worker died 3 times" in capsys.readouterr().err
@@ -154,7 +154,7 @@ def test_a_full_disk_is_one_line(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("train.reproduce.page.write", full)
+    monkeypatch.setattr("ndtorch_train.reproduce.page.write", full)
     assert main(["reproduce", "A3", "--out", str(tmp_path), "--jobs", "1"]) == 2
     assert capsys.readouterr().err.splitlines()[-1].endswith("cannot be written: No space left on device")
 

@@ -9,15 +9,15 @@ import pytest
 import torch
 from numpy.testing import assert_allclose
 
+from ndtorch.commands import main
 from ndtorch.vision import VisualFeatures
-from train.__main__ import main
-from train.score.bars import bar_sets
-from train.score.methods import first_stage
-from train.score.metrics import feature_f1, right_from, score_scene
-from train.score.scenes import FPS, RenderedBars, Restriction, draw_scene, seeds, superposed
-from train.score.single_bars import measure, single_bars
-from train.score.stress import STRESS, stressed
-from train.score.truth import true_features
+from ndtorch_train.score.bars import bar_sets
+from ndtorch_train.score.methods import first_stage
+from ndtorch_train.score.metrics import feature_f1, right_from, score_scene
+from ndtorch_train.score.scenes import FPS, RenderedBars, Restriction, draw_scene, seeds, superposed
+from ndtorch_train.score.single_bars import measure, single_bars
+from ndtorch_train.score.stress import STRESS, stressed
+from ndtorch_train.score.truth import true_features
 
 
 def features(*rows: str) -> torch.Tensor:

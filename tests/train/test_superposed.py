@@ -7,7 +7,7 @@ import torch
 
 from ndtorch.scenes import FrameSource, three_bars
 from ndtorch.vision import VisualFeatures
-from train.superposed import Bars, Stimuli, film_bars
+from ndtorch_train.superposed import Bars, Stimuli, film_bars
 
 
 @pytest.fixture(scope="module")

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
+from ndtorch.commands import main
 from ndtorch.errors import InputError
-from train.__main__ import main
-from train.sweep import binding, driving
-from train.sweep.config import Trial, parse, trial_id
-from train.sweep.results import ResultStore, binned, means, read
+from ndtorch_train.sweep import binding, driving
+from ndtorch_train.sweep.config import Trial, parse, trial_id
+from ndtorch_train.sweep.results import ResultStore, binned, means, read
 
 DEFAULTS: Trial = {key: p.default for key, p in binding.PARAMETERS.items()}
 
@@ -63,7 +63,7 @@ def in_process(monkeypatch: pytest.MonkeyPatch) -> list[int]:
             asked.append(len(task))
             yield "done", n, fake_block(task)
 
-    monkeypatch.setattr("train.sweep.command.run_tasks", events)
+    monkeypatch.setattr("ndtorch_train.sweep.command.run_tasks", events)
     return asked
 
 
@@ -95,7 +95,7 @@ def test_trials_of_other_code_do_not_count(
 ) -> None:
     file, out = write_sweep(tmp_path / "s.toml", [0.5]), tmp_path / "out"
     assert main(["sweep", str(file), "--out", str(out), "--jobs", "1"]) == 0
-    monkeypatch.setattr(binding, "USES", ("train/workers.py",))
+    monkeypatch.setattr(binding, "USES", ("train/ndtorch_train/workers.py",))
     assert main(["sweep", str(file), "--out", str(out), "--jobs", "1"]) == 0
     assert sum(in_process) == 4
     assert "2 trials" in (err := capsys.readouterr().err)
@@ -120,7 +120,7 @@ def test_blocks_that_fail_are_reported_and_the_rest_is_kept(
         yield "failed", 0, "its worker died 3 times"
         yield "done", 1, fake_block(tasks[1])
 
-    monkeypatch.setattr("train.sweep.command.run_tasks", events)
+    monkeypatch.setattr("ndtorch_train.sweep.command.run_tasks", events)
     file = write_sweep(tmp_path / "s.toml", [0.5])
     assert main(["sweep", str(file), "--out", str(tmp_path / "out"), "--jobs", "2"]) == 1
     err = capsys.readouterr().err
@@ -154,7 +154,7 @@ def test_a_full_disk_is_one_line(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("train.sweep.results.write", full)
+    monkeypatch.setattr("ndtorch_train.sweep.results.write", full)
     file = write_sweep(tmp_path / "s.toml", [0.5])
     assert main(["sweep", str(file), "--out", str(tmp_path / "out"), "--jobs", "1"]) == 2
     assert capsys.readouterr().err.splitlines()[-1].endswith("cannot be written: No space left on device")

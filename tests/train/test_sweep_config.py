@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from ndtorch.errors import InputError
-from train.sweep.config import parse, read_sweep, trial_id
+from ndtorch_train.sweep.config import parse, read_sweep, trial_id
 
 SWEEPS = Path(__file__).resolve().parents[2] / "train" / "sweeps"
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from train.__main__ import main
-from train.score.video_clips import DIRECTIONS, SPLIT_SEEDS, draw_clip, truth
-from train.score.video_encode import codec
-from train.score.video_paint import Painter
-from train.score.video_score import ClipScore, clip_file, score_clip, table
+from ndtorch.commands import main
+from ndtorch_train.score.video_clips import DIRECTIONS, SPLIT_SEEDS, draw_clip, truth
+from ndtorch_train.score.video_encode import codec
+from ndtorch_train.score.video_paint import Painter
+from ndtorch_train.score.video_score import ClipScore, clip_file, score_clip, table
 
 # The first one-object clip of the tune split at 12.5 a second whose frames are the smallest.
 ONE = next(clip for n in range(50) if (clip := draw_clip("tune", n, 1, 12.5)).size == (180, 320))

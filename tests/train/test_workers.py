@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from ndtorch.errors import InputError
-from train.workers import TRIES, Note, run_tasks
+from ndtorch_train.workers import TRIES, Note, run_tasks
 
 
 def task(item: tuple[str, str], note: Note) -> str:

@@ -10,12 +10,12 @@ import pytest
 import torch
 from hypothesis import given, settings
 from numpy.testing import assert_allclose
-from strategies import chunkings, in_chunks
 
 from ndtorch.errors import InputError
 from ndtorch.vision import FEATURES, GROUPS, HassensteinReichardt, OrientedDoG, VisualFeatures
 from ndtorch.vision.fused import front_step
 from ndtorch.vision.motion import BORDERS, Border
+from tests.strategies import chunkings, in_chunks
 
 
 def noise(*shape: int, seed: int = 0) -> torch.Tensor:

@@ -7,11 +7,11 @@ import pytest
 import torch
 from hypothesis import given, settings
 from numpy.testing import assert_allclose
-from strategies import chunkings, in_chunks
 
 from ndtorch.errors import InputError
 from ndtorch.vision import FEATURES, HassensteinReichardt
 from ndtorch.vision.motion import BORDERS, Border, correlate, motion_step
+from tests.strategies import chunkings, in_chunks
 
 LEFT, RIGHT, DOWN, UP = range(4)
 

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.signal import lfilter
-from strategies import chunkings, in_chunks
 
 from ndtorch.errors import InputError
 from ndtorch.vision import HighPass, LowPass, RecentMax, low_pass_step, smoothing_factor
+from tests.strategies import chunkings, in_chunks
 
 
 def noise(*shape: int, seed: int = 0) -> torch.Tensor:

@@ -1,0 +1,1 @@
+"""The binding models: which parts, in which order."""

@@ -1,0 +1,1 @@
+"""Network state -> which objects there are: by weights, by owners, by delays."""

@@ -1,0 +1,191 @@
+"""Separation by delays: running covariances of signals with their own past, and the mixing that diagonalises them all.
+
+Signals `y = A s` of sources that do not go together have covariances `C(d) = A R(d) A^T` at every delay d, with R(d)
+diagonal: one A makes all of them diagonal, unless two sources have the same correlation with their own past
+(Belouchrani et al. 1997). White noise is in C(0) alone, which is left out.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from ndtorch.errors import InputError
+from ndtorch.vision.blocks import BLOCK_SECONDS, BlockLowPass, aligned
+from ndtorch.vision.temporal import smoothing_factor, time_dim
+
+DELAYS = (0.01, 0.05, 0.1, 0.2, 0.4, 0.8)
+"""Seconds; each becomes a whole number of time steps, at least one."""
+
+
+class DelayState(NamedTuple):
+    """State of `DelayStatistics`.
+
+    Attributes:
+        low: what the high-pass has taken for the mean, `[..., N]`.
+        past: the latest high-passed samples, as many as the longest delay, `[..., D, N]`, oldest first.
+        recent: the latest signals, a block of them, `[..., E, N]`, oldest first.
+        fast, slow: running covariances at every delay, in the short and in the long memory, `[..., L, N, N]`.
+        steps: samples taken, int64 scalar.
+    """
+
+    low: Tensor
+    past: Tensor
+    recent: Tensor
+    fast: Tensor
+    slow: Tensor
+    steps: Tensor
+
+
+class DelayStatistics(nn.Module):
+    """Running covariances of signals with themselves some time ago, made symmetric.
+
+    Args:
+        dt: time step in seconds.
+        delays: seconds, ascending.
+        tau_fast, tau_slow: the two memories, seconds.
+        tau_high: high-pass on the signals, seconds.
+
+    Shapes:
+        signals `[..., T, N]` -> state, up to the last whole tenth of a second. `None` starts at rest, with zeros.
+    """
+
+    def __init__(
+        self,
+        dt: float = 0.01,
+        delays: tuple[float, ...] = DELAYS,
+        tau_fast: float = 3.5,
+        tau_slow: float = 12.0,
+        tau_high: float = 2.0,
+    ) -> None:
+        super().__init__()
+        if not delays or not all(delay > 0 for delay in delays):
+            raise InputError(f"delays must be positive seconds, got {delays}")
+        self.delays = sorted({max(1, round(delay / dt)) for delay in delays})
+        self.every = max(1, round(BLOCK_SECONDS / dt))
+        self.low_pass = BlockLowPass(smoothing_factor(tau_high, dt), self.every)
+        self.fast = BlockLowPass(smoothing_factor(tau_fast, dt), self.every)
+        self.slow = BlockLowPass(smoothing_factor(tau_slow, dt), self.every)
+
+    def start(self, first: Tensor) -> DelayState:
+        """State at rest for signals like `first` `[..., N]`."""
+        zeros = torch.zeros_like(first)
+        past = zeros.unsqueeze(-2).expand(*first.shape[:-1], self.delays[-1], first.shape[-1])
+        square = first.new_zeros(*first.shape[:-1], len(self.delays), first.shape[-1], first.shape[-1])
+        recent = first.new_zeros(*first.shape[:-1], self.every, first.shape[-1])
+        return DelayState(zeros, past, recent, square, square, torch.zeros((), dtype=torch.int64))
+
+    def forward(self, signals: Tensor, state: DelayState | None = None) -> DelayState:
+        time_dim(signals, 1)
+        state = self.start(signals[..., 0, :]) if state is None else state
+        low, past, fast, slow = state.low, state.past, state.fast, state.slow
+        first, length, longest = int(state.steps), signals.shape[-2], self.delays[-1]
+        samples = torch.cat([state.recent, signals], -2)
+        for block in aligned(samples, length, first, self.every):
+            lows = self.low_pass(block, low)
+            low, high = lows[..., -1, :], block - lows
+            known = torch.cat([past, high], -2)
+            before = torch.stack([known[..., longest - d : longest - d + self.every, :] for d in self.delays], -3)
+            here = high.unsqueeze(-3)
+            (kept_fast, taken_fast), (kept, taken) = self.fast.weights(high), self.slow.weights(high)
+            fast = kept_fast * fast + symmetric((here * taken_fast[:, None]).mT @ before)
+            slow = kept * slow + symmetric((here * taken[:, None]).mT @ before)
+            past = known[..., self.every :, :]
+        steps = torch.tensor(first + length, dtype=torch.int64)
+        return DelayState(low, past, samples[..., length:, :], fast, slow, steps)
+
+
+def symmetric(matrices: Tensor) -> Tensor:
+    """`(M + M^T) / 2`."""
+    return (matrices + matrices.mT) / 2
+
+
+class Separation(NamedTuple):
+    """What `separate` finds; S is the largest number of sources asked for.
+
+    Attributes:
+        sources: how many there are, `[...]`, int64.
+        mixing: `[..., S, N]`, one row a source, strongest last, the largest entry positive; zeros beyond `sources`.
+        gap: smallest difference between the delay profiles of two sources, `[...]`: the sum over delays of the squared
+            difference of their correlations with their own past. Near zero, those two are not identified. Infinite
+            with fewer than two.
+    """
+
+    sources: Tensor
+    mixing: Tensor
+    gap: Tensor
+
+
+def separate(covariances: Tensor, smallest: float = 0.03, faint: float = 0.02, most: int = 6) -> Separation:
+    """Number of sources and their mixing from covariances at several delays.
+
+    The covariance at the shortest delay tells how many there are (eigenvalues over `smallest` of the largest) and
+    whitens the signals; a rotation then makes all others as diagonal as they get.
+
+    Args:
+        covariances: `[..., L, N, N]`, L >= 2, symmetric.
+        smallest: share of the largest eigenvalue that a further source must have.
+        faint: eigenvalue under which there is nothing, where signals fluctuate around 1.
+        most: largest number of sources.
+    """
+    batch, n = covariances.shape[:-3], covariances.shape[-1]
+    flat = covariances.reshape(-1, *covariances.shape[-3:]).double()
+    values, vectors = torch.linalg.eigh(flat[:, 0])
+    top = values[:, -1:]
+    count = ((values >= smallest * top) & (top > faint)).sum(-1).clamp_max(most)
+    mixing = flat.new_zeros(len(flat), most, n)
+    gap = flat.new_full((len(flat),), torch.inf)
+    for m in range(1, most + 1):
+        at = (count == m).nonzero().squeeze(-1)
+        if len(at) == 0:
+            continue
+        basis, size = vectors[at][..., n - m :], values[at][:, None, n - m :].sqrt()
+        whiten = (basis / size).unsqueeze(1)
+        rotation, rotated = diagonalise(whiten.mT @ flat[at, 1:] @ whiten)
+        mixed = ((basis * size) @ rotation).mT
+        sign = mixed.gather(-1, mixed.abs().argmax(-1, keepdim=True)).sign()
+        mixing[at, :m] = mixed * sign
+        if m > 1:
+            profile = rotated.diagonal(dim1=-2, dim2=-1)
+            apart = (profile.unsqueeze(-1) - profile.unsqueeze(-2)).square().sum(1)
+            apart = apart + torch.diag_embed(apart.new_full((m,), torch.inf))
+            gap[at] = apart.amin((-1, -2))
+    dtype = covariances.dtype
+    return Separation(
+        count.reshape(batch),
+        mixing.to(dtype).reshape(*batch, most, n),
+        gap.to(dtype).reshape(batch),
+    )
+
+
+def diagonalise(matrices: Tensor, sweeps: int = 12, enough: float = 1e-6) -> tuple[Tensor, Tensor]:
+    """The rotation that makes symmetric matrices `[B, L, m, m]` as diagonal as they get together, and the results.
+
+    Jacobi rotations of every pair in turn, each at the angle of Cardoso and Souloumiac (1996).
+
+    Returns:
+        V `[B, m, m]`, orthogonal, and `V^T M V`.
+    """
+    m = matrices.shape[-1]
+    out = matrices.clone()
+    rotation = torch.eye(m, dtype=out.dtype, device=out.device).repeat(len(out), 1, 1)
+    for _ in range(sweeps):
+        largest = 0.0
+        for p in range(m):
+            for q in range(p + 1, m):
+                difference = out[..., p, p] - out[..., q, q]
+                between = 2 * out[..., p, q]
+                on = (difference.square() - between.square()).sum(-1)
+                off = 2 * (difference * between).sum(-1)
+                angle = 0.5 * torch.atan2(off, on + torch.hypot(on, off))
+                largest = max(largest, float(angle.abs().max()))
+                turn = torch.stack([angle.cos(), -angle.sin(), angle.sin(), angle.cos()], -1).reshape(-1, 2, 2)
+                pair = [p, q]
+                out[..., pair] = out[..., pair] @ turn.unsqueeze(1)
+                out[..., pair, :] = turn.mT.unsqueeze(1) @ out[..., pair, :]
+                rotation[..., pair] = rotation[..., pair] @ turn
+        if largest < enough:
+            break
+    return rotation, out

@@ -1,0 +1,1 @@
+"""Objects over time: detections of one moment, tracks through many."""

@@ -1,0 +1,1 @@
+"""What ordinary video needs before: exposure, background, noise, the scale of motion."""

@@ -1,0 +1,246 @@
+"""Front end for ordinary video: ten signals of every field of a coarse grid, made to survive a real camera."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from ndtorch.errors import InputError
+from ndtorch.vision.camera.background import BackgroundState, background_start, background_step, core
+from ndtorch.vision.camera.exposure import exposure_gain
+from ndtorch.vision.camera.scales import LEVELS, ScaleState, scale_start, scale_step
+from ndtorch.vision.fields import pool, tents
+from ndtorch.vision.frames import as_float, check_frames
+from ndtorch.vision.orientation import OrientedDoG
+from ndtorch.vision.temporal import smoothing_factor
+
+HEIGHT = 56
+"""Rows of the small image on which everything is computed."""
+FASTEST = 30.5
+"""Frames a second beyond which successive frames are averaged: what matters moves slower, and noise shrinks."""
+# Standard deviations of the published filters, pixels of a 500-pixel frame, brought to the small image and kept
+# wide enough to be sampled there.
+CENTER, SURROUND = (2.85, 0.9), (3.3, 1.35)
+
+
+@dataclass(frozen=True)
+class FrontEnd:
+    """Parts of the front end, each of which can be switched off, and its constants (seconds).
+
+    Attributes:
+        exposure: divide every colour by its gain against the background.
+        background: signals from the difference to a slow background, instead of from the frame.
+        noise_floor: take nothing from what is below `spread` standard deviations of the measured noise.
+        color_inhibition: colours of a pixel inhibit one another, so that white has none.
+        scale: level of the pyramid for motion (0: 56 rows, 1: 28, 2: 14); None to choose it by the measured shift.
+        compression: square root of the signals.
+        grid: rows and columns of fields; (1, 1) for sums over the whole field.
+        tau_background, tau_deviation: memory of the background and of the noise of every pixel.
+        hold: pace of the background where something stands out, as a share of its usual pace.
+        spread: standard deviations of the noise that count as standing out.
+        tau_high, tau_low: high-pass and delay of the motion detectors.
+    """
+
+    exposure: bool = True
+    background: bool = True
+    noise_floor: bool = True
+    color_inhibition: bool = True
+    scale: int | None = None
+    compression: bool = True
+    grid: tuple[int, int] = (6, 10)
+    tau_background: float = 10.0
+    tau_deviation: float = 4.0
+    hold: float = 0.2
+    spread: float = 3.5
+    tau_high: float = 0.5
+    tau_low: float = 0.05
+
+
+class FieldSignals(NamedTuple):
+    """What the front end makes of T' time steps.
+
+    Attributes:
+        signals: the ten features in every field, `[T', R, C, 10]`.
+        motion: opponent motion to the right and downward, in squared units of contrast, `[T', R, C, 2]`.
+        presence: share of every field in which something stands out, `[T', R, C]`.
+        noise: the threshold that a pixel's difference had to pass, median over the picture, `[T']`.
+        level: level of the pyramid that motion was taken from, `[T']` int64.
+        time: seconds since the first frame, `[T']` float64.
+    """
+
+    signals: Tensor
+    motion: Tensor
+    presence: Tensor
+    noise: Tensor
+    level: Tensor
+    time: Tensor
+
+
+class OrdinaryState(NamedTuple):
+    """State of `OrdinaryVideo`: background, detectors, and the frames waiting to be averaged.
+
+    Attributes:
+        background, scales: None before the first step.
+        waiting: sum of the frames of an unfinished group, `[3, h, w]`.
+        frames: frames seen, int64 scalar.
+    """
+
+    background: BackgroundState | None
+    scales: ScaleState | None
+    waiting: Tensor
+    frames: Tensor
+
+
+class OrdinaryVideo(nn.Module):
+    """Frames of ordinary video -> ten signals of overlapping fields.
+
+    In this order, all of it causal: the frame is shrunk to 56 rows, and averaged over so many frames that at most
+    30 a second remain; its exposure is corrected against a slow background (`exposure_gain`); what differs from that
+    background by more than the measured noise is kept (`background_step`, `core`); from it come motion, by detectors
+    at an image scale chosen by the measured displacement (`scale_step`), and orientation, less what all three
+    filters share; colours are those of the frame where something stands out, inhibiting one another at every pixel.
+    All are averaged over the fields of a coarse grid and compressed. Motion is opponent after averaging, so that
+    flicker, which goes nowhere, has none.
+
+    Args:
+        size: height and width of the frames, pixels.
+        fps: frames a second.
+        parts: what is on, and the constants.
+
+    Shapes:
+        frames `[T, C, H, W]` (uint8 or 0..1) -> `FieldSignals` with T' rows, T' about T below 30 frames a second.
+        State `OrdinaryState`; `None` starts on the first frame. Chunks of any length give the same result.
+
+    Raises:
+        InputError: frames of another shape or type; a rate, size, grid or scale out of range.
+    """
+
+    def __init__(self, size: tuple[int, int], fps: float, parts: FrontEnd | None = None) -> None:
+        super().__init__()
+        self.parts = p = parts or FrontEnd()
+        if not (fps > 0 and math.isfinite(fps)):
+            raise InputError(f"fps must be a positive number of frames a second, got {fps}")
+        if min(size) < 16:
+            raise InputError(f"size must be a height and a width of at least 16 pixels, got {size}")
+        if p.scale is not None and p.scale not in range(LEVELS):
+            raise InputError(f"scale must be a level from 0 to {LEVELS - 1}, got {p.scale}")
+        self.size, self.fps = (int(size[0]), int(size[1])), fps
+        self.group = max(1, math.ceil(fps / FASTEST))
+        self.dt = self.group / fps
+        self.small = small_size(self.size)
+        self.orientation = OrientedDoG(self.small, center=CENTER, surround=SURROUND, border="reflect", exact=True)
+        for level in range(LEVELS):
+            # On a coarser level a field's weights are those of its blocks of pixels.
+            for side, n, fields in zip(("rows", "columns"), self.small, p.grid, strict=True):
+                weights = tents(n, fields).reshape(fields, -1, 2**level).sum(-1)
+                self.register_buffer(f"{side}_{level}", weights, persistent=False)
+        self.a_background = smoothing_factor(p.tau_background, self.dt)
+        self.a_deviation = smoothing_factor(p.tau_deviation, self.dt)
+        self.a_high, self.a_low = smoothing_factor(p.tau_high, self.dt), smoothing_factor(p.tau_low, self.dt)
+
+    def forward(self, frames: Tensor, state: OrdinaryState | None = None) -> tuple[FieldSignals, OrdinaryState]:
+        if frames.ndim != 4:
+            raise InputError(f"frames must have shape [T, C, H, W], got {tuple(frames.shape)}")
+        frames = check_frames(frames, self.size)
+        if state is None:
+            waiting = torch.zeros(3, *self.small, device=frames.device)
+            state = OrdinaryState(None, None, waiting, torch.zeros((), dtype=torch.int64))
+        background, scales, waiting, seen = state.background, state.scales, state.waiting, int(state.frames)
+        rows: list[tuple[Tensor, Tensor, Tensor, Tensor, int]] = []
+        times: list[float] = []
+        for frame in shrink(frames, self.small):
+            waiting = waiting + frame
+            seen += 1
+            if seen % self.group == 0:
+                if not torch.isfinite(waiting.sum()):
+                    raise InputError("frames must be finite, got NaN or infinite values")
+                row, background, scales = self._step(waiting / self.group, background, scales)
+                rows.append(row)
+                times.append((seen - 1) / self.fps)
+                waiting = torch.zeros_like(waiting)
+        end = OrdinaryState(background, scales, waiting, torch.tensor(seen, dtype=torch.int64))
+        r, c = self.parts.grid
+        if not rows:
+            none = waiting.new_zeros(0)
+            empty = FieldSignals(
+                none.view(0, r, c, 10),
+                none.view(0, r, c, 2),
+                none.view(0, r, c),
+                none,
+                none.long(),
+                none.to(torch.float64),
+            )
+            return empty, end
+        out = FieldSignals(
+            torch.stack([row[0] for row in rows]),
+            torch.stack([row[1] for row in rows]),
+            torch.stack([row[2] for row in rows]),
+            torch.stack([row[3] for row in rows]),
+            torch.tensor([row[4] for row in rows]),
+            torch.tensor(times, dtype=torch.float64),
+        )
+        return out, end
+
+    def _step(
+        self, frame: Tensor, background: BackgroundState | None, scales: ScaleState | None
+    ) -> tuple[tuple[Tensor, Tensor, Tensor, Tensor, int], BackgroundState, ScaleState]:
+        """Signals, motion, presence, noise and level of one averaged small frame `[3, h, w]`."""
+        p = self.parts
+        background = background_start(frame) if background is None else background
+        if p.exposure:
+            frame = frame / exposure_gain(frame, background.mean)
+        difference, threshold, after = background_step(
+            frame, background, self.a_background, self.a_deviation, p.hold, p.spread
+        )
+        shown = ((difference.abs() / threshold).amax(0, keepdim=True) - 1).clamp(0, 1)
+        noise = threshold[..., ::2, ::2].median()
+        seen = core(difference, threshold) if p.noise_floor else difference
+        if not p.background:
+            seen = frame
+        scales = scale_start(torch.zeros_like(seen) if p.background else seen) if scales is None else scales
+        moved, level, scales = scale_step(seen, scales, self.dt, self.a_high, self.a_low, p.tau_low, p.scale)
+        fine = [self.orientation.images(seen.abs().amax(0)).abs(), self._colors(frame, background, shown), shown]
+        fields = self._pool(torch.cat(fine), 0)
+        motion = self._pool(moved, level)
+        x, y = motion
+        directed = torch.stack([-x, x, y, -y]).clamp_min(0)
+        # What all orientations share says that something is there, not how it stands: it would own every object.
+        tilted = fields[:3] - fields[:3].amin(0)
+        signals = torch.cat([directed, tilted, fields[3:6]])
+        if p.compression:
+            signals = signals.sqrt()
+        return (signals.movedim(0, -1), motion.movedim(0, -1), fields[6], noise, level), after, scales
+
+    def _pool(self, images: Tensor, level: int) -> Tensor:
+        """Means over the fields of images on one level of the pyramid."""
+        return pool(images, self.get_buffer(f"rows_{level}"), self.get_buffer(f"columns_{level}"))
+
+    def _colors(self, frame: Tensor, background: BackgroundState, shown: Tensor) -> Tensor:
+        """Colour of what stands out, `[3, h, w]`, under light in which the background is grey on average."""
+        p = self.parts
+        white = background.mean.mean((-1, -2), keepdim=True).clamp_min(0.02)
+        color = frame * (white.mean() / white)
+        if p.color_inhibition:
+            color = (color - color.mean(0)).clamp_min(0)
+        return color * shown if p.background else color
+
+
+def small_size(size: tuple[int, int]) -> tuple[int, int]:
+    """Height and width of the small image: about `HEIGHT` rows, both multiples of 4, never more than there are."""
+    height, width = size
+    rows = min(HEIGHT, height) // 4 * 4
+    columns = min(round(rows * width / height / 4) * 4, width // 4 * 4)
+    return rows, max(4, columns)
+
+
+def shrink(frames: Tensor, size: tuple[int, int]) -> Tensor:
+    """Frames `[T, 3, H, W]` averaged over blocks to `[T, 3, *size]` float."""
+    factors = (frames.shape[-2] // size[0], frames.shape[-1] // size[1])
+    if frames.shape[-2:] == (size[0] * factors[0], size[1] * factors[1]):
+        return F.avg_pool2d(as_float(frames), factors)
+    return F.adaptive_avg_pool2d(as_float(frames), size)

@@ -1,1 +1,0 @@
-"""The robot: control loop, simulated world, scoring and pictures; run from a checkout as `python -m robot`."""

@@ -1,1 +1,0 @@
-"""Subcommands of `python -m robot`, one file each."""

@@ -1,0 +1,1 @@
+"""The robot: control loop, simulated world, scoring and pictures; run from a checkout as `ndtorch`."""

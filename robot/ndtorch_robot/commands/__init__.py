@@ -1,0 +1,1 @@
+"""Subcommands of `ndtorch`, one file each."""

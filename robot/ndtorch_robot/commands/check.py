@@ -1,0 +1,179 @@
+"""`ndtorch check`."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from ndtorch.errors import InputError
+
+if TYPE_CHECKING:
+    from ndtorch_robot.link import SerialDrive
+    from ndtorch_robot.run_config import RunConfig
+    from ndtorch_robot.safety import SafeDrive
+
+STEER = 1.0
+"""Curvature of the test turns, 1/m."""
+
+CRAWL = 0.2
+"""Speed of the test drives with the wheels up, m/s."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """Walk through cameras, link, steering directions and emergency stop. Put the car on a block: wheels up!
+
+    Asks after each movement whether it was the right one; exit code 1 when anything was not.
+    """
+
+    config: Annotated[Path, tyro.conf.Positional]
+    """TOML file of the car."""
+    yes: bool = False
+    """Answer every question with yes, for a simulated board."""
+
+    def run(self) -> int:
+        """Ask, move, ask."""
+        from ndtorch_robot.loop import MonotonicClock
+        from ndtorch_robot.run import timed_report
+        from ndtorch_robot.run_config import RunConfig
+        from ndtorch_robot.safety import SafeDrive
+        from ndtorch_robot.sim.board import SimulatedBoard
+        from ndtorch_robot.toml import read_toml
+
+        config = read_toml(self.config, RunConfig)
+        print("1. Cameras")
+        bad = 0 if self.cameras(config) else 1
+        print("2. Link")
+        board = SimulatedBoard() if config.link.device is None else None
+        try:
+            device = board.device if board is not None else config.link.device
+            assert device is not None
+            link = open_link(config, device)
+            try:
+                bad += 0 if self.link(link) else 1
+                safe = SafeDrive(link, MonotonicClock(), config.limits.limits(), report=timed_report())
+                print("3. Directions")
+                if not self.ask("Are all wheels off the ground?"):
+                    print("put the car on a block first", file=sys.stderr)
+                    return 1
+                bad += self.directions(safe)
+                print("4. Emergency stop")
+                bad += self.emergency(safe, link)
+            finally:
+                link.close()
+        finally:
+            if board is not None:
+                board.close()
+        print("all well" if bad == 0 else f"{bad} of the points above were not right")
+        return 0 if bad == 0 else 1
+
+    def ask(self, question: str) -> bool:
+        """A question with the answers yes and no; the end of the input is a no."""
+        if self.yes:
+            print(f"   {question} yes")
+            return True
+        try:
+            return input(f"   {question} [y/n] ").strip().lower() in ("y", "yes")
+        except EOFError:
+            return False
+
+    def cameras(self, config: RunConfig) -> bool:
+        """Read a second of pairs."""
+        if config.cameras is None:
+            print("   simulated, nothing to check")
+            return True
+        from ndtorch_robot.run import make_real_cameras
+
+        try:
+            import_module("ndtorch_robot.cameras")
+            pair, _, _ = make_real_cameras(config)
+        except (InputError, ModuleNotFoundError) as error:
+            print(f"   not right: {error}")
+            return False
+        try:
+            times = [pair.read().time for _ in range(30)]
+        except InputError as error:
+            print(f"   not right: {error}")
+            return False
+        finally:
+            pair.close()
+        rate = 29 / (times[-1] - times[0])
+        print(f"   {rate:.1f} pairs a second, {config.rate_hz:.0f} are wanted")
+        return abs(rate / config.rate_hz - 1) < 0.1
+
+    def link(self, link: SerialDrive) -> bool:
+        """A second of heartbeats."""
+        import numpy as np
+
+        time.sleep(1.0)
+        telemetry = link.telemetry
+        if telemetry is None:
+            print("   not right: no telemetry")
+            return False
+        trips = np.array(link.round_trips) * 1e3
+        print(f"   round trip {np.median(trips):.1f} ms, 99 % below {np.percentile(trips, 99):.1f} ms")
+        battery = f"{telemetry.battery:.1f} V" if telemetry.battery > 1 else "not measured"
+        print(f"   battery {battery}, pulses {telemetry.motor}, {telemetry.front}, {telemetry.rear} us")
+        return True
+
+    def directions(self, safe: SafeDrive) -> int:
+        """Left, right, forward, backward, each for a second; returns how many were wrong."""
+        from ndtorch_robot.ports import DriveCommand
+
+        moves = [
+            (DriveCommand(0.0, STEER), "Did the front wheels turn left and the rear wheels right?"),
+            (DriveCommand(0.0, -STEER), "Did the front wheels turn right and the rear wheels left?"),
+            (DriveCommand(CRAWL, 0.0), "Did the wheels turn forward, slowly?"),
+            (DriveCommand(-CRAWL, 0.0), "Did they turn backward, after a short brake?"),
+        ]
+        wrong = 0
+        for command, question in moves:
+            hold(safe, command, 1.5, print)
+            wrong += not self.ask(question)
+        return wrong
+
+    def emergency(self, safe: SafeDrive, link: SerialDrive) -> int:
+        """Stop in the middle of driving; returns how many things were wrong."""
+        from ndtorch_robot.ports import DriveCommand
+
+        hold(safe, DriveCommand(CRAWL, 0.0), 1.0, print, stop=False)
+        safe.emergency("test of the emergency stop")
+        end = time.monotonic() + 0.5
+        while time.monotonic() < end:
+            safe.send(DriveCommand(CRAWL, 0.0))
+            time.sleep(0.03)
+        telemetry = link.telemetry
+        stands = telemetry is not None and not telemetry.armed and telemetry.motor == 1500
+        print(f"   the board says it {'stands' if stands else 'drives'}")
+        return (not stands) + (not self.ask("Did the wheels stop at once?"))
+
+
+def open_link(config: RunConfig, device: str) -> SerialDrive:
+    """The link of a configuration."""
+    from ndtorch_robot.link import SerialDrive
+
+    return SerialDrive(device, config.link.baud, config.robot, lambda line: print(f"   {line}"))
+
+
+def hold(safe: SafeDrive, command: object, seconds: float, say: Callable[[str], None], stop: bool = True) -> None:
+    """Send a command for some seconds, through the safety layer as everything else."""
+    from ndtorch_robot.ports import DriveCommand
+
+    assert isinstance(command, DriveCommand)
+    safe.send(DriveCommand(0.0, 0.0))
+    safe.resume()
+    sent, end = None, time.monotonic() + seconds
+    while time.monotonic() < end:
+        sent = safe.send(command)
+        time.sleep(0.03)
+    if sent != command:
+        say(f"   not right: {command} was wanted, {sent} was sent")
+    if stop:
+        safe.stop()

@@ -1,0 +1,173 @@
+"""`ndtorch drive`."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from ndtorch.commands import INTERRUPTED
+from ndtorch.errors import InputError
+
+if TYPE_CHECKING:
+    from ndtorch_robot.config import DriveConfig
+    from ndtorch_robot.drive import Result
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Drive through a simulated building, steering and mapping by sight.
+
+    Shows the progress and a summary, and writes summary.json, path.png, map.png, map.npz, speeds.png and rows.png.
+    Options override the file. Ctrl-C stops the robot and keeps everything.
+    """
+
+    config: Annotated[Path | None, tyro.conf.Positional] = None
+    """TOML file with the options below as keys."""
+    arena: str | None = None
+    """Arena by name (see `ndtorch arenas`), or a .toml file (default hallway)."""
+    seed: int | None = None
+    """Building, textures and starting place (default 0)."""
+    seconds: float | None = None
+    """Simulated time to drive, s (default 60)."""
+    controller: str | None = None
+    """What steers: ranging, which drives where it has seen floor (default), or published, the saccades of the paper."""
+    features: int | None = None
+    """Features to range in each frame (default 7; the paper has 5)."""
+    places: Literal["edges", "motion"] | None = None
+    """Features lie at the edge that moved, to a fraction of a pixel (default), or where most motion is (paper)."""
+    prediction: bool = False
+    """Follow features from frame to frame instead of choosing the strongest anew."""
+    compiled: bool = False
+    """Compile the navigation step: 1.7 to 3 times faster, after about a minute of compiling the first time."""
+    angle: Literal["atan", "linear"] | None = None
+    """Angle of a pixel: exact (atan, default) or the paper's straight line."""
+    odometry: Literal["true", "noisy"] | None = None
+    """Dead reckoning: exact (default), or 1 % too long and drifting by 0.05 degrees a second."""
+    walls: Literal["textured", "blank"] | None = None
+    """Walls with panels, doors and papers (default), or without any texture."""
+    moving: bool = False
+    """With a person-sized box that walks to and fro."""
+    whole: bool = False
+    """Draw whole 640x480 frames although only strips of them are read (six times slower)."""
+    out: Path | None = None
+    """Folder for the results (default out/drive)."""
+    rrd: Path | None = None
+    """Also record the drive into this file, to look at with rerun; draws whole frames."""
+    view: bool = False
+    """Open the rerun viewer and show the drive as it goes; draws whole frames."""
+    view_at: str | None = None
+    """Serve the same at this ADDRESS or ADDRESS:PORT, for `rerun rerun+http://ADDRESS:9876/proxy` elsewhere."""
+    record: Path | None = None
+    """New folder for a recording that `ndtorch replay` drives again."""
+    record_format: Literal["png", "jpeg", "raw"] | None = None
+    """Frames of the recording: png (default) and raw keep them to the bit, jpeg does not."""
+    json: bool = False
+    """Print the summary as one JSON object and nothing else."""
+
+    def run(self) -> int:
+        """Drive, show the progress, write the results and the summary."""
+        import torch
+
+        from ndtorch_robot.config import load_config
+
+        choices = asdict(self)
+        del choices["config"], choices["json"]
+        for flag in ("moving", "whole", "prediction", "compiled", "view"):
+            choices[flag] = choices[flag] or None  # a flag that is not given leaves the file's value
+        config = load_config(self.config, choices)
+        prepare(config.out)
+        torch.set_num_threads(1)
+        result = watched(config, quiet=self.json)
+        write_results(result, config.out)
+        if self.json:
+            print(json.dumps(result.summary))
+        else:
+            print(describe(result))
+        return INTERRUPTED if result.interrupted else 0
+
+
+def watched(config: DriveConfig, quiet: bool) -> Result:
+    """Drive with a progress bar on stderr, unless quiet."""
+    from tqdm import tqdm
+
+    from ndtorch_robot.drive import drive
+
+    if quiet:
+        return drive(config)
+    bar = None
+
+    def progress(made: int, total: int) -> None:
+        nonlocal bar
+        if bar is None:  # only now, so that an error before the first frame stands alone
+            bar = tqdm(total=total, desc=f"{config.arena} seed {config.seed}", unit=" frames", file=sys.stderr)
+        bar.update()
+        if made == total:
+            bar.close()
+
+    try:
+        return drive(config, progress)
+    finally:
+        if bar is not None:
+            bar.close()
+
+
+def prepare(folder: Path) -> None:
+    """Make the folder for the results, before the time of a drive is spent."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--out {folder}: cannot make this folder ({error.strerror})") from None
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InputError(f"--out {folder}: cannot write into this folder")
+
+
+def write_results(result: Result, folder: Path) -> None:
+    """All files of a drive."""
+    import numpy as np
+
+    from ndtorch_robot.figures import write_figures
+
+    (folder / "summary.json").write_text(json.dumps(result.summary, indent=1) + "\n")
+    g = result.grid
+    np.savez_compressed(
+        folder / "map.npz",
+        cells=result.cells.numpy(),
+        bounds=np.array([g.left, g.right, g.bottom, g.top]),
+        cell=g.cell,
+        true_path=result.record.array("pose"),
+        believed_path=result.record.array("believed"),
+    )
+    write_figures(result, folder)
+
+
+def describe(result: Result) -> str:
+    """The summary in words."""
+    s, c = result.summary, result.config
+    score, times = s["map"], s["step_ms"]
+    assert isinstance(score, dict)
+    assert isinstance(times, dict)
+    seconds, wall, passed = (float(str(s[key])) for key in ("simulated_seconds", "wall_seconds", "free_area_passed"))
+
+    def value(key: str, unit: str, factor: float = 1.0) -> str:
+        return "-" if score[key] is None else f"{factor * score[key]:.1f} {unit}"
+
+    lines = [
+        f"{c.arena}, seed {c.seed}, {c.controller}" + (" (interrupted)" if result.interrupted else ""),
+        f"  {seconds:.0f} s and {s['distance_m']:.0f} m driven in {wall:.1f} s, "
+        f"{seconds / max(wall, 1e-9):.1f}x real time",
+        f"  collisions {s['collisions']} ({s['collisions_per_hour']} an hour), stops {s['stopped']}, "
+        f"turns {s['turns']}, free area passed {100 * passed:.0f} %",
+        f"  map: {value('precision', '%', 100)} of its mass near true edges, {value('recall', '%', 100)} of the "
+        f"visible edges found, position error {value('position_error_cm', 'cm')}, "
+        f"door spacing error {value('spacing_error_percent', '%')}",
+        f"  navigation step: median {times.get('p50', 0):.2f} ms, 99 % below {times.get('p99', 0):.2f} ms",
+        f"  written to {c.out}: summary.json path.png map.png map.npz speeds.png rows.png"
+        + (f"\n  recording: rerun {c.rrd}" if c.rrd else ""),
+    ]
+    return "\n".join(lines)

@@ -1,0 +1,176 @@
+"""`ndtorch evaluate`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+
+import tyro
+
+from ndtorch.commands import INTERRUPTED
+from ndtorch.errors import InputError
+
+if TYPE_CHECKING:
+    from ndtorch_robot.config import DriveConfig
+    from ndtorch_robot.evaluation.drives import Cache, Summary
+
+SEEDS = (1000, 1001, 1002)
+"""Seeds that nothing was ever tuned on."""
+
+SECONDS = 300.0
+"""Simulated time of a drive, unless the user says otherwise."""
+
+FAILED = 1
+"""Exit code when some drive could not be done."""
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Drive many times, in parallel, and put the results into one table.
+
+    Writes table.md, table.csv, table.png and drives.jsonl, and keeps every finished drive in DIR/drives: killed and
+    started again it goes on where it was, until the code or an option changes. Ctrl-C keeps what is finished.
+    """
+
+    config: Annotated[Path | None, tyro.conf.Positional] = None
+    """TOML file as for `drive`: the options that all drives share."""
+    arenas: tuple[str, ...] = ()
+    """Arenas by name, or .toml files (default all)."""
+    seeds: tuple[int, ...] = SEEDS
+    """Buildings, textures and starting places. Seeds below 1000 were used in tuning: do not report them."""
+    seconds: float | None = None
+    """Simulated time of each drive, s (default 300)."""
+    controllers: tuple[str, ...] = ()
+    """What steers (default every controller there is)."""
+    walls: tuple[Literal["textured", "blank"], ...] = ("textured",)
+    """Walls with panels, doors and papers, without any texture, or both."""
+    compiled: bool = False
+    """Compile the navigation step: long evaluations take about 60 % of the time."""
+    jobs: int = 0
+    """Drives at a time (default one a core)."""
+    out: Path = Path("out/evaluate")
+    """Folder for the results."""
+    json: bool = False
+    """Print the rows of the table as JSON instead."""
+
+    def run(self) -> int:
+        """Drive, show the progress, write the table."""
+        from ndtorch_robot.commands.drive import prepare
+        from ndtorch_robot.evaluation.drives import Cache
+
+        drives = self.drives()
+        prepare(self.out)
+        cache = Cache(self.out / "drives")
+        troubles: list[str] = []
+        interrupted = False
+        try:
+            troubles = finish_drives([d for d in drives if cache.get(d) is None], cache, self.processes())
+        except KeyboardInterrupt:
+            interrupted = True
+        found = [(d, summary) for d in drives if (summary := cache.get(d)) is not None]
+        words = write_tables([summary for _, summary in found], self.out, self.note(drives, found), self.json)
+        print(words)
+        for trouble in troubles:
+            print(f"failed: {trouble}", file=sys.stderr)
+        return INTERRUPTED if interrupted else FAILED if troubles else 0
+
+    def drives(self) -> list[DriveConfig]:
+        """The configurations of all drives, checked before the first begins."""
+        from ndtorch_robot.config import DriveConfig, load_config
+        from ndtorch_robot.evaluation.drives import all_drives
+        from ndtorch_robot.sim.arenas import ARENAS, load_arena
+
+        arenas = self.arenas or tuple(ARENAS)
+        known = get_args(DriveConfig.model_fields["controller"].annotation)
+        controllers = self.controllers or known
+        if not (self.seeds and self.walls):
+            raise InputError("--seeds and --walls need one value or more")
+        base = load_config(
+            self.config, {"seconds": self.seconds, "seed": self.seeds[0], "compiled": self.compiled or None}
+        )
+        if "seconds" not in base.model_fields_set:
+            base = base.model_copy(update={"seconds": SECONDS})
+        for controller in controllers:
+            load_config(None, {"controller": controller})
+        for seed in self.seeds:
+            load_config(None, {"seed": seed})
+        drives = all_drives(base, arenas, self.walls, controllers, list(self.seeds))
+        for arena in arenas:
+            for seed in self.seeds:
+                load_arena(arena, seed)
+        return drives
+
+    def processes(self) -> int:
+        """How many drives at a time."""
+        from ndtorch_robot.evaluation.workers import cores
+
+        if self.jobs < 0:
+            raise InputError(f"--jobs must be 1 or more, got {self.jobs}")
+        return self.jobs or cores()
+
+    def note(self, drives: list[DriveConfig], found: list[Any]) -> str:
+        """How the table was made, in a line."""
+        seeds = ", ".join(str(seed) for seed in dict.fromkeys(self.seeds))
+        missing = f"; {len(drives) - len(found)} of {len(drives)} drives are missing" * (len(found) < len(drives))
+        tuned = "; seeds below 1000 were used in tuning" if min(self.seeds) < SEEDS[0] else ""
+        return f"{drives[0].seconds:g} s a drive, seeds {seeds}{missing}{tuned}."
+
+
+def finish_drives(missing: list[DriveConfig], cache: Cache, processes: int) -> list[str]:
+    """Do the drives that are missing, keeping each as soon as it is done; returns what went wrong for good."""
+    from tqdm import tqdm
+
+    from ndtorch_robot.evaluation.drives import drive_once
+    from ndtorch_robot.evaluation.workers import Done, Trouble, run_jobs
+
+    if not missing:
+        return []
+    made = [0.0] * len(missing)
+    troubles: list[str] = []
+    total = sum(d.seconds for d in missing)
+    form = "{desc} {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} s, {rate_fmt}, {remaining} left"
+    with tqdm(total=total, unit="x", bar_format=form, file=sys.stderr) as bar:
+        left = len(missing)
+        bar.set_description_str(f"{left} drives to go")
+        with closing(run_jobs(drive_once, missing, min(processes, len(missing)))) as events:
+            for event in events:
+                config = missing[event.job]
+                if isinstance(event, Trouble):
+                    words = f"{config.arena}, seed {config.seed}, {config.walls}, {config.controller}: {event.reason}"
+                    if event.final:
+                        troubles.append(words)
+                    else:
+                        bar.write(f"note: {words}; once more", file=sys.stderr)
+                    reached = config.seconds if event.final else 0.0
+                elif isinstance(event, Done):
+                    cache.put(config, event.result)
+                    reached = config.seconds
+                else:
+                    reached = event.made
+                bar.update(reached - made[event.job])
+                made[event.job] = reached
+                if isinstance(event, Done) or (isinstance(event, Trouble) and event.final):
+                    left -= 1
+                    bar.set_description_str(f"{left} drives to go")
+    return troubles
+
+
+def write_tables(summaries: list[Summary], folder: Path, note: str, as_json: bool) -> str:
+    """All files of an evaluation; returns what to print."""
+    from ndtorch_robot.evaluation.picture import draw_table
+    from ndtorch_robot.evaluation.table import comma_separated, markdown, rows_of
+
+    rows = rows_of(summaries)
+    text = markdown(rows, note)
+    (folder / "table.md").write_text(text, encoding="utf-8")
+    (folder / "table.csv").write_text(comma_separated(rows), encoding="utf-8")
+    (folder / "drives.jsonl").write_text("".join(json.dumps(s) + "\n" for s in summaries))
+    if rows:
+        draw_table(rows, folder / "table.png")
+    if as_json:
+        return json.dumps([{k: v for k, v in row._asdict().items() if k != "drives"} for row in rows])
+    return text + f"\nwritten to {folder}: table.md table.csv drives.jsonl" + " table.png" * bool(rows)

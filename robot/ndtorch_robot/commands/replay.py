@@ -1,0 +1,113 @@
+"""`ndtorch replay`."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import signal
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+if TYPE_CHECKING:
+    from ndtorch_robot.recording import Comparison, Recording
+
+DIFFERENT = 1
+"""Exit code when lossless frames give other commands than were recorded."""
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Drive a recording again and compare the commands.
+
+    The same program runs on the recorded frames and odometry. From lossless frames it must want the same to the
+    bit, or the exit code is 1; from JPEG it is said how much it differs. A recording that was cut short is
+    replayed as far as it goes.
+    """
+
+    folder: Annotated[Path, tyro.conf.Positional]
+    """The recording."""
+    rrd: Path | None = None
+    """Also write what the replay sees and does into this file, to look at with rerun."""
+    view: bool = False
+    """Open the rerun viewer and show the same. It listens at 127.0.0.1 only."""
+    view_at: str | None = None
+    """Serve the same at this ADDRESS or ADDRESS:PORT until Ctrl-C, for `rerun rerun+http://ADDRESS:9876/proxy`."""
+    json: bool = False
+    """Print one JSON object and nothing else."""
+
+    def run(self) -> int:
+        """Replay, compare, say so."""
+        import torch
+
+        from ndtorch_robot.recording import open_recording
+
+        torch.set_num_threads(1)
+        recording = open_recording(self.folder)
+        comparison = self.shown(recording) if self.rrd or self.view or self.view_at else self.plain(recording)
+        result = asdict(comparison) | {
+            "frames": recording.kind,
+            "complete": recording.complete,
+            "missing": recording.missing,
+            "trouble": recording.trouble,
+        }
+        if self.json:
+            print(json.dumps(result))
+        else:
+            print(describe(recording, result))
+        if self.view_at:
+            self.serve()
+        gaps = comparison.skipped or recording.missing
+        return DIFFERENT if recording.lossless and not gaps and comparison.same < comparison.steps else 0
+
+    def plain(self, recording: Recording) -> Comparison:
+        """Replay without showing anything."""
+        from ndtorch_robot.recording import make_pilot, replay
+
+        return replay(recording, make_pilot(recording.configuration))
+
+    def shown(self, recording: Recording) -> Comparison:
+        """Replay and show it."""
+        from ndtorch_robot.recording import make_pilot, replay
+        from ndtorch_robot.view import ViewRecorded, Where, layout, open_stream, start_view
+
+        pilot = make_pilot(recording.configuration, mapping=True)
+        where = Where(self.rrd, self.view, self.view_at)
+        stream = open_stream(f"replay {self.folder.name}", where, layout())
+
+        def say(line: str) -> None:
+            print(f"note: {line}", file=sys.stderr)
+
+        view = start_view(stream, pilot.navigator, pilot.rig, pilot.fields, say, wait=True)
+        try:
+            return replay(recording, pilot, ViewRecorded(view, pilot))
+        finally:
+            view.close()
+
+    def serve(self) -> None:
+        """Leave the server to viewers until Ctrl-C."""
+        print(f"served at {self.view_at} until Ctrl-C", file=sys.stderr)
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.pause()
+
+
+def describe(recording: Recording, r: dict[str, Any]) -> str:
+    """The comparison in words."""
+    lines = [f"{r['steps']} steps of {recording.folder} replayed from {r['frames']} frames"]
+    if not r["complete"]:
+        lines.append("  the recording was cut short" + (f": {r['trouble']}" if r["trouble"] else ""))
+    if r["skipped"] or r["missing"]:
+        lines.append(
+            f"  {r['skipped']} steps without frames and {r['missing']} lost ones: the navigator saw other things"
+        )
+    if r["same"] == r["steps"]:
+        lines.append("  the same commands, bit for bit")
+    else:
+        lines.append(
+            f"  {r['steps'] - r['same']} commands differ, the first in step {r['first_different']}, by up to "
+            f"{r['speed_difference']:.3f} m/s and {r['curvature_difference']:.3f} 1/m"
+        )
+    return "\n".join(lines)

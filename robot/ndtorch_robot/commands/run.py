@@ -1,0 +1,120 @@
+"""`ndtorch run`."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+
+from ndtorch.errors import InputError
+
+
+@dataclass(frozen=True)
+class Run:
+    """Drive a car: cameras, navigator, safety layer and board, in real time.
+
+    The car stands until the key g is pressed (or SIGUSR1 comes); any other key is an emergency stop. SIGINT and
+    SIGTERM stop the car and end the program.
+    """
+
+    config: Annotated[Path, tyro.conf.Positional]
+    """TOML file of the car: robot/configs/maxstone8.toml, or sim.toml for one without any hardware."""
+    seconds: float | None = None
+    """Drive so long, s; until it is told to end by default."""
+    go: bool = False
+    """Drive off without waiting for the key."""
+    record: Path | None = None
+    """New folder for a recording that `ndtorch replay` drives again."""
+    record_format: Literal["png", "jpeg", "raw"] = "jpeg"
+    """Frames of the recording: png and raw keep them to the bit, jpeg is small and cheap."""
+    rrd: Path | None = None
+    """Also write what the car sees and does into this file, to look at with rerun."""
+    view: bool = False
+    """Open the rerun viewer and show the same as it goes. It listens at 127.0.0.1 only."""
+    view_at: str | None = None
+    """Serve the same at this ADDRESS or ADDRESS:PORT, for `rerun rerun+http://ADDRESS:9876/proxy` elsewhere."""
+    json: bool = False
+    """Print the summary as one JSON object and nothing else on stdout."""
+
+    def run(self) -> int:
+        """Drive; prints what happens to stderr and a summary at the end."""
+        import torch
+
+        from ndtorch_robot.emergency import HELP, emergency_stops
+        from ndtorch_robot.recording import Recorder, RecordSteps
+        from ndtorch_robot.run import open_car, real_time_priority, timed_report
+        from ndtorch_robot.run_config import RunConfig
+        from ndtorch_robot.toml import read_toml
+
+        if self.seconds is not None and not 0 < self.seconds < 1e7:
+            raise InputError(f"--seconds must be positive, got {self.seconds}")
+        config = read_toml(self.config, RunConfig)
+        torch.set_num_threads(1)
+        printed = timed_report()
+        told = [printed]
+
+        def report(line: str) -> None:
+            for tell in told:
+                tell(line)
+
+        stream = self.stream()
+        real_time_priority(report)
+        with contextlib.ExitStack() as stack:
+            car = stack.enter_context(open_car(config, report, self.go))
+            car.ended = stack.enter_context(emergency_stops(car.safe))
+            recorder = None
+            if self.record is not None:
+                recorder = Recorder(self.record, car.configuration(), format=self.record_format, say=report)
+                car.observers.append(RecordSteps(stack.enter_context(recorder), car.telemetry))
+            view = None
+            if stream is not None:
+                from ndtorch_robot.view import ViewSteps, start_view
+
+                fields = config.navigation.choice().fields(car.rig)
+                view = start_view(stream, car.navigator, car.rig, fields, printed)
+                stack.callback(view.close)
+                observer = ViewSteps(view, car.telemetry)
+                car.observers.append(observer)
+                told.append(observer.say)
+            report(f"ready; {HELP}" if sys.stdin.isatty() else "ready; SIGUSR1: go, SIGTERM: stop and end")
+            car.run(self.seconds)
+            summary = car.summary() | world(car.cameras)
+            if recorder is not None:
+                recorder.close()
+                summary["recording"] = recorder.summary()
+            if view is not None:
+                summary["view"] = {"shown": view.shown, "dropped": view.dropped, "failed": view.failed}
+        if self.json:
+            print(json.dumps(summary))
+        else:
+            for key, value in summary.items():
+                print(f"{key}: {value}")
+        return 0
+
+    def stream(self) -> Any:
+        """Where the view goes; None where nobody looks."""
+        where = (self.rrd, self.view, self.view_at)
+        if not any(where):
+            return None
+        from ndtorch_robot.view import Where, layout, open_stream
+
+        return open_stream(f"run {self.config.stem}", Where(*where), layout())
+
+
+def world(cameras: object) -> dict[str, object]:
+    """What the simulated world knows of the drive."""
+    from ndtorch_robot.sim.pulse_world import PulseWorld
+
+    if not isinstance(cameras, PulseWorld):
+        return {}
+    late = sum(event.name == "late" for event in cameras.board.events)
+    return {
+        "collisions": len(cameras.simulation.collisions),
+        "distance_m": round(cameras.distance, 2),
+        "board_late": late,
+    }

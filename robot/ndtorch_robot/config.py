@@ -1,0 +1,76 @@
+"""What can be chosen for a drive, from a TOML file and from the command line."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from ndtorch.errors import InputError
+from ndtorch_robot.toml import Strict, check, read_toml
+
+
+class DriveConfig(Strict):
+    """A drive.
+
+    Args:
+        arena: name of an arena (`ndtorch arenas`) or a `.toml` file.
+        seed: of the building, its textures and the starting place.
+        seconds: simulated time, s.
+        controller: `"ranging"`, or `"published"`, the saccades of [A].
+        features: features to range in each frame, n.
+        places: `"edges"`, at the edge that moved, to a fraction of a pixel, or `"motion"`, where the motion is
+            largest, as published.
+        prediction: follow features from frame to frame, as in [§2.1.4].
+        compiled: compile the step of the navigator; see `ndtorch.navigation.CompiledNavigator`.
+        angle: `"atan"` or `"linear"`, the angle of a pixel.
+        odometry: `"true"` or `"noisy"` dead reckoning.
+        walls: `"textured"` or `"blank"`.
+        moving: with a moving obstacle.
+        whole: draw whole frames instead of the strips that are read.
+        rrd: file for a recording to look at with rerun.
+        view: open the rerun viewer and show the drive as it goes.
+        view_at: serve the same at this address, for viewers elsewhere.
+        out: folder for the results.
+        record: new folder for a recording, robot/books/recording.md.
+        record_format: frames of the recording, `"png"`, `"jpeg"` or `"raw"`.
+    """
+
+    arena: str = "hallway"
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+    seconds: Annotated[float, Field(gt=0, le=86400)] = 60.0
+    controller: Literal["ranging", "published"] = "ranging"
+    features: Annotated[int, Field(ge=1, le=64)] = 7
+    places: Literal["edges", "motion"] = "edges"
+    prediction: bool = False
+    compiled: bool = False
+    angle: Literal["atan", "linear"] = "atan"
+    odometry: Literal["true", "noisy"] = "true"
+    walls: Literal["textured", "blank"] = "textured"
+    moving: bool = False
+    whole: bool = False
+    rrd: Path | None = None
+    view: bool = False
+    view_at: str | None = None
+    out: Path = Path("out/drive")
+    record: Path | None = None
+    record_format: Literal["png", "jpeg", "raw"] = "png"
+
+
+def load_config(file: Path | None, choices: dict[str, object]) -> DriveConfig:
+    """The file's values, overridden by those choices that are not None.
+
+    Raises:
+        InputError: an unknown key, with the nearest known one, or a value that cannot be used.
+    """
+    values: dict[str, object] = {}
+    if file is not None:
+        values = read_toml(file, DriveConfig).model_dump(exclude_unset=True)
+    values |= {key: value for key, value in choices.items() if value is not None}
+    unknown = sorted(set(values) - set(DriveConfig.model_fields))
+    if unknown:
+        near = difflib.get_close_matches(unknown[0], DriveConfig.model_fields, 1)
+        raise InputError(f"unknown key {unknown[0]!r}" + (f", did you mean {near[0]!r}?" if near else ""))
+    return check(values, DriveConfig, "drive")

@@ -1,0 +1,96 @@
+"""One drive of an evaluation: what it is called, where its result is kept, and how it is done."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable
+from importlib.metadata import version
+from itertools import product
+from pathlib import Path
+
+from ndtorch_robot.config import DriveConfig
+
+NOT_THE_DRIVE = {"out", "rrd", "view", "whole"}
+"""Keys that do not change what happens in a drive."""
+
+TELL_EVERY = 0.5
+"""Seconds between two reports of a worker."""
+
+Summary = dict[str, object]
+
+
+def all_drives(
+    base: DriveConfig, arenas: tuple[str, ...], walls: tuple[str, ...], controllers: tuple[str, ...], seeds: list[int]
+) -> list[DriveConfig]:
+    """Every combination, once; the seeds vary fastest."""
+    combinations = dict.fromkeys(product(arenas, walls, controllers, seeds))
+    names = ("arena", "walls", "controller", "seed")
+    return [base.model_copy(update=dict(zip(names, values, strict=True))) for values in combinations]
+
+
+def code_digest() -> str:
+    """A hash of all code that a drive runs through: `ndtorch`, `robot`, and the versions of what draws and counts."""
+    root = Path(__file__).resolve().parents[3]
+    digest = hashlib.sha256()
+    for name in ("torch", "mujoco", "numpy"):
+        digest.update(f"{name} {version(name)}\n".encode())
+    for file in sorted([*(root / "ndtorch").rglob("*.py"), *(root / "robot").rglob("*.py")]):
+        digest.update(str(file.relative_to(root)).encode() + b"\0" + file.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+def key_of(config: DriveConfig, code: str) -> str:
+    """Name of the result of a drive: the same for the same parameters, building and code."""
+    values = config.model_dump(mode="json", exclude=NOT_THE_DRIVE)
+    text = Path(config.arena).read_text(encoding="utf-8") if config.arena.endswith(".toml") else ""
+    return hashlib.sha256(json.dumps([values, text, code], sort_keys=True).encode()).hexdigest()[:16]
+
+
+class Cache:
+    """Summaries of finished drives, one file each, so that an evaluation can go on where it was stopped."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.code = folder, code_digest()
+
+    def file(self, config: DriveConfig) -> Path:
+        """Where the summary of a drive is or will be."""
+        return self.folder / f"{key_of(config, self.code)}.json"
+
+    def get(self, config: DriveConfig) -> Summary | None:
+        """The summary of a drive that was done before, or None."""
+        try:
+            found = json.loads(self.file(config).read_text())
+        except (FileNotFoundError, json.JSONDecodeError):
+            return None
+        assert isinstance(found, dict)
+        return found
+
+    def put(self, config: DriveConfig, summary: Summary) -> None:
+        """Keep a summary. Written beside and moved, so that there is never half a file."""
+        file = self.file(config)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        draft = file.with_suffix(".part")
+        draft.write_text(json.dumps(summary) + "\n")
+        draft.replace(file)
+
+
+def drive_once(config: DriveConfig, progress: Callable[[float], None]) -> Summary:
+    """Do one drive, in one thread; tells the simulated seconds driven so far."""
+    import torch
+
+    from ndtorch_robot.drive import RATE, drive
+
+    torch.set_num_threads(1)
+    told = time.monotonic()
+
+    def step(made: int, total: int) -> None:
+        nonlocal told
+        now = time.monotonic()
+        if now - told > TELL_EVERY or made == total:
+            told = now
+            progress(made / RATE)
+
+    unseen = {"whole": False, "rrd": None, "view": False}
+    return drive(config.model_copy(update=unseen), step).summary

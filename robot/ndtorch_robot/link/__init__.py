@@ -1,0 +1,7 @@
+"""The drive link: frames over a serial line to the board that steers and drives; see PROTOCOL.md."""
+
+from ndtorch_robot.link.messages import VERSION, Fault, Frame, Telemetry, Type
+from ndtorch_robot.link.parser import Parser
+from ndtorch_robot.link.serial_drive import SerialDrive
+
+__all__ = ["VERSION", "Fault", "Frame", "Parser", "SerialDrive", "Telemetry", "Type"]

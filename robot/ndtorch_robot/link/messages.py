@@ -1,0 +1,173 @@
+"""What is said on the drive link, and how it is put into frames; see PROTOCOL.md."""
+
+from __future__ import annotations
+
+import struct
+from enum import IntEnum, IntFlag
+from typing import Any, NamedTuple
+
+from ndtorch_robot.link import cobs
+from ndtorch_robot.link.crc import crc_ccitt, crc_dnp
+from ndtorch_robot.ports import DriveCommand
+
+VERSION = 1
+
+HEADER = struct.Struct("<BBH")
+CHECKS = struct.Struct("<HH")
+COMMAND_BODY = struct.Struct("<hh")
+WELCOME_BODY = struct.Struct("<H8s")
+TELEMETRY_BODY = struct.Struct("<HBBhhHHHHHH")
+
+
+class Type(IntEnum):
+    """Kinds of message; those from 0x80 on come from the board."""
+
+    HELLO = 1
+    HEARTBEAT = 2
+    COMMAND = 3
+    STOP = 4
+    ARM = 5
+    WELCOME = 0x81
+    TELEMETRY = 0x82
+
+
+BODY_SIZE = {
+    Type.HELLO: 0,
+    Type.HEARTBEAT: 0,
+    Type.COMMAND: COMMAND_BODY.size,
+    Type.STOP: 0,
+    Type.ARM: 0,
+    Type.WELCOME: WELCOME_BODY.size,
+    Type.TELEMETRY: TELEMETRY_BODY.size,
+}
+
+
+class Fault(IntFlag):
+    """Why the board lets the wheels stand."""
+
+    COMMAND = 1
+    HEARTBEAT = 2
+    VERSION = 4
+    NOISE = 8
+    BATTERY = 16
+    WATCHDOG = 32
+    STOPPED = 64
+
+
+WORDS = {
+    Fault.COMMAND: "no command for 0.2 s",
+    Fault.HEARTBEAT: "no heartbeat for 0.15 s",
+    Fault.VERSION: "a frame of another protocol version",
+    Fault.NOISE: "too many refused frames",
+    Fault.BATTERY: "battery low",
+    Fault.WATCHDOG: "reset by its watchdog timer",
+    Fault.STOPPED: "told to stop",
+}
+
+
+class Frame(NamedTuple):
+    """One message as it came: protocol version, type, sequence number and what it says."""
+
+    version: int
+    type: int
+    sequence: int
+    body: bytes = b""
+
+
+class Welcome(NamedTuple):
+    """The board's answer to a hello: the sequence number of that, and whose board it is."""
+
+    echo: int
+    robot: str
+
+
+class Telemetry(NamedTuple):
+    """What the board does.
+
+    Attributes:
+        echo: sequence number of the last heartbeat it heard.
+        armed: whether it obeys commands.
+        faults: why it does not.
+        applied: speed, m/s, after the ramp, and curvature, 1/m, that the pulses stand for.
+        battery: V, 0 when it is not measured.
+        motor, front, rear: pulse widths, us.
+        rejected: frames refused since it was switched on.
+        uptime: s, modulo 65536.
+    """
+
+    echo: int
+    armed: bool
+    faults: Fault
+    applied: DriveCommand
+    battery: float
+    motor: int
+    front: int
+    rear: int
+    rejected: int
+    uptime: int
+
+    def why(self) -> str:
+        """The faults in words."""
+        return ", ".join(self.words()) or "it was not armed"
+
+    def words(self) -> list[str]:
+        """Each fault in words."""
+        return [WORDS[fault] for fault in Fault if fault in self.faults]
+
+    def values(self) -> dict[str, Any]:
+        """All but the echo for JSON, units in the keys."""
+        return {
+            "armed": self.armed,
+            "faults": self.words(),
+            "applied_m_per_s": self.applied.speed,
+            "applied_per_m": self.applied.curvature,
+            "battery_v": self.battery,
+            "motor_us": self.motor,
+            "front_us": self.front,
+            "rear_us": self.rear,
+            "rejected": self.rejected,
+            "uptime_s": self.uptime,
+        }
+
+
+def encode_frame(frame: Frame) -> bytes:
+    """A frame as it goes over the line, ending with a zero byte."""
+    checked = HEADER.pack(frame.version, frame.type, frame.sequence & 0xFFFF) + frame.body
+    return cobs.encode(checked + CHECKS.pack(crc_ccitt(checked), crc_dnp(checked))) + b"\0"
+
+
+def decode_frame(coded: bytes) -> Frame | None:
+    """A frame without its zero byte; None when there is an error in it. The version is not looked at."""
+    data = cobs.decode(coded)
+    if data is None or len(data) < HEADER.size + CHECKS.size:
+        return None
+    checked, checks = data[: -CHECKS.size], data[-CHECKS.size :]
+    if CHECKS.unpack(checks) != (crc_ccitt(checked), crc_dnp(checked)):
+        return None
+    version, kind, sequence = HEADER.unpack_from(checked)
+    return Frame(version, kind, sequence, checked[HEADER.size :])
+
+
+def command_body(command: DriveCommand) -> bytes:
+    """Speed in mm/s and curvature in 1/km, each a signed 16-bit number."""
+    return COMMAND_BODY.pack(round(command.speed * 1000), round(command.curvature * 1000))
+
+
+def read_command(body: bytes) -> DriveCommand:
+    """The command in a body."""
+    speed, curvature = COMMAND_BODY.unpack(body)
+    return DriveCommand(speed / 1000, curvature / 1000)
+
+
+def read_welcome(body: bytes) -> Welcome:
+    """The answer to a hello."""
+    echo, name = WELCOME_BODY.unpack(body)
+    return Welcome(echo, name.rstrip(b"\0 ").decode("ascii", "replace"))
+
+
+def read_telemetry(body: bytes) -> Telemetry:
+    """What the board does."""
+    echo, armed, faults, speed, curvature, battery, *rest = TELEMETRY_BODY.unpack(body)
+    return Telemetry(
+        echo, armed == 1, Fault(faults & 0x7F), DriveCommand(speed / 1000, curvature / 1000), battery / 1000, *rest
+    )

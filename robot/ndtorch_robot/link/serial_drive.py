@@ -1,0 +1,365 @@
+"""The drive at the other end of a serial line: two threads, one that listens and one that supervises the loop."""
+
+from __future__ import annotations
+
+import contextlib
+import termios
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from ndtorch.errors import InputError
+from ndtorch_robot.link.messages import (
+    VERSION,
+    Fault,
+    Frame,
+    Telemetry,
+    Type,
+    command_body,
+    encode_frame,
+    read_telemetry,
+    read_welcome,
+)
+from ndtorch_robot.link.parser import Parser
+from ndtorch_robot.link.port import open_port, read_some
+from ndtorch_robot.ports import DriveCommand, SafeCommand, unseal
+
+if TYPE_CHECKING:
+    import serial
+
+HEARTBEAT = 0.03
+"""Seconds between heartbeats; the board stops after 0.15 s without."""
+
+LOOP_PATIENCE = 0.12
+"""Seconds without a command after which the loop counts as dead: no more heartbeats, and a stop."""
+
+LINK_PATIENCE = 0.12
+"""Seconds without valid telemetry after which the link counts as lost."""
+
+OLDEST_COMMAND = 0.1
+"""Age at which a command is no longer sent, s."""
+
+HELLO_EVERY = 0.1
+GREETING = 3.0
+"""Seconds to wait for a welcome: a board that is reset by opening its port takes two."""
+
+BACK_OFF = (0.1, 2.0)
+"""Shortest and longest pause between attempts to connect anew, s."""
+
+NOISE_LIMIT, FORGIVE = 4, 0.2
+"""So many refused frames, less one forgiven every 0.2 s, and the line counts as bad."""
+
+WIDEST = 32.0
+"""Largest number that fits into a command, m/s and 1/m."""
+
+GONE = (OSError, termios.error, TypeError)
+"""What pyserial raises when the cable is pulled; TypeError when the port was closed in between."""
+
+STAND = DriveCommand(0.0, 0.0)
+
+
+class SerialDrive:
+    """Implements `robot.ports.Drive` and `Odometer` over a serial line.
+
+    After opening, after any fault and after any reconnection the car stands until `resume`. The listening thread
+    reads, greets the board and reconnects. The supervising thread sends heartbeats, but only while the loop sends
+    commands: without heartbeats, or without commands, the board stops by itself.
+
+    Args:
+        device: the port, best by `/dev/serial/by-id`.
+        baud: symbols a second.
+        robot: name the board must have; any by default.
+        report: told once of everything that happens, one line each.
+        greeting: seconds to wait for the first welcome.
+
+    Raises:
+        InputError: no such device, no permission, in use, no answer, wrong baud, another protocol version, or
+            another robot.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        baud: int = 500_000,
+        robot: str | None = None,
+        report: Callable[[str], None] = print,
+        greeting: float = GREETING,
+    ) -> None:
+        self.device, self.baud, self.robot, self.report, self.greeting = device, baud, robot, report, greeting
+        self.lock = threading.Lock()
+        self.welcomed = threading.Event()
+        self.closing = threading.Event()
+        self.port: serial.Serial | None = None
+        self.parser = Parser()
+        self.sequence = 0
+        self.telemetry: Telemetry | None = None
+        self.armed = False
+        self.asked_to_arm = -1.0
+        self.standing = True
+        self.fault: str | None = "not yet told to drive"
+        self.refusal: str | None = None
+        self.last_command = self.last_heard = 0.0
+        self.heard_sequence: int | None = None
+        self.noise, self.refused, self.forgiven = 0, 0, 0.0
+        self.beats: dict[int, float] = {}
+        self.round_trips: deque[float] = deque(maxlen=100_000)
+        self.applied: list[DriveCommand] = []
+        self.port = open_port(device, baud)
+        works = (self.listen, self.supervise)
+        self.threads = [threading.Thread(target=work, name=work.__name__, daemon=True) for work in works]
+        for thread in self.threads:
+            thread.start()
+        try:
+            self.await_welcome()
+        except BaseException:
+            self.close()
+            raise
+
+    def await_welcome(self) -> None:
+        """Wait until the board has answered; raises `InputError` with the reason when it does not."""
+        end = time.monotonic() + self.greeting
+        while not self.welcomed.wait(0.02):
+            if self.refusal is not None:
+                raise InputError(f"{self.device}: {self.refusal}")
+            if time.monotonic() > end:
+                count = self.parser.received
+                raise InputError(
+                    f"{self.device}: no answer from the board; is the firmware on it? (make -C robot/firmware flash)"
+                    if count == 0
+                    else f"{self.device}: {count} bytes came but no valid frame; is {self.baud} baud right?"
+                )
+
+    # What the loop calls.
+
+    def send(self, command: SafeCommand) -> DriveCommand:
+        """Drive like this from now on; returns what was sent, rounded as the line does, or standing when not armed.
+
+        Raises:
+            TypeError: a command that did not come through the safety layer.
+        """
+        wanted = unseal(command)
+        now = time.monotonic()
+        self.last_command = now
+        if not self.armed or now - command.time > OLDEST_COMMAND:
+            return STAND
+        most = WIDEST
+        speed, curvature = (round(min(max(value, -most), most), 3) for value in wanted)
+        sent = DriveCommand(speed, curvature)
+        return sent if self.write(Type.COMMAND, command_body(sent)) else STAND
+
+    def stop(self) -> None:
+        """Tell the board to stand; it does so at its next pulse, within 20 ms."""
+        with self.lock:
+            self.standing, self.armed = True, False
+        self.write(Type.STOP)
+
+    def resume(self) -> None:
+        """Ask the board to obey again; `trouble` is None from now on unless it does not."""
+        if not self.welcomed.is_set():
+            return
+        now = time.monotonic()
+        with self.lock:
+            self.fault, self.standing, self.armed = None, False, False
+            self.asked_to_arm = self.last_command = now
+            self.noise = 0
+        self.write(Type.ARM)
+
+    def trouble(self) -> str | None:
+        """Why the car stands whatever is sent, other than that it was told to stop."""
+        return self.fault
+
+    def driven(self) -> DriveCommand:
+        """Mean of the speeds and curvatures that the board has applied since this was last asked."""
+        with self.lock:
+            applied, self.applied = self.applied, []
+        if not applied:
+            return self.telemetry.applied if self.telemetry is not None and self.welcomed.is_set() else STAND
+        count = len(applied)
+        return DriveCommand(sum(a.speed for a in applied) / count, sum(a.curvature for a in applied) / count)
+
+    def close(self) -> None:
+        """Stop, end both threads and give the port back."""
+        self.stop()
+        self.closing.set()
+        for thread in self.threads:
+            if thread is not threading.current_thread():
+                thread.join(2.0)
+        self.drop_port()
+
+    # Writing.
+
+    def write(self, kind: Type, body: bytes = b"") -> bool:
+        """Send one message; False when the line did not take it."""
+        with self.lock:
+            port = self.port
+            if port is None:
+                return False
+            self.sequence = self.sequence + 1 & 0xFFFF
+            data = encode_frame(Frame(VERSION, kind, self.sequence, body))
+            if kind == Type.HELLO:
+                data = b"\0" + data  # ends whatever the board has half of
+            if kind == Type.HEARTBEAT:
+                self.beats[self.sequence] = time.monotonic()
+                if len(self.beats) > 64:
+                    del self.beats[next(iter(self.beats))]
+            try:
+                port.write(data)
+            except GONE:  # the listening thread will see it too, and say so
+                return False
+        return True
+
+    def disarm(self, why: str, tell: bool) -> None:
+        """The car stands from now on."""
+        with self.lock:
+            news = self.fault is None
+            self.armed, self.standing = False, True
+            if news:
+                self.fault = why
+        if tell:
+            self.write(Type.STOP)
+        if news:
+            self.report(f"link: {why}")
+
+    # The supervising thread.
+
+    def supervise(self) -> None:
+        """Heartbeats while the loop lives; notices a silent loop, a silent board and a bad line."""
+        while not self.closing.wait(HEARTBEAT):
+            now = time.monotonic()
+            if not self.welcomed.is_set():
+                continue
+            if not self.standing and now - self.last_command > LOOP_PATIENCE:
+                self.disarm(f"the loop has sent nothing for {now - self.last_command:.2f} s", tell=True)
+            if now - self.last_heard > LINK_PATIENCE:
+                self.welcomed.clear()
+                self.disarm(f"lost: no valid telemetry for {now - self.last_heard:.2f} s", tell=True)
+                continue
+            self.write(Type.HEARTBEAT)
+
+    # The listening thread.
+
+    def listen(self) -> None:
+        """Read and greet for as long as the port is there, then connect anew, with growing pauses."""
+        pause = BACK_OFF[0]
+        while not self.closing.is_set():
+            why = self.converse()
+            if self.closing.is_set():
+                break
+            self.welcomed.clear()
+            self.disarm(f"lost: {why}", tell=False)
+            self.drop_port()
+            while not self.closing.wait(pause):
+                pause = min(2 * pause, BACK_OFF[1])
+                try:
+                    port = open_port(self.device, self.baud)
+                except InputError:
+                    continue
+                with self.lock:
+                    self.port = port
+                pause = BACK_OFF[0] if self.telemetry is not None else pause
+                break
+
+    def converse(self) -> str:
+        """Handle what comes until the line is gone; returns why."""
+        greeted = 0.0
+        opened = time.monotonic()
+        port = self.port
+        assert port is not None
+        while not self.closing.is_set():
+            now = time.monotonic()
+            if not self.welcomed.is_set():
+                if now - max(opened, self.last_heard) > 2 * GREETING:
+                    return "no answer from the board"
+                if now - greeted > HELLO_EVERY:
+                    greeted = now
+                    self.heard_sequence = None
+                    self.write(Type.HELLO)
+            try:
+                data = read_some(port)
+            except GONE as error:
+                return f"the serial port is gone ({error})"
+            self.handle(data)
+        return "closed"
+
+    def handle(self, data: bytes) -> None:
+        """Bytes from the board."""
+        frames = self.parser.feed(data)
+        other = self.parser.other_version
+        if other is not None:
+            self.parser.other_version = None
+            self.refusal = (
+                f"the board speaks version {other} of the protocol, this program {VERSION}: "
+                "flash it with make -C robot/firmware flash"
+            )
+            self.welcomed.clear()
+            self.disarm(self.refusal, tell=True)
+        for frame in frames:
+            if frame.type == Type.WELCOME:
+                self.on_welcome(frame)
+            elif frame.type == Type.TELEMETRY and self.welcomed.is_set():
+                self.on_telemetry(frame)
+        self.judge_noise()
+
+    def judge_noise(self) -> None:
+        """Too many refused frames in a short time: nothing that comes can be trusted."""
+        now = time.monotonic()
+        self.noise += self.parser.refused - self.refused
+        self.refused = self.parser.refused
+        while self.noise and now - self.forgiven > FORGIVE:
+            self.noise -= 1
+            self.forgiven = max(self.forgiven + FORGIVE, now - FORGIVE)
+        if self.noise >= NOISE_LIMIT and not self.standing:
+            self.disarm("bad line: many frames from the board are refused", tell=True)
+
+    def on_welcome(self, frame: Frame) -> None:
+        """The board has answered a hello."""
+        welcome = read_welcome(frame.body)
+        if self.robot is not None and welcome.robot != self.robot:
+            self.refusal = f"the board is that of the robot {welcome.robot!r}, the configuration is for {self.robot!r}"
+            return
+        self.last_heard = time.monotonic()
+        self.heard_sequence = frame.sequence
+        again = self.telemetry is not None and not self.welcomed.is_set()
+        self.refusal, self.noise = None, 0
+        self.welcomed.set()
+        if again:
+            self.report("link: connected again; the car stands until it is told to resume")
+
+    def on_telemetry(self, frame: Frame) -> None:
+        """What the board does."""
+        if self.heard_sequence is not None and not 0 < (frame.sequence - self.heard_sequence) & 0xFFFF < 0x8000:
+            self.parser.refused += 1  # seen already, or older
+            return
+        now = time.monotonic()
+        telemetry = read_telemetry(frame.body)
+        before, self.telemetry = self.telemetry, telemetry
+        self.heard_sequence, self.last_heard = frame.sequence, now
+        sent = self.beats.pop(telemetry.echo, None)
+        if sent is not None:
+            self.round_trips.append(now - sent)
+        with self.lock:
+            self.applied.append(telemetry.applied)
+            del self.applied[:-30]
+        new = telemetry.faults & ~(before.faults if before is not None else Fault(0))
+        if Fault.BATTERY in new:
+            self.report(f"link: battery low, {telemetry.battery:.1f} V")
+        if Fault.WATCHDOG in new:
+            self.report("link: the board was reset by its watchdog timer")
+        if self.standing:
+            return
+        if telemetry.armed:
+            self.armed = True
+        elif self.armed:
+            self.disarm(f"the board stands: {telemetry.why()}", tell=False)
+        elif now - self.asked_to_arm > 0.1:
+            self.disarm("the board does not resume", tell=True)
+
+    def drop_port(self) -> None:
+        """Close the port if it is open."""
+        with self.lock:
+            port, self.port = self.port, None
+        if port is not None:
+            with contextlib.suppress(*GONE):
+                port.close()

@@ -1,0 +1,114 @@
+"""What happened in a drive, frame by frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from ndtorch.navigation import NavigatorState, StereoRig, Strips
+from ndtorch_robot.ports import DriveCommand, StereoFrames
+
+KEPT_ROWS = 900
+"""Frames whose rows are kept for the space-time picture: the first half minute."""
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass
+class Record:
+    """Lists that grow by one entry a frame; `array` makes them arrays.
+
+    Attributes:
+        time: s.
+        pose: true x, y, heading, for the scorer.
+        believed: the same by dead reckoning.
+        command: speed and curvature sent.
+        sides: speed estimates, left and right.
+        difference: right minus left, low-passed.
+        mode: of the controller.
+        ranges: left range, left angle, right angle, valid, each `[n]`.
+        rows: both grey rows, uint8 `[2, W]`, of the first `KEPT_ROWS` frames.
+        placed: numbers of the frames before which someone has put the car where it is; the first is the start.
+    """
+
+    time: list[float] = field(default_factory=list)
+    pose: list[tuple[float, float, float]] = field(default_factory=list)
+    believed: list[tuple[float, float, float]] = field(default_factory=list)
+    command: list[DriveCommand] = field(default_factory=list)
+    sides: list[Floats] = field(default_factory=list)
+    difference: list[float] = field(default_factory=list)
+    mode: list[int] = field(default_factory=list)
+    ranges: list[npt.NDArray[np.float32]] = field(default_factory=list)
+    rows: list[npt.NDArray[np.uint8]] = field(default_factory=list)
+    placed: list[int] = field(default_factory=list)
+
+    def add(
+        self,
+        frames: StereoFrames,
+        state: NavigatorState,
+        mode: int,
+        command: DriveCommand,
+        pose: tuple[float, float, float],
+        rig: StereoRig,
+    ) -> None:
+        """One frame."""
+        self.time.append(frames.time)
+        self.pose.append(pose)
+        self.believed.append((float(state.pose.x), float(state.pose.y), float(state.pose.heading)))
+        self.command.append(command)
+        self.sides.append(state.sides.numpy().astype(np.float64))
+        self.difference.append(float(state.avoidance.difference))
+        self.mode.append(mode)
+        r = state.ranges
+        found = (r.left_range.numpy(), r.left_angle.numpy(), r.right_angle.numpy(), r.valid.numpy())
+        self.ranges.append(np.stack(found).astype(np.float32))
+        if len(self.rows) < KEPT_ROWS:
+            self.rows.append(np.stack([grey_row(eye, rig) for eye in (frames.left, frames.right)]))
+
+    def array(self, name: str) -> Floats:
+        """One of the lists as an array, frames first."""
+        return np.array(getattr(self, name), dtype=np.float64)
+
+    @property
+    def turns(self) -> int:
+        """Number of saccades begun."""
+        curvature = self.array("command")[:, 1] if self.command else np.zeros(0)
+        before = np.concatenate(([0.0], curvature[:-1]))
+        return int(((curvature != 0) & (before != curvature)).sum())
+
+    @property
+    def distance(self) -> float:
+        """Metres driven, without being carried."""
+        steps = np.hypot(*np.diff(self.array("pose")[:, :2], axis=0).T)
+        steps[np.array(self.placed[1:], dtype=np.int64) - 1] = 0.0
+        return float(steps.sum())
+
+    def track(self, name: str = "pose") -> Floats:
+        """Places of a list of poses as a line `[T, 2]`, with NaN where the car was carried."""
+        line = self.array(name)[:, :2].copy()
+        line[np.array(self.placed[1:], dtype=np.int64)] = np.nan
+        return line
+
+
+def grey_row(eye: Strips | object, rig: StereoRig) -> npt.NDArray[np.uint8]:
+    """The horizon row of one camera."""
+    row = eye.row if isinstance(eye, Strips) else eye[..., rig.row : rig.row + 1, :]  # type: ignore[index]
+    grey: npt.NDArray[np.uint8] = row[0, :, 0].float().mean(0).round().byte().numpy()
+    return grey
+
+
+def range_columns(ranges: npt.NDArray[np.float32], rig: StereoRig, linear: bool) -> tuple[Floats, Floats]:
+    """Columns at which ranged features were seen in the left and the right row; NaN where there was none.
+
+    Args:
+        ranges: `[T, 4, n]` as in `Record.ranges`.
+    """
+    columns = []
+    for part in (1, 2):
+        angle = ranges[:, part].astype(np.float64)
+        position = angle / rig.pixel_angle if linear else np.tan(angle) * rig.focal
+        columns.append(np.where(ranges[:, 3] > 0, (rig.width - 1) / 2 - position, math.nan))
+    return columns[0], columns[1]

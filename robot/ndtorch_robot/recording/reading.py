@@ -1,0 +1,159 @@
+"""Reading a recording back, also one that was cut short."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any, NamedTuple, cast
+
+from torch import Tensor
+
+from ndtorch.errors import InputError
+from ndtorch_robot.ports import DriveCommand, StereoFrames
+from ndtorch_robot.recording.recorder import HEADER, STEPS, VERSION
+from ndtorch_robot.recording.streams import SUFFIXES, Format, decode, eyes
+
+
+class RecordedStep(NamedTuple):
+    """One step as it was; arguments of `Recorder.record_step`. `frames` is None where they were not kept."""
+
+    number: int
+    time: float
+    frames: StereoFrames | None
+    driven: DriveCommand
+    command: DriveCommand
+    sent: DriveCommand | None
+    placed: tuple[float, float, float] | None
+    telemetry: dict[str, Any] | None
+    restarted: bool
+    used: bool
+
+
+@dataclass
+class Recording:
+    """A recording on the disk.
+
+    Attributes:
+        configuration: as given to `Recorder`.
+        kind: format of the frames.
+        complete: whether the last line says that the recording was closed; known after reading.
+        trouble: why reading ended before the last line, or nothing; known after reading.
+        missing: steps that were dropped, from gaps in their numbers; known after reading.
+    """
+
+    folder: Path
+    configuration: dict[str, Any]
+    kind: Format
+    complete: bool = False
+    trouble: str = ""
+    missing: int = 0
+    files: dict[str, IO[bytes]] = field(default_factory=dict)
+
+    @property
+    def lossless(self) -> bool:
+        """Whether the frames are the same to the bit."""
+        return self.kind != "jpeg"
+
+    def steps(self) -> Iterator[RecordedStep]:
+        """All steps, up to the first that is damaged or not wholly there."""
+        self.complete, self.trouble, self.missing = False, "", 0
+        expected = 0
+        try:
+            with (self.folder / STEPS).open("rb") as lines:
+                for line in lines:
+                    if not line.endswith(b"\n"):
+                        self.trouble = "the last line was not written to its end"
+                        return
+                    step = self.step(line)
+                    if step is None:
+                        return
+                    self.missing += step.number - expected
+                    expected = step.number + 1
+                    yield step
+        except OSError as error:
+            raise InputError(f"{self.folder / STEPS}: cannot be read ({error.strerror})") from None
+        finally:
+            for file in self.files.values():
+                file.close()
+            self.files.clear()
+
+    def step(self, line: bytes) -> RecordedStep | None:
+        """A line as a step; None at the end, or for one that cannot be used."""
+        try:
+            values = json.loads(line)
+            if values.get("end"):
+                self.complete = True
+                return None
+            number, time = int(values["n"]), float(values["time"])
+            commands = {key: DriveCommand(*values[key]) for key in ("driven", "command", "sent") if key in values}
+            driven, command = commands["driven"], commands["command"]
+            where = values.get("frames")
+            frames = None if where is None else self.frames(where, time)
+            if where is not None and frames is None:
+                self.trouble = f"the frames of step {number} are not wholly there"
+                return None
+            placed = tuple(values["placed"]) if "placed" in values else None
+        except (ValueError, KeyError, TypeError):
+            self.trouble = "a line is damaged"
+            return None
+        return RecordedStep(
+            number,
+            time,
+            frames,
+            driven,
+            command,
+            commands.get("sent"),
+            cast("tuple[float, float, float] | None", placed),
+            values.get("telemetry"),
+            bool(values.get("restarted", False)),
+            bool(values.get("used", True)),
+        )
+
+    def frames(self, where: dict[str, dict[str, Any]], time: float) -> StereoFrames | None:
+        """The frames of a step, or None where some are missing."""
+        found: dict[str, Tensor] = {}
+        for name, place in where.items():
+            channels, height, width = place["shape"]
+            picture = decode(self.bytes_of(name, place["at"], place["bytes"]), (channels, height, width), self.kind)
+            if picture is None:
+                return None
+            found[name] = picture
+        return StereoFrames(*eyes(found), time)
+
+    def bytes_of(self, stream: str, at: int, count: int) -> bytes:
+        """A part of a stream's file; fewer bytes where it ends."""
+        file = f"{Path(stream).name}.{SUFFIXES[self.kind]}"
+        if file not in self.files:
+            try:
+                self.files[file] = (self.folder / file).open("rb")
+            except OSError:
+                return b""
+        self.files[file].seek(at)
+        return self.files[file].read(count)
+
+
+def open_recording(folder: Path) -> Recording:
+    """Open a recording.
+
+    Raises:
+        InputError: a folder without one, or one of another version.
+    """
+    path = folder / HEADER
+    try:
+        header = json.loads(path.read_text(encoding="utf-8"))
+        if header["format"] != "ndtorch recording":
+            raise KeyError
+        version, kind, configuration = header["version"], header["frames"], header["configuration"]
+    except FileNotFoundError:
+        raise InputError(f"{folder}: not a recording ({HEADER} is missing)") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except (ValueError, KeyError, TypeError):
+        raise InputError(f"{path}: not the beginning of a recording") from None
+    if version != VERSION or kind not in SUFFIXES:
+        raise InputError(f"{path}: version {version} with {kind!r} frames, this program reads version {VERSION}")
+    if not (folder / STEPS).exists():
+        raise InputError(f"{folder}: the recording holds no steps ({STEPS} is missing)")
+    return Recording(folder, configuration, kind)

@@ -1,0 +1,140 @@
+"""What a file for `ndtorch run` holds; every key carries its unit."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from ndtorch.navigation import StereoRig
+from ndtorch_robot.navigating import Controller, NavigatorChoice
+from ndtorch_robot.safety import SafetyLimits
+from ndtorch_robot.toml import Strict
+
+Positive = Annotated[float, Field(gt=0)]
+
+
+class LinkTable(Strict):
+    """`[link]`: the serial port. Without a device the simulated board is driven.
+
+    Args:
+        device: the port, best by `/dev/serial/by-id`.
+        baud: symbols a second; the firmware's.
+    """
+
+    device: str | None = None
+    baud: Annotated[int, Field(ge=1200, le=4_000_000)] = 500_000
+
+
+class RigTable(Strict):
+    """`[rig]`: where the cameras are; see `ndtorch.navigation.StereoRig`."""
+
+    baseline_m: Positive = 0.30
+    focal_px: Positive = 430.0
+    width_px: Annotated[int, Field(ge=16, le=8192)] = 640
+    height_px: Annotated[int, Field(ge=16, le=8192)] = 480
+    camera_height_m: Positive = 0.20
+    forward_m: float = 0.15
+    pitch_deg: Annotated[float, Field(ge=-45, le=45)] = 0.0
+
+    def rig(self) -> StereoRig:
+        """The camera pair."""
+        return StereoRig(
+            baseline=self.baseline_m,
+            focal=self.focal_px,
+            width=self.width_px,
+            height=self.height_px,
+            camera_height=self.camera_height_m,
+            forward=self.forward_m,
+            pitch=math.radians(self.pitch_deg),
+        )
+
+
+class LimitsTable(Strict):
+    """`[limits]`: what the safety layer lets through; see `robot.safety.SafetyLimits`."""
+
+    speed_m_per_s: Annotated[float, Field(gt=0, le=5)] = 0.6
+    curvature_per_m: Annotated[float, Field(gt=0, le=10)] = 2.2
+    acceleration_m_per_s2: Positive = 2.0
+    steering_per_m_per_s: Positive = 40.0
+    step_s: Annotated[float, Field(gt=0, le=0.12)] = 0.1
+    frame_age_s: Annotated[float, Field(gt=0, le=0.2)] = 0.1
+    recovery_s: Annotated[float, Field(gt=0, le=60)] = 1.0
+
+    def limits(self) -> SafetyLimits:
+        """For the safety layer."""
+        return SafetyLimits(
+            self.speed_m_per_s,
+            self.curvature_per_m,
+            self.acceleration_m_per_s2,
+            self.steering_per_m_per_s,
+            self.step_s,
+            self.frame_age_s,
+            self.recovery_s,
+        )
+
+
+class NavigationTable(Strict):
+    """`[navigation]`.
+
+    Args:
+        controller: `"ranging"`, or `"published"`, the saccades of [A].
+        features: to range in each frame.
+        angle: of a pixel, `"atan"` or `"linear"`.
+        compiled: compile the step of the navigator, before the car may drive.
+        map_half_size_m: the map reaches so far from the start, m; 0 makes none.
+    """
+
+    controller: Controller = "ranging"
+    features: Annotated[int, Field(ge=1, le=64)] = 7
+    angle: Literal["atan", "linear"] = "atan"
+    compiled: bool = False
+    map_half_size_m: Annotated[float, Field(ge=0, le=50)] = 0.0
+
+    def choice(self) -> NavigatorChoice:
+        """What the navigator is made of."""
+        return NavigatorChoice(self.controller, self.features, self.angle, compiled=self.compiled)
+
+
+class SimulationTable(Strict):
+    """`[simulation]`: a simulated world in place of cameras and car, driven by the pulses of the simulated board.
+
+    Args:
+        arena: name of an arena or a `.toml` file.
+        seed: of the building, its textures and the starting place.
+        pulse_log: file for every pulse the board makes.
+    """
+
+    arena: str = "curve"
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+    pulse_log: Path | None = None
+
+
+class RunConfig(Strict):
+    """A car.
+
+    Args:
+        robot: name that the board must have.
+        rate_hz: steps, and frames, a second.
+        cameras: the table of the camera pair; checked when the cameras are opened.
+    """
+
+    robot: Annotated[str, Field(min_length=1, max_length=8)]
+    rate_hz: Annotated[float, Field(gt=0, le=200)] = 30.0
+    link: LinkTable = LinkTable()
+    rig: RigTable = RigTable()
+    limits: LimitsTable = LimitsTable()
+    navigation: NavigationTable = NavigationTable()
+    cameras: dict[str, str | int | float] | None = None
+    simulation: SimulationTable | None = None
+
+    @model_validator(mode="after")
+    def one_world(self) -> RunConfig:
+        """Either real cameras and a real board, or the simulated world."""
+        if (self.cameras is None) == (self.simulation is None):
+            raise ValueError("give one of the tables [cameras] and [simulation]")
+        if self.cameras is not None and self.link.device is None:
+            raise ValueError("real cameras need a real board: give link.device")
+        return self

@@ -1,0 +1,243 @@
+"""The layer between whatever steers and whatever drives: everything that moves the wheels passes through here."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ndtorch.errors import InputError
+from ndtorch.navigation import StereoRig
+from ndtorch_robot.ports import _SEAL, Clock, Drive, DriveCommand, SafeCommand, StereoFrames
+from ndtorch_robot.watch import CameraWatch
+
+STAND = DriveCommand(0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class SafetyLimits:
+    """What is let through.
+
+    The defaults let everything through that is a number, for drives in simulated time that have limits of their own.
+
+    Args:
+        speed: fastest, m/s. More is a fault.
+        curvature: tightest, 1/m. More is a fault.
+        acceleration: m/s^2; the speed sent follows no faster. Slowing down is not limited.
+        steering: 1/m a second; the curvature sent follows no faster.
+        silence: longest time between two commands, s. More is a fault.
+        age: oldest frames that may be steered by, s. Older is a fault.
+        recovery: seconds that all must be well before a car that stands by itself drives on.
+    """
+
+    speed: float = math.inf
+    curvature: float = math.inf
+    acceleration: float = math.inf
+    steering: float = math.inf
+    silence: float = math.inf
+    age: float = math.inf
+    recovery: float = 1.0
+
+
+class Sight:
+    """Can the frames be steered by? Says why not, in words.
+
+    Beyond `CameraWatch`, with less patience, it looks at their age, at times that lie ahead, at their rate, and at
+    both pictures standing still together.
+
+    Args:
+        rig: the camera pair.
+        rate: frames a second that the navigator counts on.
+        age: oldest, s.
+        patience: frames in a row that must look wrong before black or frozen is said: 4 are 0.13 s.
+    """
+
+    SLOW = 1.6
+    """Periods between two frames from which the second is late; two late ones in a row are a camera too slow."""
+
+    def __init__(self, rig: StereoRig, rate: float, age: float, patience: int = 4) -> None:
+        self.rate, self.age = rate, age
+        self.watch = CameraWatch(rig, patience, together=True)
+        self.time = -math.inf
+        self.late = 0
+
+    def judge(self, frames: StereoFrames, speed: float, now: float) -> str | None:
+        """Look at new frames; returns what is wrong with them.
+
+        Args:
+            speed: of the car since the last ones, m/s.
+            now: on the clock of the frames.
+        """
+        if not math.isfinite(frames.time) or frames.time > now + 0.01:
+            return f"the time of the frames is {frames.time - now:.3f} s ahead"
+        old = now - frames.time
+        if old > self.age:
+            self.time = frames.time
+            return f"the frames are {old:.3f} s old"
+        gap, self.time = frames.time - self.time, frames.time
+        self.late = self.late + 1 if self.SLOW / self.rate < gap < math.inf else 0
+        try:
+            self.watch.check(frames, speed)
+        except InputError as error:
+            return str(error)
+        if self.late >= 2:
+            return f"the cameras give {1 / gap:.0f} frames a second, {self.rate:.0f} are wanted"
+        return None
+
+
+class SafeDrive:
+    """A drive with the safety layer around it: the only way to move one.
+
+    Drives obey nothing but a `SafeCommand`, only `send` of this class makes those, and the loop accepts no other
+    drive. Faults are of two kinds. One that passes, such as late frames, lets the car stand until all has been
+    well for `limits.recovery` seconds. One that does not, such as a lost link, needs `resume`.
+
+    Args:
+        drive: what moves.
+        clock: of the loop, monotonic.
+        limits: what is let through.
+        sight: judges frames; with it no command passes that is not steered by good frames. None for a loop that
+            looks after its cameras itself.
+        report: told of every fault and every resuming, one line each.
+
+    Attributes:
+        standing: why the car is kept standing, or None.
+        faults: all faults so far, with their times.
+    """
+
+    def __init__(
+        self,
+        drive: Drive,
+        clock: Clock,
+        limits: SafetyLimits | None = None,
+        sight: Sight | None = None,
+        report: Callable[[str], None] | None = None,
+    ) -> None:
+        self.drive, self.clock, self.limits, self.sight = drive, clock, limits or SafetyLimits(), sight
+        self.report = report or (lambda line: None)
+        self.lock = threading.RLock()
+        self.standing: str | None = None
+        self.passes = True
+        self.well_since = math.inf
+        self.seen = -math.inf
+        self.blindness: str | None = "no frames yet"
+        self.sent = STAND
+        self.sent_at: float | None = None
+        self.faults: list[tuple[float, str]] = []
+
+    def see(self, frames: StereoFrames, speed: float) -> bool:
+        """Judge new frames; True when they may be steered by.
+
+        Args:
+            speed: of the car since the last ones, m/s.
+        """
+        assert self.sight is not None
+        why = self.sight.judge(frames, speed, self.clock.now())
+        if why is not None:
+            # A picture that stands still cannot be seen to move again by a car that stands.
+            self.blind(why, passes="same picture" not in why)
+            return False
+        self.seen, self.blindness = frames.time, None
+        return True
+
+    def blind(self, why: str, passes: bool = True) -> None:
+        """There are no frames to steer by."""
+        self.blindness = why
+        self.fault(why, passes)
+
+    def fault(self, why: str, passes: bool) -> None:
+        """The car stands, for this reason."""
+        with self.lock:
+            self.well_since = math.inf
+            if self.standing is not None:
+                self.passes = self.passes and passes
+                return
+            self.standing, self.passes, self.sent = why, passes, STAND
+            self.drive.stop()
+            self.faults.append((self.clock.now(), why))
+        self.report(f"stopped: {why}")
+
+    def send(self, command: DriveCommand) -> DriveCommand:
+        """Ask for a speed and a curvature; returns what was really sent.
+
+        Raises:
+            InputError: a command that is not a finite number; the car was stopped.
+        """
+        now = self.clock.now()
+        with self.lock:
+            self.look_for_faults(command, now)
+            elapsed = 0.0 if self.sent_at is None else now - self.sent_at
+            self.sent_at = now
+            if self.standing is not None:
+                self.try_to_go_on(now)
+                wanted = STAND
+            else:
+                wanted = self.limited(command, elapsed)
+            self.sent = self.drive.send(SafeCommand(wanted, now, _SEAL))
+            return self.sent
+
+    def look_for_faults(self, command: DriveCommand, now: float) -> None:
+        """Everything that can be wrong when a command comes."""
+        limits = self.limits
+        if not (math.isfinite(command.speed) and math.isfinite(command.curvature)):
+            self.fault(f"the command is not finite: {command}", passes=False)
+            raise InputError(f"commands must be finite, got {command}")
+        trouble = self.drive.trouble()
+        if trouble is not None:
+            self.fault(trouble, passes=False)
+        if self.sent_at is not None and now - self.sent_at > limits.silence:
+            self.fault(f"a step took {now - self.sent_at:.3f} s, {limits.silence:.3f} s are allowed", passes=True)
+        if abs(command.speed) > limits.speed or abs(command.curvature) > limits.curvature:
+            self.fault(
+                f"the command is out of limits: {command.speed:.2f} m/s and {command.curvature:.2f} 1/m, "
+                f"{limits.speed:.2f} and {limits.curvature:.2f} are allowed",
+                passes=True,
+            )
+        if self.sight is not None and self.blindness is None and now - self.seen > limits.age:
+            self.blind(f"the frames are {now - self.seen:.3f} s old")
+
+    def try_to_go_on(self, now: float) -> None:
+        """Drive on when all has been well for long enough and nobody needs to say so."""
+        if not self.passes or (self.sight is not None and self.blindness is not None):
+            self.well_since = math.inf
+            return
+        self.well_since = min(self.well_since, now)
+        if now - self.well_since >= self.limits.recovery:
+            self.resume()
+
+    def limited(self, command: DriveCommand, elapsed: float) -> DriveCommand:
+        """The command, no further from the one before than the limits allow; towards standing at once."""
+        limits, before = self.limits, self.sent
+        gain = limits.acceleration * elapsed if elapsed else (0.0 if limits.acceleration < math.inf else math.inf)
+        turn = limits.steering * elapsed if elapsed else (0.0 if limits.steering < math.inf else math.inf)
+        speed = command.speed
+        if speed * before.speed < 0 and limits.acceleration < math.inf:
+            speed = 0.0  # not through zero in one step
+        if abs(speed) > abs(before.speed) + gain:
+            speed = math.copysign(abs(before.speed) + gain, speed)
+        curvature = min(max(command.curvature, before.curvature - turn), before.curvature + turn)
+        return DriveCommand(speed, curvature)
+
+    def resume(self) -> None:
+        """Drive again from the next command on, if nothing is wrong any more. Nothing for a car that drives."""
+        with self.lock:
+            if self.standing is None:
+                return
+            was, self.standing, self.passes = self.standing, None, True
+            self.well_since, self.sent = math.inf, STAND
+            self.drive.resume()
+        self.report(f"resumed after: {was}")
+
+    def emergency(self, why: str) -> None:
+        """Stand still now; from any thread. Only `resume` ends it."""
+        self.drive.stop()  # before waiting for anybody
+        if self.standing is not None:
+            self.report(f"emergency stop: {why}; it stood already: {self.standing}")
+        self.fault(f"emergency stop: {why}", passes=False)
+
+    def stop(self) -> None:
+        """Stand still until `resume`. The end of every drive."""
+        self.drive.stop()
+        with self.lock:
+            self.standing, self.passes, self.sent = self.standing or "told to stop", False, STAND

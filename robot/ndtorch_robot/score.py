@@ -1,0 +1,178 @@
+"""The scorer: what a drive was worth, measured against the true plan and the true path."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from ndtorch.navigation import Grid, StereoRig
+from ndtorch_robot.sim.model import edge_columns
+from ndtorch_robot.sim.plan import Floats, Plan
+
+NEAR = 0.10
+"""Metres from a true edge within which mass of the map counts as right."""
+
+FAINTEST = 0.02
+"""A peak of the map counts when it is at least this share of its largest."""
+
+
+CONTRAST = 0.08
+"""Smallest jump of brightness that is an edge: ND-min answers it with 0.01, the weakest that is a feature."""
+
+
+class MapScore(NamedTuple):
+    """How good a map is; None where there is nothing to measure.
+
+    Attributes:
+        precision: share of the map's mass within 10 cm of a true edge.
+        recall: share of the visible edges that have a peak of the map within 10 cm.
+        position_error_cm: median distance from these edges to their peaks.
+        spacing_error_percent: of the median distance between the peaks of neighbouring doors.
+    """
+
+    precision: float | None
+    recall: float | None
+    position_error_cm: float | None
+    spacing_error_percent: float | None
+
+
+class Edges(NamedTuple):
+    """Vertical edges at the height of the cameras.
+
+    Attributes:
+        places: `[E, 2]`, m.
+        faint: `[E]`, convex corners of two equally bright walls, which show only where one hides behind the other.
+        normals: `[E, 2, 2]`, where the walls before and after the edge face.
+    """
+
+    places: Floats
+    faint: npt.NDArray[np.bool_]
+    normals: Floats
+
+
+def true_edges(plan: Plan, profiles: list[Floats]) -> Edges:
+    """Where brightness jumps by `CONTRAST` along a wall or from wall to wall, and every convex corner.
+
+    Args:
+        profiles: brightness along every wall, `World.profiles`.
+    """
+    places: list[tuple[float, float]] = []
+    faint: list[bool] = []
+    normals: list[tuple[Floats, Floats]] = []
+    first = 0
+    for shape in plan.rings:
+        corners = shape.array
+        along = np.roll(corners, -1, 0) - corners
+        lengths = np.hypot(*along.T)
+        along = along / lengths[:, None]
+        facing = np.stack((-along[:, 1], along[:, 0]), -1)
+        for k in range(len(corners)):
+            mine, previous = profiles[first + k], profiles[first + (k - 1) % len(corners)]
+            bend = float(along[k - 1, 0] * along[k, 1] - along[k - 1, 1] * along[k, 0])
+            jump = abs(float(mine[:5].mean()) - float(previous[-5:].mean())) >= CONTRAST
+            if jump or bend < -math.sin(math.radians(15)):
+                places.append((float(corners[k, 0]), float(corners[k, 1])))
+                faint.append(not jump)
+                normals.append((facing[k - 1], facing[k]))
+            for s in edge_columns(mine, CONTRAST):
+                if 0.03 < s < lengths[k] - 0.03:  # nearer ones are the corner itself
+                    x, y = corners[k] + s * along[k]
+                    places.append((float(x), float(y)))
+                    faint.append(False)
+                    normals.append((facing[k], facing[k]))
+        first += len(corners)
+    count = len(places)
+    return Edges(np.array(places).reshape(count, 2), np.array(faint, bool), np.array(normals).reshape(count, 2, 2))
+
+
+def visible(plan: Plan, edges: Edges, poses: Floats, rig: StereoRig, times: int = 5) -> npt.NDArray[np.bool_]:
+    """Which edges could be ranged from at least `times` of the poses `[T, 3]`: inside both images, within the
+    window of disparities, nothing in front, and not the faint corner of two walls that are both seen.
+    """
+    count = np.zeros(len(edges.places), dtype=np.int64)
+    for x, y, heading in poses:
+        offset = edges.places - (x, y)
+        ahead = offset @ np.array([math.cos(heading), math.sin(heading)]) - rig.forward
+        aside = offset @ np.array([-math.sin(heading), math.cos(heading)])
+        depth = np.where(ahead > 0.1, ahead, np.inf)
+        disparity = rig.focal * rig.baseline / depth
+        outer = rig.focal * (np.abs(aside) + rig.baseline / 2) / depth
+        eye = np.array([x + rig.forward * math.cos(heading), y + rig.forward * math.sin(heading)])
+        seen = ((edges.normals * (eye - edges.places)[:, None]).sum(-1) > 0).all(1)
+        good = (disparity > 60) & (disparity < 200) & (outer < rig.width / 2 - 1) & ~(edges.faint & seen)
+        near = np.flatnonzero(good)
+        if len(near):
+            count[near[plan.sees(eye, edges.places[near])]] += 1
+    return np.asarray(count >= times)
+
+
+def peaks(cells: torch.Tensor, grid: Grid) -> Floats:
+    """Places of the map's peaks `[P, 2]`: largest within 7 cm after smoothing over 5 cm."""
+    pooled = torch.nn.functional.avg_pool2d(cells[None, None], 5, 1, 2)
+    # The largest of each row and then of each column: a tenth of the time of the square.
+    largest = torch.nn.functional.max_pool2d(pooled, (1, 15), 1, (0, 7))
+    largest = torch.nn.functional.max_pool2d(largest, (15, 1), 1, (7, 0))
+    row, column = torch.nonzero(((pooled == largest) & (pooled > FAINTEST * pooled.max()))[0, 0], as_tuple=True)
+    return torch.stack(grid.centre(row, column), -1).double().numpy()
+
+
+def score_map(
+    cells: torch.Tensor, grid: Grid, plan: Plan, profiles: list[Floats], poses: Floats, rig: StereoRig
+) -> MapScore:
+    """Compare a map with the truth.
+
+    Args:
+        cells: `[rows, columns]`.
+        poses: true poses `[T, 3]`, some of each second.
+    """
+    edges = true_edges(plan, profiles)
+    if float(cells.max()) <= 0:
+        return MapScore(None, None, None, None)
+    row, column = torch.nonzero(cells, as_tuple=True)
+    mass = cells[row, column].double().numpy()
+    places = torch.stack(grid.centre(row, column), -1).double().numpy()
+    precision = float(mass[nearest(places, edges.places) <= NEAR].sum() / mass.sum())
+    seen = edges.places[visible(plan, edges, poses, rig)]
+    tops = peaks(cells, grid)
+    if not len(seen) or not len(tops):
+        return MapScore(precision, None, None, None)
+    error = nearest(seen, tops)
+    found = error <= NEAR
+    position = float(np.median(error[found])) * 100 if found.any() else None
+    return MapScore(precision, float(found.mean()), position, spacing_error(plan, tops))
+
+
+def nearest(points: Floats, targets: Floats, chunk: int = 20000) -> Floats:
+    """Distance of points `[N, 2]` to the nearest of targets `[M, 2]`."""
+    result = np.full(len(points), np.inf)
+    for k in range(0, len(points), chunk):
+        part = points[k : k + chunk]
+        best = np.full(len(part), np.inf)
+        for x, y in targets:
+            best = np.minimum(best, (part[:, 0] - x) ** 2 + (part[:, 1] - y) ** 2)
+        result[k : k + chunk] = np.sqrt(best)
+    return result
+
+
+def spacing_error(plan: Plan, tops: Floats) -> float | None:
+    """Error in percent of the median distance between peaks at the same corner of neighbouring doors."""
+    found = []
+    for row in plan.doors:
+        corners = np.array(row)
+        distance = np.hypot(corners[:, None, 0] - tops[None, :, 0], corners[:, None, 1] - tops[None, :, 1])
+        mine = tops[distance.argmin(1)]
+        good = distance.min(1) <= NEAR
+        for k in range(len(corners) - 1):
+            if good[k] and good[k + 1]:
+                found.append(float(np.hypot(*(mine[k + 1] - mine[k]))))
+    return abs(float(np.median(found)) / plan.spacing - 1) * 100 if found else None
+
+
+def coverage(free: Floats, path: Floats, reach: float = 1.0) -> float:
+    """Share of the free places `[N, 2]` that the car came within `reach` metres of."""
+    thinned = path[:: max(1, 10)]
+    return float((nearest(free, thinned) <= reach).mean())

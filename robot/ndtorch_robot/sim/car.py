@@ -1,0 +1,83 @@
+"""The car: front and rear wheels that counter-steer, with limits on how fast speed and steering can change."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ndtorch.errors import InputError
+from ndtorch_robot.ports import DriveCommand
+
+
+@dataclass(frozen=True)
+class CarLimits:
+    """What the car can do. [A] gives the speed and the radius; the rates are those of model-car servos.
+
+    Args:
+        speed: fastest, m/s, forward and backward.
+        curvature: tightest, 1/m.
+        acceleration: m/s^2, also when braking.
+        steering: how fast the curvature can change, 1/m a second.
+    """
+
+    speed: float = 1.0
+    curvature: float = 2.2
+    acceleration: float = 2.5
+    steering: float = 8.0
+
+
+class Car:
+    """Where the car is and what it does. Pose: x, y in m and heading in radians of the middle of its body."""
+
+    def __init__(self, limits: CarLimits | None = None) -> None:
+        self.limits = limits or CarLimits()
+        self.place(0.0, 0.0, 0.0)
+
+    def place(self, x: float, y: float, heading: float) -> None:
+        """Someone puts it there; it stands still."""
+        self.x, self.y, self.heading = x, y, heading
+        self.speed = self.curvature = 0.0
+        self.wanted = DriveCommand(0.0, 0.0)
+        self.length = self.turned = self.seconds = 0.0
+
+    def send(self, command: DriveCommand) -> DriveCommand:
+        """Ask for a speed and a curvature; returns what it will do, which is within its limits.
+
+        Raises:
+            InputError: a command that is not a finite number.
+        """
+        if not (math.isfinite(command.speed) and math.isfinite(command.curvature)):
+            raise InputError(f"commands must be finite, got {command}")
+        most = self.limits
+        self.wanted = DriveCommand(
+            min(max(command.speed, -most.speed), most.speed),
+            min(max(command.curvature, -most.curvature), most.curvature),
+        )
+        return self.wanted
+
+    def advance(self, dt: float) -> None:
+        """Drive for `dt` seconds: the exact arc at the speed and curvature reached by then."""
+        most = self.limits
+        self.speed = approach(self.speed, self.wanted.speed, most.acceleration * dt)
+        self.curvature = approach(self.curvature, self.wanted.curvature, most.steering * dt)
+        length = self.speed * dt
+        half = self.curvature * length / 2
+        chord = length * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
+        self.x += chord * math.cos(self.heading + half)
+        self.y += chord * math.sin(self.heading + half)
+        self.heading += 2 * half
+        self.length += length
+        self.turned += 2 * half
+        self.seconds += dt
+
+    def driven(self) -> DriveCommand:
+        """Mean speed and curvature since this was last asked."""
+        speed = self.length / self.seconds if self.seconds else 0.0
+        curvature = self.turned / self.length if abs(self.length) > 1e-9 else 0.0
+        self.length = self.turned = self.seconds = 0.0
+        return DriveCommand(speed, curvature)
+
+
+def approach(value: float, goal: float, most: float) -> float:
+    """The value moved towards the goal by at most `most`."""
+    return value + min(max(goal - value, -most), most)

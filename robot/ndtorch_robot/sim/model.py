@@ -1,0 +1,321 @@
+"""The MuJoCo model of a building: painted walls to see, boxes to bump into, and the car."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ndtorch_robot.sim.paint import (
+    ALONG,
+    Image,
+    Painted,
+    Patch,
+    Walls,
+    pack,
+    paint_ceiling,
+    paint_floor,
+    paint_ring,
+    to_bytes,
+)
+from ndtorch_robot.sim.plan import Floats, Plan
+
+if TYPE_CHECKING:
+    import mujoco
+
+THICKNESS = 0.04
+"""Half the depth of what stands behind the face of a wall, m: many times what the car drives in a step."""
+
+SKIRTING = (0.006, 0.08)
+"""Depth and height of the skirting, m."""
+
+OBSTACLE_SIZE = (0.18, 0.25, 0.9)
+"""Half the sides of the moving obstacle, m."""
+
+
+class CarSize(NamedTuple):
+    """Half the length, width and height of the body of the car, m; its middle is the point it turns about."""
+
+    length: float = 0.25
+    width: float = 0.18
+    height: float = 0.07
+
+
+class World(NamedTuple):
+    """What `build` makes: the compiled model and, for the scorer, the profile of every wall.
+
+    Attributes:
+        model: MuJoCo model; joints x, y, yaw of the car are `qpos[0:3]`, the moving obstacle is mocap body 0.
+        profiles: for each edge of each ring, its brightness `[columns]` at the height of the cameras.
+    """
+
+    model: mujoco.MjModel
+    profiles: list[Floats]
+
+
+def build(plan: Plan, seed: int = 0, walls: Walls = "textured", moving: bool = False, eye_height: float = 0.2) -> World:
+    """Paint and build a plan. The seed decides what it looks like.
+
+    Args:
+        moving: with a moving obstacle, a person-sized box.
+        eye_height: of the cameras, m.
+    """
+    import mujoco
+
+    rng = np.random.default_rng((seed, 100))
+    spec = mujoco.MjSpec()
+    spec.compiler.degree = False
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = 640, 480
+    spec.visual.quality.offsamples = 0  # the pixels of a strip must not depend on neighbours outside it
+    light = spec.visual.headlight
+    light.ambient, light.diffuse, light.specular = [1.0] * 3, [0.0] * 3, [0.0] * 3
+    spec.stat.extent, spec.stat.center = 1.0, [0.0, 0.0, 0.0]
+
+    surfaces = [s for r in plan.rings for s in paint_ring(r, plan.height, rng, walls)]
+    atlas, patches = pack(surfaces)
+    floor, ground = paint_floor(plan, rng)
+    images = {"walls": atlas, "floor": floor, "ceiling": paint_ceiling()}
+    wall_mesh = Mesh()
+    for segment, surface, cut in zip(plan.segments, surfaces, patches, strict=True):
+        wall_mesh.wall(segment, surface, cut)
+    if walls == "textured":
+        add_skirting(spec, plan)
+    left, right, bottom, top = ground
+    floor_mesh, ceiling_mesh = Mesh(), Mesh()
+    floor_mesh.level(ground, 0.0, (0.0, 1.0, 0.0, 1.0))
+    tiles = (right - left) / 9.6, (top - bottom) / 9.6
+    ceiling_mesh.level(ground, plan.height, (0.0, tiles[0], 0.0, tiles[1]), facing_down=True)
+    for solid in plan.solids:
+        if solid.height is not None and solid.height < plan.height:
+            add_lid(spec, solid.array, solid.height)
+    add_textures(spec, images)
+    for name, mesh in (("walls", wall_mesh), ("floor", floor_mesh), ("ceiling", ceiling_mesh)):
+        mesh.add(spec, name)
+    add_collisions(spec, plan)
+    add_car(spec)
+    if moving:
+        add_obstacle(spec, images, rng)
+    model = spec.compile()
+    for name, image in images.items():
+        fill_texture(model, name, image)
+    return World(model, [profile(s, eye_height) for s in surfaces])
+
+
+def profile(surface: Painted, height: float) -> Floats:
+    """Brightness along a surface at one height, 0..1."""
+    rows = len(surface.texels)
+    row = min(max(rows - 1 - int(height / surface.height * rows), 0), rows - 1)
+    return np.asarray(surface.texels[row].mean(-1) / 255.0)
+
+
+class Mesh:
+    """Quads with texture coordinates."""
+
+    def __init__(self) -> None:
+        self.points: list[tuple[float, float, float]] = []
+        self.coordinates: list[tuple[float, float]] = []
+        self.faces: list[tuple[int, int, int]] = []
+
+    def quad(self, points: list[tuple[float, float, float]], coordinates: list[tuple[float, float]]) -> None:
+        """Add a quad, its corners counter-clockwise as seen from where it shall be visible."""
+        n = len(self.points)
+        self.points += points
+        self.coordinates += coordinates
+        self.faces += [(n, n + 1, n + 2), (n, n + 2, n + 3)]
+
+    def wall(self, segment: Floats, surface: Painted, patches: list[Patch]) -> None:
+        """A vertical wall along a segment, visible from its left."""
+        columns = surface.texels.shape[1]
+        (ax, ay), (bx, by) = segment
+        for n, patch in enumerate(patches):
+            low, high = round(columns * n / len(patches)) / columns, round(columns * (n + 1) / len(patches)) / columns
+            x0, y0, x1, y1 = ax + low * (bx - ax), ay + low * (by - ay), ax + high * (bx - ax), ay + high * (by - ay)
+            top = surface.height
+            self.quad(
+                [(x1, y1, 0.0), (x0, y0, 0.0), (x0, y0, top), (x1, y1, top)],
+                [
+                    (patch.end, patch.bottom),
+                    (patch.start, patch.bottom),
+                    (patch.start, patch.top),
+                    (patch.end, patch.top),
+                ],
+            )
+
+    def level(self, bounds: tuple[float, ...], z: float, texture: tuple[float, ...], facing_down: bool = False) -> None:
+        """A horizontal rectangle."""
+        left, right, bottom, top = bounds
+        a, b, c, d = texture
+        points = [(left, bottom, z), (right, bottom, z), (right, top, z), (left, top, z)]
+        coordinates = [(a, c), (b, c), (b, d), (a, d)]
+        if facing_down:
+            points.reverse()
+            coordinates.reverse()
+        self.quad(points, coordinates)
+
+    def add(self, spec: Any, name: str) -> None:
+        """Put the mesh into a model as one geom with the texture of the same name."""
+        import mujoco
+
+        mesh = spec.add_mesh(name=name)
+        mesh.uservert = np.array(self.points, np.float32).ravel()
+        mesh.userface = np.array(self.faces, np.int32).ravel()
+        # Texture rows are stored from the top.
+        mesh.usertexcoord = (np.array(self.coordinates, np.float32) * [1, -1] + [0, 1]).astype(np.float32).ravel()
+        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+        spec.worldbody.add_geom(
+            name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, material=name, contype=0, conaffinity=0
+        )
+
+
+def add_textures(spec: Any, images: dict[str, Image]) -> None:
+    """A material with an empty texture of the right size for each image; `fill_texture` fills it."""
+    import mujoco
+
+    for name, image in images.items():
+        spec.add_texture(
+            name=name,
+            type=mujoco.mjtTexture.mjTEXTURE_2D,
+            builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
+            width=image.shape[1],
+            height=image.shape[0],
+            nchannel=3,
+        )
+        material = spec.add_material(name=name, rgba=[1, 1, 1, 1], specular=0, shininess=0)
+        textures = [""] * int(mujoco.mjtTextureRole.mjNTEXROLE)
+        textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = name
+        material.textures = textures
+
+
+def fill_texture(model: mujoco.MjModel, name: str, image: Image) -> None:
+    """Put an image into a texture of a compiled model: far faster than through the specification."""
+    begin = int(model.tex_adr[model.texture(name).id])
+    model.tex_data[begin : begin + image.size] = image.ravel()
+
+
+def add_skirting(spec: Any, plan: Plan) -> None:
+    """A dark board along the foot of the walls, of its own: in the texture, the filter would blur it away."""
+    import mujoco
+
+    kinds = [kind for shape in plan.rings for kind in shape.kinds]
+    boards = Mesh()
+    for ((ax, ay), (bx, by)), kind in zip(plan.segments, kinds, strict=True):
+        if kind == "wall":
+            length = math.hypot(bx - ax, by - ay)
+            x, y = -(by - ay) / length * SKIRTING[0], (bx - ax) / length * SKIRTING[0]
+            top = SKIRTING[1]
+            corners = [(bx + x, by + y, 0.0), (ax + x, ay + y, 0.0), (ax + x, ay + y, top), (bx + x, by + y, top)]
+            boards.quad(corners, [(0.0, 0.0)] * 4)
+    if not boards.points:
+        return
+    mesh = spec.add_mesh(name="skirting")
+    mesh.uservert = np.array(boards.points, np.float32).ravel()
+    mesh.userface = np.array(boards.faces, np.int32).ravel()
+    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+    spec.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_MESH, meshname="skirting", rgba=[0.2, 0.19, 0.18, 1], contype=0, conaffinity=0
+    )
+
+
+def add_lid(spec: Any, corners: Floats, height: float) -> None:
+    """The top of a piece of furniture: its bounding box, to look at only."""
+    import mujoco
+
+    low, high = corners.min(0), corners.max(0)
+    middle, half = (low + high) / 2, (high - low) / 2
+    spec.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=[middle[0], middle[1], height - 0.011],
+        size=[half[0], half[1], 0.01],
+        rgba=[0.45, 0.33, 0.22, 1],
+        contype=0,
+        conaffinity=0,
+    )
+
+
+def add_collisions(spec: Any, plan: Plan) -> None:
+    """An invisible box behind the face of every wall."""
+    import mujoco
+
+    for (ax, ay), (bx, by) in plan.segments:
+        length = math.hypot(bx - ax, by - ay)
+        nx, ny = -(by - ay) / length, (bx - ax) / length
+        angle = math.atan2(by - ay, bx - ax)
+        # Thin solids are thinner than two such boxes, which may overlap or stick out by a little.
+        spec.worldbody.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=[(ax + bx) / 2 - nx * THICKNESS, (ay + by) / 2 - ny * THICKNESS, plan.height / 2],
+            quat=[math.cos(angle / 2), 0, 0, math.sin(angle / 2)],
+            size=[length / 2, THICKNESS, plan.height / 2],
+            contype=1,
+            conaffinity=0,
+            group=3,
+        )
+
+
+def add_car(spec: Any) -> None:
+    """The body of the car on three joints: x, y and yaw."""
+    import mujoco
+
+    car = spec.worldbody.add_body(name="car")
+    for name, kind, axis in (
+        ("x", mujoco.mjtJoint.mjJNT_SLIDE, [1, 0, 0]),
+        ("y", mujoco.mjtJoint.mjJNT_SLIDE, [0, 1, 0]),
+        ("yaw", mujoco.mjtJoint.mjJNT_HINGE, [0, 0, 1]),
+    ):
+        car.add_joint(name=name, type=kind, axis=axis)
+    car.add_geom(
+        name="car",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=[0, 0, 0.12],
+        size=list(CarSize()),
+        mass=8.0,
+        contype=0,
+        conaffinity=1,
+        group=3,
+    )
+
+
+def add_obstacle(spec: Any, images: dict[str, Image], rng: np.random.Generator) -> None:
+    """A person-sized box in coarse checks that is moved about, to see and to bump into."""
+    import mujoco
+
+    checks = rng.uniform(0.1, 0.9, (6, 4, 3)).repeat(32, 0).repeat(32, 1)
+    images["obstacle"] = to_bytes(checks)
+    add_textures(spec, {"obstacle": images["obstacle"]})
+    body = spec.worldbody.add_body(name="obstacle", mocap=True)
+    x, y, z = OBSTACLE_SIZE
+    mesh = Mesh()
+    corners = [(-x, -y), (x, -y), (x, y), (-x, y)]
+    for k in range(4):
+        (ax, ay), (bx, by) = corners[k], corners[(k + 1) % 4]
+        mesh.quad(
+            [(ax, ay, 0.0), (bx, by, 0.0), (bx, by, 2 * z), (ax, ay, 2 * z)],
+            [(k / 4, 0.0), ((k + 1) / 4, 0.0), ((k + 1) / 4, 1.0), (k / 4, 1.0)],
+        )
+    made = spec.add_mesh(name="obstacle")
+    made.uservert = np.array(mesh.points, np.float32).ravel()
+    made.userface = np.array(mesh.faces, np.int32).ravel()
+    made.usertexcoord = np.array(mesh.coordinates, np.float32).ravel()
+    made.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="obstacle", material="obstacle", contype=0, conaffinity=0)
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX, pos=[0, 0, z], size=list(OBSTACLE_SIZE), contype=1, conaffinity=0, group=3
+    )
+
+
+def edge_columns(profile_: Floats, contrast: float, within: float = 0.02) -> Floats:
+    """Where along a surface its brightness jumps, as metres from its start.
+
+    A jump changes the brightness by `contrast` or more within `within` metres, and more than its surroundings.
+    """
+    step = max(1, round(within * ALONG / 2))
+    if len(profile_) <= 2 * step + 1:
+        return np.zeros(0)
+    change = np.abs(profile_[2 * step :] - profile_[: -2 * step])
+    found = []
+    while len(change) and change.max() >= contrast:
+        at = int(change.argmax())
+        found.append((at + step + 0.5) / ALONG)
+        change[max(0, at - 3 * step) : at + 3 * step + 1] = 0
+    return np.sort(np.array(found))

@@ -1,0 +1,181 @@
+"""The simulated robot in its building: cameras, drive, odometer and clock of the loop, and the collisions."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from ndtorch.navigation import Rect, StereoRig
+from ndtorch_robot.ports import DriveCommand, SafeCommand, StereoFrames, unseal
+from ndtorch_robot.sim.cameras import Cameras
+from ndtorch_robot.sim.car import Car
+from ndtorch_robot.sim.model import build
+from ndtorch_robot.sim.paint import Walls
+from ndtorch_robot.sim.places import Places
+from ndtorch_robot.sim.plan import Plan
+
+Odometry = Literal["true", "noisy"]
+
+SCALE_ERROR, DRIFT = 0.01, math.radians(0.05)
+"""Noisy odometry: every metre is believed to be 1.01 m, and the heading drifts by 0.05 degrees a second."""
+
+SUBSTEPS = 120
+"""Steps of physics a second: the car moves 4 mm in one."""
+
+WALK = 0.4
+"""Speed of the moving obstacle, m/s."""
+
+RIG = StereoRig(forward=0.15)
+"""The cameras of the robot: the pair of [A], 15 cm ahead of the middle of the body."""
+
+
+class Collision(NamedTuple):
+    """When and where the car hit something: seconds, and its pose (m, radians)."""
+
+    time: float
+    x: float
+    y: float
+    heading: float
+
+
+class Simulation:
+    """A world with the car in it. It is all ports of the loop in one.
+
+    When the car touches anything the collision is noted and the car is put back at the nearest free place,
+    where it looks down the longest way. Only the scorer may ask for `pose`.
+
+    Args:
+        plan: the building.
+        seed: what it looks like, where the car starts and the obstacle walks.
+        walls: `"textured"` or `"blank"`.
+        moving: with a moving obstacle.
+        odometry: what `driven` says, exact or `"noisy"`.
+        whole: draw whole frames.
+        fields: the subfields to draw; `rig.subfields()` by default.
+
+    Raises:
+        InputError: no OpenGL, or a plan where the car does not fit.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        seed: int = 0,
+        *,
+        walls: Walls = "textured",
+        moving: bool = False,
+        odometry: Odometry = "true",
+        whole: bool = False,
+        rig: StereoRig = RIG,
+        fields: tuple[Rect, Rect] | None = None,
+    ) -> None:
+        import mujoco
+
+        self.plan, self.rig, self.odometry = plan, rig, odometry
+        rng = np.random.default_rng((seed, 200))
+        self.places = Places(plan)
+        self.world = build(plan, seed, walls, moving, rig.camera_height)
+        self.data = mujoco.MjData(self.world.model)
+        self.car = Car()
+        self.steps = 0
+        self.collisions: list[Collision] = []
+        self.placed: tuple[float, float, float] | None = None
+        start = plan.start or self.places.any(rng)
+        self.walk = self.places.walk(rng, (start[0], start[1])) if moving else None
+        self.move_obstacle()
+        self.place(*start)
+        self.cameras = Cameras(self.world.model, rig, fields, whole=whole)
+
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        """The true x, y, m, and heading, radians."""
+        return self.car.x, self.car.y, self.car.heading
+
+    @property
+    def obstacle(self) -> tuple[float, float] | None:
+        """Where the moving obstacle is, m."""
+        if self.walk is None:
+            return None
+        (ax, ay), (bx, by) = self.walk
+        length = math.hypot(bx - ax, by - ay)
+        phase = (self.now() * WALK / length) % 2.0
+        share = phase if phase <= 1 else 2 - phase
+        return ax + share * (bx - ax), ay + share * (by - ay)
+
+    def now(self) -> float:
+        """Seconds of simulated time."""
+        return self.steps / SUBSTEPS
+
+    def wait_until(self, time: float) -> None:
+        """Let the world move on."""
+        while self.steps < round(time * SUBSTEPS):
+            self.steps += 1
+            self.car.advance(1 / SUBSTEPS)
+            self.move_obstacle()
+            if self.touches():
+                self.collisions.append(Collision(self.now(), *self.pose))
+                self.put_back()
+
+    def move_obstacle(self) -> None:
+        """Put the obstacle where it is now."""
+        place = self.obstacle
+        if place is not None:
+            self.data.mocap_pos[0] = [*place, 0.0]
+
+    def touches(self) -> bool:
+        """Whether the physics finds the car in contact with anything."""
+        import mujoco
+
+        self.data.qpos[:] = self.pose
+        mujoco.mj_kinematics(self.world.model, self.data)
+        mujoco.mj_comPos(self.world.model, self.data)
+        mujoco.mj_collision(self.world.model, self.data)
+        return bool(self.data.ncon > 0)
+
+    def put_back(self) -> None:
+        """Carry the car to the nearest free place, away from the moving obstacle."""
+        self.place(*self.places.near(self.car.x, self.car.y, self.obstacle))
+
+    def place(self, x: float, y: float, heading: float) -> None:
+        """Put the car somewhere; `take_placed` tells once."""
+        self.car.place(x, y, heading)
+        self.placed = (x, y, heading)
+        self.touches()
+
+    def take_placed(self) -> tuple[float, float, float] | None:
+        """The pose at which the car was put since this was last asked: whoever carries it knows where to."""
+        placed, self.placed = self.placed, None
+        return placed
+
+    def read(self) -> StereoFrames:
+        """What both cameras see now."""
+        left, right = self.cameras.look(self.data, *self.pose)
+        return StereoFrames(left, right, self.now())
+
+    def send(self, command: SafeCommand) -> DriveCommand:
+        """Drive like this from now on."""
+        return self.car.send(unseal(command))
+
+    def resume(self) -> None:
+        """Nothing to do: this drive obeys at once after a stop."""
+
+    def trouble(self) -> None:
+        """Never."""
+
+    def stop(self) -> None:
+        """Stand still at once."""
+        self.car.send(DriveCommand(0.0, 0.0))
+        self.car.speed = 0.0
+
+    def driven(self) -> DriveCommand:
+        """What the wheels say they did since this was last asked."""
+        speed, curvature = self.car.driven()
+        if self.odometry == "noisy" and speed != 0:
+            return DriveCommand(speed * (1 + SCALE_ERROR), (curvature + DRIFT / speed) / (1 + SCALE_ERROR))
+        return DriveCommand(speed, curvature)
+
+    def close(self) -> None:
+        """Give the buffers back."""
+        self.cameras.close()

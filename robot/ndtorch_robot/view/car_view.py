@@ -1,0 +1,269 @@
+"""A real car in the rerun viewer: what it sees, does and believes. There is no plan and no true pose."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ndtorch.navigation import Grid, NavigatorState, Rect, StereoRig
+from ndtorch.report.recording import import_rerun
+from ndtorch_robot.ports import DriveCommand, StereoFrames
+from ndtorch_robot.view.drawing import (
+    CAR,
+    LEFT,
+    OTHER,
+    PATH,
+    RIGHT,
+    TIMELINE,
+    WHITE,
+    car_arrow,
+    feature_points,
+    field_box,
+    jpeg,
+    map_points,
+    panels,
+    picture,
+    speed_lines,
+)
+
+BATCH = 15
+"""Steps whose numbers are written at once: half a second."""
+
+STRIDE, PIECE = 0.03, 200
+"""Metres between two points of the path, and points in one piece of it: only the last piece is written anew."""
+
+MAP_EVERY = 2.0
+"""Seconds between two pictures of the map."""
+
+Bounds = tuple[float, float, float, float]
+"""Left, right, upper and lower side of the floor that is shown, m, y down."""
+
+MARGIN, NEAR, MORE = 2.0, 0.5, 0.5
+"""When the car is nearer than 0.5 m to the end of what is shown, half as much more is shown there, at least 2 m."""
+
+PALE = (200, 200, 200)
+THIN, FINE = -1.0, -1.2
+"""Radii of lines and of cells of the map in points of the screen, so that they are seen in a large building too."""
+
+COMMAND_LINES = {"wanted": OTHER, "sent": LEFT, "applied": RIGHT}
+
+
+class Seen(NamedTuple):
+    """One step to show.
+
+    Attributes:
+        time: s since the start.
+        frames: what was seen; None where it is not to be shown, or was nothing.
+        state: of the navigator; None where it was not asked.
+        wanted, sent, driven: by the navigator, past the safety layer, and by the board since the last step.
+        standing: why the car is kept standing, or None.
+        board: what the board says of itself, `Telemetry.values`.
+        lines: what happened since the last step, in words.
+        notes: words to add to the panel that says how the car is.
+        carried: someone has put the car somewhere else.
+    """
+
+    time: float
+    frames: StereoFrames | None
+    state: NavigatorState | None
+    wanted: DriveCommand
+    sent: DriveCommand
+    driven: DriveCommand
+    standing: str | None
+    board: Mapping[str, Any]
+    lines: tuple[str, ...] = ()
+    notes: str = ""
+    carried: bool = False
+
+
+class CarView:
+    """Shows a car: both images with what is read of them, features, speeds, commands, battery, why it stands, its map.
+
+    Entities: `cameras/left` and `cameras/right` (JPEG, with `fields` and `features`; strips are drawn in their
+    places), `speeds`, `command/speed` and `command/curvature` (wanted, sent, applied), `board/battery`, `car`
+    (text), `events`, and `floor` (y up: drawn at -y) with `start` (a square metre about it), `path`, `car` and
+    `map`, all by dead reckoning.
+
+    Args:
+        stream: of `open_stream`, with `layout`.
+        rig: the cameras.
+        fields: subfields of the left and of the right image.
+        levels: lines to draw beside the speeds, by name.
+        grid: of the map, if there is one.
+    """
+
+    def __init__(
+        self, stream: Any, rig: StereoRig, fields: tuple[Rect, Rect], levels: Mapping[str, float], grid: Grid | None
+    ) -> None:
+        self.rr, self.stream = import_rerun(), stream
+        self.rig, self.fields, self.levels, self.grid = rig, fields, dict(levels), grid
+        self.next_map = 0.0
+        self.waiting: list[tuple[float, list[float], list[float], list[float], float]] = []
+        self.path: list[tuple[float, float]] = []
+        self.piece = 0
+        self.words = ""
+        self.shown: Bounds | None = None
+        self.fixed()
+
+    def fixed(self) -> None:
+        """What never changes."""
+        rr, log = self.rr, self.stream.log
+        for eye, field in zip(("left", "right"), self.fields, strict=True):
+            log(f"cameras/{eye}/fields", field_box(rr, field, eye), static=True)
+        log("speeds", speed_lines(rr, self.levels), static=True)
+        names, colours = list(COMMAND_LINES), list(COMMAND_LINES.values())
+        for entity in ("command/speed", "command/curvature"):
+            log(entity, rr.SeriesLines(colors=colours, names=names, widths=[1.0, 2.0, 1.5]), static=True)
+        log("board/battery", rr.SeriesLines(colors=[CAR], names=["battery, V"]), static=True)
+
+    def show(self, seen: Seen) -> None:
+        """Show a step."""
+        self.stream.set_time(TIMELINE, duration=seen.time)
+        for line in seen.lines:
+            self.stream.log("events", self.rr.TextLog(line, level="WARN" if "stopped" in line else "INFO"))
+        self.say_how(seen)
+        if seen.frames is not None:
+            self.pictures(seen.frames, seen.state)
+        if seen.state is not None:
+            self.place(seen.state, seen.carried)
+            if self.grid is not None and seen.state.map is not None and seen.time >= self.next_map:
+                self.next_map = seen.time + MAP_EVERY
+                self.stream.log("floor/map", map_points(self.rr, self.grid, seen.state.map.cells, FINE))
+        speeds = [math.nan] * 3
+        if seen.state is not None:
+            speeds = [*map(float, seen.state.sides), float(seen.state.avoidance.difference)]
+        commands = (seen.wanted, seen.sent, seen.driven)
+        battery = float(seen.board.get("battery_v") or math.nan)
+        self.waiting.append((seen.time, speeds, [c.speed for c in commands], [c.curvature for c in commands], battery))
+        if len(self.waiting) >= BATCH:
+            self.numbers()
+
+    def close(self) -> None:
+        """Write what is waiting and close the stream."""
+        self.numbers()
+        if self.path:
+            self.draw_path()
+        self.stream.flush(timeout_sec=3.0)
+        self.stream.disconnect()
+
+    def pictures(self, frames: StereoFrames, state: NavigatorState | None) -> None:
+        """Both images, and the features that were ranged in them."""
+        rr = self.rr
+        for eye, frame, field in zip(("left", "right"), frames[:2], self.fields, strict=True):
+            self.stream.log(f"cameras/{eye}", jpeg(rr, picture(frame, field, self.rig)))
+        found = np.zeros((4, 0), np.float32)
+        if state is not None:
+            r = state.ranges
+            parts = (r.left_range, r.left_angle, r.right_angle, r.valid)
+            found = np.stack([part.numpy() for part in parts]).astype(np.float32)
+        for eye, points in zip(("left", "right"), feature_points(rr, found, self.rig), strict=True):
+            self.stream.log(f"cameras/{eye}/features", points)
+
+    def place(self, state: NavigatorState, carried: bool) -> None:
+        """The car and its path, where dead reckoning puts them."""
+        x, y, heading = (float(value) for value in state.pose)
+        self.stream.log("floor/car", car_arrow(self.rr, (x, y, heading)))
+        if carried:
+            self.draw_path()
+            self.path, self.piece = [], self.piece + 1
+        self.widen(x, y)
+        if not self.path and not self.piece:
+            # A square metre gives the scale, and the viewer something to show until there is more.
+            square = self.rr.Boxes2D(centers=[(x, -y)], sizes=[(1.0, 1.0)], colors=[PALE], radii=THIN)
+            self.stream.log("floor/start", square)
+        if self.path and math.dist(self.path[-1], (x, y)) < STRIDE:
+            return
+        self.path.append((x, y))
+        if len(self.path) % 10 == 0:
+            self.draw_path()
+        if len(self.path) >= PIECE:
+            self.path, self.piece = [(x, y)], self.piece + 1
+
+    def widen(self, x: float, y: float) -> None:
+        """Show more of the floor when the car comes near the end of what is shown."""
+        shown = self.shown or (x, x, -y, -y)
+        sides = []
+        for low, high, at in ((*shown[:2], x), (*shown[2:], -y)):
+            more = max(MARGIN, MORE * (high - low))
+            sides += [low - more if at < low + NEAR else low, high + more if at > high - NEAR else high]
+        if tuple(sides) != self.shown:
+            self.shown = (sides[0], sides[1], sides[2], sides[3])
+            self.rr.send_blueprint(layout(self.shown), recording=self.stream)
+
+    def draw_path(self) -> None:
+        """The newest piece of the path."""
+        if len(self.path) > 1:
+            line = [(x, -y) for x, y in self.path]
+            self.stream.log(f"floor/path/{self.piece}", self.rr.LineStrips2D([line], colors=[PATH], radii=THIN))
+
+    def say_how(self, seen: Seen) -> None:
+        """How the car is, in words, when that has changed."""
+        board = seen.board
+        head = f"# STANDS\n{seen.standing}" if seen.standing else "# DRIVES"
+        lines = [head]
+        if board:
+            faults = ", ".join(board.get("faults", ())) or "none"
+            volts = board.get("battery_v")
+            lines.append(
+                f"board {'armed' if board.get('armed') else 'not armed'}, faults: {faults}; "
+                f"battery {f'{volts:.1f} V' if volts else 'not measured'}, {board.get('rejected', 0)} frames refused"
+            )
+            if board.get("link"):
+                lines.append(f"link: {board['link']}")
+        if seen.notes:
+            lines.append(seen.notes)
+        words = "\n\n".join(lines)
+        if words != self.words:
+            self.words = words
+            self.stream.log("car", self.rr.TextDocument(words, media_type="text/markdown"))
+
+    def numbers(self) -> None:
+        """The speeds and commands of the steps that are waiting."""
+        if not self.waiting:
+            return
+        times, speeds, speed, curvature, battery = zip(*self.waiting, strict=True)
+        self.waiting = []
+        index = self.rr.TimeColumn(TIMELINE, duration=list(times))
+        lines = np.tile(list(self.levels.values()), (len(times), 1)).reshape(len(times), -1)
+        for entity, values in (
+            ("speeds", np.column_stack((np.array(speeds), lines))),
+            ("command/speed", np.array(speed)),
+            ("command/curvature", np.array(curvature)),
+            ("board/battery", np.array(battery)[:, None]),
+        ):
+            self.stream.send_columns(entity, indexes=[index], columns=self.rr.Scalars.columns(scalars=values))
+
+
+def layout(shown: Bounds = (-MARGIN, MARGIN, -MARGIN, MARGIN)) -> Any:
+    """Cameras on top, the floor below them, and beside it how the car is, its speeds and commands."""
+    import rerun.blueprint as rrb
+
+    legend = rrb.PlotLegend(rrb.Corner2D.LeftTop)
+
+    def plot(origin: str, name: str) -> Any:
+        return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=legend)
+
+    plain = rrb.archetypes.TextDocumentFormat(word_wrap=True)
+    cameras = [rrb.Spatial2DView(origin=f"cameras/{eye}", name=f"{eye} camera") for eye in ("left", "right")]
+    bounds = rrb.VisualBounds2D(x_range=shown[:2], y_range=shown[2:])
+    name = "path and map by dead reckoning (m)"
+    floor = rrb.Spatial2DView(origin="floor", name=name, background=WHITE, visual_bounds=bounds)
+    words = rrb.Horizontal(
+        rrb.TextDocumentView(origin="car", name="car", format_options=plain),
+        rrb.TextLogView(origin="events", name="what happened"),
+        column_shares=[2, 3],
+    )
+    commands = rrb.Horizontal(plot("command/speed", "speed (m/s)"), plot("command/curvature", "curvature (1/m)"))
+    seen = rrb.Horizontal(plot("speeds", "speed of the image beside the path"), plot("board", "battery (V)"))
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(rrb.Horizontal(*cameras), floor, row_shares=[2, 3]),
+            rrb.Vertical(words, commands, seen, row_shares=[2, 3, 3]),
+            column_shares=[1, 1],
+        ),
+        *panels(),
+        auto_views=False,
+    )

@@ -1,0 +1,322 @@
+"""The two-stage model: the parts in a row, time steps, pauses, batches, verdicts and what is refused."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from ndtorch.binding import (
+    BindingConfig,
+    BindingInputs,
+    BindingSignals,
+    BindingState,
+    InhibitoryNetwork,
+    VisualBinding,
+    objects,
+)
+from ndtorch.binding.saving import flatten_state
+from ndtorch.errors import InputError
+from ndtorch.vision import GROUPS, VisualFeatures
+from tests.strategies import chunkings
+
+QUICK = BindingConfig(gamma=5.0, settle=0.1, tau_onset=0.1, window=0.5, stable_window=0.2)
+
+
+def noise(*shape: int, seed: int = 0) -> torch.Tensor:
+    return torch.rand(*shape, generator=torch.Generator().manual_seed(seed))
+
+
+def first_stage() -> torch.Tensor:
+    weights = torch.zeros(10, 10)
+    for group, value in zip(GROUPS.values(), (0.3, 0.45, 0.45), strict=True):
+        weights[group, group] = value
+    return weights.fill_diagonal_(0)
+
+
+def model(config: BindingConfig = QUICK, **options: Any) -> VisualBinding:
+    return VisualBinding(first_stage(), config, **{"size": (12, 14), **options})
+
+
+def two_things(seconds: float, fps: float = 100.0) -> torch.Tensor:
+    """Sums of a red thing going right and a green one going left, a third of a period apart, `[T, 10]`."""
+    t = torch.arange(round(seconds * fps)) / fps
+    red, green = (1 + 0.5 * torch.sin(2 * math.pi * 0.87 * t + phase) for phase in (0.0, 2.1))
+    features = torch.zeros(2, 10)
+    features[0, [1, 2, 4, 6, 7]] = torch.tensor([1.0, 0.6, 0.7, 0.7, 0.9])
+    features[1, [0, 2, 4, 5, 8]] = torch.tensor([1.0, 0.6, 0.7, 0.7, 0.9])
+    return 100 * torch.stack([red, green], -1) @ features
+
+
+def run(module: VisualBinding, frames: torch.Tensor, lengths: list[int] | int) -> tuple[BindingSignals, BindingState]:
+    parts, state = [], None
+    for chunk in frames.split(lengths, -4):
+        signals, state = module(chunk, state)
+        parts.append(signals)
+    assert state is not None
+    joined = [torch.cat(p, -1 if p[0].ndim == 1 else -2) for p in zip(*parts, strict=True)]
+    return BindingSignals(*joined), state
+
+
+def assert_same(got: tuple, expected: tuple, atol: float = 1e-5) -> None:
+    for a, b in zip(got, expected, strict=True):
+        assert_allclose(a, b, rtol=1e-5, atol=atol)
+
+
+def test_signals_are_those_of_the_parts_in_a_row() -> None:
+    frames = noise(40, 3, 12, 14)
+    signals, state = model()(frames)
+    sums, motion = VisualFeatures((12, 14))(frames)
+    (inputs, scale), _ = BindingInputs(window=0.5)(sums)
+    first = InhibitoryNetwork(10, gamma=0.0, tau_in=math.inf, initial=first_stage())
+    refined, _ = first(inputs)
+    second = InhibitoryNetwork(10, gamma=5.0, settle=0.1, tau_onset=0.1, window=0.2)
+    outputs, end = second(refined)
+    time = torch.arange(40, dtype=torch.float64) * 0.01
+    assert_same(signals, (sums, inputs, refined, outputs, scale, time))
+    assert_allclose(state.second.weights, end.weights, atol=1e-6)
+    assert_allclose(state.motion[0], motion[0], atol=1e-6)
+    assert end.weights.any()
+
+
+def test_from_sums_equals_forward() -> None:
+    module, frames = model(), noise(30, 3, 12, 14)
+    signals, state = module(frames)
+    sums, _ = module.features(frames)
+    again, end = module.from_sums(sums)
+    assert_same(again, signals, 0)
+    assert torch.equal(end.second.weights, state.second.weights)
+    assert end.motion is None
+
+
+@pytest.mark.parametrize("fps", [12.5, 30.0, 100.0, 120.0])
+def test_any_frame_rate_is_brought_to_the_networks_step(fps: float) -> None:
+    module, frames = model(fps=fps), noise(25, 3, 12, 14)
+    signals, state = module(frames)
+    count = math.floor(24 / fps * 100 + 1e-6) + 1
+    assert signals.outputs.shape == (count, 10)
+    assert_allclose(signals.time, np.arange(count) * 0.01)
+    assert int(state.second.steps) == int(state.first.steps) == count
+    sums, _ = VisualFeatures((12, 14), 1 / fps)(frames)
+    for column, expected in zip(signals.sums.T, sums.T, strict=True):
+        interpolated = np.interp(np.arange(count) * 0.01, np.arange(25) / fps, expected)
+        assert_allclose(column, interpolated, rtol=1e-4, atol=1e-4)
+
+
+@settings(max_examples=12, deadline=None)
+@given(fps=st.sampled_from([12.5, 30.0, 100.0, 120.0, 240.0]), lengths=chunkings(24))
+def test_chunks_and_pauses_do_not_matter(fps: float, lengths: list[int]) -> None:
+    module, frames = model(fps=fps), noise(24, 3, 12, 14)
+    whole, end = module(frames)
+    parts, part_end = run(module, frames, lengths)
+    assert_same(parts, whole)
+    one, other = flatten_state(part_end), flatten_state(end)
+    assert one.keys() == other.keys()
+    for name, part in one.items():
+        assert_allclose(part, other[name], rtol=1e-4, atol=1e-5, err_msg=name)
+
+
+def test_a_pause_changes_no_bit() -> None:
+    module, frames = model(), noise(40, 3, 12, 14)
+    _, state = module(frames[:20])
+    states = [state, BindingState(*(type(part)(*(x.clone() for x in part)) for part in state))]
+    (one, a), (other, b) = (module(frames[20:], s) for s in states)
+    assert all(torch.equal(x, y) for x, y in zip(one, other, strict=True))
+    assert torch.equal(a.second.weights, b.second.weights)
+
+
+def test_time_goes_on_in_the_next_chunk() -> None:
+    module = model(fps=50.0)
+    _, state = module(noise(10, 3, 12, 14))
+    signals, _ = module(noise(2, 3, 12, 14), state)
+    assert_allclose(signals.time, [0.19, 0.2, 0.21, 0.22])
+
+
+def test_a_frame_between_two_steps_gives_no_row() -> None:
+    module = model(fps=240.0)
+    _, state = module(noise(1, 3, 12, 14))
+    signals, after = module(noise(1, 3, 12, 14, seed=1), state)
+    assert [part.shape[0] for part in signals] == [0] * 6
+    assert int(after.second.steps) == 1
+    assert int(after.resample.taken) == 2
+    assert not torch.equal(after.motion.slow, state.motion.slow)
+
+
+@pytest.mark.parametrize("batch", [(2,), (2, 2)])
+def test_a_batch_is_that_many_single_runs(batch: tuple[int, ...]) -> None:
+    module, frames = model(fps=60.0), noise(*batch, 20, 3, 12, 14)
+    signals, state = module(frames)
+    assert signals.outputs.shape == (*batch, 32, 10)
+    assert state.second.weights.shape == (*batch, 10, 10)
+    last = tuple(n - 1 for n in batch)
+    alone, end = module(frames[last])
+    assert_same([part[last] for part in signals[:5]], alone[:5])
+    assert_allclose(state.second.weights[last], end.second.weights, atol=1e-5)
+
+
+def test_uint8_frames_are_scaled() -> None:
+    frames = torch.randint(0, 256, (10, 3, 12, 14), dtype=torch.uint8)
+    assert_allclose(model()(frames)[0].sums, model()(frames / 255)[0].sums, rtol=1e-4, atol=1e-4)
+
+
+def test_the_first_stage_never_learns() -> None:
+    _, state = model()(noise(60, 3, 12, 14))
+    assert torch.equal(state.first.weights, first_stage())
+
+
+def test_two_fluctuating_things_become_two_objects() -> None:
+    module = model(BindingConfig(gamma=2.0, settle=1.0))
+    _, state = module.from_sums(two_things(30))
+    assert module.verdict(state) in ("stable", "learning")
+    found = module.objects(state)
+    assert [thing.neuron for thing in found] != []
+    assert found == objects(state.second.weights)
+
+
+def test_a_constant_scene_is_static() -> None:
+    module = model()
+    signals, state = module(noise(1, 3, 12, 14).expand(80, 3, 12, 14))
+    assert module.verdict(state) == "static"
+    assert module.objects(state) == []
+    # Sums over many pixels differ by rounding from chunk to chunk, which the floor holds down.
+    assert signals.outputs.abs().max() < 1e-3
+    assert not signals.sums[:, :4].any()
+
+
+def test_a_constant_scene_of_sums_gives_exactly_nothing() -> None:
+    module = model()
+    signals, state = module.from_sums(noise(1, 10).expand(200, 10))
+    assert not signals.inputs.any()
+    assert not signals.outputs.any()
+    assert not state.second.weights.any()
+    assert module.verdict(state) == "static"
+
+
+def test_one_group_alone_is_nothing_to_bind() -> None:
+    sums = torch.full((100, 10), 100.0)
+    sums[:, 7:] = two_things(1)[:, 7:]
+    module = model()
+    assert module.verdict(module.from_sums(sums)[1]) == "static"
+
+
+def judged(weights: torch.Tensor | None = None, **parts: torch.Tensor) -> tuple[VisualBinding, BindingState]:
+    """A model and a state of a fluctuating scene whose second network is as given."""
+    module = model()
+    _, state = module.from_sums(two_things(1))
+    second = state.second._replace(changes=torch.zeros_like(state.second.changes), **parts)
+    if weights is not None:
+        second = second._replace(weights=weights)
+    return module, state._replace(second=second)
+
+
+def learned() -> torch.Tensor:
+    weights = torch.zeros(10, 10)
+    weights[1, 7], weights[0, 8] = 0.8, 0.7
+    return weights
+
+
+def test_settled_weights_are_stable() -> None:
+    module, state = judged(learned())
+    assert module.verdict(state) == "stable"
+    assert [thing.neuron for thing in module.objects(state)] == ["red", "green"]
+
+
+def test_weights_that_change_are_learning() -> None:
+    module, state = judged(learned())
+    changing = state._replace(second=state.second._replace(changes=torch.full((20,), 0.03)))
+    assert module.verdict(changing) == "learning"
+    assert len(module.objects(changing)) == 2
+
+
+def test_small_weights_are_learning_and_no_object() -> None:
+    module, state = judged(0.5 * learned())
+    assert module.verdict(state) == "learning"
+    assert module.objects(state) == []
+
+
+def test_outputs_that_flip_are_alternating_and_no_object() -> None:
+    module, state = judged(learned(), power=torch.ones(10), roughness=3.9 * torch.ones(10))
+    assert module.verdict(state) == "alternating"
+    assert module.objects(state) == []
+
+
+def test_weights_that_are_not_numbers_are_not_stable() -> None:
+    module, state = judged(torch.full((10, 10), math.nan))
+    assert module.verdict(state) != "stable"
+
+
+def test_the_shortest_memory_has_a_verdict_too() -> None:
+    module = model(BindingConfig(window=0.01))
+    assert module.verdict(module.from_sums(two_things(1))[1]) in ("learning", "static")
+
+
+def test_verdict_is_of_one_trial() -> None:
+    module = model()
+    _, state = module.from_sums(noise(2, 5, 10))
+    with pytest.raises(InputError, match=r"verdict takes the state of one trial, got a batch of \(2, 10, 10\)"):
+        module.verdict(state)
+
+
+@pytest.mark.parametrize("fps", [0.0, -30.0, math.nan, math.inf])
+def test_frame_rates_out_of_range_are_refused(fps: float) -> None:
+    with pytest.raises(InputError, match="fps must be a positive number"):
+        model(fps=fps)
+
+
+def bad_weights() -> list[torch.Tensor]:
+    weights = [first_stage() for _ in range(4)]
+    weights[0][0, 1], weights[1][0, 1] = -0.1, math.nan
+    weights[2][0, 5], weights[3][2, 2] = 0.1, 0.1
+    return weights
+
+
+@pytest.mark.parametrize("weights", bad_weights())
+def test_unusable_first_stage_weights_are_refused(weights: torch.Tensor) -> None:
+    with pytest.raises(InputError, match="first-stage weights must be finite, non-negative, and zero on the diagonal"):
+        VisualBinding(weights, size=(12, 14))
+
+
+def test_first_stage_weights_of_another_shape_are_refused() -> None:
+    with pytest.raises(InputError, match=r"first-stage weights must be \[10, 10\], got \(4, 4\)"):
+        VisualBinding(torch.zeros(4, 4))
+
+
+def test_unknown_names_in_the_config_are_refused() -> None:
+    with pytest.raises(InputError, match="rule must be one of"):
+        model(BindingConfig(rule="oja"))
+    with pytest.raises(InputError, match="g must be one of"):
+        model(BindingConfig(g="relu"))
+
+
+def test_frames_and_sums_that_do_not_fit_are_refused() -> None:
+    module = model()
+    with pytest.raises(InputError, match="frames must be 12x14"):
+        module(torch.zeros(2, 3, 14, 12))
+    with pytest.raises(InputError, match="frames must be finite"):
+        module(torch.full((2, 3, 12, 14), math.nan))
+    with pytest.raises(InputError, match=r"sums must be \[\.\.\., T, 10\]"):
+        module.from_sums(torch.zeros(5, 9))
+    with pytest.raises(InputError, match="sums must be finite"):
+        module.from_sums(torch.full((5, 10), math.inf))
+
+
+def test_a_state_of_sums_does_not_go_on_with_frames() -> None:
+    module = model()
+    _, state = module.from_sums(noise(5, 10))
+    with pytest.raises(InputError, match="go on with from_sums"):
+        module(noise(2, 3, 12, 14), state)
+
+
+def test_a_state_of_frames_goes_on_with_sums() -> None:
+    module, frames = model(), noise(20, 3, 12, 14)
+    whole, _ = module(frames)
+    _, state = module(frames[:10])
+    signals, end = module.from_sums(whole.sums[10:], state)
+    assert_allclose(signals.outputs, whole.outputs[10:], atol=1e-6)
+    assert end.motion is state.motion

@@ -1,0 +1,60 @@
+"""The slow background, its noise, and what stands out."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from ndtorch.vision.camera.background import background_start, background_step, core, measured_noise
+
+STEP = {"a": 0.01, "a_deviation": 0.05, "hold": 0.2, "spread": 3.5}
+
+
+def test_noise_is_measured_beside_something_that_moves() -> None:
+    noise = 0.02 * torch.randn(3, 80, 80, generator=torch.Generator().manual_seed(1))
+    noise[:, :, :24] += 0.5
+    # The part that moves is 30 % and raises the median by what 0.5 / 0.7 of the order statistics says.
+    assert measured_noise(noise).flatten().tolist() == pytest.approx([0.02 * 1.067 / 0.6745] * 3, rel=0.06)
+
+
+def test_core_takes_the_threshold_off_both_sides() -> None:
+    x = torch.tensor([-0.5, -0.1, 0.0, 0.1, 0.5])
+    assert core(x, torch.tensor(0.2)).tolist() == pytest.approx([-0.3, 0.0, 0.0, 0.0, 0.3])
+
+
+def test_static_scene_has_no_difference() -> None:
+    frame = torch.rand(3, 20, 20, generator=torch.Generator().manual_seed(0))
+    state = background_start(frame)
+    for _ in range(5):
+        difference, threshold, state = background_step(frame, state, **STEP)
+        assert (difference == 0).all()
+        assert (threshold > 0).all()
+    assert int(state.frames) == 5
+
+
+def test_what_stands_out_is_held_and_sensor_noise_is_not() -> None:
+    generator = torch.Generator().manual_seed(0)
+    frame = torch.full((3, 40, 40), 0.5)
+    state = background_start(frame)
+    for _ in range(200):
+        _, _, state = background_step(frame + 0.01 * torch.randn(3, 40, 40, generator=generator), state, **STEP)
+    thing = frame.clone()
+    thing[:, 10:20, 10:20] = 0.9
+    difference, threshold, after = background_step(thing, state, **STEP)
+    outside = torch.ones(40, 40, dtype=torch.bool)
+    outside[10:20, 10:20] = False
+    assert (difference.abs() > threshold)[:, ~outside].all()
+    assert not (difference.abs() > threshold)[:, outside].any()
+    # Outside 1 % of the way is gone, inside a fifth of that.
+    inside = (after.mean - state.mean)[:, ~outside] / difference[:, ~outside]
+    assert inside.mean().item() == pytest.approx(0.002, rel=0.01)
+
+
+def test_flickering_pixels_need_more() -> None:
+    generator = torch.Generator().manual_seed(0)
+    state = background_start(torch.full((3, 20, 20), 0.5))
+    for _ in range(300):
+        frame = torch.full((3, 20, 20), 0.5) + 0.003 * torch.randn(3, 20, 20, generator=generator)
+        frame[:, :5, :5] += 0.05 * torch.randn(3, 5, 5, generator=generator)
+        _, threshold, state = background_step(frame, state, **STEP)
+    assert threshold[:, :5, :5].mean() > 2 * threshold[:, 5:, 5:].mean()

@@ -1,0 +1,106 @@
+"""The front end for ordinary video as a whole."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch import Tensor
+
+from ndtorch.errors import InputError
+from ndtorch.vision.camera.front_end import FieldSignals, FrontEnd, OrdinaryVideo, small_size
+from tests.strategies import chunkings
+from tests.vision.camera.passing_scenes import SIZE, ground, passing
+
+
+def run(video: Tensor, fps: float = 25.0, parts: FrontEnd | None = None) -> FieldSignals:
+    return OrdinaryVideo(SIZE, fps, parts)(video)[0]
+
+
+@settings(max_examples=5, deadline=None)
+@given(lengths=chunkings(14), fps=st.sampled_from([25.0, 90.0]))
+def test_chunks_give_the_same_as_the_whole(lengths: list[int], fps: float) -> None:
+    video = (passing(14, 5.0, first=3) * 255).round().to(torch.uint8)
+    module = OrdinaryVideo(SIZE, fps)
+    whole, end = module(video)
+    parts, state, at = [], None, 0
+    for n in lengths:
+        out, state = module(video[at : at + n], state)
+        parts.append(out)
+        at += n
+    joined = FieldSignals(*(torch.cat(part) for part in zip(*parts, strict=True)))
+    for one, other in zip(whole, joined, strict=True):
+        assert torch.equal(one, other)
+    assert state is not None
+    assert torch.equal(state.waiting, end.waiting)
+    assert len(whole.time) == 14 // module.group
+
+
+def test_red_square_moving_right_is_seen_where_it_is() -> None:
+    out = run(passing(30, 4.0))
+    late = out.signals[20:30].mean(0)
+    # In its fields: right and red, and nothing of the opposite.
+    row, column = divmod(int(late[..., 1].argmax()), 10)
+    assert row in (2, 3)
+    assert 2 <= column <= 5
+    here = late[row, column]
+    assert here[1] > 3 * here[0]
+    assert here[7] > 0.05
+    assert here[8:].max() < 0.05 * here[7]
+    # Far from it nothing stands out.
+    assert out.presence[20:30, :, 8:].max() < 0.01
+
+
+def test_exposure_alone_is_nothing_and_hides_nothing() -> None:
+    gains = (1 + 0.3 * torch.sin(torch.arange(40) / 4))[:, None, None, None]
+    assert run(ground() * gains).motion.abs().max() < 1e-8
+    faint = passing(40, 3.0, (0.6, 0.45, 0.45)) * gains
+    seen = run(faint).signals[..., 1].max()
+    # Uncorrected, the swing of the whole picture passes for noise, and the square drowns in it.
+    assert seen > 0.02
+    assert run(faint, parts=FrontEnd(exposure=False)).signals[..., 1].max() < seen / 3
+
+
+def test_green_on_red_of_the_same_brightness_moves() -> None:
+    video = torch.zeros(25, 3, *SIZE)
+    video[:, 0] = 0.5
+    for n in range(5, 25):
+        video[n, 0, 40:70, 4 * n : 4 * n + 30] = 0.1
+        video[n, 1, 40:70, 4 * n : 4 * n + 30] = 0.4
+    assert run(video).signals[12:, ..., 1].max() > 0.02
+
+
+@pytest.mark.parametrize("field", ["exposure", "background", "noise_floor", "color_inhibition", "compression"])
+def test_every_part_can_be_switched_off(field: str) -> None:
+    assert field in {f.name for f in fields(FrontEnd)}
+    video = passing(16, 4.0)
+    video = video * torch.linspace(1, 0.9, 16)[:, None, None, None]
+    assert not torch.equal(run(video).signals, run(video, parts=replace(FrontEnd(), **{field: False})).signals)
+
+
+def test_whole_field_is_one_field() -> None:
+    out = run(passing(16, 4.0), parts=FrontEnd(grid=(1, 1)))
+    assert out.signals.shape == (16, 1, 1, 10)
+
+
+@pytest.mark.parametrize(("size", "small"), [((224, 400), (56, 100)), ((112, 200), (56, 100)), ((40, 60), (40, 60))])
+def test_small_size(size: tuple[int, int], small: tuple[int, int]) -> None:
+    assert small_size(size) == small
+
+
+def test_unusable_arguments_are_refused() -> None:
+    with pytest.raises(InputError, match="fps"):
+        OrdinaryVideo(SIZE, 0)
+    with pytest.raises(InputError, match="scale"):
+        OrdinaryVideo(SIZE, 25, FrontEnd(scale=3))
+    with pytest.raises(InputError, match="frames"):
+        OrdinaryVideo(SIZE, 25)(torch.zeros(2, 1, 3, *SIZE))
+    with pytest.raises(InputError, match="size"):
+        OrdinaryVideo((8, 8), 25)
+    bad = ground().repeat(3, 1, 1, 1)
+    bad[1] = torch.nan
+    with pytest.raises(InputError, match="finite"):
+        OrdinaryVideo(SIZE, 25)(bad)

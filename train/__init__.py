@@ -1,1 +1,0 @@
-"""Programs that make the models and reproduce the published results. Run from a checkout: `python -m train`."""

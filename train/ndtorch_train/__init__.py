@@ -1,0 +1,1 @@
+"""Programs that make the models and reproduce the published results. Run from a checkout: `ndtorch`."""

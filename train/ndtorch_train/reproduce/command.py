@@ -1,0 +1,174 @@
+"""`ndtorch reproduce`."""
+
+from __future__ import annotations
+
+import functools
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from ndtorch.errors import InputError
+from ndtorch_train.workers import Note, run_tasks
+
+if TYPE_CHECKING:
+    from ndtorch_train.reproduce.outcome import Claim
+    from ndtorch_train.reproduce.page import Entry
+
+
+@dataclass(frozen=True)
+class Reproduce:
+    """Reproduce the published results: every claim of the three papers, or those named (A1 to C9).
+
+    Writes index.html, a page with the table of claims and all figures that opens offline, claims.json, and the
+    figures as SVG and PNG. Results are kept: a run that was stopped goes on where it was, and a claim is computed
+    again when its code or parameters have changed.
+    """
+
+    ids: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
+    """Claims, for instance B5 C7; none for all."""
+    out: Path = Path("out/reproduce")
+    """Folder to write to."""
+    quick: bool = False
+    """Fewer and shorter trials, under two minutes; claims that need more are left out and say so."""
+    jobs: int | None = None
+    """Processes (default: one for every core this process may use)."""
+    table: Path | None = None
+    """Also put the table of claims into this Markdown file, between its marks."""
+    fresh: bool = False
+    """Use no result of an earlier run."""
+
+    def run(self) -> int:
+        """Do it; returns the exit code."""
+        from ndtorch_train.reproduce.claims import chosen
+        from ndtorch_train.reproduce.page import markdown, publish, put_table, tally
+
+        claims = chosen(self.ids)
+        jobs = len(os.sched_getaffinity(0)) if self.jobs is None else self.jobs
+        if jobs < 1:
+            raise InputError(f"--jobs must be at least 1, got {jobs}")
+        prepare(self.out)
+        try:
+            entries, failed = self.collect(claims, jobs)
+            publish(entries, self.out, self.quick, self.words())
+            if self.table is not None:
+                put_table(self.table, markdown(entries, self.quick, self.words()))
+        except OSError as error:
+            raise InputError(f"{error.filename or self.out} cannot be written: {error.strerror}") from None
+        for entry in entries:
+            print(f"{entry.claim.id:4}{entry.outcome.verdict:17}{entry.outcome.ours}")
+        print(f"{tally(entries)}; written to {self.out / 'index.html'}")
+        for name, why in failed.items():
+            print(f"error: {name} could not be tried: {why.strip()}", file=sys.stderr)
+        return 1 if failed else 0
+
+    def words(self) -> str:
+        """The command, for the page."""
+        parts = ["ndtorch reproduce", *self.ids]
+        return " ".join([*parts, "--quick"] if self.quick else parts)
+
+    def collect(self, claims: Sequence[Claim], jobs: int) -> tuple[list[Entry], dict[str, str]]:
+        """Results of all claims, from the cache or computed now, and why some could not be had."""
+        from ndtorch_train.reproduce.lab import ResultCache
+        from ndtorch_train.reproduce.page import Entry, not_run
+
+        store = ResultCache(self.out / "cache")
+        if self.fresh:
+            shutil.rmtree(store.folder, ignore_errors=True)
+        store.folder.mkdir(exist_ok=True)
+        store.tidy()
+        todo, other_code = [], []
+        for claim in claims:
+            if claim.parameters(self.quick) is None:
+                continue
+            result, outdated = store.load(claim, self.quick)
+            if result is None:
+                todo.append(claim)
+            if outdated:
+                other_code.append(claim.id)
+        if other_code:
+            print(f"note: results of {', '.join(other_code)} are of other code and not used", file=sys.stderr)
+        failed = compute(todo, self.quick, jobs, store.folder)
+        entries = []
+        for claim in claims:
+            if claim.parameters(self.quick) is None:
+                entries.append(not_run(claim))
+                continue
+            result, _ = store.load(claim, self.quick)
+            if result is not None:
+                place = store.place(claim, self.quick)
+                entries.append(Entry(claim, result["outcome"], result["parameters"], result["drawings"], place))
+        return entries, failed
+
+
+def compute(claims: Sequence[Claim], quick: bool, jobs: int, folder: Path) -> dict[str, str]:
+    """Run experiments in `jobs` processes with a progress bar; returns why claims failed, by claim."""
+    if not claims:
+        return {}
+    from tqdm import tqdm
+
+    from ndtorch_train.reproduce.lab import code_of
+
+    def cost(claim: Claim) -> float:
+        return claim.seconds[1 if quick else 0]
+
+    ordered = sorted(claims, key=cost, reverse=True)  # long ones first, so that no core waits at the end
+    shares = [0.0] * len(ordered)
+    failed: dict[str, str] = {}
+    form = "{desc} {percentage:3.0f}% |{bar}| {elapsed} gone, {remaining} left{postfix}"
+    with tqdm(total=sum(map(cost, ordered)), desc="claims", bar_format=form, file=sys.stderr) as bar:
+        tasks = [(claim, code_of(claim.uses)) for claim in ordered]
+        for kind, index, value in run_tasks(functools.partial(_task, quick=quick, folder=folder), tasks, jobs):
+            claim = ordered[index]
+            if kind == "progress":
+                new = max(shares[index], min(float(value), 0.99))
+            elif kind == "again":
+                words = f"note: the process of {claim.id} died (exit code {value}); {claim.id} is run again"
+                bar.write(words, file=sys.stderr)
+                continue
+            else:
+                new = 1.0
+                if kind == "failed":
+                    failed[claim.id] = str(value)
+            bar.update((new - shares[index]) * cost(claim))
+            shares[index] = new
+            bar.set_postfix_str(f"{sum(s == 1.0 for s in shares)} of {len(shares)} done")
+    return failed
+
+
+def _task(task: tuple[Claim, str], note: Note, *, quick: bool, folder: Path) -> None:
+    """One experiment and the fingerprint of its code, in a process of its own."""
+    from ndtorch.memory import tune_allocator
+    from ndtorch_train.reproduce.lab import run_claim
+
+    tune_allocator()
+    try:
+        run_claim(task[0], quick, folder, task[1], note)
+    except (BrokenPipeError, ConnectionResetError):
+        raise  # nobody is listening any more
+    except OSError as error:
+        raise InputError(f"{error.filename or folder} cannot be written: {error.strerror}") from None
+
+
+def prepare(folder: Path) -> None:
+    """Make the folder and see that files can be written, before any time is spent.
+
+    Raises:
+        InputError: it cannot be made or written to.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(b"0" * 4096)
+            file.flush()
+    except OSError as error:
+        raise InputError(f"--out {folder}: cannot write there ({error.strerror})") from None
+
+
+__all__: list[Any] = ["Reproduce", "prepare"]

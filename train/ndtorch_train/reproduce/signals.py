@@ -1,0 +1,140 @@
+"""Sums and runs of the binding model that several experiments share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+import ndtorch
+from ndtorch.binding import (
+    BindingState,
+    NetworkState,
+    VisualBinding,
+    object_table,
+    second_stage,
+)
+from ndtorch.scenes import SCENES, FrameSource, make_scene
+from ndtorch.vision import FEATURES, VisualFeatures
+from ndtorch_train.reproduce.lab import Lab
+from ndtorch_train.superposed import Bars, LoneBar, Stimuli, film_bars
+
+RED, GREEN, BLUE = (FEATURES.index(name) for name in ("red", "green", "blue"))
+SETTLE = 4.0
+SUMS = ("ndtorch/vision", "ndtorch/scenes")
+"""Code that the ten sums depend on."""
+BINDING = (*SUMS, "ndtorch/binding", "ndtorch/loading.py", "models/binding", "train/ndtorch_train/superposed.py")
+"""Code that binding depends on."""
+HOUSE = tuple(f"train/ndtorch_train/reproduce/{name}.py" for name in ("signals", "plots"))
+"""Code that every experiment on binding shares."""
+
+
+def film(scene: FrameSource, lab: Lab, share: float = 1.0) -> Tensor:
+    """The ten sums of every frame of a scene, `[T, 10]`."""
+    features, state, sums = VisualFeatures(scene.size, 1 / scene.fps), None, list[Tensor]()
+    with torch.inference_mode():
+        for n, frames in enumerate(scene.chunks(8)):
+            out, state = features(frames, state)
+            sums.append(out)
+            if n % 20 == 0:
+                lab.note(share * 8 * n / (scene.length or 1))
+    return torch.cat(sums)
+
+
+def rendered(lab: Lab, name: str, share: float = 1.0, **options: Any) -> Tensor:
+    """Sums of a named scene, from full 500 x 500 frames; computed once for everybody."""
+    assert name in SCENES
+    key = {"scene": name, **options}
+    made = lab.stored("sums", key, SUMS, lambda: {"sums": film(make_scene(name, **options), lab, share).numpy()})
+    return torch.from_numpy(made["sums"])
+
+
+def superposed(lab: Lab, phases: Sequence[float], offsets: Sequence[float], seconds: float) -> tuple[Tensor, ...]:
+    """Sums of lone bars: red `[T, 10]`, green `[phases, T, 10]`, blue `[offsets, T, 10]`. See `train.superposed`."""
+
+    def make() -> dict[str, Any]:
+        parts: dict[str, Any] = {}
+        for name, bar in film_bars()._asdict().items():
+            parts |= {name: bar.sums.numpy(), f"{name}_place": np.array([bar.x, bar.speed])}
+        return parts
+
+    got = lab.stored("bars", {}, (*SUMS, "train/ndtorch_train/superposed.py"), make)
+    bars = Bars(*(LoneBar(torch.from_numpy(got[n]), *map(float, got[f"{n}_place"])) for n in Bars._fields))
+    stimuli = Stimuli(bars)
+    return stimuli.red(seconds), stimuli.green(phases, seconds), stimuli.blue(offsets, seconds)
+
+
+class Run(NamedTuple):
+    """The second stage over one or many trials.
+
+    Attributes:
+        model: that ran.
+        time: of the outputs, seconds since learning began.
+        outputs: `[..., T, 10]`.
+        weight_time, weights: a sample every tenth of a second, `[samples]` and `[..., samples, 10, 10]`.
+        state: at the end.
+    """
+
+    model: VisualBinding
+    time: Tensor
+    outputs: Tensor
+    weight_time: Tensor
+    weights: Tensor
+    state: BindingState
+
+    @property
+    def final(self) -> Tensor:
+        """Weights at the end, `[..., 10, 10]`."""
+        return self.state.second.weights
+
+
+def learn(sums: Tensor, model: VisualBinding | None = None, gamma: Tensor | None = None, **options: Any) -> Run:
+    """Run the model over sums `[..., T, 10]`, sampling the weights ten times a second.
+
+    Args:
+        sums: one trial or a batch.
+        model: instead of the shipped one with `options`.
+        gamma: a learning rate for each trial of the batch.
+    """
+    model = model or ndtorch.load("binding", **options)
+    if gamma is not None:
+        model.second = second_stage(model.config, gamma)
+    state, outputs, weights = None, [], []
+    with torch.inference_mode():
+        for part in torch.split(sums, 10, -2):
+            signals, state = model.from_sums(part, state)
+            outputs.append(signals.outputs)
+            weights.append(state.second.weights)
+    assert state is not None
+    out = torch.cat(outputs, -2)
+    dt = model.config.dt
+    time = torch.arange(out.shape[-2], dtype=torch.float64) * dt - model.config.settle
+    ends = torch.arange(1, len(weights) + 1, dtype=torch.float64) * 10 * dt - model.config.settle
+    return Run(model, time, out, ends, torch.stack(weights, -3), state)
+
+
+def one_trial(state: BindingState, index: int) -> BindingState:
+    """The state of one trial of a batch `[B]`."""
+
+    def pick(part: NetworkState) -> NetworkState:
+        values = {name: value if name == "steps" else value[index] for name, value in part._asdict().items()}
+        return NetworkState(**values)
+
+    inputs = type(state.inputs)(*(value[index] for value in state.inputs))
+    first, second = state.first, state.second
+    assert isinstance(first, NetworkState)
+    assert isinstance(second, NetworkState)
+    return BindingState(None, state.resample, inputs, pick(first), pick(second))
+
+
+def owners(weights: Tensor) -> list[str]:
+    """Names of the neurons that own an object by the printed read-out alone. [C §4.1]"""
+    return [FEATURES[k] for k in object_table(weights).owners.nonzero().flatten().tolist()]
+
+
+def share_in(weights: Tensor, columns: Sequence[int]) -> float:
+    """Share of all weight that lies in those columns."""
+    return float(weights[:, list(columns)].sum() / weights.sum())

@@ -1,0 +1,125 @@
+"""`ndtorch score`: run the benchmark and write the leaderboard."""
+
+from __future__ import annotations
+
+import platform
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from ndtorch.errors import InputError
+from ndtorch.memory import tune_allocator
+from ndtorch_train.score.benchmark import bar_rows, random_rows, rendered_rows, stress_rows
+from ndtorch_train.score.figure import draw
+from ndtorch_train.score.leaderboard import Row, markdown, write_csv
+from ndtorch_train.score.methods import METHODS
+from ndtorch_train.score.retinotopic import rendered_row, retinotopic_rows
+from ndtorch_train.score.scenes import LONGEST, SETTLE, Split, seeds
+from ndtorch_train.score.video_clips import RATES
+from ndtorch_train.score.video_command import VideoScore
+
+
+@dataclass(frozen=True)
+class ScoreOptions:
+    """Score binding rules on seeded random scenes, stress sets and the papers' bars; write a leaderboard.
+
+    Tune on the split `tune`, report the split `test`: their seeds have none in common.
+    """
+
+    rules: tuple[str, ...] = METHODS
+    """Methods to compare."""
+    scenes: int = 300
+    """Random scenes: 1, 2 and 3 bars in turn; 0 leaves them out."""
+    seconds: tuple[float, ...] = (15.0, 60.0)
+    """When to score: seconds after the 4 s that filters get to settle."""
+    split: Split = "tune"
+    """Which seeds."""
+    stress: int = 0
+    """Scenes of each stress set; 0 leaves them out."""
+    bars: bool = False
+    """Also the papers' two bars at 18 phases and three bars at 90 combinations."""
+    rendered: int = 0
+    """Random scenes that are also rendered as frames, from the first on (about 10 s each)."""
+    retinotopic: int = 0
+    """Scenes of each set for object files over retinotopic signals; 0 leaves them out."""
+    out: Path = Path("out/score")
+    """Folder for leaderboard.md, leaderboard.csv and leaderboard.png."""
+    video: bool = False
+    """Measure `ndtorch bind` on generated video instead (scores.md, scores.csv)."""
+    clips: int = 8
+    """Video: clips of every number of objects and frame rate."""
+    counts: tuple[int, ...] = (0, 1, 2)
+    """Video: numbers of objects."""
+    rates: tuple[float, ...] = RATES
+    """Video: frames a second."""
+    ablate: tuple[str, ...] = ()
+    """Video: parts of the front end to switch off, one after the other, or all."""
+    file: Path | None = None
+    """Video: a file to run on too; its timeline is drawn."""
+    keep: Path | None = None
+    """Video: folder in which generated clips are kept, and looked for."""
+
+    def run(self) -> int:
+        """Do it; returns the exit code."""
+        if self.video:
+            options = VideoScore(self.clips, self.counts, self.rates, self.split, self.ablate)
+            return options.run(self.file, self.keep, self.out)
+        torch.set_num_threads(1)
+        tune_allocator()
+        check(self)
+        rows: list[Row] = []
+        began = time.perf_counter()
+        for name in self.rules if self.scenes else ():
+            start = time.perf_counter()
+            rows += random_rows(name, self.split, self.scenes, sorted(self.seconds))
+            print(f"{name}: {self.scenes} scenes in {time.perf_counter() - start:.0f} s", flush=True)
+        if self.stress:
+            rows += stress_rows(self.rules, self.split, self.stress)
+        if self.bars:
+            rows += bar_rows(self.rules)
+        if self.rendered:
+            rows += rendered_rows(self.rules, self.split, self.rendered, min(self.seconds))
+        if self.retinotopic:
+            rows += retinotopic_rows(self.split, self.retinotopic, sorted(self.seconds), self.out)
+            if self.rendered:
+                rows.append(rendered_row(self.split, self.rendered, min(self.seconds)))
+        text = heading(self, time.perf_counter() - began) + markdown(rows)
+        try:
+            self.out.mkdir(parents=True, exist_ok=True)
+            (self.out / "leaderboard.md").write_text(text, encoding="utf-8")
+            write_csv(rows, self.out / "leaderboard.csv")
+            draw(rows, self.out / "leaderboard.png", f"split {self.split}, {self.scenes} random scenes")
+        except OSError as error:
+            raise InputError(f"--out {self.out} cannot be written: {error.strerror}") from None
+        print(text)
+        print(f"written  {self.out}: leaderboard.md, leaderboard.csv, leaderboard.png")
+        return 0
+
+
+def check(options: ScoreOptions) -> None:
+    """Whatever is wrong with the options, before the work begins."""
+    for name in options.rules:
+        if name not in METHODS:
+            raise InputError(f"rules must be among {', '.join(METHODS)}, got {name!r}")
+    if not options.rules:
+        raise InputError(f"rules must name at least one of {', '.join(METHODS)}")
+    if not options.seconds or not all(0 < s <= LONGEST - SETTLE for s in options.seconds):
+        raise InputError(f"seconds must lie between 0 and {LONGEST - SETTLE:g}, got {options.seconds}")
+    seeds(options.split, max(1, options.scenes))
+    for name in ("scenes", "stress", "rendered", "retinotopic"):
+        if getattr(options, name) < 0:
+            raise InputError(f"{name} must be a number of scenes >= 0, got {getattr(options, name)}")
+
+
+def heading(options: ScoreOptions, wall: float) -> str:
+    """What was run, on which seeds, and how long it took."""
+    first = seeds(options.split, 1).start
+    return (
+        f"Split {options.split}: seeds from {first} on, {options.scenes} random scenes"
+        f"{f', {options.stress} of each stress set' if options.stress else ''}. "
+        f"Shares ± their standard errors over scenes; seconds count after {SETTLE:g} s of settling, "
+        f"`right from` from the first frame. {wall:.0f} s on one core ({platform.machine()}, "
+        f"torch {torch.__version__}).\n\n"
+    )

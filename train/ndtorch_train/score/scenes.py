@@ -1,0 +1,231 @@
+"""Seeded random scenes of moving bars, as ten sums superposed of single bars or as rendered frames."""
+
+from __future__ import annotations
+
+import colorsys
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+from ndtorch.errors import InputError
+from ndtorch.scenes import Bar, BarScene
+from ndtorch.scenes.rendered import RenderedScene
+from ndtorch.vision.blocks import BLOCK, BlockLowPass, low_pass
+from ndtorch.vision.temporal import smoothing_factor
+from ndtorch_train.score.single_bars import (
+    DIRECTIONS,
+    LENGTH,
+    ORIENTATIONS,
+    SPEED,
+    WIDTH,
+    across,
+    direction_degrees,
+    orientation_degrees,
+    single_bars,
+)
+
+Floats = npt.NDArray[np.float32]
+Split = Literal["tune", "test"]
+
+FPS = 100.0
+SIZE = (500, 500)
+SETTLE = 4.0
+"""Seconds every method gets before the clock of the score starts, as in the papers."""
+LONGEST = 104.0
+"""Seconds of brightness drawn for every scene, so that a scene does not depend on how long it is watched."""
+FIRST_SEED = {"tune": 0, "test": 1_000_000}
+"""Scene i of a split has this seed plus i."""
+MOST_SCENES = 1_000_000
+TAU_DELAY = 0.05
+"""Delay filter of the motion detectors, seconds."""
+DARKEST, BRIGHTEST = 0.25, 0.75
+"""Range of a bar's brightness, that of the papers' shadow."""
+NOISE_DEVIATION = 0.15
+SWITCHING = 0.1
+"""Seconds that on-off brightness takes to change: a bar needs .24 s to cross the edge of a shadow."""
+HUE_GAP = 60.0
+Kind = Literal["sine", "noise", "on-off", "steady"]
+KINDS: tuple[Kind, ...] = ("sine", "noise", "on-off")
+
+
+@dataclass(frozen=True)
+class RandomBar:
+    """A bar of 50 x 12 pixels at 50 pixels a second.
+
+    Attributes:
+        direction, orientation: numbers, see `single_bars`.
+        color: red, green and blue in 0..1.
+        start: column and row of the centre in the first frame (for rendering; sums do not depend on it).
+        light: brightness over time at 100 samples a second, `[LONGEST * 100]`.
+    """
+
+    direction: int
+    orientation: int
+    color: tuple[float, float, float]
+    start: tuple[float, float]
+    light: Floats = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The bars in view, and the seed they were drawn with."""
+
+    seed: int
+    bars: tuple[RandomBar, ...]
+
+
+@dataclass(frozen=True)
+class Restriction:
+    """What the bars of a drawn scene have in common.
+
+    Attributes:
+        bars: how many; None takes 1, 2, 3 in turn with the seed.
+        same_color, same_direction: all bars take the first one's colour, or its direction and orientation.
+        steady: nothing fluctuates.
+    """
+
+    bars: int | None = None
+    same_color: bool = False
+    same_direction: bool = False
+    steady: bool = False
+
+
+def seeds(split: Split, scenes: int) -> range:
+    """The seeds of the first `scenes` scenes of a split; the two splits have none in common."""
+    if split not in FIRST_SEED:
+        raise InputError(f"split must be tune or test, got {split!r}")
+    if not 1 <= scenes <= MOST_SCENES:
+        raise InputError(f"scenes must be between 1 and {MOST_SCENES}, got {scenes}")
+    return range(FIRST_SEED[split], FIRST_SEED[split] + scenes)
+
+
+def draw_scene(seed: int, restriction: Restriction | None = None) -> Scene:
+    """The scene of that seed: 1-3 bars of random direction, orientation, colour and brightness over time.
+
+    16 directions; half of the bars move across their long axis, the others have one of 8 orientations. Colours are
+    fully bright, of saturation .5-.95 and hues at least 60° apart. Brightness is a sinusoid (period .5-2.5 s), smoothed
+    noise (Gaussian of .08-.3 s) or on-off (.4-1.5 s each), around one half.
+    """
+    want = restriction or Restriction()
+    rng = np.random.default_rng(seed)
+    count = want.bars or seed % 3 + 1
+    hues = draw_hues(rng, count)
+    bars: list[RandomBar] = []
+    for n in range(count):
+        direction = int(rng.integers(DIRECTIONS))
+        free = int(rng.integers(ORIENTATIONS))
+        orientation = across(direction) if rng.random() < 0.5 else free
+        color = colorsys.hsv_to_rgb(hues[n] / 360, rng.uniform(0.5, 0.95), 1.0)
+        start = (float(rng.uniform(0, SIZE[1])), float(rng.uniform(0, SIZE[0])))
+        kind: Kind = "steady" if want.steady else KINDS[rng.integers(len(KINDS))]
+        light = draw_light(rng, kind)
+        if bars and want.same_color:
+            color = bars[0].color
+        if bars and want.same_direction:
+            direction, orientation = bars[0].direction, bars[0].orientation
+        bars.append(RandomBar(direction, orientation, color, start, light))
+    return Scene(seed, tuple(bars))
+
+
+def draw_hues(rng: np.random.Generator, count: int) -> Floats:
+    """Hues in degrees, every two at least `HUE_GAP` apart."""
+    while True:
+        hues = rng.uniform(0, 360, count)
+        gaps = np.abs(hues[:, None] - hues + 180) % 360 - 180
+        if (np.abs(gaps)[~np.eye(count, dtype=bool)] >= HUE_GAP).all():
+            return hues.astype(np.float32)
+
+
+def draw_light(rng: np.random.Generator, kind: Kind) -> Floats:
+    """Brightness over time, 100 samples a second."""
+    samples = round(LONGEST * FPS)
+    middle, swing = (BRIGHTEST + DARKEST) / 2, (BRIGHTEST - DARKEST) / 2
+    if kind == "sine":
+        period, phase = rng.uniform(0.5, 2.5), rng.uniform(0, 2 * math.pi)
+        light = middle + swing * np.sin(2 * math.pi * np.arange(samples) / FPS / period + phase)
+    elif kind == "noise":
+        sigma = rng.uniform(0.08, 0.3)
+        spectrum = np.fft.rfft(rng.standard_normal(samples))
+        smooth = np.fft.irfft(spectrum * np.exp(-0.5 * (2 * math.pi * np.fft.rfftfreq(samples, 1 / FPS) * sigma) ** 2))
+        smooth = (smooth - smooth.mean()) / smooth.std()
+        light = (middle + NOISE_DEVIATION * smooth).clip(0.05, 0.95)
+    elif kind == "on-off":
+        shortest, longest = 0.4, 1.5
+        lengths = np.round(FPS * rng.uniform(shortest, longest, math.ceil(LONGEST / shortest) + 1)).astype(int)
+        on = (np.arange(len(lengths)) + rng.integers(2)) % 2
+        light = np.repeat(DARKEST + (BRIGHTEST - DARKEST) * on, lengths)
+        ramp = round(SWITCHING * FPS)
+        light = np.convolve(light, np.full(ramp, 1 / ramp), mode="valid")[:samples]
+    else:
+        light = np.full(samples, middle)
+    drawn: Floats = light.astype(np.float32)
+    return drawn
+
+
+def gains(bar: RandomBar) -> Tensor:
+    """What the bar's brightness s adds to the ten sums, `[10]`: motion times s(t) LP(s)(t), the others times s(t)."""
+    white = single_bars()[bar.direction, bar.orientation]
+    color = torch.tensor(bar.color)
+    grey = color.mean()
+    return torch.cat([white[:4] * grey**2, white[4:7] * grey, white[7:] * color])
+
+
+def moving(light: Tensor) -> Tensor:
+    """s(t) LP(s)(t), the brightness as the motion detectors take it, `[..., T]`."""
+    slow, _ = low_pass(BlockLowPass(smoothing_factor(TAU_DELAY, 1 / FPS), BLOCK), light.unsqueeze(-1), light[..., :1])
+    return light * slow.squeeze(-1)
+
+
+def superposed(scenes: Sequence[Scene], seconds: float) -> Tensor:
+    """The ten sums of every scene at 100 samples a second, `[B, T, 10]`."""
+    steps = round(seconds * FPS)
+    total = torch.zeros(len(scenes), steps, 10)
+    # Scenes with equally many bars go through the filter together.
+    for count in {len(scene.bars) for scene in scenes}:
+        at = [n for n, scene in enumerate(scenes) if len(scene.bars) == count]
+        light = torch.from_numpy(np.stack([[bar.light[:steps] for bar in scenes[n].bars] for n in at]))
+        strength = torch.stack([torch.stack([gains(bar) for bar in scenes[n].bars]) for n in at])
+        total[at] = torch.cat([moving(light).mT @ strength[..., :4], light.mT @ strength[..., 4:]], -1)
+    return total
+
+
+class RenderedBars(RenderedScene):
+    """The same scene as frames: bars on black, later ones over earlier ones, each times its own brightness."""
+
+    def __init__(self, scene: Scene, seconds: float) -> None:
+        super().__init__(f"random-{scene.seed}", seconds, FPS, SIZE)
+        self.scene = scene
+        white = (1.0, 1.0, 1.0)
+        self.covers = [
+            BarScene(
+                [
+                    Bar(
+                        white,
+                        direction_degrees(b.direction),
+                        b.start,
+                        orientation_degrees(b.orientation),
+                        SPEED,
+                        LENGTH,
+                        WIDTH,
+                    )
+                ],
+                seconds,
+                size=SIZE,
+            )
+            for b in scene.bars
+        ]
+
+    def frames(self, start: int, stop: int) -> Tensor:
+        """Frames number `start` to `stop - 1`, `[T, 3, H, W]` float32 in 0..1."""
+        canvas = torch.zeros(stop - start, 3, *self.size)
+        for bar, cover in zip(self.scene.bars, self.covers, strict=True):
+            light = torch.from_numpy(bar.light[start:stop])[:, None, None, None]
+            color = torch.tensor(bar.color)[:, None, None]
+            canvas = torch.lerp(canvas, color * light, cover.frames(start, stop))
+        return canvas

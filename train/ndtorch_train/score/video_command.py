@@ -1,0 +1,98 @@
+"""`ndtorch score --video`: measure `ndtorch bind` on generated video, and on a clip of one's own."""
+
+from __future__ import annotations
+
+import csv
+import platform
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import torch
+
+from ndtorch.errors import InputError
+from ndtorch.memory import tune_allocator
+from ndtorch.report.timeline import draw_timeline, in_words
+from ndtorch.run.video import PARTS, ROWS, run_video
+from ndtorch.scenes.video import open_video
+from ndtorch_train.score.video_clips import RATES, SECONDS, SPLIT_SEEDS, Split
+from ndtorch_train.score.video_score import ClipScore, score_clips, table
+
+
+@dataclass(frozen=True)
+class VideoScore:
+    """Measure `ndtorch bind` on generated video with known truth: objects counted right, each moving the right way.
+
+    Attributes:
+        clips: of every number of objects and frame rate.
+        counts: numbers of objects.
+        rates: frames a second.
+        split: which seeds.
+        ablate: parts to switch off, one after the other, or "all".
+    """
+
+    clips: int = 8
+    counts: tuple[int, ...] = (0, 1, 2)
+    rates: tuple[float, ...] = RATES
+    split: Split = "tune"
+    ablate: tuple[str, ...] = ()
+
+    def run(self, file: Path | None, keep: Path | None, out: Path) -> int:
+        """Write scores.md and scores.csv into `out`; returns the exit code.
+
+        Args:
+            file: a video to run on too; timeline.png is drawn.
+            keep: folder in which generated clips are kept, and looked for.
+            out: folder to write to.
+        """
+        torch.set_num_threads(1)
+        tune_allocator()
+        check(self, file)
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"--out {out} cannot be written: {error.strerror}") from None
+        scores, codecs = score_clips(self.split, self.counts, self.rates, self.clips, (), keep)
+        first = SPLIT_SEEDS[self.split]
+        text = (
+            f"Split {self.split}: seeds {first} to {first + self.clips - 1}, {len(scores)} clips of {SECONDS:g} s, "
+            f"{', '.join(sorted(codecs)) or 'no'} encoded. Share of clips right ± standard error (number of clips); "
+            f"one core, {platform.machine()}, torch {torch.__version__}.\n\n{table(scores)}"
+        )
+        rows = [("", score) for score in scores]
+        for part in PARTS if "all" in self.ablate else self.ablate:
+            less, _ = score_clips(self.split, self.counts, self.rates, self.clips, (part,), keep)
+            rows += [(part, score) for score in less]
+            text += f"\nWithout {part}:\n\n{table(less)}"
+        if file is not None:
+            result = run_video(open_video(file, (ROWS, ROWS), fit="reduce"))
+            draw_timeline(result, out / "timeline.png")
+            text += f"\n```\n{in_words(result)}\n```\n"
+        (out / "scores.md").write_text(text, encoding="utf-8")
+        write_csv(rows, out / "scores.csv")
+        print(text)
+        return 0
+
+
+def check(options: VideoScore, file: Path | None) -> None:
+    """Whatever is wrong with the options, before the work begins."""
+    if not 0 <= options.clips <= 100_000:
+        raise InputError(f"clips must be between 0 and 100000, got {options.clips}")
+    if any(not 0 <= count <= 4 for count in options.counts):
+        raise InputError(f"counts must lie between 0 and 4, got {options.counts}")
+    if any(not 1 <= rate <= 240 for rate in options.rates):
+        raise InputError(f"rates must lie between 1 and 240 frames a second, got {options.rates}")
+    for part in options.ablate:
+        if part not in (*PARTS, "all"):
+            raise InputError(f"ablate must name parts among {', '.join(PARTS)} or all, got {part!r}")
+    if file is not None and not file.is_file():
+        raise InputError(f"file {file} does not exist")
+
+
+def write_csv(rows: list[tuple[str, ClipScore]], path: Path) -> None:
+    """One line a clip."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        names = list(ClipScore.__dataclass_fields__)
+        writer.writerow(["without", *names])
+        for part, score in rows:
+            writer.writerow([part, *asdict(score).values()])

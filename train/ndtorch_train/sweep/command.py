@@ -1,0 +1,179 @@
+"""`ndtorch sweep`."""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+import shutil
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from ndtorch.errors import InputError
+from ndtorch_train.workers import Event, Note, run_tasks
+
+if TYPE_CHECKING:
+    from ndtorch_train.sweep.config import SweepConfig, Trial
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Run many trials: a grid or random sweep of binding or driving, described in a TOML file.
+
+    Writes results.parquet (a row a trial), summary.md and heat maps. A sweep that was stopped goes on where it was;
+    trials are not repeated unless their code has changed. Two sweeps come with the project, in train/sweeps.
+    """
+
+    config: Annotated[Path, tyro.conf.Positional]
+    """TOML file; its keys are described in train/README.md."""
+    out: Path | None = None
+    """Folder to write to (default: out/sweep/ and the name of the file)."""
+    jobs: int | None = None
+    """Processes (default: one for every core this process may use)."""
+    cluster: tuple[str, ...] | None = None
+    """Run on a Ray cluster: its address, or none to start one on this machine. Needs ndtorch[cluster]."""
+    compare: int = 0
+    """Afterwards run so many of the trials one at a time, and tell how much faster together was."""
+    fresh: bool = False
+    """Begin anew: forget earlier results in the folder."""
+
+    def run(self) -> int:
+        """Do it; returns the exit code."""
+        from ndtorch_train.reproduce.command import prepare
+        from ndtorch_train.reproduce.lab import code_of
+        from ndtorch_train.sweep.config import read_sweep, results_of, trial_id
+        from ndtorch_train.sweep.results import ResultStore, draw, need_pyarrow, summary
+
+        if self.cluster is not None and len(self.cluster) > 1:
+            raise InputError(f"--cluster takes one address, got {' '.join(self.cluster)}")
+        config = read_sweep(self.config)
+        need_pyarrow()
+        jobs = len(os.sched_getaffinity(0)) if self.jobs is None else self.jobs
+        if jobs < 1:
+            raise InputError(f"--jobs must be at least 1, got {jobs}")
+        out = self.out or Path("out/sweep") / config.name
+        prepare(out)
+        module = kind_of(config)
+        try:
+            if self.fresh:
+                shutil.rmtree(out / "parts", ignore_errors=True)
+                (out / "results.parquet").unlink(missing_ok=True)
+            store = ResultStore(out, code_of(module.USES))
+            done = store.load()
+            if store.outdated:
+                print(f"note: {store.outdated} trials in {out} are of other code and not used", file=sys.stderr)
+            todo = [trial for trial in config.trials if trial_id(trial) not in done]
+            if len(todo) < len(config.trials):
+                print(f"{len(config.trials) - len(todo)} of {len(config.trials)} trials were finished before")
+            began = time.perf_counter()
+            failed = self.work(config, todo, module, jobs, store)
+            seconds = time.perf_counter() - began
+            rows = store.finish(config)
+            report: dict[str, Any] = {"trials": len(rows), "computed now": len(todo), "seconds": round(seconds, 2)}
+            if todo and not failed:
+                report["trials per second"] = round(len(todo) / seconds, 2)
+            if self.compare:
+                report |= one_at_a_time(config, module, min(self.compare, len(config.trials)))
+            results = results_of(config.kind)
+            (out / "summary.md").write_text(summary(config, rows, results), encoding="utf-8")
+            (out / "summary.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+            if rows:
+                draw(config, rows, out)
+        except OSError as error:
+            raise InputError(f"{error.filename or out} cannot be written: {error.strerror or error}") from None
+        print(", ".join(f"{key} {value}" for key, value in report.items()))
+        print(f"written to {out}: results.parquet summary.md summary.json heatmap-*.svg heatmap-*.png")
+        for why in sorted(set(failed)):
+            print(f"error: {failed.count(why)} blocks of trials failed: {why.strip()}", file=sys.stderr)
+        return 1 if failed else 0
+
+    def work(self, config: SweepConfig, todo: Sequence[Trial], module: ModuleType, jobs: int, store: Any) -> list[str]:
+        """Run the trials and keep every block's results as it comes; returns why blocks failed."""
+        if not todo:
+            return []
+        from tqdm import tqdm
+
+        blocks = module.blocks(todo, jobs)
+        failed: list[str] = []
+        with tqdm(total=len(todo), desc=config.name, unit=" trials", file=sys.stderr) as bar:
+            for kind, index, value in self.events(config, blocks, jobs):
+                if kind == "done":
+                    store.add(blocks[index], value)
+                    bar.update(len(blocks[index]))
+                elif kind == "again":
+                    again = f"its {len(blocks[index])} trials are run again"
+                    bar.write(f"note: a process died (exit code {value}); {again}", file=sys.stderr)
+                elif kind == "failed":
+                    failed.append(str(value))
+        return failed
+
+    def events(self, config: SweepConfig, blocks: Sequence[Sequence[Trial]], jobs: int) -> Iterator[Event]:
+        """Events of local processes or of a cluster."""
+        if self.cluster is None:
+            yield from run_tasks(functools.partial(local_block, kind=config.kind, device=config.device), blocks, jobs)
+        else:
+            from ndtorch_train.sweep.cluster import run_on_ray
+
+            function = functools.partial(any_block, kind=config.kind, device=config.device)
+            yield from run_on_ray(function, blocks, self.cluster[0] if self.cluster else None, jobs)
+
+
+def kind_of(config: SweepConfig) -> ModuleType:
+    """The module that runs trials of that kind."""
+    from ndtorch_train.sweep import binding, driving
+
+    return binding if config.kind == "binding" else driving
+
+
+def any_block(trials: Sequence[Trial], *, kind: str, device: str) -> list[dict[str, Any]]:
+    """Results of a block of trials."""
+    from ndtorch.memory import tune_allocator
+    from ndtorch_train.sweep import binding, driving
+
+    tune_allocator()
+    return binding.run_block(trials, device) if kind == "binding" else driving.run_block(trials, device)
+
+
+def local_block(trials: Sequence[Trial], note: Note, *, kind: str, device: str) -> list[dict[str, Any]]:
+    """The same, as a task of `train.workers`."""
+    return any_block(trials, kind=kind, device=device)
+
+
+def one_at_a_time(config: SweepConfig, module: ModuleType, count: int) -> dict[str, Any]:
+    """Run evenly chosen trials alone and together, in this process, and compare time and results."""
+    import torch
+
+    torch.set_num_threads(1)
+    step = len(config.trials) / count
+    chosen = [config.trials[int(k * step)] for k in range(count)]
+    module.run_block(chosen[:1], config.device)  # what is made once
+    start = time.perf_counter()
+    alone = [module.run_block([trial], config.device)[0] for trial in chosen]
+    slow = (time.perf_counter() - start) / count
+    blocks = module.blocks(config.trials, 1)
+    block = max(blocks, key=len)
+    start = time.perf_counter()
+    module.run_block(block, config.device)
+    fast = (time.perf_counter() - start) / len(block)
+    same = [module.run_block(part, config.device) for part in module.blocks(chosen, 1)]
+    order = [trial for part in module.blocks(chosen, 1) for trial in part]
+    by_name = {id(trial): result for trial, result in zip(order, [r for part in same for r in part], strict=True)}
+    unlike = sum(by_name[id(trial)] != result for trial, result in zip(chosen, alone, strict=True))
+    success = sum(
+        by_name[id(trial)][module.RESULTS[0]] != result[module.RESULTS[0]]
+        for trial, result in zip(chosen, alone, strict=True)
+    )
+    return {
+        "one at a time, trials per second": round(1 / slow, 2),
+        "together, one process, trials per second": round(1 / fast, 2),
+        "ratio": round(slow / fast, 1),
+        "trials whose last digits differ": unlike,
+        f"trials whose {module.RESULTS[0]} differs": success,
+    }
