@@ -21,9 +21,10 @@ TOP = """
     VisualBinding VisualFeatures load model_names objects
 """
 VISION = """
+    Resample ResampleState
     ANGLES FEATURES GROUPS NDS SPEED_SCALE ChahlSrinivasan FieldSignals FilterState FrontEnd HassensteinReichardt
     HighPass LocalFeatures LowPass MotionState NDMin NDMinus NDSState OrdinaryState OrdinaryVideo OrientedDoG RecentMax
-    RecentMaxState Resample ResampleState ShiftState SpeedCurve VisualFeatures dog_spectrum field_weights judge_speed_curve low_pass_step
+    RecentMaxState ShiftState SpeedCurve VisualFeatures dog_spectrum field_weights judge_speed_curve low_pass_step
     row_shift smoothing_factor spatial_maximum speed_response
 """
 BINDING = """

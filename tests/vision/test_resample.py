@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from ndtorch.binding import Resample, ResampleState
 from ndtorch.errors import InputError
+from ndtorch.vision import Resample, ResampleState
 from tests.strategies import chunkings, in_chunks
 
 RATES = st.one_of(st.floats(5, 240), st.sampled_from([12.5, 24, 25, 30, 29.97, 50, 60, 100, 120, 240]))
