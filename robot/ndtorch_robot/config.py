@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from ndtorch.errors import InputError
+from ndtorch_robot.navigating import NavigatorChoice
 from ndtorch_robot.toml import Strict, check, read_toml
 
 
@@ -57,6 +58,10 @@ class DriveConfig(Strict):
     out: Path = Path("out/drive")
     record: Path | None = None
     record_format: Literal["png", "jpeg", "raw"] = "png"
+
+    def options(self) -> NavigatorChoice:
+        """The navigator."""
+        return NavigatorChoice(self.controller, self.features, self.angle, self.places, self.prediction, self.compiled)
 
 
 def load_config(file: Path | None, choices: dict[str, object]) -> DriveConfig:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,9 @@ from ndtorch.navigation import (
     SaccadeAvoidance,
     StereoRig,
 )
+
+if TYPE_CHECKING:
+    from ndtorch_robot.ports import Step
 
 RATE = 30.0
 Arrays = dict[str, npt.NDArray[Any]]
@@ -76,39 +79,38 @@ class Recorded(NamedTuple):
 
 def record_drive(
     options: Mapping[str, Any],
-    progress: Callable[[int, int], None] | None = None,
+    report: Callable[[int, int], None] | None = None,
     thresholds: Mapping[str, float] | None = None,
 ) -> Arrays:
     """Drive and keep the drive as arrays.
 
     Args:
         options: fields of `robot.config.DriveConfig`.
-        progress: called with the steps made and to make.
+        report: called with the steps made and to make.
         thresholds: of the published controller, fields of `AvoidanceParams`, in place of the printed ones.
 
     Raises:
         InputError: thresholds for another controller.
     """
     from ndtorch_robot.config import load_config
-    from ndtorch_robot.drive import Run, drive
+    from ndtorch_robot.drive import drive, drive_pilot
     from ndtorch_robot.sim.arenas import load_arena
-    from ndtorch_robot.sim.simulation import Simulation
 
     config = load_config(None, dict(options))
+    pilot = drive_pilot(config, load_arena(config.arena, config.seed))
     changed: dict[str, Any] = dict(thresholds or {})
-    if not changed:
-        result = drive(config, progress)
-    else:
+    if changed:
         if config.controller != "published":
             raise InputError(f"{', '.join(changed)} belong to controller 'published', got {config.controller!r}")
-        plan = load_arena(config.arena, config.seed)
-        simulation = Simulation(plan, config.seed, walls=config.walls, moving=config.moving, odometry=config.odometry)
-        try:
-            run = Run(config, plan, simulation, None)
-            run.navigator.avoidance = SaccadeAvoidance(1 / RATE, replace(AvoidanceParams(), **changed))
-            result = run.go(progress)
-        finally:
-            simulation.close()
+        pilot.navigator.avoidance = SaccadeAvoidance(1 / RATE, replace(AvoidanceParams(), **changed))
+
+    total = round(config.seconds * RATE)
+
+    def tell(step: Step) -> None:
+        if report is not None:
+            report(step.number + 1, total)
+
+    result = drive(config, [tell], pilot=pilot)
     record, grid, world = result.record, result.grid, result.simulation.world
     names = ("time", "pose", "believed", "sides", "difference", "mode")
     return {
