@@ -84,20 +84,31 @@ def between(board, since, name):
 
 
 def flood(port, bursts, each=40):
-    """Bursts of valid frames as fast as the line takes them, each sent when the board has answered the one before.
+    """Bursts of valid frames as fast as the line takes them, each sent when the board has answered the one before (or
+    has refused its heartbeat, which it cannot say); afterwards heartbeats until one is answered.
 
     Returns all telemetry.
     """
-    parser, heard = Parser(), []
+    parser, heard, last = Parser(), [], 3 + bursts * each
     body = command_body(DriveCommand(0.5, 1.0))
-    for number in range(3, 3 + bursts * each, each):
-        talk(port, (number, Type.HEARTBEAT, b""), *((number + k, Type.COMMAND, body) for k in range(1, each)))
-        end = time.monotonic() + 10.0
+
+    def answered(number, seconds):
+        end = time.monotonic() + seconds
         while not heard or heard[-1].echo != number:
-            assert time.monotonic() < end, "the board answers no more"
-            heard += telemetry(port, parser)
+            if time.monotonic() > end:
+                return False
+            heard.extend(telemetry(port, parser))
             time.sleep(0.0005)
-    return heard
+        return True
+
+    for number in range(3, last, each):
+        talk(port, (number, Type.HEARTBEAT, b""), *((number + k, Type.COMMAND, body) for k in range(1, each)))
+        answered(number, 0.2)
+    for number in range(last, last + 100):
+        talk(port, (number, Type.HEARTBEAT, b""))
+        if answered(number, 0.1):
+            return heard
+    raise AssertionError("the board answers no more")
 
 
 @needs_board
