@@ -4,7 +4,7 @@ Start with `ndtorch.load("binding")`, or with the pieces in `ndtorch.vision`, `n
 and `ndtorch.navigation`.
 """
 
-from ndtorch.binding import InhibitoryNetwork, VisualBinding, objects
+from ndtorch.binding import InhibitoryNetwork, VisualBinding
 from ndtorch.errors import InputError
 from ndtorch.loading import load, model_names
 from ndtorch.navigation import Navigator, StereoRig
@@ -27,5 +27,4 @@ __all__ = [
     "VisualFeatures",
     "load",
     "model_names",
-    "objects",
 ]
