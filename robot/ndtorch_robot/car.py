@@ -19,6 +19,8 @@ from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import STAND, CameraPair, DriveCommand, Observer, Step, StereoFrames
 from ndtorch_robot.safety import SafeDrive
 
+NOT_YET = "not yet told to drive"
+
 KEPT = 30_000
 """Steps whose times are kept for the summary, a quarter of an hour: 1 MB for each part that is timed."""
 
@@ -31,8 +33,8 @@ class Car:
         cameras: what is seen.
         safe: the safety layer, with the drive behind it and the clock of the loop.
         observers: told every step.
-        go: drive as soon as there are good frames. Without it, a drive that does not obey by itself stands until
-            it is told to resume.
+        go: True drives off as soon as there are good frames, False stands until told to resume; None is for a
+            world in which nobody has to be asked.
         steer: changes what the navigator wants before it is sent: to compare with a blind or a wrong one.
         max_steps: end after so many.
 
@@ -47,7 +49,7 @@ class Car:
         safe: SafeDrive,
         *,
         observers: Iterable[Observer] = (),
-        go: bool = False,
+        go: bool | None = None,
         steer: Callable[[DriveCommand], DriveCommand] | None = None,
         max_steps: int | None = None,
     ) -> None:
@@ -66,6 +68,8 @@ class Car:
         """
         if warm_up:
             self.warm_up()
+        if self.go is not None:
+            self.safe.fault(NOT_YET, passes=False)
         end = None if seconds is None else self.loop.clock.now() + seconds
 
         def step(number: int, now: float) -> bool:
@@ -145,7 +149,7 @@ class Car:
         return {
             "steps": self.loop.steps,
             "late": self.loop.late,
-            "faults": [{"time_s": round(when - self.began, 3), "why": why} for when, why in self.safe.faults],
+            "faults": [{"time_s": round(max(0.0, when - self.began), 3), "why": why} for when, why in self.safe.faults],
             "standing": self.safe.standing,
             "round_trip_ms": percentiles(trips),
             "jitter_ms": percentiles(jitter),
