@@ -37,7 +37,8 @@ class Bind(BindJob):
     """Print one JSON object on stdout and nothing else."""
     rrd: Path | None = None
     """Also write a recording for the rerun viewer."""
-    front_end: Annotated[str | None, tyro.conf.Suppress] = None
+    front_end: str | None = None
+    """What it was is now --model: video (on) or published (off)."""
 
     def run(self) -> int:
         """Do it; returns the exit code."""
