@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
+import os
 import signal
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from multiprocessing.connection import Connection, wait
 from typing import Any, Literal, NamedTuple
 
@@ -25,7 +26,7 @@ class Event(NamedTuple):
 
     Attributes:
         kind: "progress" (value: share done), "done" (value: what the function returned), "again" (its worker
-            died and it goes back into the queue; value: the exit code), or "failed" (value: why).
+            died and it goes back into the queue; value: how it died), or "failed" (value: why).
         task: its number.
         value: see `kind`.
     """
@@ -35,7 +36,19 @@ class Event(NamedTuple):
     value: Any
 
 
-def run_tasks(function: Callable[[Any, Note], Any], tasks: Sequence[Any], jobs: int) -> Iterator[Event]:
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def exit_words(code: int | None) -> str:
+    """What an exit code of a process means: `"SIGKILL"`, `"exit code 7"`."""
+    if code is not None and code < 0:
+        return signal.Signals(-code).name
+    return f"exit code {code}"
+
+
+def run_tasks(function: Callable[[Any, Note], Any], tasks: Sequence[Any], jobs: int) -> Generator[Event, None, None]:
     """Call `function(task, note)` for every task in `jobs` processes, in order, and tell what happens.
 
     The processes are started afresh (spawn), because a fork of a process that has used torch or OpenGL may hang,
@@ -112,9 +125,9 @@ class _Pool:
             self.workers.remove(worker)
             if self.begun[index] < TRIES:
                 self.waiting.append(index)
-                yield Event("again", index, worker.process.exitcode)
+                yield Event("again", index, exit_words(worker.process.exitcode))
             else:
-                words = f"its worker died {TRIES} times, at last with exit code {worker.process.exitcode}"
+                words = f"its worker died {TRIES} times, at last with {exit_words(worker.process.exitcode)}"
                 yield Event("failed", index, words)
             self.hire()
             return

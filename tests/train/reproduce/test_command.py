@@ -10,46 +10,9 @@ from typing import Any
 import pytest
 
 from ndtorch.commands import main
-from ndtorch.errors import InputError
 from ndtorch_train.reproduce.claims import CLAIMS, chosen
-from ndtorch_train.reproduce.lab import ROOT, ResultCache, code_of
-from ndtorch_train.reproduce.outcome import verdict_of
-from ndtorch_train.reproduce.page import BEGIN, END, put_table
-
-
-def test_every_claim_of_the_list_is_there() -> None:
-    ids = [claim.id for claim in CLAIMS]
-    assert ids == [f"A{k}" for k in range(1, 10)] + [f"B{k}" for k in range(1, 11)] + [f"C{k}" for k in range(1, 10)]
-    for claim in CLAIMS:
-        assert all((ROOT / name).exists() for name in claim.uses), claim.id
-        assert claim.printed
-        assert claim.tolerance
-
-
-def test_claims_by_name() -> None:
-    assert [claim.id for claim in chosen(["c5", "A1"])] == ["A1", "C5"]
-    assert len(chosen([])) == len(CLAIMS)
-    with pytest.raises(InputError, match="unknown claim 'B55', did you mean B5"):
-        chosen(["B55"])
-
-
-def test_verdicts() -> None:
-    assert verdict_of(True, True) == "holds"
-    assert verdict_of(True, False) == "partly"
-    assert verdict_of(False, False) == "does not hold"
-
-
-def test_code_has_a_fingerprint(tmp_path: Path) -> None:
-    (tmp_path / "a").mkdir()
-    (tmp_path / "a" / "x.py").write_text("1")
-    (tmp_path / "a" / "notes.md").write_text("1")
-    before = code_of(("a",), tmp_path)
-    code_of.cache_clear()
-    (tmp_path / "a" / "notes.md").write_text("2")
-    assert code_of(("a",), tmp_path) == before
-    code_of.cache_clear()
-    (tmp_path / "a" / "x.py").write_text("2")
-    assert code_of(("a",), tmp_path) != before
+from ndtorch_train.reproduce.context import ResultCache
+from ndtorch_train.reproduce.page import BEGIN, END
 
 
 @pytest.fixture
@@ -118,7 +81,7 @@ def test_an_experiment_that_breaks_leaves_the_others(
     def events(function: Any, tasks: Any, jobs: int) -> Any:
         for n, task in enumerate(tasks):
             if task[0].id == "B3":
-                yield "again", n, -9
+                yield "again", n, "SIGKILL"
                 yield "failed", n, "its worker died 3 times, at last with exit code -9"
             else:
                 function(task, lambda share: None)
@@ -157,13 +120,6 @@ def test_a_full_disk_is_one_line(
     monkeypatch.setattr("ndtorch_train.reproduce.page.write", full)
     assert main(["reproduce", "A3", "--out", str(tmp_path), "--jobs", "1"]) == 2
     assert capsys.readouterr().err.splitlines()[-1].endswith("cannot be written: No space left on device")
-
-
-def test_a_table_goes_behind_a_file_without_marks(tmp_path: Path) -> None:
-    path = tmp_path / "new.md"
-    put_table(path, "| t |\n")
-    put_table(path, "| u |\n")
-    assert path.read_text() == f"{BEGIN}\n| u |\n{END}\n"
 
 
 @pytest.mark.slow

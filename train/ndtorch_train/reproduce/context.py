@@ -6,25 +6,23 @@ import fcntl
 import hashlib
 import json
 import os
+import secrets
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ndtorch_train.reproduce.outcome import Claim, Drawing, Outcome
-from ndtorch_train.workers import Note
+from ndtorch.code_digest import code_digest
+from ndtorch.workers import Note
+from ndtorch_train.reproduce.outcome import Claim, Drawing, Outcome, verdict_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-ROOT = Path(__file__).resolve().parents[3]
-"""The checkout."""
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -36,25 +34,12 @@ def digest(value: Any) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True, default=str).encode()).hexdigest()[:12]
 
 
-@cache
-def code_of(uses: tuple[str, ...], root: Path = ROOT) -> str:
-    """A fingerprint of those folders and files (Python, weights and TOML), and of the version of torch."""
-    import torch
-
-    found = hashlib.sha256(torch.__version__.encode())
-    for name in sorted(uses):
-        path = root / name
-        files = [path] if path.is_file() else sorted(p for p in path.rglob("*") if p.suffix in SOURCES)
-        for file in files:
-            found.update(str(file.relative_to(root)).encode())
-            found.update(file.read_bytes())
-    return found.hexdigest()[:12]
+def code_of(uses: Sequence[str]) -> str:
+    """Twelve hexadecimal digits of the code of those modules, and of the version of torch."""
+    return code_digest(tuple(uses))[:12]
 
 
-SOURCES = {".py", ".toml", ".safetensors"}
-
-
-class Lab:
+class Context:
     """One experiment's workplace.
 
     Attributes:
@@ -88,11 +73,11 @@ class Lab:
         Args:
             kind: what they are.
             key: parameters they depend on.
-            uses: code they depend on.
+            uses: modules and packages they depend on.
             make: computes them.
         """
         begin = f"{kind}-{digest(key)}"
-        path = self.store / f"{begin}-{code_of(tuple(uses))}.npz"
+        path = self.store / f"{begin}-{code_of(uses)}.npz"
         with locked(self.store / f"{begin}.lock"):
             if path.exists():
                 with np.load(path, allow_pickle=False) as file:
@@ -105,6 +90,16 @@ class Lab:
                     old.unlink()
             part.replace(path)
             return arrays
+
+
+def judged(context: Context, ours: str, why: str, parts: Mapping[str, bool], numbers: dict[str, Any]) -> Outcome:
+    """An outcome from the parts of a claim, each true or false; what fails is named in `why`."""
+    failed = [name for name, good in parts.items() if not good]
+    if failed:
+        why = f"{why} Not met: {'; '.join(failed)}." if why else f"Not met: {'; '.join(failed)}."
+    if context.quick:
+        why = f"[quick] {why}"
+    return Outcome(ours, verdict_of(*parts.values()), why.strip(), {**numbers, "criteria": dict(parts)})
 
 
 @contextmanager
@@ -123,8 +118,8 @@ class ResultCache:
 
     def tidy(self) -> None:
         """Remove what workers left that were killed."""
-        for part in self.folder.glob("*.part*"):
-            if not Path(f"/proc/{part.suffix.removeprefix('.part')}").exists():
+        for part in self.folder.glob("*.part-*"):
+            if not held(part):
                 shutil.rmtree(part, ignore_errors=True)
 
     def place(self, claim: Claim, quick: bool) -> Path:
@@ -153,28 +148,52 @@ def run_claim(claim: Claim, quick: bool, cache_folder: Path, code: str, note: No
         code: fingerprint of the code from before it was imported: files may change while a run goes on.
     """
     place = ResultCache(cache_folder).place(claim, quick)
-    work = place.with_name(f"{place.name}.part{os.getpid()}")
-    shutil.rmtree(work, ignore_errors=True)
+    # Named at random: processes of two containers may have the same number.
+    work = place.with_name(f"{place.name}.part-{secrets.token_hex(8)}")
     work.mkdir(parents=True)
     store = cache_folder / "data"
     store.mkdir(exist_ok=True)
+    lock = lock_folder(work, fcntl.LOCK_EX)
     try:
-        lab = Lab(work, store, quick, note)
+        context = Context(work, store, quick, note)
         parameters = claim.parameters(quick)
         assert parameters is not None
-        outcome = claim.run(lab, **parameters)
+        outcome = claim.run(context, **parameters)
         result = {
             "id": claim.id,
             "code": code,
             "parameters": dict(parameters),
             "outcome": asdict(outcome),
-            "drawings": [asdict(drawing) for drawing in lab.drawings],
+            "drawings": [asdict(drawing) for drawing in context.drawings],
         }
         (work / "result.json").write_text(json.dumps(result, indent=1, default=plain) + "\n", encoding="utf-8")
         shutil.rmtree(place, ignore_errors=True)
         work.rename(place)
     finally:
+        os.close(lock)
         shutil.rmtree(work, ignore_errors=True)
+
+
+def lock_folder(folder: Path, how: int) -> int:
+    """Hold a folder until the returned descriptor is closed, or until this process is gone."""
+    lock = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(lock, how)
+    except OSError:
+        os.close(lock)
+        raise
+    return lock
+
+
+def held(folder: Path) -> bool:
+    """Whether a process that lives holds the folder."""
+    try:
+        os.close(lock_folder(folder, fcntl.LOCK_EX | fcntl.LOCK_NB))
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
 
 
 def plain(value: Any) -> Any:

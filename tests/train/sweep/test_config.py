@@ -7,9 +7,11 @@ from pathlib import Path
 import pytest
 
 from ndtorch.errors import InputError
-from ndtorch_train.sweep.config import parse, read_sweep, trial_id
+from ndtorch.installed import folder_of
+from ndtorch_train.sweep.config import parse, read_sweep
+from ndtorch_train.sweep.parameters import trial_id
 
-SWEEPS = Path(__file__).resolve().parents[2] / "train" / "sweeps"
+SWEEPS = folder_of("ndtorch_train", "sweeps")
 
 
 def test_a_grid_is_every_combination() -> None:

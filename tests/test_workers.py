@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
+import signal
+import time
 from pathlib import Path
 
 import pytest
 
 from ndtorch.errors import InputError
-from ndtorch_train.workers import TRIES, Note, run_tasks
+from ndtorch.workers import TRIES, Note, cores, run_tasks
 
 
 def task(item: tuple[str, str], note: Note) -> str:
@@ -25,6 +28,10 @@ def task(item: tuple[str, str], note: Note) -> str:
             (Path(place) / str(died)).touch()
             os._exit(9)
         return f"after {died}"
+    if kind == "sleep":
+        time.sleep(600)
+    if kind == "kill":
+        os.kill(os.getpid(), signal.SIGKILL)
     note(0.5)
     return value + value
 
@@ -47,6 +54,26 @@ def test_tasks_are_done_whatever_happens_to_others(tmp_path: Path) -> None:
     assert ends[5] == ("done", "dd")
     assert sum(e.kind == "again" for e in events) == 1 + (TRIES - 1)
     assert ("progress", 0, 0.5) in [tuple(e) for e in events]
+    assert not multiprocessing.active_children()
+
+
+def test_a_signal_that_ended_a_worker_is_named() -> None:
+    events = list(run_tasks(task, [("kill", "")], 1))
+    assert [e.kind for e in events] == ["again"] * (TRIES - 1) + ["failed"]
+    assert events[0].value == "SIGKILL"
+    assert events[-1].value == f"its worker died {TRIES} times, at last with SIGKILL"
+
+
+def test_leaving_early_ends_the_workers() -> None:
+    events = run_tasks(task, [("ok", "a"), ("sleep", "")], 2)
+    assert next(events).kind == "progress"
+    assert multiprocessing.active_children()
+    events.close()
+    assert not multiprocessing.active_children()
+
+
+def test_workers_are_as_many_as_cores() -> None:
+    assert cores() == len(os.sched_getaffinity(0))
 
 
 def test_no_job_is_an_error() -> None:
