@@ -310,7 +310,7 @@ def test_bad_parameters():
         Navigator(RIG, DT, params=AvoidanceParams())
     cells, ranges, poses, driven, _ = recorded(3)
     control = RangingControl(RIG, DT)
-    with pytest.raises(InputError, match="cells"):
+    with pytest.raises(InputError, match="seen"):
         control(cells[:2], ranges, poses, driven)
     with pytest.raises(InputError, match="ranges"):
         control(cells, Ranges(*(r[:2] for r in ranges)), poses, driven)
