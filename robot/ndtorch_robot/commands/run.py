@@ -75,7 +75,7 @@ class Run:
             if stream is not None:
                 from ndtorch_robot.view import ViewSteps, start_view
 
-                fields = config.navigation.choice().fields(car.rig)
+                fields = config.navigation.options().fields(car.rig)
                 view = start_view(stream, car.navigator, car.rig, fields, printed)
                 stack.callback(view.close)
                 observer = ViewSteps(view, car.telemetry)
