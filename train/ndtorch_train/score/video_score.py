@@ -18,8 +18,9 @@ from ndtorch.run.result import RunResult
 from ndtorch.run.run import run_model
 from ndtorch.run.today import Video
 from ndtorch.scenes.video import open_video
+from ndtorch_train.score.choices import Split
 from ndtorch_train.score.metrics import share
-from ndtorch_train.score.video_clips import Clip, Split, draw_clip, truth
+from ndtorch_train.score.video_clips import Clip, draw_clip, truth
 from ndtorch_train.score.video_encode import encode
 from ndtorch_train.score.video_paint import Painter
 
