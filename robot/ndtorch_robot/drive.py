@@ -13,6 +13,7 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Grid, GridMap, StereoRig
+from ndtorch.navigation.controllers import Trace
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.navigating import say
@@ -49,6 +50,8 @@ class Result:
         collisions: times and true poses.
         stops: times at which the controller stopped for good.
         interrupted: by Ctrl-C.
+        trace: how to draw what the controller weighed.
+        trace: how to draw what the controller weighed.
     """
 
     config: DriveConfig
@@ -60,6 +63,7 @@ class Result:
     simulation: Simulation
     stops: list[float]
     interrupted: bool
+    trace: Trace
 
 
 def drive(
@@ -116,7 +120,8 @@ def drive(
         cells = map_cells(pilot, plan)
         summary = summarise(config, car, simulation, record, put_back, cells, wall)
         summary["recording"] = recorder.summary() if recorder is not None else None
-        return Result(config, summary, record, plan, cells, plan.grid(), simulation, put_back.stops, interrupted)
+        trace = pilot.navigator.controller.trace
+        return Result(config, summary, record, plan, cells, plan.grid(), simulation, put_back.stops, interrupted, trace)
 
 
 def drive_pilot(config: DriveConfig, plan: Plan) -> Pilot:

@@ -7,7 +7,8 @@ from typing import Any
 import torch
 
 from ndtorch.navigation import Command, CompiledNavigator, Grid, GridMap, NavigatorState, Pose, StereoRig
-from ndtorch_robot.navigating import AnyNavigator, NavigatorChoice
+from ndtorch.navigation.options import AnyNavigator, NavigatorOptions
+from ndtorch_robot.navigating import configuration, say
 from ndtorch_robot.ports import DriveCommand, Placed, StereoFrames
 
 
@@ -31,16 +32,16 @@ class Pilot:
         state: of the navigator after the last step.
     """
 
-    def __init__(self, options: NavigatorChoice, rig: StereoRig, rate: float, grid: Grid | None = None) -> None:
+    def __init__(self, options: NavigatorOptions, rig: StereoRig, rate: float, grid: Grid | None = None) -> None:
         self.rig, self.rate, self.fields = rig, rate, options.fields(rig)
-        self.navigator: AnyNavigator = options.navigator(rig, rate, None if grid is None else GridMap(rig, grid))
+        self.navigator: AnyNavigator = options.navigator(rig, rate, None if grid is None else GridMap(rig, grid), say)
         self.state: NavigatorState | None = None
         self.options, self.grid = options, grid
 
     def configuration(self) -> dict[str, Any]:
         """For a recording: everything from which the same pilot can be made again."""
         half = 0.0 if self.grid is None else self.grid.right
-        return self.options.configuration(self.rig, self.rate) | {"map_half_size_m": half}
+        return configuration(self.options, self.rig, self.rate) | {"map_half_size_m": half}
 
     @property
     def compiles(self) -> bool:

@@ -20,9 +20,9 @@ import numpy as np
 import torch
 
 from ndtorch.navigation import CompiledNavigator
+from ndtorch.navigation.controllers import DEFAULT_CONTROLLER, controller_names
 from ndtorch_robot.car import percentiles
 from ndtorch_robot.link import SerialDrive
-from ndtorch_robot.navigating import Controller
 from ndtorch_robot.run import open_car, real_time_priority
 from ndtorch_robot.run_config import NavigationTable, RigTable, RunConfig
 from ndtorch_robot.sim.board import SimulatedBoard
@@ -46,7 +46,7 @@ def bare_line(seconds: float) -> dict[str, float]:
     return percentiles(trips)
 
 
-def car(seconds: float, controller: Controller, compiled: bool) -> dict[str, object]:
+def car(seconds: float, controller: str, compiled: bool) -> dict[str, object]:
     """The summary of a run: see `ndtorch_robot.car.Car.summary`."""
     lines: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
@@ -76,7 +76,7 @@ def warm_up(navigation: NavigationTable) -> None:
         navigator.warm_up(left, right)
 
 
-def rows(seconds: float = SECONDS, controller: Controller = "ranging", compiled: bool = False) -> list[Row]:
+def rows(seconds: float = SECONDS, controller: str = DEFAULT_CONTROLLER, compiled: bool = False) -> list[Row]:
     """The table."""
     cv2.setNumThreads(1)
     said: list[str] = []
@@ -109,7 +109,7 @@ def rows(seconds: float = SECONDS, controller: Controller = "ranging", compiled:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=SECONDS)
-    parser.add_argument("--controller", choices=("ranging", "published"), default="ranging")
+    parser.add_argument("--controller", choices=controller_names(), default=DEFAULT_CONTROLLER)
     parser.add_argument("--compiled", action="store_true")
     asked = parser.parse_args()
     torch.set_num_threads(1)

@@ -26,7 +26,7 @@ def test_every_observer_is_told_every_step():
     assert car.run(38.5 / 30) == 40
     assert numbers == [step.number for step in told] == list(range(40))
     assert (told[0].sent.speed, told[0].standing) == (0.0, None)  # told to go at its end
-    assert [step.restarted for step in told[:3]] == [False, True, False]
+    assert not any(step.restarted for step in told)
     assert all(step.used and step.state is not None for step in told)
     assert told[5].telemetry["battery_v"] == 7.4
     assert max(step.sent.speed for step in told) > 0.3

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -14,7 +14,6 @@ from torch import Tensor
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import (
-    AvoidanceParams,
     FeatureParams,
     Grid,
     GridMap,
@@ -22,8 +21,8 @@ from ndtorch.navigation import (
     Pose,
     Ranges,
     RowRanging,
-    SaccadeAvoidance,
     StereoRig,
+    controller_class,
 )
 
 if TYPE_CHECKING:
@@ -87,10 +86,10 @@ def record_drive(
     Args:
         options: fields of `robot.config.DriveConfig`.
         report: called with the steps made and to make.
-        thresholds: of the published controller, fields of `AvoidanceParams`, in place of the printed ones.
+        thresholds: fields of the controller's `Params`, in place of their defaults.
 
     Raises:
-        InputError: thresholds for another controller.
+        InputError: thresholds that the controller does not have.
     """
     from ndtorch_robot.config import load_config
     from ndtorch_robot.drive import drive, drive_pilot
@@ -100,10 +99,11 @@ def record_drive(
     pilot = drive_pilot(config, load_arena(config.arena, config.seed))
     changed: dict[str, Any] = dict(thresholds or {})
     if changed:
-        if config.controller != "published":
-            raise InputError(f"{', '.join(changed)} belong to controller 'published', got {config.controller!r}")
-        pilot.navigator.avoidance = SaccadeAvoidance(1 / RATE, replace(AvoidanceParams(), **changed))
-
+        kind = controller_class(config.controller)
+        strange = set(changed) - {item.name for item in fields(kind.Params)}
+        if strange:
+            raise InputError(f"controller {config.controller!r} has no parameter {', '.join(sorted(strange))}")
+        pilot.navigator.controller = kind(pilot.rig, 1 / RATE, kind.Params(**changed))
     total = round(config.seconds * RATE)
 
     def tell(step: Step) -> None:
@@ -133,9 +133,9 @@ def from_arrays(arrays: Arrays, arena: str, seed: int) -> Recorded:
     from ndtorch_robot.sim.simulation import RIG
 
     sizes = arrays["profile_sizes"].cumsum()[:-1]
-    fields: dict[str, Any] = {name: arrays[name] for name in Recorded._fields if name in arrays}
+    parts: dict[str, Any] = {name: arrays[name] for name in Recorded._fields if name in arrays}
     return Recorded(
-        **fields,
+        **parts,
         arena=arena,
         seed=seed,
         summary=json.loads(str(arrays["summary_json"])),

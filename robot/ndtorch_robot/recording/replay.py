@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Grid, StereoRig
+from ndtorch.navigation.options import options_of
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import load_config
-from ndtorch_robot.navigating import NavigatorChoice
 from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import DriveCommand, Observer, Report, Step
 from ndtorch_robot.recording.reading import Recording
@@ -34,8 +34,7 @@ def make_pilot(configuration: dict[str, Any], mapping: bool = False) -> Pilot:
     try:
         if program == "navigator":
             half = float(configuration.get("map_half_size_m", 0.0)) or MAP_HALF
-            names = [item.name for item in fields(NavigatorChoice) if item.name in configuration]
-            options = NavigatorChoice(**{name: configuration[name] for name in names})
+            options = options_of(configuration)
             grid = Grid(-half, half, -half, half) if mapping else None
         elif program == "drive":
             config = load_config(None, configuration["drive"])

@@ -145,7 +145,7 @@ def speed(context: Context, seconds: float) -> Outcome:
     frames = torch.randint(0, 256, (2, 8, 3, 480, 640), dtype=torch.uint8, generator=generator)
     left, right = frames[:, :, None]
     motion, rule = SubfieldMotion(rig, 1 / RATE), SaccadeAvoidance(1 / RATE)
-    navigator = Navigator(rig, 1 / RATE)
+    navigator = Navigator(rig, 1 / RATE, controller="published")
 
     kept: dict[str, Any] = {"fields": None, "mode": None, "all": None}
 

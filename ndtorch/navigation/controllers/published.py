@@ -1,4 +1,4 @@
-"""The published obstacle avoidance: saccades away from the side where the image moves faster."""
+"""The published controller: saccades away from the side where the image moves faster."""
 
 from __future__ import annotations
 
@@ -10,17 +10,65 @@ import torch
 from torch import Tensor, nn
 
 from ndtorch.errors import InputError
-from ndtorch.vision.temporal import low_pass_step, smoothing_factor, time_dim
+from ndtorch.navigation.controllers.contract import (
+    CRUISE,
+    STOPPED,
+    SUPPRESSED,
+    TURN,
+    Command,
+    Controller,
+    Trace,
+    stack_commands,
+)
+from ndtorch.navigation.controllers.registry import register
+from ndtorch.navigation.odometry import Pose
+from ndtorch.navigation.ranging import Ranges
+from ndtorch.navigation.rig import Rect, StereoRig
+from ndtorch.navigation.strips import check_unit_range, grey_pair
+from ndtorch.vision.nondirectional import SPEED_SCALE, NDMin, spatial_maximum
+from ndtorch.vision.temporal import FilterState, low_pass_step, smoothing_factor, time_dim
 
-CRUISE, TURN, SUPPRESSED, STOPPED = 0, 1, 2, 3
-"""What the controller is doing, the numbers of `AvoidanceState.mode`."""
 
+class SubfieldMotion(nn.Module):
+    """Speed of the image beside the path: the largest |ND-min| of a subfield of each camera. [A fig. 5]
 
-class Command(NamedTuple):
-    """What the car is to do: `speed` in m/s and `curvature` in 1/m, positive to the left."""
+    Shapes:
+        left, right: frames `[..., T, C, H, W]`, or cut to the subfields, uint8 or float in 0..1, C = 1 or 3
+            -> `[..., T, 2]`: left and right estimates in the units of the thresholds of [A], raw output x 20.
+        State: the subfields, `[..., 2, h, w]`; `None` settles on the first frame.
 
-    speed: Tensor
-    curvature: Tensor
+    Args:
+        rig: the camera pair.
+        dt: time step, s.
+        fields: the subfields, of one size; `rig.subfields()` by default.
+        tau_high: time constant of the high-pass, s.
+
+    Raises:
+        InputError: frames that cannot be used (see `grey_pair`), or NaN, infinity or values far beyond 1 in
+            them; subfields of two sizes or outside the frame.
+    """
+
+    def __init__(
+        self,
+        rig: StereoRig,
+        dt: float,
+        fields: tuple[Rect, Rect] | None = None,
+        tau_high: float = 0.005,
+    ) -> None:
+        super().__init__()
+        self.fields = fields or rig.subfields()
+        self.size = (rig.height, rig.width)
+        self.nd_min = NDMin(tau_high, dt)
+        sizes = {(r.bottom - r.top, r.right - r.left) for r in self.fields}
+        inside = all(0 <= r.top < r.bottom <= rig.height and 0 <= r.left < r.right <= rig.width for r in self.fields)
+        if len(sizes) != 1 or not inside:
+            raise InputError(f"subfields must be of one size and inside {self.size}, got {self.fields}")
+
+    def forward(self, left: Tensor, right: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
+        motion, state = self.nd_min(grey_pair(left, right, *self.fields, self.size), state)
+        sides = spatial_maximum(motion)
+        check_unit_range(sides, left)
+        return sides * SPEED_SCALE, state
 
 
 @dataclass(frozen=True)
@@ -130,7 +178,7 @@ def avoidance_step(
 
 
 class SaccadeAvoidance(nn.Module):
-    """The published controller: two speed estimates in, speed and curvature out. [A §2.2, Methods]
+    """The state machine of the published controller: two speed estimates in, a command out. [A §2.2, Methods]
 
     As published it drives for minutes along walls met obliquely; it cannot avoid a wall met head-on from less
     than 1.4-2.7 m (with `from_start` 1.0-2.0 m).
@@ -168,8 +216,7 @@ class SaccadeAvoidance(nn.Module):
         for sample in sides.unbind(dim):
             command, state = avoidance_step(sample, state, self.constants)
             commands.append(command)
-        speed, curvature = zip(*commands, strict=True)
-        return Command(torch.stack(speed, -1), torch.stack(curvature, -1)), state
+        return stack_commands(commands), state
 
     def start(self, sides: Tensor) -> AvoidanceState:
         """The state before the first sample `sides` `[..., 2]`."""
@@ -183,3 +230,56 @@ class SaccadeAvoidance(nn.Module):
         mode = torch.where(state.age < self.watching, SUPPRESSED, CRUISE)
         mode = torch.where(state.curvature != 0, TURN, mode)
         return torch.where(state.age == -math.inf, STOPPED, mode)
+
+
+@register
+class PublishedControl(Controller):
+    """The published controller: the largest motion beside the path on either side, and saccades away from it.
+
+    Ranges and poses do not matter to it. What is seen is `[..., T, 2]`, see `SubfieldMotion`.
+
+    Args:
+        rig, dt: as `Controller`.
+        params: of `SaccadeAvoidance`.
+        fields: the subfields; `rig.subfields()` by default.
+    """
+
+    name, Params, modes = "published", AvoidanceParams, (CRUISE, TURN, SUPPRESSED, STOPPED)
+
+    def __init__(
+        self,
+        rig: StereoRig,
+        dt: float,
+        params: AvoidanceParams | None = None,
+        fields: tuple[Rect, Rect] | None = None,
+    ) -> None:
+        super().__init__(rig, dt, params)
+        self.look, self.rule = SubfieldMotion(rig, dt, fields), SaccadeAvoidance(dt, self.params)
+
+    @property
+    def trace(self) -> Trace:
+        """The difference of both speeds, and the thresholds of [A fig. 7]."""
+        p = self.params
+        return Trace("right - left, low-passed", turn=p.turn_threshold, stop=p.low_threshold)
+
+    def sides(self, seen: Tensor) -> Tensor:
+        """What is seen are the speeds."""
+        return seen
+
+    def start(self, seen: Tensor, pose: Pose) -> AvoidanceState:
+        """Settled on the first sample, suppressed."""
+        return self.rule.start(seen)
+
+    def step(
+        self, seen: Tensor, ranges: Ranges, pose: Pose, driven: Command, state: AvoidanceState
+    ) -> tuple[Command, AvoidanceState]:
+        """One time step of the state machine."""
+        return avoidance_step(seen, state, self.rule.constants)
+
+    def mode(self, state: AvoidanceState) -> Tensor:
+        """As `SaccadeAvoidance.mode`."""
+        return self.rule.mode(state)
+
+    def difference(self, state: AvoidanceState) -> Tensor:
+        """Right minus left, low-passed."""
+        return state.difference

@@ -9,8 +9,14 @@ from hypothesis import strategies as st
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Pose
-from ndtorch.navigation.arcs import Body, arc_table, free_travel
-from ndtorch.navigation.patch import PatchParams, add_evidence, cell_numbers, empty_patch, move_patch
+from ndtorch.navigation.controllers.ranging.arcs import Body, arc_table, free_travel
+from ndtorch.navigation.controllers.ranging.patch import (
+    PatchParams,
+    add_evidence,
+    cell_numbers,
+    empty_patch,
+    move_patch,
+)
 
 PARAMS = PatchParams(cell=0.1, size=32)
 NUMBERS = torch.arange(32.0)

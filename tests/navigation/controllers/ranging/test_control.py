@@ -25,7 +25,7 @@ from ndtorch.navigation import (
     drive_step,
     floor_view,
 )
-from ndtorch.navigation.ranging_modes import Facts, next_mode, transition_table
+from ndtorch.navigation.controllers.ranging.modes import Facts, next_mode, transition_table
 
 DT = 1 / 30
 RIG = StereoRig(forward=0.15)
@@ -80,6 +80,12 @@ def cells_of(depth, speed, curvature=0.0):
     return torch.where(VIEW.depth[:, None] < depth.unsqueeze(-2), floor, 0.0)
 
 
+def ranges_of(places, valid):
+    """Ranges of which only the places in the body frame `[..., 2, n]` matter."""
+    blank = torch.zeros_like(places[..., 0, :])
+    return Ranges(blank, blank, blank, places[..., 0, :], places[..., 1, :], valid)
+
+
 def run(look, steps, control=None, start=(0.0, 0.0, 0.0), ranges=None):
     """Close the loop with a car that does at once what it is told; returns poses, commands and modes.
 
@@ -89,13 +95,13 @@ def run(look, steps, control=None, start=(0.0, 0.0, 0.0), ranges=None):
     """
     control = control or RangingControl(RIG, DT)
     pose = Pose(*map(torch.tensor, start))
-    command, state = Command(torch.tensor(0.0), torch.tensor(0.0)), control.start(pose)
+    command, state = Command(torch.tensor(0.0), torch.tensor(0.0)), control.start(None, pose)
     poses, commands, modes = [], [], []
     for n in range(steps):
         cells = cells_of(look(pose, n), float(command.speed), float(command.curvature))
         places = torch.zeros(2, 1) if ranges is None else ranges(pose)
         valid = torch.full(places.shape[-1:], ranges is not None)
-        command, state = control.step(cells, places, valid, pose, command, state)
+        command, state = control.step(cells, ranges_of(places, valid), pose, command, state)
         poses.append(torch.stack(pose))
         commands.append(torch.stack(command))
         modes.append(int(control.mode(state)))
@@ -218,16 +224,15 @@ def test_a_batch_of_cars_is_each_car():
     looks = [half_hidden(0), half_hidden(1), wall_ahead(1.6), open_floor]
     alone = [run(look, 60, control) for look in looks]
     pose = Pose(*torch.zeros(3, 2, 2))
-    command, state = Command(*torch.zeros(2, 2, 2)), control.start(pose)
+    command, state = Command(*torch.zeros(2, 2, 2)), control.start(None, pose)
     for n in range(60):
         cells = [
             cells_of(look(Pose(*(p.flatten()[k] for p in pose)), n), *(float(c.flatten()[k]) for c in command))
             for k, look in enumerate(looks)
         ]
         cells = torch.stack(cells).view(2, 2, 2, BANDS, BLOCKS)
-        command, state = control.step(
-            cells, torch.zeros(2, 2, 2, 1), torch.zeros(2, 2, 1, dtype=torch.bool), pose, command, state
-        )
+        nothing = ranges_of(torch.zeros(2, 2, 2, 1), torch.zeros(2, 2, 1, dtype=torch.bool))
+        command, state = control.step(cells, nothing, pose, command, state)
         for k, (poses, commands, modes) in enumerate(alone):
             assert int(state.mode.flatten()[k]) == modes[n]
             torch.testing.assert_close(torch.stack([c.flatten()[k] for c in command]), commands[n])
@@ -278,7 +283,7 @@ def test_navigator_with_the_ranging_controller():
         commands.append(torch.stack(command))
     torch.testing.assert_close(torch.cat(commands, -1), torch.stack(whole)[:, 1])
     torch.testing.assert_close(state.pose.x, final.pose.x[1])
-    torch.testing.assert_close(state.avoidance.patch.evidence, final.avoidance.patch.evidence[1])
+    torch.testing.assert_close(state.control.patch.evidence, final.control.patch.evidence[1])
     assert int(navigator.mode(state)) == int(navigator.mode(final)[1])
     left, right = left[0].clone(), right[0].clone()
     for image, rect in zip((left, right), VIEW.rects, strict=True):
@@ -297,15 +302,15 @@ def test_bad_parameters():
         RangingParams(speed=float("nan"))
     with pytest.raises(InputError, match="dt"):
         RangingControl(RIG, 0.0)
-    with pytest.raises(InputError, match="'published' or 'ranging'"):
+    with pytest.raises(InputError, match="controller must be one of 'ranging', 'published', got 'blind'"):
         Navigator(RIG, DT, controller="blind")
-    with pytest.raises(InputError, match="cannot use"):
-        Navigator(RIG, DT, ranging=RangingParams())
-    with pytest.raises(InputError, match="cannot use"):
-        Navigator(RIG, DT, controller="ranging", avoidance=AvoidanceParams())
+    with pytest.raises(InputError, match="params must be AvoidanceParams"):
+        Navigator(RIG, DT, controller="published", params=RangingParams())
+    with pytest.raises(InputError, match="params must be RangingParams"):
+        Navigator(RIG, DT, params=AvoidanceParams())
     cells, ranges, poses, driven, _ = recorded(3)
     control = RangingControl(RIG, DT)
-    with pytest.raises(InputError, match="cells"):
+    with pytest.raises(InputError, match="seen"):
         control(cells[:2], ranges, poses, driven)
     with pytest.raises(InputError, match="ranges"):
         control(cells, Ranges(*(r[:2] for r in ranges)), poses, driven)

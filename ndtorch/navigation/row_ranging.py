@@ -1,4 +1,4 @@
-"""From two cameras' frames to what navigation steers by: speed on either side, and ranges."""
+"""From the horizon rows of two cameras to the ranges of what they see."""
 
 from __future__ import annotations
 
@@ -12,52 +12,10 @@ from ndtorch.navigation.correspondence import MatchParams, match_features
 from ndtorch.navigation.features import FeatureParams, Features, find_features
 from ndtorch.navigation.prediction import PredictedFeatures, PredictionState
 from ndtorch.navigation.ranging import Ranges, triangulate
-from ndtorch.navigation.rig import AngleModel, Rect, StereoRig
+from ndtorch.navigation.rig import AngleModel, StereoRig
 from ndtorch.navigation.strips import check_unit_range, grey_pair, row_rect
-from ndtorch.vision.nondirectional import SPEED_SCALE, NDMin, spatial_maximum
+from ndtorch.vision.nondirectional import NDMin, spatial_maximum
 from ndtorch.vision.temporal import FilterState
-
-
-class SubfieldMotion(nn.Module):
-    """Speed of the image beside the path: the largest |ND-min| of a subfield of each camera. [A fig. 5]
-
-    Shapes:
-        left, right: frames `[..., T, C, H, W]`, or cut to the subfields, uint8 or float in 0..1, C = 1 or 3
-            -> `[..., T, 2]`: left and right estimates in the units of the thresholds of [A], raw output x 20.
-        State: the subfields, `[..., 2, h, w]`; `None` settles on the first frame.
-
-    Args:
-        rig: the camera pair.
-        dt: time step, s.
-        fields: the subfields, of one size; `rig.subfields()` by default.
-        tau_high: time constant of the high-pass, s.
-
-    Raises:
-        InputError: frames that cannot be used (see `grey_pair`), or NaN, infinity or values far beyond 1 in
-            them; subfields of two sizes or outside the frame.
-    """
-
-    def __init__(
-        self,
-        rig: StereoRig,
-        dt: float,
-        fields: tuple[Rect, Rect] | None = None,
-        tau_high: float = 0.005,
-    ) -> None:
-        super().__init__()
-        self.fields = fields or rig.subfields()
-        self.size = (rig.height, rig.width)
-        self.nd_min = NDMin(tau_high, dt)
-        sizes = {(r.bottom - r.top, r.right - r.left) for r in self.fields}
-        inside = all(0 <= r.top < r.bottom <= rig.height and 0 <= r.left < r.right <= rig.width for r in self.fields)
-        if len(sizes) != 1 or not inside:
-            raise InputError(f"subfields must be of one size and inside {self.size}, got {self.fields}")
-
-    def forward(self, left: Tensor, right: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
-        motion, state = self.nd_min(grey_pair(left, right, *self.fields, self.size), state)
-        sides = spatial_maximum(motion)
-        check_unit_range(sides, left)
-        return sides * SPEED_SCALE, state
 
 
 class RowRangingState(NamedTuple):
@@ -71,8 +29,8 @@ class RowRanging(nn.Module):
     """Ranges of features of the horizon rows: ND-min, features, correspondence, triangulation. [A fig. 10]
 
     Shapes:
-        left, right: frames `[..., T, C, H, W]`, or rows `[..., T, C, 1, W]`, as `SubfieldMotion`
-            -> `Ranges` of `[..., T, n]`.
+        left, right: frames `[..., T, C, H, W]`, or rows `[..., T, C, 1, W]`, uint8 or float in 0..1,
+            C = 1 or 3 -> `Ranges` of `[..., T, n]`.
         State: `RowRangingState`; `None` settles on the first frame, which then has no features.
 
     Args:

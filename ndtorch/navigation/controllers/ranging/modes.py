@@ -8,10 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ndtorch.navigation.avoidance import CRUISE, STOPPED, SUPPRESSED, TURN
-
-REVERSE = 4
-"""A mode of `RangingControl` beside `CRUISE`, `TURN`, `SUPPRESSED` (the start) and `STOPPED` (boxed in)."""
+from ndtorch.navigation.controllers.contract import CRUISE, REVERSE, STOPPED, SUPPRESSED, TURN
 
 MODES = 5
 

@@ -7,7 +7,7 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import FloorMotion, FloorParams, FloorState, Rect, StereoRig, cut_strips, floor_view
-from ndtorch.navigation.floor import floor_constants, floor_step
+from ndtorch.navigation.controllers.ranging.floor import floor_constants, floor_step
 from ndtorch.vision.nondirectional import NDMin
 
 DT = 1 / 30
