@@ -10,8 +10,10 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from ndtorch.binding.field_network import FieldBinding, FieldBindingState
 from ndtorch.binding.models.whole_field import WholeField
+from ndtorch.binding.network import InhibitoryNetwork, NetworkState
+from ndtorch.binding.normalise import FieldInputs
+from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.binding.tracking.detections import Sighting
 from ndtorch.binding.tracking.tracks import ObjectFile, ObjectFiles
 from ndtorch.errors import InputError
@@ -95,7 +97,8 @@ def run_video(
         InputError: a source without frames, or an unknown part.
     """
     vision = OrdinaryVideo(source.size, source.fps, front_end(without))
-    binding = FieldBinding(vision.dt, learn="network" not in without)
+    normalise = FieldInputs(vision.dt)
+    network = InhibitoryNetwork.of_fields(10, vision.dt, None if "network" in without else ScaleFreeRule())
     aspect = source.size[1] / source.size[0]
     files = ObjectFiles(vision.dt, aspect)
     whole = "fields" in without
@@ -103,7 +106,8 @@ def run_video(
     every = max(1, round(source.fps / pictures_per_second)) if pictures_per_second > 0 else 8
     length = next(n for n in range(min(every, 12), 0, -1) if every % n == 0)
     seen: OrdinaryState | None = None
-    learned: FieldBindingState | None = None
+    level: Tensor | None = None
+    learned: NetworkState | None = None
     frames_seen, interrupted = 0, False
     began = time.perf_counter()
     in_sight: list[tuple[ObjectFile, Sighting]] = []
@@ -113,7 +117,8 @@ def run_video(
                 fields, seen = vision(frames, seen)
                 frames_seen += len(frames)
                 if len(fields.time):
-                    (inputs, outputs), learned = binding(fields.signals.flatten(1, 2), learned)
+                    inputs, level = normalise(fields.signals.flatten(1, 2), level)
+                    outputs, learned = network(inputs, learned)
                     if whole:
                         sums.append((inputs[:, 0], fields.time))
                     else:
