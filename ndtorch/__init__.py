@@ -1,14 +1,19 @@
 """Insect-inspired vision and navigation in PyTorch.
 
 Start with `ndtorch.load("binding")`, or with the pieces in `ndtorch.vision`, `ndtorch.scenes`, `ndtorch.binding`
-and `ndtorch.navigation`.
+and `ndtorch.navigation`. Everything is imported when it is first used.
 """
 
-from ndtorch.binding import InhibitoryNetwork, VisualBinding, objects
-from ndtorch.errors import InputError
-from ndtorch.loading import load, model_names
-from ndtorch.navigation import Navigator, StereoRig
-from ndtorch.vision import FEATURES, HassensteinReichardt, HighPass, LowPass, NDMin, OrientedDoG, VisualFeatures
+from typing import TYPE_CHECKING
+
+from ndtorch.lazy import lazy
+
+if TYPE_CHECKING:
+    from ndtorch.binding import InhibitoryNetwork, VisualBinding
+    from ndtorch.errors import InputError
+    from ndtorch.loading import load, model_names
+    from ndtorch.navigation import Navigator, StereoRig
+    from ndtorch.vision import FEATURES, HassensteinReichardt, HighPass, LowPass, NDMin, OrientedDoG, VisualFeatures
 
 __version__ = "0.1.0"
 
@@ -27,5 +32,25 @@ __all__ = [
     "VisualFeatures",
     "load",
     "model_names",
-    "objects",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__ = lazy(
+        __name__,
+        {
+            "ndtorch.binding": ("InhibitoryNetwork", "VisualBinding"),
+            "ndtorch.errors": ("InputError",),
+            "ndtorch.loading": ("load", "model_names"),
+            "ndtorch.navigation": ("Navigator", "StereoRig"),
+            "ndtorch.vision": (
+                "FEATURES",
+                "HassensteinReichardt",
+                "HighPass",
+                "LowPass",
+                "NDMin",
+                "OrientedDoG",
+                "VisualFeatures",
+            ),
+        },
+        rooms=("binding", "navigation", "scenes", "vision"),
+    )

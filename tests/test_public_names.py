@@ -18,7 +18,7 @@ import ndtorch.vision
 
 TOP = """
     FEATURES HassensteinReichardt HighPass InhibitoryNetwork InputError LowPass NDMin Navigator OrientedDoG StereoRig
-    VisualBinding VisualFeatures load model_names objects
+    VisualBinding VisualFeatures load model_names
 """
 VISION = """
     Resample ResampleState
@@ -34,11 +34,11 @@ BINDING = """
     RetinotopicState ObjectTable Solution
     Verdict VisualBinding alternation attention_mask block_diagonal count_solutions describe feature_weights
     largest_free_weight learning_onset learning_rule limit_spectral_radius load_state mixing_from_weights
-    object_table objects perron_root save_state second_stage separated solutions spectral_radius to_device
+    object_table perron_root save_state second_stage separated solutions spectral_radius to_device
     train_first_stage weight_change winner
-    DelayState DelayStatistics Separation diagonalise separate OwnerCriteria OwnerTable SignalStatistics
+    DelayState DelayStatistics Separation diagonalise separate OwnerCriteria SignalStatistics
     StatisticsState features_by_group owner_table JoinCriteria refined_table ScaleFreeRule
-    settled ScaleFreeStage StageState as_weights
+    settled ScaleFreeStage StageState BindingModel bound_objects
 """
 MODULES = [ndtorch, ndtorch.vision, ndtorch.scenes, ndtorch.binding, ndtorch.navigation]
 NAMES = [(module, name) for module in MODULES for name in module.__all__]

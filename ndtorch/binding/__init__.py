@@ -4,22 +4,23 @@ from ndtorch.binding.attention import Attention, Enhanced, attention_mask, featu
 from ndtorch.binding.config import BindingConfig
 from ndtorch.binding.feedback import settled
 from ndtorch.binding.first_stage import FirstStage, block_diagonal, train_first_stage
-from ndtorch.binding.models.published import BindingSignals, BindingState, Verdict, VisualBinding, second_stage
+from ndtorch.binding.models.contract import BindingModel, Verdict
+from ndtorch.binding.models.published import BindingSignals, BindingState, VisualBinding, second_stage
 from ndtorch.binding.models.retinotopic import LocatedObject, RetinotopicBinding, RetinotopicParams, RetinotopicState
-from ndtorch.binding.models.scale_free import ScaleFreeStage, StageState, as_weights
+from ndtorch.binding.models.scale_free import ScaleFreeStage, StageState
 from ndtorch.binding.network import InhibitoryNetwork, NetworkState, alternation, weight_change
 from ndtorch.binding.normalise import BindingInputs, FieldInputs, InputState
-from ndtorch.binding.objects import BoundObject, ObjectTable, describe, object_table, objects
+from ndtorch.binding.objects import BoundObject, ObjectTable, bound_objects, describe
 from ndtorch.binding.readout.delays import DelayState, DelayStatistics, Separation, diagonalise, separate
 from ndtorch.binding.readout.joined import JoinCriteria, refined_table
 from ndtorch.binding.readout.owners import (
     OwnerCriteria,
-    OwnerTable,
     SignalStatistics,
     StatisticsState,
     features_by_group,
     owner_table,
 )
+from ndtorch.binding.readout.weights import object_table
 from ndtorch.binding.rules import ACTIVATIONS, RULES, LearningRule, Rule, ScaleFreeRule, learning_onset, learning_rule
 from ndtorch.binding.saving import load_state, save_state, to_device
 from ndtorch.binding.spectrum import limit_spectral_radius, perron_root, spectral_radius
@@ -39,6 +40,7 @@ __all__ = [
     "Attention",
     "BindingConfig",
     "BindingInputs",
+    "BindingModel",
     "BindingSignals",
     "BindingState",
     "BoundObject",
@@ -57,7 +59,6 @@ __all__ = [
     "ObjectFiles",
     "ObjectTable",
     "OwnerCriteria",
-    "OwnerTable",
     "RetinotopicBinding",
     "RetinotopicParams",
     "RetinotopicState",
@@ -72,9 +73,9 @@ __all__ = [
     "Verdict",
     "VisualBinding",
     "alternation",
-    "as_weights",
     "attention_mask",
     "block_diagonal",
+    "bound_objects",
     "count_solutions",
     "describe",
     "diagonalise",
@@ -87,7 +88,6 @@ __all__ = [
     "load_state",
     "mixing_from_weights",
     "object_table",
-    "objects",
     "owner_table",
     "perron_root",
     "refined_table",

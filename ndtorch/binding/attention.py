@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from ndtorch.binding.normalise import divide
-from ndtorch.binding.objects import ObjectTable, object_table
+from ndtorch.binding.objects import ObjectTable
 from ndtorch.errors import InputError
 from ndtorch.vision.temporal import FilterState, LowPass
 
@@ -76,7 +76,7 @@ class Attention(nn.Module):
 
     Shapes:
         frames `[..., T, 3, H, W]`, feature images `[..., T, 10, H, W]`, outputs and scale `[..., T, 10]`,
-        weights `[..., 10, 10]` -> (enhanced frames `[..., T, 3, H, W]`, winner `[..., T]`), state.
+        the table of the objects, one a trial -> (enhanced frames `[..., T, 3, H, W]`, winner `[..., T]`), state.
         Enhanced frames are black where no neuron owns an object.
     """
 
@@ -90,7 +90,7 @@ class Attention(nn.Module):
         images: Tensor,
         outputs: Tensor,
         scale: Tensor,
-        weights: Tensor,
+        table: ObjectTable,
         state: FilterState | None = None,
     ) -> tuple[Enhanced, FilterState]:
         if images.shape[-3] != 10 or images.shape[-2:] != frames.shape[-2:]:
@@ -99,6 +99,8 @@ class Attention(nn.Module):
             )
         low, state = self.low_pass(images, state)
         # One table for all T frames.
-        table = object_table(weights.unsqueeze(-3).expand(*outputs.shape[:-1], *weights.shape[-2:]))
+        owners = table.owners.unsqueeze(-2).expand(*outputs.shape)
+        rows = table.rows.unsqueeze(-3).expand(*outputs.shape, table.rows.shape[-1])
+        table = ObjectTable(owners, rows)
         weight, k = feature_weights(outputs, table, scale)
         return Enhanced(frames * attention_mask(weight, images, low), k), state

@@ -34,4 +34,4 @@ def through(block: Tensor, weights: Tensor, shared: bool) -> Tensor:
     gain = settled(weights).mT
     if not shared:
         return block @ gain
-    return (block.flatten(-3, -2) @ gain).unflatten(-2, block.shape[-3:-1])
+    return (block.flatten(-3, -2) @ gain).reshape(block.shape)

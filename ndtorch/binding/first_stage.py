@@ -12,7 +12,7 @@ from ndtorch.binding.network import InhibitoryNetwork, NetworkState
 from ndtorch.binding.normalise import BindingInputs
 from ndtorch.binding.rules import learning_rule
 from ndtorch.errors import InputError
-from ndtorch.scenes.rings import rings
+from ndtorch.scenes.ring_scene import rings
 from ndtorch.vision.features import GROUPS, VisualFeatures
 
 LONGEST = 120.0

@@ -1,77 +1,93 @@
-"""From the second stage's weights to the objects in view and their features."""
+"""Objects: the one table that every read-out gives, the one type of object that every model gives, and their words."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
 from ndtorch.vision.features import FEATURES
 
-SMALLEST_WEIGHT = 1 / 3
-SMALLEST_COLUMN = 0.6
+# The feature of motion along an axis: towards larger and towards smaller places.
+ACROSS, ALONG = ("right", "left"), ("down", "up")
 
 
 class ObjectTable(NamedTuple):
-    """The read-out of [C §4.1] for one weight matrix or a batch of them.
+    """The objects of one network or a batch of them: what every read-out gives.
 
     Attributes:
-        simplified: weights over their maximum, small ones removed, `[..., N, N]`. [C eq. 6-7]
         owners: neurons that stand for an object, `[..., N]`, bool.
-        rows: row k holds the features of the object of neuron k, zeros where k owns none, `[..., N, N]`. The
-            rows of owners, in order, are the matrix O of [C eq. 9], and their numbers the vector r of eq. 10.
+        rows: row k holds the features of the object of neuron k, zeros where k owns none, `[..., N, N]`. The rows of
+            owners, in order, are the matrix O of [C eq. 9], and their numbers the vector r of eq. 10.
     """
 
-    simplified: Tensor
     owners: Tensor
     rows: Tensor
 
 
-def object_table(
-    weights: Tensor, smallest_weight: float = SMALLEST_WEIGHT, smallest_column: float = SMALLEST_COLUMN
-) -> ObjectTable:
-    """Read the objects out of second-stage weights `[..., N, N]`. [C eq. 6-10]
-
-    A neuron owns an object when the weights it sends, after normalisation to the largest weight and removal of
-    those under `smallest_weight`, sum to more than `smallest_column`. All zero weights give no object.
-    """
-    if weights.ndim < 2 or weights.shape[-1] != weights.shape[-2]:
-        raise InputError(f"weights must be square matrices [..., N, N], got {tuple(weights.shape)}")
-    largest = weights.amax((-1, -2), keepdim=True).clamp_min(torch.finfo(weights.dtype).tiny)
-    normed = weights / largest
-    simplified = torch.where(normed >= smallest_weight, normed, 0.0)
-    owners = simplified.sum(-2) > smallest_column
-    own = torch.eye(weights.shape[-1], dtype=weights.dtype, device=weights.device)
-    rows = torch.where(owners.unsqueeze(-1), simplified.mT + own, 0.0)
-    return ObjectTable(simplified, owners, rows)
-
-
 @dataclass(frozen=True)
 class BoundObject:
-    """One object in view.
+    """One object: its features, and where and when it was seen if the model knows that.
 
     Attributes:
         neuron: name of the neuron that stands for it, one of `FEATURES`.
         index: that neuron's number, 0 to 9.
-        features: weight of every feature the object has, its own neuron's being 1.
+        features: strength of every feature it has.
+        place: column and row in pixels of the frames, x to the right and y down.
+        velocity: pixels a second, to the right and down.
+        first_seen, last_seen: seconds since the first frame.
+        track: number of the track that follows it.
+        heading: sum of the directions it was seen to move in, to the right and down, as unit vectors.
+        fields: number of receptive fields that show it at its latest sighting.
+        path: time, column and row of every sighting, where they are kept.
     """
 
     neuron: str
     index: int
     features: dict[str, float]
+    place: tuple[float, float] | None = None
+    velocity: tuple[float, float] | None = None
+    first_seen: float | None = None
+    last_seen: float | None = None
+    track: int | None = None
+    heading: tuple[float, float] | None = None
+    fields: int | None = None
+    path: tuple[tuple[float, float, float], ...] = ()
+
+    @property
+    def color(self) -> str:
+        """Its strongest color, "grey" where it has none."""
+        return strongest(self.features, FEATURES[7:]) or "grey"
+
+    @property
+    def direction(self) -> str | None:
+        """The main one of left, right, down and up: of its heading, else of its motion features; None without any."""
+        if self.heading is None:
+            return strongest(self.features, FEATURES[:4])
+        right, down = self.heading
+        positive, negative = ACROSS if abs(right) > abs(down) else ALONG
+        return positive if max(right, down, key=abs) > 0 else negative
 
     def __str__(self) -> str:
         return describe(self)
 
 
-def objects(weights: Tensor) -> list[BoundObject]:
-    """The objects in one 10 x 10 weight matrix, in the order of their neurons. [C §4.1]"""
-    if weights.shape != (len(FEATURES), len(FEATURES)):
-        raise InputError(f"weights must be one 10 x 10 matrix, got {tuple(weights.shape)}")
-    table = object_table(weights)
+def strongest(features: dict[str, float], names: tuple[str, ...]) -> str | None:
+    """The strongest of those features, the first of equals; None where there is none of them."""
+    there = [name for name in names if features.get(name, 0.0) > 0]
+    return max(there, key=lambda name: features[name], default=None)
+
+
+def bound_objects(table: ObjectTable) -> list[BoundObject]:
+    """The objects in the table of one network, in the order of their neurons. [C §4.1]
+
+    Raises:
+        InputError: a table of a batch, or not of the ten features.
+    """
+    if table.owners.shape != (len(FEATURES),):
+        raise InputError(f"table must be of one network of ten neurons, got owners {tuple(table.owners.shape)}")
     found = []
     for k in table.owners.nonzero().flatten().tolist():
         row = table.rows[k].tolist()

@@ -135,9 +135,9 @@ class LearningRule:
 class ScaleFreeRule:
     """`dT[n, k]/dt = gamma(t) mu(t) (c <o'_n o'_k> / s_k^2 - leak (1 - c) T[n, k])`, `c = s_k^p / (s_k^p + s_n^p)`.
 
-    The gate is c, s the deviation of an output. Both terms keep their value when all signals are multiplied by a constant, hence
-    the name: weak signals learn as fast as strong ones. T is dimensionless in the same way, a ratio of two signals'
-    shares of a source.
+    The gate is c, s the deviation of an output. Both terms keep their value when all signals are multiplied by a
+    constant, hence the name: weak signals learn as fast as strong ones. T is dimensionless in the same way, a ratio of
+    two signals' shares of a source.
 
     **Fixed points.** With `r = <o'_n o'_k> / s_k^2`, the regression of output n on output k, the rule is at rest where
     `T[n, k] = c r / (leak (1 - c))`. Where k is much stronger than n the gate is 1 and only r = 0 will do: the weaker

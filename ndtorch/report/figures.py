@@ -15,8 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from ndtorch.binding import object_table
-from ndtorch.binding.objects import SMALLEST_WEIGHT
+from ndtorch.binding.readout.weights import SMALLEST_WEIGHT, simplified
 from ndtorch.report.palette import STYLES
 from ndtorch.run.result import BindResult, Floats, Pixels
 from ndtorch.vision.features import FEATURES, GROUPS
@@ -72,13 +71,15 @@ def draw_outputs(result: BindResult, path: str | Path) -> Path:
 def draw_weights(result: BindResult, path: str | Path) -> Path:
     """The final 10 x 10 weights beside what the object table keeps of them. [B fig. 8d, e]"""
     raw = result.final_weights
-    read = torch.from_numpy(raw) if result.bound is None else result.bound.float()
-    simplified = object_table(read).simplified.numpy()
+    if result.table is None:
+        kept = simplified(torch.from_numpy(raw)).numpy()
+    else:
+        kept = result.table.rows.mT.float().fill_diagonal_(0).cpu().numpy()
     figure = new_figure(result, "weights of the second stage", 13.2, 6.7)
     largest = float(raw.max())
     panels = {
         "as learned": (raw, largest or 1.0),
-        "simplified: divided by the largest, below 1/3 removed": (simplified, 1.0),
+        "simplified: divided by the largest, below 1/3 removed": (kept, 1.0),
     }
     for left, (title, (values, top)) in zip((1.0, 7.45), panels.items(), strict=True):
         picture = draw_matrix(inches(figure, left, 0.95, 4.85, 4.55), values, top)

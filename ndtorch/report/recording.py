@@ -14,6 +14,7 @@ import numpy as np
 from torch import Tensor
 
 from ndtorch.errors import InputError
+from ndtorch.optional import need
 from ndtorch.report.palette import rgb
 from ndtorch.run.result import Pixels
 from ndtorch.vision.features import FEATURES
@@ -140,11 +141,7 @@ def array(values: Tensor, shape: tuple[int, ...]) -> np.ndarray[Any, Any]:
 
 def import_rerun() -> Any:
     """The rerun package, which takes half a second to import."""
-    try:
-        import rerun
-    except ImportError:
-        raise InputError("recordings need rerun: pip install 'ndtorch[view]'") from None
-    return rerun
+    return need("rerun", "a recording")
 
 
 def layout() -> Any:

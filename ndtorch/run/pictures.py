@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol, Self
 import torch
 from torch import Tensor
 
-from ndtorch.binding import Attention, BindingSignals, VisualBinding, object_table
+from ndtorch.binding import Attention, BindingSignals, ObjectTable, VisualBinding
 from ndtorch.run.result import Moment, Pixels
 from ndtorch.vision import FilterState, MotionState
 from ndtorch.vision.frames import as_float, check_frames
@@ -42,12 +42,12 @@ class Watcher(Protocol):
 
 
 class Glimpse(NamedTuple):
-    """What a picture is made from: a frame `[3, H, W]`, the state right after it, and `VisualBinding.bound_weights`."""
+    """What a picture is made from: a frame `[3, H, W]`, the state right after it, and the table of objects."""
 
     frame: Tensor
     motion: MotionState
     signals: BindingSignals
-    weights: Tensor
+    table: ObjectTable
 
 
 class PictureMaker:
@@ -100,21 +100,21 @@ class PictureMaker:
                         self._error = error
 
     def _make(self, glimpse: Glimpse) -> None:
-        frame, motion, signals, weights = glimpse
+        frame, motion, signals, table = glimpse
         images = self.model.features.images_at(frame, motion)
         shown = as_float(check_frames(frame.unsqueeze(0))[0])
         enhanced, self._state = self.attention(
-            shown[None], images[None], signals.outputs[-1:], signals.scale[-1:], weights, self._state
+            shown[None], images[None], signals.outputs[-1:], signals.scale[-1:], table, self._state
         )
         k = int(enhanced.winner[0])
         picture = Picture(float(signals.time[-1]), to_pixels(shown), to_pixels(enhanced.frames[0]), k)
         if k >= 0:
-            self._keep(picture, signals.outputs[-1], weights)
+            self._keep(picture, signals.outputs[-1], table)
         for watcher in self.watchers:
             watcher.picture(picture)
 
-    def _keep(self, picture: Picture, outputs: Tensor, weights: Tensor) -> None:
-        rivals = outputs[object_table(weights).owners].sort(descending=True).values
+    def _keep(self, picture: Picture, outputs: Tensor, table: ObjectTable) -> None:
+        rivals = outputs[table.owners].sort(descending=True).values
         margin = float(rivals[0] - rivals[1]) if len(rivals) > 1 else float(rivals[0])
         kept = self.moments.get(picture.winner)
         if kept is None or margin >= kept.margin or picture.time - kept.time > MOMENT_SECONDS:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from torch import Tensor
 
-from ndtorch.binding import BindingState, BoundObject, Verdict
+from ndtorch.binding import BindingState, BoundObject, ObjectTable, Verdict
 
 Floats = npt.NDArray[np.float32]
 Pixels = npt.NDArray[np.uint8]
@@ -86,7 +86,7 @@ class BindResult:
         outputs: second-stage outputs, `[10]` a sample.
         weights: second-stage weights, `[10, 10]` a sample.
         moments: the clearest recent moment of each winning neuron.
-        bound: weights whose table is that of the objects, `VisualBinding.bound_weights`; None for the final weights.
+        table: of the objects at the end, whatever the verdict; None for that of the final weights.
         interrupted: whether Ctrl-C ended the run early.
     """
 
@@ -101,7 +101,7 @@ class BindResult:
     outputs: Trace
     weights: Trace
     moments: dict[int, Moment] = field(default_factory=dict)
-    bound: Tensor | None = None
+    table: ObjectTable | None = None
     interrupted: bool = False
 
     @property

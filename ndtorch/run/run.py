@@ -69,7 +69,7 @@ def run_binding(
                     watcher.signals(signals, state.second.weights)
                 due = pictures_per_second > 0 and frames_seen % every == 0 and len(signals.time) > 0
                 if due and state.motion is not None:
-                    maker.look(Glimpse(frames[-1], state.motion, signals, model.bound_weights(state)))
+                    maker.look(Glimpse(frames[-1], state.motion, signals, model.table(state)))
                 if progress is not None:
                     progress(len(frames))
                 if frames_seen // TIDY_FRAMES > (frames_seen - len(frames)) // TIDY_FRAMES:
@@ -89,7 +89,7 @@ def run_binding(
         verdict=verdict,
         state=state,
         settle=model.settle,
-        bound=model.bound_weights(state).cpu() if model.scale_free else None,
+        table=model.table(state) if model.scale_free else None,
         simulated_seconds=frames_seen / source.fps,
         wall_seconds=time.perf_counter() - began,
         frames=frames_seen,

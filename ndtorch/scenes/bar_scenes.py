@@ -9,15 +9,13 @@ import torch
 from ndtorch.errors import InputError
 from ndtorch.scenes.bars import Bar, BarScene
 from ndtorch.scenes.fluctuation import Distance, Fluctuation, NoFluctuation, RandomShadow, SineShadow
+from ndtorch.scenes.named import SECONDS
 from ndtorch.scenes.parameters import PerScene, pairs, per_scene
 
 Color = tuple[float, float, float]
 RED: Color = (0.75, 0.1, 0.1)
 GREEN: Color = (0.1, 0.75, 0.1)
 BLUE: Color = (0.1, 0.1, 0.75)
-
-SECONDS = 19.0
-"""Four seconds to settle and fifteen to learn, as in the papers."""
 
 DEFAULT_PHASE = 290.0
 """Lead of the green bar over the red one, in degrees.

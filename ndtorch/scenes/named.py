@@ -4,35 +4,54 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ndtorch.errors import InputError
-from ndtorch.scenes.bar_scenes import SECONDS, equal_bars, one_bar, three_bars, two_bars
-from ndtorch.scenes.base import FrameSource
-from ndtorch.scenes.rings import rings
+
+if TYPE_CHECKING:
+    from ndtorch.scenes.base import FrameSource
+
+
+SECONDS = 19.0
+"""Four seconds to settle and fifteen to learn, as in the papers."""
 
 
 class NamedScene(NamedTuple):
-    """A way to build a scene, what it shows in one line, and the options it fixes."""
+    """A way to build a scene, what it shows in one line, and the options it fixes.
 
-    build: Callable[..., FrameSource]
+    The builder is named, not imported: a list of scenes has to be there before torch is.
+    """
+
+    builder: str
     description: str
     fixed: Mapping[str, Any]
 
+    @property
+    def build(self) -> Callable[..., FrameSource]:
+        """The function that makes the scene."""
+        module, name = self.builder.split(":")
+        found: Callable[..., FrameSource] = getattr(import_module(f"ndtorch.scenes.{module}"), name)
+        return found
+
 
 SCENES: dict[str, NamedScene] = {
-    "one-bar": NamedScene(one_bar, "a red bar moving through sine shadow", {}),
-    "two-bars": NamedScene(two_bars, "the reference stimulus: red and green bars in sine shadow", {}),
-    "three-bars": NamedScene(three_bars, "the reference stimulus and a blue bar moving left", {}),
+    "one-bar": NamedScene("bar_scenes:one_bar", "a red bar moving through sine shadow", {}),
+    "two-bars": NamedScene("bar_scenes:two_bars", "the reference stimulus: red and green bars in sine shadow", {}),
+    "three-bars": NamedScene("bar_scenes:three_bars", "the reference stimulus and a blue bar moving left", {}),
     "two-bars-distance": NamedScene(
-        two_bars, "red and green bars that come nearer and go away, no shadow", {"fluctuation": "distance"}
+        "bar_scenes:two_bars", "red and green bars that come nearer and go away, no shadow", {"fluctuation": "distance"}
     ),
-    "two-bars-random": NamedScene(two_bars, "red and green bars in a random dappled shadow", {"fluctuation": "random"}),
+    "two-bars-random": NamedScene(
+        "bar_scenes:two_bars", "red and green bars in a random dappled shadow", {"fluctuation": "random"}
+    ),
     "two-bars-still-light": NamedScene(
-        two_bars, "red and green bars that do not fluctuate at all", {"fluctuation": "none"}
+        "bar_scenes:two_bars", "red and green bars that do not fluctuate at all", {"fluctuation": "none"}
     ),
-    "equal-bars": NamedScene(equal_bars, "three green bars alike in all but their fluctuation", {}),
-    "rings": NamedScene(rings, "contracting rings, the stimulus that trains the first stage", {"seconds": SECONDS}),
+    "equal-bars": NamedScene("bar_scenes:equal_bars", "three green bars alike in all but their fluctuation", {}),
+    "rings": NamedScene(
+        "ring_scene:rings", "contracting rings, the stimulus that trains the first stage", {"seconds": SECONDS}
+    ),
 }
 """Every scene that has a name. Options given to `make_scene` win over the fixed ones."""
 

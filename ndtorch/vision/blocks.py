@@ -86,7 +86,7 @@ class Stretch:
             self.whole = [None if given % length == 0 else k * length <= phase + given for k in range(1, count + 1)]
             places = torch.arange((count + 1) * length, device=new.device) + (length - 1 - phase)
             shifted = samples.index_select(dim, places.clamp_max(samples.shape[dim] - 1))
-            *self.blocks, self._rest = shifted.split(length, dim)
+            *self.blocks, self._rest = torch.split(shifted, length, dim)
             self._places: Tensor | None = torch.arange(given, device=new.device) + phase
             return
         begun = int(steps) % length

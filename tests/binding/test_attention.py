@@ -120,7 +120,7 @@ def scene(steps: int = 6, batch: tuple[int, ...] = ()) -> tuple[torch.Tensor, ..
 
 def test_enhanced_frames_are_the_frames_times_the_mask() -> None:
     frames, images, outputs, scale = scene()
-    (enhanced, k), state = Attention(0.02, tau=0.3)(frames, images, outputs, scale, weights())
+    (enhanced, k), state = Attention(0.02, tau=0.3)(frames, images, outputs, scale, object_table(weights()))
     table, low = object_table(weights()), images[0]
     for t in range(6):
         low = low + 0.02 / 0.32 * (images[t] - low)
@@ -132,7 +132,7 @@ def test_enhanced_frames_are_the_frames_times_the_mask() -> None:
 
 def test_frames_are_black_where_nobody_owns_an_object() -> None:
     frames, images, outputs, scale = scene()
-    (enhanced, k), _ = Attention(0.02)(frames, images, outputs, scale, torch.zeros(10, 10).double())
+    (enhanced, k), _ = Attention(0.02)(frames, images, outputs, scale, object_table(torch.zeros(10, 10).double()))
     assert not enhanced.any()
     assert k.tolist() == [-1] * 6
 
@@ -140,8 +140,8 @@ def test_frames_are_black_where_nobody_owns_an_object() -> None:
 def test_each_trial_of_a_batch_has_its_own_table() -> None:
     frames, images, outputs, scale = scene(batch=(2,))
     tables = torch.stack([weights(), torch.zeros(10, 10).double()])
-    (enhanced, k), _ = Attention(0.02)(frames, images, outputs, scale, tables)
-    (alone, own), _ = Attention(0.02)(*(x[0] for x in scene(batch=(2,))), weights())
+    (enhanced, k), _ = Attention(0.02)(frames, images, outputs, scale, object_table(tables))
+    (alone, own), _ = Attention(0.02)(*(x[0] for x in scene(batch=(2,))), object_table(weights()))
     assert_allclose(enhanced[0], alone, atol=1e-12)
     assert torch.equal(k[0], own)
     assert (k[1] == -1).all()
@@ -150,10 +150,10 @@ def test_each_trial_of_a_batch_has_its_own_table() -> None:
 @pytest.mark.parametrize("length", [1, 4])
 def test_chunks_give_the_whole(length: int) -> None:
     parts, module, state = scene(9), Attention(0.02), None
-    (whole, k), end = module(*parts, weights())
+    (whole, k), end = module(*parts, object_table(weights()))
     frames, winners = [], []
     for chunk in zip(*(x.split(length) for x in parts), strict=True):
-        (enhanced, own), state = module(*chunk, weights(), state)
+        (enhanced, own), state = module(*chunk, object_table(weights()), state)
         frames.append(enhanced)
         winners.append(own)
     assert state is not None
@@ -166,7 +166,7 @@ def test_chunks_give_the_whole(length: int) -> None:
 def test_images_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
     frames, _, outputs, scale = scene()
     with pytest.raises(InputError, match=r"images must be \[\.\.\., T, 10, H, W\]"):
-        Attention(0.02)(frames, torch.zeros(shape), outputs, scale, weights())
+        Attention(0.02)(frames, torch.zeros(shape), outputs, scale, object_table(weights()))
 
 
 def test_bad_time_constants_are_refused() -> None:

@@ -13,7 +13,7 @@ import pytest
 import torch
 
 import ndtorch
-from ndtorch.binding import objects
+from ndtorch.binding import bound_objects, object_table
 from ndtorch.report import figures
 from ndtorch.report.palette import STYLES, rgb
 from ndtorch.run.result import BindResult, Moment, Trace
@@ -46,7 +46,7 @@ def result() -> BindResult:
         trace.add(step * 0.05, weights * step / 300)
     return BindResult(
         "two-bars",
-        objects(weights),
+        bound_objects(object_table(weights)),
         "stable",
         state,
         settle=4.0,
@@ -61,7 +61,8 @@ def result() -> BindResult:
 
 def with_weights(result: BindResult, weights: torch.Tensor) -> BindResult:
     second = result.state.second._replace(weights=weights)
-    return dataclasses.replace(result, state=result.state._replace(second=second), objects=objects(weights))
+    things = bound_objects(object_table(weights))
+    return dataclasses.replace(result, state=result.state._replace(second=second), objects=things)
 
 
 def words(figure: object) -> list[str]:

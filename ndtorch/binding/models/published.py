@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import torch
 from torch import Tensor, nn
 
 from ndtorch.binding.config import BindingConfig, read_config, validated
 from ndtorch.binding.feedback import settled
-from ndtorch.binding.models.scale_free import ScaleFreeStage, StageState, as_weights
+from ndtorch.binding.models.contract import Verdict
+from ndtorch.binding.models.scale_free import ScaleFreeStage, StageState
 from ndtorch.binding.network import InhibitoryNetwork, NetworkState, alternation, weight_change
 from ndtorch.binding.normalise import BindingInputs, InputState
-from ndtorch.binding.objects import BoundObject, objects
+from ndtorch.binding.objects import BoundObject, ObjectTable, bound_objects
+from ndtorch.binding.readout.weights import object_table
 from ndtorch.binding.rules import ScaleFreeRule, learning_rule
 from ndtorch.errors import InputError
 from ndtorch.vision.features import GROUPS, VisualFeatures
 from ndtorch.vision.motion import Border, MotionState
 from ndtorch.vision.resample import Resample, ResampleState
-
-Verdict = Literal["stable", "learning", "alternating", "static"]
-"""What a table of objects is worth; see `VisualBinding.verdict`."""
 
 SCALE_FREE = "scale-free"
 """Name of the rule that comes with a network and a read-out of its own."""
@@ -207,20 +206,17 @@ class VisualBinding(nn.Module):
         """
         if self.verdict(state) in ("static", "alternating"):
             return []
-        return objects(self.bound_weights(state))
+        return bound_objects(self.table(state))
 
-    def bound_weights(self, state: BindingState) -> Tensor:
-        """Weights of one trial whose table [C §4.1] is that of the objects: for attention and figures, `[10, 10]`.
-
-        Those of the published rules are the learned ones, zero until they mean something; the scale-free rule has a
-        read-out of its own, and its table is put into the columns of its owners.
-        """
+    def table(self, state: BindingState) -> ObjectTable:
+        """The table of the objects, of one trial or a batch, whatever the verdict: by weights [C §4.1], zero until they
+        mean something, or by the read-out of the scale-free rule."""
         second = state.second
         if isinstance(second, StageState):
             assert isinstance(self.second, ScaleFreeStage)
-            return as_weights(self.second.table(second))
-        learned = float(second.weights.max()) >= self.config.learned_weight
-        return second.weights if learned else torch.zeros_like(second.weights)
+            return self.second.table(second)
+        learned = second.weights.amax((-1, -2), keepdim=True) >= self.config.learned_weight
+        return object_table(torch.where(learned, second.weights, 0.0))
 
     @property
     def settle(self) -> float:

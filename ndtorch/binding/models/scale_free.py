@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
-import torch
 from torch import Tensor, nn
 
 from ndtorch.binding.feedback import settled
 from ndtorch.binding.network import InhibitoryNetwork, NetworkState
+from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.delays import DelayState, DelayStatistics
 from ndtorch.binding.readout.joined import refined_table
-from ndtorch.binding.readout.owners import OwnerTable, SignalStatistics, StatisticsState, owner_table
+from ndtorch.binding.readout.owners import SignalStatistics, StatisticsState, owner_table
 from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.errors import InputError
 from ndtorch.vision.temporal import FilterState, LowPass
@@ -90,18 +90,9 @@ class ScaleFreeStage(nn.Module):
         delays = self.delays(refined, state.delays if state is not None else None)
         return outputs, StageState(low, network, statistics, delays)
 
-    def table(self, state: StageState) -> OwnerTable:
+    def table(self, state: StageState) -> ObjectTable:
         """The objects at this moment, of one trial or a batch."""
         table = owner_table(state.weights, state.statistics, dt=self.dt)
         if self.readout == "owners":
             return table
         return refined_table(table, state.weights, state.delays, self.first_stage)
-
-
-def as_weights(table: OwnerTable) -> Tensor:
-    """Non-negative weights whose published table is this one: column k holds the features of owner k, `[..., N, N]`.
-
-    For what reads weights by [C §4.1]: attention, figures.
-    """
-    eye = torch.eye(table.rows.shape[-1], dtype=torch.bool, device=table.rows.device)
-    return table.rows.mT.masked_fill(eye, 0.0)

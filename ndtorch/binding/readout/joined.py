@@ -8,8 +8,9 @@ import torch
 from torch import Tensor
 
 from ndtorch.binding.feedback import settled
+from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.delays import DelayState, Separation, separate
-from ndtorch.binding.readout.owners import OwnerTable, features_by_group
+from ndtorch.binding.readout.owners import features_by_group
 
 
 @dataclass(frozen=True)
@@ -31,8 +32,8 @@ class JoinCriteria:
 
 
 def refined_table(
-    owners: OwnerTable, weights: Tensor, delays: DelayState, first_stage: Tensor, criteria: JoinCriteria | None = None
-) -> OwnerTable:
+    owners: ObjectTable, weights: Tensor, delays: DelayState, first_stage: Tensor, criteria: JoinCriteria | None = None
+) -> ObjectTable:
     """The owners' table, or a better one from the delays where they tell the sources apart.
 
     The long memory is used, unless the short one says that fewer sources are left: then the scene has changed. The
@@ -51,7 +52,7 @@ def refined_table(
     by_network = owners.owners.sum(-1)
     keep = (by_network == 0) | (count <= 1) | ((gap < c.gap) & (by_network == count))
     found = assigned(mixing, count, weights)
-    return OwnerTable(
+    return ObjectTable(
         torch.where(keep[..., None], owners.owners, found.owners),
         torch.where(keep[..., None, None], owners.rows, found.rows),
     )
@@ -77,7 +78,7 @@ def without_lighting(separation: Separation, first_stage: Tensor, criteria: Join
     return separation._replace(mixing=mixing, sources=sources)
 
 
-def assigned(mixing: Tensor, count: Tensor, weights: Tensor) -> OwnerTable:
+def assigned(mixing: Tensor, count: Tensor, weights: Tensor) -> ObjectTable:
     """Give every source the neuron whose output is most purely that source, among the features it has.
 
     Shapes: mixing `[..., S, N]`, count `[...]`, weights T `[..., N, N]`.
@@ -94,4 +95,4 @@ def assigned(mixing: Tensor, count: Tensor, weights: Tensor) -> OwnerTable:
         here = here & (source < count).unsqueeze(-1)
         owners = owners | here
         out = torch.where(here.unsqueeze(-1), rows[..., source, :].unsqueeze(-2), out)
-    return OwnerTable(owners, out)
+    return ObjectTable(owners, out)

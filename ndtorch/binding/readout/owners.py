@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from ndtorch.binding.feedback import settled
 from ndtorch.binding.normalise import divide, group_max, spread_groups
+from ndtorch.binding.objects import ObjectTable
 from ndtorch.errors import InputError
 from ndtorch.vision.blocks import BLOCK_SECONDS, BlockLowPass, aligned
 from ndtorch.vision.temporal import smoothing_factor, time_dim
@@ -78,19 +79,6 @@ class SignalStatistics(nn.Module):
         return StatisticsState(low, last, samples[..., length:, :], covariance, roughness, steps)
 
 
-class OwnerTable(NamedTuple):
-    """The objects of one network or a batch.
-
-    Attributes:
-        owners: neurons that stand for an object, `[..., N]`, bool.
-        rows: row k holds the features of the object of neuron k, each group over its largest and small ones
-            removed; zeros where k owns none, `[..., N, N]`.
-    """
-
-    owners: Tensor
-    rows: Tensor
-
-
 @dataclass(frozen=True)
 class OwnerCriteria:
     """What an owner must be.
@@ -115,8 +103,11 @@ class OwnerCriteria:
 
 def owner_table(
     weights: Tensor, statistics: StatisticsState, criteria: OwnerCriteria | None = None, dt: float = 0.01
-) -> OwnerTable:
-    """The owners under the weights `[..., N, N]`, given the statistics of the network's inputs."""
+) -> ObjectTable:
+    """The owners under the weights `[..., N, N]`, given the statistics of the network's inputs.
+
+    Each group of an owner's features is over its largest, and small ones are removed.
+    """
     c = criteria or OwnerCriteria()
     if weights.shape[-1] != 10:
         raise InputError(f"weights must be [..., 10, 10], got {tuple(weights.shape)}")
@@ -133,7 +124,7 @@ def owner_table(
     correlation = covariance / (deviation.unsqueeze(-1) * deviation.unsqueeze(-2))
     owners = distinct(candidates, deviation, correlation >= c.alike)
     rows = features_by_group(weights.mT + torch.eye(10, dtype=weights.dtype, device=weights.device), c.smallest)
-    return OwnerTable(owners, torch.where(owners.unsqueeze(-1), rows, 0.0))
+    return ObjectTable(owners, torch.where(owners.unsqueeze(-1), rows, 0.0))
 
 
 def distinct(candidates: Tensor, strength: Tensor, alike: Tensor) -> Tensor:

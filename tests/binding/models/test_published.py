@@ -19,8 +19,9 @@ from ndtorch.binding import (
     BindingState,
     InhibitoryNetwork,
     VisualBinding,
+    bound_objects,
     learning_rule,
-    objects,
+    object_table,
 )
 from ndtorch.binding.saving import flatten_state
 from ndtorch.errors import InputError
@@ -175,9 +176,9 @@ def test_two_fluctuating_things_become_two_objects() -> None:
     module = model(BindingConfig(gamma=2.0, settle=1.0))
     _, state = module.from_sums(two_things(30))
     assert module.verdict(state) in ("stable", "learning")
-    found = module.objects(state)
+    found, model_table = module.objects(state), object_table(state.second.weights)
     assert [thing.neuron for thing in found] != []
-    assert found == objects(state.second.weights)
+    assert found == bound_objects(model_table)
 
 
 def test_a_constant_scene_is_static() -> None:

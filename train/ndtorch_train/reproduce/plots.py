@@ -63,9 +63,9 @@ def output_panel(
 
 def matrix_panel(axes: Axes, weights: Tensor, title: str, simplified: bool = False) -> None:
     """A 10 x 10 weight matrix as learned, or divided by its largest and cut at a third of it."""
-    from ndtorch.binding import object_table
+    from ndtorch.binding.readout.weights import simplified as simplified_weights
 
-    values = object_table(weights).simplified if simplified else weights
+    values = simplified_weights(weights) if simplified else weights
     largest = float(values.max())
     draw_matrix(axes, values.numpy(), largest if largest > 0 else 1.0)
     axes.set_xlabel("FROM this neuron", fontsize=8)

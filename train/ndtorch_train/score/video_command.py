@@ -14,7 +14,8 @@ from ndtorch.memory import tune_allocator
 from ndtorch.report.timeline import draw_timeline, in_words
 from ndtorch.run.video import PARTS, ROWS, run_video
 from ndtorch.scenes.video import open_video
-from ndtorch_train.score.video_clips import RATES, SECONDS, SPLIT_SEEDS, Split
+from ndtorch_train.score.choices import RATES, Split
+from ndtorch_train.score.video_clips import SECONDS, SPLIT_SEEDS
 from ndtorch_train.score.video_score import ClipScore, score_clips, table
 
 

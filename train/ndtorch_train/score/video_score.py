@@ -15,8 +15,9 @@ import numpy as np
 from ndtorch.binding.tracking.tracks import ObjectFile
 from ndtorch.run.video import ROWS, VideoResult, run_video
 from ndtorch.scenes.video import open_video
+from ndtorch_train.score.choices import Split
 from ndtorch_train.score.metrics import share
-from ndtorch_train.score.video_clips import Clip, Split, draw_clip, truth
+from ndtorch_train.score.video_clips import Clip, draw_clip, truth
 from ndtorch_train.score.video_encode import encode
 from ndtorch_train.score.video_paint import Painter
 

@@ -21,9 +21,10 @@ from ndtorch.binding import (
     second_stage,
     weight_change,
 )
+from ndtorch.code_digest import MODELS
 from ndtorch.vision import FEATURES
 from ndtorch_train.superposed import Bars, Stimuli, film_bars
-from ndtorch_train.sweep.config import Parameter, Trial
+from ndtorch_train.sweep.parameters import Parameter, Trial
 
 SETTLE = 4.0
 
@@ -60,8 +61,15 @@ BATCH = 512
 
 WANTED = ("red", "green", "blue")
 
-USES = ("ndtorch/vision", "ndtorch/scenes", "ndtorch/binding", "models/binding", "train/ndtorch_train/superposed.py",
-        "train/ndtorch_train/sweep/binding.py")  # fmt: skip
+USES = (
+    "ndtorch.vision",
+    "ndtorch.scenes",
+    "ndtorch.binding",
+    "ndtorch.loading",
+    MODELS,
+    "ndtorch_train.superposed",
+    "ndtorch_train.sweep.binding",
+)
 """Code that a trial depends on."""
 
 

@@ -1,0 +1,35 @@
+"""The published read-out: neurons that send much inhibition stand for objects."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ndtorch.binding.objects import ObjectTable
+from ndtorch.errors import InputError
+
+SMALLEST_WEIGHT = 1 / 3
+SMALLEST_COLUMN = 0.6
+
+
+def simplified(weights: Tensor, smallest_weight: float = SMALLEST_WEIGHT) -> Tensor:
+    """Weights `[..., N, N]` over the largest of them, those under `smallest_weight` removed. [C eq. 6-7]"""
+    if weights.ndim < 2 or weights.shape[-1] != weights.shape[-2]:
+        raise InputError(f"weights must be square matrices [..., N, N], got {tuple(weights.shape)}")
+    largest = weights.amax((-1, -2), keepdim=True).clamp_min(torch.finfo(weights.dtype).tiny)
+    normed = weights / largest
+    return torch.where(normed >= smallest_weight, normed, 0.0)
+
+
+def object_table(
+    weights: Tensor, smallest_weight: float = SMALLEST_WEIGHT, smallest_column: float = SMALLEST_COLUMN
+) -> ObjectTable:
+    """Read the objects out of second-stage weights `[..., N, N]`. [C eq. 6-10]
+
+    A neuron owns an object when the weights it sends, after normalisation to the largest weight and removal of
+    those under `smallest_weight`, sum to more than `smallest_column`. All zero weights give no object.
+    """
+    kept = simplified(weights, smallest_weight)
+    owners = kept.sum(-2) > smallest_column
+    own = torch.eye(weights.shape[-1], dtype=weights.dtype, device=weights.device)
+    return ObjectTable(owners, torch.where(owners.unsqueeze(-1), kept.mT + own, 0.0))

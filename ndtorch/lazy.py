@@ -1,0 +1,30 @@
+"""Public names that are imported when they are first used, so that a command line can answer before torch is there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
+from typing import Any
+
+
+def lazy(package: str, names: Mapping[str, Sequence[str]], rooms: Sequence[str] = ()) -> Callable[[str], Any]:
+    """The `__getattr__` of a package that imports nothing by itself.
+
+    Args:
+        package: `__name__` of the package.
+        names: for every module, the public names that come from it.
+        rooms: sub-packages and modules that are there without an import of their own.
+
+    Returns:
+        What gives a name its value, and raises AttributeError for a name that is not public.
+    """
+    module_of = {name: module for module, group in names.items() for name in group}
+
+    def attribute(name: str) -> Any:
+        if name in module_of:
+            return getattr(import_module(module_of[name]), name)
+        if name in rooms:
+            return import_module(f"{package}.{name}")
+        raise AttributeError(f"module {package!r} has no attribute {name!r}")
+
+    return attribute
