@@ -27,8 +27,7 @@ from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
 from ndtorch.navigation.controllers.ranging.floor_view import FloorParams, FloorView, floor_view
 from ndtorch.navigation.correspondence import Matches, MatchParams, match_features
 from ndtorch.navigation.features import FeatureParams, Features, find_features
-from ndtorch.navigation.log_odds import LogOddsMap, LogOddsState
-from ndtorch.navigation.mapping import Grid, GridMap, GridMapState
+from ndtorch.navigation.mapping import Grid, GridMap, GridMapState, LogOdds
 from ndtorch.navigation.model import Navigator, NavigatorState
 from ndtorch.navigation.observations import ObservationList, Observations, free_length, path_is_free
 from ndtorch.navigation.odometry import DeadReckoning, Pose, drive_step, to_body, to_world
@@ -63,8 +62,7 @@ __all__ = [
     "Grid",
     "GridMap",
     "GridMapState",
-    "LogOddsMap",
-    "LogOddsState",
+    "LogOdds",
     "MatchParams",
     "Matches",
     "Navigator",

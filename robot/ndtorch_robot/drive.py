@@ -139,7 +139,7 @@ class Run:
         self.config, self.plan, self.simulation, self.steer = config, plan, simulation, steer
         left, right, bottom, top = plan.bounds
         self.grid = Grid(left - 0.5, right + 0.5, bottom - 0.5, top + 0.5)
-        self.navigator = config.options().navigator(simulation.rig, RATE, GridMap(simulation.rig, self.grid), say)
+        self.navigator = config.options().navigator(simulation.rig, RATE, self.grid, say)
         self.state: NavigatorState | None = None
         self.record = Record()
         self.watch = CameraWatch(simulation.rig)

@@ -18,7 +18,6 @@ from ndtorch.navigation import (
     Command,
     CompiledNavigator,
     Grid,
-    GridMap,
     NavigatorState,
     StereoRig,
 )
@@ -98,8 +97,8 @@ class CarLoop:
         limits = config.limits.limits()
         self.safe = SafeDrive(drive, clock, limits, Sight(rig, config.rate_hz, limits.age), report)
         half = config.navigation.map_half_size_m
-        grid_map = GridMap(rig, Grid(-half, half, -half, half)) if half else None
-        self.navigator = config.navigation.options().navigator(rig, config.rate_hz, grid_map, say)
+        grid = Grid(-half, half, -half, half) if half else None
+        self.navigator = config.navigation.options().navigator(rig, config.rate_hz, grid, say)
         self.state: NavigatorState | None = None
         self.interrupted = False  # in the frames: motion across a gap would be believed
         self.ended = threading.Event()

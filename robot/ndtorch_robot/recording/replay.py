@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Command, Grid, GridMap, NavigatorState, Rect, StereoRig
+from ndtorch.navigation import Command, Grid, NavigatorState, Rect, StereoRig
 from ndtorch.navigation.options import AnyNavigator, NavigatorOptions, options_of
 from ndtorch_robot.navigating import say
 from ndtorch_robot.ports import DriveCommand, StereoFrames
@@ -60,7 +60,7 @@ class NavigatorPilot:
 
     def __init__(self, rig: StereoRig, rate: float, options: NavigatorOptions, grid: Grid | None = None) -> None:
         self.rig, self.fields = rig, options.fields(rig)
-        self.navigator = options.navigator(rig, rate, GridMap(rig, grid) if grid is not None else None, say)
+        self.navigator = options.navigator(rig, rate, grid, say)
         self.state: NavigatorState | None = None
 
     def step(
