@@ -216,7 +216,7 @@ class GridMap(nn.Module):
 
     @staticmethod
     def normalise(cells: Tensor) -> Tensor:
-        """Cells divided by the largest of their map, 0..1; an empty map stays zero, what is less becomes zero. [A §2.3]"""
+        """Cells divided by the largest of their map, 0..1; what is less than zero becomes zero. [A §2.3]"""
         cells = cells.clamp(min=0)
         largest = cells.amax((-2, -1), keepdim=True)
         return cells / torch.where(largest > 0, largest, 1.0)
