@@ -88,7 +88,7 @@ class CompiledNavigator(nn.Module):
         bare = state._replace(map=None, observations=None, tracks=None)
         given = (*eyes, bare, driven)
         frames = [part for eye in eyes for part in eye]
-        tensors = frames + [part.contiguous() for part in tree_leaves(given[2:]) if isinstance(part, Tensor)]
+        tensors = frames + [part.contiguous() for part in tensors_of(given[2:])]
         kind = tuple((part.shape, part.dtype) for part in tensors) + tuple(part.stride() for part in frames)
         function = self.functions.get(kind)
         if function is None:
@@ -165,9 +165,7 @@ class Core(nn.Module):
     def forward(self, *tensors: Tensor) -> list[Tensor]:
         given = rebuild(self.like, iter(tensors))
         # Outputs become inputs of the next step, whose strides are compiled in.
-        return [
-            part.contiguous() for part in tree_leaves(self.navigator.see_and_steer(*given)) if isinstance(part, Tensor)
-        ]
+        return [part.contiguous() for part in tensors_of(self.navigator.see_and_steer(*given))]
 
 
 def compile_step(
@@ -213,6 +211,11 @@ def dense(pixels: Tensor) -> Tensor:
     if pixels.stride(-3) == 1 < pixels.shape[-3]:
         return pixels.movedim(-3, -1).contiguous().movedim(-1, -3)
     return pixels.contiguous()
+
+
+def tensors_of(value: Any) -> list[Tensor]:
+    """All tensors of nested tuples, in order."""
+    return [part for part in tree_leaves(value) if isinstance(part, Tensor)]
 
 
 def rebuild(like: Any, tensors: Iterator[Tensor]) -> Any:

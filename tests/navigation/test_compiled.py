@@ -7,7 +7,6 @@ import sys
 
 import pytest
 import torch
-from torch.utils._pytree import tree_leaves
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import (
@@ -22,7 +21,7 @@ from ndtorch.navigation import (
     StereoRig,
     cut_strips,
 )
-from ndtorch.navigation.compiled import dense
+from ndtorch.navigation.compiled import dense, tensors_of
 
 DT = 1 / 30
 RIG = StereoRig()
@@ -76,7 +75,7 @@ def test_same_commands_states_and_map(compiled):
             other, b = compiled(left, right, b)
             torch.testing.assert_close(one, other)
             torch.testing.assert_close(
-                tree_leaves(a._replace(map=None)), tree_leaves(b._replace(map=None)), rtol=1e-4, atol=1e-5
+                tensors_of(a._replace(map=None)), tensors_of(b._replace(map=None)), rtol=1e-4, atol=1e-5
             )
             modes.add(int(compiled.mode(b)))
             found += int(b.ranges.valid.sum())
@@ -152,7 +151,7 @@ def test_one_library_for_one_kind_of_navigator():
 def test_without_a_compiler(tmp_path, monkeypatch):
     monkeypatch.setenv("CXX", "no-such-compiler")
     with pytest.raises(InputError, match=r"C\+\+ compiler.*no-such-compiler"):
-        CompiledNavigator(navigator(), tmp_path, list().append).warm_up(*next(iter(world())))
+        CompiledNavigator(navigator(), tmp_path, [].append).warm_up(*next(iter(world())))
     assert not any(tmp_path.glob("*.pt2"))
 
 
