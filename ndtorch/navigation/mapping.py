@@ -117,7 +117,9 @@ class GridMap(nn.Module):
     summed over all observations. `normalise` divides by the largest, which the paper does once at the end. With
     `"log-odds"` it is the Bayesian map that [A §2.3] leaves open: each observation adds log-odds where its feature
     is certain to be, and takes some away on the line of sight before it, because what is seen is not hidden;
-    `cells` are log-odds and 0 is unknown. @MEASURED@
+    `cells` are log-odds and 0 is unknown. On drives of 40 s (seed 1) the beams have the larger share of their mass at
+    true edges, and log-odds find as many of the visible edges or more: precision 0.87 against 0.82 and recall 0.30
+    against 0.50 in the curve, 0.93 against 0.91 and 0.66 both in the hallway.
 
     Called as `cells, state = grid_map(ranges, pose, state)`; row 0 of `cells` is at the smallest y. Only cells near
     the beams are touched, and `update` gives the state without putting all cells together. What is seen outside the

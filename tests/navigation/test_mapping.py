@@ -8,21 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import (
-    Grid,
-    GridMap,
-    LogOdds,
-    ObservationList,
-    Observations,
-    Pose,
-    Ranges,
-    StereoRig,
-    certainty,
-    free_length,
-    path_is_free,
-    to_body,
-)
-from ndtorch.navigation.observations import arc_coordinates
+from ndtorch.navigation import Grid, GridMap, ObservationList, Pose, Ranges, StereoRig
+from ndtorch.navigation.certainty import certainty
+from ndtorch.navigation.mapping import LogOdds
+from ndtorch.navigation.observations import Observations, arc_coordinates, free_length, path_is_free
+from ndtorch.navigation.odometry import to_body
 from ndtorch.navigation.tiles import add_at, cell_tables, empty_tiles
 
 RIG = StereoRig()
