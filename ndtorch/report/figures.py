@@ -84,9 +84,7 @@ def draw_weights(result: RunResult, path: str | Path) -> Path:
         picture = draw_matrix(inches(figure, left, 0.95, 4.85, 4.55), values, top, empty)
         axes = picture.axes
         if read:
-            axes.set(
-                xlabel="Each column: the object of this neuron", ylabel="Each row: its share of this feature"
-            )
+            axes.set(xlabel="Each column: the object of this neuron", ylabel="Each row: its share of this feature")
         axes.set_title(title, fontsize=11, pad=24 if result.objects else 8)
         for thing in result.objects:
             axes.annotate(
