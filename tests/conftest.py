@@ -3,10 +3,14 @@
 Real-time tests are run again when they failed while the machine stalled; see `tests/stalls.py`.
 """
 
+import signal
+import threading
+
 import pytest
 import torch
 from _pytest.runner import runtestprotocol
 
+from tests.films import Films, shared_folder
 from tests.stalls import Again, StallMeter
 
 torch.set_num_threads(1)
@@ -17,6 +21,18 @@ METER, AGAIN = pytest.StashKey(), pytest.StashKey()
 def fixed_seed() -> None:
     """The same random numbers whatever ran before."""
     torch.manual_seed(0)
+
+
+@pytest.fixture(scope="session")
+def films(tmp_path_factory):
+    """Sums of rendered scenes; see `tests/films.py`."""
+    return Films(shared_folder(tmp_path_factory.getbasetemp()))
+
+
+def pytest_configure():
+    """Ctrl-C is what it is in a terminal, also where a shell in the background has it ignored: children inherit it."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def meter(config):
