@@ -3,8 +3,11 @@
 Real-time tests are run again when they failed while the machine stalled; see `tests/stalls.py`.
 """
 
+import os
 import signal
+import tempfile
 import threading
+from pathlib import Path
 
 import pytest
 import torch
@@ -30,9 +33,21 @@ def films(tmp_path_factory):
 
 
 def pytest_configure():
-    """Ctrl-C is what it is in a terminal, also where a shell in the background has it ignored: children inherit it."""
+    """Nothing that a shell hands down matters: ignored signals, a home that cannot be written to."""
     if threading.current_thread() is threading.main_thread():
+        # In the background Ctrl-C is ignored, and children inherit that.
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    for name in ("HOME", "XDG_CACHE_HOME"):
+        place = os.environ.get(name)
+        if place is not None and not os.access(place, os.W_OK | os.X_OK):
+            # Kept for all processes of a run, and small: fonts that matplotlib has found.
+            os.environ[name] = str(Path(tempfile.gettempdir(), f"ndtorch-tests-{os.getuid()}"))
+            Path(os.environ[name]).mkdir(mode=0o700, exist_ok=True)
+
+
+def pytest_collection_modifyitems(items):
+    """Whole runs come last: what is quick fails first."""
+    items.sort(key=lambda item: item.get_closest_marker("slow") is not None)
 
 
 def meter(config):

@@ -156,7 +156,7 @@ def against_truth(result, pixels):
 
 @pytest.mark.slow
 def test_published_rule_in_the_curve():
-    """A4: it drives a minute here, and five in `ndtorch reproduce A4`; with the sign of its turns reversed it collides within 15 s."""
+    """A4: it drives a minute, and minutes in `ndtorch reproduce A4`; with reversed turns it collides within 15 s."""
     result = drive(DriveConfig(arena="curve", seed=11, seconds=60, controller="published"))
     assert result.summary["collisions"] == 0
     assert result.summary["turns"] >= 5
