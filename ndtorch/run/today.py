@@ -9,10 +9,12 @@ from torch import Tensor, nn
 
 from ndtorch.binding import (
     BoundObject,
-    FieldBinding,
+    FieldInputs,
+    InhibitoryNetwork,
     ObjectFile,
     ObjectFiles,
     ObjectTable,
+    ScaleFreeRule,
     VisualBinding,
     block_diagonal,
     train_first_stage,
@@ -84,25 +86,28 @@ class Video(nn.Module):
         self.size, self.fps = size, fps
         self.vision = OrdinaryVideo(size, fps, front_end(without))
         self.dt = self.vision.dt
-        self.binding = FieldBinding(self.dt, learn="network" not in without)
+        self.normalise = FieldInputs(self.dt)
+        rule = None if "network" in without else ScaleFreeRule()
+        self.network = InhibitoryNetwork.of_fields(10, self.dt, rule)
         self.whole = "fields" in without
 
     def forward(self, frames: Tensor, state: Any = None) -> Any:
         files = ObjectFiles(self.dt, self.size[1] / self.size[0])
-        seen, learned, files, sums = (None, None, files, []) if state is None else state
+        seen, level, learned, files, sums = (None, None, None, files, []) if state is None else state
         fields, seen = self.vision(frames, seen)
         r, c = fields.signals.shape[1:3]
         outputs = fields.signals
         if len(fields.time):
-            (inputs, outputs), learned = self.binding(fields.signals.flatten(1, 2), learned)
+            inputs, level = self.normalise(fields.signals.flatten(1, 2), level)
+            outputs, learned = self.network(inputs, learned)
             if self.whole:
                 sums.append((inputs[:, 0], fields.time))
             else:
                 files.add(fields, inputs, outputs)
-        return Signals(outputs.reshape(-1, r, c, 10), fields.time), (seen, learned, files, sums)
+        return Signals(outputs.reshape(-1, r, c, 10), fields.time), (seen, level, learned, files, sums)
 
     def objects(self, state: Any) -> list[BoundObject]:
-        _, _, files, sums = state
+        *_, files, sums = state
         if self.whole and sums:
             signals, times = (torch.cat(part) for part in zip(*sums, strict=True))
             return [self.bound(n, thing) for n, thing in enumerate(WholeField(self.dt)(signals, times))]
@@ -129,7 +134,7 @@ class Video(nn.Module):
         return "stable" if self.objects(state) else "static"
 
     def weights(self, state: Any) -> Tensor:
-        return torch.zeros(10, 10) if state[1] is None else state[1].weights
+        return torch.zeros(10, 10) if state[2] is None else state[2].weights
 
 
 def front_end(without: Any = ()) -> FrontEnd:

@@ -12,10 +12,11 @@ from torch import Tensor
 
 import ndtorch
 from ndtorch.binding import BindingInputs, BindingState, NetworkState, alternation, object_table
+from ndtorch.binding.feedback import settled
 from ndtorch.binding.models.published import ALTERNATING
 from ndtorch.binding.models.scale_free import Readout, ScaleFreeStage
 from ndtorch.binding.normalise import divide, group_max, spread_groups
-from ndtorch.binding.scale_free import ScaleFreeRule, settled
+from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.errors import InputError
 from ndtorch.optional import need
 from ndtorch.vision import LowPass
