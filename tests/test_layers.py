@@ -17,7 +17,7 @@ HEAVY = ("cv2", "torchvision", "rerun", "matplotlib", "mujoco", "tyro", "serial"
 PACKAGES = ("ndtorch", "ndtorch_robot", "ndtorch_train")
 
 FLOORS = (
-    "code_digest errors installed lazy memory optional workers",
+    "code_digest errors installed lazy memory optional toml workers",
     "scenes vision",
     "binding navigation",
     "export loading",
