@@ -159,8 +159,12 @@ def written(point: EntryPoint) -> str:
         tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
     except Exception:  # a package that breaks may raise anything
         return ""
-    classes = (node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == point.attr)
-    return next((ast.get_docstring(node) or "" for node in classes), "")
+    for node in tree.body:
+        if isinstance(node, ast.ClassDef) and node.name == point.attr:
+            return ast.get_docstring(node) or ""
+        if isinstance(node, ast.ImportFrom) and any(alias.name == point.attr for alias in node.names):
+            return written(EntryPoint(point.name, f"{node.module}:{point.attr}", point.group))
+    return ""
 
 
 def run_command(prog: str, kind: type[Subcommand], arguments: Sequence[str]) -> int:
