@@ -121,8 +121,8 @@ class InhibitoryNetwork(nn.Module):
         self.settle, self.tau_onset = settle, tau_onset
         self.radius_limit, self.when_full = radius_limit, when_full
         self.window_steps = max(1, round(window / dt))
-        self.register_buffer("initial", initial, persistent=False)
-        self.register_buffer("off_diagonal", 1 - torch.eye(neurons), persistent=False)
+        self.register_buffer("initial", initial)
+        self.register_buffer("off_diagonal", 1 - torch.eye(neurons))
 
     def start(self, first: Tensor) -> NetworkState:
         """State at rest, its input filter settled on the first input `[..., N]`."""

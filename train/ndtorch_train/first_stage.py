@@ -5,16 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import tomli_w
 import torch
-from safetensors.torch import save_file
 from torch import Tensor
 from tqdm import tqdm
 
-from ndtorch.binding import BindingConfig, FirstStage, spectral_radius, train_first_stage
+from ndtorch.binding import FirstStage, spectral_radius, train_first_stage
+from ndtorch.binding.first_stage import write_first_stage as write_weights
+from ndtorch.binding.models.published import PublishedConfig
+from ndtorch.config import config_text
 from ndtorch.errors import InputError
 
-FOLDER = Path(__file__).resolve().parents[2] / "models" / "binding"
+MODELS = Path(__file__).resolve().parents[2] / "models"
+FOLDER = MODELS / "published"
+SHARING = ("scale-free", "retinotopic")
+"""Models that have the same first stage, as a copy."""
 
 
 @dataclass(frozen=True)
@@ -46,24 +50,16 @@ def write_first_stage(options: FirstStageOptions) -> FirstStage:
         stage = train_first_stage(options.gamma, options.radius, progress=progress)
     try:
         options.out.mkdir(parents=True, exist_ok=True)
-        weights = {"motion": stage.motion, "orientation": stage.orientation, "color": stage.color}
-        save_file(weights, options.out / "weights.safetensors")
-        (options.out / "config.toml").write_text(config_text(), encoding="utf-8")
+        write_weights(stage, options.out / "weights.safetensors")
+        if options.out == FOLDER:
+            for name in SHARING:
+                write_weights(stage, MODELS / name / "weights.safetensors")
+        (options.out / "config.toml").write_text(config_text(PublishedConfig()), encoding="utf-8")
         (options.out / "README.md").write_text(card(options, stage), encoding="utf-8")
     except OSError as error:
         raise InputError(f"{options.out} cannot be written: {error.strerror}") from None
     print(f"wrote {options.out}")
     return stage
-
-
-def config_text() -> str:
-    """The model's constants as TOML, every key with its meaning."""
-    values = BindingConfig().model_dump()
-    lines = ["# Constants of the binding model. Seconds where nothing else is said."]
-    for name, field in BindingConfig.model_fields.items():
-        entry = tomli_w.dumps({name: values[name]}).strip()
-        lines.append(f"{entry}  # {field.description}")
-    return "\n".join(lines) + "\n"
 
 
 def card(options: FirstStageOptions, stage: FirstStage) -> str:
