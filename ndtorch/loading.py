@@ -62,4 +62,6 @@ def load(
         raise InputError(f"the model {model} is called {RENAMED[str(model)]} now")
     if isinstance(model, Path) or "/" in model:
         raise InputError(f"{model} is not a model folder")
-    raise InputError(f"model must be a folder or one of {', '.join(folders) or '(none found)'}; got {model!r}; {suggestion(model, folders)}")
+    raise InputError(
+        f"model must be a folder or one of {', '.join(folders) or '(none found)'}; got {model!r}; {suggestion(model, folders)}"
+    )

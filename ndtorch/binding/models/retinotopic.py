@@ -79,9 +79,7 @@ class RetinotopicModel(BindingModel):
     config: RetinotopicConfig
     first_weights: Tensor
 
-    def __init__(
-        self, config: RetinotopicConfig | None = None, first_stage: FirstStage | Tensor | None = None
-    ) -> None:
+    def __init__(self, config: RetinotopicConfig | None = None, first_stage: FirstStage | Tensor | None = None) -> None:
         super().__init__()
         c = self.config = config or RetinotopicConfig()
         self.dt, self.settle = 1 / c.fps, 0.0
@@ -145,7 +143,9 @@ class RetinotopicModel(BindingModel):
         own = column.gather(-1, owner.unsqueeze(-1)).clamp_min(torch.finfo(column.dtype).tiny)
         share = column / own * self.windows.confirmed(state.windows).unsqueeze(-1)
         here = torch.nn.functional.one_hot(owner, 10).to(column.dtype)
-        return (share.unsqueeze(-1) * here.unsqueeze(-2)) * (1 - torch.eye(10, dtype=column.dtype, device=column.device))
+        return (share.unsqueeze(-1) * here.unsqueeze(-2)) * (
+            1 - torch.eye(10, dtype=column.dtype, device=column.device)
+        )
 
 
 def located(*trial: Any) -> list[BoundObject]:

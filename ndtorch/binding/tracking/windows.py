@@ -9,9 +9,9 @@ import torch.nn.functional as F
 from pydantic import Field
 from torch import Tensor, nn
 
-from ndtorch.config import Constants
 from ndtorch.binding.readout.owners import features_by_group
 from ndtorch.binding.scale_free import settled
+from ndtorch.config import Constants
 from ndtorch.errors import InputError
 from ndtorch.vision.alpha_beta import corrected, predicted
 from ndtorch.vision.features import GROUPS
@@ -28,9 +28,7 @@ class WindowParams(Constants):
     period: float = Field(0.05, gt=0, description="time between updates")
     tau_low: float = Field(0.05, gt=0, description="low-pass on the signals")
     window: float = Field(0.96, gt=0, description="standard deviation of a window's receptive field, fields")
-    crowd: float = Field(
-        0.05, gt=0, description="keeps a window's share from being decided by its far ends"
-    )
+    crowd: float = Field(0.05, gt=0, description="keeps a window's share from being decided by its far ends")
     visible: float = Field(0.12, gt=0, description="share of the recent largest motion above which an object is seen")
     birth: float = Field(0.22, gt=0, description="share of it above which unclaimed motion opens a window")
     contrast: float = Field(2.5, gt=0, description="and this many times the median over all fields")
@@ -41,9 +39,7 @@ class WindowParams(Constants):
     young: float = Field(1.0, gt=0, description="age up to which a window follows faster:")
     young_gain: float = Field(0.6, gt=0, description="with at least this alpha")
     young_drift: float = Field(0.3, gt=0, description="and at least this beta")
-    updates: float = Field(
-        4.0, gt=0, description="updates over which a residual comes about"
-    )
+    updates: float = Field(4.0, gt=0, description="updates over which a residual comes about")
     reach: float = Field(0.8, gt=0, description="largest residual, fields")
     fastest: float = Field(4.0, gt=0, description="speed limit, fields a second")
     aim: float = Field(0.3, gt=0, description="age at which a window begins to prefer motion in its own direction,")

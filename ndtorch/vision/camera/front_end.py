@@ -20,6 +20,7 @@ from ndtorch.vision.frames import as_float, check_frames
 from ndtorch.vision.orientation import OrientedDoG
 from ndtorch.vision.temporal import smoothing_factor
 
+
 class CameraParams(Constants):
     """What the front end does, and its constants."""
 
@@ -184,7 +185,9 @@ class CameraFrontEnd(nn.Module):
         if not p.background:
             seen = frame
         scales = scale_start(torch.zeros_like(seen) if p.background else seen) if scales is None else scales
-        moved, level, scales = scale_step(seen, scales, self.dt, self.a_high, self.a_low, p.tau_low, None if p.scale == "auto" else p.scale)
+        moved, level, scales = scale_step(
+            seen, scales, self.dt, self.a_high, self.a_low, p.tau_low, None if p.scale == "auto" else p.scale
+        )
         fine = [self.orientation.images(seen.abs().amax(0)).abs(), self._colors(frame, background, shown), shown]
         fields = self._pool(torch.cat(fine), 0)
         motion = self._pool(moved, level)

@@ -80,7 +80,14 @@ class Watched:
     ) -> None:
         # The constants of [B §3.4.4]; the border of a real image does not wrap.
         model = ndtorch.load(
-            "published", fps=source.fps, border="reflect", tau_in=1.5, tau_sums=1.5, tau_out=0.75, gamma=10.0, settle=settle
+            "published",
+            fps=source.fps,
+            border="reflect",
+            tau_in=1.5,
+            tau_sums=1.5,
+            tau_out=0.75,
+            gamma=10.0,
+            settle=settle,
         )
         state, outputs, weights, times = None, list[Tensor](), list[Tensor](), list[float]()
         shown: Tensor | None = None
