@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import difflib
 from pathlib import Path
 from typing import Any
 
 from ndtorch.binding.models.contract import BindingModel
-from ndtorch.binding.models.kinds import load_folder
-from ndtorch.config import suggestion
+from ndtorch.binding.models.kinds import kind_of, load_folder
 from ndtorch.errors import InputError
 
 HERE = Path(__file__).resolve().parent
@@ -51,17 +51,31 @@ def load(
     Raises:
         InputError: unknown name, missing or broken folder, or an option that the model does not have.
     """
-    folders = model_folders()
     given = {"size": size, "fps": fps, "border": border}
     options |= {name: value for name, value in given.items() if value is not None}
+    return load_folder(model_folder(model), options)
+
+
+def model_kind(model: str | Path) -> str:
+    """The kind of a model as its config.toml names it, such as "published".
+
+    Raises:
+        InputError: unknown name, missing or broken folder.
+    """
+    return kind_of(model_folder(model))
+
+
+def model_folder(model: str | Path) -> Path:
+    """Where a model is described."""
+    folders = model_folders()
     if str(model) in folders:
-        return load_folder(folders[str(model)], options)
+        return folders[str(model)]
     if Path(model).is_dir():
-        return load_folder(model, options)
+        return Path(model)
     if str(model) in RENAMED:
         raise InputError(f"the model {model} is called {RENAMED[str(model)]} now")
     if isinstance(model, Path) or "/" in model:
         raise InputError(f"{model} is not a model folder")
-    raise InputError(
-        f"model must be a folder or one of {', '.join(folders) or '(none found)'}; got {model!r}; {suggestion(model, folders)}"
-    )
+    near = difflib.get_close_matches(model, folders, 1, 0.6)
+    hint = f"; did you mean {near[0]}?" if near else ""
+    raise InputError(f"model must be a folder or one of {', '.join(folders) or '(none found)'}; got {model!r}{hint}")

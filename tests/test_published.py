@@ -16,8 +16,8 @@ from ndtorch.binding import (
     object_table,
     train_first_stage,
 )
-from ndtorch.run.pictures import Picture
-from ndtorch.run.run import run_binding
+from ndtorch.run.run import run_model
+from ndtorch.run.watchers import Picture, Watcher
 from ndtorch.scenes import FrameSource, equal_bars, one_bar, three_bars, two_bars
 from ndtorch.vision import FEATURES, VisualFeatures
 
@@ -43,7 +43,7 @@ def reference() -> Tensor:
 
 
 def learn(sums: Tensor, **options: object) -> tuple[VisualBinding, BindingState]:
-    model = ndtorch.load("binding", **options)
+    model = ndtorch.load("published", **options)
     with torch.no_grad():
         return model, model.from_sums(sums)[1]
 
@@ -66,7 +66,7 @@ def test_first_stage_learns_the_printed_weights() -> None:
     assert orientation.min() > 0.30
     assert orientation.max() < 0.57
     # What is shipped is what training gives.
-    shipped = ndtorch.load("binding").first.initial
+    shipped = ndtorch.load("published").first.initial
     assert shipped is not None
     torch.testing.assert_close(shipped, block_diagonal(stage), atol=1e-5, rtol=0)
 
@@ -175,7 +175,7 @@ def test_a_high_learning_rate_that_alternates_is_found_out() -> None:
     assert model.objects(state) == []
 
 
-class Album:
+class Album(Watcher):
     """Keeps the pictures of a run from a time on."""
 
     def __init__(self, after: float) -> None:
@@ -185,14 +185,11 @@ class Album:
         if picture.time >= self.after:
             self.pictures.append(picture)
 
-    def signals(self, signals: object, weights: object) -> None:
-        """Not of interest."""
-
 
 def test_the_winner_stands_out_in_the_enhanced_image() -> None:
     """[C fig. 6] prints ratios of 6.2 and 4.1 at two moments where the input's ratio is about 1."""
     album = Album(after=10.0)
-    run_binding(ndtorch.load("binding"), two_bars(), pictures_per_second=5, watchers=(album,))
+    run_model(ndtorch.load("published"), two_bars(), pictures_per_second=5, watchers=(album,))
     seen = {RED: 0, GREEN: 0}
     for picture in album.pictures:
         before = float(picture.frame[..., 0].max()) / float(picture.frame[..., 1].max())

@@ -19,6 +19,7 @@ from ndtorch.binding.saving import load_state, save_state, to_device
 from ndtorch.binding.spectrum import limit_spectral_radius, spectral_radius
 from ndtorch.binding.theory import separated, solutions
 from ndtorch.binding.tracking.windows import Windows
+from ndtorch.lazy import lazy
 
 __all__ = [
     "ACTIVATIONS",
@@ -51,3 +52,14 @@ __all__ = [
     "train_first_stage",
     "weight_change",
 ]
+
+__getattr__ = lazy(
+    __name__,
+    {},
+    moved={
+        "VisualBinding": 'ndtorch.load("published")',
+        "RetinotopicBinding": "RetinotopicModel, or Windows",
+        "BindingConfig": "ndtorch.binding.models.published.PublishedConfig",
+        "objects": "model.objects(state), or bound_objects(object_table(weights))",
+    },
+)

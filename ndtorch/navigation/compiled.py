@@ -16,7 +16,7 @@ import torch
 from torch import Tensor, nn
 
 from ndtorch.errors import InputError
-from ndtorch.navigation.avoidance import Command
+from ndtorch.navigation.controllers.contract import Command
 from ndtorch.navigation.fingerprint import code_fingerprint, fingerprint, machine_fingerprint
 from ndtorch.navigation.mapping import GridMap
 from ndtorch.navigation.model import Navigator, NavigatorState
@@ -56,7 +56,7 @@ class CompiledNavigator(nn.Module):
         super().__init__()
         self.navigator = navigator
         self.folder, self.say = folder or cache_folder(), say
-        self.avoidance, self.motion, self.ranging = navigator.avoidance, navigator.motion, navigator.ranging
+        self.controller, self.ranging = navigator.controller, navigator.ranging
         self.grid_map = navigator.grid_map
         self.same = fingerprint((core_parts(navigator), code_fingerprint(), machine_fingerprint()))
         self.functions: dict[Any, Function] = {}
@@ -106,7 +106,7 @@ class CompiledNavigator(nn.Module):
                     f"expected frames [..., 1, C, {self.ranging.rig.height}, {self.ranging.rig.width}], "
                     f"got {tuple(eye.shape)}"
                 )
-            eye = cut_strips(eye, self.motion.fields[side], self.ranging.rig)
+            eye = cut_strips(eye, self.controller.fields[side], self.ranging.rig)
         for part in eye:
             if part.dtype != torch.uint8 or part.ndim < 4 or part.shape[-4] != 1:
                 raise InputError(
@@ -181,7 +181,7 @@ def quiet() -> Iterator[None]:
 
 def core_parts(navigator: Navigator) -> list[Any]:
     """What decides how a navigator sees and steers."""
-    return [navigator.motion, navigator.avoidance, navigator.ranging, navigator.reckoning]
+    return [navigator.controller, navigator.ranging, navigator.reckoning]
 
 
 def cache_folder() -> Path:

@@ -45,8 +45,8 @@ def words(value: Any) -> list[bytes]:
 def code_fingerprint() -> str:
     """Of the package's own code and of PyTorch's version."""
     root = Path(__file__).resolve().parents[1]
-    files = sorted([*(root / "navigation").glob("*.py"), *(root / "vision").glob("*.py")])
-    return fingerprint([torch.__version__, *((file.name, file.read_bytes()) for file in files)])
+    files = sorted([*(root / "navigation").rglob("*.py"), *(root / "vision").rglob("*.py")])
+    return fingerprint([torch.__version__, *((file.relative_to(root).as_posix(), file.read_bytes()) for file in files)])
 
 
 @cache

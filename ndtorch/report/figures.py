@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-import torch
 
-from ndtorch.binding.readout.weights import SMALLEST_WEIGHT, simplified
+from ndtorch.binding.readout.weights import SMALLEST_WEIGHT
 from ndtorch.report.palette import STYLES
-from ndtorch.run.result import BindResult, Floats, Pixels
+from ndtorch.run.result import Floats, RunResult
+from ndtorch.run.watchers import Pixels
 from ndtorch.vision.features import FEATURES, GROUPS
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ MEANING = {
 """What each verdict says, in the words of a title."""
 
 
-def draw_all(result: BindResult, folder: str | Path) -> list[Path]:
+def draw_all(result: RunResult, folder: str | Path) -> list[Path]:
     """Write outputs.png, weights.png, weights_over_time.png and frames.png into `folder`, made if missing."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -55,7 +55,7 @@ def draw_all(result: BindResult, folder: str | Path) -> list[Path]:
     return [draw(result, folder / f"{name}.png") for name, draw in drawings.items()]
 
 
-def draw_outputs(result: BindResult, path: str | Path) -> Path:
+def draw_outputs(result: RunResult, path: str | Path) -> Path:
     """Second-stage outputs over time, one trace a neuron; owners of objects are bold. [B fig. 8a, 10]"""
     figure = new_figure(result, "outputs of the second stage", 9.6, 5.0)
     axes = inches(figure, 0.75, 0.58, 6.95, 3.75)
@@ -68,18 +68,16 @@ def draw_outputs(result: BindResult, path: str | Path) -> Path:
     return save(figure, path)
 
 
-def draw_weights(result: BindResult, path: str | Path) -> Path:
-    """The final 10 x 10 weights beside what the object table keeps of them. [B fig. 8d, e]"""
+def draw_weights(result: RunResult, path: str | Path) -> Path:
+    """The final 10 x 10 weights beside the table of objects, owners as columns. [B fig. 8d, e]"""
     raw = result.final_weights
-    if result.table is None:
-        kept = simplified(torch.from_numpy(raw)).numpy()
-    else:
-        kept = result.table.rows.mT.float().fill_diagonal_(0).cpu().numpy()
+    assert result.table is not None
+    kept = result.table.rows.mT.float().cpu().numpy()
     figure = new_figure(result, "weights of the second stage", 13.2, 6.7)
     largest = float(raw.max())
     panels = {
         "as learned": (raw, largest or 1.0),
-        "simplified: divided by the largest, below 1/3 removed": (kept, 1.0),
+        "as read: a column of features for every object": (kept, 1.0),
     }
     for left, (title, (values, top)) in zip((1.0, 7.45), panels.items(), strict=True):
         picture = draw_matrix(inches(figure, left, 0.95, 4.85, 4.55), values, top)
@@ -103,7 +101,7 @@ def draw_weights(result: BindResult, path: str | Path) -> Path:
     return save(figure, path)
 
 
-def draw_weights_over_time(result: BindResult, path: str | Path) -> Path:
+def draw_weights_over_time(result: RunResult, path: str | Path) -> Path:
     """The weights that each owner sends to the other neurons over time, a panel an owner. [B fig. 8b, c]
 
     Without owners: the `COLUMNS_SHOWN` neurons with the largest sums of weights.
@@ -138,7 +136,7 @@ def draw_weights_over_time(result: BindResult, path: str | Path) -> Path:
     return save(figure, path)
 
 
-def draw_frames(result: BindResult, path: str | Path) -> Path:
+def draw_frames(result: RunResult, path: str | Path) -> Path:
     """Input beside enhanced image at the clearest moment of every winner, in the order of time. [C fig. 6]"""
     moments = sorted(result.moments.values(), key=lambda moment: moment.time)
     if not moments:
@@ -297,7 +295,7 @@ def inches(figure: Figure, left: float, bottom: float, width: float, height: flo
     return figure.add_axes((left / across, bottom / down, width / across, height / down))
 
 
-def new_figure(result: BindResult, what: str, width: float, height: float) -> Figure:
+def new_figure(result: RunResult, what: str, width: float, height: float) -> Figure:
     """A figure of that size in inches, with a title that says what it shows and what the run found."""
     from matplotlib.figure import Figure
 

@@ -28,10 +28,15 @@
 #define MIN_PULSE_US 1000
 #define MAX_PULSE_US 2000
 
-/* Battery: two resistors to the ADC; below LOW_MV (and above what an open input reads) it is called low. */
+/* Battery: two resistors to the ADC. Below LOW_MV the car drives no faster than LOW_SPEED_MM_S; below EMPTY_MV the wheels
+ * stand until it is above LOW_MV again. Either counts when it has lasted LASTS_MS: a motor that starts pulls the voltage
+ * down for a moment. Below ABSENT_MV nothing is connected. EMPTY_MV 0: never stop; LOW_SPEED_MM_S MAX_SPEED_MM_S: no limit. */
 #define BATTERY_FULL_SCALE_MV 15000
 #define BATTERY_LOW_MV 6400
+#define BATTERY_LOW_SPEED_MM_S 300
+#define BATTERY_EMPTY_MV 6000
 #define BATTERY_ABSENT_MV 1000
+#define BATTERY_LASTS_MS 2000
 
 /* The wheels stand when no command came for this long, or no heartbeat. */
 #define COMMAND_TIMEOUT_MS 200

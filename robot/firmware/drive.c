@@ -4,6 +4,18 @@
 
 #include "config.h"
 
+_Static_assert(sizeof ROBOT_NAME == 9, "ROBOT_NAME must have eight characters");
+_Static_assert(MIN_PULSE_US >= 500 && MAX_PULSE_US <= 2500 && MIN_PULSE_US < MAX_PULSE_US, "pulses that servos understand");
+_Static_assert(MIN_PULSE_US <= MOTOR_BRAKE_US && MOTOR_BRAKE_US <= MOTOR_NEUTRAL_US, "the brake is a pulse below neutral");
+_Static_assert(MIN_PULSE_US < MOTOR_NEUTRAL_US && MOTOR_NEUTRAL_US < MAX_PULSE_US, "the motor's neutral is a pulse");
+_Static_assert(MIN_PULSE_US < FRONT_NEUTRAL_US && FRONT_NEUTRAL_US < MAX_PULSE_US, "the front neutral is a pulse");
+_Static_assert(MIN_PULSE_US < REAR_NEUTRAL_US && REAR_NEUTRAL_US < MAX_PULSE_US, "the rear neutral is a pulse");
+_Static_assert(MAX_SPEED_MM_S > 0 && MAX_SPEED_MM_S <= 5000 && MAX_CURVATURE_1_KM > 0 && MAX_CURVATURE_1_KM <= 10000,
+               "limits of a car");
+_Static_assert(BATTERY_ABSENT_MV < BATTERY_LOW_MV && BATTERY_EMPTY_MV < BATTERY_LOW_MV, "empty is lower than low");
+_Static_assert(BATTERY_EMPTY_MV == 0 || BATTERY_EMPTY_MV > BATTERY_ABSENT_MV, "an empty battery is not an absent one");
+_Static_assert(BATTERY_LOW_SPEED_MM_S > 0 && BATTERY_LOW_SPEED_MM_S <= MAX_SPEED_MM_S, "a low battery drives slower");
+
 static int16_t clip(int16_t value, int16_t most) { return value > most ? most : value < -most ? (int16_t)-most : value; }
 
 static uint16_t pulse(int16_t neutral, int32_t offset) {
@@ -74,8 +86,9 @@ uint8_t drive_receive(struct drive *d, enum result result, const struct frame *f
         }
         return 0;
     case ARM:
-        d->faults &= FAULT_BATTERY;
+        d->faults &= FAULT_BATTERY | FAULT_EMPTY;
         d->noise = 0;
+        if (d->faults & FAULT_EMPTY) return TELEMETRY;
         d->commanded_ms = d->beaten_ms = now_ms;
         d->state = ARMED;
         return TELEMETRY;
@@ -94,9 +107,13 @@ static void ramp(struct drive *d, int16_t target, uint16_t elapsed_ms) {
     else d->remainder = 0;
 }
 
+static int16_t fastest(const struct drive *d) {
+    return d->faults & FAULT_BATTERY ? BATTERY_LOW_SPEED_MM_S : MAX_SPEED_MM_S;
+}
+
 /* A motor controller of model cars takes the first pulse below neutral for the brake. */
 static void shift(struct drive *d, uint16_t elapsed_ms, uint32_t now_ms) {
-    int16_t target = d->target_speed;
+    int16_t target = clip(d->target_speed, fastest(d));
     switch (d->gear) {
     case FORWARD:
         ramp(d, target < 0 ? 0 : target, elapsed_ms);
@@ -123,6 +140,19 @@ static void shift(struct drive *d, uint16_t elapsed_ms, uint32_t now_ms) {
     }
 }
 
+/* Low is a limit of the speed, empty is a stop. */
+static void look_at_battery(struct drive *d, uint32_t now_ms) {
+    uint8_t absent = d->battery_mv <= BATTERY_ABSENT_MV;
+    if (absent || d->battery_mv >= BATTERY_LOW_MV) {
+        d->not_low_ms = d->not_empty_ms = now_ms;
+        d->faults &= (uint8_t)~(FAULT_BATTERY | FAULT_EMPTY);
+        return;
+    }
+    if (d->battery_mv >= BATTERY_EMPTY_MV) d->not_empty_ms = now_ms;
+    if (now_ms - d->not_low_ms >= BATTERY_LASTS_MS) d->faults |= FAULT_BATTERY;
+    if (now_ms - d->not_empty_ms >= BATTERY_LASTS_MS && !(d->faults & FAULT_EMPTY)) stand(d, FAULT_EMPTY);
+}
+
 void drive_tick(struct drive *d, uint32_t now_ms) {
     uint32_t elapsed = now_ms - d->ticked_ms;
     d->ticked_ms = now_ms;
@@ -130,8 +160,7 @@ void drive_tick(struct drive *d, uint32_t now_ms) {
         d->forgiven_ms = now_ms;
         if (d->noise) d->noise--;
     }
-    if (d->battery_mv > BATTERY_ABSENT_MV && d->battery_mv < BATTERY_LOW_MV) d->faults |= FAULT_BATTERY;
-    else d->faults &= (uint8_t)~FAULT_BATTERY;
+    look_at_battery(d, now_ms);
     if (d->state != ARMED) return;
     if (now_ms - d->commanded_ms >= COMMAND_TIMEOUT_MS) stand(d, FAULT_COMMAND);
     if (now_ms - d->beaten_ms >= HEARTBEAT_TIMEOUT_MS) stand(d, FAULT_HEARTBEAT);

@@ -6,15 +6,16 @@
 
 enum { STANDING = 0, ARMED = 1 };
 
-/* Bits of `faults`: why the wheels stand. ARM clears all but BATTERY_LOW. */
+/* Bits of `faults`: why the wheels stand. ARM clears all but FAULT_BATTERY and FAULT_EMPTY. */
 enum {
     FAULT_COMMAND = 1,    /* no command for COMMAND_TIMEOUT_MS */
     FAULT_HEARTBEAT = 2,  /* no heartbeat for HEARTBEAT_TIMEOUT_MS */
     FAULT_VERSION = 4,    /* a frame of another version of the protocol */
     FAULT_NOISE = 8,      /* too many refused frames */
-    FAULT_BATTERY = 16,   /* low */
+    FAULT_BATTERY = 16,   /* low: slower, but the wheels may turn */
     FAULT_WATCHDOG = 32,  /* the watchdog timer reset the board */
     FAULT_STOPPED = 64,   /* told to stop */
+    FAULT_EMPTY = 128,    /* the battery is empty: the wheels stand until it is not */
 };
 
 enum gear { FORWARD, BRAKING, PAUSING, REVERSE };
@@ -24,6 +25,7 @@ struct drive {
     uint16_t sequence, echo, rejected, battery_mv;
     uint8_t noise;
     uint32_t commanded_ms, beaten_ms, forgiven_ms, ticked_ms, gear_ms;
+    uint32_t not_low_ms, not_empty_ms; /* when the battery was last seen so */
     int16_t target_speed, target_curvature; /* mm/s, 1/km */
     int16_t speed, curvature;               /* applied */
     enum gear gear;

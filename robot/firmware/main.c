@@ -3,8 +3,10 @@
  *   D10 PB2 OC1B  motor controller, timer 1      D0, D1  serial, through the board's USB
  *   D3  PD3       rear steering, timer 2         D4, PD4 a lamp: on while armed
  * Timer 1 makes two pulses every 20 ms in hardware. It starts timer 2, which ends the third pulse. */
-#include <avr/interrupt.h>
 #include <avr/io.h>
+
+#include <avr/fuse.h>
+#include <avr/interrupt.h>
 #include <avr/sleep.h>
 #include <avr/wdt.h>
 
@@ -12,20 +14,32 @@
 #include "drive.h"
 
 #define RING 128 /* a power of two */
+#define RECEIVE_AT_ONCE 32
 
 struct ring {
     volatile uint8_t bytes[RING], head, tail;
 };
 
+_Static_assert((RING & (RING - 1)) == 0 && RING <= 128, "the ring's places are counted in 8 bits");
+_Static_assert(F_CPU % (8 * BAUD) == 0, "the serial port cannot make this rate");
+_Static_assert(MAX_PULSE_US / 8 < 256, "two halves of a rear pulse, in ticks of 4 us, must fit into 8 bits each");
+_Static_assert(MAX_PULSE_US < 20000, "pulses come every 20 ms");
+
 static struct ring received, sending;
 static volatile uint32_t milliseconds;
-static volatile uint8_t rear_rest, rear_first; /* ticks of 4 us */
+static volatile uint8_t rear_first, rear_second; /* both halves of the rear pulse, ticks of 4 us; second > 0 */
 static uint8_t reset_cause __attribute__((section(".noinit")));
 
-/* Before anything else: the watchdog stays on, with its shortest time, after it has reset the board. */
+/* The supply must stay above 4.3 V at 16 MHz, else the board is held in reset: `make fuses` writes this. */
+FUSES = {.low = 0xff, .high = 0xde, .extended = 0xfc};
+
+/* Before anything else: the watchdog stays on, with its shortest time, after it has reset the board.
+ * A boot loader runs first and clears MCUSR. Optiboot leaves what was in it in register 2. */
 void early(void) __attribute__((naked, used, section(".init3")));
 void early(void) {
-    reset_cause = MCUSR;
+    uint8_t from_boot_loader;
+    __asm__ volatile("mov %0, r2" : "=r"(from_boot_loader));
+    reset_cause = MCUSR ? MCUSR : from_boot_loader;
     MCUSR = 0;
     wdt_disable();
 }
@@ -48,18 +62,23 @@ ISR(USART_UDRE_vect) {
 
 ISR(TIMER0_COMPA_vect) { milliseconds++; }
 
+/* 2000 us are 500 ticks: an 8-bit timer counts them in two halves. Both are taken anew for every pulse, here and not in
+ * the main loop: a main loop that is late or hangs does not shorten the pulse. */
+static uint8_t rear_left;
+
 ISR(TIMER1_OVF_vect) { /* the two hardware pulses begin here, and so does the third */
     TCNT2 = 0;
     OCR2A = rear_first;
+    rear_left = rear_second;
     TIFR2 = _BV(OCF2A);
     PORTD |= _BV(PD3);
     TCCR2B = _BV(CS22); /* 250 kHz */
 }
 
-ISR(TIMER2_COMPA_vect) { /* 2000 us are 500 ticks: an 8-bit timer counts them in two halves */
-    if (rear_rest) {
-        OCR2A = rear_rest;
-        rear_rest = 0;
+ISR(TIMER2_COMPA_vect) {
+    if (rear_left) {
+        OCR2A = rear_left;
+        rear_left = 0;
         return;
     }
     PORTD &= (uint8_t)~_BV(PD3);
@@ -72,10 +91,8 @@ static void pulses(const struct drive *d) {
     cli();
     OCR1A = (uint16_t)(d->front_us * 2 - 1);
     OCR1B = (uint16_t)(d->motor_us * 2 - 1);
-    if (TCCR2B == 0) { /* never in the middle of a pulse */
-        rear_first = (uint8_t)(first - 1);
-        rear_rest = (uint8_t)(ticks - first - 1);
-    }
+    rear_first = (uint8_t)(first - 1);
+    rear_second = (uint8_t)(ticks - first - 1);
     SREG = sreg;
     if (d->state == ARMED) PORTD |= _BV(PD4);
     else PORTD &= (uint8_t)~_BV(PD4);
@@ -141,7 +158,8 @@ int main(void) {
     sei();
     for (;;) {
         uint32_t ms = now();
-        while (received.tail != received.head) {
+        /* So many bytes at a time and no more: a line that never falls silent must not keep the rest waiting. */
+        for (uint8_t n = 0; n < RECEIVE_AT_ONCE && received.tail != received.head; n++) {
             uint8_t byte = received.bytes[received.tail];
             received.tail = (uint8_t)((received.tail + 1) & (RING - 1));
             uint8_t answer = drive_receive(&drive, parser_feed(&parser, byte, &frame), &frame, ms);
@@ -164,6 +182,6 @@ int main(void) {
             drive_telemetry(&drive, ++sequence, ms, &frame);
             send(&frame);
         }
-        sleep_mode();
+        if (received.tail == received.head) sleep_mode(); /* a byte that comes just now ends the sleep at once */
     }
 }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,9 +20,10 @@ from ndtorch.navigation import (
     Pose,
     Strips,
 )
+from ndtorch.navigation.controllers import Trace
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.loop import Loop
-from ndtorch_robot.navigating import NavigatorChoice
+from ndtorch_robot.navigating import say
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.record import Record
 from ndtorch_robot.recording.recorder import Recorder
@@ -55,6 +55,7 @@ class Result:
         collisions: times and true poses.
         stops: times at which the controller stopped for good.
         interrupted: by Ctrl-C.
+        trace: how to draw what the controller weighed.
     """
 
     config: DriveConfig
@@ -66,6 +67,7 @@ class Result:
     simulation: Simulation
     stops: list[float]
     interrupted: bool
+    trace: Trace
 
 
 def drive(
@@ -90,7 +92,7 @@ def drive(
         moving=config.moving,
         odometry=config.odometry,
         whole=config.whole or shown(config),
-        fields=choice(config).fields(RIG),
+        fields=config.options().fields(RIG),
     )
     run: Run | None = None
     try:
@@ -114,20 +116,11 @@ def shown(config: DriveConfig) -> bool:
     return config.view or config.view_at is not None or config.rrd is not None
 
 
-def choice(config: DriveConfig) -> NavigatorChoice:
-    """The navigator of a drive."""
-    c = config
-    return NavigatorChoice(c.controller, c.features, c.angle, c.places, c.prediction, c.compiled)
-
-
 def make_recorder(config: DriveConfig, simulation: Simulation) -> Recorder | None:
     """What writes the drive down, if anything. Simulated time waits for it, so that nothing is left out."""
     if config.record is None:
         return None
     from ndtorch_robot.recording.drive_pilot import drive_configuration
-
-    def say(line: str) -> None:
-        print(f"note: {line}", file=sys.stderr)
 
     configuration = drive_configuration(config, simulation.rig)
     return Recorder(config.record, configuration, format=config.record_format, when_full="wait", say=say)
@@ -146,7 +139,7 @@ class Run:
         self.config, self.plan, self.simulation, self.steer = config, plan, simulation, steer
         left, right, bottom, top = plan.bounds
         self.grid = Grid(left - 0.5, right + 0.5, bottom - 0.5, top + 0.5)
-        self.navigator = choice(config).navigator(simulation.rig, RATE, GridMap(simulation.rig, self.grid))
+        self.navigator = config.options().navigator(simulation.rig, RATE, GridMap(simulation.rig, self.grid), say)
         self.state: NavigatorState | None = None
         self.record = Record()
         self.watch = CameraWatch(simulation.rig)
@@ -201,6 +194,7 @@ class Run:
             self.simulation,
             self.stops,
             interrupted,
+            self.navigator.controller.trace,
         )
 
     def step(self) -> None:

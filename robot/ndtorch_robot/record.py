@@ -27,7 +27,7 @@ class Record:
         believed: the same by dead reckoning.
         command: speed and curvature sent.
         sides: speed estimates, left and right.
-        difference: right minus left, low-passed.
+        difference: what the controller weighed; its `trace` says what it is.
         mode: of the controller.
         ranges: left range, left angle, right angle, valid, each `[n]`.
         rows: both grey rows, uint8 `[2, W]`, of the first `KEPT_ROWS` frames.
@@ -60,7 +60,7 @@ class Record:
         self.believed.append((float(state.pose.x), float(state.pose.y), float(state.pose.heading)))
         self.command.append(command)
         self.sides.append(state.sides.numpy().astype(np.float64))
-        self.difference.append(float(state.avoidance.difference))
+        self.difference.append(float(state.difference))
         self.mode.append(mode)
         r = state.ranges
         found = (r.left_range.numpy(), r.left_angle.numpy(), r.right_angle.numpy(), r.valid.numpy())

@@ -24,6 +24,7 @@ from ndtorch.navigation import (
 )
 from ndtorch_robot.link import SerialDrive
 from ndtorch_robot.loop import Loop, MonotonicClock
+from ndtorch_robot.navigating import configuration, say
 from ndtorch_robot.ports import CameraPair, Clock, DriveCommand, StereoFrames
 from ndtorch_robot.run_config import RunConfig
 from ndtorch_robot.safety import SafeDrive, Sight
@@ -98,7 +99,7 @@ class CarLoop:
         self.safe = SafeDrive(drive, clock, limits, Sight(rig, config.rate_hz, limits.age), report)
         half = config.navigation.map_half_size_m
         grid_map = GridMap(rig, Grid(-half, half, -half, half)) if half else None
-        self.navigator = config.navigation.choice().navigator(rig, config.rate_hz, grid_map)
+        self.navigator = config.navigation.options().navigator(rig, config.rate_hz, grid_map, say)
         self.state: NavigatorState | None = None
         self.interrupted = False  # in the frames: motion across a gap would be believed
         self.ended = threading.Event()
@@ -107,7 +108,7 @@ class CarLoop:
 
     def configuration(self) -> dict[str, Any]:
         """For a recording: what the navigator is made of."""
-        made_of = self.config.navigation.choice().configuration(self.rig, self.config.rate_hz)
+        made_of = configuration(self.config.navigation.options(), self.rig, self.config.rate_hz)
         return made_of | {"map_half_size_m": self.config.navigation.map_half_size_m}
 
     def telemetry(self) -> dict[str, Any]:
@@ -229,7 +230,7 @@ def make_cameras(config: RunConfig, board: SimulatedBoard | None) -> tuple[Camer
         assert board is not None
         plan = load_arena(config.simulation.arena, config.simulation.seed)
         rig = config.rig.rig()
-        simulation = Simulation(plan, config.simulation.seed, rig=rig, fields=config.navigation.choice().fields(rig))
+        simulation = Simulation(plan, config.simulation.seed, rig=rig, fields=config.navigation.options().fields(rig))
         return PulseWorld(simulation, board), simulation.rig, MonotonicClock()
     return make_real_cameras(config)
 
@@ -240,7 +241,7 @@ def make_real_cameras(config: RunConfig) -> tuple[CameraPair, StereoRig, Clock]:
     from ndtorch_robot.toml import check
 
     settings = check(dict(config.cameras or {}), CameraSettings, "cameras")
-    cameras, rig = open_cameras(settings, config.rig.rig(), config.navigation.choice().fields)
+    cameras, rig = open_cameras(settings, config.rig.rig(), config.navigation.options().fields)
     return cameras, rig, CameraClock()
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field, model_validator
 
 from ndtorch.navigation import StereoRig
-from ndtorch_robot.navigating import Controller, NavigatorChoice
+from ndtorch_robot.navigating import NavigatorTable
 from ndtorch_robot.safety import SafetyLimits
 from ndtorch_robot.toml import Strict
 
@@ -76,26 +76,16 @@ class LimitsTable(Strict):
         )
 
 
-class NavigationTable(Strict):
-    """`[navigation]`.
+class NavigationTable(NavigatorTable):
+    """`[navigation]`; beside this key those of `NavigatorOptions`.
+
+    A step that is to be compiled is made before the car may drive.
 
     Args:
-        controller: `"ranging"`, or `"published"`, the saccades of [A].
-        features: to range in each frame.
-        angle: of a pixel, `"atan"` or `"linear"`.
-        compiled: compile the step of the navigator, before the car may drive.
         map_half_size_m: the map reaches so far from the start, m; 0 makes none.
     """
 
-    controller: Controller = "ranging"
-    features: Annotated[int, Field(ge=1, le=64)] = 7
-    angle: Literal["atan", "linear"] = "atan"
-    compiled: bool = False
     map_half_size_m: Annotated[float, Field(ge=0, le=50)] = 0.0
-
-    def choice(self) -> NavigatorChoice:
-        """What the navigator is made of."""
-        return NavigatorChoice(self.controller, self.features, self.angle, compiled=self.compiled)
 
 
 class SimulationTable(Strict):

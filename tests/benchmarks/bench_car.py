@@ -20,8 +20,8 @@ import numpy as np
 import torch
 
 from ndtorch.navigation import CompiledNavigator
+from ndtorch.navigation.controllers import DEFAULT_CONTROLLER, controller_names
 from ndtorch_robot.link import SerialDrive
-from ndtorch_robot.navigating import Controller
 from ndtorch_robot.run import open_car, percentiles, real_time_priority
 from ndtorch_robot.run_config import LinkTable, NavigationTable, RigTable, RunConfig
 from ndtorch_robot.sim.board import SimulatedBoard
@@ -45,7 +45,7 @@ def bare_line(seconds: float) -> dict[str, float]:
     return percentiles(trips)
 
 
-def car(seconds: float, controller: Controller, compiled: bool) -> dict[str, object]:
+def car(seconds: float, controller: str, compiled: bool) -> dict[str, object]:
     """The summary of a run: see `ndtorch_robot.run.CarLoop.summary`."""
     lines: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
@@ -68,14 +68,14 @@ def car(seconds: float, controller: Controller, compiled: bool) -> dict[str, obj
 
 def warm_up(navigation: NavigationTable) -> None:
     """Have the navigation step compiled and the compiler's modules imported."""
-    navigator = navigation.choice().navigator(RigTable().rig(), 30.0)
+    navigator = navigation.options().navigator(RigTable().rig(), 30.0)
     assert isinstance(navigator, CompiledNavigator)
     left, right = (torch.from_numpy(eye).permute(2, 0, 1).unsqueeze(0) for eye in stereo_pair(0))
     with torch.inference_mode():
         navigator.warm_up(left, right)
 
 
-def rows(seconds: float = SECONDS, controller: Controller = "ranging", compiled: bool = False) -> list[Row]:
+def rows(seconds: float = SECONDS, controller: str = DEFAULT_CONTROLLER, compiled: bool = False) -> list[Row]:
     """The table."""
     cv2.setNumThreads(1)
     said: list[str] = []
@@ -108,7 +108,7 @@ def rows(seconds: float = SECONDS, controller: Controller = "ranging", compiled:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=SECONDS)
-    parser.add_argument("--controller", choices=("ranging", "published"), default="ranging")
+    parser.add_argument("--controller", choices=controller_names(), default=DEFAULT_CONTROLLER)
     parser.add_argument("--compiled", action="store_true")
     asked = parser.parse_args()
     torch.set_num_threads(1)

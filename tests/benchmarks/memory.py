@@ -41,7 +41,7 @@ def measure(minutes: float, compiled: bool) -> list[tuple[float, float]]:
         simulation=SimulationTable(arena="curve", seed=11),
         navigation=NavigationTable(map_half_size_m=10.0, compiled=compiled),
     )
-    choice, rig = config.navigation.choice(), config.rig.rig()
+    choice, rig = config.navigation.options(), config.rig.rig()
     simulation = Simulation(load_arena("curve", 11), 11, rig=rig, fields=choice.fields(rig))
     steps = round(minutes * 60 * config.rate_hz)
     measured: list[tuple[float, float]] = []

@@ -107,7 +107,7 @@ def test_strips_and_frames_share_a_library(compiled, folder):
     again = CompiledNavigator(navigator(), folder, pytest.fail)  # says something only when it compiles
     for steps in (1, 2):
         left, right = next(iter(world(steps)))
-        cut = [cut_strips(eye, field, RIG) for eye, field in zip((left, right), again.motion.fields, strict=True)]
+        cut = [cut_strips(eye, field, RIG) for eye, field in zip((left, right), again.controller.fields, strict=True)]
         with torch.inference_mode():
             again.warm_up(left, right)
             again.warm_up(*cut)
@@ -137,9 +137,9 @@ def test_unusable_frames_are_refused(compiled):
 def test_one_library_for_one_kind_of_navigator():
     """Maps do not matter, parameters do; another process finds the same name."""
     name = CompiledNavigator(navigator()).same
-    assert CompiledNavigator(Navigator(RIG, DT, features=FeatureParams(2, edge_reach=4, shared=True))).same != name
+    assert CompiledNavigator(navigator("published")).same != name
     assert CompiledNavigator(navigator(observations=ObservationList(DT))).same == name
-    assert CompiledNavigator(navigator(ranging=RangingParams(turn_at=1.2))).same != name
+    assert CompiledNavigator(navigator(params=RangingParams(turn_at=1.2))).same != name
     script = "from tests.navigation.test_compiled import *\nprint(CompiledNavigator(navigator()).same)"
     environment = os.environ | {"PYTHONHASHSEED": "77"}
     out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=environment, check=True)

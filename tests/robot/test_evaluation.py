@@ -1,23 +1,20 @@
-"""Many drives: workers that die, the cache, the table and its picture, the command."""
+"""Many drives: the cache, the table and its picture, the command."""
 
 import csv
 import json
-import multiprocessing
-import os
 
 import numpy as np
 import pytest
 
 import ndtorch_robot.commands.evaluate as command
-import ndtorch_robot.evaluation.workers as workers
+from ndtorch import workers
 from ndtorch.commands import main
+from ndtorch.workers import Event
 from ndtorch_robot.config import DriveConfig
-from ndtorch_robot.evaluation.drives import Cache, all_drives, code_digest, key_of
+from ndtorch_robot.evaluation.drives import Cache, all_drives, key_of
 from ndtorch_robot.evaluation.picture import draw_table
 from ndtorch_robot.evaluation.table import COLUMNS, comma_separated, markdown, rows_of
-from ndtorch_robot.evaluation.workers import Done, Progress, Trouble, run_jobs
 from tests.robot.gl_needed import needs_gl
-from tests.robot.jobs_to_do import work
 
 
 def summary(arena="room", seed=1, controller="published", **changes):
@@ -36,42 +33,6 @@ def summary(arena="room", seed=1, controller="published", **changes):
     return values | changes
 
 
-def test_workers_that_die_do_not_take_the_others_along(tmp_path):
-    jobs = [
-        ("double", 4),
-        ("die", str(tmp_path / "once")),
-        ("always-die",),
-        ("raise",),
-        ("unusable",),
-        ("double", 5),
-    ]
-    events = list(run_jobs(work, jobs, 2))
-    assert {(e.job, e.result) for e in events if isinstance(e, Done)} == {(0, 8), (1, "alive"), (5, 10)}
-    assert Progress(0, 0.5) in events
-    troubles = {k: [e[1:] for e in events if isinstance(e, Trouble) and e.job == k] for k in range(6)}
-    assert troubles == {
-        0: [],
-        1: [("its process died (SIGKILL)", False)],
-        2: [("its process died (exit code 7)", False), ("its process died (exit code 7)", True)],
-        3: [("ValueError: broken", False), ("ValueError: broken", True)],
-        4: [("no such thing", True)],
-        5: [],
-    }
-    assert not multiprocessing.active_children()
-
-
-def test_leaving_ends_the_workers(tmp_path):
-    events = run_jobs(work, [("double", 1), ("sleep",)], 2)
-    assert next(events) is not None
-    assert len(multiprocessing.active_children()) >= 1
-    events.close()
-    assert not multiprocessing.active_children()
-
-
-def test_workers_are_as_many_as_cores():
-    assert workers.cores() == len(os.sched_getaffinity(0))
-
-
 def test_key_names_the_drive_and_the_code(tmp_path):
     config = DriveConfig()
     key = key_of(config, "a")
@@ -84,7 +45,6 @@ def test_key_names_the_drive_and_the_code(tmp_path):
     before = key_of(config.model_copy(update={"arena": str(arena)}), "a")
     arena.write_text("rooms = [[0, 0, 5, 4]]")
     assert key_of(config.model_copy(update={"arena": str(arena)}), "a") != before
-    assert len(code_digest()) == 64
 
 
 def test_cache_survives_half_a_file(tmp_path):
@@ -174,11 +134,11 @@ def test_command_goes_on_where_it_was(tmp_path, capsys):
 
 def test_ctrl_c_keeps_what_is_finished(tmp_path, capsys, monkeypatch):
     def one_and_stop(work_, jobs, processes):
-        yield Trouble(1, "its process died (SIGKILL)", False)
-        yield Done(0, summary("room", 1000))
+        yield Event("again", 1, "SIGKILL")
+        yield Event("done", 0, summary("room", 1000))
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(workers, "run_jobs", one_and_stop)
+    monkeypatch.setattr(workers, "run_tasks", one_and_stop)
     arguments = ["evaluate", "--arenas", "room", "--controllers", "published", "--out", str(tmp_path)]
     assert main(arguments) == 130
     out, err = capsys.readouterr()
@@ -189,7 +149,9 @@ def test_ctrl_c_keeps_what_is_finished(tmp_path, capsys, monkeypatch):
 
 
 def test_drives_that_fail_are_named(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(workers, "run_jobs", lambda *a: (e for e in [Trouble(0, "ValueError: broken", True)]))
+    monkeypatch.setattr(
+        workers, "run_tasks", lambda *a: (e for e in [Event("failed", 0, "Traceback\n ...\nValueError: broken\n")])
+    )
     monkeypatch.setattr(command, "SEEDS", (1000,))
     arguments = ["evaluate", "--arenas", "room", "--seeds", "7", "--controllers", "published", "--out", str(tmp_path)]
     assert main(arguments) == 1

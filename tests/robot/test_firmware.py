@@ -1,6 +1,8 @@
 """The firmware: its own tests on this computer, its size, its messages against Python's, and the simulated binary."""
 
+import os
 import re
+import select
 import subprocess
 import time
 
@@ -8,8 +10,20 @@ import numpy as np
 import pytest
 
 from ndtorch.commands import main
-from ndtorch_robot.link.messages import BODY_SIZE, VERSION, Fault, Type
+from ndtorch_robot.link.messages import (
+    BODY_SIZE,
+    VERSION,
+    Fault,
+    Frame,
+    Type,
+    command_body,
+    encode_frame,
+    read_telemetry,
+)
+from ndtorch_robot.link.parser import Parser
+from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.run import real_time_priority
+from ndtorch_robot.sim.board import SimulatedBoard
 from tests.robot.bench import bench, ordinary_priority
 from tests.robot.board_needed import FIRMWARE, needs_board, needs_board_and_gl
 
@@ -39,6 +53,99 @@ def test_fits_the_board():
     assert code + data < 32256  # 32 kB less the boot loader
     assert data + zeroed < 1024  # half of the memory, the rest is the stack's
     assert (FIRMWARE / "build" / "firmware.hex").stat().st_size > 1000
+
+
+@pytest.fixture
+def line():
+    """A simulated board and its serial port."""
+    board = SimulatedBoard()
+    port = os.open(board.device, os.O_RDWR | os.O_NOCTTY)
+    try:
+        yield board, port
+    finally:
+        os.close(port)
+        board.close()
+
+
+def talk(port, *frames):
+    """Send frames of these types and bodies."""
+    os.write(port, b"".join(encode_frame(Frame(VERSION, kind, number, body)) for number, kind, body in frames))
+
+
+def telemetry(port, parser):
+    """All that has come since."""
+    frames = parser.feed(os.read(port, 4096)) if select.select([port], [], [], 0.0)[0] else []
+    return [read_telemetry(frame.body) for frame in frames if frame.type == Type.TELEMETRY]
+
+
+def between(board, since, name):
+    """Widths of the pulses since the number `since` of all pulses."""
+    return [pulse.width for pulse in board.pulses[since:] if pulse.name == name]
+
+
+def flood(port, bursts, each=40):
+    """Bursts of valid frames as fast as the line takes them, each sent when the board has answered the one before (or
+    has refused its heartbeat, which it cannot say); afterwards heartbeats until one is answered.
+
+    Returns all telemetry.
+    """
+    parser, heard, last = Parser(), [], 3 + bursts * each
+    body = command_body(DriveCommand(0.5, 1.0))
+
+    def answered(number, seconds):
+        end = time.monotonic() + seconds
+        while not heard or heard[-1].echo != number:
+            if time.monotonic() > end:
+                return False
+            heard.extend(telemetry(port, parser))
+            time.sleep(0.0005)
+        return True
+
+    for number in range(3, last, each):
+        talk(port, (number, Type.HEARTBEAT, b""), *((number + k, Type.COMMAND, body) for k in range(1, each)))
+        answered(number, 0.2)
+    for number in range(last, last + 100):
+        talk(port, (number, Type.HEARTBEAT, b""))
+        if answered(number, 0.1):
+            return heard
+    raise AssertionError("the board answers no more")
+
+
+@needs_board
+def test_a_flood_of_valid_commands_starves_nothing(line):
+    """Every pulse stays a good one, and the board goes on telling: its watchdog timer never has to bite.
+
+    What it cannot read in time it refuses, and stands for that. Judged by the processor's cycles."""
+    board, port = line
+    talk(port, (1, Type.HELLO, b""), (2, Type.ARM, b""))
+    heard = flood(port, bursts=60)
+    assert not any(Fault.WATCHDOG in told.faults for told in heard)
+    assert heard[-1].uptime >= heard[0].uptime
+    rear = between(board, 0, "rear")
+    assert len(rear) > 10
+    assert all(abs(width - 1300) < 15 or abs(width - 1500) < 15 for width in rear), rear
+
+
+@pytest.mark.realtime  # it has to be told to drive all the time
+@needs_board
+def test_a_main_loop_that_hangs_shortens_no_pulse(line):
+    """Until the watchdog timer bites, the rear wheels stay where they were; then they are straight."""
+    board, port = line
+    talk(port, (1, Type.HELLO, b""))
+    bent = command_body(DriveCommand(0.3, 2))
+    for n in range(12):
+        more = [(3 * n + 2, Type.ARM, b"")] if n == 0 else []
+        talk(port, *more, (3 * n + 3, Type.HEARTBEAT, b""), (3 * n + 4, Type.COMMAND, bent))
+        time.sleep(0.03)
+    assert between(board, -10, "rear")[-1] == pytest.approx(1100, abs=15)
+    before = len(board.pulses)
+    board.command("hang")
+    time.sleep(0.4)
+    widths = between(board, before, "rear")
+    assert len(widths) > 5
+    odd = [width for width in widths if abs(width - 1100) > 15 and abs(width - 1500) > 15]
+    assert len(odd) <= 1, widths  # the reset may fall into a pulse and end it
+    assert widths[-1] == pytest.approx(1500, abs=15)
 
 
 @pytest.mark.realtime

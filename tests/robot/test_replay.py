@@ -13,9 +13,10 @@ import torch
 from ndtorch.commands import main
 from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
+from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import drive
-from ndtorch_robot.navigating import NavigatorChoice
+from ndtorch_robot.navigating import configuration
 from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.recording import (
     NavigatorPilot,
@@ -29,7 +30,7 @@ from tests.robot.bare_car import FilmCar, bare_loop
 from tests.robot.gl_needed import needs_gl
 
 RIG = StereoRig(width=64, height=48, focal=43.0)
-CHOICE = NavigatorChoice("published", 5, places="motion")
+CHOICE = NavigatorOptions("published", features=5, places="motion")
 
 
 def moving_world(count, rig, seed=0):
@@ -45,7 +46,7 @@ def moving_world(count, rig, seed=0):
 def record(folder, count=60, format="png"):
     """A drive of the navigator alone, its wheels slipping a little."""
     pilot, driven, commands = NavigatorPilot(RIG, 30.0, CHOICE), DriveCommand(0.0, 0.0), []
-    with Recorder(folder, CHOICE.configuration(RIG, 30.0), format=format, when_full="wait") as recorder:
+    with Recorder(folder, configuration(CHOICE, RIG, 30.0), format=format, when_full="wait") as recorder:
         for n, frames in enumerate(moving_world(count, RIG)):
             placed = (0.0, 0.0, 0.0) if n in (0, 40) else None
             command = pilot.step(frames, driven, placed)
@@ -186,7 +187,7 @@ class LoopStep(NamedTuple):
 def test_a_car_that_was_blind_for_a_while(tmp_path):
     """As the loop of a car does: no frames, then frames that are not trusted, then a navigator that begins anew."""
     pilot, still = NavigatorPilot(RIG, 30.0, CHOICE), DriveCommand(0.0, 0.0)
-    with Recorder(tmp_path / "r", CHOICE.configuration(RIG, 30.0), when_full="wait") as recorder:
+    with Recorder(tmp_path / "r", configuration(CHOICE, RIG, 30.0), when_full="wait") as recorder:
         observe, interrupted = RecordSteps(recorder, lambda: {"battery_v": 7.2}), False
         for n, frames in enumerate(moving_world(60, RIG)):
             if 20 <= n < 30:
@@ -237,13 +238,14 @@ from pathlib import Path
 import torch
 from ndtorch.memory import tune_allocator
 from ndtorch_robot.cameras import CameraSettings, StereoCameras
-from ndtorch_robot.navigating import NavigatorChoice
+from ndtorch.navigation.options import NavigatorOptions
+from ndtorch_robot.navigating import configuration
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.recording import NavigatorPilot, Recorder
 from ndtorch_robot.sim.simulation import RIG
 from tests.robot.fake_captures import FilmCapture, picture
 
-CHOICE = NavigatorChoice("published", 5, places="motion")
+CHOICE = NavigatorOptions("published", features=5, places="motion")
 steps, folder = int(sys.argv[1]), Path(sys.argv[2])
 torch.set_num_threads(1)
 tune_allocator()
@@ -254,7 +256,7 @@ pilot, driven = NavigatorPilot(RIG, 30.0, CHOICE), DriveCommand(0.0, 0.0)
 fields = RIG.subfields()
 from ndtorch.navigation import Strips
 from ndtorch.navigation.strips import cut_strips
-with Recorder(folder, CHOICE.configuration(RIG, 30.0), format="raw", when_full="wait") as recorder:
+with Recorder(folder, configuration(CHOICE, RIG, 30.0), format="raw", when_full="wait") as recorder:
     with torch.inference_mode():
         for n in range(steps):
             frames = cameras.read()

@@ -115,7 +115,7 @@ def test_bad_arguments(arguments, message, capsys, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("secnods = 3", "unknown key 'secnods', known keys are arena, seed, seconds"),
+        ("secnods = 3", "unknown key 'secnods', known keys are controller, features, angle"),
         ('seconds = "60 s"', "seconds = '60 s'"),
         ('angle = "degrees"', "angle = 'degrees': should be 'atan' or 'linear'"),
         ("seed = 1.5", "seed = 1.5"),

@@ -1,24 +1,9 @@
-"""Train the first stage and write it as a model folder with a card."""
+"""`ndtorch first-stage`: train the first stage and write it as a model folder with a card."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-
-import torch
-from torch import Tensor
-from tqdm import tqdm
-
-from ndtorch.binding import FirstStage, spectral_radius, train_first_stage
-from ndtorch.binding.first_stage import write_first_stage as write_weights
-from ndtorch.binding.models.published import PublishedConfig
-from ndtorch.config import config_text
-from ndtorch.errors import InputError
-
-MODELS = Path(__file__).resolve().parents[2] / "models"
-FOLDER = MODELS / "published"
-SHARING = ("scale-free", "retinotopic")
-"""Models that have the same first stage, as a copy."""
 
 
 @dataclass(frozen=True)
@@ -29,90 +14,12 @@ class FirstStageOptions:
     """Learning rate, 1/s: 5 in paper B, 50 in paper C."""
     radius: float = 0.9
     """Spectral radius at which each network stops."""
-    out: Path = FOLDER
+    out: Path = Path("out/first-stage")
     """Model folder to write."""
 
     def run(self) -> int:
         """Train and write; returns the exit code."""
-        write_first_stage(self)
+        from ndtorch_train.first_stage_folder import write_first_stage
+
+        write_first_stage(self.gamma, self.radius, self.out)
         return 0
-
-
-def write_first_stage(options: FirstStageOptions) -> FirstStage:
-    """Train the three networks and write `config.toml`, `weights.safetensors` and `README.md`."""
-    torch.set_num_threads(1)
-    with tqdm(desc="rings", unit=" s", bar_format="{desc}: {n:.1f} simulated s {postfix}") as bar:
-
-        def progress(seconds: float, largest: list[float]) -> None:
-            bar.n = seconds
-            bar.set_postfix_str("largest weights " + " ".join(f"{w:.3f}" for w in largest))
-
-        stage = train_first_stage(options.gamma, options.radius, progress=progress)
-    try:
-        options.out.mkdir(parents=True, exist_ok=True)
-        write_weights(stage, options.out / "weights.safetensors")
-        if options.out == FOLDER:
-            for name in SHARING:
-                write_weights(stage, MODELS / name / "weights.safetensors")
-        (options.out / "config.toml").write_text(config_text(PublishedConfig()), encoding="utf-8")
-        (options.out / "README.md").write_text(card(options, stage), encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{options.out} cannot be written: {error.strerror}") from None
-    print(f"wrote {options.out}")
-    return stage
-
-
-def card(options: FirstStageOptions, stage: FirstStage) -> str:
-    """The model's README: how it was made, and what came out."""
-    parts = [HEAD.format(gamma=options.gamma, radius=options.radius, seconds=stage.seconds)]
-    off = stage.orientation[~torch.eye(3, dtype=torch.bool)]
-    claims = {
-        "motion": "The paper prints about 0.3 for all weights.",
-        "orientation": "The paper prints about 0.45 for all weights. They come out less alike here, "
-        f"{float(off.min()):.2f} to {float(off.max()):.2f}:\nthe orientation filters are as large as the stimulus, "
-        "and its edges treat 0°, along the pixel grid, differently\nfrom 60° and 120°.",
-        "color": "The paper prints about 0.45 for all weights.",
-    }
-    for name, weights in (("motion", stage.motion), ("orientation", stage.orientation), ("color", stage.color)):
-        parts += [f"## {name}", "", claims[name], "", matrix(weights), ""]
-        parts += [f"Spectral radius {float(spectral_radius(weights)):.4f}.", ""]
-    return "\n".join(parts)
-
-
-def matrix(weights: Tensor) -> str:
-    """Rows of numbers, indented as a code block."""
-    return "\n".join("    " + "  ".join(f"{w:.4f}" for w in row) for row in weights.tolist())
-
-
-HEAD = """# published
-
-The binding model of the dissertation [B, C]: ten sums over the whole field, three fixed networks that refine them, one
-that learns, all with feedback delayed by their own step of 10 ms; objects are read from the weights.
-`ndtorch.load("published")`; `rule` is competitive, cooperative or hebbian.
-
-**For** the published stimuli, and for comparison. **Not for** video of a camera (load `video`) nor for scenes of unknown
-objects (load `scale-free`, or `retinotopic`, which also says where they are).
-
-## How it was made
-
-    ndtorch first-stage --gamma {gamma:g} --radius {radius:g}
-
-on the contracting rings of [B eq. 25-27] (100 x 100 pixels, 100 frames a second, learning from 4 s on, each network until
-its spectral radius reached {radius:g}). There is nothing random in it. Training took {seconds:.1f} simulated seconds. The
-second stage is not trained: it learns as it looks. All other constants are printed in the papers, or chosen where they
-are silent (README.md, "Choices the papers leave open").
-
-## How it was measured, and where it fails
-
-`ndtorch reproduce`: 28 published claims again, 16 hold, 7 in part, 5 do not ([table](../README.md)). Two bars are bound
-rightly at 18 of 24 phases, three at 31 of 90 combinations of phase and offset. On 300 seeded random scenes of one to
-three bars the number of objects is right in .42 of them after 15 s, and all features in .33
-([train/books/score.md](../../train/books/score.md)). Bars alike in everything are one object. At high learning rates
-the outputs alternate from step to step; the verdict says so. On a road camera it says `learning`, and claims nothing.
-
-## Export
-
-The whole forward, for fixed chunk lengths (`ndtorch.export`).
-
-## Weights
-"""

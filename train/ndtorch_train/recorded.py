@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +14,6 @@ from torch import Tensor
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import (
-    AvoidanceParams,
     FeatureParams,
     Grid,
     GridMap,
@@ -22,8 +21,8 @@ from ndtorch.navigation import (
     Pose,
     Ranges,
     RowRanging,
-    SaccadeAvoidance,
     StereoRig,
+    controller_class,
 )
 
 RATE = 30.0
@@ -84,28 +83,37 @@ def record_drive(
     Args:
         options: fields of `robot.config.DriveConfig`.
         progress: called with the steps made and to make.
-        thresholds: of the published controller, fields of `AvoidanceParams`, in place of the printed ones.
+        thresholds: fields of the controller's `Params`, in place of their defaults.
 
     Raises:
-        InputError: thresholds for another controller.
+        InputError: thresholds that the controller does not have.
     """
     from ndtorch_robot.config import load_config
     from ndtorch_robot.drive import Run, drive
     from ndtorch_robot.sim.arenas import load_arena
-    from ndtorch_robot.sim.simulation import Simulation
+    from ndtorch_robot.sim.simulation import RIG, Simulation
 
     config = load_config(None, dict(options))
     changed: dict[str, Any] = dict(thresholds or {})
     if not changed:
         result = drive(config, progress)
     else:
-        if config.controller != "published":
-            raise InputError(f"{', '.join(changed)} belong to controller 'published', got {config.controller!r}")
+        kind = controller_class(config.controller)
+        strange = set(changed) - {item.name for item in fields(kind.Params)}
+        if strange:
+            raise InputError(f"controller {config.controller!r} has no parameter {', '.join(sorted(strange))}")
         plan = load_arena(config.arena, config.seed)
-        simulation = Simulation(plan, config.seed, walls=config.walls, moving=config.moving, odometry=config.odometry)
+        simulation = Simulation(
+            plan,
+            config.seed,
+            walls=config.walls,
+            moving=config.moving,
+            odometry=config.odometry,
+            fields=config.options().fields(RIG),
+        )
         try:
             run = Run(config, plan, simulation, None)
-            run.navigator.avoidance = SaccadeAvoidance(1 / RATE, replace(AvoidanceParams(), **changed))
+            run.navigator.controller = kind(simulation.rig, 1 / RATE, kind.Params(**changed))
             result = run.go(progress)
         finally:
             simulation.close()
@@ -131,9 +139,9 @@ def from_arrays(arrays: Arrays, arena: str, seed: int) -> Recorded:
     from ndtorch_robot.sim.simulation import RIG
 
     sizes = arrays["profile_sizes"].cumsum()[:-1]
-    fields: dict[str, Any] = {name: arrays[name] for name in Recorded._fields if name in arrays}
+    parts: dict[str, Any] = {name: arrays[name] for name in Recorded._fields if name in arrays}
     return Recorded(
-        **fields,
+        **parts,
         arena=arena,
         seed=seed,
         summary=json.loads(str(arrays["summary_json"])),

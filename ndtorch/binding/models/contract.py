@@ -80,6 +80,11 @@ class BindingModel(nn.Module, ABC):
     def objects(self, state: Any) -> Nested:
         """The objects at this moment, `list[BoundObject]`; of a batch nested lists, one a trial."""
 
+    def in_sight(self, state: Any) -> Nested:
+        """The objects seen at the latest time step, of models with tracks."""
+        things = self.objects(state)
+        return latest(things) if self.tracks else things
+
     @abstractmethod
     def verdict(self, state: Any) -> Nested:
         """What they are worth, a `Verdict`; of a batch a list."""
@@ -128,6 +133,14 @@ of this folder.
 
 What it is for, how it was made and measured, where it fails: to be written by whoever made it.
 """
+
+
+def latest(things: Nested) -> Nested:
+    """Of each trial the objects that were seen last."""
+    if things and isinstance(things[0], list):
+        return [latest(trial) for trial in things]
+    last = max((thing.last_seen for thing in things), default=0.0)
+    return [thing for thing in things if thing.last_seen == last]
 
 
 def by_trial(things: list[Any], batch: tuple[int, ...]) -> Nested:

@@ -33,15 +33,8 @@ def load_folder(path: str | Path, options: Mapping[str, Any]) -> BindingModel:
             model does not have: then which models do.
     """
     folder = Path(path)
-    if not folder.is_dir():
-        raise InputError(f"{folder} is not a model folder")
-    where = folder / "config.toml"
-    data = read_toml(where)
-    name = data.get("model")
-    if name not in KINDS:
-        given = "no key 'model'" if name is None else f"model = {name!r}"
-        raise InputError(f"{where}: {given}; model must be one of {', '.join(KINDS)}")
-    kind, rest = KINDS[name], dict(options)
+    where, name = folder / "config.toml", kind_of(folder)
+    data, kind, rest = read_toml(where), KINDS[name], dict(options)
     stage: Any = rest.pop("first_stage", None)
     if stage is not None and not kind.trained:
         raise InputError(f"{name} has no option first_stage; {having('first_stage')} have it")
@@ -53,6 +46,18 @@ def load_folder(path: str | Path, options: Mapping[str, Any]) -> BindingModel:
     if kind.trained:
         stage = read_first_stage(folder / "weights.safetensors") if stage is None else first_stage_weights(stage)
     return kind.build(config, stage)
+
+
+def kind_of(folder: Path) -> str:
+    """The kind that the config.toml of a folder names, one of `KINDS`."""
+    if not folder.is_dir():
+        raise InputError(f"{folder} is not a model folder")
+    where = folder / "config.toml"
+    name = read_toml(where).get("model")
+    if name not in KINDS:
+        given = "no key 'model'" if name is None else f"model = {name!r}"
+        raise InputError(f"{where}: {given}; model must be one of {', '.join(KINDS)}")
+    return str(name)
 
 
 def having(option: str) -> str:

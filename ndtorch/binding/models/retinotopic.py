@@ -45,13 +45,13 @@ class RetinotopicSignals(NamedTuple):
     Attributes:
         fields: the ten signals of every field, `[..., T, R, C, 10]`.
         outputs: the same through the settled first stage.
-        count: number of objects, `[..., T]`.
+        number: of objects, `[..., T]`.
         time: seconds since the first frame, `[T]` float64.
     """
 
     fields: Tensor
     outputs: Tensor
-    count: Tensor
+    number: Tensor
     time: Tensor
 
 
@@ -110,12 +110,12 @@ class RetinotopicModel(BindingModel):
         self, fields: Tensor, state: RetinotopicState | None = None
     ) -> tuple[RetinotopicSignals, RetinotopicState]:
         """The model from the signals of its fields on, `[..., T, R, C, 10]`."""
-        count, windows = self.windows(fields, state.windows if state is not None else None)
+        number, windows = self.windows(fields, state.windows if state is not None else None)
         outputs = fields @ self.windows.first_gain.to(fields.dtype).mT
         steps = fields.shape[-4]
         time = (torch.arange(steps, dtype=torch.float64) + (windows.steps - steps)) * self.dt
         motion = state.motion if state is not None else None
-        return RetinotopicSignals(fields, outputs, count, time), RetinotopicState(motion, windows)
+        return RetinotopicSignals(fields, outputs, number, time), RetinotopicState(motion, windows)
 
     def objects(self, state: RetinotopicState) -> Nested:
         """The objects in view, those followed longest first; `track` is the number of the window."""

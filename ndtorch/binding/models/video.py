@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
 import torch
@@ -16,6 +17,7 @@ from ndtorch.binding.tracking.params import TrackParams
 from ndtorch.binding.tracking.tracker import Tracker, TrackerState
 from ndtorch.binding.tracking.tracks import Track
 from ndtorch.config import Constants, ModelConfig, Size
+from ndtorch.errors import InputError
 from ndtorch.vision.camera.front_end import CameraFrontEnd, CameraParams, CameraState
 from ndtorch.vision.features import FEATURES
 
@@ -55,6 +57,33 @@ class VideoConfig(ModelConfig):
     normalise: FieldNormalise = Field(default_factory=FieldNormalise)
     network: SharedNetwork = Field(default_factory=SharedNetwork)
     tracking: TrackParams = Field(default_factory=TrackParams)
+
+
+SWITCHES: dict[str, dict[str, Any]] = {
+    "exposure": {"exposure": False},
+    "background": {"background": False},
+    "noise-floor": {"noise_floor": False},
+    "color-inhibition": {"color_inhibition": False},
+    "scale": {"scale": 0},
+    "compression": {"compression": False},
+    "fields": {"grid": (1, 1)},
+    "network": {"learn": False},
+}
+"""What can be switched off by name, and the options that do it."""
+
+
+def switched_off(parts: Sequence[str]) -> dict[str, Any]:
+    """The options that switch parts off.
+
+    Raises:
+        InputError: a part that is not among `SWITCHES`.
+    """
+    options: dict[str, Any] = {}
+    for name in parts:
+        if name not in SWITCHES:
+            raise InputError(f"without must name parts among {', '.join(SWITCHES)}; got {name!r}")
+        options |= SWITCHES[name]
+    return options
 
 
 class VideoSignals(NamedTuple):
@@ -162,8 +191,8 @@ class VideoModel(BindingModel):
         states = [None] * len(frames) if state is None else state
         parts = [self(film, own) for film, own in zip(frames, states, strict=True)]
         columns = zip(*(signals for signals, _ in parts), strict=True)
-        *stacked, time = [torch.stack(column) for column in columns]
-        return VideoSignals(*stacked, time[0]), tuple(own for _, own in parts)
+        stacked = VideoSignals(*(torch.stack(column) for column in columns))
+        return stacked._replace(time=stacked.time[0]), tuple(own for _, own in parts)
 
     def objects(self, state: Any) -> Nested:
         """The objects so far, in the order in which they appeared."""

@@ -9,6 +9,7 @@
  *     L us ns                         the simulation was late by so much and let the time go
  * Commands, lines on stdin:
  *     stall          the processor hangs with interrupts off, as after a wild jump
+ *     hang           the main loop hangs, interrupts go on
  *     unplug, plug   the serial adapter
  *     battery mV     voltage at the battery
  *     up|down MODE   what the cable does to frames to or from the board: see wire.c
@@ -154,11 +155,11 @@ static void unplug(void) {
     master = slave = -1;
 }
 
-static void stall(void) {
+static void stall(int interrupts) {
     for (uint32_t pc = 0; pc + 1 < avr->codeend; pc += 2)
         if (avr->flash[pc] == 0xff && avr->flash[pc + 1] == 0xcf) { /* rjmp .-2, where main would return to */
             avr->pc = pc;
-            avr->sreg[S_I] = 0;
+            avr->sreg[S_I] = (uint8_t)interrupts;
             avr->state = cpu_Running;
             return;
         }
@@ -173,7 +174,8 @@ static int command(char *line) {
     char word[16] = "", more[16] = "";
     sscanf(line, "%15s %15s", word, more);
     if (strcmp(word, "quit") == 0) return 0;
-    if (strcmp(word, "stall") == 0) stall();
+    if (strcmp(word, "stall") == 0) stall(0);
+    else if (strcmp(word, "hang") == 0) stall(1);
     else if (strcmp(word, "unplug") == 0) unplug();
     else if (strcmp(word, "plug") == 0) plug();
     else if (strcmp(word, "battery") == 0) battery((unsigned)atoi(more));

@@ -191,14 +191,42 @@ static void test_brake_then_reverse(void) {
     CHECK(d.speed == 200 && d.gear == FORWARD);
 }
 
+/* Driving goes on while the battery is so. */
+static void drive_on(uint16_t mv, uint32_t ms, int16_t speed) {
+    d.battery_mv = mv;
+    pass(ms, 1, 1, speed, 0);
+}
+
 static void test_battery(void) {
     begin();
-    d.battery_mv = 6000;
-    drive_tick(&d, now);
-    CHECK(d.faults == FAULT_BATTERY);
-    d.battery_mv = 100; /* no divider */
-    drive_tick(&d, now);
+    say(ARM, 0, 0);
+    drive_on(7400, 1000, 800);
+    CHECK(d.speed == 800 && d.faults == 0);
+    drive_on(BATTERY_LOW_MV - 100, BATTERY_LASTS_MS - 100, 800);
+    CHECK(d.speed == 800 && d.faults == 0); /* it may be the motor that pulls the voltage down */
+    drive_on(BATTERY_LOW_MV - 100, 1000, 800);
+    CHECK(d.speed == BATTERY_LOW_SPEED_MM_S && d.faults == FAULT_BATTERY && d.state == ARMED);
+    drive_on(BATTERY_LOW_MV - 100, 3000, -800); /* through the brake */
+    CHECK(d.speed == -BATTERY_LOW_SPEED_MM_S);
+    drive_on(7400, 1000, 800);
     CHECK(d.faults == 0);
+    drive_on(7400, 1000, 800);
+    CHECK(d.speed == 800);
+    drive_on(BATTERY_EMPTY_MV - 100, BATTERY_LASTS_MS - 100, 800);
+    CHECK(d.state == ARMED);
+    drive_on(BATTERY_EMPTY_MV - 100, 200, 800);
+    CHECK(stands() && d.faults == (FAULT_BATTERY | FAULT_EMPTY));
+    CHECK(say(ARM, 0, 0) == TELEMETRY && d.state == STANDING); /* refused, and said */
+    drive_on(BATTERY_EMPTY_MV + 100, 5000, 800);               /* the load is gone, so it recovers a little */
+    say(ARM, 0, 0);
+    CHECK(stands());
+    drive_on(BATTERY_LOW_MV + 100, 100, 800);
+    CHECK(stands() && d.faults == 0);
+    say(ARM, 0, 0);
+    drive_on(7400, 1000, 800);
+    CHECK(d.speed == 800);
+    drive_on(100, 5000, 800); /* no divider */
+    CHECK(d.speed == 800 && d.faults == 0);
 }
 
 int main(void) {

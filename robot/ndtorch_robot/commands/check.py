@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ndtorch.errors import InputError
+from ndtorch.installed import toml_file
 
 if TYPE_CHECKING:
     from ndtorch_robot.link import SerialDrive
@@ -34,7 +35,7 @@ class Check:
     """
 
     config: Annotated[Path, tyro.conf.Positional]
-    """TOML file of the car."""
+    """TOML file of the car, or the name of one that comes along, such as maxstone8."""
     yes: bool = False
     """Answer every question with yes, for a simulated board."""
 
@@ -47,7 +48,7 @@ class Check:
         from ndtorch_robot.sim.board import SimulatedBoard
         from ndtorch_robot.toml import read_toml
 
-        config = read_toml(self.config, RunConfig)
+        config = read_toml(toml_file(self.config, "ndtorch_robot", "configs"), RunConfig)
         print("1. Cameras")
         bad = 0 if self.cameras(config) else 1
         print("2. Link")

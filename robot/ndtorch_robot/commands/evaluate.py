@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 import sys
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from ndtorch import workers
 from ndtorch.commands import INTERRUPTED
 from ndtorch.errors import InputError
+from ndtorch.navigation.options import OPTION_NAMES
+from ndtorch_robot.navigating import navigator_flags
 
 if TYPE_CHECKING:
     from ndtorch_robot.config import DriveConfig
@@ -29,6 +32,7 @@ FAILED = 1
 
 
 @dataclass(frozen=True)
+@navigator_flags("controller")
 class Evaluate:
     """Drive many times, in parallel, and put the results into one table.
 
@@ -48,8 +52,6 @@ class Evaluate:
     """What steers (default every controller there is)."""
     walls: tuple[Literal["textured", "blank"], ...] = ("textured",)
     """Walls with panels, doors and papers, without any texture, or both."""
-    compiled: bool = False
-    """Compile the navigation step: long evaluations take about 60 % of the time."""
     jobs: int = 0
     """Drives at a time (default one a core)."""
     out: Path = Path("out/evaluate")
@@ -80,18 +82,17 @@ class Evaluate:
 
     def drives(self) -> list[DriveConfig]:
         """The configurations of all drives, checked before the first begins."""
-        from ndtorch_robot.config import DriveConfig, load_config
+        from ndtorch.navigation import controller_names
+        from ndtorch_robot.config import load_config
         from ndtorch_robot.evaluation.drives import all_drives
         from ndtorch_robot.sim.arenas import ARENAS, load_arena
 
         arenas = self.arenas or tuple(ARENAS)
-        known = get_args(DriveConfig.model_fields["controller"].annotation)
-        controllers = self.controllers or known
+        controllers = self.controllers or controller_names()
         if not (self.seeds and self.walls):
             raise InputError("--seeds and --walls need one value or more")
-        base = load_config(
-            self.config, {"seconds": self.seconds, "seed": self.seeds[0], "compiled": self.compiled or None}
-        )
+        given = {name: value for name, value in asdict(self).items() if name in OPTION_NAMES and value is not False}
+        base = load_config(self.config, {"seconds": self.seconds, "seed": self.seeds[0], **given})
         if "seconds" not in base.model_fields_set:
             base = base.model_copy(update={"seconds": SECONDS})
         for controller in controllers:
@@ -106,11 +107,9 @@ class Evaluate:
 
     def processes(self) -> int:
         """How many drives at a time."""
-        from ndtorch_robot.evaluation.workers import cores
-
         if self.jobs < 0:
             raise InputError(f"--jobs must be 1 or more, got {self.jobs}")
-        return self.jobs or cores()
+        return self.jobs or workers.cores()
 
     def note(self, drives: list[DriveConfig], found: list[Any]) -> str:
         """How the table was made, in a line."""
@@ -125,7 +124,6 @@ def finish_drives(missing: list[DriveConfig], cache: Cache, processes: int) -> l
     from tqdm import tqdm
 
     from ndtorch_robot.evaluation.drives import drive_once
-    from ndtorch_robot.evaluation.workers import Done, Trouble, run_jobs
 
     if not missing:
         return []
@@ -136,24 +134,23 @@ def finish_drives(missing: list[DriveConfig], cache: Cache, processes: int) -> l
     with tqdm(total=total, unit="x", bar_format=form, file=sys.stderr) as bar:
         left = len(missing)
         bar.set_description_str(f"{left} drives to go")
-        with closing(run_jobs(drive_once, missing, min(processes, len(missing)))) as events:
-            for event in events:
-                config = missing[event.job]
-                if isinstance(event, Trouble):
-                    words = f"{config.arena}, seed {config.seed}, {config.walls}, {config.controller}: {event.reason}"
-                    if event.final:
-                        troubles.append(words)
-                    else:
-                        bar.write(f"note: {words}; once more", file=sys.stderr)
-                    reached = config.seconds if event.final else 0.0
-                elif isinstance(event, Done):
-                    cache.put(config, event.result)
-                    reached = config.seconds
+        with closing(workers.run_tasks(drive_once, missing, processes)) as events:
+            for kind, task, value in events:
+                config = missing[task]
+                words = f"{config.arena}, seed {config.seed}, {config.walls}, {config.controller}"
+                reached = config.seconds
+                if kind == "progress":
+                    reached = float(value)
+                elif kind == "again":
+                    bar.write(f"note: {words}: its process died ({value}); once more", file=sys.stderr)
+                    reached = 0.0
+                elif kind == "done":
+                    cache.put(config, value)
                 else:
-                    reached = event.made
-                bar.update(reached - made[event.job])
-                made[event.job] = reached
-                if isinstance(event, Done) or (isinstance(event, Trouble) and event.final):
+                    troubles.append(f"{words}: {str(value).strip().splitlines()[-1]}")
+                bar.update(reached - made[task])
+                made[task] = reached
+                if kind in ("done", "failed"):
                     left -= 1
                     bar.set_description_str(f"{left} drives to go")
     return troubles

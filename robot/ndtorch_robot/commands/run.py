@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from ndtorch.errors import InputError
+from ndtorch.installed import toml_file
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,7 @@ class Run:
     """
 
     config: Annotated[Path, tyro.conf.Positional]
-    """TOML file of the car: robot/configs/maxstone8.toml, or sim.toml for one without any hardware."""
+    """TOML file of the car, or the name of one that comes along: maxstone8, or sim for one without any hardware."""
     seconds: float | None = None
     """Drive so long, s; until it is told to end by default."""
     go: bool = False
@@ -53,7 +54,7 @@ class Run:
 
         if self.seconds is not None and not 0 < self.seconds < 1e7:
             raise InputError(f"--seconds must be positive, got {self.seconds}")
-        config = read_toml(self.config, RunConfig)
+        config = read_toml(toml_file(self.config, "ndtorch_robot", "configs"), RunConfig)
         torch.set_num_threads(1)
         printed = timed_report()
         told = [printed]
@@ -75,7 +76,7 @@ class Run:
             if stream is not None:
                 from ndtorch_robot.view import ViewSteps, start_view
 
-                fields = config.navigation.choice().fields(car.rig)
+                fields = config.navigation.options().fields(car.rig)
                 view = start_view(stream, car.navigator, car.rig, fields, printed)
                 stack.callback(view.close)
                 observer = ViewSteps(view, car.telemetry)

@@ -6,14 +6,20 @@ import hashlib
 import json
 import time
 from collections.abc import Callable
-from importlib.metadata import version
 from itertools import product
 from pathlib import Path
 
+from ndtorch.code_digest import code_digest
 from ndtorch_robot.config import DriveConfig
 
 NOT_THE_DRIVE = {"out", "rrd", "view", "whole"}
 """Keys that do not change what happens in a drive."""
+
+CODE = ("ndtorch", "ndtorch_robot")
+"""The code that a drive runs through."""
+
+PACKAGES = ("torch", "mujoco", "numpy")
+"""What else draws and counts in it."""
 
 TELL_EVERY = 0.5
 """Seconds between two reports of a worker."""
@@ -30,17 +36,6 @@ def all_drives(
     return [base.model_copy(update=dict(zip(names, values, strict=True))) for values in combinations]
 
 
-def code_digest() -> str:
-    """A hash of all code that a drive runs through: `ndtorch`, `robot`, and the versions of what draws and counts."""
-    root = Path(__file__).resolve().parents[3]
-    digest = hashlib.sha256()
-    for name in ("torch", "mujoco", "numpy"):
-        digest.update(f"{name} {version(name)}\n".encode())
-    for file in sorted([*(root / "ndtorch").rglob("*.py"), *(root / "robot").rglob("*.py")]):
-        digest.update(str(file.relative_to(root)).encode() + b"\0" + file.read_bytes() + b"\0")
-    return digest.hexdigest()
-
-
 def key_of(config: DriveConfig, code: str) -> str:
     """Name of the result of a drive: the same for the same parameters, building and code."""
     values = config.model_dump(mode="json", exclude=NOT_THE_DRIVE)
@@ -52,7 +47,7 @@ class Cache:
     """Summaries of finished drives, one file each, so that an evaluation can go on where it was stopped."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder, self.code = folder, code_digest()
+        self.folder, self.code = folder, code_digest(CODE, PACKAGES)
 
     def file(self, config: DriveConfig) -> Path:
         """Where the summary of a drive is or will be."""

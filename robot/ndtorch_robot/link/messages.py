@@ -43,7 +43,7 @@ BODY_SIZE = {
 
 
 class Fault(IntFlag):
-    """Why the board lets the wheels stand."""
+    """Why the board lets the wheels stand; with `BATTERY` it drives on, but slower."""
 
     COMMAND = 1
     HEARTBEAT = 2
@@ -52,6 +52,7 @@ class Fault(IntFlag):
     BATTERY = 16
     WATCHDOG = 32
     STOPPED = 64
+    EMPTY = 128
 
 
 WORDS = {
@@ -60,6 +61,7 @@ WORDS = {
     Fault.VERSION: "a frame of another protocol version",
     Fault.NOISE: "too many refused frames",
     Fault.BATTERY: "battery low",
+    Fault.EMPTY: "battery empty",
     Fault.WATCHDOG: "reset by its watchdog timer",
     Fault.STOPPED: "told to stop",
 }
@@ -169,5 +171,5 @@ def read_telemetry(body: bytes) -> Telemetry:
     """What the board does."""
     echo, armed, faults, speed, curvature, battery, *rest = TELEMETRY_BODY.unpack(body)
     return Telemetry(
-        echo, armed == 1, Fault(faults & 0x7F), DriveCommand(speed / 1000, curvature / 1000), battery / 1000, *rest
+        echo, armed == 1, Fault(faults), DriveCommand(speed / 1000, curvature / 1000), battery / 1000, *rest
     )

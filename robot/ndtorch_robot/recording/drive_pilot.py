@@ -8,7 +8,7 @@ from typing import Any, cast
 from ndtorch.errors import InputError
 from ndtorch.navigation import NavigatorState, StereoRig
 from ndtorch_robot.config import DriveConfig, load_config
-from ndtorch_robot.drive import RATE, Run, choice
+from ndtorch_robot.drive import RATE, Run
 from ndtorch_robot.ports import DriveCommand, SafeCommand, StereoFrames, unseal
 from ndtorch_robot.recording.replay import Placed
 from ndtorch_robot.sim.arenas import load_arena
@@ -81,7 +81,7 @@ class DrivePilot:
         plan = load_arena(config.arena, config.seed)
         self.run = Run(config, plan, cast("Simulation", self.world), None)
         self.navigator = self.run.navigator
-        self.rig, self.fields = self.world.rig, choice(config).fields(self.world.rig)
+        self.rig, self.fields = self.world.rig, config.options().fields(self.world.rig)
 
     @property
     def state(self) -> NavigatorState | None:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Command, Grid, GridMap, NavigatorState, Rect, StereoRig
-from ndtorch_robot.navigating import AnyNavigator, NavigatorChoice
+from ndtorch.navigation.options import AnyNavigator, NavigatorOptions, options_of
+from ndtorch_robot.navigating import say
 from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.recording.reading import RecordedStep, Recording
 
@@ -51,15 +52,15 @@ class Pilot(Protocol):
 
 
 class NavigatorPilot:
-    """The navigator alone: replays recordings whose configuration is that of a `NavigatorChoice`.
+    """The navigator alone: replays recordings whose configuration is those of `configuration`.
 
     Args:
         grid: to map as well, which changes no command.
     """
 
-    def __init__(self, rig: StereoRig, rate: float, choice: NavigatorChoice, grid: Grid | None = None) -> None:
-        self.rig, self.fields = rig, choice.fields(rig)
-        self.navigator = choice.navigator(rig, rate, GridMap(rig, grid) if grid is not None else None)
+    def __init__(self, rig: StereoRig, rate: float, options: NavigatorOptions, grid: Grid | None = None) -> None:
+        self.rig, self.fields = rig, options.fields(rig)
+        self.navigator = options.navigator(rig, rate, GridMap(rig, grid) if grid is not None else None, say)
         self.state: NavigatorState | None = None
 
     def step(
@@ -91,11 +92,9 @@ def make_pilot(configuration: dict[str, Any], mapping: bool = False) -> Pilot:
     try:
         if program == "navigator":
             rig = StereoRig(**configuration["rig"])
-            names = [item.name for item in fields(NavigatorChoice) if item.name in configuration]
-            chosen = {name: configuration[name] for name in names}
             half = float(configuration.get("map_half_size_m", 0.0)) or MAP_HALF
             grid = Grid(-half, half, -half, half) if mapping else None
-            return NavigatorPilot(rig, float(configuration["rate_hz"]), NavigatorChoice(**chosen), grid)
+            return NavigatorPilot(rig, float(configuration["rate_hz"]), options_of(configuration), grid)
         if program == "drive":
             from ndtorch_robot.recording.drive_pilot import DrivePilot
 

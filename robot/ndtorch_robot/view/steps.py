@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from ndtorch.navigation import Rect, StereoRig
-from ndtorch_robot.navigating import AnyNavigator
+from ndtorch.navigation.options import AnyNavigator
 from ndtorch_robot.ports import DriveCommand, LoopStep
 from ndtorch_robot.view.background import Background
 from ndtorch_robot.view.car_view import CarView, Seen

@@ -10,8 +10,8 @@ from torch import Tensor
 
 from ndtorch.binding import PublishedModel, object_table, train_first_stage
 from ndtorch.vision import FEATURES
-from ndtorch_train.reproduce.lab import Lab
-from ndtorch_train.reproduce.outcome import Outcome, judged
+from ndtorch_train.reproduce.context import Context, judged
+from ndtorch_train.reproduce.outcome import Outcome
 from ndtorch_train.reproduce.plots import (
     BLUE,
     GREEN,
@@ -36,14 +36,14 @@ def features_of(weights: Tensor, owner: str) -> set[str]:
     return {FEATURES[j] for j in row.nonzero().flatten().tolist()}
 
 
-def reference(lab: Lab, seconds: float) -> Run:
+def reference(context: Context, seconds: float) -> Run:
     """The two bars at the default phase, 4 s to settle and `seconds` to learn."""
-    return learn(rendered(lab, "two-bars", seconds=4.0 + seconds))
+    return learn(rendered(context, "two-bars", seconds=4.0 + seconds))
 
 
-def two_bars(lab: Lab, seconds: float, phase_step: int, rendered_phases: list[float]) -> Outcome:
+def two_bars(context: Context, seconds: float, phase_step: int, rendered_phases: list[float]) -> Outcome:
     """The reference stimulus, and the same at other phases from superposed sums."""
-    run = reference(lab, seconds)
+    run = reference(context, seconds)
     w, found = run.final, run.model.objects(run.state)
     figure, axes = panels(2, 1, 9, 4.6)
     figure.clear()
@@ -57,19 +57,21 @@ def two_bars(lab: Lab, seconds: float, phase_step: int, rendered_phases: list[fl
     letters([top, *low])
     feature_legend(figure)
     words = "The second stage as it learns two bars in sine shadow."
-    lab.draw("B8-two-bars-a-c", figure, "B fig. 8a-c", f"{words} Outputs, and weights from both winners.", phase=290)
+    context.draw(
+        "B8-two-bars-a-c", figure, "B fig. 8a-c", f"{words} Outputs, and weights from both winners.", phase=290
+    )
     figure, axes = panels(1, 2, 12, 5.6)
     matrix_panel(axes[0], w, "raw weights")
     matrix_panel(axes[1], w, "over the largest, below 1/3 removed", simplified=True)
     letters(axes, "de")
-    lab.draw("B8-two-bars-d-e", figure, "B fig. 8d, e", f"{words} Weights after {seconds:g} s.", phase=290)
+    context.draw("B8-two-bars-d-e", figure, "B fig. 8d, e", f"{words} Weights after {seconds:g} s.", phase=290)
 
     phases = [float(p) for p in range(0, 360, phase_step)]
-    red, green, _ = superposed(lab, phases, [20.0], 4.0 + seconds)
+    red, green, _ = superposed(context, phases, [20.0], 4.0 + seconds)
     many = learn(red + green)
     right = [owners(many.final[i]) == PAIR for i in range(len(phases))]
     largest = many.final.amax((-1, -2)).tolist()
-    films = {p: learn(rendered(lab, "two-bars", phase=p, seconds=4.0 + seconds)).final for p in rendered_phases}
+    films = {p: learn(rendered(context, "two-bars", phase=p, seconds=4.0 + seconds)).final for p in rendered_phases}
     numbers: dict[str, Any] = {
         "owners at phases, from rendered frames": {f"{p:g}": owners(film) for p, film in films.items()},
         "largest weight": float(w.max()),
@@ -97,12 +99,12 @@ def two_bars(lab: Lab, seconds: float, phase_step: int, rendered_phases: list[fl
     if films:
         again = [f"{p:g}" for p, film in films.items() if owners(film) == PAIR]
         why += f" From rendered frames also right at {', '.join(again)}°." if again else ""
-    return judged(lab, ours, why, parts, numbers)
+    return judged(context, ours, why, parts, numbers)
 
 
-def weak_first_stage(lab: Lab, seconds: float, radius: float) -> Outcome:
+def weak_first_stage(context: Context, seconds: float, radius: float) -> Outcome:
     """The first stage trained to a spectral radius of 0.1 only."""
-    sums = rendered(lab, "two-bars", seconds=4.0 + seconds)
+    sums = rendered(context, "two-bars", seconds=4.0 + seconds)
     strong = learn(sums)
     weak = learn(sums, PublishedModel(first_stage=train_first_stage(radius=radius)))
     figure, axes = panels(1, 2, 13, 4.4)
@@ -117,7 +119,7 @@ def weak_first_stage(lab: Lab, seconds: float, radius: float) -> Outcome:
     letters(axes)
     feature_legend(figure)
     caption = "The same stimulus with a weak first stage; beside it, how fast the two right columns grow."
-    lab.draw("B9-weak-first-stage", figure, "B fig. 9", caption, radius=radius, seconds=seconds)
+    context.draw("B9-weak-first-stage", figure, "B fig. 9", caption, radius=radius, seconds=seconds)
     at = int((strong.weight_time < 5).sum())
     grown = [float(run.weights[at, :, [RED, GREEN_]].sum()) for run in (strong, weak)]
     wrong = owners(weak.final)
@@ -128,30 +130,30 @@ def weak_first_stage(lab: Lab, seconds: float, radius: float) -> Outcome:
     }
     ours = f"owners {', '.join(wrong) or 'none'}; columns at 5 s {grown[1]:.1f} against {grown[0]:.1f}"
     why = "left and right stay uninhibited and stand as objects of their own." if "left" in wrong else ""
-    return judged(lab, ours, why, parts, numbers)
+    return judged(context, ours, why, parts, numbers)
 
 
-def number_of_bars(lab: Lab, seconds: float, phase_step: int, offset_step: int) -> Outcome:
+def number_of_bars(context: Context, seconds: float, phase_step: int, offset_step: int) -> Outcome:
     """One, two and three bars; three at many phases and offsets, from superposed sums."""
     scenes = ("one-bar", "two-bars", "three-bars")
     wanted = (["red"], PAIR, ["red", "green", "blue"])
     figure, axes = panels(3, 2, 13, 14, width_ratios=[1.5, 1])
     found = []
     for k, (name, _) in enumerate(zip(scenes, wanted, strict=True)):
-        run = learn(rendered(lab, name, seconds=4.0 + seconds))
+        run = learn(rendered(context, name, seconds=4.0 + seconds))
         found.append(owners(run.final))
         words = name.replace("-", " ")
         output_panel(axes[2 * k], run.time, run.outputs, f"outputs, {words}", owners(run.final), 10.0, 0.0)
         matrix_panel(axes[2 * k + 1], run.final, f"weights, {words}", simplified=True)
-        lab.note(0.3 * (k + 1))
+        context.note(0.3 * (k + 1))
     letters(axes)
     feature_legend(figure)
     caption = "One, two and three bars: outputs of the second stage, and weights over their largest."
-    lab.draw("B10-number-of-bars", figure, "B fig. 10", caption, phase=290, blue_offset=20, seconds=seconds)
+    context.draw("B10-number-of-bars", figure, "B fig. 10", caption, phase=290, blue_offset=20, seconds=seconds)
 
     phases = [float(p) for p in range(0, 360, phase_step)]
     offsets = [float(o) for o in range(0, 50, offset_step)]
-    red, green, blue = superposed(lab, phases, offsets, 4.0 + seconds)
+    red, green, blue = superposed(context, phases, offsets, 4.0 + seconds)
     sums = (red + green)[:, None] + blue[None]
     run = learn(sums)
     right = np.array([[owners(run.final[i, j]) == wanted[2] for j in range(len(offsets))] for i in range(len(phases))])
@@ -176,27 +178,27 @@ def number_of_bars(lab: Lab, seconds: float, phase_step: int, offset_step: int) 
         ylabel="start of the blue bar (px)",
     )
     caption = "Three bars at every phase and offset; sums superposed from lone bars."
-    lab.draw("B10-three-bars-grid", figure, "after B fig. 10", caption, phases=phases, offsets=offsets)
+    context.draw("B10-three-bars-grid", figure, "after B fig. 10", caption, phases=phases, offsets=offsets)
     numbers = {"owners": found, "three bars right": int(right.sum()), "of": right.size, "grid": right, "count": count}
     parts = {f"{len(w)} bars: {', '.join(w)}": f == w for f, w in zip(found, wanted, strict=True)}
     parts["three bars at most combinations of phase and offset"] = bool(right.mean() > 0.5)
     ours = f"{', '.join(str(len(f)) for f in found)} objects; three bars right at {right.sum()} of {right.size}"
     why = "As printed at the phase and offset chosen here; elsewhere a third object is often missed."
-    return judged(lab, ours, why, parts, numbers)
+    return judged(context, ours, why, parts, numbers)
 
 
-def fluctuations(lab: Lab, seconds: float, patterns: int, gamma: float) -> Outcome:
+def fluctuations(context: Context, seconds: float, patterns: int, gamma: float) -> Outcome:
     """Shadow, distance and random shadow."""
     figure, axes = panels(3, 2, 13, 14, width_ratios=[1.5, 1])
     right, runs = [], []
     for seed in range(patterns):
-        sums = rendered(lab, "two-bars-random", 1 / (patterns + 2), seed=seed, seconds=4.0 + seconds)
+        sums = rendered(context, "two-bars-random", 1 / (patterns + 2), seed=seed, seconds=4.0 + seconds)
         runs.append(learn(sums, gamma=torch.tensor(gamma)))
         right.append(owners(runs[-1].final) == PAIR)
-        lab.note((seed + 1) / (patterns + 2))
+        context.note((seed + 1) / (patterns + 2))
     shown = [
-        ("sine shadow", learn(rendered(lab, "two-bars", seconds=4.0 + seconds))),
-        ("distance", learn(rendered(lab, "two-bars-distance", seconds=4.0 + seconds))),
+        ("sine shadow", learn(rendered(context, "two-bars", seconds=4.0 + seconds))),
+        ("distance", learn(rendered(context, "two-bars-distance", seconds=4.0 + seconds))),
         ("random shadow, pattern 0", runs[0]),
     ]
     for k, (name, run) in enumerate(shown):
@@ -206,7 +208,7 @@ def fluctuations(lab: Lab, seconds: float, patterns: int, gamma: float) -> Outco
     letters(axes)
     feature_legend(figure)
     caption = f"What makes the bars fluctuate: shadow, distance, random shadow (learning rate {gamma:g})."
-    lab.draw("B11-fluctuations", figure, "B fig. 11", caption, seconds=seconds, gamma=gamma, patterns=patterns)
+    context.draw("B11-fluctuations", figure, "B fig. 11", caption, seconds=seconds, gamma=gamma, patterns=patterns)
     numbers = {
         "distance": owners(shown[1][1].final),
         "random right at seed": right,
@@ -217,13 +219,13 @@ def fluctuations(lab: Lab, seconds: float, patterns: int, gamma: float) -> Outco
         "random shadow: exactly red and green at 9 of 10 patterns": sum(right) >= 0.9 * patterns,
     }
     ours = f"distance {'right' if numbers['distance'] == PAIR else 'wrong'}; random {sum(right)} of {patterns} patterns"
-    return judged(lab, ours, "The paper shows one pattern.", parts, numbers)
+    return judged(context, ours, "The paper shows one pattern.", parts, numbers)
 
 
-def learning_rates(lab: Lab, seconds: float, phase_step: int, rates: list[float]) -> Outcome:
+def learning_rates(context: Context, seconds: float, phase_step: int, rates: list[float]) -> Outcome:
     """Learning rates up to 20 times the usual one, at every phase, from superposed sums."""
     phases = [float(p) for p in range(0, 360, phase_step)]
-    red, green, _ = superposed(lab, phases, [20.0], 4.0 + seconds)
+    red, green, _ = superposed(context, phases, [20.0], 4.0 + seconds)
     sums = (red + green).repeat(len(rates), 1, 1)
     run = learn(sums, gamma=torch.tensor(rates).repeat_interleave(len(phases)))
     trials = [one_trial(run.state, i) for i in range(len(sums))]
@@ -253,7 +255,7 @@ def learning_rates(lab: Lab, seconds: float, phase_step: int, rates: list[float]
     axes[1].legend(frameon=False)
     letters(axes)
     caption = "What high learning rates do, at every phase; sums superposed from lone bars."
-    lab.draw("B-learning-rates", figure, "after B §3.4.1", caption, rates=rates, phases=phases, seconds=seconds)
+    context.draw("B-learning-rates", figure, "after B §3.4.1", caption, rates=rates, phases=phases, seconds=seconds)
     counts = {f"{rate:g}": int(n) for rate, n in zip(rates, right.sum(1), strict=True)}
     locked = {f"{rate:g}": int(n) for rate, n in zip(rates, alternating.sum(1), strict=True)}
     numbers = {"phases": phases, "right": counts, "alternating": locked, "share in columns": mean_shares(run, rates)}
@@ -262,7 +264,7 @@ def learning_rates(lab: Lab, seconds: float, phase_step: int, rates: list[float]
     parts = {"10 times the usual rate right at as many phases as the usual one (less 10 %)": max(fast) >= 0.9 * usual}
     ours = "; ".join(f"{rate}: {n}" for rate, n in counts.items()) + f" of {len(phases)} phases"
     why = f"Wrong owners join in, mostly up, and outputs alternate from step to step at {locked} phases."
-    return judged(lab, ours, why, parts, numbers)
+    return judged(context, ours, why, parts, numbers)
 
 
 def mean_shares(run: Run, rates: list[float]) -> list[float]:

@@ -17,22 +17,12 @@ from ndtorch_train.reproduce.drives import DRIVES
 from ndtorch_train.reproduce.outcome import Claim
 from ndtorch_train.reproduce.signals import BINDING, HOUSE
 
-VISION = ("ndtorch/vision", "ndtorch/scenes", "ndtorch/navigation/rig.py", "train/ndtorch_train/reproduce/plots.py")
-MAPS = (
-    *DRIVES,
-    "train/ndtorch_train/reproduce/drives.py",
-    "train/ndtorch_train/reproduce/driving.py",
-    "train/ndtorch_train/reproduce/plots.py",
-)
+VISION = ("ndtorch.vision", "ndtorch.scenes", "ndtorch.navigation.rig", "ndtorch_train.reproduce.plots")
+MAPS = (*DRIVES, *(f"ndtorch_train.reproduce.{name}" for name in ("drives", "driving", "plots")))
 BIND = (*BINDING, *HOUSE)
 SEEDS = [0, 1, 2]
 RATES = [0.5, 1.0, 2.0, 5.0, 10.0]
 PHASES = [60.0, 90.0, 120.0, 240.0, 270.0, 300.0]
-
-
-def code(name: str, uses: tuple[str, ...]) -> tuple[str, ...]:
-    """The experiment's own file and what it uses."""
-    return (f"train/ndtorch_train/reproduce/{name}.py", *uses)
 
 
 def _claim(
@@ -47,8 +37,8 @@ def _claim(
     seconds: tuple[float, float],
     uses: tuple[str, ...],
 ) -> Claim:
-    name = run.__module__.rsplit(".", 1)[1]
-    return Claim(id, source, text, printed, tolerance, run, full, quick, seconds, code(name, uses))
+    # The experiment's own file, and what it uses.
+    return Claim(id, source, text, printed, tolerance, run, full, quick, seconds, (run.__module__, *uses))
 
 
 CLAIMS: tuple[Claim, ...] = (
@@ -88,7 +78,7 @@ CLAIMS: tuple[Claim, ...] = (
         "predicted features prefer one edge; the beams' product is longer at longer range", "as printed, in sign",
         mapping.rows_and_beams, {"arena": "hallway", "seed": 0, "seconds": 36.0, "begin": 8.0},
         {"arena": "hallway", "seed": 0, "seconds": 20.0, "begin": 8.0}, (14, 8),
-        (*MAPS, "train/ndtorch_train/reproduce/mapping.py"),
+        (*MAPS, "ndtorch_train.reproduce.mapping"),
     ),
     _claim(
         "A7", "A fig. 12", "map of a hallway: spacing of doors", "1.324 m for 1.308 m, 1.2 %",
@@ -151,7 +141,7 @@ CLAIMS: tuple[Claim, ...] = (
     _claim(
         "B9", "B fig. 12", "a real video of one moving object: one column", "one column, left, 0.53",
         "one column above a tenth of the largest weight",
-        video.one_object, {"seed": 0, "clip": True}, None, (25, 0), BIND,
+        video.one_object, {"seed": 0, "clip": ""}, None, (25, 0), BIND,
     ),
     _claim(
         "B10", "B §3.4.1", "learning rates over 10 times larger learn stably as well", "data not shown",

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import functools
-import os
 import shutil
 import sys
-import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from ndtorch.errors import InputError
-from ndtorch_train.workers import Note, run_tasks
+from ndtorch.workers import Note, cores, run_tasks
+from ndtorch_train.output import prepare
 
 if TYPE_CHECKING:
     from ndtorch_train.reproduce.outcome import Claim
@@ -41,6 +40,8 @@ class Reproduce:
     """Processes (default: one for every core this process may use)."""
     table: Path | None = None
     """Also put the table of claims into this Markdown file, between its marks."""
+    clip: Path | None = None
+    """Video of a road camera that B9 looks at too."""
     fresh: bool = False
     """Use no result of an earlier run."""
 
@@ -50,7 +51,11 @@ class Reproduce:
         from ndtorch_train.reproduce.page import markdown, publish, put_table, tally
 
         claims = chosen(self.ids)
-        jobs = len(os.sched_getaffinity(0)) if self.jobs is None else self.jobs
+        if self.clip is not None:
+            if not self.clip.is_file():
+                raise InputError(f"--clip {self.clip}: no such file")
+            claims = [looking_at(claim, self.clip) for claim in claims]
+        jobs = cores() if self.jobs is None else self.jobs
         if jobs < 1:
             raise InputError(f"--jobs must be at least 1, got {jobs}")
         prepare(self.out)
@@ -75,7 +80,7 @@ class Reproduce:
 
     def collect(self, claims: Sequence[Claim], jobs: int) -> tuple[list[Entry], dict[str, str]]:
         """Results of all claims, from the cache or computed now, and why some could not be had."""
-        from ndtorch_train.reproduce.lab import ResultCache
+        from ndtorch_train.reproduce.context import ResultCache
         from ndtorch_train.reproduce.page import Entry, not_run
 
         store = ResultCache(self.out / "cache")
@@ -113,7 +118,7 @@ def compute(claims: Sequence[Claim], quick: bool, jobs: int, folder: Path) -> di
         return {}
     from tqdm import tqdm
 
-    from ndtorch_train.reproduce.lab import code_of
+    from ndtorch_train.reproduce.context import code_of
 
     def cost(claim: Claim) -> float:
         return claim.seconds[1 if quick else 0]
@@ -129,7 +134,7 @@ def compute(claims: Sequence[Claim], quick: bool, jobs: int, folder: Path) -> di
             if kind == "progress":
                 new = max(shares[index], min(float(value), 0.99))
             elif kind == "again":
-                words = f"note: the process of {claim.id} died (exit code {value}); {claim.id} is run again"
+                words = f"note: the process of {claim.id} died ({value}); {claim.id} is run again"
                 bar.write(words, file=sys.stderr)
                 continue
             else:
@@ -145,7 +150,7 @@ def compute(claims: Sequence[Claim], quick: bool, jobs: int, folder: Path) -> di
 def _task(task: tuple[Claim, str], note: Note, *, quick: bool, folder: Path) -> None:
     """One experiment and the fingerprint of its code, in a process of its own."""
     from ndtorch.memory import tune_allocator
-    from ndtorch_train.reproduce.lab import run_claim
+    from ndtorch_train.reproduce.context import run_claim
 
     tune_allocator()
     try:
@@ -156,19 +161,6 @@ def _task(task: tuple[Claim, str], note: Note, *, quick: bool, folder: Path) -> 
         raise InputError(f"{error.filename or folder} cannot be written: {error.strerror}") from None
 
 
-def prepare(folder: Path) -> None:
-    """Make the folder and see that files can be written, before any time is spent.
-
-    Raises:
-        InputError: it cannot be made or written to.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder) as file:
-            file.write(b"0" * 4096)
-            file.flush()
-    except OSError as error:
-        raise InputError(f"--out {folder}: cannot write there ({error.strerror})") from None
-
-
-__all__: list[Any] = ["Reproduce", "prepare"]
+def looking_at(claim: Claim, clip: Path) -> Claim:
+    """A claim that looks at this clip too, if it is one that looks at clips."""
+    return replace(claim, full=dict(claim.full) | {"clip": str(clip)}) if "clip" in claim.full else claim

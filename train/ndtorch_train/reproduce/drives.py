@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from ndtorch_train.recorded import Recorded, from_arrays, record_drive
-from ndtorch_train.reproduce.lab import Arrays, Lab
+from ndtorch_train.reproduce.context import Arrays, Context
 
-DRIVES = ("ndtorch/vision", "ndtorch/navigation", "robot", "train/ndtorch_train/recorded.py")
+DRIVES = ("ndtorch.vision", "ndtorch.navigation", "ndtorch_robot", "ndtorch_train.recorded")
 """Code that a drive depends on."""
 
 PUBLISHED = {"controller": "published", "features": 5, "places": "motion"}
@@ -15,7 +15,7 @@ PUBLISHED = {"controller": "published", "features": 5, "places": "motion"}
 
 
 def recorded(
-    lab: Lab, arena: str, seed: int, seconds: float, share: tuple[float, float] = (0.0, 1.0), **options: Any
+    context: Context, arena: str, seed: int, seconds: float, share: tuple[float, float] = (0.0, 1.0), **options: Any
 ) -> Recorded:
     """Drive with the published controller, or look up the drive.
 
@@ -27,9 +27,9 @@ def recorded(
 
     def progress(made: int, total: int) -> None:
         if made % 30 == 0:
-            lab.note(share[0] + (share[1] - share[0]) * made / total)
+            context.note(share[0] + (share[1] - share[0]) * made / total)
 
     def make() -> Arrays:
         return record_drive(key, progress)
 
-    return from_arrays(lab.stored("drive", key, DRIVES, make), arena, seed)
+    return from_arrays(context.stored("drive", key, DRIVES, make), arena, seed)

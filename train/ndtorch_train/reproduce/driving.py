@@ -10,9 +10,9 @@ import torch
 
 from ndtorch.navigation import TURN, AvoidanceParams, Navigator, SaccadeAvoidance, StereoRig, SubfieldMotion
 from ndtorch_train.recorded import RATE, Recorded
+from ndtorch_train.reproduce.context import Context, judged
 from ndtorch_train.reproduce.drives import recorded
-from ndtorch_train.reproduce.lab import Lab
-from ndtorch_train.reproduce.outcome import Outcome, judged
+from ndtorch_train.reproduce.outcome import Outcome
 from ndtorch_train.reproduce.plots import BLACK, BLUE, GREEN, ORANGE, YELLOW, panels
 
 
@@ -57,19 +57,19 @@ def path_panel(axes: Any, seen: Recorded) -> None:
 
 
 def free_driving(
-    lab: Lab, curve_seeds: list[int], curve_seconds: float, other: list[str], seed: int, other_seconds: float
+    context: Context, curve_seeds: list[int], curve_seconds: float, other: list[str], seed: int, other_seconds: float
 ) -> Outcome:
     """The curved hallway for minutes, and arenas with walls met head-on."""
     tasks = [("curve", s, curve_seconds) for s in curve_seeds] + [(a, seed, other_seconds) for a in other]
     drives = []
     for n, (arena, s, seconds) in enumerate(tasks):
-        drives.append(recorded(lab, arena, s, seconds, (n / len(tasks), (n + 1) / len(tasks))))
+        drives.append(recorded(context, arena, s, seconds, (n / len(tasks), (n + 1) / len(tasks))))
     shown = [drives[0], *drives[len(curve_seeds) :]]
     figure, axes = panels(1, len(shown), 6.2 * len(shown), 6)
     for one, seen in zip(axes, shown, strict=True):
         path_panel(one, seen)
     caption = "Paths of the published rule: a hallway whose walls are met obliquely, and arenas with walls met head-on."
-    lab.draw("A8-paths", figure, "A fig. 8", caption, drives=tasks)
+    context.draw("A8-paths", figure, "A fig. 8", caption, drives=tasks)
 
     def troubles(seen: Recorded) -> int:
         return len(seen.collisions) + len(seen.stops)
@@ -93,12 +93,12 @@ def free_driving(
     first = [n["first trouble at"] for n in numbers.values() if n["first trouble at"] is not None]
     why = "Walls met obliquely are avoided. At walls met head-on it stops for good (both sides low) or hits them"
     why += f", the first time after {min(first):.0f}-{max(first):.0f} s." if first else "."
-    return judged(lab, ours, why, parts, numbers)
+    return judged(context, ours, why, parts, numbers)
 
 
-def saccades(lab: Lab, arena: str, seed: int, seconds: float, shown: float) -> Outcome:
+def saccades(context: Context, arena: str, seed: int, seconds: float, shown: float) -> Outcome:
     """The difference of both sides over time, with two saccades."""
-    seen = recorded(lab, arena, seed, seconds)
+    seen = recorded(context, arena, seed, seconds)
     limit = AvoidanceParams().turn_threshold
     turning = seen.mode == TURN
     starts = np.flatnonzero(turning & ~np.concatenate(([False], turning[:-1])))
@@ -123,7 +123,7 @@ def saccades(lab: Lab, arena: str, seed: int, seconds: float, shown: float) -> O
     one.set_title(f"{arena}, seed {seed}", fontsize=10)
     one.legend(frameon=False, loc="lower right", fontsize=9)
     caption = "Difference of the right and left speed estimates, the threshold (dashed) and the saccades it starts."
-    lab.draw("A7-saccades", figure, "A fig. 7", caption, arena=arena, seed=seed, window=[begin, end])
+    context.draw("A7-saccades", figure, "A fig. 7", caption, arena=arena, seed=seed, window=[begin, end])
     cause = seen.difference[starts]
     parts = {
         "at least two saccades": len(starts) >= 2,
@@ -135,17 +135,17 @@ def saccades(lab: Lab, arena: str, seed: int, seconds: float, shown: float) -> O
     left, right = int((ways > 0).sum()), int((ways < 0).sum())
     ours = f"{right} right, {left} left turns in {seconds:.0f} s"
     why = "No turn the other way: the ring bends one way only." if min(left, right) == 0 else ""
-    return judged(lab, ours, why, parts, numbers)
+    return judged(context, ours, why, parts, numbers)
 
 
-def speed(lab: Lab, seconds: float) -> Outcome:
+def speed(context: Context, seconds: float) -> Outcome:
     """How many frames a second the avoidance and the whole navigation step take on one core."""
     rig = StereoRig()
     generator = torch.Generator().manual_seed(0)
     frames = torch.randint(0, 256, (2, 8, 3, 480, 640), dtype=torch.uint8, generator=generator)
     left, right = frames[:, :, None]
     motion, rule = SubfieldMotion(rig, 1 / RATE), SaccadeAvoidance(1 / RATE)
-    navigator = Navigator(rig, 1 / RATE)
+    navigator = Navigator(rig, 1 / RATE, controller="published")
 
     kept: dict[str, Any] = {"fields": None, "mode": None, "all": None}
 
@@ -170,7 +170,7 @@ def speed(lab: Lab, seconds: float) -> Outcome:
                 step()
                 times.append((time.process_time() - start) / 8)
             rates[name] = 1 / float(np.median(times))
-            lab.note(0.5)
+            context.note(0.5)
     figure, (one,) = panels(1, 1, 7, 2.6)
     one.barh(list(rates), list(rates.values()), color=[BLUE, GREEN])
     one.axvline(1000, color=BLACK, ls="--", lw=1)
@@ -179,8 +179,8 @@ def speed(lab: Lab, seconds: float) -> Outcome:
         one.text(rate, k, f" {rate:.0f}", va="center", fontsize=9)
     one.set_xlim(0, 1.15 * max(rates.values()))
     caption = "Frames a second of two 640 x 480 cameras, by one core with torch."
-    lab.draw("A-speed", figure, "A §2.3", caption, seconds=seconds)
+    context.draw("A-speed", figure, "A §2.3", caption, seconds=seconds)
     parts = {f"{name}: over 1000 a second": rate > 1000 for name, rate in rates.items()}
     ours = "; ".join(f"{name} {rate:.0f}/s" for name, rate in rates.items())
     why = "The paper speaks of a microcontroller without measuring; this is processor time of one core here."
-    return judged(lab, ours, why, parts, {"rates": rates})
+    return judged(context, ours, why, parts, {"rates": rates})

@@ -13,8 +13,8 @@ from ndtorch.binding import train_first_stage
 from ndtorch.report.palette import STYLES
 from ndtorch.scenes import hsl_color, moving_bar, static_bar
 from ndtorch.vision import FEATURES, GROUPS, VisualFeatures
-from ndtorch_train.reproduce.lab import Lab
-from ndtorch_train.reproduce.outcome import Outcome, judged
+from ndtorch_train.reproduce.context import Context, judged
+from ndtorch_train.reproduce.outcome import Outcome
 from ndtorch_train.reproduce.plots import letters, panels
 
 
@@ -32,13 +32,13 @@ def shipped(group: str) -> Tensor:
     return weights[GROUPS[group], GROUPS[group]].double()
 
 
-def weights(lab: Lab, gamma: float, radius: float) -> Outcome:
+def weights(context: Context, gamma: float, radius: float) -> Outcome:
     """Train the three networks on the contracting rings and look at their weights."""
     seen: list[tuple[float, list[float]]] = []
 
     def progress(seconds: float, largest: list[float]) -> None:
         seen.append((seconds, largest))
-        lab.note(min(0.95, seconds / 8))
+        context.note(min(0.95, seconds / 8))
 
     stage = train_first_stage(gamma, radius, progress=progress)
     found = {"motion": stage.motion, "orientation": stage.orientation, "color": stage.color}
@@ -57,7 +57,7 @@ def weights(lab: Lab, gamma: float, radius: float) -> Outcome:
     axes[3].set(title="largest weight during training", xlabel="time (s)", ylabel="weight")
     letters(axes)
     caption = "Weights of the three first-stage networks after training on the contracting rings."
-    lab.draw("B1-first-stage", figure, "B §3.1-3.3", caption, gamma=gamma, radius=radius)
+    context.draw("B1-first-stage", figure, "B §3.1-3.3", caption, gamma=gamma, radius=radius)
 
     printed = {"motion": 0.30, "orientation": 0.45, "color": 0.45}
     numbers: dict[str, Any] = {"seconds": stage.seconds}
@@ -73,7 +73,7 @@ def weights(lab: Lab, gamma: float, radius: float) -> Outcome:
         " All three stop at a radius of 0.9."
     )
     parts = {name: bool(good) for name, good in parts.items()}
-    return judged(lab, " / ".join(words), why, parts, numbers)
+    return judged(context, " / ".join(words), why, parts, numbers)
 
 
 def motion_sums(directions: list[float], orientations: list[float] | None, seconds: float) -> Tensor:
@@ -110,12 +110,12 @@ def half_width(angles: Tensor, response: Tensor, centre: float) -> float:
     return (edge(-1) + edge(1)) / 2
 
 
-def motion_tuning(lab: Lab, step: float, seconds: float) -> Outcome:
+def motion_tuning(context: Context, step: float, seconds: float) -> Outcome:
     """Directions all around, then the aperture problem: a bar that moves right at any tilt."""
     network = shipped("motion")
     directions = [step * k for k in range(round(360 / step))]
     inputs = motion_sums(directions, None, seconds)
-    lab.note(0.6)
+    context.note(0.6)
     outputs = settled(network, inputs).clamp_min(0)
     angles = torch.tensor(directions, dtype=torch.float64)
     tilts = [-85.0 + step * k for k in range(round(170 / step) + 1)]
@@ -131,7 +131,7 @@ def motion_tuning(lab: Lab, step: float, seconds: float) -> Outcome:
     polar.set_title("direction of motion; thin: inputs, bold: outputs", fontsize=10)
     polar.legend(loc="upper left", bbox_to_anchor=(0.95, 1.08), frameon=False)
     caption = "First-stage motion refinement. Inputs (thin) and outputs (bold) against the direction of a moving bar."
-    lab.draw("B4-motion-tuning", figure, "B fig. 4", caption, step=step, seconds=seconds)
+    context.draw("B4-motion-tuning", figure, "B fig. 4", caption, step=step, seconds=seconds)
 
     figure, axes = panels(1, 2, 11, 4, sharey=True)
     for one, values, title in zip(axes, (slanted, refined), ("network inputs", "network outputs"), strict=True):
@@ -144,7 +144,7 @@ def motion_tuning(lab: Lab, step: float, seconds: float) -> Outcome:
     axes[0].legend(frameon=False, fontsize=9)
     letters(axes)
     caption = "First-stage motion processing of the aperture problem: a bar that always moves right, at any tilt."
-    lab.draw("B5-aperture", figure, "B fig. 5", caption, step=step, seconds=seconds)
+    context.draw("B5-aperture", figure, "B fig. 5", caption, step=step, seconds=seconds)
 
     centres = {"left": 180.0, "right": 0.0, "down": 270.0, "up": 90.0}
     before, after = (
@@ -171,10 +171,10 @@ def motion_tuning(lab: Lab, step: float, seconds: float) -> Outcome:
     }
     ours = f"half-width {wide:.0f} -> {narrow:.0f}°, weakest of three down to {100 * left:.0f} %"
     why = f"Vertical responses to a bar moving right fall to {unwanted[1] / unwanted[0]:.2f} of the inputs'."
-    return judged(lab, ours, why, parts, numbers)
+    return judged(context, ours, why, parts, numbers)
 
 
-def orientation_tuning(lab: Lab, step: float) -> Outcome:
+def orientation_tuning(context: Context, step: float) -> Outcome:
     """A bar at rest at every orientation."""
     network = shipped("orientation")
     tilts = torch.arange(0, 180, step, dtype=torch.float64)
@@ -183,7 +183,7 @@ def orientation_tuning(lab: Lab, step: float) -> Outcome:
         inputs = torch.stack([features(static_bar(float(t))[None])[0][0, 4:7].double() for t in tilts])
     inputs = inputs / inputs.max()
     outputs = settled(network, inputs)
-    lab.note(0.8)
+    context.note(0.8)
     figure, axes = panels(1, 2, 10, 5.2, subplot_kw={"projection": "polar"})
     around = torch.cat([tilts, tilts + 180, tilts[:1]]).deg2rad()
     for one, values, title in zip(axes, (inputs, outputs), ("network inputs", "network outputs"), strict=True):
@@ -197,7 +197,7 @@ def orientation_tuning(lab: Lab, step: float) -> Outcome:
     caption = (
         "First-stage orientation refinement: responses to a bar at rest against its angle (0°: long axis vertical)."
     )
-    lab.draw("B6-orientation-tuning", figure, "B fig. 6", caption, step=step)
+    context.draw("B6-orientation-tuning", figure, "B fig. 6", caption, step=step)
     before, after = ((v.amin(0) / v.amax(0)).tolist() for v in (inputs, outputs))
     low, high = min(after), max(after)
     numbers = {"min/max of inputs": before, "min/max of outputs": after}
@@ -206,10 +206,10 @@ def orientation_tuning(lab: Lab, step: float) -> Outcome:
         "outputs at most .17": high <= 0.17,
     }
     ours = f"min/max {min(before):.2f}-{max(before):.2f} -> {low:.2f}-{high:.2f}"
-    return judged(lab, ours, "The shapes are those of the figure: ellipses become peanuts.", parts, numbers)
+    return judged(context, ours, "The shapes are those of the figure: ellipses become peanuts.", parts, numbers)
 
 
-def color_tuning(lab: Lab, saturation: float, hues: int, lights: int) -> Outcome:
+def color_tuning(context: Context, saturation: float, hues: int, lights: int) -> Outcome:
     """Colours of little saturation, all hues and lightnesses."""
     network = shipped("color")
     hue = torch.linspace(0, 360, hues)
@@ -241,7 +241,7 @@ def color_tuning(lab: Lab, saturation: float, hues: int, lights: int) -> Outcome
     axes[2].legend(fontsize=7.5, ncols=3, frameon=False, loc="upper center")
     letters(axes)
     caption = f"First-stage colour refinement of colours of saturation {saturation:g}; outputs over the largest of all."
-    lab.draw("B7-color-tuning", figure, "B fig. 7", caption, saturation=saturation)
+    context.draw("B7-color-tuning", figure, "B fig. 7", caption, saturation=saturation)
     numbers = {
         "saturation of outputs, least, mean, most": [float(found.min()), float(found.mean()), float(found.max())],
         "largest error of 'sums are colour times area'": area_error,
@@ -251,4 +251,4 @@ def color_tuning(lab: Lab, saturation: float, hues: int, lights: int) -> Outcome
         "every output saturation .6 to .8, to the digit given": bool((found >= 0.55).all() and (found < 0.85).all())
     }
     ours = f"{saturation:g} -> {float(found.min()):.2f}-{float(found.max()):.2f}"
-    return judged(lab, ours, "Saturation at lightness 0.5, over all hues.", parts, numbers)
+    return judged(context, ours, "Saturation at lightness 0.5, over all hues.", parts, numbers)

@@ -12,10 +12,10 @@ from ndtorch.navigation import FeatureParams, PredictedFeatures, Ranges, StereoR
 from ndtorch.navigation.features import Features
 from ndtorch.vision import NDMin
 from ndtorch_train.recorded import RATE, Recorded, map_of, quality, ranges_of, score_of
+from ndtorch_train.reproduce.context import Context, judged
 from ndtorch_train.reproduce.drives import recorded
 from ndtorch_train.reproduce.driving import plan_axes
-from ndtorch_train.reproduce.lab import Lab
-from ndtorch_train.reproduce.outcome import Outcome, judged
+from ndtorch_train.reproduce.outcome import Outcome
 from ndtorch_train.reproduce.plots import BLUE, GREEN, ORANGE, PURPLE, letters, panels
 
 TOP_THREE = ("#d55e00", "#009e73", "#0072b2")
@@ -29,9 +29,9 @@ def hops(features: Features) -> float:
     return float(((column[:, 1:] - column[:, :-1]).abs() > 10)[both].double().mean())
 
 
-def rows_and_beams(lab: Lab, arena: str, seed: int, seconds: float, begin: float) -> Outcome:
+def rows_and_beams(context: Context, arena: str, seed: int, seconds: float, begin: float) -> Outcome:
     """Rows over time, their ND-min outputs, features, predicted features and ranges; and the two beams."""
-    seen = recorded(lab, arena, seed, seconds)
+    seen = recorded(context, arena, seed, seconds)
     rows = torch.from_numpy(seen.rows).float() / 255
     with torch.inference_mode():
         eyes = rows.transpose(0, 1)
@@ -41,11 +41,13 @@ def rows_and_beams(lab: Lab, arena: str, seed: int, seconds: float, begin: float
         plain = find_features(eyes, outputs, three)
         predicted, _ = PredictedFeatures(three)(eyes, outputs)
     ranges = ranges_of(seen, FeatureParams())
-    space_time(lab, seen, rows)
-    marked(lab, seen, plain, "ch2-9-features", "chapter 2 fig. 9", "the three strongest")
-    marked(lab, seen, predicted, "ch2-10-predicted", "chapter 2 fig. 10", "three features, each followed by prediction")
-    diagram(lab, seen, rows, motion, ranges, begin)
-    far, near, peak = beams(lab, seen.rig)
+    space_time(context, seen, rows)
+    marked(context, seen, plain, "ch2-9-features", "chapter 2 fig. 9", "the three strongest")
+    marked(
+        context, seen, predicted, "ch2-10-predicted", "chapter 2 fig. 10", "three features, each followed by prediction"
+    )
+    diagram(context, seen, rows, motion, ranges, begin)
+    far, near, peak = beams(context, seen.rig)
     numbers: dict[str, Any] = {
         "hops of plain features": hops(plain),
         "hops of predicted features": hops(predicted),
@@ -66,10 +68,10 @@ def rows_and_beams(lab: Lab, arena: str, seed: int, seconds: float, begin: float
     )
     why = f"{100 * numbers['outputs below 1 % of the largest']:.0f} % of the outputs are below 1 % of the largest, "
     why += f"{100 * numbers['outputs below T_min']:.0f} % below T_min = 0.01."
-    return judged(lab, ours, why, parts, numbers)
+    return judged(context, ours, why, parts, numbers)
 
 
-def space_time(lab: Lab, seen: Recorded, rows: Tensor) -> None:
+def space_time(context: Context, seen: Recorded, rows: Tensor) -> None:
     """Both rows over time, time upward."""
     figure, axes = panels(1, 2, 12, 7.5, sharey=True)
     end = len(rows) / RATE
@@ -79,10 +81,10 @@ def space_time(lab: Lab, seen: Recorded, rows: Tensor) -> None:
     axes[0].set_ylabel("time (s)")
     letters(axes)
     words = f"{end:.0f} s of the centre rows of both cameras along the {seen.arena}."
-    lab.draw("ch2-8-rows", figure, "chapter 2 fig. 8", words, arena=seen.arena, seed=seen.seed)
+    context.draw("ch2-8-rows", figure, "chapter 2 fig. 8", words, arena=seen.arena, seed=seen.seed)
 
 
-def marked(lab: Lab, seen: Recorded, features: Features, name: str, title: str, words: str) -> None:
+def marked(context: Context, seen: Recorded, features: Features, name: str, title: str, words: str) -> None:
     """Places of three features over time."""
     figure, axes = panels(1, 2, 12, 7.5, sharey=True)
     t = np.arange(len(seen.rows)) / RATE
@@ -96,10 +98,10 @@ def marked(lab: Lab, seen: Recorded, features: Features, name: str, title: str, 
     axes[0].set_ylabel("time (s)")
     axes[1].legend(markerscale=4, frameon=True, loc="upper right", fontsize=9)
     letters(axes)
-    lab.draw(name, figure, title, f"Motion features over time: {words}.", arena=seen.arena, seed=seen.seed)
+    context.draw(name, figure, title, f"Motion features over time: {words}.", arena=seen.arena, seed=seen.seed)
 
 
-def diagram(lab: Lab, seen: Recorded, rows: Tensor, motion: Tensor, ranges: Ranges, begin: float) -> None:
+def diagram(context: Context, seen: Recorded, rows: Tensor, motion: Tensor, ranges: Ranges, begin: float) -> None:
     """200 frames from the images to the ranges."""
     first = min(round(begin * RATE), max(0, len(rows) - 200))
     part = slice(first, first + 200)
@@ -137,10 +139,12 @@ def diagram(lab: Lab, seen: Recorded, rows: Tensor, motion: Tensor, ranges: Rang
     figure.colorbar(scatter, ax=axes[6:], label="range (m)", shrink=0.8)
     letters(axes)
     words = "From image rows to ranges: rows, outputs of ND-min, features, and those matched between both cameras."
-    lab.draw("A10-ranging", figure, "A fig. 10", words, arena=seen.arena, seed=seen.seed, frames=[first, first + 200])
+    context.draw(
+        "A10-ranging", figure, "A fig. 10", words, arena=seen.arena, seed=seen.seed, frames=[first, first + 200]
+    )
 
 
-def beams(lab: Lab, rig: StereoRig) -> tuple[float, float, float]:
+def beams(context: Context, rig: StereoRig) -> tuple[float, float, float]:
     """The beams of both cameras, their sum and their product; half-lengths of the product and its peak."""
     from dataclasses import replace
 
@@ -163,7 +167,7 @@ def beams(lab: Lab, rig: StereoRig) -> tuple[float, float, float]:
         figure.colorbar(picture, ax=one, shrink=0.8, label="certainty")
     letters(axes)
     words = "Certainty of a feature at the cross, seen by two cameras (dots); beams drawn ten times as wide as a pixel."
-    lab.draw("A11-beams", figure, "A fig. 11", words, feature=[1.5, 0.1], reach=3.0, spread="10 pixels")
+    context.draw("A11-beams", figure, "A fig. 11", words, feature=[1.5, 0.1], reach=3.0, spread="10 pixels")
     along = torch.linspace(0.8, 3.0, 4401).double()
     values = certainty(along, along * float(y / x), seen, rig)
     top = int(values.argmax())
@@ -171,13 +175,13 @@ def beams(lab: Lab, rig: StereoRig) -> tuple[float, float, float]:
     return float(inside[-1] - along[top]), float(along[top] - inside[0]), float(along[top])
 
 
-def hallway_map(lab: Lab, seeds: list[int], seconds: float, noisy: bool) -> Outcome:
+def hallway_map(context: Context, seeds: list[int], seconds: float, noisy: bool) -> Outcome:
     """One pass of the hallway with exact and with noisy odometry."""
     drives: dict[str, list[Recorded]] = {"true": [], "noisy": []}
     tasks = [(s, o) for o in drives for s in seeds if o == "true" or noisy]
     for n, (seed, odometry) in enumerate(tasks):
         share = (n / len(tasks), (n + 1) / len(tasks))
-        drives[odometry].append(recorded(lab, "hallway", seed, seconds, share, odometry=odometry))
+        drives[odometry].append(recorded(context, "hallway", seed, seconds, share, odometry=odometry))
     seen = drives["true"][0]
     figure, (one,) = panels(1, 1, 14, 3.6)
     plan_axes(one, seen.arena, seen.seed, faint=True)
@@ -186,9 +190,9 @@ def hallway_map(lab: Lab, seeds: list[int], seconds: float, noisy: bool) -> Outc
     one.plot([0.5, 1.5, 1.5, 0.5, 0.5], [-0.5, -0.5, 0.5, 0.5, -0.5], color=PURPLE, lw=1.5, label="one square metre")
     figure.legend(*one.get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     words = "Map (red) of one pass of the simulated hallway, over its true plan; doors brown."
-    lab.draw("A12-map", figure, "A fig. 12", words, seed=seen.seed, seconds=seconds, odometry="true")
+    context.draw("A12-map", figure, "A fig. 12", words, seed=seen.seed, seconds=seconds, odometry="true")
 
-    arenas(lab, seen.seed)
+    arenas(context, seen.seed)
 
     def median(odometry: str, key: str) -> float | None:
         values = [d.summary["map"][key] for d in drives[odometry] if d.summary["map"][key] is not None]
@@ -211,10 +215,10 @@ def hallway_map(lab: Lab, seeds: list[int], seconds: float, noisy: bool) -> Outc
         parts["door spacing within 1.2 % with 1 % scale error and drift"] = (n["spacing_error_percent"] or 99) <= 1.2
         why += f" With noisy odometry {n['spacing_error_percent'] or float('nan'):.1f} % and "
         why += f"{n['position_error_cm'] or float('nan'):.1f} cm."
-    return judged(lab, ours, why, parts, numbers)
+    return judged(context, ours, why, parts, numbers)
 
 
-def arenas(lab: Lab, seed: int) -> None:
+def arenas(context: Context, seed: int) -> None:
     """The buildings from above."""
     names = ("hallway", "curve", "loop", "room", "office", "random")
     figure, axes = panels(2, 3, 14, 8.5)
@@ -223,7 +227,7 @@ def arenas(lab: Lab, seed: int) -> None:
         one.set_title(name)
     letters(axes)
     words = "The simulated buildings from above, doors brown; the paper's hallway stands in (a) with its door spacing."
-    lab.draw("A9-arenas", figure, "A fig. 9", words, seed=seed)
+    context.draw("A9-arenas", figure, "A fig. 9", words, seed=seed)
 
 
 def show_map(axes: Any, seen: Recorded) -> None:
@@ -238,15 +242,15 @@ def show_map(axes: Any, seen: Recorded) -> None:
     axes.imshow(image, origin="lower", extent=extent, zorder=2, interpolation="nearest", aspect="equal")
 
 
-def feature_count(lab: Lab, seeds: list[int], seconds: float, counts: list[int]) -> Outcome:
+def feature_count(context: Context, seeds: list[int], seconds: float, counts: list[int]) -> Outcome:
     """Maps of the same drives with 1 to 12 features a frame."""
     found = np.full((len(seeds), len(counts), 3), np.nan)
     for i, seed in enumerate(seeds):
-        seen = recorded(lab, "hallway", seed, seconds, (i / len(seeds), (i + 0.5) / len(seeds)))
+        seen = recorded(context, "hallway", seed, seconds, (i / len(seeds), (i + 0.5) / len(seeds)))
         for j, count in enumerate(counts):
             score = score_of(seen, map_of(seen, ranges_of(seen, FeatureParams(count=count)), 3.0))
             found[i, j] = score["precision"] or 0, score["recall"] or 0, quality(score)
-            lab.note((i + 0.5 + 0.5 * j / len(counts)) / len(seeds))
+            context.note((i + 0.5 + 0.5 * j / len(counts)) / len(seeds))
     mean = found.mean(0)
     figure, (one,) = panels(1, 1, 8, 4.4)
     for k, (name, color, style) in enumerate(
@@ -258,7 +262,7 @@ def feature_count(lab: Lab, seeds: list[int], seconds: float, counts: list[int])
     one.set(xlabel="features a frame", ylabel="share", ylim=(0, 1), title="hallway maps, mean and range of the seeds")
     one.legend(frameon=False, title="both: harmonic mean")
     words = "Precision, recall and their harmonic mean of hallway maps against the number of features (grey: 3 to 7)."
-    lab.draw("A-feature-count", figure, "A Methods", words, seeds=seeds, counts=counts, seconds=seconds)
+    context.draw("A-feature-count", figure, "A Methods", words, seeds=seeds, counts=counts, seconds=seconds)
     best = counts[int(mean[:, 2].argmax())]
     inside = [m for c, m in zip(counts, mean[:, 2], strict=True) if 3 <= c <= 7]
     parts = {
@@ -269,4 +273,4 @@ def feature_count(lab: Lab, seeds: list[int], seconds: float, counts: list[int])
     numbers = {"counts": counts, "mean precision, recall, both": mean, "best": best}
     ours = f"best at {best}; {min(inside):.2f}-{max(inside):.2f} at 3 to 7"
     why = f"Harmonic mean of precision and recall: {words}. Chapter 2 says 3 to 12 of the same system."
-    return judged(lab, ours, why, parts, numbers)
+    return judged(context, ours, why, parts, numbers)

@@ -13,8 +13,8 @@ from ndtorch.binding import PublishedModel, object_table
 from ndtorch.binding.attention import attention_mask, feature_weights
 from ndtorch.scenes import two_bars
 from ndtorch.vision import FEATURES, LowPass
-from ndtorch_train.reproduce.lab import Lab
-from ndtorch_train.reproduce.outcome import Outcome, judged
+from ndtorch_train.reproduce.context import Context, judged
+from ndtorch_train.reproduce.outcome import Outcome
 from ndtorch_train.reproduce.plots import (
     BLUE,
     GREEN,
@@ -40,9 +40,9 @@ PAIR = ["red", "green"]
 RED, GREEN_, BLUE_ = (FEATURES.index(name) for name in ("red", "green", "blue"))
 
 
-def rules(lab: Lab, seconds: float) -> Outcome:
+def rules(context: Context, seconds: float) -> Outcome:
     """The reference stimulus with both rules."""
-    sums = rendered(lab, "two-bars", seconds=4.0 + seconds)
+    sums = rendered(context, "two-bars", seconds=4.0 + seconds)
     both = {rule: learn(sums, rule=rule) for rule in ("competitive", "cooperative")}
     figure, axes = panels(2, 2, 13, 10)
     for k, (rule, run) in enumerate(both.items()):
@@ -52,7 +52,7 @@ def rules(lab: Lab, seconds: float) -> Outcome:
     letters(axes)
     feature_legend(figure)
     caption = "Two bars in sine shadow: the competitive rule beside the cooperative one."
-    lab.draw("C3-rules", figure, "C fig. 3", caption, phase=290, seconds=seconds)
+    context.draw("C3-rules", figure, "C fig. 3", caption, phase=290, seconds=seconds)
     shares = {rule: share_in(run.final, (RED, GREEN_)) for rule, run in both.items()}
     numbers = {"share of weight in red and green": shares, "owners": {r: owners(run.final) for r, run in both.items()}}
     parts = {
@@ -60,12 +60,12 @@ def rules(lab: Lab, seconds: float) -> Outcome:
         "cooperative: at most .3": shares["cooperative"] <= 0.3,
     }
     ours = f"{shares['competitive']:.2f} against {shares['cooperative']:.2f} of the weight"
-    return judged(lab, ours, "Two of ten columns would have .20 of evenly spread weights.", parts, numbers)
+    return judged(context, ours, "Two of ten columns would have .20 of evenly spread weights.", parts, numbers)
 
 
-def table(lab: Lab, seconds: float) -> Outcome:
+def table(context: Context, seconds: float) -> Outcome:
     """The simplified weights and the matrix of objects."""
-    run = learn(rendered(lab, "two-bars", seconds=4.0 + seconds))
+    run = learn(rendered(context, "two-bars", seconds=4.0 + seconds))
     read = object_table(run.final)
     numbers_of = (read.owners.nonzero().flatten() + 1).tolist()
     rows = read.rows[read.owners]
@@ -81,10 +81,10 @@ def table(lab: Lab, seconds: float) -> Outcome:
     axes[1].set(title=f"object matrix O, r = {numbers_of}")
     letters(axes)
     caption = "From the simplified weights to one row of features for every object."
-    lab.draw("C4-objects", figure, "C fig. 4", caption, phase=290, seconds=seconds)
+    context.draw("C4-objects", figure, "C fig. 4", caption, phase=290, seconds=seconds)
     found = [thing.features for thing in run.model.objects(run.state)]
     ours = f"r = {numbers_of}"
-    return judged(lab, ours, "", {"r = [8, 9]": numbers_of == [8, 9]}, {"r": numbers_of, "objects": found})
+    return judged(context, ours, "", {"r = [8, 9]": numbers_of == [8, 9]}, {"r": numbers_of, "objects": found})
 
 
 class Look(NamedTuple):
@@ -100,7 +100,7 @@ class Look(NamedTuple):
     after: float
 
 
-def watch(lab: Lab, seconds: float, since: float, shift: tuple[float, float], share: float) -> list[Look]:
+def watch(context: Context, seconds: float, since: float, shift: tuple[float, float], share: float) -> list[Look]:
     """Enhanced images five times a second, from `since` seconds of learning on. [C eq. 11, fig. 5]"""
     model = ndtorch.load("published")
     assert isinstance(model, PublishedModel)
@@ -125,13 +125,13 @@ def watch(lab: Lab, seconds: float, since: float, shift: tuple[float, float], sh
                 a, b, c = (image.permute(1, 2, 0).clone() for image in (frames[-1], mask, enhanced))
                 found.append(Look(time, int(k), a, b, c, f, float(frame[0] / frame[1]), ratio))
             if n % 5 == 0:
-                lab.note(share * 20 * n / (source.length or 1))
+                context.note(share * 20 * n / (source.length or 1))
     return found
 
 
-def enhanced_image(lab: Lab, seconds: float, crossing: tuple[float, float], medians: bool) -> Outcome:
+def enhanced_image(context: Context, seconds: float, crossing: tuple[float, float], medians: bool) -> Outcome:
     """Attention when the bars pass each other, and the ratio red to green over all moments of equal input."""
-    passing = watch(lab, crossing[1], crossing[0], (250.0, -85.0), 0.5 if medians else 1.0)
+    passing = watch(context, crossing[1], crossing[0], (250.0, -85.0), 0.5 if medians else 1.0)
 
     def even(look: Look) -> bool:
         return 0.8 <= look.before <= 1.25 and look.winner in (RED, GREEN_)
@@ -147,8 +147,8 @@ def enhanced_image(lab: Lab, seconds: float, crossing: tuple[float, float], medi
             middle = (crossing[0] + crossing[1]) / 2
             shown.append(min(of_it, key=lambda look: abs(look.time - middle)))
     if shown:
-        enhanced_figures(lab, shown)
-    looks = watch(lab, seconds, 6.0, (0.0, 0.0), 1.0) if medians else passing
+        enhanced_figures(context, shown)
+    looks = watch(context, seconds, 6.0, (0.0, 0.0), 1.0) if medians else passing
     ratios = {FEATURES[k]: [gain(look) for look in looks if look.winner == k and even(look)] for k in (RED, GREEN_)}
     mids = {name: float(np.median(r)) if r else float("nan") for name, r in ratios.items()}
     least = min((min(r) for r in ratios.values() if r), default=float("nan"))
@@ -167,10 +167,10 @@ def enhanced_image(lab: Lab, seconds: float, crossing: tuple[float, float], medi
     ours = f"medians {mids['red']:.1f} (red) and {mids['green']:.1f} (green)"
     first = ", ".join(f"{FEATURES[look.winner]} {gain(look):.1f} at {look.time:.1f} s" for look in shown)
     why = f"The printed ones are two moments; ours when the bars pass each other: {first}. Least of all: {least:.1f}."
-    return judged(lab, ours, why, parts, numbers)
+    return judged(context, ours, why, parts, numbers)
 
 
-def enhanced_figures(lab: Lab, shown: list[Look]) -> None:
+def enhanced_figures(context: Context, shown: list[Look]) -> None:
     """The two moments, input beside enhanced image, and how an enhanced image comes about."""
 
     def crop(image: Tensor) -> Tensor:
@@ -183,7 +183,7 @@ def enhanced_figures(lab: Lab, shown: list[Look]) -> None:
         bare(axes[2 * k + 1], crop(look.enhanced), f"enhanced: {words}, ratio {max(look.after, 1 / look.after):.1f}")
     letters(axes)
     caption = "160 x 160 pixels from the middle of the image as the bars pass each other; input and enhanced image."
-    lab.draw("C6-enhanced", figure, "C fig. 6", caption, shift=(250, -85))
+    context.draw("C6-enhanced", figure, "C fig. 6", caption, shift=(250, -85))
     look = shown[0]
     figure, axes = panels(1, 4, 14, 3.6, width_ratios=[1, 1.3, 1, 1])
     bare(axes[0], crop(look.frame), "input")
@@ -195,33 +195,33 @@ def enhanced_figures(lab: Lab, shown: list[Look]) -> None:
     bare(axes[3], crop(look.enhanced), "mask times input")
     letters(axes)
     caption = "How the enhanced image is made, at the first of the two moments."
-    lab.draw("C5-attention", figure, "C fig. 5", caption, shift=(250, -85))
+    context.draw("C5-attention", figure, "C fig. 5", caption, shift=(250, -85))
 
 
-def equal_bars(lab: Lab, seconds: float, kinds: list[str]) -> Outcome:
+def equal_bars(context: Context, seconds: float, kinds: list[str]) -> Outcome:
     """Three bars alike in every feature that fluctuate differently."""
     figure, axes = panels(len(kinds), 2, 13, 4.8 * len(kinds), width_ratios=[1.5, 1])
     found = {}
     for k, kind in enumerate(kinds):
-        run = learn(rendered(lab, "equal-bars", 1 / len(kinds), fluctuation=kind, seconds=4.0 + seconds))
+        run = learn(rendered(context, "equal-bars", 1 / len(kinds), fluctuation=kind, seconds=4.0 + seconds))
         found[kind] = owners(run.final)
         output_panel(axes[2 * k], run.time, run.outputs, f"outputs, {kind}", found[kind], None, 0.0)
         matrix_panel(axes[2 * k + 1], run.final, f"weights, {kind}", simplified=True)
-        lab.note((k + 1) / len(kinds))
+        context.note((k + 1) / len(kinds))
     letters(axes)
     feature_legend(figure)
     caption = "Three green bars alike in all but their fluctuation; the paper claims three objects and shows none."
-    lab.draw("C-equal-bars", figure, "C §5.5.2", caption, kinds=kinds, seconds=seconds)
+    context.draw("C-equal-bars", figure, "C §5.5.2", caption, kinds=kinds, seconds=seconds)
     parts = {f"{kind}: three objects": len(names) == 3 for kind, names in found.items()}
     ours = "; ".join(f"{kind}: {len(names)} ({', '.join(names)})" for kind, names in found.items())
     why = "Sums over the whole field add equal bars up before the network sees them: it has one mixture of three."
-    return judged(lab, ours, why, parts, {"owners": found})
+    return judged(context, ours, why, parts, {"owners": found})
 
 
-def scene_change(lab: Lab, before: float, after: float, phases: list[float], offsets: list[float]) -> Outcome:
+def scene_change(context: Context, before: float, after: float, phases: list[float], offsets: list[float]) -> Outcome:
     """Red and green bars; then the red one is gone and a blue one is there, at once. Beside it, scenes that stay."""
     seconds = 4.0 + before + after
-    red, green, blue = superposed(lab, phases, offsets, seconds)
+    red, green, blue = superposed(context, phases, offsets, seconds)
     late = torch.arange(red.shape[-2])[:, None] >= round(100 * (4.0 + before))
     changed = (green[:, None] + torch.where(late, blue[None], red)).flatten(0, 1)
     stays = red + green
@@ -256,7 +256,9 @@ def scene_change(lab: Lab, before: float, after: float, phases: list[float], off
     letters(axes)
     feature_legend(figure)
     caption = f"At {before:g} s the red bar is gone and a blue one is there (dotted). Sums superposed from lone bars."
-    lab.draw("C-scene-change", figure, "C §5.5.2", caption, before=before, after=after, phases=phases, offsets=offsets)
+    context.draw(
+        "C-scene-change", figure, "C §5.5.2", caption, before=before, after=after, phases=phases, offsets=offsets
+    )
     several = max(1, len(asked))
     numbers = {
         "trials": n,
@@ -280,7 +282,7 @@ def scene_change(lab: Lab, before: float, after: float, phases: list[float], off
     why = f"{after:g} s after the change the table shows {np.median(count) if count else 0:g} objects (median)."
     why += f" Scenes that stay for {before + after:g} s: red and green right in {kept} of {len(stays)},"
     why += f" green and blue in {alone} of {n}."
-    return judged(lab, ours, why, parts, numbers)
+    return judged(context, ours, why, parts, numbers)
 
 
 __all__ = ["SUMS", "enhanced_image", "equal_bars", "rules", "scene_change", "table"]

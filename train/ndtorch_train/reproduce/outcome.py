@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
-
-if TYPE_CHECKING:
-    from ndtorch_train.reproduce.lab import Lab
+from typing import Any, Literal
 
 Verdict = Literal["holds", "partly", "does not hold", "not run in quick"]
 """Whether a claim stood the test; the last is for claims that take too long for a quick look."""
@@ -40,11 +37,11 @@ class Claim:
         text: what is claimed.
         printed: the printed value, or what the figure shows.
         tolerance: what counts as reproduced.
-        run: the experiment, `run(lab, **parameters)`.
+        run: the experiment, `run(context, **parameters)`.
         full: its parameters.
         quick: those of `--quick`; None where there is no quick form.
         seconds: how long it takes on one core, full and quick, to order the work and guess the time left.
-        uses: folders and files whose code the result depends on, relative to the checkout.
+        uses: modules and packages whose code the result depends on, as `ndtorch.code_digest` takes them.
     """
 
     id: str
@@ -85,13 +82,3 @@ def verdict_of(*parts: bool) -> Verdict:
     if all(parts):
         return "holds"
     return "partly" if any(parts) else "does not hold"
-
-
-def judged(lab: Lab, ours: str, why: str, parts: Mapping[str, bool], numbers: dict[str, Any]) -> Outcome:
-    """An outcome from the parts of a claim, each true or false; what fails is named in `why`."""
-    failed = [name for name, good in parts.items() if not good]
-    if failed:
-        why = f"{why} Not met: {'; '.join(failed)}." if why else f"Not met: {'; '.join(failed)}."
-    if lab.quick:
-        why = f"[quick] {why}"
-    return Outcome(ours, verdict_of(*parts.values()), why.strip(), {**numbers, "criteria": dict(parts)})

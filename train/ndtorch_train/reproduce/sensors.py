@@ -11,8 +11,8 @@ from torch import Tensor, nn
 from ndtorch.navigation import StereoRig
 from ndtorch.scenes import FlickeringGrating, MovingGrating
 from ndtorch.vision import NDS, SPEED_SCALE, ChahlSrinivasan, NDMin, NDMinus, judge_speed_curve, speed_response
-from ndtorch_train.reproduce.lab import Lab
-from ndtorch_train.reproduce.outcome import Outcome, judged
+from ndtorch_train.reproduce.context import Context, judged
+from ndtorch_train.reproduce.outcome import Outcome
 from ndtorch_train.reproduce.plots import BLACK, BLUE, GREEN, ORANGE, PURPLE, letters, panels
 
 MEASURED = {"NDS": (1.49, 2.71), "ND-minus": (0.77, 0.62), "ND-min": (1.00, 1.30), "Chahl-Srinivasan": (1.00, 1.21)}
@@ -37,14 +37,14 @@ def shifts(source: MovingGrating | FlickeringGrating) -> Tensor:
     return seen
 
 
-def characterisation(lab: Lab, step: float, phases: int) -> Outcome:
+def characterisation(context: Context, step: float, phases: int) -> Outcome:
     """Speeds of -2 to 2 pixels a step, and flicker at rest."""
     speeds = [step * k for k in range(-round(2 / step), round(2 / step) + 1)]
     starts = sub_pixel(phases)
     found: dict[str, Tensor] = {}
     for n, (name, sensor) in enumerate((("NDS", NDS()), ("ND-minus", NDMinus()), ("ND-min", NDMin()))):
         found[name] = SPEED_SCALE * magnitudes(sensor, speeds, starts, 10)
-        lab.note((n + 1) / 4)
+        context.note((n + 1) / 4)
     found["Chahl-Srinivasan"] = shifts(MovingGrating(speeds, starts)).mean(-1)
     flicker = {
         name: SPEED_SCALE * float(speed_response(sensor, FlickeringGrating(length=200).chunks(), 10)[0])
@@ -72,7 +72,7 @@ def characterisation(lab: Lab, step: float, phases: int) -> Outcome:
         one.set_xlabel("speed of the grating (px/step)")
     letters(axes)
     caption = "Four sensors: response to a square grating against its speed, and to flicker of 14.9 Hz at rest."
-    lab.draw("A3-sensors", figure, "A fig. 3", caption, speeds=[-2, 2, step], phases=phases, frames=200)
+    context.draw("A3-sensors", figure, "A fig. 3", caption, speeds=[-2, 2, step], phases=phases, frames=200)
 
     at = {name: (float(curve[speeds.index(1.0)]), float(curve[speeds.index(2.0)])) for name, curve in found.items()}
     parts = {
@@ -89,10 +89,10 @@ def characterisation(lab: Lab, step: float, phases: int) -> Outcome:
     )
     ours = "; ".join(f"{name} {a[0]:.2f}, {a[1]:.2f}" for name, a in at.items())
     why = "At 1 and 2 px a step. Flicker: " + ", ".join(f"{name} {f:.2f}" for name, f in flicker.items()) + "."
-    return judged(lab, ours, why, parts, {"at 1 and 2": at, "flicker": flicker, "ND-min at 2, 2.5, 3": beyond})
+    return judged(context, ours, why, parts, {"at 1 and 2": at, "flicker": flicker, "ND-min at 2, 2.5, 3": beyond})
 
 
-def time_constants(lab: Lab, taus: list[float | str], phases: int) -> Outcome:
+def time_constants(context: Context, taus: list[float | str], phases: int) -> Outcome:
     """Every pair of time constants of NDS, judged by range of increase first, then straightness."""
     values = [float(tau) for tau in taus]
     speeds = [0.25 * k for k in range(1, 9)]
@@ -105,7 +105,7 @@ def time_constants(lab: Lab, taus: list[float | str], phases: int) -> Outcome:
             response = magnitudes(NDS(high, low), speeds, starts, settle, 160)
             curve = judge_speed_curve(torch.tensor(speeds), response)
             reach[i, j], straight[i, j] = float(curve.monotonic_to), float(curve.linearity)
-        lab.note((i + 1) / len(values))
+        context.note((i + 1) / len(values))
     order = sorted(
         (float(reach[i, j]), float(straight[i, j]), i, j) for i in range(len(values)) for j in range(len(values))
     )
@@ -121,15 +121,15 @@ def time_constants(lab: Lab, taus: list[float | str], phases: int) -> Outcome:
         figure.colorbar(picture, ax=one, shrink=0.8)
     letters(axes)
     caption = "Time constants of NDS: how far its response rises with speed, and how straight. Circle: the best."
-    lab.draw("A-time-constants", figure, "A Methods", caption, taus=names, phases=phases)
+    context.draw("A-time-constants", figure, "A Methods", caption, taus=names, phases=phases)
     best = (values[i], values[j])
     ours = f"{1000 * best[0]:g} ms / {1000 * best[1]:g} ms"
     numbers: dict[str, Any] = {"reach": reach, "straightness": straight, "taus": names}
     why = "High-pass / low-pass of NDS; by range of increase first, then absence of saturation, as in the paper."
-    return judged(lab, ours, why, {"5 ms / 0": best == (0.005, 0.0)}, numbers)
+    return judged(context, ours, why, {"5 ms / 0": best == (0.005, 0.0)}, numbers)
 
 
-def pixel_angle(lab: Lab) -> Outcome:
+def pixel_angle(context: Context) -> Outcome:
     """The best straight line through the angles of the row's pixels."""
     rig = StereoRig()
     p = rig.pixel_position(torch.arange(640, dtype=torch.float64))
@@ -146,7 +146,7 @@ def pixel_angle(lab: Lab) -> Outcome:
     axes[1].set(title="error of the line", xlabel="pixels from the centre", ylabel="error (degrees)")
     letters(axes)
     caption = "The exact angle of a pixel and its least-squares line."
-    lab.draw("A-pixel-angle", figure, "A eq. A.3-A.4", caption, focal=430, width=640)
+    context.draw("A-pixel-angle", figure, "A eq. A.3-A.4", caption, focal=430, width=640)
     parts = {"0.1212 within .00005": abs(slope - 0.1212) <= 5e-5, "0.875 within 1 %": abs(error / 0.875 - 1) <= 0.01}
     why = f"The line is up to {float((line - exact).abs().max()):.1f}° off, which misplaces walls; atan is the default."
-    return judged(lab, f"{slope:.4f}°/px, RMS {error:.3f}°", why, parts, {"slope": slope, "rms": error})
+    return judged(context, f"{slope:.4f}°/px, RMS {error:.3f}°", why, parts, {"slope": slope, "rms": error})

@@ -13,23 +13,24 @@ import ndtorch
 from ndtorch.binding import PublishedModel, object_table
 from ndtorch.binding.models.published import second_stage
 from ndtorch.binding.models.whole_field import BindingState
+from ndtorch.code_digest import MODELS
 from ndtorch.scenes import SCENES, FrameSource, make_scene
 from ndtorch.tree import mapped
 from ndtorch.vision import FEATURES, VisualFeatures
-from ndtorch_train.reproduce.lab import Lab
+from ndtorch_train.reproduce.context import Context
 from ndtorch_train.superposed import Bars, LoneBar, Stimuli, film_bars
 
 RED, GREEN, BLUE = (FEATURES.index(name) for name in ("red", "green", "blue"))
 SETTLE = 4.0
-SUMS = ("ndtorch/vision", "ndtorch/scenes")
+SUMS = ("ndtorch.vision", "ndtorch.scenes")
 """Code that the ten sums depend on."""
-BINDING = (*SUMS, "ndtorch/binding", "ndtorch/loading.py", "models/published", "train/ndtorch_train/superposed.py")
+BINDING = (*SUMS, "ndtorch.binding", "ndtorch.loading", MODELS, "ndtorch_train.superposed")
 """Code that binding depends on."""
-HOUSE = tuple(f"train/ndtorch_train/reproduce/{name}.py" for name in ("signals", "plots"))
+HOUSE = tuple(f"ndtorch_train.reproduce.{name}" for name in ("signals", "plots"))
 """Code that every experiment on binding shares."""
 
 
-def film(scene: FrameSource, lab: Lab, share: float = 1.0) -> Tensor:
+def film(scene: FrameSource, context: Context, share: float = 1.0) -> Tensor:
     """The ten sums of every frame of a scene, `[T, 10]`."""
     features, state, sums = VisualFeatures(scene.size, 1 / scene.fps), None, list[Tensor]()
     with torch.inference_mode():
@@ -37,19 +38,23 @@ def film(scene: FrameSource, lab: Lab, share: float = 1.0) -> Tensor:
             out, state = features(frames, state)
             sums.append(out)
             if n % 20 == 0:
-                lab.note(share * 8 * n / (scene.length or 1))
+                context.note(share * 8 * n / (scene.length or 1))
     return torch.cat(sums)
 
 
-def rendered(lab: Lab, name: str, share: float = 1.0, **options: Any) -> Tensor:
+def rendered(context: Context, name: str, share: float = 1.0, **options: Any) -> Tensor:
     """Sums of a named scene, from full 500 x 500 frames; computed once for everybody."""
     assert name in SCENES
     key = {"scene": name, **options}
-    made = lab.stored("sums", key, SUMS, lambda: {"sums": film(make_scene(name, **options), lab, share).numpy()})
+    made = context.stored(
+        "sums", key, SUMS, lambda: {"sums": film(make_scene(name, **options), context, share).numpy()}
+    )
     return torch.from_numpy(made["sums"])
 
 
-def superposed(lab: Lab, phases: Sequence[float], offsets: Sequence[float], seconds: float) -> tuple[Tensor, ...]:
+def superposed(
+    context: Context, phases: Sequence[float], offsets: Sequence[float], seconds: float
+) -> tuple[Tensor, ...]:
     """Sums of lone bars: red `[T, 10]`, green `[phases, T, 10]`, blue `[offsets, T, 10]`. See `train.superposed`."""
 
     def make() -> dict[str, Any]:
@@ -58,7 +63,7 @@ def superposed(lab: Lab, phases: Sequence[float], offsets: Sequence[float], seco
             parts |= {name: bar.sums.numpy(), f"{name}_place": np.array([bar.x, bar.speed])}
         return parts
 
-    got = lab.stored("bars", {}, (*SUMS, "train/ndtorch_train/superposed.py"), make)
+    got = context.stored("bars", {}, (*SUMS, "ndtorch_train.superposed"), make)
     bars = Bars(*(LoneBar(torch.from_numpy(got[n]), *map(float, got[f"{n}_place"])) for n in Bars._fields))
     stimuli = Stimuli(bars)
     return stimuli.red(seconds), stimuli.green(phases, seconds), stimuli.blue(offsets, seconds)

@@ -17,8 +17,8 @@ from ndtorch.binding import (
     spectral_radius,
 )
 from ndtorch.binding.theory import count_solutions, largest_free_weight
-from ndtorch_train.reproduce.lab import Lab
-from ndtorch_train.reproduce.outcome import Outcome, judged
+from ndtorch_train.reproduce.context import Context, judged
+from ndtorch_train.reproduce.outcome import Outcome
 from ndtorch_train.reproduce.plots import BLACK, BLUE, GREEN, ORANGE, letters, panels
 
 DT = 0.001
@@ -47,7 +47,7 @@ def mixed(mixing: Any, seconds: float, dtype: torch.dtype = torch.float64) -> Te
     return (sources @ torch.tensor(mixing, dtype=torch.float64).T).to(dtype)
 
 
-def learn(lab: Lab, rule: str, inputs: Tensor, start: Tensor, onset: float, share: float = 1.0) -> Learned:
+def learn(context: Context, rule: str, inputs: Tensor, start: Tensor, onset: float, share: float = 1.0) -> Learned:
     """Learn from the same inputs `[T, 2]` with each of the starting weights `[B, 2, 2]`."""
     network = InhibitoryNetwork(
         2,
@@ -69,7 +69,7 @@ def learn(lab: Lab, rule: str, inputs: Tensor, start: Tensor, onset: float, shar
             outputs.append(out[0])
             weights.append(state.weights)
             if n % 100 == 0:
-                lab.note(share * n / len(parts))
+                context.note(share * n / len(parts))
     times = torch.arange(1, len(weights) + 1) * (EVERY * DT)
     return Learned(torch.cat(outputs), times, torch.stack(weights))
 
@@ -99,20 +99,20 @@ def plane(axes: Any, learned: Learned, title: str) -> None:
     axes.legend(frameon=False, fontsize=8, loc="center")
 
 
-def one_source(lab: Lab, rule: str, seconds: float) -> Learned:
+def one_source(context: Context, rule: str, seconds: float) -> Learned:
     """C fig. 7's experiment from zero weights, with the printed soft start."""
-    return learn(lab, rule, mixed(ONE, seconds), torch.zeros(1, 2, 2), 2.0)
+    return learn(context, rule, mixed(ONE, seconds), torch.zeros(1, 2, 2), 2.0)
 
 
-def competitive_one(lab: Lab, seconds: float) -> Outcome:
+def competitive_one(context: Context, seconds: float) -> Outcome:
     """One source, competitive rule."""
-    learned = one_source(lab, "competitive", seconds)
+    learned = one_source(context, "competitive", seconds)
     figure, axes = panels(1, 2, 12, 4.6)
     plane(axes[0], learned, "weights, competitive rule")
     outputs_panel(axes[1], learned.outputs, "outputs, competitive rule", seconds)
     letters(axes, "ef")
     caption = "Two neurons, one source, competitive rule: weights against each other and outputs."
-    lab.draw("C7-competitive", figure, "C fig. 7e, f", caption, gamma=5, mixing=ONE, seconds=seconds)
+    context.draw("C7-competitive", figure, "C fig. 7e, f", caption, gamma=5, mixing=ONE, seconds=seconds)
     at = {s: learned.weights[int((learned.times <= s).sum()) - 1, 0] for s in (5.0, seconds)}
     w = at[5.0]
     numbers: dict[str, Any] = {f"T at {s:g} s": v for s, v in at.items()}
@@ -129,7 +129,7 @@ def competitive_one(lab: Lab, seconds: float) -> Outcome:
     ours = f"[[0, {float(w[0, 1]):.3f}], [{float(w[1, 0]):.3f}, 0]] at 5 s"
     then = f"[[0, {float(end[0, 1]):.3f}], [{float(end[1, 0]):.3f}, 0]]"
     why = f"{then} at {seconds:g} s; o2 falls to {float(last[1]):.3f}."
-    return judged(lab, ours, why, parts, numbers)
+    return judged(context, ours, why, parts, numbers)
 
 
 def unstable_times(learned: Learned, trial: int = 0) -> list[float]:
@@ -146,12 +146,12 @@ def unstable_times(learned: Learned, trial: int = 0) -> list[float]:
     return times
 
 
-def cooperative_one(lab: Lab, seconds: float, trials: int) -> Outcome:
+def cooperative_one(context: Context, seconds: float, trials: int) -> Outcome:
     """One source, cooperative rule, with and without the soft start; and from starts that differ by 1e-12."""
     start = torch.zeros(trials, 2, 2, dtype=torch.float64)
     start[:, 0, 1] = 1e-12 * torch.arange(trials)
-    soft = learn(lab, "cooperative", mixed(ONE, seconds), start, 2.0, 0.5)
-    learned = learn(lab, "cooperative", mixed(ONE, seconds), start, 0.0)
+    soft = learn(context, "cooperative", mixed(ONE, seconds), start, 2.0, 0.5)
+    learned = learn(context, "cooperative", mixed(ONE, seconds), start, 0.0)
 
     figure, axes = panels(2, 2, 13, 8)
     until = min(60.0, seconds)
@@ -170,7 +170,7 @@ def cooperative_one(lab: Lab, seconds: float, trials: int) -> Outcome:
     plane(axes[3], learned, f"weights over {seconds:g} s, cooperative rule")
     letters(axes)
     caption = "Two neurons, one source, cooperative rule. Green: theoretical limits on the two weights."
-    lab.draw("C7-cooperative", figure, "C fig. 7a-d", caption, gamma=5, mixing=ONE, seconds=seconds)
+    context.draw("C7-cooperative", figure, "C fig. 7a-d", caption, gamma=5, mixing=ONE, seconds=seconds)
 
     def ends(found: Learned) -> dict[str, int]:
         last = found.weights[-1]
@@ -191,7 +191,7 @@ def cooperative_one(lab: Lab, seconds: float, trials: int) -> Outcome:
     one.set(title=f"weights after {seconds:g} s from starts that differ by 1e-12", xlabel="T12", ylabel="T21")
     one.legend(frameon=False)
     caption = f"Where the cooperative rule ends: {trials} starts that differ by 1e-12, with and without the soft start."
-    lab.draw("C7-rounding", figure, "after C fig. 7d", caption, trials=trials, seconds=seconds)
+    context.draw("C7-rounding", figure, "after C fig. 7d", caption, trials=trials, seconds=seconds)
 
     times, softly = unstable_times(learned), unstable_times(soft)
     counts, counts_soft = ends(learned), ends(soft)
@@ -219,15 +219,15 @@ def cooperative_one(lab: Lab, seconds: float, trials: int) -> Outcome:
         f"Starts that differ by 1e-12 part at the third instability: {counts}. With the soft start: unstable at "
         f"{', '.join(f'{t:.1f}' for t in softly)} s only, {counts_soft}."
     )
-    return judged(lab, ours, why, parts, numbers)
+    return judged(context, ours, why, parts, numbers)
 
 
-def two_sources(lab: Lab, seconds: float) -> Outcome:
+def two_sources(context: Context, seconds: float) -> Outcome:
     """Two sources, both rules."""
     both = {}
     zero = torch.zeros(1, 2, 2)
     for k, rule in enumerate(("cooperative", "competitive")):
-        both[rule] = learn(lab, rule, mixed(TWO, seconds), zero, 2.0, (k + 1) / 2)
+        both[rule] = learn(context, rule, mixed(TWO, seconds), zero, 2.0, (k + 1) / 2)
     figure, axes = panels(2, 2, 13, 7.5)
     for k, (rule, learned) in enumerate(both.items()):
         outputs_panel(axes[2 * k], learned.outputs, f"outputs, {rule} rule", seconds)
@@ -240,7 +240,7 @@ def two_sources(lab: Lab, seconds: float) -> Outcome:
         one.legend(frameon=False)
     letters(axes)
     caption = "Two neurons, two sources: the cooperative rule finds them, the competitive one suppresses a neuron."
-    lab.draw("C-two-sources", figure, "C §5.4", caption, gamma=5, mixing=TWO, seconds=seconds)
+    context.draw("C-two-sources", figure, "C §5.4", caption, gamma=5, mixing=TWO, seconds=seconds)
     w = both["cooperative"].weights[-1, 0]
     rms = both["competitive"].outputs[-2000:].square().mean(0).sqrt()
     before = mixed(TWO, 2.0).square().mean(0).sqrt()
@@ -257,10 +257,10 @@ def two_sources(lab: Lab, seconds: float) -> Outcome:
     ours = f".{100 * float(w[0, 1]):.0f} / .{100 * float(w[1, 0]):.0f}; competitive leaves {100 * left[1]:.0f} % of o2"
     why = f"Competitive: o1 keeps {100 * left[0]:.0f} %, T = {numbers['T competitive'].tolist()[0][1]:.2f}, "
     why += f"{numbers['T competitive'].tolist()[1][0]:.2f}; weights ripple with the inputs."
-    return judged(lab, ours, why, parts, numbers)
+    return judged(context, ours, why, parts, numbers)
 
 
-def theory(lab: Lab, largest: int, mixtures: int, seed: int) -> Outcome:
+def theory(context: Context, largest: int, mixtures: int, seed: int) -> Outcome:
     """Every solution of random mixtures: does it separate, is it counted right, is stability predicted right?"""
     generator = torch.Generator().manual_seed(seed)
     sizes = [(n, m) for n in range(2, largest + 1) for m in range(1, n + 1)]
@@ -284,7 +284,7 @@ def theory(lab: Lab, largest: int, mixtures: int, seed: int) -> Outcome:
         row |= {"found": found / mixtures, "stable": stable / mixtures}
         row |= {"all separate": separate == found, "stability right": agree, "of": tried}
         rows.append(row)
-        lab.note(0.8 * (at + 1) / len(sizes))
+        context.note(0.8 * (at + 1) / len(sizes))
     bounds = [bound_error(generator, n) for n in (2, 3, 4) for _ in range(4)]
 
     figure, axes = panels(1, 2, 12, 4.6)
@@ -307,7 +307,7 @@ def theory(lab: Lab, largest: int, mixtures: int, seed: int) -> Outcome:
     axes[1].legend(frameon=False)
     letters(axes)
     caption = "How many weight matrices solve a random mixture, how many are stable, and the limit for two neurons."
-    lab.draw("C-theory", figure, "C §5.3", caption, mixtures=mixtures, seed=seed)
+    context.draw("C-theory", figure, "C §5.3", caption, mixtures=mixtures, seed=seed)
     agree, tried = sum(r["stability right"] for r in rows), sum(r["of"] for r in rows)
     numbers = {"rows": rows, "bounds, largest relative error": max(bounds)}
     parts = {
@@ -318,7 +318,7 @@ def theory(lab: Lab, largest: int, mixtures: int, seed: int) -> Outcome:
     }
     ours = f"all {sum(r['found'] for r in rows) * mixtures:.0f} solve; stability right {agree} of {tried}"
     why = "N!/(N-m)! for one mixture; the square counts also which sources are present. Eq. 34 bounds T21, not T12."
-    return judged(lab, ours, why, parts, numbers)
+    return judged(context, ours, why, parts, numbers)
 
 
 def is_separated(gains: Tensor) -> bool:

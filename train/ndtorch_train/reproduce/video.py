@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,13 +13,10 @@ import ndtorch
 from ndtorch.binding import object_table
 from ndtorch.scenes import FrameSource, RenderedScene, open_video
 from ndtorch.vision import FEATURES
-from ndtorch_train.reproduce.lab import ROOT, Lab
-from ndtorch_train.reproduce.outcome import Outcome, judged
+from ndtorch_train.reproduce.context import Context, judged
+from ndtorch_train.reproduce.outcome import Outcome
 from ndtorch_train.reproduce.plots import bare, feature_legend, letters, matrix_panel, output_panel, weight_panel
 from ndtorch_train.reproduce.signals import owners
-
-CLIP = ROOT.parent / "shared" / "data" / "car-detection.mp4"
-"""A real road camera, 12.5 frames a second; one light car crosses in frames 56 to 108. Not part of the project."""
 
 ENTERS, LEAVES = 0.1, 3.2
 """Seconds after the start of learning at which the car of [B fig. 12] appears, and is gone."""
@@ -76,7 +74,7 @@ class Watched:
     """A run of the model over frames: sums, outputs, weights and a frame to show."""
 
     def __init__(
-        self, lab: Lab, source: FrameSource, show_at: float, share: tuple[float, float], settle: float
+        self, context: Context, source: FrameSource, show_at: float, share: tuple[float, float], settle: float
     ) -> None:
         # The constants of [B §3.4.4]; the border of a real image does not wrap.
         model = ndtorch.load(
@@ -101,7 +99,7 @@ class Watched:
                 times.append(int(state.second.steps) * model.dt - settle)
                 if shown is None and times[-1] >= show_at:
                     shown = frames[-1]
-                lab.note(share[0] + (share[1] - share[0]) * seen / (source.length or seen))
+                context.note(share[0] + (share[1] - share[0]) * seen / (source.length or seen))
         assert state is not None
         assert shown is not None
         self.frame, self.outputs, self.weights = shown, torch.cat(outputs), torch.stack(weights)
@@ -131,7 +129,7 @@ class Watched:
 
 
 def draw(
-    lab: Lab, run: Watched, name: str, title: str, caption: str, marks: list[tuple[float, float]], **kw: Any
+    context: Context, run: Watched, name: str, title: str, caption: str, marks: list[tuple[float, float]], **kw: Any
 ) -> None:
     """A frame, weights from the strongest neuron, outputs, and the weights at the end."""
     from matplotlib.figure import Figure
@@ -154,26 +152,26 @@ def draw(
     matrix_panel(axes[4], cut, "over the largest, below a tenth removed")
     letters(axes)
     feature_legend(figure)
-    lab.draw(name, figure, title, caption, gamma=10, tau_in=1.5, tau_out=0.75, **kw)
+    context.draw(name, figure, title, caption, gamma=10, tau_in=1.5, tau_out=0.75, **kw)
 
 
-def one_object(lab: Lab, seed: int, clip: bool) -> Outcome:
-    """The stand-in, and the real road where its clip is at hand."""
-    run = Watched(lab, ParkingLot(5.0, 3.4, seed), 1.8, (0.0, 0.6), 5.0)
+def one_object(context: Context, seed: int, clip: str) -> Outcome:
+    """The stand-in, and a real road where the clip of one is given ('' for none)."""
+    run = Watched(context, ParkingLot(5.0, 3.4, seed), 1.8, (0.0, 0.6), 5.0)
     words = "A rendered stand-in for the paper's video, which is not public: one red car crosses a still lot."
-    draw(lab, run, "B12-stand-in", "B fig. 12", words, [(0.1, 0.7), (2.6, 3.2)], seed=seed)
+    draw(context, run, "B12-stand-in", "B fig. 12", words, [(0.1, 0.7), (2.6, 3.2)], seed=seed)
     numbers: dict[str, Any] = {"stand-in": run.numbers()}
     parts = {"stand-in: one column at a tenth of the largest": len(run.columns) == 1}
     ours = f"stand-in: {', '.join(run.columns) or 'none'}, largest weight {float(run.final.max()):.2f}"
     why = "The paper's video is not public."
-    if clip and CLIP.is_file():
-        road = Watched(lab, open_video(CLIP, start=0, stop=125), 2.4, (0.6, 1.0), 4.0)
+    if clip:
+        road = Watched(context, open_video(Path(clip), start=0, stop=125), 2.4, (0.6, 1.0), 4.0)
         words = "A real road camera (12.5 frames a second): one light car crosses from 0.5 to 4.6 s."
-        draw(lab, road, "B12-road", "after B fig. 12", words, [(0.5, 4.6)], frames=[0, 125])
+        draw(context, road, "B12-road", "after B fig. 12", words, [(0.5, 4.6)], frames=[0, 125])
         numbers["road"] = road.numbers()
         parts["road camera: one column"] = len(road.columns) == 1
         ours += f"; road: {', '.join(road.columns) or 'none'} ({float(road.final.max()):.2f})"
         why += f" On the road the verdict is '{road.verdict}'."
-    elif clip:
-        why += " No road clip at ../shared/data/car-detection.mp4: left out."
-    return judged(lab, ours, why, parts, numbers)
+    else:
+        why += " No road clip given: left out."
+    return judged(context, ours, why, parts, numbers)

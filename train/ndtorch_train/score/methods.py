@@ -16,7 +16,9 @@ from ndtorch.binding.models.whole_field import BindingState
 from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.scale_free import settled
 from ndtorch.errors import InputError
+from ndtorch.optional import need
 from ndtorch.vision import LowPass
+from ndtorch_train.score.choices import METHODS
 from ndtorch_train.score.truth import by_group, present
 
 TAU_SMOOTH = 0.05
@@ -240,16 +242,8 @@ def by_scale(sums: Tensor) -> Tensor:
 
 
 def decomposition() -> Any:
-    """scikit-learn's decompositions, or an `InputError` that says where to get them."""
-    try:
-        from sklearn import decomposition as module
-    except ImportError:
-        raise InputError("ica and nmf need scikit-learn: pip install 'ndtorch[train]'") from None
-    return module
-
-
-METHODS = ("published", "cooperative", "hebbian", "scale-free, owners", "scale-free", "greedy", "ica", "nmf")
-"""Names for `method`."""
+    """scikit-learn's decompositions, imported when they are wanted: that takes a second."""
+    return need("sklearn.decomposition", "ica and nmf")
 
 
 def method(name: str, truth: Sequence[Tensor]) -> Method:

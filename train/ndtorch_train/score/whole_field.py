@@ -11,11 +11,37 @@ from torch import Tensor
 from ndtorch.binding import BoundObject
 from ndtorch.binding.readout.owners import SignalStatistics, owner_table
 from ndtorch.binding.scale_free import ScaleFreeNetwork
+from ndtorch.run.watchers import Watcher
 from ndtorch.vision import FEATURES, HighPass
 
 EVERY = 0.5
 """Seconds between read-outs."""
 HEADINGS = ((-1.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
+
+
+class WholeFieldWatcher(Watcher):
+    """Collects the inputs of a model with a single field, and reads them out at the end.
+
+    Args:
+        dt: seconds between time steps.
+        size: height and width of the frames, pixels.
+    """
+
+    def __init__(self, dt: float, size: tuple[int, int]) -> None:
+        self.dt, self.size = dt, size
+        self.parts: list[tuple[Tensor, Tensor]] = []
+
+    def signals(self, signals: Any, weights: Tensor) -> None:
+        """Keep the inputs of one chunk."""
+        if len(signals.time):
+            self.parts.append((signals.inputs[:, 0, 0], signals.time))
+
+    def objects(self) -> list[BoundObject]:
+        """The objects so far."""
+        if not self.parts:
+            return []
+        inputs, times = (torch.cat(part) for part in zip(*self.parts, strict=True))
+        return whole_field_objects(inputs, times, self.dt, self.size)
 
 
 def whole_field_objects(inputs: Tensor, times: Tensor, dt: float, size: tuple[int, int]) -> list[BoundObject]:

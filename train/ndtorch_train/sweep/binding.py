@@ -16,10 +16,11 @@ from ndtorch.binding import PublishedModel, alternation, object_table, weight_ch
 from ndtorch.binding.models.published import second_stage
 from ndtorch.binding.models.whole_field import BindingState
 from ndtorch.binding.rules import RULE_NAMES
+from ndtorch.code_digest import MODELS
 from ndtorch.tree import mapped
 from ndtorch.vision import FEATURES
 from ndtorch_train.superposed import Bars, Stimuli, film_bars
-from ndtorch_train.sweep.config import Parameter, Trial
+from ndtorch_train.sweep.parameters import Parameter, Trial
 
 SETTLE = 4.0
 
@@ -56,8 +57,15 @@ BATCH = 512
 
 WANTED = ("red", "green", "blue")
 
-USES = ("ndtorch/vision", "ndtorch/scenes", "ndtorch/binding", "models/binding", "train/ndtorch_train/superposed.py",
-        "train/ndtorch_train/sweep/binding.py")  # fmt: skip
+USES = (
+    "ndtorch.vision",
+    "ndtorch.scenes",
+    "ndtorch.binding",
+    "ndtorch.loading",
+    MODELS,
+    "ndtorch_train.superposed",
+    "ndtorch_train.sweep.binding",
+)
 """Code that a trial depends on."""
 
 

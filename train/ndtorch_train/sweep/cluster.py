@@ -4,23 +4,29 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 from ndtorch.errors import InputError
-from ndtorch_train.reproduce.lab import ROOT
-from ndtorch_train.workers import TRIES, Event
+from ndtorch.loading import model_folders
+from ndtorch.optional import need
+from ndtorch.workers import TRIES, Event
+
+PACKAGES = ("ndtorch", "ndtorch_robot", "ndtorch_train")
+"""What the machines of a cluster get a copy of."""
 
 LEFT_OUT = [".git", ".venv", "out", ".mypy_cache", ".pytest_cache", ".ruff_cache", ".hypothesis", "**/__pycache__"]
-"""What of the checkout the machines of the cluster do not get."""
+"""What of a checkout the machines of the cluster do not get."""
 
 
 def run_on_ray(
     function: Callable[[Any], Any], tasks: Sequence[Any], address: str | None, jobs: int | None
 ) -> Iterator[Event]:
-    """Call `function(task)` for every task on a Ray cluster; events as `train.workers.run_tasks`, without progress.
+    """Call `function(task)` for every task on a Ray cluster; events as `ndtorch.workers.run_tasks`, without progress.
 
     Args:
-        function: found by its name in this checkout, which every machine gets a copy of.
+        function: found by its name in this code, of which every machine gets a copy.
         tasks: whatever can be pickled.
         address: of a running cluster ("auto" finds one here); None starts one on this machine.
         jobs: processes of a cluster that is started here.
@@ -28,18 +34,16 @@ def run_on_ray(
     Raises:
         InputError: Ray is not installed, or no cluster answers.
     """
-    try:
-        import ray
-    except ImportError:
-        raise InputError("--cluster needs Ray: pip install 'ndtorch[cluster]'") from None
+    ray = need("ray", "--cluster")
     environment: dict[str, Any] = {"env_vars": {"OMP_NUM_THREADS": "1"}}
     options: dict[str, Any] = {"log_to_driver": False, "include_dashboard": False}
     if address is None:
-        # On this machine the workers read this very checkout.
-        environment["env_vars"]["PYTHONPATH"] = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+        # On this machine the workers read this very code.
+        places = [str(folder.parent) for folder in package_folders()]
+        environment["env_vars"]["PYTHONPATH"] = os.pathsep.join([*places, os.environ.get("PYTHONPATH", "")])
         options["num_cpus"] = jobs
     else:
-        environment |= {"working_dir": str(ROOT), "excludes": LEFT_OUT}
+        environment |= code_to_send(package_folders())
         options = {"log_to_driver": False, "address": address}
     try:
         ray.init(runtime_env=environment, **options)
@@ -59,6 +63,26 @@ def run_on_ray(
                     yield Event("failed", index, str(error))
     finally:
         ray.shutdown()
+
+
+def package_folders() -> list[Path]:
+    """Where the three packages lie on this machine."""
+    specs = [find_spec(name) for name in PACKAGES]
+    return [Path(place) for spec in specs if spec is not None for place in spec.submodule_search_locations or ()]
+
+
+def code_to_send(folders: Sequence[Path]) -> dict[str, Any]:
+    """Ray's words for the code to copy: the installed packages, or the checkout where the models lie beside them."""
+    models = next(iter(model_folders().values())).parent
+    if any(models.is_relative_to(folder) for folder in folders):
+        return {"py_modules": [str(folder) for folder in folders]}
+    root = models.parent
+    inside = [str(folder.parent.relative_to(root)) for folder in folders]
+    return {
+        "working_dir": str(root),
+        "excludes": LEFT_OUT,
+        "env_vars": {"OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(inside)},
+    }
 
 
 def _one_thread(function: Callable[[Any], Any], task: Any) -> Any:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import json
-import os
 import shutil
 import sys
 import time
@@ -17,10 +16,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from ndtorch.errors import InputError
-from ndtorch_train.workers import Event, Note, run_tasks
+from ndtorch.workers import Event, Note, cores, run_tasks
 
 if TYPE_CHECKING:
-    from ndtorch_train.sweep.config import SweepConfig, Trial
+    from ndtorch_train.sweep.config import SweepConfig
+    from ndtorch_train.sweep.parameters import Trial
 
 
 @dataclass(frozen=True)
@@ -28,17 +28,17 @@ class Sweep:
     """Run many trials: a grid or random sweep of binding or driving, described in a TOML file.
 
     Writes results.parquet (a row a trial), summary.md and heat maps. A sweep that was stopped goes on where it was;
-    trials are not repeated unless their code has changed. Two sweeps come with the project, in train/sweeps.
+    trials are not repeated unless their code has changed. Two sweeps come along: `binding` and `maps`.
     """
 
     config: Annotated[Path, tyro.conf.Positional]
-    """TOML file; its keys are described in train/README.md."""
+    """TOML file (its keys are described in train/README.md), or the name of a sweep that comes along."""
     out: Path | None = None
     """Folder to write to (default: out/sweep/ and the name of the file)."""
     jobs: int | None = None
     """Processes (default: one for every core this process may use)."""
     cluster: tuple[str, ...] | None = None
-    """Run on a Ray cluster: its address, or none to start one on this machine. Needs ndtorch[cluster]."""
+    """Run on a Ray cluster: its address, or none to start one on this machine. Needs ndtorch-train[cluster]."""
     compare: int = 0
     """Afterwards run so many of the trials one at a time, and tell how much faster together was."""
     fresh: bool = False
@@ -46,16 +46,17 @@ class Sweep:
 
     def run(self) -> int:
         """Do it; returns the exit code."""
-        from ndtorch_train.reproduce.command import prepare
-        from ndtorch_train.reproduce.lab import code_of
-        from ndtorch_train.sweep.config import read_sweep, results_of, trial_id
-        from ndtorch_train.sweep.results import ResultStore, draw, need_pyarrow, summary
+        from ndtorch.code_digest import code_digest
+        from ndtorch.installed import toml_file
+        from ndtorch_train.output import prepare
+        from ndtorch_train.sweep.config import read_sweep, results_of
+        from ndtorch_train.sweep.parameters import trial_id
+        from ndtorch_train.sweep.results import ResultStore, draw, summary
 
         if self.cluster is not None and len(self.cluster) > 1:
             raise InputError(f"--cluster takes one address, got {' '.join(self.cluster)}")
-        config = read_sweep(self.config)
-        need_pyarrow()
-        jobs = len(os.sched_getaffinity(0)) if self.jobs is None else self.jobs
+        config = read_sweep(toml_file(self.config, "ndtorch_train", "sweeps"))
+        jobs = cores() if self.jobs is None else self.jobs
         if jobs < 1:
             raise InputError(f"--jobs must be at least 1, got {jobs}")
         out = self.out or Path("out/sweep") / config.name
@@ -65,7 +66,7 @@ class Sweep:
             if self.fresh:
                 shutil.rmtree(out / "parts", ignore_errors=True)
                 (out / "results.parquet").unlink(missing_ok=True)
-            store = ResultStore(out, code_of(module.USES))
+            store = ResultStore(out, code_digest(module.USES)[:12])
             done = store.load()
             if store.outdated:
                 print(f"note: {store.outdated} trials in {out} are of other code and not used", file=sys.stderr)
@@ -109,7 +110,7 @@ class Sweep:
                     bar.update(len(blocks[index]))
                 elif kind == "again":
                     again = f"its {len(blocks[index])} trials are run again"
-                    bar.write(f"note: a process died (exit code {value}); {again}", file=sys.stderr)
+                    bar.write(f"note: a process died ({value}); {again}", file=sys.stderr)
                 elif kind == "failed":
                     failed.append(str(value))
         return failed
@@ -142,7 +143,7 @@ def any_block(trials: Sequence[Trial], *, kind: str, device: str) -> list[dict[s
 
 
 def local_block(trials: Sequence[Trial], note: Note, *, kind: str, device: str) -> list[dict[str, Any]]:
-    """The same, as a task of `train.workers`."""
+    """The same, as a task of `ndtorch.workers`."""
     return any_block(trials, kind=kind, device=device)
 
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import difflib
-import hashlib
 import itertools
-import json
 import math
 import tomllib
 from collections.abc import Mapping
@@ -16,43 +14,14 @@ from typing import Any, Literal
 import numpy as np
 
 from ndtorch.errors import InputError
+from ndtorch_train.sweep.parameters import Parameter, Trial, Value, trial_id
 
-Value = float | int | str
-Trial = dict[str, Value]
 Kind = Literal["binding", "driving"]
 
 TOP = ("kind", "method", "trials", "seed", "device", "vary", "fixed", "show")
 RANGE = ("from", "to", "steps", "scale")
 MOST = 1_000_000
 """Trials of one sweep at most: more is a mistake."""
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A parameter of a trial: its default, the smallest and largest value, or the words it may be."""
-
-    default: Value
-    low: float = -math.inf
-    high: float = math.inf
-    words: tuple[str, ...] = ()
-
-    def check(self, name: str, value: object, where: str) -> Value:
-        """The value as the parameter has it.
-
-        Raises:
-            InputError: of another type, or out of range.
-        """
-        if isinstance(self.default, str):
-            if value not in self.words:
-                raise InputError(f"{where}: {name} must be one of {', '.join(self.words)}, got {value!r}")
-            return str(value)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise InputError(f"{where}: {name} must be a number, got {value!r}")
-        if isinstance(self.default, int) and value != int(value):
-            raise InputError(f"{where}: {name} must be a whole number, got {value!r}")
-        if not self.low <= value <= self.high:
-            raise InputError(f"{where}: {name} must lie in {self.low:g}..{self.high:g}, got {value!r}")
-        return int(value) if isinstance(self.default, int) else float(value)
 
 
 @dataclass(frozen=True)
@@ -74,11 +43,6 @@ class SweepConfig:
     varied: tuple[str, ...]
     device: str
     show: tuple[str, str, str, tuple[str, ...]]
-
-
-def trial_id(trial: Trial) -> str:
-    """Sixteen hexadecimal digits of a trial's parameters."""
-    return hashlib.sha256(json.dumps(trial, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def parameters_of(kind: str) -> Mapping[str, Parameter]:

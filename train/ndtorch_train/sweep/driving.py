@@ -6,9 +6,9 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ndtorch.navigation import AvoidanceParams, FeatureParams, MatchParams
+from ndtorch.navigation import AvoidanceParams, FeatureParams, MatchParams, controller_names
 from ndtorch_train.recorded import Recorded, from_arrays, map_of, quality, ranges_of, record_drive, score_of
-from ndtorch_train.sweep.config import Parameter, Trial
+from ndtorch_train.sweep.parameters import Parameter, Trial
 
 ARENAS = ("hallway", "curve", "loop", "room", "office", "random")
 
@@ -17,7 +17,7 @@ _A, _F, _M = AvoidanceParams(), FeatureParams(), MatchParams()
 PARAMETERS: Mapping[str, Parameter] = {
     "arena": Parameter("hallway", words=ARENAS),
     "seed": Parameter(0, 0, 2**31 - 1),
-    "controller": Parameter("published", words=("published", "ranging")),
+    "controller": Parameter("published", words=controller_names()),
     "seconds": Parameter(30.0, 1, 86400),
     "walls": Parameter("textured", words=("textured", "blank")),
     "odometry": Parameter("true", words=("true", "noisy")),
@@ -48,11 +48,11 @@ RESULTS: tuple[str, ...] = (
 """Results. Maps are of the first half minute of a drive, of which the rows are kept."""
 
 USES = (
-    "ndtorch/vision",
-    "ndtorch/navigation",
-    "robot",
-    "train/ndtorch_train/recorded.py",
-    "train/ndtorch_train/sweep/driving.py",
+    "ndtorch.vision",
+    "ndtorch.navigation",
+    "ndtorch_robot",
+    "ndtorch_train.recorded",
+    "ndtorch_train.sweep.driving",
 )
 """Code that a trial depends on."""
 

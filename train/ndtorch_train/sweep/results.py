@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import itertools
-import os
+import secrets
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ndtorch.errors import InputError
-from ndtorch_train.sweep.config import SweepConfig, Trial, trial_id
+from ndtorch_train.sweep.config import SweepConfig
+from ndtorch_train.sweep.parameters import Trial, trial_id
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,7 +33,6 @@ class ResultStore:
         self.folder, self.code = folder, code
         self.parts = folder / "parts"
         self.parts.mkdir(parents=True, exist_ok=True)
-        self.written = 0
         self.outdated = 0
 
     def load(self) -> dict[str, Row]:
@@ -54,16 +53,17 @@ class ResultStore:
             {"trial": trial_id(trial), **trial, **result, "code": self.code}
             for trial, result in zip(trials, results, strict=True)
         ]
-        write(self.parts / f"{os.getpid()}-{self.written:06d}.parquet", rows)
-        self.written += 1
+        # Named at random: processes of two containers, or of two machines, may have the same number.
+        write(self.parts / f"{secrets.token_hex(8)}.parquet", rows)
 
     def finish(self, config: SweepConfig) -> list[Row]:
         """Write `results.parquet` with the trials of this sweep, and drop the parts; returns the rows."""
+        parts = list(self.parts.glob("*.parquet"))  # before they are read: a part that comes later stays
         found = self.load()
         rows = [found[name] for name in map(trial_id, config.trials) if name in found]
         write(self.folder / "results.parquet", rows)
-        for part in self.parts.glob("*.parquet"):
-            part.unlink()
+        for part in parts:
+            part.unlink(missing_ok=True)
         return rows
 
 
@@ -84,7 +84,7 @@ def write(path: Path, rows: Sequence[Row]) -> None:
     import pyarrow
     import pyarrow.parquet
 
-    part = path.with_name(path.name + ".part")
+    part = path.with_name(f"{path.name}.{secrets.token_hex(4)}.part")
     pyarrow.parquet.write_table(pyarrow.Table.from_pylist(list(rows)), part)
     part.replace(path)
 
@@ -211,11 +211,3 @@ def draw(config: SweepConfig, rows: Sequence[Row], folder: Path) -> list[str]:
             figure.savefig(folder / f"heatmap-{value}.{kind}", dpi=110)
         names.append(f"heatmap-{value}.png")
     return names
-
-
-def need_pyarrow() -> None:
-    """Raise `InputError` where pyarrow is missing."""
-    try:
-        import pyarrow  # noqa: F401
-    except ImportError:
-        raise InputError("a sweep writes Parquet: install pyarrow, which is in ndtorch[train]") from None

@@ -1,0 +1,56 @@
+"""A name for the code that a result depends on."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from ndtorch.code_digest import MODELS, code_digest, files_of
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An importable package `some_code`."""
+    folder = tmp_path / "some_code"
+    (folder / "deep").mkdir(parents=True)
+    for name in ("__init__.py", "x.py", "deep/y.py", "notes.md"):
+        (folder / name).write_text("1")
+    monkeypatch.syspath_prepend(tmp_path)
+    return folder
+
+
+def fresh(*uses: str) -> str:
+    code_digest.cache_clear()
+    return code_digest(uses)
+
+
+def test_it_follows_the_code_and_nothing_else(package: Path) -> None:
+    whole, deep, one = fresh("some_code"), fresh("some_code.deep"), fresh("some_code.x")
+    assert len({whole, deep, one}) == 3
+    (package / "notes.md").write_text("2")
+    assert fresh("some_code") == whole
+    (package / "x.py").write_text("2")
+    assert fresh("some_code") != whole
+    assert fresh("some_code.x") != one
+    assert fresh("some_code.deep") == deep
+    assert "some_code" not in sys.modules
+
+
+def test_it_is_the_same_wherever_the_code_lies(package: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = fresh("some_code")
+    (tmp_path / "elsewhere").mkdir()
+    package.rename(tmp_path / "elsewhere" / "some_code")
+    monkeypatch.syspath_prepend(tmp_path / "elsewhere")
+    assert fresh("some_code") == before
+
+
+@pytest.mark.parametrize("name", ["no_such_package", "some_code.z"])
+def test_a_module_that_is_not_there_is_an_error(package: Path, name: str) -> None:
+    with pytest.raises(LookupError, match=name):
+        fresh(name)
+
+
+def test_models_stand_for_their_files() -> None:
+    assert {path.suffix for _, path in files_of(MODELS)} >= {".toml", ".safetensors"}

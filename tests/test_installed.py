@@ -1,0 +1,37 @@
+"""Files that come with a package."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from ndtorch.errors import InputError
+from ndtorch.installed import folder_of, toml_file
+
+
+@pytest.mark.parametrize("inside", [True, False])
+def test_a_folder_lies_inside_or_beside_its_package(
+    inside: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "with_files"
+    folder = (package if inside else tmp_path) / "words"
+    folder.mkdir(parents=True)
+    package.mkdir(exist_ok=True)
+    (package / "__init__.py").touch()
+    monkeypatch.syspath_prepend(tmp_path)
+    assert folder_of("with_files", "words") == folder
+    with pytest.raises(LookupError, match="'sounds'"):
+        folder_of("with_files", "sounds")
+
+
+def test_a_bare_name_is_a_file_that_comes_along(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert toml_file(Path("binding"), "ndtorch_train", "sweeps").is_file()
+    assert toml_file(Path("sim"), "ndtorch_robot", "configs").is_file()
+    for path in (Path("binding.toml"), Path("some/binding"), tmp_path / "binding"):
+        assert toml_file(path, "ndtorch_train", "sweeps") == path
+    Path("binding").touch()
+    assert toml_file(Path("binding"), "ndtorch_train", "sweeps") == Path("binding")
+    with pytest.raises(InputError, match="none of binding, maps"):
+        toml_file(Path("bindings"), "ndtorch_train", "sweeps")

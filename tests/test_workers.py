@@ -1,0 +1,81 @@
+"""Processes that work through tasks."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from ndtorch.errors import InputError
+from ndtorch.workers import TRIES, Note, cores, run_tasks
+
+
+def task(item: tuple[str, str], note: Note) -> str:
+    """Squares, complains, breaks, or dies until a file says that it has died often enough."""
+    kind, value = item
+    if kind == "refuse":
+        raise InputError(f"no {value}")
+    if kind == "break":
+        raise RuntimeError(value)
+    if kind == "die":
+        place, times = value.split(":")
+        died = len(list(Path(place).iterdir()))
+        if died < int(times):
+            (Path(place) / str(died)).touch()
+            os._exit(9)
+        return f"after {died}"
+    if kind == "sleep":
+        time.sleep(600)
+    if kind == "kill":
+        os.kill(os.getpid(), signal.SIGKILL)
+    note(0.5)
+    return value + value
+
+
+def test_tasks_are_done_whatever_happens_to_others(tmp_path: Path) -> None:
+    always = tmp_path / "always"
+    once = tmp_path / "once"
+    always.mkdir()
+    once.mkdir()
+    tasks = [("ok", "a"), ("refuse", "b"), ("break", "c"), ("die", f"{once}:1"), ("die", f"{always}:99"), ("ok", "d")]
+    events = list(run_tasks(task, tasks, 2))
+    ends = {e.task: (e.kind, e.value) for e in events if e.kind in ("done", "failed")}
+    assert sorted(ends) == list(range(6))
+    assert ends[0] == ("done", "aa")
+    assert ends[1] == ("failed", "no b")
+    assert ends[2][0] == "failed"
+    assert "RuntimeError: c" in ends[2][1]
+    assert ends[3] == ("done", "after 1")
+    assert ends[4] == ("failed", f"its worker died {TRIES} times, at last with exit code 9")
+    assert ends[5] == ("done", "dd")
+    assert sum(e.kind == "again" for e in events) == 1 + (TRIES - 1)
+    assert ("progress", 0, 0.5) in [tuple(e) for e in events]
+    assert not multiprocessing.active_children()
+
+
+def test_a_signal_that_ended_a_worker_is_named() -> None:
+    events = list(run_tasks(task, [("kill", "")], 1))
+    assert [e.kind for e in events] == ["again"] * (TRIES - 1) + ["failed"]
+    assert events[0].value == "SIGKILL"
+    assert events[-1].value == f"its worker died {TRIES} times, at last with SIGKILL"
+
+
+def test_leaving_early_ends_the_workers() -> None:
+    events = run_tasks(task, [("ok", "a"), ("sleep", "")], 2)
+    assert next(events).kind == "progress"
+    assert multiprocessing.active_children()
+    events.close()
+    assert not multiprocessing.active_children()
+
+
+def test_workers_are_as_many_as_cores() -> None:
+    assert cores() == len(os.sched_getaffinity(0))
+
+
+def test_no_job_is_an_error() -> None:
+    with pytest.raises(InputError, match="jobs must be at least 1"):
+        list(run_tasks(task, [("ok", "a")], 0))

@@ -1,0 +1,25 @@
+"""The list of claims."""
+
+from __future__ import annotations
+
+import pytest
+
+from ndtorch.code_digest import files_of
+from ndtorch.errors import InputError
+from ndtorch_train.reproduce.claims import CLAIMS, chosen
+
+
+def test_every_claim_of_the_list_is_there() -> None:
+    ids = [claim.id for claim in CLAIMS]
+    assert ids == [f"A{k}" for k in range(1, 10)] + [f"B{k}" for k in range(1, 11)] + [f"C{k}" for k in range(1, 10)]
+    for claim in CLAIMS:
+        assert all(files_of(use) for use in claim.uses), claim.id
+        assert claim.printed
+        assert claim.tolerance
+
+
+def test_claims_by_name() -> None:
+    assert [claim.id for claim in chosen(["c5", "A1"])] == ["A1", "C5"]
+    assert len(chosen([])) == len(CLAIMS)
+    with pytest.raises(InputError, match="unknown claim 'B55', did you mean B5"):
+        chosen(["B55"])

@@ -1,0 +1,136 @@
+"""The command that reproduces the published results: its cache, its page, and what goes wrong."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ndtorch.commands import main
+from ndtorch_train.reproduce.claims import CLAIMS, chosen
+from ndtorch_train.reproduce.context import ResultCache
+from ndtorch_train.reproduce.page import BEGIN, END
+
+
+@pytest.fixture
+def in_process(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Experiments run here instead of in processes; returns the names of those that ran."""
+    ran: list[str] = []
+
+    def events(function: Any, tasks: Any, jobs: int) -> Any:
+        for n, task in enumerate(tasks):
+            ran.append(task[0].id)
+            function(task, lambda share: None)
+            yield "done", n, None
+
+    monkeypatch.setattr("ndtorch_train.reproduce.command.run_tasks", events)
+    return ran
+
+
+def test_results_are_kept_until_code_or_parameters_change(
+    tmp_path: Path, in_process: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    table = tmp_path / "README.md"
+    table.write_text(f"before\n{BEGIN}\nstale table\n{END}\nafter\n")
+    command = ["reproduce", "A3", "--out", str(out), "--jobs", "1"]
+    assert main([*command, "--table", str(table)]) == 0
+    assert main(command) == 0
+    assert in_process == ["A3"]
+    data = json.loads((out / "claims.json").read_text())["claims"]
+    assert data[0]["verdict"] == "holds"
+    assert data[0]["numbers"]["slope"] == pytest.approx(0.1212, abs=5e-5)
+    page = (out / "index.html").read_text()
+    assert "0.1212°/px" in page
+    # It opens offline: nothing is loaded from anywhere.
+    assert '<img src="data:image/' in page
+    assert re.findall(r"(?:src|href)=\"(?!data:|#)", page) == []
+    text = table.read_text()
+    assert text.startswith("before\n")
+    assert text.endswith("after\n")
+    assert "stale table" not in text
+    assert "| A3 | linear angle of a pixel" in text
+    assert {p.name for p in (out / "figures").iterdir()} == {"A-pixel-angle.svg", "A-pixel-angle.png"}
+
+    place = ResultCache(out / "cache").place(chosen(["A3"])[0], False)
+    result = json.loads((place / "result.json").read_text())
+    (place / "result.json").write_text(json.dumps(result | {"code": "of yesterday"}))
+    assert main(command) == 0
+    assert in_process == ["A3", "A3"]
+    assert "results of A3 are of other code and not used" in capsys.readouterr().err
+    (place / "A-pixel-angle.svg").unlink()
+    assert main(command) == 0
+    assert in_process == ["A3"] * 3
+    assert main([*command, "--fresh"]) == 0
+    assert in_process == ["A3"] * 4
+
+
+def test_a_claim_without_a_quick_form_says_so(tmp_path: Path, in_process: list[str]) -> None:
+    assert main(["reproduce", "B8", "--quick", "--out", str(tmp_path), "--jobs", "1"]) == 0
+    assert in_process == []
+    claim = json.loads((tmp_path / "claims.json").read_text())["claims"][0]
+    assert claim["verdict"] == "not run in quick"
+
+
+def test_an_experiment_that_breaks_leaves_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def events(function: Any, tasks: Any, jobs: int) -> Any:
+        for n, task in enumerate(tasks):
+            if task[0].id == "B3":
+                yield "again", n, "SIGKILL"
+                yield "failed", n, "its worker died 3 times, at last with exit code -9"
+            else:
+                function(task, lambda share: None)
+                yield "done", n, None
+
+    monkeypatch.setattr("ndtorch_train.reproduce.command.run_tasks", events)
+    assert main(["reproduce", "A3", "B3", "--out", str(tmp_path), "--jobs", "1"]) == 1
+    assert [c["id"] for c in json.loads((tmp_path / "claims.json").read_text())["claims"]] == ["A3"]
+    assert "error: B3 could not be tried: its worker died 3 times" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["A33"], "did you mean A3"),
+        (["--out", "/proc/nowhere"], "cannot write there"),
+        (["--jobs", "-1"], "--jobs must be at least 1"),
+    ],
+)
+def test_what_cannot_be_used(
+    options: list[str], words: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["reproduce", *options]) == 2
+    err = capsys.readouterr().err
+    assert words in err
+    assert err.count("\n") == 1
+
+
+def test_a_full_disk_is_one_line(
+    tmp_path: Path, in_process: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("ndtorch_train.reproduce.page.write", full)
+    assert main(["reproduce", "A3", "--out", str(tmp_path), "--jobs", "1"]) == 2
+    assert capsys.readouterr().err.splitlines()[-1].endswith("cannot be written: No space left on device")
+
+
+@pytest.mark.slow
+def test_a_quick_run_of_everything(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """All claims in their quick form; those known to fail are shown as failing."""
+    assert main(["reproduce", "--quick", "--out", str(tmp_path), "--jobs", "2"]) == 0
+    claims = {c["id"]: c for c in json.loads((tmp_path / "claims.json").read_text())["claims"]}
+    assert len(claims) == len(CLAIMS)
+    for name in ("A1", "A2", "A3", "B2", "B3", "B4", "B5", "B6", "C1", "C2", "C4", "C7"):
+        assert claims[name]["verdict"] == "holds", claims[name]
+    for name in ("A4", "B1", "B10", "C6", "C8", "C9"):
+        assert claims[name]["verdict"] in ("partly", "does not hold"), claims[name]
+    assert claims["B8"]["verdict"] == "not run in quick"
+    assert all((tmp_path / "figures" / f"{f}.svg").is_file() for c in claims.values() for f in c["figures"])

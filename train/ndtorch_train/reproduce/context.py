@@ -1,0 +1,203 @@
+"""Where experiments work: a folder for figures, a store for what several of them need, and the caches of both."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import secrets
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ndtorch.code_digest import code_digest
+from ndtorch.workers import Note
+from ndtorch_train.reproduce.outcome import Claim, Drawing, Outcome, verdict_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Arrays = dict[str, npt.NDArray[Any]]
+
+DPI = 110
+
+
+def digest(value: Any) -> str:
+    """Twelve hexadecimal digits of anything that JSON can hold."""
+    return hashlib.sha256(json.dumps(value, sort_keys=True, default=str).encode()).hexdigest()[:12]
+
+
+def code_of(uses: Sequence[str]) -> str:
+    """Twelve hexadecimal digits of the code of those modules, and of the version of torch."""
+    return code_digest(tuple(uses))[:12]
+
+
+class Context:
+    """One experiment's workplace.
+
+    Attributes:
+        quick: whether shorter or fewer trials are wanted.
+        drawings: figures made so far.
+    """
+
+    def __init__(self, folder: Path, store: Path, quick: bool, note: Note) -> None:
+        self.folder, self.store, self.quick = folder, store, quick
+        self._note = note
+        self.drawings: list[Drawing] = []
+
+    def note(self, share: float) -> None:
+        """Tell how much of the experiment is done, 0..1."""
+        self._note(share)
+
+    def draw(self, name: str, figure: Figure, title: str, caption: str, **parameters: Any) -> None:
+        """Keep a figure as SVG and PNG."""
+        import matplotlib
+
+        if self.quick:
+            caption = f"{caption} Quick run: fewer or shorter trials."
+        with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
+            figure.savefig(self.folder / f"{name}.svg", dpi=DPI, metadata={"Date": None})
+        figure.savefig(self.folder / f"{name}.png", dpi=DPI)
+        self.drawings.append(Drawing(name, title, caption, parameters))
+
+    def stored(self, kind: str, key: Mapping[str, Any], uses: Sequence[str], make: Callable[[], Arrays]) -> Arrays:
+        """Arrays by what they were made with, computed once for all experiments and runs.
+
+        Args:
+            kind: what they are.
+            key: parameters they depend on.
+            uses: modules and packages they depend on.
+            make: computes them.
+        """
+        begin = f"{kind}-{digest(key)}"
+        path = self.store / f"{begin}-{code_of(uses)}.npz"
+        with locked(self.store / f"{begin}.lock"):
+            if path.exists():
+                with np.load(path, allow_pickle=False) as file:
+                    return {name: file[name] for name in file.files}
+            arrays = make()
+            part = path.with_suffix(".part.npz")
+            np.savez(part, **arrays)  # type: ignore[arg-type]
+            for old in self.store.glob(f"{begin}-*.npz"):
+                if old != part:
+                    old.unlink()
+            part.replace(path)
+            return arrays
+
+
+def judged(context: Context, ours: str, why: str, parts: Mapping[str, bool], numbers: dict[str, Any]) -> Outcome:
+    """An outcome from the parts of a claim, each true or false; what fails is named in `why`."""
+    failed = [name for name, good in parts.items() if not good]
+    if failed:
+        why = f"{why} Not met: {'; '.join(failed)}." if why else f"Not met: {'; '.join(failed)}."
+    if context.quick:
+        why = f"[quick] {why}"
+    return Outcome(ours, verdict_of(*parts.values()), why.strip(), {**numbers, "criteria": dict(parts)})
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Only one process at a time; a process that dies lets go."""
+    with path.open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+class ResultCache:
+    """Results of claims in a folder, by claim and parameters; each knows the code that made it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def tidy(self) -> None:
+        """Remove what workers left that were killed."""
+        for part in self.folder.glob("*.part-*"):
+            if not held(part):
+                shutil.rmtree(part, ignore_errors=True)
+
+    def place(self, claim: Claim, quick: bool) -> Path:
+        """Folder of the result."""
+        return self.folder / f"{claim.id}-{digest([claim.parameters(quick), quick])}"
+
+    def load(self, claim: Claim, quick: bool) -> tuple[dict[str, Any] | None, bool]:
+        """The result, None if there is none that counts, and whether there is one from other code."""
+        place = self.place(claim, quick)
+        try:
+            result = json.loads((place / "result.json").read_text(encoding="utf-8"))
+            files = [place / f"{d['name']}.{kind}" for d in result["drawings"] for kind in ("svg", "png")]
+            complete = all(file.is_file() for file in files)
+            result["outcome"] = Outcome(**result["outcome"])
+        except (OSError, ValueError, KeyError, TypeError):
+            return None, False
+        if result["code"] != code_of(claim.uses):
+            return None, True
+        return (result, False) if complete else (None, False)
+
+
+def run_claim(claim: Claim, quick: bool, cache_folder: Path, code: str, note: Note) -> None:
+    """Run one experiment and keep its result in the cache; a run that is killed leaves nothing half done.
+
+    Args:
+        code: fingerprint of the code from before it was imported: files may change while a run goes on.
+    """
+    place = ResultCache(cache_folder).place(claim, quick)
+    # Named at random: processes of two containers may have the same number.
+    work = place.with_name(f"{place.name}.part-{secrets.token_hex(8)}")
+    work.mkdir(parents=True)
+    store = cache_folder / "data"
+    store.mkdir(exist_ok=True)
+    lock = lock_folder(work, fcntl.LOCK_EX)
+    try:
+        context = Context(work, store, quick, note)
+        parameters = claim.parameters(quick)
+        assert parameters is not None
+        outcome = claim.run(context, **parameters)
+        result = {
+            "id": claim.id,
+            "code": code,
+            "parameters": dict(parameters),
+            "outcome": asdict(outcome),
+            "drawings": [asdict(drawing) for drawing in context.drawings],
+        }
+        (work / "result.json").write_text(json.dumps(result, indent=1, default=plain) + "\n", encoding="utf-8")
+        shutil.rmtree(place, ignore_errors=True)
+        work.rename(place)
+    finally:
+        os.close(lock)
+        shutil.rmtree(work, ignore_errors=True)
+
+
+def lock_folder(folder: Path, how: int) -> int:
+    """Hold a folder until the returned descriptor is closed, or until this process is gone."""
+    lock = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(lock, how)
+    except OSError:
+        os.close(lock)
+        raise
+    return lock
+
+
+def held(folder: Path) -> bool:
+    """Whether a process that lives holds the folder."""
+    try:
+        os.close(lock_folder(folder, fcntl.LOCK_EX | fcntl.LOCK_NB))
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
+
+
+def plain(value: Any) -> Any:
+    """Numbers and arrays of NumPy and torch as JSON has them."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} does not go into JSON")
