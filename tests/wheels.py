@@ -23,15 +23,17 @@ class Trial(NamedTuple):
 
     Attributes:
         name: of the distribution.
-        extras: installed with it.
         works: command lines that must end well.
         lacks: command lines that must end with code 2 and one line, and what that line names.
+        extra: then installed besides, "" for none.
+        with_extra: command lines that must end well with it.
     """
 
     name: str
-    extras: str
     works: Sequence[Sequence[str]]
     lacks: Sequence[tuple[Sequence[str], str]]
+    extra: str = ""
+    with_extra: Sequence[Sequence[str]] = ()
 
 
 LOAD = "import ndtorch; print([ndtorch.load(name).__class__.__name__ for name in ndtorch.model_names()])"
@@ -39,7 +41,6 @@ LOAD = "import ndtorch; print([ndtorch.load(name).__class__.__name__ for name in
 TRIALS = (
     Trial(
         "ndtorch",
-        "",
         (
             ("ndtorch", "--help"),
             ("ndtorch", "scenes"),
@@ -56,27 +57,20 @@ TRIALS = (
     ),
     Trial(
         "ndtorch-robot",
-        "",
         (("ndtorch", "--help"), ("ndtorch", "arenas"), ("ndtorch", "cameras")),
         (
             (("ndtorch", "drive", "--seconds", "2"), "pip install 'ndtorch-robot[sim]'"),
             (("ndtorch", "evaluate", "--arenas", "room", "--seconds", "1"), "pip install 'ndtorch-robot[sim]'"),
         ),
-    ),
-    Trial(
-        "ndtorch-robot",
-        "[sim]",
+        "sim",
         (
-            ("ndtorch", "arenas"),
             ("ndtorch", "drive", "--seconds", "2", "--record", "rec"),
             ("ndtorch", "replay", "rec"),
             ("ndtorch", "evaluate", "--arenas", "room", "--seconds", "1", "--seeds", "1000", "--jobs", "1"),
         ),
-        ((("ndtorch", "drive", "--seconds", "2", "--rrd", "x.rrd"), "[view]'"),),
     ),
     Trial(
         "ndtorch-train",
-        "",
         (
             ("ndtorch", "score", "--scenes", "3", "--seconds", "2", "--rules", "published", "scale-free", "ica"),
             ("ndtorch", "reproduce", "A3", "A9", "--quick"),
@@ -96,7 +90,7 @@ def main() -> int:
         call([sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", str(wheels), *places], ROOT)
         wanted = sys.argv[1:]
         for number, trial in enumerate(TRIALS):
-            if not wanted or f"{trial.name}{trial.extras}" in wanted:
+            if not wanted or trial.name in wanted:
                 try_wheel(trial, wheels, Path(scratch, str(number)))
     print("all wheels work alone")
     return 0
@@ -114,7 +108,7 @@ def try_wheel(trial: Trial, wheels: Path, place: Path) -> None:
     pip = [str(binaries / "python"), "-m", "pip", "--quiet", "--disable-pip-version-check"]
     empty = files_in(place / "venv")
     options = ["--find-links", str(wheels), "-c", str(ROOT / "constraints.txt")]
-    call([*pip, "install", *options, f"{trial.name}{trial.extras}"], work)
+    call([*pip, "install", *options, trial.name], work)
     installed = time.monotonic() - began
     size = sum(path.stat().st_size for path in files_in(place / "venv") - empty)
     said = call([str(binaries / "ndtorch"), "--version"], work)
@@ -124,12 +118,17 @@ def try_wheel(trial: Trial, wheels: Path, place: Path) -> None:
         call([str(binaries / command[0]), *command[1:]], work)
     for command, words in trial.lacks:
         refused([str(binaries / command[0]), *command[1:]], words, work)
+    if trial.extra:
+        call([*pip, "install", *options, f"{trial.name}[{trial.extra}]"], work)
+    for command in trial.with_extra:
+        call([str(binaries / command[0]), *command[1:]], work)
     ours = [name for name in ("ndtorch", "ndtorch-robot", "ndtorch-train") if f"{name} " in said]
     call([*pip, "uninstall", "--yes", *ours], work)
     left = [path for path in (place / "venv").rglob("*ndtorch*") if "__pycache__" not in path.parts or path.is_file()]
     assert not left, left
-    name = f"{trial.name}{trial.extras}"
-    print(f"{name:20} installs in {installed:.0f} s ({size / 1e6:.0f} MB), works, goes without a trace", flush=True)
+    print(
+        f"{trial.name:14} installs in {installed:.0f} s ({size / 1e6:.0f} MB), works, goes without a trace", flush=True
+    )
 
 
 def files_in(folder: Path) -> set[Path]:

@@ -60,9 +60,9 @@ class Bind(BindJob):
         tune_allocator()
         prepared = prepare(self)
         source = prepared.source
+        folder = OutputFolder(self.out, folder_name(source.name))
         if not self.json:
             print(f"model  {prepared.chosen}", flush=True)
-        folder = OutputFolder(self.out, folder_name(source.name))
         try:
             film = self.film(prepared, folder.work)
             recording = None if self.rrd is None else RunRecording(self.rrd)
