@@ -43,7 +43,7 @@ if not TYPE_CHECKING:
             "ndtorch.vision": (
                 "FEATURES",
                 "HassensteinReichardt",
-                                        "NDMin",
+                "NDMin",
                 "OrientedDoG",
                 "VisualFeatures",
             ),

@@ -39,8 +39,8 @@ def load_state(path: str | Path, model: BindingModel) -> tuple[Any, dict[str, st
     """Read what `save_state` wrote: a state of that model, bit for bit, and the strings.
 
     Raises:
-        InputError: missing file, not safetensors, or not a state of this model: parts that are missing, of another shape
-            or type, or not finite.
+        InputError: missing file, not safetensors, or not a state of this model: parts that are missing, of another
+            shape or type, or not finite.
     """
     tensors, about = read(path)
     example = example_state(model)
@@ -98,7 +98,7 @@ def rebuilt(example: Any, tensors: Mapping[str, Tensor], prefix: str) -> Any:
 
 def optional(example: Any, name: str) -> bool:
     """Whether a part of a NamedTuple may be None."""
-    return str(type(example).__annotations__.get(name, "")).endswith("None")
+    return "None" in str(type(example).__annotations__[name])
 
 
 def checked(name: str, given: Tensor, example: Tensor, ragged: bool) -> Tensor:

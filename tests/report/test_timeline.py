@@ -8,9 +8,9 @@ from pathlib import Path
 import cv2
 import pytest
 
+from ndtorch.binding.models.video import switched_off
 from ndtorch.commands import main
 from ndtorch.errors import InputError
-from ndtorch.binding.models.video import switched_off
 from ndtorch.scenes.video_writer import VideoWriter
 from tests.vision.camera.passing_scenes import SIZE, passing
 

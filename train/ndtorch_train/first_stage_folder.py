@@ -79,8 +79,8 @@ unknown objects (load `scale-free`, or `retinotopic`, which also says where they
 
 on the contracting rings of [B eq. 25-27] (100 x 100 pixels, 100 frames a second, learning from 4 s on, each network
 until its spectral radius reached {radius:g}). There is nothing random in it. Training took {seconds:.1f} simulated
-seconds. The second stage is not trained: it learns as it looks. All other constants are printed in the papers, or chosen
-where they are silent (README.md, "Choices the papers leave open").
+seconds. The second stage is not trained: it learns as it looks. All other constants are printed in the papers, or
+chosen where they are silent (README.md, "Choices the papers leave open").
 
 ## How it was measured, and where it fails
 

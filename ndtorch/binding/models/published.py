@@ -56,8 +56,8 @@ class PublishedConfig(WholeFieldConfig):
 class PublishedModel(WholeFieldModel):
     """The model of the dissertation. [B, C]
 
-    The networks run at their own step of 10 ms, and signals of slower or faster video are interpolated. The second stage
-    begins to learn after `settle` seconds.
+    The networks run at their own step of 10 ms, and signals of slower or faster video are interpolated. The second
+    stage begins to learn after `settle` seconds.
 
     Args:
         config: constants.

@@ -85,8 +85,8 @@ class WholeFieldModel(BindingModel):
     """Frames -> ten wide-field signals -> three refining networks -> one binding network -> objects. [B, C]
 
     Shapes:
-        frames `[..., T, C, H, W]` -> `BindingSignals` with T' rows, `BindingState`. `state=None` starts at rest, settled
-        on the first frame. Chunks of any length give the same result.
+        frames `[..., T, C, H, W]` -> `BindingSignals` with T' rows, `BindingState`. `state=None` starts at rest,
+        settled on the first frame. Chunks of any length give the same result.
 
     Raises:
         InputError: frames, weights or options that do not fit, with a message that says which.
