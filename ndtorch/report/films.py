@@ -19,6 +19,8 @@ from ndtorch.vision.features import FEATURES
 
 STEP = {"left": (0, -1), "right": (0, 1), "down": (1, 0), "up": (-1, 0)}
 """Rows and columns of an arrow towards a direction."""
+YOUNG = 0.3
+"""Seconds that a thing has to last before it is marked."""
 
 
 class EnhancedVideo(Watcher):
@@ -95,7 +97,7 @@ def marked(frame: Pixels, things: tuple[BoundObject, ...]) -> Pixels:
 
     image = np.ascontiguousarray(frame).copy()
     for thing in things:
-        if thing.place is None:
+        if thing.place is None or (thing.last_seen or 0.0) - (thing.first_seen or 0.0) < YOUNG:
             continue
         color = rgb(thing.color) if thing.color in STYLES else GREY_RGB
         column, row = (round(side) for side in thing.place)
