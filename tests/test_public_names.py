@@ -24,8 +24,8 @@ VISION = """
     Resample ResampleState
     ANGLES FEATURES GROUPS NDS SPEED_SCALE CameraFrontEnd CameraParams CameraState ChahlSrinivasan FieldSignals
     FilterState HassensteinReichardt HighPass LocalFeatures LowPass MotionState NDMin NDMinus NDSState OrientedDoG
-    RecentMax RecentMaxState ShiftState SpeedCurve VisualFeatures dog_spectrum field_weights judge_speed_curve low_pass_step
-    row_shift smoothing_factor spatial_maximum speed_response
+    RecentMax RecentMaxState ShiftState SpeedCurve VisualFeatures dog_spectrum field_weights judge_speed_curve
+    low_pass_step row_shift smoothing_factor spatial_maximum speed_response
 """
 BINDING = """
     ACTIVATIONS Attention BindingInputs BindingModel BoundObject FirstStage InhibitoryNetwork LearningRule ObjectTable

@@ -7,7 +7,7 @@ import time
 import torch
 
 import ndtorch
-from ndtorch.binding import InhibitoryNetwork, ScaleFreeNetwork
+from ndtorch.binding import InhibitoryNetwork
 from ndtorch.run.run import run_model
 from ndtorch.scenes import two_bars
 from ndtorch.vision import VisualFeatures
@@ -42,7 +42,7 @@ def network_rows(device: str) -> list[Row]:
         many = torch.stack([learned.refined[100 + d : 700 + d] for d in delays.tolist()])
         _, batch_state = network(many[:, : 600 - STEPS])
         batch = many[:, -STEPS:]
-        other = ScaleFreeNetwork()
+        other = InhibitoryNetwork.scale_free()
         _, other_state = other(learned.refined[:-STEPS])
         _, other_batch_state = other(many[:, : 600 - STEPS])
         times = in_turn(

@@ -13,15 +13,16 @@ from ndtorch.binding.models.whole_field import BindingState, WholeFieldConfig, W
 from ndtorch.binding.network import InhibitoryNetwork, NetworkState, alternation, weight_change
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.weights import object_table
-from ndtorch.binding.rules import LearningRule, learning_rule
+from ndtorch.binding.rules import Rule, learning_rule
 from ndtorch.config import Constants
+from ndtorch.errors import InputError
 
 
 class PublishedNetwork(Constants):
     """The four networks; the three of the first stage do not learn."""
 
     dt: float = Field(0.01, gt=0, description="time step, and delay of the feedback")
-    rule: str = Field("competitive", description="competitive, cooperative or hebbian")
+    rule: str = Field("competitive", description="competitive, cooperative, hebbian, or a name of your own in RULES")
     f: str = Field("cube", description="expansive function of the rule")
     g: str = Field("tanh-pi", description="compressive function of the rule")
     gamma: float = Field(0.5, ge=0, description="learning rate of the second stage, 1/s")
@@ -74,13 +75,13 @@ class PublishedModel(WholeFieldModel):
         self,
         config: PublishedConfig | None = None,
         first_stage: FirstStage | Tensor | None = None,
-        rule: LearningRule | None = None,
+        rule: Rule | None = None,
         gamma: Tensor | None = None,
     ) -> None:
         c = config or PublishedConfig()
         super().__init__(c, first_stage, c.network.dt)
         # The inputs come high-passed. The three networks are one with weights inside the groups only.
-        self.first = InhibitoryNetwork(10, self.dt, gamma=0.0, tau_in=float("inf"), initial=self.first_weights)
+        self.first = InhibitoryNetwork(10, self.dt, None, tau_in=float("inf"), initial=self.first_weights)
         self.second = second_stage(c, gamma, rule)
 
     def refine(self, inputs: Tensor, state: NetworkState | None) -> tuple[Tensor, NetworkState]:
@@ -114,7 +115,7 @@ class PublishedModel(WholeFieldModel):
 
 
 def second_stage(
-    config: PublishedConfig, gamma: float | Tensor | None = None, rule: LearningRule | None = None
+    config: PublishedConfig, gamma: float | Tensor | None = None, rule: Rule | None = None
 ) -> InhibitoryNetwork:
     """The second stage of the published model, untrained.
 
@@ -126,13 +127,25 @@ def second_stage(
     return InhibitoryNetwork(
         10,
         n.dt,
-        rule=rule or learning_rule(n.rule, n.f, n.g),
-        gamma=n.gamma if gamma is None else gamma,
+        rule=rule or config_rule(n, gamma),
         tau_in=n.tau_in,
         tau_out=n.tau_out,
         settle=n.settle,
-        tau_onset=n.tau_onset,
-        radius_limit=n.radius_limit,
         window=r.stable_window,
         tau_mean=r.stable_mean,
+    )
+
+
+def config_rule(network: PublishedNetwork, gamma: float | Tensor | None = None) -> Rule:
+    """The learning rule that a config names, with learning rates in place of its own if they are given."""
+    n = network
+    if n.rule == "scale-free":
+        raise InputError("the rule scale-free has a model of its own: load('scale-free')")
+    return learning_rule(
+        n.rule,
+        f=n.f,
+        g=n.g,
+        gamma=n.gamma if gamma is None else gamma,
+        tau_onset=n.tau_onset,
+        radius_limit=n.radius_limit,
     )

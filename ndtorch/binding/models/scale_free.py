@@ -2,33 +2,33 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal, NamedTuple
 
 import torch
 from pydantic import Field
 from torch import Tensor, nn
 
+from ndtorch.binding.feedback import settled
 from ndtorch.binding.first_stage import FirstStage
 from ndtorch.binding.models.whole_field import BindingState, WholeFieldConfig, WholeFieldModel
+from ndtorch.binding.network import InhibitoryNetwork, NetworkState, weight_change
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.delays import DELAYS, DelayState, DelayStatistics
 from ndtorch.binding.readout.joined import JoinCriteria, refined_table
 from ndtorch.binding.readout.owners import OwnerCriteria, SignalStatistics, StatisticsState, owner_table
-from ndtorch.binding.scale_free import ScaleFreeNetwork, ScaleFreeRule, ScaleFreeState, settled
+from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.config import Constants
 from ndtorch.vision.temporal import FilterState, LowPass
 
 
-class ScaleFreeTable(Constants):
-    """Both stages run at the rate of the frames; the first one does not learn."""
+class RuleConstants(Constants):
+    """Constants of the scale-free rule, and of what it sees."""
 
-    tau_smooth: float = Field(0.05, ge=0, description="low-pass on the second stage's inputs")
     gamma: float = Field(0.2, ge=0, description="learning rate in the long run, 1/s")
     boost: float = Field(15.0, ge=0, description="how many times faster learning is at first, less one")
     tau_boost: float = Field(4.0, gt=0, description="time constant with which that subsides")
-    settle: float = Field(0.5, ge=0, description="time before the second stage learns")
     tau_onset: float = Field(0.2, ge=0, description="soft start of learning")
-    every: float = Field(0.05, gt=0, description="time between changes of the weights")
     tau_out: float = Field(2.0, ge=0, description="high-pass on the outputs in the learning rule")
     tau_power: float = Field(3.0, ge=0, description="memory of the outputs' power")
     exponent: float = Field(4.0, gt=0, description="of the gate between weak and strong outputs")
@@ -37,6 +37,20 @@ class ScaleFreeTable(Constants):
     lowest: float = Field(-0.4, le=0, description="lowest and")
     highest: float = Field(1.2, ge=0, description="highest weight")
     radius_limit: float = Field(0.95, gt=0, lt=1, description="limit on the Perron root of the weights' magnitudes")
+
+    def learning_rule(self) -> ScaleFreeRule:
+        """The rule with these constants."""
+        shared = self.model_dump(exclude={"tau_out", "tau_power", "smallest_deviation"})
+        constants = {name: shared[name] for name in RuleConstants.model_fields if name in shared}
+        return ScaleFreeRule(floor=self.smallest_deviation, **constants)
+
+
+class ScaleFreeTable(RuleConstants):
+    """Both stages run at the rate of the frames; the first one does not learn."""
+
+    settle: float = Field(0.5, ge=0, description="time before the second stage learns")
+    every: float = Field(0.05, gt=0, description="time between changes of the weights")
+    tau_smooth: float = Field(0.05, ge=0, description="low-pass on the second stage's inputs")
 
 
 class OwnerReadout(Constants):
@@ -75,7 +89,7 @@ class StageState(NamedTuple):
     """State of `ScaleFreeStage`: low-pass of the inputs `[..., 10]`, and the states of its three parts."""
 
     smooth: FilterState
-    network: ScaleFreeState
+    network: NetworkState
     statistics: StatisticsState
     delays: DelayState
 
@@ -119,21 +133,19 @@ class ScaleFreeStage(nn.Module):
         super().__init__()
         n, r = network or ScaleFreeTable(), readout or OwnerReadout()
         self.dt, self.constants = dt, r
-        rule = ScaleFreeRule(
-            n.gamma,
-            n.boost,
-            n.tau_boost,
-            n.tau_onset,
-            n.exponent,
-            n.leak,
-            n.smallest_deviation,
-            n.lowest,
-            n.highest,
-            n.radius_limit,
-        )
         self.smooth = LowPass(n.tau_smooth, dt, 1)
-        self.network = ScaleFreeNetwork(
-            10, dt, rule, n.tau_out, n.tau_power, n.settle, n.every, r.stable_window, r.stable_mean
+        self.network = InhibitoryNetwork(
+            10,
+            dt,
+            n.learning_rule(),
+            "settled",
+            tau_in=math.inf,
+            tau_out=n.tau_out,
+            tau_power=n.tau_power,
+            settle=n.settle,
+            every=n.every,
+            window=r.stable_window,
+            tau_mean=r.stable_mean,
         )
         self.statistics = SignalStatistics(dt, r.tau_owners, r.tau_high)
         self.delays = DelayStatistics(dt, r.delays, r.tau_fast, r.tau_slow, r.tau_high)
@@ -188,5 +200,5 @@ class ScaleFreeModel(WholeFieldModel):
 
     def learned(self, state: BindingState) -> tuple[Tensor, Tensor]:
         """As in the contract: stable are weights whose mean changes by at most `stable_change` per `stable_window`."""
-        change = state.second.network.changes.sum(-1)
+        change = weight_change(state.second.network)
         return torch.zeros_like(change, dtype=torch.bool), change <= self.config.readout.stable_change

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
@@ -9,10 +10,11 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
-from ndtorch.binding.field_network import FieldBinding, FieldBindingState
 from ndtorch.binding.models.contract import BindingModel, Nested, Verdict
+from ndtorch.binding.models.scale_free import RuleConstants
+from ndtorch.binding.network import InhibitoryNetwork, NetworkState
+from ndtorch.binding.normalise import FieldInputs
 from ndtorch.binding.objects import BoundObject
-from ndtorch.binding.scale_free import ScaleFreeRule
 from ndtorch.binding.tracking.params import TrackParams
 from ndtorch.binding.tracking.tracker import Tracker, TrackerState
 from ndtorch.binding.tracking.tracks import Track
@@ -29,22 +31,11 @@ class FieldNormalise(Constants):
     floor: float = Field(0.02, gt=0, description="smallest divisor: compressed contrast")
 
 
-class SharedNetwork(Constants):
+class SharedNetwork(RuleConstants):
     """One scale-free network shared by all fields. Its clock stands still while nothing happens."""
 
     learn: bool = Field(True, description="false keeps the weights at zero: what is the network worth?")
-    gamma: float = Field(0.2, ge=0, description="learning rate in the long run, 1/s")
-    boost: float = Field(15.0, ge=0, description="how many times faster learning is at first, less one")
-    tau_boost: float = Field(4.0, gt=0, description="time constant with which that subsides")
-    tau_onset: float = Field(0.2, ge=0, description="soft start of learning")
-    tau_out: float = Field(2.0, ge=0, description="high-pass on the outputs in the learning rule")
-    tau_power: float = Field(3.0, ge=0, description="memory of the outputs' power")
-    exponent: float = Field(4.0, gt=0, description="of the gate between weak and strong outputs")
-    leak: float = Field(2.0, ge=0, description="how fast weights from weak to strong are forgotten, against gamma")
-    smallest_deviation: float = Field(0.02, gt=0, description="of an output, as a share of the largest")
-    lowest: float = Field(-0.4, le=0, description="lowest and")
-    highest: float = Field(1.2, ge=0, description="highest weight")
-    radius_limit: float = Field(0.95, gt=0, lt=1, description="limit on the Perron root of the weights' magnitudes")
+    faint: float = Field(0.05, ge=0, description="fluctuations below which nothing happens")
 
 
 class VideoConfig(ModelConfig):
@@ -109,10 +100,12 @@ class VideoSignals(NamedTuple):
 
 
 class VideoState(NamedTuple):
-    """State of front end, network and tracker; the latter two are None before the first time step."""
+    """State of front end, normalisation (group maxima `[3]`), network and tracker; the last two are None before the
+    first time step."""
 
     camera: CameraState
-    network: FieldBindingState | None
+    level: Tensor
+    network: NetworkState | None
     tracker: TrackerState | None
 
 
@@ -140,20 +133,18 @@ class VideoModel(BindingModel):
         n = c.network
         self.camera = CameraFrontEnd(c.size, c.fps, c.camera)
         self.dt, self.settle = self.camera.dt, 0.0
-        rule = ScaleFreeRule(
-            n.gamma,
-            n.boost,
-            n.tau_boost,
-            n.tau_onset,
-            n.exponent,
-            n.leak,
-            n.smallest_deviation,
-            n.lowest,
-            n.highest,
-            n.radius_limit,
-        )
-        self.network = FieldBinding(
-            self.dt, rule, c.normalise.memory, c.normalise.floor, n.tau_out, n.tau_power, n.learn
+        self.normalise = FieldInputs(self.dt, c.normalise.memory, c.normalise.floor)
+        self.network = InhibitoryNetwork(
+            10,
+            self.dt,
+            n.learning_rule() if n.learn else None,
+            "settled",
+            shared=True,
+            tau_in=math.inf,
+            tau_out=n.tau_out,
+            tau_power=n.tau_power,
+            settle=self.settle,
+            faint=n.faint,
         )
         self.tracker = Tracker(self.dt, self.aspect, c.tracking)
 
@@ -178,13 +169,15 @@ class VideoModel(BindingModel):
     def signals(self, frames: Tensor, state: VideoState | None = None) -> tuple[VideoSignals, VideoState]:
         """All but the tracks: the part that is tensors from end to end, and that `ndtorch.export` exports."""
         seen, camera = self.camera(frames, state.camera if state is not None else None)
-        network, tracker = (state.network, state.tracker) if state is not None else (None, None)
+        level = seen.signals.new_zeros(3) if state is None else state.level
+        network, tracker = (None, None) if state is None else (state.network, state.tracker)
         inputs = outputs = seen.signals
         if len(seen.time):
-            (inputs, outputs), network = self.network(seen.signals.flatten(1, 2), network)
+            inputs, level = self.normalise(seen.signals.flatten(1, 2), level)
+            outputs, network = self.network(inputs, network)
             inputs, outputs = inputs.view(seen.signals.shape), outputs.view(seen.signals.shape)
         signals = VideoSignals(inputs, outputs, seen.motion, seen.presence, seen.noise, seen.level, seen.time)
-        return signals, VideoState(camera, network, tracker)
+        return signals, VideoState(camera, level, network, tracker)
 
     def _each(self, frames: Tensor, state: Any) -> tuple[VideoSignals, Any]:
         """One film after the other."""

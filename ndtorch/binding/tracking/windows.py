@@ -9,8 +9,8 @@ import torch.nn.functional as F
 from pydantic import Field
 from torch import Tensor, nn
 
+from ndtorch.binding.feedback import settled
 from ndtorch.binding.readout.owners import features_by_group
-from ndtorch.binding.scale_free import settled
 from ndtorch.config import Constants
 from ndtorch.errors import InputError
 from ndtorch.vision.alpha_beta import corrected, predicted

@@ -12,9 +12,9 @@ from torch import Tensor
 
 import ndtorch
 from ndtorch.binding import BindingInputs, PublishedModel, ScaleFreeModel, alternation, object_table
+from ndtorch.binding.feedback import settled
 from ndtorch.binding.models.whole_field import BindingState
 from ndtorch.binding.normalise import divide, group_max, spread_groups
-from ndtorch.binding.scale_free import settled
 from ndtorch.errors import InputError
 from ndtorch.optional import need
 from ndtorch.vision import LowPass

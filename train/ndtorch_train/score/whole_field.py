@@ -8,9 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.binding import BoundObject
+from ndtorch.binding import BoundObject, InhibitoryNetwork
 from ndtorch.binding.readout.owners import SignalStatistics, owner_table
-from ndtorch.binding.scale_free import ScaleFreeNetwork
 from ndtorch.run.watchers import Watcher
 from ndtorch.vision import FEATURES, HighPass
 
@@ -52,7 +51,11 @@ def whole_field_objects(inputs: Tensor, times: Tensor, dt: float, size: tuple[in
     nobody knows: in the middle.
     """
     steps = max(1, round(EVERY / dt))
-    high_pass, network, memory = HighPass(1.0, dt, sample_dims=1), ScaleFreeNetwork(10, dt), SignalStatistics(dt, 2.0)
+    high_pass, network, memory = (
+        HighPass(1.0, dt, sample_dims=1),
+        InhibitoryNetwork.scale_free(10, dt),
+        SignalStatistics(dt, 2.0),
+    )
     states: tuple[Any, Any, Any] = (None, None, None)
     seen: dict[tuple[int, int], list[tuple[float, Tensor]]] = {}
     for part, when in zip(torch.split(inputs, steps), torch.split(times, steps), strict=True):

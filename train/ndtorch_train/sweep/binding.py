@@ -15,7 +15,6 @@ import ndtorch
 from ndtorch.binding import PublishedModel, alternation, object_table, weight_change
 from ndtorch.binding.models.published import second_stage
 from ndtorch.binding.models.whole_field import BindingState
-from ndtorch.binding.rules import RULE_NAMES
 from ndtorch.code_digest import MODELS
 from ndtorch.tree import mapped
 from ndtorch.vision import FEATURES
@@ -31,7 +30,7 @@ PARAMETERS: Mapping[str, Parameter] = {
     "noise": Parameter(0.0, 0, 10),
     "seed": Parameter(0, 0, 2**31 - 1),
     "gamma": Parameter(0.5, 0, 1000),
-    "rule": Parameter("competitive", words=RULE_NAMES),
+    "rule": Parameter("competitive", words=("competitive", "cooperative", "hebbian")),
     "order": Parameter("filter-first", words=("filter-first", "printed")),
     "f": Parameter("cube", words=("cube", "tanh-pi", "tanh-10", "linear")),
     "g": Parameter("tanh-pi", words=("cube", "tanh-pi", "tanh-10", "linear")),
