@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
 from ndtorch.navigation import Grid, StereoRig
+from ndtorch.toml import check
 from ndtorch_robot.car import Car
 from ndtorch_robot.link.registry import MovesWorld, Opening, open_link
 from ndtorch_robot.loop import CameraClock
@@ -17,7 +18,6 @@ from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import CameraPair, Clock, Drive, Observer, Report
 from ndtorch_robot.run_config import RunConfig
 from ndtorch_robot.safety import SafeDrive, Sight
-from ndtorch_robot.toml import check
 
 if TYPE_CHECKING:
     from ndtorch_robot.sim.simulation import Simulation

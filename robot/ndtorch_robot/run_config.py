@@ -9,10 +9,10 @@ from typing import Annotated, Any
 from pydantic import Field, model_validator
 
 from ndtorch.navigation import StereoRig
+from ndtorch.toml import Strict
 from ndtorch_robot.link.registry import SERIAL, SIMULATED_BOARD, check_link
 from ndtorch_robot.navigating import NavigatorTable
 from ndtorch_robot.safety import SafetyLimits
-from ndtorch_robot.toml import Strict
 
 Positive = Annotated[float, Field(gt=0)]
 

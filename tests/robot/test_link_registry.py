@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from ndtorch.errors import InputError
+from ndtorch.toml import Strict, read_toml
 from ndtorch_robot.link import Opening, link, open_link
 from ndtorch_robot.link.registry import KINDS
 from ndtorch_robot.ports import STAND, Drive, unseal
 from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import RunConfig
-from ndtorch_robot.toml import Strict, read_toml
 from tests.robot.gl_needed import needs_gl
 
 

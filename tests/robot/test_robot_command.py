@@ -120,7 +120,7 @@ def test_bad_arguments(arguments, message, capsys, tmp_path, monkeypatch):
         ('angle = "degrees"', "angle = 'degrees': should be 'atan' or 'linear'"),
         ("seed = 1.5", "seed = 1.5"),
         ("moving = 7", "moving = 7"),
-        ("seconds = [", "not valid TOML"),
+        ("seconds = [", "not a TOML file"),
     ],
 )
 def test_bad_files(tmp_path, text, message):

@@ -43,12 +43,12 @@ class Check:
 
     def run(self) -> int:
         """Ask, move, ask."""
+        from ndtorch.toml import read_toml
         from ndtorch_robot.link import Opening, open_link
         from ndtorch_robot.loop import MonotonicClock
         from ndtorch_robot.run import timed_report
         from ndtorch_robot.run_config import RunConfig
         from ndtorch_robot.safety import SafeDrive
-        from ndtorch_robot.toml import read_toml
 
         config = read_toml(toml_file(self.config, "ndtorch_robot", "configs"), RunConfig)
         print("1. Cameras")

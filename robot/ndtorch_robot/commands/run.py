@@ -49,11 +49,11 @@ class Run:
         """Drive; prints what happens to stderr and a summary at the end."""
         import torch
 
+        from ndtorch.toml import read_toml
         from ndtorch_robot.emergency import HELP, emergency_stops
         from ndtorch_robot.recording import Recorder, RecordSteps
         from ndtorch_robot.run import open_car, real_time_priority, timed_report
         from ndtorch_robot.run_config import RunConfig
-        from ndtorch_robot.toml import read_toml
 
         if self.seconds is not None and not 0 < self.seconds < 1e7:
             raise InputError(f"--seconds must be positive, got {self.seconds}")

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 from ndtorch.errors import InputError
+from ndtorch.toml import Strict, check
 from ndtorch_robot.ports import CameraPair, Clock, Drive, Report
-from ndtorch_robot.toml import Strict, check
 
 if TYPE_CHECKING:
     from ndtorch_robot.sim.simulation import Simulation

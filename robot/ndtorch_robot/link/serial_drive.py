@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import Field
 
 from ndtorch.errors import InputError
+from ndtorch.toml import Strict
 from ndtorch_robot.link.messages import (
     VERSION,
     Fault,
@@ -28,7 +29,6 @@ from ndtorch_robot.link.parser import Parser
 from ndtorch_robot.link.port import open_port, read_some
 from ndtorch_robot.link.registry import SERIAL, Opening, link
 from ndtorch_robot.ports import STAND, Drive, DriveCommand, Report, SafeCommand, unseal
-from ndtorch_robot.toml import Strict
 
 if TYPE_CHECKING:
     import serial

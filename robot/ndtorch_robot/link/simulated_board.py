@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ndtorch.errors import InputError
+from ndtorch.toml import Strict
 from ndtorch_robot.link.registry import SIMULATED_BOARD, Opening, link
 from ndtorch_robot.link.serial_drive import SerialDrive
 from ndtorch_robot.loop import MonotonicClock
@@ -12,7 +13,6 @@ from ndtorch_robot.ports import CameraPair, Clock, Report
 from ndtorch_robot.sim.board import SimulatedBoard
 from ndtorch_robot.sim.pulse_world import PulseWorld
 from ndtorch_robot.sim.simulation import Simulation
-from ndtorch_robot.toml import Strict
 
 
 class BoardSettings(Strict):

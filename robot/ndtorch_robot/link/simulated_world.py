@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from ndtorch.errors import InputError
+from ndtorch.toml import Strict
 from ndtorch_robot.link.registry import SIMULATED_WORLD, Opening, link
 from ndtorch_robot.sim.simulation import Simulation
-from ndtorch_robot.toml import Strict
 
 
 class WorldSettings(Strict):

@@ -18,10 +18,10 @@ from typing import Annotated
 from pydantic import Field
 
 from ndtorch.errors import InputError
+from ndtorch.toml import Strict, read_toml
 from ndtorch_robot.sim.places import Places
 from ndtorch_robot.sim.plan import NARROWEST, Plan, Ring, circle, ring, square
 from ndtorch_robot.sim.tracing import Box, trace
-from ndtorch_robot.toml import Strict, read_toml
 
 Four = tuple[float, float, float, float]
 
