@@ -22,7 +22,7 @@ from ndtorch.commands import main
 from ndtorch.scenes import two_bars
 from ndtorch.scenes.video_writer import VideoWriter
 
-TRACKED = {"objects.json", "overlay.mp4", "timeline.jsonl", "timeline.png"}
+TRACKED = {"objects.json", "overlay.mp4", "state.safetensors", "timeline.jsonl", "timeline.png"}
 FILES = {
     "enhanced.mp4",
     "frames.png",
@@ -107,7 +107,7 @@ def kept(out: Path) -> dict[str, torch.Tensor]:
 def same_state(whole: Path, rest: Path) -> dict[str, torch.Tensor]:
     """Both runs ended in the same state, bit for bit; gives it."""
     one, other = kept(whole), kept(rest)
-    assert list(one) == list(other)
+    assert set(one) == set(other)
     assert [name for name in one if not torch.equal(one[name], other[name])] == []
     return one
 
