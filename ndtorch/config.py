@@ -1,12 +1,10 @@
-"""A model's constants: read from and written to TOML, checked with pydantic, errors that name the key."""
+"""A model's constants: tables checked with pydantic, options by name, written as TOML; errors name the key."""
 
 from __future__ import annotations
 
 import difflib
 import json
-import tomllib
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
@@ -77,20 +75,6 @@ def suggestion(name: str, known: Iterable[str]) -> str:
     names = list(known)
     near = difflib.get_close_matches(name, names, 1, 0.6)
     return f"did you mean {near[0]}?" if near else f"known: {', '.join(names)}"
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """The plain data of a TOML file.
-
-    Raises:
-        InputError: missing or malformed file.
-    """
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not a TOML file: {error}") from None
 
 
 def option_places(kind: type[BaseModel]) -> dict[str, list[tuple[str, ...]]]:

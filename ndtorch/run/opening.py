@@ -112,7 +112,7 @@ def make_model(about: dict[str, Any], size: tuple[int, int], fps: float, border:
 
 def identity(model: str) -> str:
     """A model as it is kept with a run: the name of one that comes with the package, or the whole path of a folder."""
-    return model if model in model_names() else str(Path(model).resolve())
+    return str(Path(model).resolve()) if model not in model_names() and Path(model).is_dir() else model
 
 
 def chosen(job: BindJob, source: str, model: str, kind: str) -> str:

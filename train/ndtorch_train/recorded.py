@@ -13,17 +13,8 @@ import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import (
-    FeatureParams,
-    Grid,
-    GridMap,
-    MatchParams,
-    Pose,
-    Ranges,
-    RowRanging,
-    StereoRig,
-    controller_class,
-)
+from ndtorch.navigation import FeatureParams, Grid, GridMap, MatchParams, Pose, Ranges, RowRanging, StereoRig
+from ndtorch.navigation.controllers.registry import controller_class
 
 if TYPE_CHECKING:
     from ndtorch_robot.ports import Step

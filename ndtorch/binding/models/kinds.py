@@ -12,8 +12,9 @@ from ndtorch.binding.models.published import PublishedModel
 from ndtorch.binding.models.retinotopic import RetinotopicModel
 from ndtorch.binding.models.scale_free import ScaleFreeModel
 from ndtorch.binding.models.video import VideoModel
-from ndtorch.config import option_places, read_toml, suggestion, validated, with_options
+from ndtorch.config import option_places, suggestion, validated, with_options
 from ndtorch.errors import InputError
+from ndtorch.toml import toml_values
 
 KINDS: dict[str, type[BindingModel]] = {
     kind.name: kind for kind in (PublishedModel, ScaleFreeModel, RetinotopicModel, VideoModel)
@@ -34,7 +35,7 @@ def load_folder(path: str | Path, options: Mapping[str, Any]) -> BindingModel:
     """
     folder = Path(path)
     where, name = folder / "config.toml", kind_of(folder)
-    data, kind, rest = read_toml(where), KINDS[name], dict(options)
+    data, kind, rest = toml_values(where), KINDS[name], dict(options)
     stage: Any = rest.pop("first_stage", None)
     if stage is not None and not kind.trained:
         raise InputError(f"{name} has no option first_stage; {having('first_stage')} have it")
@@ -53,7 +54,7 @@ def kind_of(folder: Path) -> str:
     if not folder.is_dir():
         raise InputError(f"{folder} is not a model folder")
     where = folder / "config.toml"
-    name = read_toml(where).get("model")
+    name = toml_values(where).get("model")
     if name not in KINDS:
         given = "no key 'model'" if name is None else f"model = {name!r}"
         raise InputError(f"{where}: {given}; model must be one of {', '.join(KINDS)}")

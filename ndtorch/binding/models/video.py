@@ -35,7 +35,7 @@ class SharedNetwork(RuleConstants):
     """One scale-free network shared by all fields. Its clock stands still while nothing happens."""
 
     learn: bool = Field(True, description="false keeps the weights at zero: what is the network worth?")
-    faint: float = Field(0.05, ge=0, description="fluctuations below which nothing happens")
+    quiet: float = Field(0.05, ge=0, description="fluctuations below which nothing happens")
 
 
 class VideoConfig(ModelConfig):
@@ -144,7 +144,7 @@ class VideoModel(BindingModel):
             tau_out=n.tau_out,
             tau_power=n.tau_power,
             settle=self.settle,
-            faint=n.faint,
+            faint=n.quiet,
         )
         self.tracker = Tracker(self.dt, self.aspect, c.tracking)
 
