@@ -14,7 +14,7 @@ from ndtorch.errors import InputError
 from ndtorch.tree import leaves, mapped
 
 Format = Literal["pt2", "aoti", "onnx"]
-EXPORTED = ("published", "scale-free", "retinotopic")
+EXPORTED = ("published", "retinotopic")
 """Models that can be."""
 SUFFIXES: dict[str, str] = {"pt2": ".pt2", "aoti": ".aoti.pt2", "onnx": ".onnx"}
 
@@ -23,7 +23,8 @@ class Step(nn.Module):
     """A model with its state as a flat list of tensors: what is exported.
 
     Args:
-        model: any binding model but `video`, whose tracks are lists that grow.
+        model: one of `EXPORTED`; the running covariances of scale-free, and the image scale and the tracks of video,
+            take steps that depend on what they saw.
         example: a state like those to come, or None for the first chunk of a run, which starts without one.
     """
 
@@ -70,10 +71,10 @@ def export(
     if model.name not in EXPORTED:
         able = ", ".join(EXPORTED)
         raise InputError(f"{model.name} cannot be exported: what it computes next depends on what it saw; {able} can")
-    rows = frames * model.dt * model.fps
-    if abs(1 / (model.dt * model.fps) - 1) > 1e-9:
+    rows = frames / (model.dt * model.fps)
+    if abs(rows / frames - 1) > 1e-9:
         raise InputError(
-            f"{model.name} makes {1 / rows * frames:g} rows of {frames} frames at {model.fps:g} frames a second; "
+            f"{model.name} makes {rows:g} rows of {frames} frames at {model.fps:g} frames a second; "
             "a program needs one row a frame"
         )
     example = torch.rand(*batch, frames, 3, *model.size)
