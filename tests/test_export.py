@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -48,15 +47,6 @@ def test_an_exported_program_gives_the_same(name: str, tmp_path: Path) -> None:
     assert [path.name for path in files] == ["first.pt2", "next.pt2"]
     first, following = (torch.export.load(path).module() for path in files)
     assert largest_difference(module, first, following) < 1e-4
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(shutil.which("g++") is None, reason="AOTInductor needs a C++ compiler")
-def test_a_compiled_package_gives_the_same(tmp_path: Path) -> None:
-    module = model("published")
-    files = export(module, tmp_path, "aoti", FRAMES)
-    first, following = (torch._inductor.aoti_load_package(str(path)) for path in files)
-    assert largest_difference(module, first, following) < 1e-3
 
 
 def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
