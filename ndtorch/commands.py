@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import difflib
 import sys
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Protocol
 
 import ndtorch
@@ -135,13 +138,29 @@ def overview(commands: Mapping[str, Sequence[EntryPoint]]) -> str:
     lines = ["usage: ndtorch COMMAND ...", "", "Insect-inspired vision, navigation and a robot.", ""]
     for name, points in commands.items():
         try:
-            about = (load_command(name, points).__doc__ or "").strip().splitlines()
+            text = written(points[0]) if len(points) == 1 else ""
+            text = text or load_command(name, points).__doc__ or ""
         except CommandError as error:
-            about = [f"({error})"]
-        lines.append(f"  {name:14}{about[0] if about else ''}")
-    return "\n".join(
-        [*lines, "", "`ndtorch COMMAND --help` says what each takes; `ndtorch --version` what is installed."]
-    )
+            text = f"({error})"
+        lines.append(f"  {name:14}{next(iter(text.strip().splitlines()), '')}")
+    lines += ["", "`ndtorch COMMAND --help` says what each takes, `ndtorch --version` what is installed."]
+    return "\n".join(lines)
+
+
+def written(point: EntryPoint) -> str:
+    """The docstring of a command as it stands in its file, so that the help need not import what the command does.
+
+    Empty where it is not to be found; loading the command then tells why.
+    """
+    try:
+        spec = find_spec(point.module)
+        if spec is None or spec.origin is None:
+            return ""
+        tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
+    except Exception:  # a package that breaks may raise anything
+        return ""
+    classes = (node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == point.attr)
+    return next((ast.get_docstring(node) or "" for node in classes), "")
 
 
 def run_command(prog: str, kind: type[Subcommand], arguments: Sequence[str]) -> int:

@@ -40,11 +40,19 @@ BINDING = """
     StatisticsState features_by_group owner_table JoinCriteria refined_table ScaleFreeRule
     settled ScaleFreeStage StageState BindingModel bound_objects
 """
+NAVIGATION = """
+    CRUISE REVERSE STOPPED SUPPRESSED TURN AlphaBetaTracker AvoidanceParams Command CompiledNavigator Controller
+    DeadReckoning FeatureParams Grid GridMap MatchParams Navigator NavigatorOptions NavigatorState ObservationList Pose
+    Ranges RangingParams Rect RowRanging StereoRig Strips controller_names cut_strips make_controller
+"""
 MODULES = [ndtorch, ndtorch.vision, ndtorch.scenes, ndtorch.binding, ndtorch.navigation]
 NAMES = [(module, name) for module in MODULES for name in module.__all__]
 
 
-@pytest.mark.parametrize(("module", "expected"), [(ndtorch, TOP), (ndtorch.vision, VISION), (ndtorch.binding, BINDING)])
+@pytest.mark.parametrize(
+    ("module", "expected"),
+    [(ndtorch, TOP), (ndtorch.vision, VISION), (ndtorch.binding, BINDING), (ndtorch.navigation, NAVIGATION)],
+)
 def test_the_public_names_are_these(module: ModuleType, expected: str) -> None:
     assert set(module.__all__) == set(expected.split())
 

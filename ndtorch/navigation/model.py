@@ -144,7 +144,7 @@ class Navigator(nn.Module):
         """Fill the map, the observation list and the tracks, as far as there are any."""
         grid, seen, tracks = state.map, state.observations, state.tracks
         if self.grid_map is not None:
-            _, grid = self.grid_map(ranges, poses, grid)
+            grid = self.grid_map.update(ranges, poses, grid)
         if self.observations is not None:
             _, seen = self.observations(ranges, poses, seen)
         if self.tracker is not None:

@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from ndtorch.errors import InputError
+from ndtorch.toml import check, read_toml
 from ndtorch_robot.navigating import NavigatorTable
-from ndtorch_robot.toml import check, read_toml
 
 
 class DriveConfig(NavigatorTable):

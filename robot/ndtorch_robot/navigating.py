@@ -14,7 +14,7 @@ from pydantic import ValidationInfo, field_validator
 
 from ndtorch.navigation.options import OPTION_NAMES, NavigatorOptions, check_option, options_of
 from ndtorch.navigation.rig import StereoRig
-from ndtorch_robot.toml import Strict
+from ndtorch.toml import Strict
 
 Command = TypeVar("Command", bound=type)
 

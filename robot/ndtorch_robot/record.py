@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
 from ndtorch.navigation import NavigatorState, StereoRig, Strips
-from ndtorch_robot.ports import DriveCommand, StereoFrames
+from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.ports import DriveCommand, Observer, Step, StereoFrames
 
 KEPT_ROWS = 900
 """Frames whose rows are kept for the space-time picture: the first half minute."""
 
 Floats = npt.NDArray[np.float64]
+Pose = tuple[float, float, float]
 
 
 @dataclass
@@ -67,6 +70,21 @@ class Record:
         self.ranges.append(np.stack(found).astype(np.float32))
         if len(self.rows) < KEPT_ROWS:
             self.rows.append(np.stack([grey_row(eye, rig) for eye in (frames.left, frames.right)]))
+
+    def observer(self, pilot: Pilot, pose: Callable[[], Pose]) -> Observer:
+        """Keeps every step in which the navigator was asked.
+
+        Args:
+            pose: the true one, now.
+        """
+
+        def keep(step: Step) -> None:
+            if step.placed is not None:
+                self.placed.append(len(self.time))
+            if step.frames is not None and step.state is not None:
+                self.add(step.frames, step.state, pilot.mode(), step.sent, pose(), pilot.rig)
+
+        return keep
 
     def array(self, name: str) -> Floats:
         """One of the lists as an array, frames first."""

@@ -21,9 +21,10 @@ import torch
 
 from ndtorch.navigation import CompiledNavigator
 from ndtorch.navigation.controllers import DEFAULT_CONTROLLER, controller_names
+from ndtorch_robot.car import percentiles
 from ndtorch_robot.link import SerialDrive
-from ndtorch_robot.run import open_car, percentiles, real_time_priority
-from ndtorch_robot.run_config import LinkTable, NavigationTable, RigTable, RunConfig
+from ndtorch_robot.run import open_car, real_time_priority
+from ndtorch_robot.run_config import NavigationTable, RigTable, RunConfig
 from ndtorch_robot.sim.board import SimulatedBoard
 from tests.benchmarks.bench_cameras import films
 from tests.benchmarks.bench_navigation import stereo_pair
@@ -39,20 +40,20 @@ def bare_line(seconds: float) -> dict[str, float]:
     peer = Peer(board)
     drive = SerialDrive(peer.device, report=lambda line: None)
     time.sleep(seconds)
-    trips = np.array(drive.round_trips) * 1e3
+    trips = np.array(drive.round_trips()) * 1e3
     drive.close()
     peer.close()
     return percentiles(trips)
 
 
 def car(seconds: float, controller: str, compiled: bool) -> dict[str, object]:
-    """The summary of a run: see `ndtorch_robot.run.CarLoop.summary`."""
+    """The summary of a run: see `ndtorch_robot.car.Car.summary`."""
     lines: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
         left, right = films(Path(folder), round(30 * (seconds + 2)))
         simulated = SimulatedBoard()
         try:
-            link = LinkTable(device=simulated.device)
+            link = {"device": simulated.device}
             navigation = NavigationTable(controller=controller, compiled=compiled)
             if compiled:  # before the films begin
                 warm_up(navigation)

@@ -18,17 +18,16 @@ from ndtorch.navigation import (
     Command,
     CompiledNavigator,
     FeatureParams,
-    FloorMotion,
     GridMap,
     Navigator,
     ObservationList,
     Pose,
-    RangingControl,
     RowRanging,
-    SaccadeAvoidance,
     StereoRig,
-    SubfieldMotion,
 )
+from ndtorch.navigation.controllers.published import SaccadeAvoidance, SubfieldMotion
+from ndtorch.navigation.controllers.ranging.control import RangingControl
+from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
 from tests.benchmarks.timing import Row, table
 
 DT = 1 / 30

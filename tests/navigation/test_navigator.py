@@ -18,12 +18,11 @@ from ndtorch.navigation import (
     ObservationList,
     Rect,
     RowRanging,
-    SaccadeAvoidance,
     StereoRig,
     Strips,
-    SubfieldMotion,
     cut_strips,
 )
+from ndtorch.navigation.controllers.published import SaccadeAvoidance, SubfieldMotion
 from ndtorch.vision.nondirectional import NDMin, spatial_maximum
 
 DT = 1 / 30

@@ -123,7 +123,7 @@ def test_no_objects_and_no_samples(result: RunResult, drawn: dict[str, list[str]
         warnings.simplefilter("error")
         figures.draw_all(empty, tmp_path)
     assert any(text.startswith("STATIC") and "interrupted" in text for text in drawn["outputs.png"])
-    assert drawn["weights.png"].count("all weights are zero") == 2
+    assert {"all weights are zero", "no objects"} < set(drawn["weights.png"])
     assert "No object won the model's attention in this run." in drawn["frames.png"]
     assert "no samples" in drawn["outputs.png"]
 

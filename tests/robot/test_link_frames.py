@@ -1,7 +1,5 @@
 """Frames of the drive link: what goes in comes out, and what was not sent never does."""
 
-import binascii
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -39,9 +37,24 @@ def test_stuffing_examples():
         assert cobs.decode(broken) is None
 
 
+def division(data, polynomial, start):
+    """CRC bit by bit, as the polynomial is divided on paper."""
+    crc = start
+    for byte in data:
+        crc ^= byte << 8
+        for _ in range(8):
+            crc = (crc << 1 ^ (polynomial if crc & 0x8000 else 0)) & 0xFFFF
+    return crc
+
+
+def mirrored(value, bits):
+    return int(f"{value:0{bits}b}"[::-1], 2)
+
+
 @given(st.binary(max_size=40))
 def test_checksums(data):
-    assert crc_ccitt(data) == binascii.crc_hqx(data, 0xFFFF)
+    assert crc_ccitt(data) == division(data, 0x1021, 0xFFFF)
+    assert crc_dnp(data) == mirrored(division(bytes(mirrored(b, 8) for b in data), 0x3D65, 0), 16) ^ 0xFFFF
     assert crc_ccitt(b"123456789") == 0x29B1
     assert crc_dnp(b"123456789") == 0xEA82
 

@@ -6,9 +6,9 @@ import torch
 
 from ndtorch.navigation import Grid, StereoRig
 from ndtorch_robot.score import coverage, peaks, score_map, spacing_error, true_edges, visible
-from ndtorch_robot.sim.model import edge_columns
 from ndtorch_robot.sim.paint import ALONG
 from ndtorch_robot.sim.plan import Plan, ring
+from ndtorch_robot.sim.profiles import edge_columns
 from ndtorch_robot.sim.tracing import Box, trace
 
 RIG = StereoRig()

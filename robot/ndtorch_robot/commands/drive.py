@@ -18,6 +18,7 @@ from ndtorch_robot.navigating import navigator_flags
 if TYPE_CHECKING:
     from ndtorch_robot.config import DriveConfig
     from ndtorch_robot.drive import Result
+    from ndtorch_robot.ports import Step
 
 
 @dataclass(frozen=True)
@@ -85,22 +86,21 @@ def watched(config: DriveConfig, quiet: bool) -> Result:
     """Drive with a progress bar on stderr, unless quiet."""
     from tqdm import tqdm
 
-    from ndtorch_robot.drive import drive
+    from ndtorch_robot.drive import RATE, drive
 
     if quiet:
         return drive(config)
     bar = None
 
-    def progress(made: int, total: int) -> None:
+    def progress(step: Step) -> None:
         nonlocal bar
         if bar is None:  # only now, so that an error before the first frame stands alone
+            total = round(config.seconds * RATE)
             bar = tqdm(total=total, desc=f"{config.arena} seed {config.seed}", unit=" frames", file=sys.stderr)
         bar.update()
-        if made == total:
-            bar.close()
 
     try:
-        return drive(config, progress)
+        return drive(config, [progress])
     finally:
         if bar is not None:
             bar.close()

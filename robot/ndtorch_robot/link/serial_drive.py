@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
-import termios
 import threading
 import time
-from collections import deque
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+from pydantic import Field
 
 from ndtorch.errors import InputError
+from ndtorch.toml import Strict
+from ndtorch_robot.link.line import GONE, Noise, SerialLine
 from ndtorch_robot.link.messages import (
     VERSION,
     Fault,
@@ -18,16 +19,13 @@ from ndtorch_robot.link.messages import (
     Telemetry,
     Type,
     command_body,
-    encode_frame,
     read_telemetry,
     read_welcome,
 )
 from ndtorch_robot.link.parser import Parser
-from ndtorch_robot.link.port import open_port, read_some
-from ndtorch_robot.ports import DriveCommand, SafeCommand, unseal
-
-if TYPE_CHECKING:
-    import serial
+from ndtorch_robot.link.port import read_some
+from ndtorch_robot.link.registry import SERIAL, Opening, link
+from ndtorch_robot.ports import STAND, Drive, DriveCommand, Report, SafeCommand, unseal
 
 HEARTBEAT = 0.03
 """Seconds between heartbeats; the board stops after 0.15 s without."""
@@ -48,20 +46,26 @@ GREETING = 3.0
 BACK_OFF = (0.1, 2.0)
 """Shortest and longest pause between attempts to connect anew, s."""
 
-NOISE_LIMIT, FORGIVE = 4, 0.2
-"""So many refused frames, less one forgiven every 0.2 s, and the line counts as bad."""
-
 WIDEST = 32.0
 """Largest number that fits into a command, m/s and 1/m."""
 
-GONE = (OSError, termios.error, TypeError)
-"""What pyserial raises when the cable is pulled; TypeError when the port was closed in between."""
-
-STAND = DriveCommand(0.0, 0.0)
+NOT_YET = "not yet told to drive"
 
 
-class SerialDrive:
-    """Implements `robot.ports.Drive` and `Odometer` over a serial line.
+class SerialSettings(Strict):
+    """`[link]` of a car, where `kind` is `"serial"` or not given.
+
+    Args:
+        device: the port, best by `/dev/serial/by-id`.
+        baud: symbols a second; the firmware's.
+    """
+
+    device: str
+    baud: Annotated[int, Field(ge=1200, le=4_000_000)] = 500_000
+
+
+class SerialDrive(Drive):
+    """A drive over a serial line.
 
     After opening, after any fault and after any reconnection the car stands until `resume`. The listening thread
     reads, greets the board and reconnects. The supervising thread sends heartbeats, but only while the loop sends
@@ -84,29 +88,25 @@ class SerialDrive:
         device: str,
         baud: int = 500_000,
         robot: str | None = None,
-        report: Callable[[str], None] = print,
+        report: Report = print,
         greeting: float = GREETING,
     ) -> None:
         self.device, self.baud, self.robot, self.report, self.greeting = device, baud, robot, report, greeting
         self.lock = threading.Lock()
         self.welcomed = threading.Event()
         self.closing = threading.Event()
-        self.port: serial.Serial | None = None
         self.parser = Parser()
-        self.sequence = 0
-        self.telemetry: Telemetry | None = None
+        self.heard: Telemetry | None = None
         self.armed = False
         self.asked_to_arm = -1.0
         self.standing = True
-        self.fault: str | None = "not yet told to drive"
+        self.fault: str | None = NOT_YET
         self.refusal: str | None = None
         self.last_command = self.last_heard = 0.0
         self.heard_sequence: int | None = None
-        self.noise, self.refused, self.forgiven = 0, 0, 0.0
-        self.beats: dict[int, float] = {}
-        self.round_trips: deque[float] = deque(maxlen=100_000)
+        self.noise = Noise()
         self.applied: list[DriveCommand] = []
-        self.port = open_port(device, baud)
+        self.line = SerialLine(device, baud)
         works = (self.listen, self.supervise)
         self.threads = [threading.Thread(target=work, name=work.__name__, daemon=True) for work in works]
         for thread in self.threads:
@@ -147,24 +147,24 @@ class SerialDrive:
         most = WIDEST
         speed, curvature = (round(min(max(value, -most), most), 3) for value in wanted)
         sent = DriveCommand(speed, curvature)
-        return sent if self.write(Type.COMMAND, command_body(sent)) else STAND
+        return sent if self.line.write(Type.COMMAND, command_body(sent)) else STAND
 
     def stop(self) -> None:
         """Tell the board to stand; it does so at its next pulse, within 20 ms."""
         with self.lock:
             self.standing, self.armed = True, False
-        self.write(Type.STOP)
+        self.line.write(Type.STOP)
 
-    def resume(self) -> None:
-        """Ask the board to obey again; `trouble` is None from now on unless it does not."""
+    def resume(self) -> bool:
+        """Ask the board to obey again; `trouble` is None from now on unless it does not. False without a link."""
         if not self.welcomed.is_set():
-            return
+            return False
         now = time.monotonic()
         with self.lock:
             self.fault, self.standing, self.armed = None, False, False
             self.asked_to_arm = self.last_command = now
-            self.noise = 0
-        self.write(Type.ARM)
+            self.noise.count = 0
+        return self.line.write(Type.ARM)
 
     def trouble(self) -> str | None:
         """Why the car stands whatever is sent, other than that it was told to stop."""
@@ -175,9 +175,17 @@ class SerialDrive:
         with self.lock:
             applied, self.applied = self.applied, []
         if not applied:
-            return self.telemetry.applied if self.telemetry is not None and self.welcomed.is_set() else STAND
+            return self.heard.applied if self.heard is not None and self.welcomed.is_set() else STAND
         count = len(applied)
         return DriveCommand(sum(a.speed for a in applied) / count, sum(a.curvature for a in applied) / count)
+
+    def telemetry(self) -> dict[str, Any]:
+        """What the board says of itself; `link` is why it cannot be commanded, or None."""
+        return ({} if self.heard is None else self.heard.values()) | {"link": self.trouble()}
+
+    def round_trips(self) -> Sequence[float]:
+        """From a heartbeat to its echo, s."""
+        return self.line.trips
 
     def close(self) -> None:
         """Stop, end both threads and give the port back."""
@@ -186,39 +194,17 @@ class SerialDrive:
         for thread in self.threads:
             if thread is not threading.current_thread():
                 thread.join(2.0)
-        self.drop_port()
-
-    # Writing.
-
-    def write(self, kind: Type, body: bytes = b"") -> bool:
-        """Send one message; False when the line did not take it."""
-        with self.lock:
-            port = self.port
-            if port is None:
-                return False
-            self.sequence = self.sequence + 1 & 0xFFFF
-            data = encode_frame(Frame(VERSION, kind, self.sequence, body))
-            if kind == Type.HELLO:
-                data = b"\0" + data  # ends whatever the board has half of
-            if kind == Type.HEARTBEAT:
-                self.beats[self.sequence] = time.monotonic()
-                if len(self.beats) > 64:
-                    del self.beats[next(iter(self.beats))]
-            try:
-                port.write(data)
-            except GONE:  # the listening thread will see it too, and say so
-                return False
-        return True
+        self.line.drop()
 
     def disarm(self, why: str, tell: bool) -> None:
         """The car stands from now on."""
         with self.lock:
-            news = self.fault is None
+            news = self.fault in (None, NOT_YET)
             self.armed, self.standing = False, True
             if news:
                 self.fault = why
         if tell:
-            self.write(Type.STOP)
+            self.line.write(Type.STOP)
         if news:
             self.report(f"link: {why}")
 
@@ -236,7 +222,7 @@ class SerialDrive:
                 self.welcomed.clear()
                 self.disarm(f"lost: no valid telemetry for {now - self.last_heard:.2f} s", tell=True)
                 continue
-            self.write(Type.HEARTBEAT)
+            self.line.write(Type.HEARTBEAT)
 
     # The listening thread.
 
@@ -249,23 +235,19 @@ class SerialDrive:
                 break
             self.welcomed.clear()
             self.disarm(f"lost: {why}", tell=False)
-            self.drop_port()
+            self.line.drop()
             while not self.closing.wait(pause):
                 pause = min(2 * pause, BACK_OFF[1])
-                try:
-                    port = open_port(self.device, self.baud)
-                except InputError:
+                if not self.line.reopen():
                     continue
-                with self.lock:
-                    self.port = port
-                pause = BACK_OFF[0] if self.telemetry is not None else pause
+                pause = BACK_OFF[0] if self.heard is not None else pause
                 break
 
     def converse(self) -> str:
         """Handle what comes until the line is gone; returns why."""
         greeted = 0.0
         opened = time.monotonic()
-        port = self.port
+        port = self.line.port
         assert port is not None
         while not self.closing.is_set():
             now = time.monotonic()
@@ -275,7 +257,7 @@ class SerialDrive:
                 if now - greeted > HELLO_EVERY:
                     greeted = now
                     self.heard_sequence = None
-                    self.write(Type.HELLO)
+                    self.line.write(Type.HELLO)
             try:
                 data = read_some(port)
             except GONE as error:
@@ -300,17 +282,7 @@ class SerialDrive:
                 self.on_welcome(frame)
             elif frame.type == Type.TELEMETRY and self.welcomed.is_set():
                 self.on_telemetry(frame)
-        self.judge_noise()
-
-    def judge_noise(self) -> None:
-        """Too many refused frames in a short time: nothing that comes can be trusted."""
-        now = time.monotonic()
-        self.noise += self.parser.refused - self.refused
-        self.refused = self.parser.refused
-        while self.noise and now - self.forgiven > FORGIVE:
-            self.noise -= 1
-            self.forgiven = max(self.forgiven + FORGIVE, now - FORGIVE)
-        if self.noise >= NOISE_LIMIT and not self.standing:
+        if self.noise.bad(self.parser.refused, time.monotonic()) and not self.standing:
             self.disarm("bad line: many frames from the board are refused", tell=True)
 
     def on_welcome(self, frame: Frame) -> None:
@@ -321,8 +293,8 @@ class SerialDrive:
             return
         self.last_heard = time.monotonic()
         self.heard_sequence = frame.sequence
-        again = self.telemetry is not None and not self.welcomed.is_set()
-        self.refusal, self.noise = None, 0
+        again = self.heard is not None and not self.welcomed.is_set()
+        self.refusal, self.noise.count = None, 0
         self.welcomed.set()
         if again:
             self.report("link: connected again; the car stands until it is told to resume")
@@ -334,11 +306,9 @@ class SerialDrive:
             return
         now = time.monotonic()
         telemetry = read_telemetry(frame.body)
-        before, self.telemetry = self.telemetry, telemetry
+        before, self.heard = self.heard, telemetry
         self.heard_sequence, self.last_heard = frame.sequence, now
-        sent = self.beats.pop(telemetry.echo, None)
-        if sent is not None:
-            self.round_trips.append(now - sent)
+        self.line.echoed(telemetry.echo, now)
         with self.lock:
             self.applied.append(telemetry.applied)
             del self.applied[:-30]
@@ -356,10 +326,8 @@ class SerialDrive:
         elif now - self.asked_to_arm > 0.1:
             self.disarm("the board does not resume", tell=True)
 
-    def drop_port(self) -> None:
-        """Close the port if it is open."""
-        with self.lock:
-            port, self.port = self.port, None
-        if port is not None:
-            with contextlib.suppress(*GONE):
-                port.close()
+
+@link(SERIAL, SerialSettings)
+def open_serial(settings: SerialSettings, opening: Opening) -> SerialDrive:
+    """Open the port and greet the board."""
+    return SerialDrive(settings.device, settings.baud, opening.robot, opening.report)

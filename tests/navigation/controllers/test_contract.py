@@ -15,12 +15,12 @@ from ndtorch.navigation import (
     Navigator,
     NavigatorOptions,
     StereoRig,
-    controller_class,
     controller_names,
     make_controller,
 )
 from ndtorch.navigation.controllers import DEFAULT_CONTROLLER, Controller, Trace, register, registry
 from ndtorch.navigation.controllers.published import AvoidanceParams, PublishedControl, SubfieldMotion
+from ndtorch.navigation.controllers.registry import controller_class
 
 DT = 1 / 30
 RIG = StereoRig(forward=0.15)

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import CRUISE, STOPPED, SUPPRESSED, TURN, AvoidanceParams, SaccadeAvoidance
+from ndtorch.navigation import CRUISE, STOPPED, SUPPRESSED, TURN, AvoidanceParams
+from ndtorch.navigation.controllers.published import SaccadeAvoidance
 
 DT = 1 / 30
 

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from ndtorch.navigation import TURN, AvoidanceParams, Navigator, SaccadeAvoidance, StereoRig, SubfieldMotion
+from ndtorch.navigation import TURN, AvoidanceParams, Navigator, StereoRig
+from ndtorch.navigation.controllers.published import SaccadeAvoidance, SubfieldMotion
 from ndtorch_train.recorded import RATE, Recorded
 from ndtorch_train.reproduce.context import Context, judged
 from ndtorch_train.reproduce.drives import recorded

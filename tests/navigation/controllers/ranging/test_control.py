@@ -14,18 +14,17 @@ from ndtorch.navigation import (
     TURN,
     AvoidanceParams,
     Command,
-    FloorParams,
     Navigator,
     Pose,
     Ranges,
-    RangingControl,
     RangingParams,
-    SaccadeAvoidance,
     StereoRig,
-    drive_step,
-    floor_view,
 )
+from ndtorch.navigation.controllers.published import SaccadeAvoidance
+from ndtorch.navigation.controllers.ranging.control import RangingControl
+from ndtorch.navigation.controllers.ranging.floor_view import FloorParams, floor_view
 from ndtorch.navigation.controllers.ranging.modes import Facts, next_mode, transition_table
+from ndtorch.navigation.odometry import drive_step
 
 DT = 1 / 30
 RIG = StereoRig(forward=0.15)

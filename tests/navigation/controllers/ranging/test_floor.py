@@ -6,8 +6,10 @@ import pytest
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import FloorMotion, FloorParams, FloorState, Rect, StereoRig, cut_strips, floor_view
-from ndtorch.navigation.controllers.ranging.floor import floor_constants, floor_step
+from ndtorch.navigation import Rect, StereoRig, cut_strips
+from ndtorch.navigation.controllers.ranging.floor import FloorState, floor_constants, floor_step
+from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
+from ndtorch.navigation.controllers.ranging.floor_view import FloorParams, floor_view
 from ndtorch.vision.nondirectional import NDMin
 
 DT = 1 / 30
