@@ -131,23 +131,23 @@ class InhibitoryNetwork(nn.Module):
     def start(self, first: Tensor) -> NetworkState:
         """State at rest, its input filter settled on the first input `[..., N]`, or `[..., F, N]` of fields."""
         batch, n = first.shape[: -2 if self.shared else -1], self.neurons
-        zeros, power = torch.zeros_like(first), first.new_zeros(*batch, n)
         weights = first.new_zeros(*batch, n, n)
         if self.initial is not None:
             weights = weights + self.initial.to(first.dtype)
+        # No tensor twice: an export would take the two for one for ever.
         return NetworkState(
             weights=weights,
-            outputs=zeros,
-            input_low=zeros if self.a_in == 0 else first,
-            output_low=zeros,
+            outputs=torch.zeros_like(first),
+            input_low=torch.zeros_like(first) if self.a_in == 0 else first.clone(),
+            output_low=torch.zeros_like(first),
             recent=first.new_zeros(*batch, self.every - 1, *first.shape[len(batch) :]),
-            fluctuation=power,
+            fluctuation=first.new_zeros(*batch, n),
             clock=first.new_zeros(batch, dtype=torch.float64),
             stopped=torch.zeros(batch, dtype=torch.bool, device=first.device),
-            mean_weights=weights,
+            mean_weights=weights.clone(),
             changes=first.new_zeros(*batch, self.window_changes),
-            power=zeros,
-            roughness=zeros,
+            power=torch.zeros_like(first),
+            roughness=torch.zeros_like(first),
             steps=torch.zeros((), dtype=torch.int64),
         )
 
