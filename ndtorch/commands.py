@@ -9,11 +9,10 @@ import sys
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
-from importlib.util import find_spec
-from pathlib import Path
 from typing import Protocol
 
 import ndtorch
+from ndtorch.code_digest import module_places
 from ndtorch.errors import InputError
 from ndtorch.optional import OURS, remedy
 
@@ -153,14 +152,16 @@ def written(point: EntryPoint) -> str:
     Empty where it is not to be found; loading the command then tells why.
     """
     try:
-        spec = find_spec(point.module)
-        if spec is None or spec.origin is None:
-            return ""
-        tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
-    except Exception:  # a package that breaks may raise anything
+        place = next(module_places(point.module))
+        tree = ast.parse((place / "__init__.py" if place.is_dir() else place).read_text(encoding="utf-8"))
+    except (StopIteration, OSError, SyntaxError, ValueError):
         return ""
-    classes = (node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == point.attr)
-    return next((ast.get_docstring(node) or "" for node in classes), "")
+    for node in tree.body:
+        if isinstance(node, ast.ClassDef) and node.name == point.attr:
+            return ast.get_docstring(node) or ""
+        if isinstance(node, ast.ImportFrom) and any(alias.name == point.attr for alias in node.names):
+            return written(EntryPoint(point.name, f"{node.module}:{point.attr}", point.group))
+    return ""
 
 
 def run_command(prog: str, kind: type[Subcommand], arguments: Sequence[str]) -> int:

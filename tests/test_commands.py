@@ -119,7 +119,7 @@ def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
 def test_help_imports_nothing_heavy(tmp_path: Path) -> None:
     program = (
         "import sys\nfrom ndtorch.commands import main\nassert main(['--help']) == 0\n"
-        "print(*[m for m in ('torch', 'numpy', 'cv2', 'mujoco', 'matplotlib', 'pydantic') if m in sys.modules])"
+        "print(*[m for m in ('torch', 'numpy', 'cv2', 'mujoco', 'matplotlib', 'pydantic', 'tyro') if m in sys.modules])"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path, timeout=120, check=False

@@ -20,7 +20,6 @@ from torch import Tensor
 import ndtorch
 from ndtorch.memory import tune_allocator
 from ndtorch.run.run import run_model
-from ndtorch.run.today import Table
 from ndtorch.scenes import FrameSource
 
 torch.set_num_threads(1)
@@ -55,7 +54,7 @@ def report(frames: int) -> None:
         marks.append(peak())
 
 
-model = Table("published", ndtorch.load("binding", fps=12.5, border="reflect"))
+model = ndtorch.load("published", fps=12.5, border="reflect")
 result = run_model(model, Video(), pictures_per_second=0.5, report=report)
 assert result.frames == 2500
 print(*marks)

@@ -7,15 +7,10 @@ import torch
 from torch import Tensor
 
 import ndtorch
-from ndtorch.binding import (
-    BindingState,
-    VisualBinding,
-    block_diagonal,
-    object_table,
-    train_first_stage,
-)
+from ndtorch.binding import PublishedModel, object_table, train_first_stage
+from ndtorch.binding.first_stage import block_diagonal
+from ndtorch.binding.models.whole_field import BindingState
 from ndtorch.run.run import run_model
-from ndtorch.run.today import Table
 from ndtorch.run.watchers import Picture, Watcher
 from ndtorch.scenes import equal_bars, one_bar, three_bars, two_bars
 from ndtorch.vision import FEATURES
@@ -27,8 +22,8 @@ pytestmark = pytest.mark.slow
 RED, GREEN = FEATURES.index("red"), FEATURES.index("green")
 
 
-def learn(sums: Tensor, **options: object) -> tuple[VisualBinding, BindingState]:
-    model = ndtorch.load("binding", **options)
+def learn(sums: Tensor, **options: object) -> tuple[PublishedModel, BindingState]:
+    model = ndtorch.load("published", **options)
     with torch.no_grad():
         return model, model.from_sums(sums)[1]
 
@@ -51,7 +46,7 @@ def test_first_stage_learns_the_printed_weights() -> None:
     assert orientation.min() > 0.30
     assert orientation.max() < 0.57
     # What is shipped is what training gives.
-    shipped = ndtorch.load("binding").first.initial
+    shipped = ndtorch.load("published").first_stage()
     assert shipped is not None
     torch.testing.assert_close(shipped, block_diagonal(stage), atol=1e-5, rtol=0)
 
@@ -138,7 +133,7 @@ def test_random_shadow_works_for_most_patterns(films: Films, record_property: py
 
 def test_a_weak_first_stage_does_not_find_the_bars(films: Films) -> None:
     """[B fig. 9] Trained to a spectral radius of 0.1 only."""
-    model = VisualBinding(block_diagonal(train_first_stage(radius=0.1)))
+    model = PublishedModel(first_stage=train_first_stage(radius=0.1))
     with torch.no_grad():
         state = model.from_sums(films(two_bars))[1]
     assert names(state.second.weights) != ["red", "green"]
@@ -183,7 +178,7 @@ class Album(Watcher):
 def test_the_winner_stands_out_in_the_enhanced_image() -> None:
     """[C fig. 6] prints ratios of 6.2 and 4.1 at two moments where the input's ratio is about 1."""
     album = Album(after=10.0)
-    run_model(Table("published", ndtorch.load("binding")), two_bars(), pictures_per_second=5, watchers=(album,))
+    run_model(ndtorch.load("published"), two_bars(), pictures_per_second=5, watchers=(album,))
     seen = {RED: 0, GREEN: 0}
     for picture in album.pictures:
         before = float(picture.frame[..., 0].max()) / float(picture.frame[..., 1].max())

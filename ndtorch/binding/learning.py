@@ -169,6 +169,7 @@ def network_step(
             stopped = stopped if full is None else stopped | (full if awake is None else full & awake)
         weights = held(learning, grown, weights)
         step = (weights.detach() - mean) * c.a_mean
+        step = held(awake, step, torch.zeros_like(step))
         mean, shift = mean + step, torch.linalg.vector_norm(step, 1, (-1, -2))
     # By position: `_replace` costs as much as three operations.
     end = NetworkState(
