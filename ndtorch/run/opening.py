@@ -142,13 +142,19 @@ def open_place(job: BindJob, about: dict[str, Any], rows: int | None) -> FrameSo
         raise InputError(f"{key} is an option of simulated scenes, and {name} is none")
     if not is_known_place(name):
         raise InputError(f"source must be a file, a folder, a camera or one of {', '.join(SCENES)}; got {name!r}")
-    first = about["first"] + about["frames"] or None
+    # What a camera showed before is gone: it goes on where it is.
+    first = None if is_live(name) and about["frames"] else about["first"] + about["frames"] or None
     if rows is None:
         video = open_video(name, fps=about["fps"], start=first, stop=job.stop, fit=about["fit"] or "crop")
     else:
         video = open_video(name, (rows, rows), about["fps"], first, job.stop, "reduce")
     seconds = job.seconds if job.seconds is not None else (None if video.length is not None else CAMERA_SECONDS)
     return video if seconds is None else Limited(video, seconds)
+
+
+def is_live(name: str) -> bool:
+    """Whether a source is a camera or a stream, every frame of which passes once."""
+    return name.isdigit() or name.startswith("camera:") or "://" in name or Path(name).is_char_device()
 
 
 def is_known_place(name: str) -> bool:

@@ -7,7 +7,7 @@ from ndtorch.navigation import CRUISE, SUPPRESSED, TURN
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import drive
 from ndtorch_robot.ports import DriveCommand
-from tests.robot.gl_needed import needs_gl
+from tests.robot.support.gl_needed import needs_gl
 
 pytestmark = needs_gl
 

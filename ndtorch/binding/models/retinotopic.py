@@ -140,8 +140,10 @@ class RetinotopicModel(BindingModel):
     def weights(self, state: RetinotopicState) -> Tensor:
         """Of every window, `[..., K, 10, 10]`: the column of its owner, relative to the owner; zero elsewhere."""
         owner, column = self.windows.columns(state.windows)
-        own = column.gather(-1, owner.unsqueeze(-1)).clamp_min(torch.finfo(column.dtype).tiny)
-        share = column / own * self.windows.confirmed(state.windows).unsqueeze(-1)
+        own = column.gather(-1, owner.unsqueeze(-1))
+        # A window that is not in use, or saw nothing fluctuate, has nothing to divide by.
+        there = self.windows.confirmed(state.windows).unsqueeze(-1) & (own > 0)
+        share = torch.where(there, column / torch.where(there, own, 1.0), 0.0)
         here = torch.nn.functional.one_hot(owner, 10).to(column.dtype)
         return (share.unsqueeze(-1) * here.unsqueeze(-2)) * (
             1 - torch.eye(10, dtype=column.dtype, device=column.device)

@@ -83,3 +83,9 @@ def test_three_equal_bars_are_three_objects() -> None:
         assert all(0 <= at <= 500 for at in thing.place)
         assert 0 <= thing.first_seen < 3 < 11 < thing.last_seen < 12
     assert module.in_sight(state) != []
+
+
+def test_windows_that_see_nothing_have_no_weights() -> None:
+    module = model()
+    _, state = module(torch.full((6, 3, *SIZE), 0.5))
+    assert torch.equal(module.weights(state), torch.zeros(8, 10, 10))

@@ -11,7 +11,7 @@ from ndtorch_robot.link.registry import KINDS
 from ndtorch_robot.ports import STAND, Drive, unseal
 from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import RunConfig
-from tests.robot.gl_needed import needs_gl
+from tests.robot.support.gl_needed import needs_gl
 
 
 class PaperSettings(Strict):

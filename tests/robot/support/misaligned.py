@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from ndtorch_robot.calibration import Board, calibrate, find_view
-from tests.robot.board_renderer import Eye, draw_board, poses, turn
+from tests.robot.support.board_renderer import Eye, draw_board, poses, turn
 
 BOARD = Board(9, 6, 0.04)
 LEFT = Eye(425.0, 427.0, 322.5, 236.8, (-0.12, 0.05, 0.0007, -0.0004))

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.robot.gl_needed import WHY as NO_GL
+from tests.robot.support.gl_needed import WHY as NO_GL
 
-FIRMWARE = Path(__file__).resolve().parents[2] / "robot" / "firmware"
+FIRMWARE = Path(__file__).resolve().parents[3] / "robot" / "firmware"
 
 
 def reason():

@@ -31,11 +31,11 @@ from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.cameras import Cameras
 from ndtorch_robot.sim.simulation import RIG, Simulation
-from tests.robot.board_renderer import Eye, draw_board, turn
-from tests.robot.fake_captures import FilmCapture, folder_of
-from tests.robot.gl_needed import needs_gl
-from tests.robot.misaligned import BOARD, LEFT, RIGHT, board_pictures, measured, raw, rays, views, warp
-from tests.robot.test_robot_drive import against_truth
+from tests.robot.support.board_renderer import Eye, draw_board, turn
+from tests.robot.support.fake_captures import FilmCapture, folder_of
+from tests.robot.support.gl_needed import needs_gl
+from tests.robot.support.misaligned import BOARD, LEFT, RIGHT, board_pictures, measured, raw, rays, views, warp
+from tests.robot.test_drive import against_truth
 
 
 @pytest.fixture(autouse=True)

@@ -19,9 +19,9 @@ from ndtorch_robot.view import Background, CarView, Where, layout, open_stream, 
 from ndtorch_robot.view.drawing import THICK, UNREAD, picture
 from ndtorch_robot.view.opening import open_server
 from ndtorch_robot.view.steps import Rate, ViewSteps
-from tests.robot.bare_car import FAULTS, FilmCar, bare_loop
-from tests.robot.test_replay import RIG, moving_world
-from tests.robot.test_view import chunks, column
+from tests.robot.support.bare_car import FAULTS, FilmCar, bare_loop
+from tests.robot.support.moving_world import RIG, moving_world
+from tests.robot.view.test_drive_view import chunks, column
 
 rerun = pytest.importorskip("rerun")
 

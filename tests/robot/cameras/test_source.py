@@ -19,7 +19,7 @@ from ndtorch_robot.cameras import CameraSettings, StereoCameras, find_source, li
 from ndtorch_robot.cameras import source as source_module
 from ndtorch_robot.cameras.source import set_up, try_device
 from ndtorch_robot.cameras.sysfs import UsbPlace, group_of, holders
-from tests.robot.fake_captures import Properties, folder_of, picture
+from tests.robot.support.fake_captures import Properties, folder_of, picture
 
 SETTINGS = CameraSettings(left="0", right="1")
 DEVICE = find_source("0")

@@ -14,7 +14,7 @@ from ndtorch_robot.cameras import CameraSettings, CamerasSilent, Frame, FramesEn
 from ndtorch_robot.cameras import pair as pair_module
 from ndtorch_robot.cameras import reader as reader_module
 from ndtorch_robot.cameras.sysfs import UsbPlace
-from tests.robot.fake_captures import LiveCapture, folder_of, picture
+from tests.robot.support.fake_captures import LiveCapture, folder_of, picture
 
 SMALL = {"width_px": 64, "height_px": 48}
 

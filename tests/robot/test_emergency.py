@@ -16,7 +16,7 @@ from ndtorch_robot.emergency import emergency_stops
 from ndtorch_robot.loop import MonotonicClock
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.safety import SafeDrive
-from tests.robot.plain_drive import PlainDrive
+from tests.robot.support.plain_drive import PlainDrive
 
 drive = PlainDrive()
 safe = SafeDrive(drive, MonotonicClock(), report=lambda line: print(f"{time.monotonic():.4f} {line}", flush=True))

@@ -20,7 +20,7 @@ from ndtorch_robot.sim.simulation import RIG
 from ndtorch_robot.view import DriveView, Where
 from ndtorch_robot.view.drive_view import pieces
 from ndtorch_robot.view.opening import open_viewer
-from tests.robot.gl_needed import needs_gl
+from tests.robot.support.gl_needed import needs_gl
 
 rerun = pytest.importorskip("rerun")
 

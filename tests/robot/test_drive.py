@@ -9,7 +9,7 @@ from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import drive
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.record import range_columns
-from tests.robot.gl_needed import needs_gl
+from tests.robot.support.gl_needed import needs_gl
 
 pytestmark = needs_gl
 

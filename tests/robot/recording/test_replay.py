@@ -5,19 +5,17 @@ import os
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 import torch
 
 from ndtorch.commands import main
 from ndtorch.errors import InputError
-from ndtorch.navigation import StereoRig
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import drive
 from ndtorch_robot.navigating import configuration
 from ndtorch_robot.pilot import Pilot
-from ndtorch_robot.ports import DriveCommand, Step, StereoFrames
+from ndtorch_robot.ports import DriveCommand, Step
 from ndtorch_robot.recording import (
     Recorder,
     RecordSteps,
@@ -25,21 +23,11 @@ from ndtorch_robot.recording import (
     open_recording,
     replay,
 )
-from tests.robot.bare_car import FilmCar, bare_loop
-from tests.robot.gl_needed import needs_gl
+from tests.robot.support.bare_car import FilmCar, bare_loop
+from tests.robot.support.gl_needed import needs_gl
+from tests.robot.support.moving_world import RIG, moving_world
 
-RIG = StereoRig(width=64, height=48, focal=43.0)
 CHOICE = NavigatorOptions("published", features=5, places="motion")
-
-
-def moving_world(count, rig, seed=0):
-    """Pictures that slide past, at two speeds, so that the navigator has something to do."""
-    rng = np.random.default_rng(seed)
-    wall = rng.integers(0, 256, (rig.height, 4 * rig.width, 3), dtype=np.uint8)
-    for n in range(count):
-        parts = [wall[:, (k + n * speed) % (3 * rig.width) :][:, : rig.width].copy() for k, speed in ((0, 1), (9, 3))]
-        left, right = (torch.from_numpy(part).permute(2, 0, 1)[None] for part in parts)
-        yield StereoFrames(left, right, n / 30)
 
 
 def record(folder, count=60, format="png"):
@@ -234,7 +222,7 @@ from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.recording import Recorder
 from ndtorch_robot.sim.simulation import RIG
-from tests.robot.fake_captures import FilmCapture, picture
+from tests.robot.support.fake_captures import FilmCapture, picture
 
 CHOICE = NavigatorOptions("published", features=5, places="motion")
 steps, folder = int(sys.argv[1]), Path(sys.argv[2])

@@ -16,7 +16,7 @@ from ndtorch_robot.sim.cameras import Cameras, side_by_side
 from ndtorch_robot.sim.paint import Painted, pack, paint_floor
 from ndtorch_robot.sim.plan import Plan, ring
 from ndtorch_robot.sim.simulation import RIG, Simulation
-from tests.robot.gl_needed import needs_gl
+from tests.robot.support.gl_needed import needs_gl
 
 POSES = [(0.6 + 0.9 * k, 0.05 * (-1) ** k, 0.1 * (k % 5 - 2)) for k in range(16)]
 

@@ -14,7 +14,7 @@ from ndtorch.commands import main
 from ndtorch.errors import InputError
 from ndtorch_robot.config import load_config
 from ndtorch_robot.sim import gl
-from tests.robot.gl_needed import WHY, needs_gl
+from tests.robot.support.gl_needed import WHY, needs_gl
 
 FILES = ["map.npz", "map.png", "path.png", "rows.png", "speeds.png", "summary.json"]
 KEYS = {

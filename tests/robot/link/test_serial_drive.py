@@ -12,8 +12,8 @@ from ndtorch_robot.link import SerialDrive
 from ndtorch_robot.link.port import owner_group, reason
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.run import real_time_priority
-from tests.robot.bench import ordinary_priority
-from tests.robot.peer import Peer, board
+from tests.robot.support.bench import ordinary_priority
+from tests.robot.support.peer import Peer, board
 
 
 def open_with(answer, **options):

@@ -14,7 +14,7 @@ from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.evaluation.drives import Cache, all_drives, key_of
 from ndtorch_robot.evaluation.picture import draw_table
 from ndtorch_robot.evaluation.table import COLUMNS, comma_separated, markdown, rows_of
-from tests.robot.gl_needed import needs_gl
+from tests.robot.support.gl_needed import needs_gl
 
 
 def summary(arena="room", seed=1, controller="published", **changes):
