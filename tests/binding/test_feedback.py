@@ -8,7 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from ndtorch.binding import FieldInputs, InhibitoryNetwork, ScaleFreeRule, learning_rule, settled, spectral_radius
+from ndtorch.binding import InhibitoryNetwork, learning_rule, spectral_radius
+from ndtorch.binding.feedback import settled
+from ndtorch.binding.normalise import FieldInputs
+from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.errors import InputError
 from tests.strategies import chunkings, in_chunks
 

@@ -9,16 +9,8 @@ import pytest
 import torch
 from numpy.testing import assert_allclose
 
-from ndtorch.binding import (
-    ACTIVATIONS,
-    RULES,
-    InhibitoryNetwork,
-    LearningRule,
-    ScaleFreeRule,
-    learning_onset,
-    learning_rule,
-)
-from ndtorch.binding.rules import cube
+from ndtorch.binding import ACTIVATIONS, InhibitoryNetwork, LearningRule, learning_rule
+from ndtorch.binding.rules import RULES, ScaleFreeRule, cube, learning_onset
 from ndtorch.errors import InputError
 
 X = torch.tensor([-0.8, 0.1, 0.5], dtype=torch.float64)

@@ -10,9 +10,10 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
+from ndtorch.binding.learning import NetworkState
 from ndtorch.binding.models.contract import BindingModel, Nested, Verdict
 from ndtorch.binding.models.scale_free import RuleConstants
-from ndtorch.binding.network import InhibitoryNetwork, NetworkState
+from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.normalise import FieldInputs
 from ndtorch.binding.objects import BoundObject
 from ndtorch.binding.tracking.params import TrackParams
