@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, Self
 
 import torch
@@ -156,6 +156,8 @@ class InhibitoryNetwork(nn.Module):
         state = self.start(inputs.select(time, 0)) if state is None else state
         drive, input_low = self._drive(inputs, state.input_low, time)
         outs, shifts, now = [], [], state
+        blocks: Sequence[Tensor]
+        whole: Sequence[Tensor | None]
         compiled = torch.compiler.is_compiling()
         if c.feedback == "delayed":
             first = (state.steps if compiled else int(state.steps)) + 1

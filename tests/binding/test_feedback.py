@@ -226,6 +226,35 @@ def test_any_rule_goes_with_any_feedback(rule: str, feedback: str, shared: bool)
     assert float(spectral_radius(state.weights.abs())) <= 0.9501
 
 
+def exported_inputs(steps: int) -> torch.Tensor:
+    """Smooth signals `[T, 10]` whose features go together in twos."""
+    mixing = torch.rand(2, 10, generator=torch.Generator().manual_seed(3))
+    return sources(steps).float() @ mixing
+
+
+@pytest.mark.parametrize("use", ["delayed", "settled", "fields"])
+def test_an_exported_network_gives_the_same_chunk_by_chunk(use: str) -> None:
+    """From the middle of a block on, for chunks that are no whole number of blocks."""
+    inputs = exported_inputs(51)
+    if use == "fields":
+        network = of_fields()
+        inputs = inputs.abs().unsqueeze(-2) * torch.linspace(0.2, 1, 4).unsqueeze(-1)
+    elif use == "settled":
+        network = InhibitoryNetwork.scale_free(10, settle=0.1)
+    else:
+        network = InhibitoryNetwork(10, rule=learning_rule("competitive", gamma=2.0, tau_onset=0.1), settle=0.1)
+    _, state = network(inputs[:3])
+    program = torch.export.export(network, (inputs[3:11], state)).module()
+    eager = exported = state
+    for chunk in inputs[3:].split(8):
+        (one, eager), (other, exported) = network(chunk, eager), program(chunk, exported)
+        assert_allclose(other, one, atol=1e-5)
+        assert_allclose(exported.weights, eager.weights, atol=1e-5)
+        assert_allclose(exported.mean_weights, eager.mean_weights, atol=1e-5)
+        assert torch.equal(exported.steps, eager.steps)
+    assert eager.weights.any()
+
+
 def test_inputs_of_fields_of_another_shape_are_refused() -> None:
     with pytest.raises(InputError, match=r"signals must be \[..., T, F, 10\], got \(5, 3, 4\)"):
         FieldInputs(0.04)(torch.zeros(5, 3, 4))
