@@ -9,7 +9,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ndtorch.binding.network import InhibitoryNetwork, NetworkState
+from ndtorch.binding.learning import NetworkState
+from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.normalise import BindingInputs
 from ndtorch.binding.rules import learning_rule
 from ndtorch.errors import InputError

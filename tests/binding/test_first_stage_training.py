@@ -6,7 +6,8 @@ import pytest
 import torch
 from numpy.testing import assert_allclose
 
-from ndtorch.binding import FirstStage, block_diagonal, spectral_radius, train_first_stage
+from ndtorch.binding import FirstStage, spectral_radius, train_first_stage
+from ndtorch.binding.first_stage import block_diagonal
 from ndtorch.errors import InputError
 from ndtorch.vision import GROUPS
 
