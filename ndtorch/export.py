@@ -14,8 +14,8 @@ from ndtorch.errors import InputError
 from ndtorch.tree import leaves, mapped
 
 Format = Literal["pt2", "aoti", "onnx"]
-EXPORTED = ("published", "retinotopic")
-"""Models that can be."""
+EXPORTED = ("published", "retinotopic", "video")
+"""Models that can be; of video all but the tracker, which takes the signals: `model.tracker(signals, state)`."""
 SUFFIXES: dict[str, str] = {"pt2": ".pt2", "aoti": ".aoti.pt2", "onnx": ".onnx"}
 
 
@@ -23,8 +23,7 @@ class Step(nn.Module):
     """A model with its state as a flat list of tensors: what is exported.
 
     Args:
-        model: one of `EXPORTED`; the running covariances of scale-free, and the image scale and the tracks of video,
-            take steps that depend on what they saw.
+        model: one of `EXPORTED`; the running covariances of scale-free take steps that depend on what they saw.
         example: a state like those to come, or None for the first chunk of a run, which starts without one.
     """
 
@@ -37,7 +36,7 @@ class Step(nn.Module):
         """Frames and the tensors of a state -> signals, and the tensors of the state after them."""
         given = dict(zip(self.names, state, strict=True))
         before = mapped(self.example, lambda name, _: given[name]) if self.names else None
-        signals, after = self.model(frames, before)
+        signals, after = self.model.signals(frames, before)
         # A tensor that goes out as it came in would be the same memory.
         return tuple(part.clone() for part in (*signals, *leaves(after).values()))
 
@@ -84,7 +83,7 @@ def export(
     except OSError as error:
         raise InputError(f"{place} cannot be written: {error.strerror}") from None
     with torch.no_grad():
-        _, state = model(example)
+        _, state = model.signals(example)
         tensors = tuple(leaves(state).values())
         made = []
         for name, module, inputs in (
