@@ -1,4 +1,4 @@
-"""Separation by delays: running covariances of signals with their own past, and the mixing that diagonalises them all.
+"""Separation by delays: the mixing that diagonalises the covariances of signals with their own past.
 
 Signals `y = A s` of sources that do not go together have covariances `C(d) = A R(d) A^T` at every delay d, with R(d)
 diagonal: one A makes all of them diagonal, unless two sources have the same correlation with their own past
@@ -10,37 +10,23 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
+from ndtorch.binding.covariance import RunningCovariances
 from ndtorch.errors import InputError
-from ndtorch.vision.blocks import BLOCK_SECONDS, BlockLowPass, aligned
-from ndtorch.vision.temporal import smoothing_factor, time_dim
 
 DELAYS = (0.01, 0.05, 0.1, 0.2, 0.4, 0.8)
 """Seconds; each becomes a whole number of time steps, at least one."""
 
 
-class DelayState(NamedTuple):
-    """State of `DelayStatistics`.
-
-    Attributes:
-        low: what the high-pass has taken for the mean, `[..., N]`.
-        past: the latest high-passed samples, as many as the longest delay, `[..., D, N]`, oldest first.
-        recent: the latest signals, a block of them, `[..., E, N]`, oldest first.
-        fast, slow: running covariances at every delay, in the short and in the long memory, `[..., L, N, N]`.
-        steps: samples taken, int64 scalar.
-    """
-
-    low: Tensor
-    past: Tensor
-    recent: Tensor
-    fast: Tensor
-    slow: Tensor
-    steps: Tensor
-
-
-class DelayStatistics(nn.Module):
-    """Running covariances of signals with themselves some time ago, made symmetric.
+def delay_statistics(
+    dt: float = 0.01,
+    delays: tuple[float, ...] = DELAYS,
+    tau_fast: float = 3.5,
+    tau_slow: float = 12.0,
+    tau_high: float = 2.0,
+) -> RunningCovariances:
+    """What `refined_table` looks at: covariances of signals with their own past, in a short and in a long memory.
 
     Args:
         dt: time step in seconds.
@@ -48,58 +34,12 @@ class DelayStatistics(nn.Module):
         tau_fast, tau_slow: the two memories, seconds.
         tau_high: high-pass on the signals, seconds.
 
-    Shapes:
-        signals `[..., T, N]` -> state, up to the last whole tenth of a second. `None` starts at rest, with zeros.
+    Raises:
+        InputError: no delay, or one that is not positive.
     """
-
-    def __init__(
-        self,
-        dt: float = 0.01,
-        delays: tuple[float, ...] = DELAYS,
-        tau_fast: float = 3.5,
-        tau_slow: float = 12.0,
-        tau_high: float = 2.0,
-    ) -> None:
-        super().__init__()
-        if not delays or not all(delay > 0 for delay in delays):
-            raise InputError(f"delays must be positive seconds, got {delays}")
-        self.delays = sorted({max(1, round(delay / dt)) for delay in delays})
-        self.every = max(1, round(BLOCK_SECONDS / dt))
-        self.low_pass = BlockLowPass(smoothing_factor(tau_high, dt), self.every)
-        self.fast = BlockLowPass(smoothing_factor(tau_fast, dt), self.every)
-        self.slow = BlockLowPass(smoothing_factor(tau_slow, dt), self.every)
-
-    def start(self, first: Tensor) -> DelayState:
-        """State at rest for signals like `first` `[..., N]`."""
-        zeros = torch.zeros_like(first)
-        past = zeros.unsqueeze(-2).expand(*first.shape[:-1], self.delays[-1], first.shape[-1])
-        square = first.new_zeros(*first.shape[:-1], len(self.delays), first.shape[-1], first.shape[-1])
-        recent = first.new_zeros(*first.shape[:-1], self.every, first.shape[-1])
-        return DelayState(zeros, past, recent, square, square, torch.zeros((), dtype=torch.int64))
-
-    def forward(self, signals: Tensor, state: DelayState | None = None) -> DelayState:
-        time_dim(signals, 1)
-        state = self.start(signals[..., 0, :]) if state is None else state
-        low, past, fast, slow = state.low, state.past, state.fast, state.slow
-        first, length, longest = int(state.steps), signals.shape[-2], self.delays[-1]
-        samples = torch.cat([state.recent, signals], -2)
-        for block in aligned(samples, length, first, self.every):
-            lows = self.low_pass(block, low)
-            low, high = lows[..., -1, :], block - lows
-            known = torch.cat([past, high], -2)
-            before = torch.stack([known[..., longest - d : longest - d + self.every, :] for d in self.delays], -3)
-            here = high.unsqueeze(-3)
-            (kept_fast, taken_fast), (kept, taken) = self.fast.weights(high), self.slow.weights(high)
-            fast = kept_fast * fast + symmetric((here * taken_fast[:, None]).mT @ before)
-            slow = kept * slow + symmetric((here * taken[:, None]).mT @ before)
-            past = known[..., self.every :, :]
-        steps = torch.tensor(first + length, dtype=torch.int64)
-        return DelayState(low, past, samples[..., length:, :], fast, slow, steps)
-
-
-def symmetric(matrices: Tensor) -> Tensor:
-    """`(M + M^T) / 2`."""
-    return (matrices + matrices.mT) / 2
+    if not delays or not all(delay > 0 for delay in delays):
+        raise InputError(f"delays must be positive seconds, got {delays}")
+    return RunningCovariances(dt, (tau_fast, tau_slow), delays, tau_high)
 
 
 class Separation(NamedTuple):

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ndtorch.binding.covariance import CovarianceState
 from ndtorch.binding.feedback import settled
 from ndtorch.binding.objects import ObjectTable
-from ndtorch.binding.readout.delays import DelayState, Separation, separate
+from ndtorch.binding.readout.delays import Separation, separate
 from ndtorch.binding.readout.owners import features_by_group
 
 
@@ -32,7 +33,11 @@ class JoinCriteria:
 
 
 def refined_table(
-    owners: ObjectTable, weights: Tensor, delays: DelayState, first_stage: Tensor, criteria: JoinCriteria | None = None
+    owners: ObjectTable,
+    weights: Tensor,
+    delays: CovarianceState,
+    first_stage: Tensor,
+    criteria: JoinCriteria | None = None,
 ) -> ObjectTable:
     """The owners' table, or a better one from the delays where they tell the sources apart.
 
@@ -41,9 +46,9 @@ def refined_table(
     same delay profile (equal frequencies) and the network counts the same number.
     """
     c = criteria or JoinCriteria()
-    slow, fast = (
+    fast, slow = (
         without_lighting(separate(covariances, c.smallest), first_stage, c)
-        for covariances in (delays.slow, delays.fast)
+        for covariances in delays.covariances.unbind(-4)
     )
     changed = slow.sources > fast.sources
     mixing = torch.where(changed[..., None, None], fast.mixing, slow.mixing)

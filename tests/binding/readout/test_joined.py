@@ -13,8 +13,8 @@ from numpy.testing import assert_allclose
 
 import ndtorch
 from ndtorch.binding import load_state, save_state
-from ndtorch.binding.readout.delays import DelayStatistics, diagonalise, separate
-from ndtorch.binding.readout.owners import SignalStatistics, distinct
+from ndtorch.binding.readout.delays import delay_statistics, diagonalise, separate
+from ndtorch.binding.readout.owners import distinct
 from ndtorch.errors import InputError
 from ndtorch.tree import leaves
 from ndtorch.vision import LowPass
@@ -65,8 +65,8 @@ def test_delays_find_the_mixing_of_known_sources() -> None:
     t = torch.arange(4000, dtype=torch.float64) / 100
     light = torch.stack([torch.sin(5 * t), torch.sin(9 * t + 1), torch.sign(torch.sin(3.3 * t))], -1)
     mixing = torch.rand(3, 10, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
-    state = DelayStatistics()(light @ mixing)
-    found = separate(state.slow)
+    state = delay_statistics()(light @ mixing)
+    found = separate(state.covariances[1])
     assert int(found.sources) == 3
     likeness = (
         torch.nn.functional.normalize(found.mixing[:3].double(), dim=-1) @ torch.nn.functional.normalize(mixing).T
@@ -77,41 +77,20 @@ def test_delays_find_the_mixing_of_known_sources() -> None:
 
 def test_white_noise_is_not_in_the_delayed_covariances() -> None:
     noise = torch.randn(20000, 4, generator=torch.Generator().manual_seed(0))
-    state = DelayStatistics(tau_slow=60.0)(noise)
-    assert state.slow.abs().max() < 0.1
+    state = delay_statistics(tau_slow=60.0)(noise)
+    assert state.covariances[1].abs().max() < 0.1
 
 
 def test_equal_rates_are_said_to_be_indistinct() -> None:
     t = torch.arange(3000) / 100
     light = torch.stack([torch.sin(5 * t), torch.sin(5 * t + 1.5)], -1)
-    gap = separate(DelayStatistics()(light @ BARS).slow).gap
-    other = separate(DelayStatistics()(two_things(30) / 100).slow).gap
+    gap = separate(delay_statistics()(light @ BARS).covariances[1]).gap
+    other = separate(delay_statistics()(two_things(30) / 100).covariances[1]).gap
     assert gap < 0.02 < other
 
 
 def test_nothing_is_no_source() -> None:
-    assert int(separate(DelayStatistics()(torch.zeros(200, 10)).slow).sources) == 0
-
-
-@settings(max_examples=10, deadline=None)
-@given(lengths=chunkings(230))
-def test_statistics_do_not_depend_on_chunks(lengths: list[int]) -> None:
-    signals = torch.randn(230, 10, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
-    for module in (SignalStatistics(), DelayStatistics()):
-        state = None
-        for chunk in torch.split(signals, lengths):
-            state = module(chunk, state)
-        for one, other in zip(state, module(signals), strict=True):
-            assert torch.equal(one, other)
-
-
-def test_signal_statistics_are_the_weighted_means() -> None:
-    # Whole tenths of a second count: the last five samples have to wait.
-    signals = torch.randn(65, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
-    state = SignalStatistics(tau=0.5, tau_high=math.inf)(signals)
-    a = 0.01 / 0.51
-    expected = sum(a * (1 - a) ** (59 - n) * torch.outer(x, x) for n, x in enumerate(signals[:60]))
-    assert_allclose(state.covariance, expected, atol=1e-12)
+    assert int(separate(delay_statistics()(torch.zeros(200, 10)).covariances[1]).sources) == 0
 
 
 def test_copies_of_stronger_owners_are_left_out() -> None:
@@ -182,4 +161,4 @@ def test_bad_options_are_refused() -> None:
     with pytest.raises(InputError, match="readout = 'both': Input should be 'owners' or 'delays'"):
         ndtorch.load("scale-free", readout="both")
     with pytest.raises(InputError, match="delays must be positive"):
-        DelayStatistics(delays=(0.0,))
+        delay_statistics(delays=(0.0,))
