@@ -16,8 +16,7 @@ from ndtorch.binding.learning import NetworkState
 from ndtorch.binding.models.whole_field import BindingState, WholeFieldConfig, WholeFieldModel
 from ndtorch.binding.network import InhibitoryNetwork, weight_change
 from ndtorch.binding.objects import ObjectTable
-from ndtorch.binding.readout.delays import DELAYS, delay_statistics
-from ndtorch.binding.readout.joined import JoinCriteria, refined_table
+from ndtorch.binding.readout.delays import DELAYS, JoinCriteria, delay_statistics, refined_table
 from ndtorch.binding.readout.owners import OwnerCriteria, owner_table, signal_statistics
 from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.config import Constants
