@@ -20,6 +20,7 @@ from ndtorch.binding.feedback import settled
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.owners import features_by_group
 from ndtorch.errors import InputError
+from ndtorch.vision.features import GROUPS
 
 DELAYS = (0.01, 0.05, 0.1, 0.2, 0.4, 0.8)
 """Seconds; each becomes a whole number of time steps, at least one."""
@@ -104,9 +105,9 @@ def without_lighting(separation: Separation, first_stage: Tensor, criteria: Join
     raw = mixing @ (eye + first_stage.to(mixing.dtype)).mT
     there = torch.arange(mixing.shape[-2], device=mixing.device) < separation.sources.unsqueeze(-1)
     even = there
-    for group in (raw[..., 4:7], raw[..., 7:10]):
+    for group in (raw[..., GROUPS["orientation"]], raw[..., GROUPS["color"]]):
         even = even & (group.amin(-1) >= criteria.even * group.amax(-1))
-    motion = mixing[..., :4].amax(-1).clamp_min(0)
+    motion = mixing[..., GROUPS["motion"]].amax(-1).clamp_min(0)
     even = even & (motion < criteria.moving * motion.amax(-1, keepdim=True))
     # What is left moves to the front.
     order = torch.argsort((even | ~there).long(), dim=-1, stable=True)

@@ -232,7 +232,7 @@ def windows_step(low: Tensor, state: WindowState, windows: Windows) -> WindowSta
     p, dt = windows.params, windows.every * windows.dt
     tiny = torch.finfo(low.dtype).tiny
     signals = low.flatten(-3, -2)  # [..., F, 10]
-    motion = signals[..., :4].clamp_min(0)
+    motion = signals[..., GROUPS["motion"]].clamp_min(0)
     # The detectors multiply brightness with brightness; the root is proportional to it again.
     energy = motion.sum(-1).sqrt()  # [..., F]
     peak = torch.maximum(state.peak * (1 - dt / p.tau_peak), energy.amax(-1))
