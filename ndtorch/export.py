@@ -14,8 +14,6 @@ from ndtorch.errors import InputError
 from ndtorch.tree import leaves, mapped
 
 Format = Literal["pt2", "aoti", "onnx"]
-EXPORTED = ("published", "retinotopic", "video")
-"""Models that can be; of video all but the tracker, which takes the signals: `model.tracker(signals, state)`."""
 SUFFIXES: dict[str, str] = {"pt2": ".pt2", "aoti": ".aoti.pt2", "onnx": ".onnx"}
 
 
@@ -23,7 +21,7 @@ class Step(nn.Module):
     """A model with its state as a flat list of tensors: what is exported.
 
     Args:
-        model: one of `EXPORTED`; the running covariances of scale-free take steps that depend on what they saw.
+        model: the model; of video the tracker stays behind and takes the signals, `model.tracker(signals, state)`.
         example: a state like those to come, or None for the first chunk of a run, which starts without one.
     """
 
@@ -62,14 +60,11 @@ def export(
         the two files.
 
     Raises:
-        InputError: a format that is not there, a model whose chunks have no fixed number of rows, or a folder that
+        InputError: a format that is not there, a model that makes more or fewer rows than it gets frames, or a folder that
             cannot be written.
     """
     if format not in SUFFIXES:
         raise InputError(f"format must be one of {', '.join(SUFFIXES)}, got {format!r}")
-    if model.name not in EXPORTED:
-        able = ", ".join(EXPORTED)
-        raise InputError(f"{model.name} cannot be exported: what it computes next depends on what it saw; {able} can")
     rows = frames / (model.dt * model.fps)
     if abs(rows / frames - 1) > 1e-9:
         raise InputError(
