@@ -60,7 +60,7 @@ def export(
         the two files.
 
     Raises:
-        InputError: a format that is not there, a model that makes more or fewer rows than it gets frames, or a folder that
+        InputError: a format that is not there, a model that makes more or fewer rows than frames, or a folder that
             cannot be written.
     """
     if format not in SUFFIXES:
