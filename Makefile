@@ -1,6 +1,7 @@
 # make demo   install into .venv, find the objects in the two-bars scene, then drive through the simulated hallway
 # make test   install and run every test that needs no special hardware
 # make check  lint, format and types     make bench  timings side by side
+# make wheels  each distribution alone in an empty environment
 # make reproduce        every published claim again      make reproduce-quick  the same in under two minutes
 PYTHON ?= python3
 VENV   := .venv
@@ -10,7 +11,7 @@ STAMP  := $(VENV)/.installed
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: setup demo test check bench reproduce reproduce-quick clean
+.PHONY: setup demo test check wheels bench reproduce reproduce-quick clean
 
 setup: $(STAMP)
 
@@ -33,11 +34,18 @@ check: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy --strict ndtorch robot/ndtorch_robot train/ndtorch_train
 
+# Takes minutes and a gigabyte an environment: every wheel gets only what it asks for.
+wheels: $(STAMP)
+	$(BIN)/python tests/wheels.py
+
 bench: $(STAMP)
 	$(BIN)/python -m tests.benchmarks
 
+# A video of a road camera that B9 looks at, where there is one.
+CLIP := $(wildcard ../shared/data/car-detection.mp4)
+
 reproduce: $(STAMP)
-	$(BIN)/ndtorch reproduce
+	$(BIN)/ndtorch reproduce $(addprefix --clip ,$(CLIP))
 
 reproduce-quick: $(STAMP)
 	$(BIN)/ndtorch reproduce --quick --out out/reproduce-quick

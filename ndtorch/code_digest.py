@@ -9,6 +9,8 @@ from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
+from ndtorch.installed import folder_of
+
 SUFFIXES = {".py", ".toml", ".safetensors", ".csv"}
 """Files that results depend on; others are words."""
 
@@ -42,7 +44,7 @@ def files_of(use: str) -> list[tuple[str, Path]]:
     Raises:
         LookupError: there is no such module.
     """
-    places = model_places() if use == MODELS else module_places(use)
+    places = [folder_of("ndtorch", "models")] if use == MODELS else module_places(use)
     found = sorted(
         (f"{use}/{path.relative_to(place).as_posix()}", path)
         for place in places
@@ -64,10 +66,3 @@ def module_places(name: str) -> Iterator[Path]:
             yield path
         elif path.with_suffix(".py").is_file():
             yield path.with_suffix(".py")
-
-
-def model_places() -> Iterator[Path]:
-    """Folders of the models that come with the library."""
-    from ndtorch.loading import model_folders
-
-    yield from model_folders().values()

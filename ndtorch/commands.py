@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import sys
 import warnings
-from collections.abc import Mapping, Sequence
-from importlib.metadata import EntryPoint, entry_points
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
 from typing import Protocol
 
+import ndtorch
 from ndtorch.errors import InputError
+from ndtorch.optional import OURS, remedy
 
 GROUP = "ndtorch.commands"
 """Entry points that are commands: `name = "module:Class"`, the class a `Subcommand`."""
+
+ELSEWHERE = {
+    "ndtorch-robot": ("arenas", "calibrate", "cameras", "check", "drive", "evaluate", "replay", "run"),
+    "ndtorch-train": ("first-stage", "reproduce", "score", "sweep"),
+}
+"""Commands of our other distributions, to name these where they are missing."""
 
 UNUSABLE = 2
 """Exit code for input that cannot be used."""
@@ -29,10 +38,46 @@ class Subcommand(Protocol):
         ...
 
 
-def installed() -> dict[str, EntryPoint]:
-    """The commands of everything that is installed, by name: entry points of the group `ndtorch.commands`."""
-    found = entry_points(group=GROUP)
-    return {name: next(point for point in found if point.name == name) for name in sorted(found.names)}
+class CommandError(Exception):
+    """A command that is registered cannot be had; the message says why, in one line."""
+
+
+def installed() -> dict[str, list[EntryPoint]]:
+    """The commands of everything that is installed, by name; more than one where two distributions take a name."""
+    found: dict[str, dict[str, EntryPoint]] = {}
+    for point in entry_points(group=GROUP):
+        # One distribution may be found twice, through a checkout and its installation: that is the same command.
+        found.setdefault(point.name, {}).setdefault(point.value, point)
+    return {name: list(found[name].values()) for name in sorted(found)}
+
+
+def load_command(name: str, points: Sequence[EntryPoint]) -> type[Subcommand]:
+    """The class of a command; its module is imported now, and no other command's.
+
+    Raises:
+        CommandError: two distributions have a command of this name, or the command's module cannot be imported.
+    """
+    if len(points) > 1:
+        raise CommandError(f"{name} is registered {len(points)} times: {', '.join(map(origin, points))}; remove one")
+    try:
+        kind: type[Subcommand] = points[0].load()
+    except Exception as error:  # whatever is wrong with it, other commands work
+        words = missing(error) or f"{type(error).__name__}: {error}".splitlines()[0]
+        raise CommandError(f"{name} of {origin(points[0])} does not load: {words}") from None
+    return kind
+
+
+def origin(point: EntryPoint) -> str:
+    """The distribution that a command comes from."""
+    return point.value if point.dist is None else point.dist.name
+
+
+def missing(error: Exception) -> str | None:
+    """What to install where a module is missing that one of our distributions asks for; None for other errors."""
+    if not isinstance(error, ModuleNotFoundError) or error.name is None:
+        return None
+    command = remedy(error.name.split(".")[0])
+    return None if command is None else f"{error.name.split('.')[0]} is not installed: {command}"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -42,28 +87,61 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: instead of those of the process.
 
     Returns:
-        The exit code: that of the command, 2 for a command that does not exist.
+        The exit code: that of the command, 2 for a command that does not exist or cannot be loaded.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     commands = installed()
     if not given or given[0] in ("-h", "--help"):
         print(overview(commands))
         return 0 if given else UNUSABLE
+    if given[0] == "--version":
+        print(versions())
+        return 0
     if given[0] not in commands:
-        near = difflib.get_close_matches(given[0], commands, 1)
-        hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(commands)}"
-        print(f"error: ndtorch has no command {given[0]!r}; {hint}", file=sys.stderr)
+        print(f"error: ndtorch has no command {given[0]!r}; {hint(given[0], commands)}", file=sys.stderr)
         return UNUSABLE
-    return run_command(f"ndtorch {given[0]}", commands[given[0]].load(), given[1:])
+    try:
+        kind = load_command(given[0], commands[given[0]])
+    except CommandError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return UNUSABLE
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    return run_command(f"ndtorch {given[0]}", kind, given[1:])
 
 
-def overview(commands: Mapping[str, EntryPoint]) -> str:
-    """All commands, each with the first line of its help."""
+def hint(name: str, commands: Iterable[str]) -> str:
+    """What to do about a command that is not there."""
+    for distribution, names in ELSEWHERE.items():
+        if name in names:
+            return f"it comes with {distribution}: pip install {distribution}"
+    near = difflib.get_close_matches(name, commands, 1)
+    if near:
+        return f"did you mean {near[0]!r}?"
+    return f"there are {', '.join(commands)}" if commands else "none is installed: pip install ndtorch"
+
+
+def versions() -> str:
+    """One line a distribution of ours that is installed."""
+    lines = []
+    for name in OURS:
+        with contextlib.suppress(PackageNotFoundError):
+            lines.append(f"{name} {version(name)}")
+    return "\n".join(lines or [f"ndtorch {ndtorch.__version__}"])
+
+
+def overview(commands: Mapping[str, Sequence[EntryPoint]]) -> str:
+    """All commands, each with the first line of its help, or with why there is none."""
     lines = ["usage: ndtorch COMMAND ...", "", "Insect-inspired vision, navigation and a robot.", ""]
-    for name, point in commands.items():
-        about = (point.load().__doc__ or "").strip().splitlines()
+    for name, points in commands.items():
+        try:
+            about = (load_command(name, points).__doc__ or "").strip().splitlines()
+        except CommandError as error:
+            about = [f"({error})"]
         lines.append(f"  {name:14}{about[0] if about else ''}")
-    return "\n".join([*lines, "", "`ndtorch COMMAND --help` says what each takes."])
+    return "\n".join(
+        [*lines, "", "`ndtorch COMMAND --help` says what each takes; `ndtorch --version` what is installed."]
+    )
 
 
 def run_command(prog: str, kind: type[Subcommand], arguments: Sequence[str]) -> int:
@@ -93,6 +171,12 @@ def run_command(prog: str, kind: type[Subcommand], arguments: Sequence[str]) -> 
             return command.run()
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
+        return UNUSABLE
+    except ModuleNotFoundError as error:
+        words = missing(error)
+        if words is None:
+            raise
+        print(f"error: {prog}: {words}", file=sys.stderr)
         return UNUSABLE
     except KeyboardInterrupt:
         print("stopped before there was anything to keep", file=sys.stderr)

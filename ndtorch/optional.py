@@ -47,11 +47,12 @@ def need(module: str, what: str) -> Any:
         # Only its own absence: what an installed package misses itself is told as it is.
         if error.name is None or error.name.split(".")[0] != top:
             raise
-        raise InputError(f"{what} needs {top}, which is not installed: {remedy(top)}") from None
+        words = remedy(top)
+        raise InputError(f"{what} needs {top}, which is not installed" + (f": {words}" if words else "")) from None
 
 
-def remedy(module: str) -> str:
-    """The command that installs a module: an extra of ours that has it, or the module's own distribution.
+def remedy(module: str) -> str | None:
+    """The command that installs a module: an extra of ours that has it. None for modules that we do not ask for.
 
     Args:
         module: top-level name, as it is imported.
@@ -63,7 +64,7 @@ def remedy(module: str) -> str:
         for name, extra in dependencies(ours)
         if name == wanted and extra != "dev"
     )
-    return f"pip install '{extras[0][2] if extras else wanted}'"
+    return f"pip install '{extras[0][2]}'" if extras else None
 
 
 def dependencies(distribution: str) -> Iterator[tuple[str, str]]:

@@ -20,6 +20,7 @@ from ndtorch.commands import main
 from ndtorch.scenes import two_bars
 from ndtorch.scenes.video_writer import VideoWriter
 
+TRACKED = {"objects.json", "overlay.mp4", "timeline.jsonl", "timeline.png"}
 FILES = {
     "enhanced.mp4",
     "frames.png",
@@ -59,6 +60,7 @@ def test_json_is_one_object_and_nothing_else(tmp_path: Path, capsys: pytest.Capt
     printed = json.loads(capsys.readouterr().out)
     assert set(printed) == {
         "source",
+        "model",
         "objects",
         "verdict",
         "max_weight",
@@ -68,7 +70,7 @@ def test_json_is_one_object_and_nothing_else(tmp_path: Path, capsys: pytest.Capt
         "wall_seconds",
         "frames_per_second",
     }
-    assert printed["source"] == "one-bar"
+    assert (printed["source"], printed["model"]) == ("one-bar", "published")
     assert printed["simulated_seconds"] == pytest.approx(0.7)
     assert np.array(printed["weights"]).shape == (10, 10)
     assert {path.name for path in (tmp_path / "one-bar").iterdir()} == FILES
@@ -81,6 +83,7 @@ def test_json_is_one_object_and_nothing_else(tmp_path: Path, capsys: pytest.Capt
 def test_default_run_names_both_bars_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bind", "--pictures", "2", "--out", str(tmp_path)]) == 0
     out = capsys.readouterr().out
+    assert out.startswith("model  published (default for scenes)\n")
     assert "object 1: red, moving right and down, orientation between 0° and 120°" in out
     assert "object 2: green, moving left and down, orientation between 0° and 60°" in out
     assert "verdict  stable" in out
@@ -108,7 +111,7 @@ def test_resumed_run_equals_an_uninterrupted_one(tmp_path: Path, capsys: pytest.
 
 
 def test_resumed_video_goes_on_at_the_next_frame(clip: Path, tmp_path: Path) -> None:
-    options = ["--settle", "0.2", "--pictures", "0"]
+    options = ["--model", "published", "--settle", "0.2", "--pictures", "0"]
     assert main(["bind", str(clip), *options, "--out", str(tmp_path / "whole")]) == 0
     assert main(["bind", str(clip), *options, "--seconds", "0.4", "--out", str(tmp_path / "part")]) == 0
     assert (
@@ -122,14 +125,15 @@ def test_resumed_video_goes_on_at_the_next_frame(clip: Path, tmp_path: Path) -> 
 
 
 def test_scale_free_run_goes_on_bit_for_bit(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    options = ["--rule", "scale-free", "--gamma", "0.3", "--settle", "0.1", "--pictures", "0"]
+    options = ["--model", "scale-free", "--gamma", "0.3", "--settle", "0.1", "--pictures", "0"]
     part = str(tmp_path / "part" / "bars")
     assert main(["bind", str(clip), *options, "--out", str(tmp_path / "whole")]) == 0
     assert main(["bind", str(clip), *options, "--seconds", "0.4", "--out", str(tmp_path / "part")]) == 0
     assert main(["bind", "--resume", part, "--pictures", "0", "--out", str(tmp_path / "rest")]) == 0
     whole, about = load_state(tmp_path / "whole" / "bars" / "state.safetensors")
     rest, _ = load_state(tmp_path / "rest" / "bars" / "state.safetensors")
-    assert '"scale_free_gamma": 0.3' in about["run"]
+    assert json.loads(about["run"])["model"] == "scale-free"
+    assert json.loads(about["run"])["options"] == {"gamma": 0.3, "settle": 0.1}
     assert whole.second.weights.any()
     # One step a frame: the settled network needs no shorter one.
     assert int(whole.second.steps) == int(rest.second.steps) == 25
@@ -138,7 +142,9 @@ def test_scale_free_run_goes_on_bit_for_bit(clip: Path, tmp_path: Path, capsys: 
     ):
         assert torch.equal(one, other)
     capsys.readouterr()
-    refused(["bind", "--resume", part, "--rule", "competitive", "--out", str(tmp_path)], capsys, "rule", "scale-free")
+    resumed = ["bind", "--resume", part, "--out", str(tmp_path)]
+    refused([*resumed, "--rule", "competitive"], capsys, "--rule", "published", "scale-free")
+    refused([*resumed, "--model", "published"], capsys, "scale-free", "published")
 
 
 def test_video_runs_at_its_own_rate(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -153,7 +159,7 @@ def test_road_camera_gets_an_honest_verdict(
     part: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The published model was made for other input: no object is claimed before anything has been learned."""
-    assert main(["bind", str(CAR), *part, "--front-end", "off", "--json", "--out", str(tmp_path)]) == 0
+    assert main(["bind", str(CAR), *part, "--model", "published", "--json", "--out", str(tmp_path)]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed["verdict"] in ("learning", "alternating")
     assert printed["objects"] == []
@@ -162,6 +168,7 @@ def test_road_camera_gets_an_honest_verdict(
 
 
 def test_recording_is_written_beside_the_rest(tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
     rrd = tmp_path / "run.rrd"
     assert main(["bind", "--seconds", "0.3", "--settle", "0.1", "--rrd", str(rrd), "--out", str(tmp_path)]) == 0
     assert rrd.stat().st_size > 10_000
@@ -175,6 +182,26 @@ def test_grey_video_is_taken_and_said_so(tmp_path: Path, capsys: pytest.CaptureF
         cv2.imwrite(str(folder / f"{i}.png"), rng.integers(0, 255, (40, 60), dtype=np.uint8))
     assert main(["bind", str(folder), "--pictures", "0", "--out", str(tmp_path / "out")]) == 0
     assert "grey" in capsys.readouterr().err
+
+
+def test_one_picture_cannot_show_motion(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    cv2.imwrite(str(folder / "1.png"), np.full((40, 60, 3), 90, dtype=np.uint8))
+    for model in ("video", "published"):
+        refused(
+            ["bind", str(folder), "--model", model, "--json", "--out", str(tmp_path / "out")], capsys, "motion", "two"
+        )
+    assert not (tmp_path / "out" / "frames").exists()
+
+
+def test_a_folder_with_pictures_of_two_sizes_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    for name, size in (("1.png", (40, 60, 3)), ("2.png", (40, 64, 3))):
+        cv2.imwrite(str(folder / name), np.full(size, 90, dtype=np.uint8))
+    words = ("1.png is 60 x 40", "2.png 64 x 40")
+    refused(["bind", str(folder), "--json", "--out", str(tmp_path / "out")], capsys, *words)
 
 
 def test_ctrl_c_keeps_what_was_computed(tmp_path: Path) -> None:
@@ -224,6 +251,55 @@ def test_unknown_scene_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[
     refused(["render", "four-bars", str(tmp_path / "x.mp4")], capsys, "four-bars", "two-bars")
     # Nothing half-written.
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["{clip}", "--gamma", "1"], ["--gamma is an option of published, scale-free; the model is video"]),
+        (["{clip}", "--rule", "hebbian"], ["--rule is an option of published; the model is video"]),
+        (["{clip}", "--fit", "stretch"], ["--fit", "published", "the model is video"]),
+        (["two-bars", "--without", "scale"], ["--without is an option of video; the model is published"]),
+        (["{clip}", "--model", "published", "--without", "scale"], ["--without is an option of video"]),
+        (["two-bars", "--model", "scale-free", "--order", "printed"], ["--order is an option of published"]),
+        (["{clip}", "--without", "sight"], ["without", "exposure", "sight"]),
+        (["two-bars", "--model", "cubist"], ["model", "published", "video", "cubist"]),
+        (["two-bars", "--rule", "scale-free"], ["--model scale-free"]),
+        (["{clip}", "--front-end", "on"], ["--model video"]),
+        (["{clip}", "--front-end", "off"], ["--model published"]),
+    ],
+)
+def test_what_a_model_does_not_know_is_refused(
+    arguments: list[str], words: list[str], clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = [argument.format(clip=clip) for argument in arguments]
+    refused(["bind", *given, "--out", str(tmp_path / "out")], capsys, *words)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_recording_changes_nothing(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("rerun")
+    found = []
+    for name, more in (("plain", []), ("recorded", ["--rrd", str(tmp_path / "run.rrd")])):
+        assert main(["bind", str(clip), *more, "--out", str(tmp_path / name)]) == 0
+        assert capsys.readouterr().out.startswith("model  video (default for files and cameras)\n")
+        folder = tmp_path / name / "bars"
+        assert {path.name for path in folder.iterdir()} == TRACKED
+        found.append(json.loads((folder / "objects.json").read_text(encoding="utf-8")))
+    assert (tmp_path / "run.rrd").stat().st_size > 10_000
+    for key in ("model", "objects", "weights", "verdict"):
+        assert found[0][key] == found[1][key]
+
+
+def test_help_and_scenes_answer_before_torch_is_there(tmp_path: Path) -> None:
+    program = (
+        "import sys\nfrom ndtorch.commands import main\n"
+        "from ndtorch.cli import Bind, Render, Scenes\n"
+        "Scenes().run()\nprint([n for n in ('torch', 'cv2', 'matplotlib') if n in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert "two-bars-random" in done.stdout
+    assert done.stdout.splitlines()[-1] == "[]"
 
 
 @pytest.mark.parametrize(

@@ -5,71 +5,161 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from graphlib import CycleError, TopologicalSorter
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
-import ndtorch
-
-LIBRARY = Path(ndtorch.__file__).resolve().parent
 HEAVY = ("cv2", "torchvision", "rerun", "matplotlib", "mujoco", "tyro", "serial")
 
+PACKAGES = ("ndtorch", "ndtorch_robot", "ndtorch_train")
 
-def imports(path: Path) -> Iterator[str]:
-    """Full names of every module, or name in one, that the file imports anywhere."""
-    package = ("ndtorch", *path.relative_to(LIBRARY).parent.parts)
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            yield from (name.name for name in node.names)
+FLOORS = (
+    "code_digest errors installed lazy memory optional toml workers",
+    "scenes vision",
+    "binding navigation",
+    "export loading",
+    "__main__ cli commands report run",
+)
+"""Rooms of the library, from the ground up. A file imports from its own floor and from those below."""
+
+FLOOR = {f"ndtorch.{room}": floor for floor, rooms in enumerate(FLOORS) for room in rooms.split()}
+# The names of `ndtorch` itself come from all over the house, when they are used.
+FLOOR |= {"ndtorch": 3, "ndtorch_robot": len(FLOORS), "ndtorch_train": len(FLOORS) + 1}
+
+APART = ({"ndtorch.binding", "ndtorch.navigation"},)
+"""Rooms of one floor that do not know each other."""
+
+Arrows = dict[str, set[str]]
+
+
+def folder_of(package: str) -> Path:
+    spec = find_spec(package)
+    assert spec is not None
+    assert spec.origin is not None
+    return Path(spec.origin).parent
+
+
+def arrows_of(folders: Iterable[Path]) -> Arrows:
+    """Who imports whom in these packages, at the top of a file or inside a function; not for type checkers alone."""
+    files = {name_of(path, folder): path for folder in folders for path in folder.rglob("*.py")}
+    return {
+        name: {there for want in wanted(path, name) if (there := nearest(want, files))} for name, path in files.items()
+    }
+
+
+def name_of(path: Path, folder: Path) -> str:
+    """A module's dotted name; of a package, the package's."""
+    parts = path.relative_to(folder.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def nearest(name: str, files: Mapping[str, Path]) -> str | None:
+    """The module that holds a name: the name's own, or the one before its last dot."""
+    return next((n for n in (name, name.rpartition(".")[0]) if n in files), None)
+
+
+def wanted(path: Path, name: str) -> Iterator[str]:
+    """Full names of every module, or name in one, that a file imports."""
+    package = name.split(".") if path.name == "__init__.py" else name.split(".")[:-1]
+    todo: list[ast.AST] = [ast.parse(path.read_text(encoding="utf-8"))]
+    while todo:
+        node = todo.pop()
+        if isinstance(node, ast.If) and ast.unparse(node.test).endswith("TYPE_CHECKING"):
+            todo += node.body if ast.unparse(node.test).startswith("not ") else node.orelse
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            base = [] if node.level == 0 else list(package[: len(package) - node.level + 1])
-            parts = [*base, *([node.module] if node.module else [])]
-            yield from (".".join([*parts, name.name]) for name in node.names)
+            base = [] if node.level == 0 else package[: len(package) - node.level + 1]
+            yield from (".".join([*base, *filter(None, [node.module]), alias.name]) for alias in node.names)
+        else:
+            todo += ast.iter_child_nodes(node)
 
 
-def imported(folder: str) -> set[str]:
-    files = list((LIBRARY / folder).rglob("*.py"))
-    assert files, f"no files in {folder}"
-    return {name for path in files for name in imports(path)}
+def room_of(module: str) -> str:
+    """The room of the library, or the program, that a module belongs to."""
+    parts = module.split(".")
+    return ".".join(parts[:2]) if parts[0] == "ndtorch" else parts[0]
 
 
-def within(names: set[str], *packages: str) -> set[str]:
-    return {name for name in names if any(name == p or name.startswith(p + ".") for p in packages)}
+def circle_in(arrows: Arrows) -> list[str]:
+    """A circle, from a module back to itself; empty if there is none."""
+    try:
+        TopologicalSorter(arrows).prepare()
+    except CycleError as error:
+        return list(error.args[1])
+    return []
 
 
-@pytest.mark.parametrize("folder", ["vision", "scenes"])
-def test_the_lowest_floor_knows_nothing_above_it(folder: str) -> None:
-    above = ("ndtorch.binding", "ndtorch.navigation", "ndtorch.report", "ndtorch.cli", "ndtorch.loading")
-    assert within(imported(folder), *above) == set()
+@pytest.fixture(scope="module")
+def arrows() -> Arrows:
+    return arrows_of(map(folder_of, PACKAGES))
 
 
-@pytest.mark.parametrize(("folder", "neighbour"), [("binding", "navigation"), ("navigation", "binding")])
-def test_binding_and_navigation_do_not_know_each_other(folder: str, neighbour: str) -> None:
-    above = ("ndtorch.report", "ndtorch.cli", "ndtorch.loading")
-    assert within(imported(folder), f"ndtorch.{neighbour}", *above) == set()
-
-
-@pytest.mark.parametrize("folder", ["vision", "scenes", "binding", "navigation"])
-def test_no_floor_imports_the_package_as_a_whole(folder: str) -> None:
-    """`import ndtorch` or `from ndtorch import x` would drag in every floor."""
-    modules = {f"ndtorch.{path.stem}" for path in LIBRARY.iterdir()}
-    taken = within(imported(folder), "ndtorch")
-    assert {name for name in taken if ".".join(name.split(".")[:2]) not in modules} == set()
-
-
-def test_the_library_never_imports_the_programs() -> None:
-    assert within(imported("."), "ndtorch_train", "ndtorch_robot", "tests") == set()
-
-
-def test_the_scan_sees_relative_and_nested_imports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys.modules[__name__], "LIBRARY", tmp_path)
-    path = tmp_path / "vision" / "bad.py"
-    path.parent.mkdir()
-    path.write_text(
-        "def f():\n    from ..binding import rules\n    import ndtorch_train.sweep\n    from . import motion\n"
+def test_the_scan_sees_all_three_packages(arrows: Arrows) -> None:
+    assert {name.split(".")[0] for name in arrows} == set(PACKAGES)
+    assert "ndtorch.errors" in arrows["ndtorch_robot.config"]
+    assert "ndtorch.workers" in arrows["ndtorch_train.sweep.command"]
+    assert any(
+        "ndtorch_robot" in room_of(there) for name in arrows if "ndtorch_train" in name for there in arrows[name]
     )
-    assert set(imports(path)) == {"ndtorch.binding.rules", "ndtorch_train.sweep", "ndtorch.vision.motion"}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_files_import_each_other_in_a_circle(package: str, arrows: Arrows) -> None:
+    # That importing `a.b` runs `a` first is not meant: a room's own list of names would be a circle with each of them.
+    assert circle_in({name: there for name, there in arrows.items() if name.split(".")[0] == package}) == []
+
+
+def test_no_arrow_points_upward(arrows: Arrows) -> None:
+    rooms = {room_of(name) for name in arrows}
+    assert rooms <= set(FLOOR), f"on which floor are {rooms - set(FLOOR)}?"
+    upward = [f"{name} -> {to}" for name in arrows for to in arrows[name] if FLOOR[room_of(to)] > FLOOR[room_of(name)]]
+    assert upward == []
+
+
+def test_neighbours_that_do_not_know_each_other(arrows: Arrows) -> None:
+    met = [f"{name} -> {to}" for name in arrows for to in arrows[name] if {room_of(name), room_of(to)} in APART]
+    assert met == []
+
+
+def test_report_draws_and_writes_what_run_finds(arrows: Arrows) -> None:
+    """No file of report opens a source or steps a model, and nothing that runs one knows what becomes of it."""
+    taken = {there for name in arrows if room_of(name) == "ndtorch.report" for there in arrows[name]}
+    assert {"ndtorch.run.result", "ndtorch.run.watchers", "ndtorch.scenes.video_writer"} == {
+        name for name in taken if name.startswith(("ndtorch.run", "ndtorch.scenes", "ndtorch.loading"))
+    }
+    for name in (name for name in arrows if room_of(name) == "ndtorch.run"):
+        assert not {there for there in arrows[name] if there.startswith("ndtorch.report")}
+
+
+def test_the_library_never_imports_the_programs_or_the_tests() -> None:
+    folder = folder_of("ndtorch")
+    names = {name.split(".")[0] for path in folder.rglob("*.py") for name in wanted(path, name_of(path, folder))}
+    assert names & {"ndtorch_robot", "ndtorch_train", "tests"} == set()
+
+
+def test_the_scan_sees_relative_and_nested_imports_and_circles(tmp_path: Path) -> None:
+    house = tmp_path / "house"
+    for name, text in {
+        "__init__.py": "",
+        "low/__init__.py": "",
+        "low/a.py": "def f():\n    from ..high import b\n    import json\n    from . import c\n",
+        "low/c.py": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from house.low import a\n",
+        "high/__init__.py": "",
+        "high/b.py": "from house.low.c import something\nif not TYPE_CHECKING:\n    import house.low\n",
+        "high/d.py": "from house.high.e import f\n",
+        "high/e.py": "def g():\n    import house.high.d\n",
+    }.items():
+        (house / name).parent.mkdir(parents=True, exist_ok=True)
+        (house / name).write_text(text)
+    found = arrows_of([house])
+    assert found["house.low.a"] == {"house.high.b", "house.low.c"}
+    assert found["house.low.c"] == set()
+    assert found["house.high.b"] == {"house.low.c", "house.low"}
+    assert set(circle_in(found)) == {"house.high.d", "house.high.e"}
 
 
 PROGRAM = f"""

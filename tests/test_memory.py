@@ -19,7 +19,8 @@ from torch import Tensor
 
 import ndtorch
 from ndtorch.memory import tune_allocator
-from ndtorch.run.run import run_binding
+from ndtorch.run.run import run_model
+from ndtorch.run.today import Table
 from ndtorch.scenes import FrameSource
 
 torch.set_num_threads(1)
@@ -47,15 +48,15 @@ seen = 0
 marks = []
 
 
-def progress(frames: int) -> None:
+def report(frames: int) -> None:
     global seen
     seen += frames
     if seen % 1500 < frames:
         marks.append(peak())
 
 
-model = ndtorch.load("binding", fps=12.5, border="reflect")
-result = run_binding(model, Video(), pictures_per_second=0.5, progress=progress)
+model = Table("published", ndtorch.load("binding", fps=12.5, border="reflect"))
+result = run_model(model, Video(), pictures_per_second=0.5, report=report)
 assert result.frames == 7500
 print(*marks)
 """

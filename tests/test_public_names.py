@@ -28,8 +28,8 @@ VISION = """
     row_shift smoothing_factor spatial_maximum speed_response
 """
 BINDING = """
-    FieldBinding FieldBindingState ObjectFile ObjectFiles
-    ACTIVATIONS RULE_NAMES Attention BindingConfig BindingInputs BindingSignals BindingState BoundObject Enhanced
+    FieldInputs Rule ObjectFile ObjectFiles
+    ACTIVATIONS RULES Attention BindingConfig BindingInputs BindingSignals BindingState BoundObject Enhanced
     RetinotopicParams FirstStage InhibitoryNetwork InputState LearningRule NetworkState LocatedObject RetinotopicBinding
     RetinotopicState ObjectTable Solution
     Verdict VisualBinding alternation attention_mask block_diagonal count_solutions describe feature_weights
@@ -37,14 +37,22 @@ BINDING = """
     object_table perron_root save_state second_stage separated solutions spectral_radius to_device
     train_first_stage weight_change winner
     DelayState DelayStatistics Separation diagonalise separate OwnerCriteria SignalStatistics
-    StatisticsState features_by_group owner_table JoinCriteria refined_table ScaleFreeNetwork ScaleFreeRule
-    ScaleFreeState settled ScaleFreeStage StageState BindingModel bound_objects
+    StatisticsState features_by_group owner_table JoinCriteria refined_table ScaleFreeRule
+    settled ScaleFreeStage StageState BindingModel bound_objects
+"""
+NAVIGATION = """
+    CRUISE REVERSE STOPPED SUPPRESSED TURN AlphaBetaTracker AvoidanceParams Command CompiledNavigator Controller
+    DeadReckoning FeatureParams Grid GridMap MatchParams Navigator NavigatorOptions NavigatorState ObservationList Pose
+    Ranges RangingParams Rect RowRanging StereoRig Strips controller_names cut_strips make_controller
 """
 MODULES = [ndtorch, ndtorch.vision, ndtorch.scenes, ndtorch.binding, ndtorch.navigation]
 NAMES = [(module, name) for module in MODULES for name in module.__all__]
 
 
-@pytest.mark.parametrize(("module", "expected"), [(ndtorch, TOP), (ndtorch.vision, VISION), (ndtorch.binding, BINDING)])
+@pytest.mark.parametrize(
+    ("module", "expected"),
+    [(ndtorch, TOP), (ndtorch.vision, VISION), (ndtorch.binding, BINDING), (ndtorch.navigation, NAVIGATION)],
+)
 def test_the_public_names_are_these(module: ModuleType, expected: str) -> None:
     assert set(module.__all__) == set(expected.split())
 

@@ -16,8 +16,9 @@ from ndtorch.binding import (
     object_table,
     train_first_stage,
 )
-from ndtorch.run.pictures import Picture
-from ndtorch.run.run import run_binding
+from ndtorch.run.run import run_model
+from ndtorch.run.today import Table
+from ndtorch.run.watchers import Picture, Watcher
 from ndtorch.scenes import FrameSource, equal_bars, one_bar, three_bars, two_bars
 from ndtorch.vision import FEATURES, VisualFeatures
 
@@ -175,7 +176,7 @@ def test_a_high_learning_rate_that_alternates_is_found_out() -> None:
     assert model.objects(state) == []
 
 
-class Album:
+class Album(Watcher):
     """Keeps the pictures of a run from a time on."""
 
     def __init__(self, after: float) -> None:
@@ -185,14 +186,11 @@ class Album:
         if picture.time >= self.after:
             self.pictures.append(picture)
 
-    def signals(self, signals: object, weights: object) -> None:
-        """Not of interest."""
-
 
 def test_the_winner_stands_out_in_the_enhanced_image() -> None:
     """[C fig. 6] prints ratios of 6.2 and 4.1 at two moments where the input's ratio is about 1."""
     album = Album(after=10.0)
-    run_binding(ndtorch.load("binding"), two_bars(), pictures_per_second=5, watchers=(album,))
+    run_model(Table("published", ndtorch.load("binding")), two_bars(), pictures_per_second=5, watchers=(album,))
     seen = {RED: 0, GREEN: 0}
     for picture in album.pictures:
         before = float(picture.frame[..., 0].max()) / float(picture.frame[..., 1].max())

@@ -2,14 +2,14 @@
 
 from ndtorch.binding.attention import Attention, Enhanced, attention_mask, feature_weights, winner
 from ndtorch.binding.config import BindingConfig
-from ndtorch.binding.field_network import FieldBinding, FieldBindingState
+from ndtorch.binding.feedback import settled
 from ndtorch.binding.first_stage import FirstStage, block_diagonal, train_first_stage
 from ndtorch.binding.models.contract import BindingModel, Verdict
 from ndtorch.binding.models.published import BindingSignals, BindingState, VisualBinding, second_stage
 from ndtorch.binding.models.retinotopic import LocatedObject, RetinotopicBinding, RetinotopicParams, RetinotopicState
 from ndtorch.binding.models.scale_free import ScaleFreeStage, StageState
 from ndtorch.binding.network import InhibitoryNetwork, NetworkState, alternation, weight_change
-from ndtorch.binding.normalise import BindingInputs, InputState
+from ndtorch.binding.normalise import BindingInputs, FieldInputs, InputState
 from ndtorch.binding.objects import BoundObject, ObjectTable, bound_objects, describe
 from ndtorch.binding.readout.delays import DelayState, DelayStatistics, Separation, diagonalise, separate
 from ndtorch.binding.readout.joined import JoinCriteria, refined_table
@@ -21,9 +21,8 @@ from ndtorch.binding.readout.owners import (
     owner_table,
 )
 from ndtorch.binding.readout.weights import object_table
-from ndtorch.binding.rules import ACTIVATIONS, RULE_NAMES, LearningRule, learning_onset, learning_rule
+from ndtorch.binding.rules import ACTIVATIONS, RULES, LearningRule, Rule, ScaleFreeRule, learning_onset, learning_rule
 from ndtorch.binding.saving import load_state, save_state, to_device
-from ndtorch.binding.scale_free import ScaleFreeNetwork, ScaleFreeRule, ScaleFreeState, settled
 from ndtorch.binding.spectrum import limit_spectral_radius, perron_root, spectral_radius
 from ndtorch.binding.theory import (
     Solution,
@@ -37,7 +36,7 @@ from ndtorch.binding.tracking.tracks import ObjectFile, ObjectFiles
 
 __all__ = [
     "ACTIVATIONS",
-    "RULE_NAMES",
+    "RULES",
     "Attention",
     "BindingConfig",
     "BindingInputs",
@@ -48,8 +47,7 @@ __all__ = [
     "DelayState",
     "DelayStatistics",
     "Enhanced",
-    "FieldBinding",
-    "FieldBindingState",
+    "FieldInputs",
     "FirstStage",
     "InhibitoryNetwork",
     "InputState",
@@ -64,10 +62,9 @@ __all__ = [
     "RetinotopicBinding",
     "RetinotopicParams",
     "RetinotopicState",
-    "ScaleFreeNetwork",
+    "Rule",
     "ScaleFreeRule",
     "ScaleFreeStage",
-    "ScaleFreeState",
     "Separation",
     "SignalStatistics",
     "Solution",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from ndtorch.binding.models.scale_free import Readout
 from ndtorch.binding.normalise import Order
 from ndtorch.errors import InputError
+from ndtorch.toml import toml_values
 
 
 class BindingConfig(BaseModel):
@@ -64,9 +64,4 @@ def read_config(path: Path) -> BindingConfig:
     Raises:
         InputError: missing or malformed file, unknown key, value out of range.
     """
-    try:
-        return validated(tomllib.loads(path.read_text(encoding="utf-8")), str(path))
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not a TOML file: {error}") from None
+    return validated(toml_values(path), str(path))

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ndtorch.binding.network import InhibitoryNetwork, NetworkState
 from ndtorch.binding.normalise import BindingInputs
+from ndtorch.binding.rules import learning_rule
 from ndtorch.errors import InputError
 from ndtorch.scenes.ring_scene import rings
 from ndtorch.vision.features import GROUPS, VisualFeatures
@@ -74,11 +75,10 @@ def train_first_stage(
         InhibitoryNetwork(
             group.stop - group.start,
             dt,
-            gamma=gamma,
+            learning_rule("competitive", gamma=gamma, radius_limit=radius),
             # Filter first: the inputs come high-passed.
             tau_in=float("inf"),
             settle=settle,
-            radius_limit=radius,
             when_full="stop",
         )
         for group in GROUPS.values()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal, NamedTuple
 
 import torch
@@ -83,6 +84,38 @@ class BindingInputs(nn.Module):
         divisor = spread_groups(torch.maximum(largest, self.floor * raw_max))
         end = InputState(low.low, raw_history.history, filtered_history.history)
         return (divide(filtered, divisor), scale), end
+
+
+class FieldInputs(nn.Module):
+    """Divide the signals of many fields by the largest of their group in any field lately.
+
+    Lately: it is forgotten with the time constant `memory`.
+
+    Args:
+        dt: time step in seconds.
+        memory: seconds.
+        floor: smallest divisor, in the signals' units.
+
+    Shapes:
+        signals `[..., T, F, 10]`, not negative -> inputs like them, and the group maxima `[..., 3]`; `None` for them
+        starts with the first sample's.
+    """
+
+    def __init__(self, dt: float, memory: float = 20.0, floor: float = 0.02) -> None:
+        super().__init__()
+        self.keep, self.floor = math.exp(-dt / memory), floor
+
+    def forward(self, signals: Tensor, level: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        time_dim(signals, 2)
+        if signals.shape[-1] != 10:
+            raise InputError(f"signals must be [..., T, F, 10], got {tuple(signals.shape)}")
+        maxima, levels = group_max(signals).amax(-2), []
+        for largest in maxima.unbind(-2):
+            level = largest if level is None else torch.maximum(self.keep * level, largest)
+            levels.append(level)
+        assert level is not None
+        divisor = spread_groups(torch.stack(levels, -2).clamp_min(self.floor))
+        return signals / divisor.unsqueeze(-2), level
 
 
 def group_max(signals: Tensor) -> Tensor:

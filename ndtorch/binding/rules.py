@@ -1,17 +1,55 @@
-"""Learning rules of the inhibitory network: which pairs of outputs change which weight, and how."""
+"""Learning rules of the network: which pairs of outputs change which weight, how fast, and within which bounds."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import torch
 from torch import Tensor
 
+from ndtorch.binding.spectrum import limit_spectral_radius
 from ndtorch.errors import InputError
 
 Activation = Callable[[Tensor], Tensor]
+
+
+class Rule(Protocol):
+    """What a learning rule is: `dW/dt = rate(t) change(...)`, off the diagonal, and W kept within its bounds.
+
+    Attributes:
+        name: what to call it.
+        uses_power: whether `change` looks at the power of the outputs' fluctuations; without, none is kept.
+        learns: False for a rate of zero: the weights are fixed.
+    """
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def uses_power(self) -> bool: ...
+
+    @property
+    def learns(self) -> bool: ...
+
+    def rate(self, seconds: Tensor) -> Tensor:
+        """Learning rate, 1/s, at `seconds` (float64, any shape) since learning began; 0 where they are not positive."""
+
+    def change(self, high: Tensor, power: Tensor, weights: Tensor, steps: int = 1) -> Tensor:
+        """The change of every weight, `[..., N, N]`, row: the inhibited neuron; the diagonal does not matter.
+
+        Args:
+            high: fluctuations o' of the outputs in some time steps, and in all fields that share the weights,
+                `[..., S, N]`: the change is the mean over time steps of the sum over fields.
+            power: running mean of o'^2, summed over fields, `[..., N]`.
+            weights: `[..., N, N]`.
+            steps: time steps in `high`.
+        """
+
+    def bounded(self, weights: Tensor) -> tuple[Tensor, Tensor | None]:
+        """Weights within their bounds, and which networks had to be held back, `[...]` bool; None for none of them."""
 
 
 def cube(x: Tensor) -> Tensor:
@@ -38,57 +76,216 @@ ACTIVATIONS: dict[str, Activation] = {"cube": cube, "tanh-pi": tanh_pi, "tanh-10
 """Functions a rule can be made of, by name."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LearningRule:
-    """`dW[n, k]/dt = gamma mu(t) a(o'_n) b(o'_k)`, n != k. [B eq. 23-24, C §2.3]
+    """`dW[n, k]/dt = gamma mu(t) a(o'_n) b(o'_k)`, n != k, W not negative. [B eq. 23-24, C §2.3]
 
     Attributes:
         row: a, applied to the inhibited neuron n.
         column: b, applied to the inhibiting neuron k.
         name: what to call the rule.
+        gamma: learning rate, 1/s; a tensor `[...]` gives every network of a batch its own. 0: fixed weights.
+        tau_onset: soft start of learning, seconds; `mu = 1 - exp(-t / tau_onset)`.
+        radius_limit: largest spectral radius of the weights; `inf` leaves stability to fate.
 
     An expansive b favours columns: every neuron *competes* to silence the others, which suits fewer sources
     than neurons. An expansive a favours rows: the neurons *cooperate* to subtract one another. [C §5.3.5]
+
+    Raises:
+        InputError: gamma, tau_onset or radius_limit out of range.
     """
 
     row: Activation
     column: Activation
     name: str = "custom"
+    gamma: float | Tensor = 0.5
+    tau_onset: float = 2.0
+    radius_limit: float = 0.95
 
-    def change(self, fluctuation: Tensor) -> Tensor:
-        """Products `a(o'_n) b(o'_k)` of the outputs' fluctuations, `[..., N]` -> `[..., N, N]`."""
-        return self.row(fluctuation).unsqueeze(-1) * self.column(fluctuation).unsqueeze(-2)
+    uses_power = False
+
+    def __post_init__(self) -> None:
+        rates = torch.as_tensor(self.gamma)
+        if not (rates >= 0).all() or not torch.isfinite(rates).all():
+            raise InputError(f"gamma must be a learning rate >= 0, got {self.gamma}")
+        check_constants(self.tau_onset, self.radius_limit)
+
+    @property
+    def learns(self) -> bool:
+        return bool(torch.as_tensor(self.gamma).any())
+
+    def rate(self, seconds: Tensor) -> Tensor:
+        """`gamma mu(t)`, 1/s."""
+        return torch.as_tensor(self.gamma, device=seconds.device) * learning_onset(seconds, self.tau_onset)
+
+    def change(self, high: Tensor, power: Tensor, weights: Tensor, steps: int = 1) -> Tensor:
+        """Products `a(o'_n) b(o'_k)` of the outputs' fluctuations, `[..., S, N]` -> `[..., N, N]`."""
+        row, column = self.row(high).mT, self.column(high)
+        if high.shape[-2] == 1:
+            return row * column
+        return row @ column / steps
+
+    def bounded(self, weights: Tensor) -> tuple[Tensor, Tensor | None]:
+        """Negative weights become zero, and those of too large a spectral radius are scaled back."""
+        positive = weights.clamp_min(0)
+        return within_radius(positive, self.radius_limit)
 
 
-RULE_NAMES = ("competitive", "cooperative", "hebbian")
-"""Names that `learning_rule` takes. (`VisualBinding` also knows "scale-free", see `ScaleFreeRule`.)"""
+@dataclass(frozen=True)
+class ScaleFreeRule:
+    """`dT[n, k]/dt = gamma(t) mu(t) (c <o'_n o'_k> / s_k^2 - leak (1 - c) T[n, k])`, `c = s_k^p / (s_k^p + s_n^p)`.
 
+    The gate is c, s the deviation of an output. Both terms keep their value when all signals are multiplied by a
+    constant, hence the name: weak signals learn as fast as strong ones. T is dimensionless in the same way, a ratio of
+    two signals' shares of a source.
 
-def learning_rule(name: str, f: str = "cube", g: str = "tanh-pi") -> LearningRule:
-    """The rule of that name, from the expansive `f` and the compressive `g`.
+    **Fixed points.** With `r = <o'_n o'_k> / s_k^2`, the regression of output n on output k, the rule is at rest where
+    `T[n, k] = c r / (leak (1 - c))`. Where k is much stronger than n the gate is 1 and only r = 0 will do: the weaker
+    output is free of the stronger one. Where k is much weaker the gate is 0 and only T = 0 will do: nobody takes a
+    weak output out of a strong one. So at a fixed point with outputs of clearly different strength T is triangular in
+    the order of their strength and all outputs are uncorrelated: with sources that do not go together, owner 1 keeps
+    what it receives, owner 2 keeps its input less what goes along with owner 1, and so on (a Cholesky factor of the
+    covariance, taken in the order of what is left: the greedy selection of owners). Outputs that receive no further
+    source become silent. Owners whose own input holds one source only, plus stronger owners' sources, are exact copies
+    of their source, and their columns of T are its mixing coefficients relative to the owner; an owner that receives
+    two sources first is not purified, for weaker neurons may not act on it. That is what the read-out by delays
+    repairs.
 
-    competitive: g on the row, f on the column; cooperative: the other way round; hebbian: both linear.
+    **Stability**, with settled feedback. Let the gate stand still and all weights but T[n, k] be at rest. From `(I +
+    T) o = y`, `d o_n / dT[n, k] = -o_k / (1 - T[n, k] T[k, n])` for two neurons, so at r = 0 the bracket of the rule
+    falls with T[n, k] at the rate `c / (1 - T[n, k] T[k, n]) + leak (1 - c)`: positive as long as the loop stays below
+    1, which the limit on the Perron root ensures. Perturbations die out with a time constant of about `1 / gamma`, 5 s
+    in the long run, whatever the strengths; steps do not overshoot, for `gamma dt` is .16 at first with changes every
+    50 ms, and .01 later. Two outputs of equal strength have c = 1/2, and share: `T = r / leak` both ways, uncorrelated
+    only if their inputs are. In phase, sources are one source, and one owner is all there can be.
 
-    Raises:
-        InputError: unknown name of a rule or of a function.
+    Attributes:
+        gamma: learning rate in the long run, 1/s.
+        boost: how many times faster learning is at first, less one.
+        tau_boost: time constant with which that subsides, seconds.
+        tau_onset: soft start, seconds.
+        exponent: p of the gate.
+        leak: how fast weights from the weaker to the stronger are forgotten, against `gamma`.
+        floor: smallest s, as a share of the largest.
+        lowest, highest: bounds of the weights.
+        radius_limit: of the Perron root of the weights' magnitudes.
     """
-    for role, function in (("f", f), ("g", g)):
-        if function not in ACTIVATIONS:
-            raise InputError(f"{role} must be one of {', '.join(ACTIVATIONS)}, got {function!r}")
-    if name == "competitive":
-        return LearningRule(ACTIVATIONS[g], ACTIVATIONS[f], name)
-    if name == "cooperative":
-        return LearningRule(ACTIVATIONS[f], ACTIVATIONS[g], name)
-    if name == "hebbian":
-        return LearningRule(linear, linear, name)
-    raise InputError(f"rule must be one of {', '.join(RULE_NAMES)} (or scale-free, in VisualBinding), got {name!r}")
+
+    gamma: float = 0.2
+    boost: float = 15.0
+    tau_boost: float = 4.0
+    tau_onset: float = 0.2
+    exponent: float = 4.0
+    leak: float = 2.0
+    floor: float = 0.02
+    lowest: float = -0.4
+    highest: float = 1.2
+    radius_limit: float = 0.95
+
+    name = "scale-free"
+    uses_power = True
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.gamma < math.inf:
+            raise InputError(f"gamma must be a learning rate >= 0, got {self.gamma}")
+        check_constants(self.tau_onset, self.radius_limit)
+
+    @property
+    def learns(self) -> bool:
+        return self.gamma != 0
+
+    def rate(self, seconds: Tensor) -> Tensor:
+        """`gamma(t) mu(t)`, 1/s."""
+        boost = 1 + self.boost * torch.exp(-seconds / self.tau_boost)
+        return self.gamma * boost * learning_onset(seconds, self.tau_onset)
+
+    def change(self, high: Tensor, power: Tensor, weights: Tensor, steps: int = 1) -> Tensor:
+        """The bracket of the rule, `[..., N, N]`."""
+        largest = power.amax(-1, keepdim=True).clamp_min(torch.finfo(power.dtype).tiny)
+        relative = (power / largest).clamp_min(self.floor**2)
+        strength = relative ** (self.exponent / 2)
+        sender, receiver = strength.unsqueeze(-2), strength.unsqueeze(-1)
+        gate = sender / (sender + receiver)
+        correlation = high.mT @ high / (steps * relative * largest).unsqueeze(-2)
+        return gate * correlation - self.leak * (1 - gate) * weights
+
+    def bounded(self, weights: Tensor) -> tuple[Tensor, Tensor | None]:
+        """Weights within their bounds, and the Perron root of their magnitudes within its limit."""
+        clipped = weights.clamp(self.lowest, self.highest)
+        limited, full = within_radius(clipped.abs(), self.radius_limit)
+        return clipped if full is None else torch.copysign(limited, clipped), full
 
 
-def learning_onset(seconds: float, tau: float) -> float:
+def within_radius(weights: Tensor, limit: float) -> tuple[Tensor, Tensor | None]:
+    """Non-negative weights scaled back where their spectral radius exceeds `limit`, and which of the batch were."""
+    if math.isinf(limit):
+        return weights, None
+    limited = limit_spectral_radius(weights, limit)
+    # The limit returns the very same tensor where all weights were inside it.
+    return limited, None if limited is weights else (limited != weights).any(-1).any(-1)
+
+
+def check_constants(tau_onset: float, radius_limit: float) -> None:
+    """Raise `InputError` for a soft start or a limit that cannot be."""
+    if not 0 <= tau_onset < math.inf:
+        raise InputError(f"tau_onset must be a number of seconds >= 0, got {tau_onset}")
+    if not radius_limit > 0:
+        raise InputError(f"radius_limit must be positive, got {radius_limit}")
+
+
+def learning_onset(seconds: Tensor, tau: float) -> Tensor:
     """Soft start `mu = 1 - exp(-t / tau)` at `seconds` since learning began, 0 before. [B eq. 24]
 
     `tau = 0` switches learning on at once.
     """
-    if seconds <= 0:
-        return 0.0
-    return 1.0 if tau == 0 else -math.expm1(-seconds / tau)
+    if tau == 0:
+        return (seconds > 0).to(seconds.dtype)
+    return -torch.expm1(seconds.clamp_min(0) / -tau)
+
+
+def _competitive(f: str = "cube", g: str = "tanh-pi", **constants: Any) -> LearningRule:
+    return LearningRule(activation("g", g), activation("f", f), "competitive", **constants)
+
+
+def _cooperative(f: str = "cube", g: str = "tanh-pi", **constants: Any) -> LearningRule:
+    return LearningRule(activation("f", f), activation("g", g), "cooperative", **constants)
+
+
+def _hebbian(f: str = "cube", g: str = "tanh-pi", **constants: Any) -> LearningRule:
+    activation("f", f), activation("g", g)
+    return LearningRule(linear, linear, "hebbian", **constants)
+
+
+RULES: dict[str, Callable[..., Rule]] = {
+    "competitive": _competitive,
+    "cooperative": _cooperative,
+    "hebbian": _hebbian,
+    "scale-free": ScaleFreeRule,
+}
+"""Makers of the rules, by name, to which everybody can add:
+`RULES["sign"] = lambda **constants: LearningRule(torch.sign, cube, "sign", **constants)`."""
+
+
+def activation(role: str, name: str) -> Activation:
+    """The function of that name; `InputError` names the role it was to play."""
+    if name not in ACTIVATIONS:
+        raise InputError(f"{role} must be one of {', '.join(ACTIVATIONS)}, got {name!r}")
+    return ACTIVATIONS[name]
+
+
+def learning_rule(name: str, **constants: Any) -> Rule:
+    """The rule of that name, with constants of its own.
+
+    competitive: compressive g on the row, expansive f on the column; cooperative: the other way round; hebbian: both
+    linear. These three take `f` and `g` (names of `ACTIVATIONS`), `gamma`, `tau_onset` and `radius_limit`. scale-free
+    takes the attributes of `ScaleFreeRule`.
+
+    Raises:
+        InputError: unknown name of a rule, of a function or of a constant, or a constant out of range.
+    """
+    if name not in RULES:
+        raise InputError(f"rule must be one of {', '.join(RULES)}, got {name!r}")
+    try:
+        return RULES[name](**constants)
+    except TypeError as error:
+        raise InputError(f"rule {name}: {error}") from None

@@ -15,7 +15,6 @@ from ndtorch.binding.network import NetworkState
 from ndtorch.binding.normalise import InputState
 from ndtorch.binding.readout.delays import DelayState
 from ndtorch.binding.readout.owners import StatisticsState
-from ndtorch.binding.scale_free import ScaleFreeState
 from ndtorch.errors import InputError
 from ndtorch.vision.motion import MotionState
 from ndtorch.vision.resample import ResampleState
@@ -69,7 +68,7 @@ def load_state(path: str | Path) -> tuple[BindingState, dict[str, str]]:
     if any(name.startswith("second.network.") for name in tensors):
         second = StageState(
             part(FilterState, "second.smooth."),
-            part(ScaleFreeState, "second.network."),
+            part(NetworkState, "second.network."),
             part(StatisticsState, "second.statistics."),
             part(DelayState, "second.delays."),
         )

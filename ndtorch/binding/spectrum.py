@@ -53,6 +53,8 @@ def limit_spectral_radius(weights: Tensor, limit: float) -> Tensor:
     Shapes: `[..., N, N]` -> `[..., N, N]`; each matrix of a batch has its own factor, `limit / radius` or 1.
     A cheap bound settles most calls, and then the very same tensor is returned.
     """
+    if torch.compiler.is_compiling():
+        return always_limited(weights, limit)
     # rho(W)^4 = rho(W^4) <= |W^4|: much tighter than |W|, for weights to silent neurons die out in the powers.
     squared = weights @ weights
     # Not "above": powers of huge weights overflow, and NaN compares false.
@@ -68,3 +70,25 @@ def limit_spectral_radius(weights: Tensor, limit: float) -> Tensor:
     factor[at] = (limit * (1 - 1e-6) / perron_root(flat[at])).clamp_max(1.0)
     # In double precision: the root of single-precision weights can lie beyond single precision.
     return (weights.double() * factor.reshape(*weights.shape[:-2], 1, 1)).to(weights.dtype)
+
+
+def always_limited(weights: Tensor, limit: float) -> Tensor:
+    """`limit_spectral_radius` without decisions, for programs that are compiled or exported: slower, the same to 1e-4.
+
+    The root is bounded from above, so the limit holds.
+    """
+    w = weights.double()
+    finite = torch.isfinite(w).all(-1).all(-1)[..., None, None]
+    w = torch.where(finite, w, 0.0)
+    scale = w.amax((-1, -2), keepdim=True).clamp_min(torch.finfo(torch.float64).tiny)
+    power = w / scale + torch.eye(w.shape[-1], dtype=w.dtype, device=w.device)
+    for _ in range(2 * SQUARINGS):
+        power = power @ power
+        power = power / power.sum((-1, -2), keepdim=True)
+    right = power.sum(-1)
+    # Rows that have died out in the powers belong to smaller roots.
+    tiny = torch.finfo(torch.float64).tiny
+    ratio = (w @ right.unsqueeze(-1)).squeeze(-1) / right.clamp_min(tiny)
+    root = torch.where(right > tiny, ratio, 0.0).amax(-1)[..., None, None]
+    factor = (limit * (1 - 1e-6) / root.clamp_min(tiny)).clamp_max(1.0)
+    return torch.where(finite, w * torch.where(root > limit, factor, 1.0), weights.double()).to(weights.dtype)

@@ -1,33 +1,34 @@
-"""Rows and frames -> ranges, map and steering: navigation by non-directional motion."""
+"""Rows and frames -> ranges, map and steering: navigation by non-directional motion.
 
-from ndtorch.navigation.avoidance import (
+Here are the names that people start with; the rest comes from its file.
+"""
+
+from ndtorch.navigation.compiled import CompiledNavigator
+from ndtorch.navigation.controllers import (
     CRUISE,
+    REVERSE,
     STOPPED,
     SUPPRESSED,
     TURN,
-    AvoidanceParams,
-    AvoidanceState,
     Command,
-    SaccadeAvoidance,
+    Controller,
+    controller_names,
+    make_controller,
 )
-from ndtorch.navigation.certainty import beam, certainty
-from ndtorch.navigation.compiled import CompiledNavigator
-from ndtorch.navigation.correspondence import Matches, MatchParams, match_features
-from ndtorch.navigation.features import FeatureParams, Features, find_features
-from ndtorch.navigation.floor import FloorMotion, FloorParams, FloorSeen, FloorState, FloorView, floor_view
-from ndtorch.navigation.log_odds import LogOddsMap, LogOddsState
-from ndtorch.navigation.mapping import Grid, GridMap, GridMapState
+from ndtorch.navigation.controllers.published import AvoidanceParams
+from ndtorch.navigation.controllers.ranging import RangingParams
+from ndtorch.navigation.correspondence import MatchParams
+from ndtorch.navigation.features import FeatureParams
+from ndtorch.navigation.mapping import Grid, GridMap
 from ndtorch.navigation.model import Navigator, NavigatorState
-from ndtorch.navigation.observations import ObservationList, Observations, free_length, path_is_free
-from ndtorch.navigation.odometry import DeadReckoning, Pose, drive_step, to_body, to_world
-from ndtorch.navigation.prediction import PredictedFeatures, PredictionState
-from ndtorch.navigation.ranging import Ranges, triangulate
-from ndtorch.navigation.ranging_control import RangingControl, RangingParams, RangingState
-from ndtorch.navigation.ranging_modes import REVERSE
+from ndtorch.navigation.observations import ObservationList
+from ndtorch.navigation.odometry import DeadReckoning, Pose
+from ndtorch.navigation.options import NavigatorOptions
+from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import Rect, StereoRig
-from ndtorch.navigation.sensors import RowRanging, RowRangingState, SubfieldMotion
+from ndtorch.navigation.row_ranging import RowRanging
 from ndtorch.navigation.strips import Strips, cut_strips
-from ndtorch.navigation.tracking import AlphaBetaTracker, TrackParams, Tracks
+from ndtorch.navigation.tracking import AlphaBetaTracker
 
 __all__ = [
     "CRUISE",
@@ -37,54 +38,26 @@ __all__ = [
     "TURN",
     "AlphaBetaTracker",
     "AvoidanceParams",
-    "AvoidanceState",
     "Command",
     "CompiledNavigator",
+    "Controller",
     "DeadReckoning",
     "FeatureParams",
-    "Features",
-    "FloorMotion",
-    "FloorParams",
-    "FloorSeen",
-    "FloorState",
-    "FloorView",
     "Grid",
     "GridMap",
-    "GridMapState",
-    "LogOddsMap",
-    "LogOddsState",
     "MatchParams",
-    "Matches",
     "Navigator",
+    "NavigatorOptions",
     "NavigatorState",
     "ObservationList",
-    "Observations",
     "Pose",
-    "PredictedFeatures",
-    "PredictionState",
     "Ranges",
-    "RangingControl",
     "RangingParams",
-    "RangingState",
     "Rect",
     "RowRanging",
-    "RowRangingState",
-    "SaccadeAvoidance",
     "StereoRig",
     "Strips",
-    "SubfieldMotion",
-    "TrackParams",
-    "Tracks",
-    "beam",
-    "certainty",
+    "controller_names",
     "cut_strips",
-    "drive_step",
-    "find_features",
-    "floor_view",
-    "free_length",
-    "match_features",
-    "path_is_free",
-    "to_body",
-    "to_world",
-    "triangulate",
+    "make_controller",
 ]

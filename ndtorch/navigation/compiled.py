@@ -14,10 +14,12 @@ from typing import Any
 
 import torch
 from torch import Tensor, nn
+from torch.utils._pytree import tree_leaves, tree_map
 
 from ndtorch.errors import InputError
-from ndtorch.navigation.avoidance import Command
+from ndtorch.navigation.controllers.contract import Command
 from ndtorch.navigation.fingerprint import code_fingerprint, fingerprint, machine_fingerprint
+from ndtorch.navigation.kept_code import KeptCode, UnusableFolder, cache_folder
 from ndtorch.navigation.mapping import GridMap
 from ndtorch.navigation.model import Navigator, NavigatorState
 from ndtorch.navigation.strips import Strips, cut_strips
@@ -41,11 +43,13 @@ class CompiledNavigator(nn.Module):
 
     Args:
         navigator: what to compile, on the CPU.
-        folder: for the compiled libraries; by default `ndtorch` in `$XDG_CACHE_HOME` or `~/.cache`.
-        say: told before something is compiled, which is the time to tell the user to wait.
+        folder: for the compiled libraries; by default `ndtorch` in `$XDG_CACHE_HOME` or `~/.cache`. Only its owner
+            can enter it, and a library is loaded only when its owner and the hash of its content are right.
+        say: told before something is compiled, which is the time to tell the user to wait, and where nothing can be
+            kept: then the navigator steps uncompiled. By default both are warnings.
 
     Raises:
-        InputError: no C++ compiler, a folder that cannot be written, frames that are not uint8 or several at once.
+        InputError: no C++ compiler, frames that are not uint8 or several at once.
     """
 
     grid_map: GridMap | None
@@ -55,10 +59,17 @@ class CompiledNavigator(nn.Module):
     ) -> None:
         super().__init__()
         self.navigator = navigator
-        self.folder, self.say = folder or cache_folder(), say
-        self.avoidance, self.motion, self.ranging = navigator.avoidance, navigator.motion, navigator.ranging
+        self.say = say or warn
+        self.kept: KeptCode | None = None
+        try:
+            self.kept = KeptCode(folder or cache_folder())
+        except UnusableFolder as trouble:
+            self.say(f"the navigation step cannot be kept compiled: {trouble}; it runs uncompiled")
+        self.controller, self.ranging = navigator.controller, navigator.ranging
         self.grid_map = navigator.grid_map
-        self.same = fingerprint((core_parts(navigator), code_fingerprint(), machine_fingerprint()))
+        self.same = fingerprint(
+            (core_parts(navigator), code_fingerprint(type(navigator.controller)), machine_fingerprint())
+        )
         self.functions: dict[Any, Function] = {}
 
     def forward(
@@ -69,19 +80,19 @@ class CompiledNavigator(nn.Module):
         driven: Command | None = None,
     ) -> tuple[Command, NavigatorState]:
         eyes = [self.strips(eye, side) for side, eye in enumerate((left, right))]
-        if state is None:
-            return self.navigator(*eyes, None, driven)  # type: ignore[no-any-return]
+        if state is None or self.kept is None:
+            return self.navigator(*eyes, state, driven)  # type: ignore[no-any-return]
         if driven is None:
             driven = Command(*(part.unsqueeze(-1) for part in state.command))
         memory = (state.map, state.observations, state.tracks)
         bare = state._replace(map=None, observations=None, tracks=None)
         given = (*eyes, bare, driven)
         frames = [part for eye in eyes for part in eye]
-        tensors = frames + [part.contiguous() for part in leaves(given[2:])]
+        tensors = frames + [part.contiguous() for part in tensors_of(given[2:])]
         kind = tuple((part.shape, part.dtype) for part in tensors) + tuple(part.stride() for part in frames)
         function = self.functions.get(kind)
         if function is None:
-            function = self.functions[kind] = self.library(kind, given, tensors)
+            function = self.functions[kind] = self.library(self.kept, kind, given, tensors)
         found = iter(function(tensors))
         command = rebuild(driven, found)
         state = rebuild(bare, found)
@@ -106,7 +117,7 @@ class CompiledNavigator(nn.Module):
                     f"expected frames [..., 1, C, {self.ranging.rig.height}, {self.ranging.rig.width}], "
                     f"got {tuple(eye.shape)}"
                 )
-            eye = cut_strips(eye, self.motion.fields[side], self.ranging.rig)
+            eye = cut_strips(eye, self.controller.fields[side], self.ranging.rig)
         for part in eye:
             if part.dtype != torch.uint8 or part.ndim < 4 or part.shape[-4] != 1:
                 raise InputError(
@@ -115,14 +126,33 @@ class CompiledNavigator(nn.Module):
                 )
         return Strips(*map(dense, eye))
 
-    def library(self, kind: tuple[Any, ...], given: tuple[Any, ...], tensors: list[Tensor]) -> Function:
+    def library(self, kept: KeptCode, kind: tuple[Any, ...], given: tuple[Any, ...], tensors: list[Tensor]) -> Function:
         """Load the function for such inputs, compiling it unless that was done before."""
-        file = self.folder / f"step-{fingerprint((self.same, kind))[:24]}.pt2"
-        if not file.exists():
-            compile_step(self.navigator, given, tensors, file, self.say)
-        import torch._inductor
+        name = f"step-{fingerprint((self.same, kind))[:24]}"
+        file, wrong = kept.find(name)
+        if file is not None:
+            try:
+                return load_step(file)
+            except RuntimeError as error:
+                wrong = f"{file} cannot be loaded ({str(error).splitlines()[0]})"
+                kept.remove(file)
+        self.say(
+            (f"{wrong}; " if wrong else "")
+            + f"compiling the navigation step, once, into {kept.folder}; this takes a minute or so"
+        )
+        return load_step(compile_step(self.navigator, given, tensors, kept, name))
 
-        return torch._inductor.aoti_load_package(str(file)).loader.run
+
+def load_step(file: Path) -> Function:
+    """The function in a library."""
+    import torch._inductor
+
+    return torch._inductor.aoti_load_package(str(file)).loader.run
+
+
+def warn(line: str) -> None:
+    """Tell whoever did not say how to be told."""
+    warnings.warn(line, stacklevel=3)
 
 
 class Core(nn.Module):
@@ -135,34 +165,26 @@ class Core(nn.Module):
     def forward(self, *tensors: Tensor) -> list[Tensor]:
         given = rebuild(self.like, iter(tensors))
         # Outputs become inputs of the next step, whose strides are compiled in.
-        return [part.contiguous() for part in leaves(self.navigator.see_and_steer(*given))]
+        return [part.contiguous() for part in tensors_of(self.navigator.see_and_steer(*given))]
 
 
 def compile_step(
-    navigator: Navigator,
-    given: tuple[Any, ...],
-    tensors: list[Tensor],
-    file: Path,
-    say: Callable[[str], None] | None = None,
-) -> None:
-    """Write the library for steps that get tensors like those of `given`."""
+    navigator: Navigator, given: tuple[Any, ...], tensors: list[Tensor], kept: KeptCode, name: str
+) -> Path:
+    """Write the library for steps that get tensors like those of `given`, and keep it under a name."""
     compiler = os.environ.get("CXX", "g++")
     if shutil.which(compiler) is None:
         raise InputError(f"compiling the navigation step needs a C++ compiler, and there is no {compiler}")
-    if say is not None:
-        say(f"compiling the navigation step, once, into {file}; this takes a minute or so")
     # Only their kind matters. Those of an inference mode could not be used.
     with torch.inference_mode(False):
         examples = tuple(torch.empty_strided(t.shape, t.stride(), dtype=t.dtype).zero_() for t in tensors)
     try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        # Beside it and moved, so that two processes never load half a file.
-        with tempfile.TemporaryDirectory(dir=file.parent) as folder, quiet(), torch.inference_mode(False):
+        with tempfile.TemporaryDirectory(dir=kept.folder) as folder, quiet(), torch.inference_mode(False):
             program = torch.export.export(Core(navigator, given), examples, strict=False)
             made = torch._inductor.aoti_compile_and_package(program, package_path=f"{folder}/step.pt2")
-            Path(str(made)).replace(file)
+            return kept.keep(name, Path(str(made)))
     except OSError as error:
-        raise InputError(f"cannot keep the compiled step in {file.parent}: {error}") from None
+        raise InputError(f"cannot keep the compiled step in {kept.folder}: {error}") from None
 
 
 @contextmanager
@@ -181,12 +203,7 @@ def quiet() -> Iterator[None]:
 
 def core_parts(navigator: Navigator) -> list[Any]:
     """What decides how a navigator sees and steers."""
-    return [navigator.motion, navigator.avoidance, navigator.ranging, navigator.reckoning]
-
-
-def cache_folder() -> Path:
-    """Where compiled libraries are kept."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ndtorch"
+    return [navigator.controller, navigator.ranging, navigator.reckoning]
 
 
 def dense(pixels: Tensor) -> Tensor:
@@ -196,18 +213,11 @@ def dense(pixels: Tensor) -> Tensor:
     return pixels.contiguous()
 
 
-def leaves(value: Any) -> list[Tensor]:
+def tensors_of(value: Any) -> list[Tensor]:
     """All tensors of nested tuples, in order."""
-    if isinstance(value, Tensor):
-        return [value]
-    return [part for item in value for part in leaves(item)] if isinstance(value, tuple) else []
+    return [part for part in tree_leaves(value) if isinstance(part, Tensor)]
 
 
 def rebuild(like: Any, tensors: Iterator[Tensor]) -> Any:
     """Nested tuples like those, with other tensors; whatever is not a tensor stays."""
-    if isinstance(like, Tensor):
-        return next(tensors)
-    if not isinstance(like, tuple):
-        return like
-    parts = [rebuild(item, tensors) for item in like]
-    return type(like)(*parts) if hasattr(like, "_fields") else tuple(parts)
+    return tree_map(lambda part: next(tensors) if isinstance(part, Tensor) else part, like)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import platform
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
@@ -42,11 +43,13 @@ def words(value: Any) -> list[bytes]:
 
 
 @cache
-def code_fingerprint() -> str:
-    """Of the package's own code and of PyTorch's version."""
+def code_fingerprint(controller: type | None = None) -> str:
+    """Of the package's own code, of the file of a controller that may come from elsewhere, and of PyTorch's version."""
     root = Path(__file__).resolve().parents[1]
-    files = sorted([*(root / "navigation").glob("*.py"), *(root / "vision").glob("*.py")])
-    return fingerprint([torch.__version__, *((file.name, file.read_bytes()) for file in files)])
+    own = inspect.getsourcefile(controller) if controller is not None else None
+    files = sorted([*(root / "navigation").rglob("*.py"), *(root / "vision").rglob("*.py")])
+    code = [(file.relative_to(root).as_posix(), file.read_bytes()) for file in files]
+    return fingerprint([torch.__version__, code, Path(own).read_bytes() if own else None])
 
 
 @cache

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import torch
 from torch import Tensor, nn
@@ -14,6 +14,9 @@ from ndtorch.navigation.certainty import REACH, BeamTable, beam_table, sample_ce
 from ndtorch.navigation.odometry import Pose, to_world
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import StereoRig
+from ndtorch.navigation.tiles import Tiles, add_at, cell_tables, check_tiles, empty_tiles
+
+Certainty = Literal["beams", "log-odds"]
 
 
 @dataclass(frozen=True)
@@ -50,42 +53,77 @@ class Grid:
         """Number of cells along x."""
         return math.ceil(round((self.right - self.left) / self.cell, 6))
 
-    def empty(self, batch: tuple[int, ...], like: Tensor) -> Tensor:
-        """Zeros `[*batch, rows + 2, columns + 2]`: the cells and a margin that collects what lies outside."""
-        return like.new_zeros(*batch, self.rows + 2, self.columns + 2)
-
     def inner(self, cells: Tensor) -> Tensor:
-        """The cells without their margin, a view `[..., rows, columns]`."""
+        """The cells without what is around them in a map's state, a view `[..., rows, columns]`."""
         return cells.narrow(-2, 1, self.rows).narrow(-1, 1, self.columns)
 
-    def find(self, x: Tensor, y: Tensor) -> Tensor:
-        """Number of the cell that holds each point, counted along the rows with their margin."""
+    def find(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+        """Row and column of the cell that holds each point; 0, or one more than there are, is a margin outside."""
         # Truncation is a floor here: the cells begin at 1, and what is below falls into the margin, 0.
         scale = 1 / self.cell
         column = ((x - (self.left - self.cell)) * scale).clamp(0, self.columns + 1).to(torch.int64)
         row = ((y - (self.bottom - self.cell)) * scale).clamp(0, self.rows + 1).to(torch.int64)
-        return row.mul_(self.columns + 2).add_(column)
+        return row, column
 
     def centre(self, row: Tensor, column: Tensor) -> tuple[Tensor, Tensor]:
         """x and y of the middle of a cell, m."""
         return self.left + (column + 0.5) * self.cell, self.bottom + (row + 0.5) * self.cell
 
 
-class GridMapState(NamedTuple):
-    """State of `GridMap`: summed certainty `[..., rows + 2, columns + 2]`, the outermost ones a margin."""
+@dataclass(frozen=True)
+class LogOdds:
+    """Numbers of a map of log-odds, `log(p / (1 - p))` for the probability p that something is in a cell.
 
-    cells: Tensor
+    Args:
+        hit: what one observation adds in all, spread over its cells.
+        miss: what it takes from each cell on the line of sight.
+        clear: the line of sight counts as seen free up to this share of the range.
+        limit: log-odds stay within this, so that the map can change its mind.
+
+    Raises:
+        InputError: a number out of range.
+    """
+
+    hit: float = 2.0
+    miss: float = 0.1
+    clear: float = 0.85
+    limit: float = 6.0
+
+    def __post_init__(self) -> None:
+        if not (self.hit > 0 and self.miss >= 0 and 0 < self.clear < 1 and self.limit > 0):
+            raise InputError(f"expected hit > 0, miss >= 0, 0 < clear < 1 and limit > 0, got {self}")
+
+
+class GridMapState(NamedTuple):
+    """State of `GridMap`.
+
+    Attributes:
+        tiles: summed certainty, or log-odds, in tiles; the first and last cell of the grid's rows and columns are a
+            margin that collects what lies outside. A step shares the tiles it does not touch with the state before.
+    """
+
+    tiles: Tiles
+
+    @property
+    def cells(self) -> Tensor:
+        """All cells `[..., R, C]`, put together anew; `Grid.inner` cuts out the grid's."""
+        return self.tiles.cells
 
 
 class GridMap(nn.Module):
-    """Allocentric map of [A §2.3]: the sum of the beam products placed at the dead-reckoned poses.
+    """Allocentric map: what was ranged, placed at the dead-reckoned poses.
 
-    The value of a cell is the mean of `certainty` over its area, summed over all observations; only cells
-    near the beams are touched. `normalise` divides by the largest, which the paper does once at the end.
+    With `certainty="beams"` it is the map of [A §2.3]: the value of a cell is the mean of `certainty` over its area,
+    summed over all observations. `normalise` divides by the largest, which the paper does once at the end. With
+    `"log-odds"` it is the Bayesian map that [A §2.3] leaves open: each observation adds log-odds where its feature
+    is certain to be, and takes some away on the line of sight before it, because what is seen is not hidden;
+    `cells` are log-odds and 0 is unknown. On drives of 40 s (seed 1) the beams have the larger share of their mass at
+    true edges, and log-odds find as many of the visible edges or more: precision 0.87 against 0.82 and recall 0.30
+    against 0.50 in the curve, 0.93 against 0.91 and 0.66 both in the hallway.
 
-    Called as `map, state = grid_map(ranges, pose, state)`; row 0 of `map` is at the smallest y.
-    **The cells are changed in place**, because copying 4 million of them takes longer than all else together:
-    keep a `clone()` of a state that is to be used again. What is seen outside the grid is ignored.
+    Called as `cells, state = grid_map(ranges, pose, state)`; row 0 of `cells` is at the smallest y. Only cells near
+    the beams are touched, and `update` gives the state without putting all cells together. What is seen outside the
+    grid is ignored.
 
     Shapes:
         ranges `[..., T, n]`, pose `[..., T]` -> cells `[..., rows, columns]`. `state=None` starts empty.
@@ -95,36 +133,93 @@ class GridMap(nn.Module):
         grid: the part of the world to map.
         reach: space constant R_b of the beams, m.
         farthest: range up to which places along a beam are at most half a cell apart, m.
+        certainty: what a cell holds, `"beams"` or `"log-odds"`.
+        odds: numbers of the log-odds.
 
     Raises:
-        InputError: ranges and poses that do not belong together, or cells of another size.
+        InputError: ranges and poses that do not belong together, or a state of another grid.
     """
 
     tangent: Tensor
     weight: Tensor
+    line: Tensor
+    down: Tensor
+    across: Tensor
 
-    def __init__(self, rig: StereoRig, grid: Grid | None = None, reach: float = REACH, farthest: float = 2.2) -> None:
+    def __init__(
+        self,
+        rig: StereoRig,
+        grid: Grid | None = None,
+        reach: float = REACH,
+        farthest: float = 2.2,
+        certainty: Certainty = "beams",
+        odds: LogOdds | None = None,
+    ) -> None:
         super().__init__()
         if not reach > 0:
             raise InputError(f"reach must be > 0 m, got {reach}")
+        if certainty not in get_args(Certainty):
+            raise InputError(f"certainty must be 'beams' or 'log-odds', got {certainty!r}")
         self.rig, self.grid, self.reach = rig, grid or Grid(), reach
+        self.certainty, self.odds = certainty, odds or LogOdds()
         table = beam_table(rig, farthest, self.grid.cell / 2)
         self.register_buffer("tangent", table.tangent, persistent=False)
         self.register_buffer("weight", table.weight, persistent=False)
+        # One place a cell at the farthest range: nearer lines meet a cell more often than once, see `sight`.
+        line = torch.linspace(0.0, self.odds.clear, math.ceil(farthest / self.grid.cell))
+        self.register_buffer("line", line, persistent=False)
+        down, across = cell_tables(self.grid.rows + 2, self.grid.columns + 2)
+        self.register_buffer("down", down, persistent=False)
+        self.register_buffer("across", across, persistent=False)
 
     def forward(self, ranges: Ranges, pose: Pose, state: GridMapState | None = None) -> tuple[Tensor, GridMapState]:
-        batch = check_observations(ranges, pose)
-        cells = self.grid.empty(batch, ranges.x) if state is None else state.cells
-        if cells.shape != (*batch, self.grid.rows + 2, self.grid.columns + 2):
-            raise InputError(f"cells of shape {tuple(cells.shape)} do not fit batch {batch} and {self.grid}")
-        x, y, weight = sample_certainty(ranges, self.rig, BeamTable(self.tangent, self.weight), self.reach)
-        x, y = to_world(Pose(*(part.unsqueeze(-1).unsqueeze(-1) for part in pose)), x, y)
-        add_at(cells, self.grid.find(x, y), weight * (1 / self.grid.cell**2))
-        return self.grid.inner(cells), GridMapState(cells)
+        state = self.update(ranges, pose, state)
+        return self.grid.inner(state.cells), state
+
+    def update(self, ranges: Ranges, pose: Pose, state: GridMapState | None = None) -> GridMapState:
+        """The state after ranges `[..., T, n]` seen from poses `[..., T]`."""
+        batch, size = check_observations(ranges, pose), (self.grid.rows + 2, self.grid.columns + 2)
+        tiles = empty_tiles(batch, *size, ranges.x) if state is None else state.tiles
+        check_tiles(tiles, batch, *size)
+        pose = Pose(*(part.unsqueeze(-1).unsqueeze(-1) for part in pose))
+        if self.certainty == "beams":
+            x, y, weight = sample_certainty(ranges, self.rig, BeamTable(self.tangent, self.weight), self.reach)
+            number = self.numbers(*to_world(pose, x, y))
+            return GridMapState(add_at(tiles, number.flatten(-3), (weight * (1 / self.grid.cell**2)).flatten(-3)))
+        x, y, change = self.sight(ranges)
+        number = self.numbers(*to_world(pose, x, y))
+        for t in range(number.shape[-3]):  # frame by frame, because no frame may take a cell over the limit
+            at, now = number[..., t, :, :].flatten(-2), change[..., t, :, :].flatten(-2)
+            tiles = add_at(tiles, at, now, self.odds.limit)
+        return GridMapState(tiles)
+
+    def numbers(self, x: Tensor, y: Tensor) -> Tensor:
+        """Numbers of the cells that hold points of the world, as `add_at` wants them."""
+        row, column = self.grid.find(x, y)
+        down, across = self.down.index_select(0, row.flatten()), self.across.index_select(0, column.flatten())
+        return down.add_(across).view(row.shape)
+
+    def sight(self, ranges: Ranges) -> tuple[Tensor, Tensor, Tensor]:
+        """Places of the features and of the lines of sight to them, and the change of log-odds there."""
+        x, y, weight = sample_certainty(ranges, self.rig, BeamTable(self.tangent, self.weight), math.inf)
+        share = weight / weight.sum(-1, keepdim=True).clamp(min=torch.finfo(weight.dtype).tiny)
+        seen = ranges.valid.unsqueeze(-1).to(share.dtype)
+        ahead, aside = ranges.x.unsqueeze(-1) - self.rig.forward, ranges.y.unsqueeze(-1)
+        # So many places of the line fall into one cell: together they take `miss`, not each.
+        length = torch.hypot(ahead, aside) * float(self.line[-1])
+        crowding = (length / (len(self.line) * self.grid.cell)).clamp(max=1.0)
+        line_x, line_y = self.rig.forward + ahead * self.line, aside * self.line
+        free = (-self.odds.miss * crowding * seen).expand(line_x.shape)
+        return (
+            torch.cat((x, line_x), -1),
+            torch.cat((y, line_y), -1),
+            torch.cat((share * seen * self.odds.hit, free), -1),
+        )
 
     @staticmethod
     def normalise(cells: Tensor) -> Tensor:
-        """Cells divided by the largest of their map, 0..1; an empty map stays zero. [A §2.3]"""
+        """Cells divided by the largest of their map, 0..1; what is less than zero becomes zero. [A §2.3]"""
+        cells = cells.clamp(min=0)
         largest = cells.amax((-2, -1), keepdim=True)
         return cells / torch.where(largest > 0, largest, 1.0)
 
@@ -136,17 +231,3 @@ def check_observations(ranges: Ranges, pose: Pose) -> tuple[int, ...]:
             f"expected ranges [..., T, n] and poses [..., T], got {tuple(ranges.x.shape)} and {tuple(pose.x.shape)}"
         )
     return tuple(ranges.x.shape[:-2])
-
-
-def add_at(cells: Tensor, number: Tensor, weight: Tensor) -> Tensor:
-    """Add weights `[..., T, n, S]` in place to the cells `[..., rows + 2, columns + 2]` of those numbers.
-
-    Returns the numbers in `cells.view(-1)` of the cells that were touched, some of them more than once.
-    """
-    size = cells.shape[-2] * cells.shape[-1]
-    if cells.ndim > 2:
-        maps = torch.arange(cells.numel() // size, device=cells.device) * size
-        number = number + maps.view(*cells.shape[:-2], 1, 1, 1)
-    number = number.flatten()
-    cells.view(-1).index_add_(0, number, weight.flatten())
-    return number

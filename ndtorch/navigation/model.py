@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
 
 from ndtorch.errors import InputError
-from ndtorch.navigation.avoidance import AvoidanceParams, AvoidanceState, Command, SaccadeAvoidance
+from ndtorch.navigation.controllers.contract import Command, Controller, ranges_at, stack_commands
+from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, make_controller
 from ndtorch.navigation.correspondence import MatchParams
 from ndtorch.navigation.features import FeatureParams
-from ndtorch.navigation.floor import FloorMotion
 from ndtorch.navigation.mapping import GridMap, GridMapState
 from ndtorch.navigation.observations import ObservationList, Observations
 from ndtorch.navigation.odometry import DeadReckoning, Pose
 from ndtorch.navigation.ranging import Ranges
-from ndtorch.navigation.ranging_control import RangingControl, RangingParams, RangingState
-from ndtorch.navigation.rig import AngleModel, Rect, StereoRig
-from ndtorch.navigation.sensors import RowRanging, RowRangingState, SubfieldMotion
+from ndtorch.navigation.rig import AngleModel, StereoRig
+from ndtorch.navigation.row_ranging import RowRanging, RowRangingState
 from ndtorch.navigation.strips import Strips
 from ndtorch.navigation.tracking import AlphaBetaTracker, Tracks
 from ndtorch.vision.temporal import FilterState
-
-Controller = Literal["published", "ranging"]
 
 
 class NavigatorState(NamedTuple):
@@ -31,20 +28,22 @@ class NavigatorState(NamedTuple):
 
     Attributes:
         fields, rows: states of what reads the subfields and the horizon rows.
-        avoidance: the controller's own state.
+        control: the controller's own state, a NamedTuple of tensors.
         command: the last command, `[...]`, driven until the next frame.
         pose: where the car was at the last frame, `[...]`.
         sides: speed estimates of the last frame, `[..., 2]`.
+        difference: what the controller weighed then, `[...]`; `Controller.trace` says what it is.
         ranges: of the last frame, `[..., n]`.
         map, observations, tracks: states of those parts, None where the navigator has none.
     """
 
     fields: FilterState
     rows: RowRangingState
-    avoidance: AvoidanceState | RangingState
+    control: Any
     command: Command
     pose: Pose
     sides: Tensor
+    difference: Tensor
     ranges: Ranges
     map: GridMapState | None
     observations: Observations | None
@@ -54,11 +53,11 @@ class NavigatorState(NamedTuple):
 class Navigator(nn.Module):
     """Avoids obstacles and ranges what it passes: the architecture of [A] as one module.
 
-    Two controllers can sit at its wheel: `"published"`, the saccades of [A], and `"ranging"`, which drives
-    where it has seen floor (`RangingControl`). Only the two subfields and the two horizon rows are read. At
-    the first frame the car is at the origin and stands still. Nearly all the time of a step goes into calling
-    torch, not into sums: it takes a fifth less under `torch.inference_mode()`, and a batch of 64 cars takes
-    four times as long as one.
+    Any `Controller` can sit at its wheel: `"ranging"`, which drives where it has seen floor, `"published"`, the
+    saccades of [A], or one of your own. Only two rectangles, which the controller chooses, and the two horizon
+    rows are read. At the first frame the car is at the origin and stands still. Nearly all the time of a step goes
+    into calling torch, not into sums: it takes a fifth less under `torch.inference_mode()`, and a batch of 64 cars
+    takes four times as long as one.
 
     Shapes:
         left, right: frames `[..., T, C, H, W]` of the two cameras, uint8 or float in 0..1, C = 3 (RGB) or 1,
@@ -70,13 +69,12 @@ class Navigator(nn.Module):
     Args:
         rig: the camera pair.
         dt: time step, s.
-        avoidance, features, matching: parameters of the steps; `avoidance` of the published controller.
-            `FeatureParams(7, edge_reach=4, shared=True)` ranges better than the published default.
+        controller: the name of a controller (`controller_names`), or one that was made for this rig and step.
+        params: parameters of the controller that is named, an instance of its `Params`.
+        features, matching: parameters of the ranging. `FeatureParams(7, edge_reach=4, shared=True)` ranges better
+            than the published default.
         angles: `"atan"` (exact) or `"linear"` (as published).
-        fields: the subfields of the published controller; `rig.subfields()` by default.
         grid_map, observations, tracker: parts to fill with the ranges; none by default.
-        controller: `"published"` or `"ranging"`.
-        ranging: parameters of the ranging controller.
 
     Raises:
         InputError: an unknown controller, or parameters of the other one; frames that cannot be used: two sizes,
@@ -88,30 +86,21 @@ class Navigator(nn.Module):
         rig: StereoRig,
         dt: float,
         *,
-        avoidance: AvoidanceParams | None = None,
+        controller: str | Controller = DEFAULT_CONTROLLER,
+        params: object | None = None,
         features: FeatureParams | None = None,
         matching: MatchParams | None = None,
         angles: AngleModel = "atan",
-        fields: tuple[Rect, Rect] | None = None,
         grid_map: GridMap | None = None,
         observations: ObservationList | None = None,
         tracker: AlphaBetaTracker | None = None,
-        controller: Controller = "published",
-        ranging: RangingParams | None = None,
     ) -> None:
         super().__init__()
-        if controller not in ("published", "ranging"):
-            raise InputError(f"controller must be 'published' or 'ranging', got {controller!r}")
-        foreign = ranging if controller == "published" else avoidance or fields
-        if foreign is not None:
-            raise InputError(f"the {controller} controller cannot use {type(foreign).__name__}")
-        self.motion: SubfieldMotion | FloorMotion
-        self.avoidance: SaccadeAvoidance | RangingControl
-        if controller == "published":
-            self.motion, self.avoidance = SubfieldMotion(rig, dt, fields), SaccadeAvoidance(dt, avoidance)
-        else:
-            self.avoidance = RangingControl(rig, dt, ranging)
-            self.motion = FloorMotion(rig, dt, self.avoidance.params.floor)
+        if isinstance(controller, str):
+            controller = make_controller(controller, rig, dt, params)
+        elif params is not None:
+            raise InputError("params belong to a controller that is named; this one was made already")
+        self.controller: Controller = controller
         self.ranging = RowRanging(rig, dt, features, matching, angles)
         self.reckoning = DeadReckoning(dt)
         self.grid_map, self.observations, self.tracker = grid_map, observations, tracker
@@ -136,34 +125,26 @@ class Navigator(nn.Module):
         """All but the memory: command, state, and the ranges and poses of every frame, which `remember` takes."""
         left_field, left_row = strips(left)
         right_field, right_row = strips(right)
-        motion, fields = self.motion(left_field, right_field, state.fields if state else None)
+        seen, fields = self.controller.see(left_field, right_field, state.fields if state else None)
         ranges, rows = self.ranging(left_row, right_row, state.rows if state else None)
-        time = motion.shape[: ranges.x.ndim - 1]
-        if ranges.x.shape[:-1] != time:
+        if seen.shape[: ranges.x.ndim - 1] != ranges.x.shape[:-1]:
             raise InputError(
                 f"subfields and rows must be of the same frames, "
                 f"got {tuple(left_field.shape)} and {tuple(left_row.shape)}"
             )
-        if isinstance(self.avoidance, RangingControl):
-            command, avoidance, poses, pose = self.steer(self.avoidance, motion, ranges, state, driven)
-            sides = motion.flatten(-2).amax(-1)
-        else:
-            sides = motion
-            command, avoidance = self.avoidance(sides, state.avoidance if state else None)
-            if driven is None:
-                driven = Command(*(delayed(c, b) for c, b in zip(command, before(state, command), strict=True)))
-            poses, pose = self.reckoning(driven.speed, driven.curvature, state.pose if state else None)
+        command, control, poses, pose = self.steer(seen, ranges, state, driven)
+        sides, difference = self.controller.sides(seen), self.controller.difference(control)
         last = Command(command.speed[..., -1], command.curvature[..., -1])
         now = Ranges(*(part[..., -1, :] for part in ranges))
         memory = (state.map, state.observations, state.tracks) if state else (None, None, None)
-        state = NavigatorState(fields, rows, avoidance, last, pose, sides[..., -1, :], now, *memory)
+        state = NavigatorState(fields, rows, control, last, pose, sides[..., -1, :], difference, now, *memory)
         return command, state, ranges, poses
 
     def remember(self, state: NavigatorState, ranges: Ranges, poses: Pose) -> NavigatorState:
         """Fill the map, the observation list and the tracks, as far as there are any."""
         grid, seen, tracks = state.map, state.observations, state.tracks
         if self.grid_map is not None:
-            _, grid = self.grid_map(ranges, poses, grid)
+            grid = self.grid_map.update(ranges, poses, grid)
         if self.observations is not None:
             _, seen = self.observations(ranges, poses, seen)
         if self.tracker is not None:
@@ -171,38 +152,29 @@ class Navigator(nn.Module):
         return state._replace(map=grid, observations=seen, tracks=tracks)
 
     def mode(self, state: NavigatorState) -> Tensor:
-        """What the controller is doing, `[...]`: `CRUISE`, `TURN`, `SUPPRESSED`, `STOPPED` or `REVERSE`."""
-        mode: Tensor = self.avoidance.mode(state.avoidance)  # type: ignore[arg-type]
-        return mode
+        """What the controller is doing, `[...]`: one of its `modes`, `CRUISE`, `TURN`, ..."""
+        return self.controller.mode(state.control)
 
     def steer(
-        self,
-        control: RangingControl,
-        cells: Tensor,
-        ranges: Ranges,
-        state: NavigatorState | None,
-        driven: Command | None,
-    ) -> tuple[Command, RangingState, Pose, Pose]:
+        self, seen: Tensor, ranges: Ranges, state: NavigatorState | None, driven: Command | None
+    ) -> tuple[Command, Any, Pose, Pose]:
         """Frame by frame, because what is done at one frame is what was driven on the way to the next."""
-        places, valid = torch.stack((ranges.x, ranges.y), -2), ranges.valid
         still = torch.zeros_like(ranges.x[..., 0, 0])
         pose = state.pose if state else Pose(still, still, still)
-        mine = control.start(pose)
-        if state is not None:
-            assert isinstance(state.avoidance, RangingState)
-            mine = state.avoidance
         last = state.command if state else Command(still, still)
+        dim = ranges.x.ndim - 2
+        control = state.control if state else self.controller.start(seen.select(dim, 0), pose)
         commands, poses = [], []
         for t in range(ranges.x.shape[-2]):
             if driven is not None:
                 last = Command(driven.speed[..., t], driven.curvature[..., t])
             pose = self.reckoning.step(pose, last.speed, last.curvature)
-            last, mine = control.step(cells[..., t, :, :, :], places[..., t, :, :], valid[..., t, :], pose, last, mine)
+            last, control = self.controller.step(seen.select(dim, t), ranges_at(ranges, t), pose, last, control)
             commands.append(last)
             poses.append(pose)
         return (
-            Command(*(torch.stack(parts, -1) for parts in zip(*commands, strict=True))),
-            mine,
+            stack_commands(commands),
+            control,
             Pose(*(torch.stack(parts, -1) for parts in zip(*poses, strict=True))),
             pose,
         )
@@ -211,16 +183,3 @@ class Navigator(nn.Module):
 def strips(eye: Tensor | Strips) -> Strips:
     """Whole frames stand for both of their strips: each step cuts its own."""
     return eye if isinstance(eye, Strips) else Strips(eye, eye)
-
-
-def before(state: NavigatorState | None, command: Command) -> Command:
-    """The command in force when the first frame was taken: standing still where nothing went before."""
-    if state is not None:
-        return state.command
-    still = torch.zeros_like(command.speed[..., 0])
-    return Command(still, still)
-
-
-def delayed(values: Tensor, first: Tensor) -> Tensor:
-    """Values `[..., T]` one step later, beginning with `first` `[...]`."""
-    return torch.cat([first.unsqueeze(-1), values[..., :-1]], -1)

@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-import torch
 
-from ndtorch.binding.readout.weights import SMALLEST_WEIGHT, simplified
 from ndtorch.report.palette import STYLES
-from ndtorch.run.result import BindResult, Floats, Pixels
+from ndtorch.run.result import Floats, RunResult
+from ndtorch.run.watchers import Pixels
 from ndtorch.vision.features import FEATURES, GROUPS
 
 if TYPE_CHECKING:
@@ -42,7 +41,7 @@ MEANING = {
 """What each verdict says, in the words of a title."""
 
 
-def draw_all(result: BindResult, folder: str | Path) -> list[Path]:
+def draw_all(result: RunResult, folder: str | Path) -> list[Path]:
     """Write outputs.png, weights.png, weights_over_time.png and frames.png into `folder`, made if missing."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -55,7 +54,7 @@ def draw_all(result: BindResult, folder: str | Path) -> list[Path]:
     return [draw(result, folder / f"{name}.png") for name, draw in drawings.items()]
 
 
-def draw_outputs(result: BindResult, path: str | Path) -> Path:
+def draw_outputs(result: RunResult, path: str | Path) -> Path:
     """Second-stage outputs over time, one trace a neuron; owners of objects are bold. [B fig. 8a, 10]"""
     figure = new_figure(result, "outputs of the second stage", 9.6, 5.0)
     axes = inches(figure, 0.75, 0.58, 6.95, 3.75)
@@ -68,22 +67,24 @@ def draw_outputs(result: BindResult, path: str | Path) -> Path:
     return save(figure, path)
 
 
-def draw_weights(result: BindResult, path: str | Path) -> Path:
-    """The final 10 x 10 weights beside what the object table keeps of them. [B fig. 8d, e]"""
+def draw_weights(result: RunResult, path: str | Path) -> Path:
+    """The final 10 x 10 weights beside the table of objects, owners as columns. [B fig. 8d, e]"""
     raw = result.final_weights
-    if result.table is None:
-        kept = simplified(torch.from_numpy(raw)).numpy()
-    else:
-        kept = result.table.rows.mT.float().fill_diagonal_(0).cpu().numpy()
+    assert result.table is not None
+    kept = result.table.rows.mT.float().cpu().numpy() if result.objects else np.zeros_like(raw)
     figure = new_figure(result, "weights of the second stage", 13.2, 6.7)
     largest = float(raw.max())
     panels = {
         "as learned": (raw, largest or 1.0),
-        "simplified: divided by the largest, below 1/3 removed": (kept, 1.0),
+        "as read: a column of features for every object": (kept, 1.0),
     }
     for left, (title, (values, top)) in zip((1.0, 7.45), panels.items(), strict=True):
-        picture = draw_matrix(inches(figure, left, 0.95, 4.85, 4.55), values, top)
+        read = values is kept
+        empty = "no objects" if read else "all weights are zero"
+        picture = draw_matrix(inches(figure, left, 0.95, 4.85, 4.55), values, top, empty)
         axes = picture.axes
+        if read:
+            axes.set(xlabel="Each column: the object of this neuron", ylabel="Each row: its share of this feature")
         axes.set_title(title, fontsize=11, pad=24 if result.objects else 8)
         for thing in result.objects:
             axes.annotate(
@@ -103,7 +104,7 @@ def draw_weights(result: BindResult, path: str | Path) -> Path:
     return save(figure, path)
 
 
-def draw_weights_over_time(result: BindResult, path: str | Path) -> Path:
+def draw_weights_over_time(result: RunResult, path: str | Path) -> Path:
     """The weights that each owner sends to the other neurons over time, a panel an owner. [B fig. 8b, c]
 
     Without owners: the `COLUMNS_SHOWN` neurons with the largest sums of weights.
@@ -117,15 +118,12 @@ def draw_weights_over_time(result: BindResult, path: str | Path) -> Path:
     figure = new_figure(result, "weights over time", 2.3 + 4.4 * across, height)
     times, samples = result.weights.times - result.settle, result.weights.samples
     top = max(1.08 * float(samples.max(initial=0.0)), 1e-3)
-    threshold = float(result.final_weights.max()) * SMALLEST_WEIGHT
     for place, k in enumerate(shown):
         row, column = divmod(place, across)
         axes = inches(figure, 0.75 + 4.4 * column, height - 3.25 - 2.9 * row, 3.5, 2.35)
         axes.set_ylim(0, top)
         bold = [FEATURES.index(n) for n in things[k].features if n != FEATURES[k]] if k in things else []
         draw_traces(axes, times, samples[:, :, k], [j for j in range(10) if j != k], bold)
-        if threshold > 0:
-            axes.axhline(threshold, color="0.5", lw=0.8, zorder=1)
         axes.set_title(
             f"from the {FEATURES[k]} neuron to:", fontsize=10, color=STYLES[FEATURES[k]].color, weight="bold"
         )
@@ -133,12 +131,12 @@ def draw_weights_over_time(result: BindResult, path: str | Path) -> Path:
             axes.set_ylabel("weight")
         if place + across >= len(shown):
             axes.set_xlabel(TIME_LABEL)
-    features = "bold: feature of\nthe object, weight\nover 1/3 of largest\n(grey line)"
+    features = "bold: feature of\nthe object"
     add_legend(figure, features if things else "no neuron owns\nan object; these\nsend the most", [])
     return save(figure, path)
 
 
-def draw_frames(result: BindResult, path: str | Path) -> Path:
+def draw_frames(result: RunResult, path: str | Path) -> Path:
     """Input beside enhanced image at the clearest moment of every winner, in the order of time. [C fig. 6]"""
     moments = sorted(result.moments.values(), key=lambda moment: moment.time)
     if not moments:
@@ -224,13 +222,14 @@ def draw_traces(
         )
 
 
-def draw_matrix(axes: Axes, values: Floats, top: float) -> AxesImage:
+def draw_matrix(axes: Axes, values: Floats, top: float, empty: str = "all weights are zero") -> AxesImage:
     """A 10 x 10 matrix with the names of the features, its groups apart and its large values in the cells.
 
     Args:
         axes: where to draw.
         values: `[10, 10]`, `values[n, k]` the weight from neuron k to neuron n.
         top: value of the darkest colour; cells of a third of it and more show their value.
+        empty: what is written where there is nothing.
     """
     picture = axes.imshow(values, cmap="Blues", vmin=0, vmax=top, aspect="auto")
     axes.set_xticks(range(10), FEATURES, rotation=45, fontsize=9)
@@ -245,9 +244,9 @@ def draw_matrix(axes: Axes, values: Floats, top: float) -> AxesImage:
             axes.axhline(group.start - 0.5, color="0.4", lw=1.0)
             axes.axvline(group.start - 0.5, color="0.4", lw=1.0)
     if not values.any():
-        axes.text(4.5, 4.5, "all weights are zero", ha="center", va="center", fontsize=12, color="0.35")
+        axes.text(4.5, 4.5, empty, ha="center", va="center", fontsize=12, color="0.35")
         return picture
-    for n, k in np.argwhere(values >= top * SMALLEST_WEIGHT).tolist():
+    for n, k in np.argwhere(values >= top / 3).tolist():
         ink = "white" if values[n, k] > 0.55 * top else "black"
         axes.text(k, n, f"{values[n, k]:.2f}", ha="center", va="center", fontsize=8, color=ink)
     return picture
@@ -297,7 +296,7 @@ def inches(figure: Figure, left: float, bottom: float, width: float, height: flo
     return figure.add_axes((left / across, bottom / down, width / across, height / down))
 
 
-def new_figure(result: BindResult, what: str, width: float, height: float) -> Figure:
+def new_figure(result: RunResult, what: str, width: float, height: float) -> Figure:
     """A figure of that size in inches, with a title that says what it shows and what the run found."""
     from matplotlib.figure import Figure
 

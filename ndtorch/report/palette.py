@@ -34,6 +34,10 @@ STYLES: dict[str, Style] = {
 }
 """Style of every feature, in the order of `FEATURES`."""
 
+GREY = "#888888"
+"""What has no colour of its own."""
+GREY_RGB = (136, 136, 136)
+
 
 def rgb(feature: str | int) -> tuple[int, int, int]:
     """Colour of a feature, by name or number, as three values in 0..255."""

@@ -16,7 +16,7 @@ from torch import Tensor
 from ndtorch.errors import InputError
 from ndtorch.optional import need
 from ndtorch.report.palette import rgb
-from ndtorch.run.result import Pixels
+from ndtorch.run.watchers import Pixels
 from ndtorch.vision.features import FEATURES
 
 TIMELINE = "time"
@@ -61,16 +61,15 @@ class Recording:
         names = rr.Points2D(places, labels=FEATURES * 2, colors=colors * 2, radii=0.02, show_labels=True)
         self._stream.log("weights/names", names, static=True)
 
-    def frame(self, time_s: float, frame: Pixels, enhanced: Pixels, winner_name: str | None) -> None:
-        """Input and enhanced image `[H, W, 3]` uint8, and the name of the winning neuron (None: nobody)."""
+    def frame(self, time_s: float, frame: Pixels, shown: Pixels, words: str) -> None:
+        """Input and what the model makes of it (enhanced, or with its objects marked), `[H, W, 3]` uint8, and words."""
         self._at(time_s)
         self._stream.log("input", self._picture("frame", frame))
-        self._stream.log("enhanced", self._picture("enhanced", enhanced))
-        words = f"{winner_name} wins" if winner_name else "no winner yet"
+        self._stream.log("enhanced", self._picture("shown", shown))
         self._stream.log("winner", self._rr.TextDocument(words))
 
     def outputs(self, time_s: float, outputs: Tensor) -> None:
-        """Second-stage outputs of one step, `[10]`."""
+        """Outputs of the network in one step, `[10]`."""
         self._outputs.append(array(outputs, (10,)))
         self._times.append(time_s)
         self._latest = time_s
@@ -78,7 +77,7 @@ class Recording:
             self._write_outputs()
 
     def weights(self, time_s: float, weights: Tensor) -> None:
-        """Second-stage weights, `[10, 10]`: column = sender, row = receiver."""
+        """Weights of the network, `[10, 10]`: column = sender, row = receiver."""
         self._at(time_s)
         values = array(weights, (10, 10))
         image = self._rr.DepthImage(values, meter=1.0, colormap="viridis", depth_range=(0.0, 1.0))
@@ -150,10 +149,10 @@ def layout() -> Any:
 
     images = rrb.Horizontal(
         rrb.Spatial2DView(origin="input", name="input"),
-        rrb.Spatial2DView(origin="enhanced", name="enhanced: what the winner stands for"),
+        rrb.Spatial2DView(origin="enhanced", name="enhanced: what the winner stands for, or the objects in sight"),
     )
     outputs = rrb.TimeSeriesView(
-        origin="outputs", name="outputs of the second stage", plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop)
+        origin="outputs", name="outputs of the network", plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop)
     )
     matrix = rrb.Spatial2DView(
         origin="weights",

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from ndtorch.binding import describe, spectral_radius
-from ndtorch.run.result import BindResult
+import torch
+
+from ndtorch.binding import BoundObject, describe, spectral_radius
+from ndtorch.run.result import RunResult
 from ndtorch.vision import FEATURES
 
 VERDICTS = {
@@ -17,37 +19,75 @@ VERDICTS = {
 
 NOTHING_LEARNED = "learning: no weight has grown far enough yet to make a table of"
 
+PATH_HZ = 5.0
+"""Places written of every object a second."""
 
-def summary(result: BindResult) -> dict[str, Any]:
-    """What `--json` prints."""
-    weights = result.state.second.weights.detach().cpu()
+
+def summary(result: RunResult) -> dict[str, Any]:
+    """What `--json` prints and objects.json holds."""
+    weights = torch.from_numpy(result.final_weights)
     return {
         "source": result.source,
-        "objects": [{"neuron": thing.neuron, "features": thing.features} for thing in result.objects],
+        "model": result.model,
+        "objects": [record(number, thing, result.size) for number, thing in enumerate(result.objects, 1)],
         "verdict": result.verdict,
         "max_weight": float(weights.max()),
         "spectral_radius": float(spectral_radius(weights)),
         "weights": weights.tolist(),
         "simulated_seconds": result.simulated_seconds,
         "wall_seconds": result.wall_seconds,
-        "frames_per_second": result.frames / result.wall_seconds,
+        "frames_per_second": result.frames / max(result.wall_seconds, 1e-9),
     }
 
 
-def in_words(result: BindResult) -> str:
-    """The table of objects and the verdict, as text for people."""
+def record(number: int, thing: BoundObject, size: tuple[int, int]) -> dict[str, Any]:
+    """One object as plain data; places are row and column as shares of the picture's height and width."""
+    kept: dict[str, Any] = {"neuron": thing.neuron, "features": thing.features}
+    if thing.place is None or thing.first_seen is None or thing.last_seen is None:
+        return kept
+    path: list[list[float]] = []
+    for time, column, row in thing.path:
+        if not path or time - path[-1][0] >= 1 / PATH_HZ - 1e-6:
+            path.append([round(time, 3), round(row / size[0], 3), round(column / size[1], 3)])
+    return {
+        "object": number,
+        "color": thing.color,
+        "direction": thing.direction,
+        "appeared": round(thing.first_seen, 3),
+        "disappeared": round(thing.last_seen, 3),
+        **kept,
+        "path": path,
+    }
+
+
+def in_words(result: RunResult) -> str:
+    """The objects and the verdict, as text for people."""
     lines = [f"{result.source}: {result.simulated_seconds:g} s seen in {result.wall_seconds:.1f} s", ""]
-    for number, thing in enumerate(result.objects, 1):
-        lines.append(f"object {number}: {describe(thing)}")
+    lines += [f"object {number}: {words(thing)}" for number, thing in enumerate(result.objects, 1)]
     if not result.objects:
         lines.append("no objects")
-    else:
-        lines += ["", "neuron  " + "".join(f"{name:>7}" for name in FEATURES)]
-        for thing in result.objects:
-            cells = (f"{thing.features[n]:7.2f}" if n in thing.features else f"{'.':>7}" for n in FEATURES)
-            lines.append(f"{thing.neuron:8}" + "".join(cells))
-    untaught = result.verdict == "learning" and not result.objects
-    lines += ["", f"verdict  {NOTHING_LEARNED if untaught else VERDICTS[result.verdict]}"]
+    if result.table is not None:
+        if result.objects:
+            lines += ["", *table(result.objects)]
+        untaught = result.verdict == "learning" and not result.objects
+        lines += ["", f"verdict  {NOTHING_LEARNED if untaught else VERDICTS[result.verdict]}"]
     if result.interrupted:
         lines.append(f"stopped early, after {result.simulated_seconds:g} s; what was computed so far is kept")
     return "\n".join(lines)
+
+
+def words(thing: BoundObject) -> str:
+    """One object: when, and what it looked like, or its features where no time is known."""
+    if thing.first_seen is None or thing.last_seen is None:
+        return describe(thing)
+    moving = f"moving {thing.direction}" if thing.direction else "no direction of motion"
+    return f"{thing.first_seen:5.1f} - {thing.last_seen:5.1f} s  {thing.color}, {moving}"
+
+
+def table(things: list[BoundObject]) -> list[str]:
+    """The features of every object, a row each."""
+    lines = ["neuron  " + "".join(f"{name:>7}" for name in FEATURES)]
+    for thing in things:
+        cells = (f"{thing.features[n]:7.2f}" if n in thing.features else f"{'.':>7}" for n in FEATURES)
+        lines.append(f"{thing.neuron:8}" + "".join(cells))
+    return lines

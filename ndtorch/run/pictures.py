@@ -1,53 +1,36 @@
-"""Enhanced images of a run, made beside it: the run goes on while a thread works on the last picture."""
+"""Pictures of a run: enhanced images, made beside it in a thread, or the frame with the objects in sight."""
 
 from __future__ import annotations
 
 import queue
 import threading
+from collections.abc import Sequence
 from types import TracebackType
-from typing import NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Self
 
 import torch
 from torch import Tensor
 
-from ndtorch.binding import Attention, BindingSignals, ObjectTable, VisualBinding
-from ndtorch.run.result import Moment, Pixels
-from ndtorch.vision import FilterState, MotionState
+from ndtorch.binding import Attention, ObjectTable
+from ndtorch.run.result import Moment
+from ndtorch.run.watchers import Picture, Pixels, Watcher
+from ndtorch.vision import FilterState
 from ndtorch.vision.frames import as_float, check_frames
 
-# A moment is kept for this long before a less clear but more recent one may take its place.
 MOMENT_SECONDS = 3.0
-
-
-class Picture(NamedTuple):
-    """One frame beside what attention makes of it: `[H, W, 3]` uint8 each, and the winner (-1 for none)."""
-
-    time: float
-    frame: Pixels
-    enhanced: Pixels
-    winner: int
-
-
-class Watcher(Protocol):
-    """Somebody who wants to see a run as it goes: a video file, a recording.
-
-    The two methods are called from two threads.
-    """
-
-    def picture(self, picture: Picture) -> None:
-        """A frame and its enhanced image, a few times a second."""
-
-    def signals(self, signals: BindingSignals, weights: Tensor) -> None:
-        """The signals of one chunk of frames, and the second-stage weights after it."""
+"""A moment is kept for this long before a less clear but more recent one may take its place."""
 
 
 class Glimpse(NamedTuple):
-    """What a picture is made from: a frame `[3, H, W]`, the state right after it, and the table of objects."""
+    """What a picture is made from: time of the model's latest step, a frame `[3, H, W]`, signals and state right after
+    it, and the table of objects, None of models with tracks.
+    """
 
+    time: float
     frame: Tensor
-    motion: MotionState
-    signals: BindingSignals
-    table: ObjectTable
+    signals: Any
+    state: Any
+    table: ObjectTable | None
 
 
 class PictureMaker:
@@ -57,14 +40,14 @@ class PictureMaker:
     gives, `look` waits. An error in the thread is raised by the next `look` or at the end.
 
     Args:
-        model: whose feature images to use.
+        model: whose objects to show; with a table of owners, its feature images make the enhanced image.
         dt: seconds between pictures.
         watchers: who gets the pictures.
     """
 
-    def __init__(self, model: VisualBinding, dt: float, watchers: tuple[Watcher, ...] = ()) -> None:
+    def __init__(self, model: Any, dt: float, watchers: Sequence[Watcher] = ()) -> None:
         self.model, self.watchers = model, watchers
-        self.attention = Attention(dt, model.config.tau_in)
+        self.attention = None if model.tracks else Attention(dt, model.config.tau_in)
         self.moments: dict[int, Moment] = {}
         self._state: FilterState | None = None
         self._glimpses: queue.Queue[Glimpse | None] = queue.Queue(maxsize=4)
@@ -95,31 +78,46 @@ class PictureMaker:
                 # After an error the queue is still emptied, so that nobody waits for ever.
                 if self._error is None:
                     try:
-                        self._make(glimpse)
+                        picture = self._tracked(glimpse) if self.attention is None else self._enhanced(glimpse)
+                        for watcher in self.watchers:
+                            watcher.picture(picture)
                     except Exception as error:
                         self._error = error
 
-    def _make(self, glimpse: Glimpse) -> None:
-        frame, motion, signals, table = glimpse
-        images = self.model.features.images_at(frame, motion)
-        shown = as_float(check_frames(frame.unsqueeze(0))[0])
+    def _tracked(self, glimpse: Glimpse) -> Picture:
+        """The frame and the objects in sight: those seen in the latest step of the model."""
+        since = glimpse.time - self.model.dt / 2
+        things = [thing for thing in self.model.objects(glimpse.state) if (thing.last_seen or 0.0) >= since]
+        return Picture(glimpse.time, to_pixels(shown(glimpse.frame)), objects=tuple(things))
+
+    def _enhanced(self, glimpse: Glimpse) -> Picture:
+        assert self.attention is not None
+        assert glimpse.table is not None
+        signals = glimpse.signals
+        images = self.model.features.images_at(glimpse.frame, glimpse.state.motion)
+        frame = shown(glimpse.frame)
         enhanced, self._state = self.attention(
-            shown[None], images[None], signals.outputs[-1:], signals.scale[-1:], table, self._state
+            frame[None], images[None], signals.outputs[-1:], signals.scale[-1:], glimpse.table, self._state
         )
         k = int(enhanced.winner[0])
-        picture = Picture(float(signals.time[-1]), to_pixels(shown), to_pixels(enhanced.frames[0]), k)
+        picture = Picture(glimpse.time, to_pixels(frame), to_pixels(enhanced.frames[0]), k)
         if k >= 0:
-            self._keep(picture, signals.outputs[-1], table)
-        for watcher in self.watchers:
-            watcher.picture(picture)
+            self._keep(picture, signals.outputs[-1], glimpse.table)
+        return picture
 
     def _keep(self, picture: Picture, outputs: Tensor, table: ObjectTable) -> None:
+        assert picture.enhanced is not None
         rivals = outputs[table.owners].sort(descending=True).values
         margin = float(rivals[0] - rivals[1]) if len(rivals) > 1 else float(rivals[0])
         kept = self.moments.get(picture.winner)
         if kept is None or margin >= kept.margin or picture.time - kept.time > MOMENT_SECONDS:
             moment = Moment(picture.time, picture.winner, margin, picture.frame, picture.enhanced)
             self.moments[picture.winner] = moment
+
+
+def shown(frame: Tensor) -> Tensor:
+    """A frame `[C, H, W]` as `[3, H, W]` in 0..1."""
+    return as_float(check_frames(frame.unsqueeze(0))[0])
 
 
 def to_pixels(image: Tensor) -> Pixels:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from torch import Tensor
 
-from ndtorch.binding import BindingState, BoundObject, ObjectTable, Verdict
+from ndtorch.binding import BoundObject, ObjectTable, Verdict
+from ndtorch.run.watchers import Pixels
 
 Floats = npt.NDArray[np.float32]
-Pixels = npt.NDArray[np.uint8]
 
 
 class Trace:
@@ -73,39 +74,44 @@ class Moment:
 
 
 @dataclass
-class BindResult:
-    """Everything a finished (or interrupted) run of `ndtorch bind` knows.
+class RunResult:
+    """Everything a finished (or interrupted) run of a binding model knows.
 
     Attributes:
         source: name of the scene, or the video as it was given.
-        objects, verdict: the table and what it is worth.
+        model: name of the model.
+        size: height and width of the frames that it saw.
+        objects, verdict: what was found and what that is worth.
+        table: the objects of models whose neurons own them; None of models with tracks.
         state: the model's state at the end.
         settle: seconds before learning began.
         simulated_seconds: how much of the source was seen; wall_seconds: how long that took.
         frames: number of frames seen.
-        outputs: second-stage outputs, `[10]` a sample.
-        weights: second-stage weights, `[10, 10]` a sample.
+        outputs: of the network, `[10]` a sample; with many fields, the largest of each neuron.
+        weights: `[10, 10]` a sample.
+        final_weights: at the end, `[10, 10]`.
         moments: the clearest recent moment of each winning neuron.
-        table: of the objects at the end, whatever the verdict; None for that of the final weights.
         interrupted: whether Ctrl-C ended the run early.
     """
 
     source: str
+    model: str
+    size: tuple[int, int]
     objects: list[BoundObject]
     verdict: Verdict
-    state: BindingState
+    table: ObjectTable | None
+    state: Any
     settle: float
     simulated_seconds: float
     wall_seconds: float
     frames: int
     outputs: Trace
     weights: Trace
+    final_weights: Floats
     moments: dict[int, Moment] = field(default_factory=dict)
-    table: ObjectTable | None = None
     interrupted: bool = False
 
-    @property
-    def final_weights(self) -> Floats:
-        """Second-stage weights at the end, `[10, 10]`."""
-        array: Floats = self.state.second.weights.detach().cpu().numpy().astype(np.float32)
-        return array
+
+def over_fields(outputs: Tensor) -> Tensor:
+    """Outputs `[T', 10]` as they are, `[T', R, C, 10]` as the largest of every neuron, `[T', 10]`."""
+    return outputs if outputs.ndim == 2 else outputs.flatten(1, -2).amax(1)

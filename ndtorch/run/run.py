@@ -1,56 +1,60 @@
-"""Running the binding model over a source of frames, with attention, progress and a clean stop."""
+"""The one loop over frames: any source, any model, with watchers, a report of progress and a clean stop."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
+import numpy as np
 import torch
+from torch import Tensor
 
-from ndtorch.binding import BindingSignals, BindingState, Verdict, VisualBinding
+from ndtorch.binding import Verdict
 from ndtorch.errors import InputError
 from ndtorch.memory import give_back_freed_memory
-from ndtorch.run.pictures import Glimpse, PictureMaker, Watcher
-from ndtorch.run.result import BindResult, Trace
+from ndtorch.run.pictures import Glimpse, PictureMaker
+from ndtorch.run.result import RunResult, Trace, over_fields
+from ndtorch.run.watchers import Watcher
 from ndtorch.scenes import FrameSource
 
-# Memory that runs leave in holes is handed back this often.
 TIDY_FRAMES = 500
+"""Memory that runs leave in holes is handed back this often."""
 
 
-def run_binding(
-    model: VisualBinding,
+def run_model(
+    model: Any,
     source: FrameSource,
-    state: BindingState | None = None,
+    state: Any = None,
     start: int = 0,
     pictures_per_second: float = 5.0,
-    watchers: tuple[Watcher, ...] = (),
-    progress: Callable[[int], None] | None = None,
+    watchers: Sequence[Watcher] = (),
+    report: Callable[[int], None] | None = None,
     device: torch.device | str = "cpu",
-) -> BindResult:
-    """Feed a source through the model to its end, or until Ctrl-C, which keeps what was computed so far.
+) -> RunResult:
+    """Feed a source through a model to its end, or until Ctrl-C, which keeps what was computed so far.
 
     Memory does not grow with the length of the source: frames are dropped as they are used, and traces are
     thinned.
 
     Args:
-        model: on `device`, made for the source's size and rate.
+        model: a binding model on `device`, made for the source's size and rate.
         source: frames `[T, 3, H, W]`.
         state: where an earlier run ended; None starts at rest.
         start: number of the first frame.
-        pictures_per_second: rate of enhanced images; 0 for none.
-        watchers: see `Watcher`.
-        progress: called with the number of frames of each chunk.
+        pictures_per_second: how often watchers get a picture; 0 for never.
+        watchers: who looks on.
+        report: called with the number of frames of each chunk.
         device: where the model runs.
 
     Raises:
-        InputError: a source that yields no frame, or frames that the model refuses.
+        InputError: a source that yields no frame or only one, or frames that the model refuses.
     """
     # Chunks end where a picture is due, so that the motion filters stand at its frame; long ones leave the cache.
     every = 8 if pictures_per_second <= 0 else max(1, round(source.fps / pictures_per_second))
     length = next(n for n in range(min(every, 12), 0, -1) if every % n == 0)
     outputs, weights = Trace((10,)), Trace((10, 10))
-    frames_seen, interrupted, diverged = 0, False, False
+    frames_seen, now, interrupted, diverged, fresh = 0, 0.0, False, False, state is None
     maker = PictureMaker(model, every / source.fps, watchers)
     began = time.perf_counter()
     try:
@@ -59,19 +63,23 @@ def run_binding(
                 frames = frames.to(device)
                 signals, after = model(frames, state)
                 # The limit on the radius keeps no non-normal weights from blowing up: stop at the last numbers.
-                if state is not None and not torch.isfinite(after.second.outputs).all():
+                if state is not None and not torch.isfinite(signals.outputs).all():
                     diverged = True
                     break
                 state = after
                 frames_seen += len(frames)
-                _note(outputs, weights, signals, state)
+                now = float(signals.time[-1]) if len(signals.time) else now
+                learned = model.weights(state)
+                trace(outputs, weights, signals, learned)
                 for watcher in watchers:
-                    watcher.signals(signals, state.second.weights)
-                due = pictures_per_second > 0 and frames_seen % every == 0 and len(signals.time) > 0
-                if due and state.motion is not None:
-                    maker.look(Glimpse(frames[-1], state.motion, signals, model.table(state)))
-                if progress is not None:
-                    progress(len(frames))
+                    watcher.signals(signals, learned)
+                # Enhanced images need outputs of this very chunk; tracks do not.
+                due = pictures_per_second > 0 and frames_seen % every == 0
+                if due and (model.tracks or len(signals.time) > 0):
+                    table = None if model.tracks else model.table(state)
+                    maker.look(Glimpse(now, frames[-1], signals, state, table))
+                if report is not None:
+                    report(len(frames))
                 if frames_seen // TIDY_FRAMES > (frames_seen - len(frames)) // TIDY_FRAMES:
                     give_back_freed_memory()
     except KeyboardInterrupt:
@@ -80,29 +88,38 @@ def run_binding(
         interrupted = True
     if state is None or frames_seen == 0:
         raise InputError(f"{source.name}: no frames from frame {start} on")
-    verdict: Verdict = "alternating" if diverged else model.verdict(state)
-    found = [] if diverged else model.objects(state)
+    if fresh and frames_seen == 1 and not interrupted:
+        raise InputError(f"{source.name}: one frame cannot show motion; a model needs two frames at least")
+    with torch.inference_mode():
+        verdict: Verdict = "alternating" if diverged else model.verdict(state)
+        found = [] if diverged else model.objects(state)
+        table = None if model.tracks else model.table(state)
+        final = model.weights(state).cpu().float().numpy().astype(np.float32)
     owners = {thing.index for thing in found}
-    return BindResult(
+    return RunResult(
         source=source.name,
+        model=model.name,
+        size=source.size,
         objects=found,
         verdict=verdict,
+        table=table,
         state=state,
         settle=model.settle,
-        table=model.table(state) if model.scale_free else None,
         simulated_seconds=frames_seen / source.fps,
         wall_seconds=time.perf_counter() - began,
         frames=frames_seen,
         outputs=outputs,
         weights=weights,
+        final_weights=final,
         moments={k: moment for k, moment in maker.moments.items() if k in owners},
         interrupted=interrupted,
     )
 
 
-def _note(outputs: Trace, weights: Trace, signals: BindingSignals, state: BindingState) -> None:
+def trace(outputs: Trace, weights: Trace, signals: Any, learned: Tensor) -> None:
+    """Keep the outputs of a chunk (of many fields, the largest of each neuron) and the weights after it."""
     times = signals.time.tolist()
-    for at, sample in zip(times, signals.outputs.cpu(), strict=True):
+    for at, sample in zip(times, over_fields(signals.outputs).cpu(), strict=True):
         outputs.add(at, sample)
     if times:
-        weights.add(times[-1], state.second.weights)
+        weights.add(times[-1], learned)

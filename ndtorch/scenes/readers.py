@@ -128,7 +128,15 @@ class FolderReader(Reader):
         self.size = (first.shape[0], first.shape[1])
 
     def read(self, start: int) -> Iterator[Image]:
-        return (_image(path) for path in self.files[start:])
+        for path in self.files[start:]:
+            image = _image(path)
+            if image.shape[:2] != self.size:
+                (height, width), (own_height, own_width) = self.size, image.shape[:2]
+                raise InputError(
+                    f"images of a folder must have one size: {self.files[0]} is {width} x {height} pixels, "
+                    f"{path} {own_width} x {own_height}"
+                )
+            yield image
 
 
 @contextmanager

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
+
+SLACK = 0.01
+"""How far beyond 0..1 floats may lie."""
 
 
 def check_frames(frames: Tensor, size: tuple[int, int] | None = None) -> Tensor:
@@ -16,7 +21,8 @@ def check_frames(frames: Tensor, size: tuple[int, int] | None = None) -> Tensor:
         size: wanted height and width, or None for any.
 
     Raises:
-        InputError: wrong type, number of dimensions, channel count or size, or no frame at all.
+        InputError: wrong type, number of dimensions, channel count or size, no frame at all, or floats that are not in
+            0..1, such as those of 0..255.
     """
     if not isinstance(frames, Tensor):
         raise InputError(f"frames must be a torch.Tensor, got {type(frames).__name__}")
@@ -31,7 +37,22 @@ def check_frames(frames: Tensor, size: tuple[int, int] | None = None) -> Tensor:
         raise InputError(f"frames must hold at least one frame, got {tuple(frames.shape)}")
     if size is not None and (height, width) != tuple(size):
         raise InputError(f"frames must be {size[0]}x{size[1]} pixels (height x width), got {height}x{width}")
+    # What is exported or compiled has no branches that depend on values: the check is for those who call it.
+    if frames.is_floating_point() and not torch.compiler.is_compiling():
+        check_range(frames)
     return frames if channels == 3 else frames.expand(*frames.shape[:-3], 3, height, width)
+
+
+def check_range(frames: Tensor) -> None:
+    """Raise `InputError` where floats are not in 0..1 or not finite, by a look at some 32 rows of every frame."""
+    with torch.no_grad():
+        some = frames[..., :: max(1, frames.shape[-2] // 32), :]
+        low, high = (float(value) for value in torch.aminmax(some))
+    if not (math.isfinite(low) and math.isfinite(high)):
+        raise InputError("frames must be finite, got NaN or infinite values")
+    # Interpolation may go a little too far.
+    if not (low >= -SLACK and high <= 1 + SLACK):
+        raise InputError(f"frames of floats must lie in 0..1, got {low:g} to {high:g}; give uint8 or divide by 255")
 
 
 def as_float(frames: Tensor) -> Tensor:

@@ -9,23 +9,17 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from ndtorch.errors import InputError
-from ndtorch_robot.toml import Strict, check, read_toml
+from ndtorch.toml import check, read_toml
+from ndtorch_robot.navigating import NavigatorTable
 
 
-class DriveConfig(Strict):
-    """A drive.
+class DriveConfig(NavigatorTable):
+    """A drive; beside these keys those of `NavigatorOptions`.
 
     Args:
         arena: name of an arena (`ndtorch arenas`) or a `.toml` file.
         seed: of the building, its textures and the starting place.
         seconds: simulated time, s.
-        controller: `"ranging"`, or `"published"`, the saccades of [A].
-        features: features to range in each frame, n.
-        places: `"edges"`, at the edge that moved, to a fraction of a pixel, or `"motion"`, where the motion is
-            largest, as published.
-        prediction: follow features from frame to frame, as in [§2.1.4].
-        compiled: compile the step of the navigator; see `ndtorch.navigation.CompiledNavigator`.
-        angle: `"atan"` or `"linear"`, the angle of a pixel.
         odometry: `"true"` or `"noisy"` dead reckoning.
         walls: `"textured"` or `"blank"`.
         moving: with a moving obstacle.
@@ -41,12 +35,6 @@ class DriveConfig(Strict):
     arena: str = "hallway"
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
     seconds: Annotated[float, Field(gt=0, le=86400)] = 60.0
-    controller: Literal["ranging", "published"] = "ranging"
-    features: Annotated[int, Field(ge=1, le=64)] = 7
-    places: Literal["edges", "motion"] = "edges"
-    prediction: bool = False
-    compiled: bool = False
-    angle: Literal["atan", "linear"] = "atan"
     odometry: Literal["true", "noisy"] = "true"
     walls: Literal["textured", "blank"] = "textured"
     moving: bool = False

@@ -18,16 +18,19 @@ HELP = "any key: emergency stop   g: go (resume)   Ctrl-C: stop and end"
 
 
 @contextmanager
-def emergency_stops(drive: SafeDrive, keys: bool = True) -> Iterator[threading.Event]:
+def emergency_stops(
+    drive: SafeDrive, ended: threading.Event | None = None, keys: bool = True
+) -> Iterator[threading.Event]:
     """Watch for signals, and for keys when stdin is a terminal, in a thread of its own; for the main thread only.
 
     SIGTERM, SIGINT and SIGHUP stop the car at once, even while the main thread is inside of a long call, and set
     the event, which tells the loop to end. SIGUSR1 and the key g resume; any other key is an emergency stop.
 
     Args:
+        ended: the event; a new one by default.
         keys: with keys from stdin.
     """
-    ended = threading.Event()
+    ended = ended or threading.Event()
     wake, woken = os.pipe()
     os.set_blocking(woken, False)
     signals = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGUSR1)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ndtorch.navigation import REVERSE, TURN, AvoidanceParams
+from ndtorch.navigation import REVERSE, TURN
 from ndtorch_robot.drive import RATE, Result
 from ndtorch_robot.record import range_columns
 from ndtorch_robot.sim.plan import Plan
@@ -148,28 +148,26 @@ def map_(plt: Any, result: Result) -> Any:
 def speeds(plt: Any, result: Result) -> Any:
     """Both speed estimates, what the controller weighs, its thresholds and its turns. [A fig. 7]
 
-    For the published controller that is the difference of the estimates; for the ranging one, how much further the
-    arcs to the left are free than those to the right.
+    What it weighs, and from where on it acts, is said by the controller's `trace`.
     """
-    published = result.config.controller == "published"
+    trace = result.trace
     figure, (upper, lower) = plt.subplots(2, 1, figsize=(13, 6.5), sharex=True)
     figure.set_layout_engine("constrained")
-    record, params = result.record, AvoidanceParams()
+    record = result.record
     time = record.array("time")
     shown = time <= LONGEST
     time, sides = time[shown], record.array("sides").reshape(-1, 2)[shown]
     upper.plot(time, sides[:, 0], color=LEFT, lw=1, label="left")
     upper.plot(time, sides[:, 1], color=RIGHT, lw=1, label="right")
-    if published:
-        upper.axhline(params.low_threshold, color="0.5", lw=1, ls=":")
-        upper.annotate("both below: stop", (0, params.low_threshold), (3, 2), textcoords="offset points", fontsize=8)
+    if trace.stop is not None:
+        upper.axhline(trace.stop, color="0.5", lw=1, ls=":")
+        upper.annotate("both below: stop", (0, trace.stop), (3, 2), textcoords="offset points", fontsize=8)
     top = float(np.quantile(sides, 0.998)) if len(sides) else 1.0
     upper.set(ylabel="speed estimate", ylim=(0, max(1.15 * top, 0.3)))
     upper.set_title(f"{headline(result)}" + (f" (first {LONGEST:.0f} s)" if not shown.all() else ""), fontsize=11)
     difference = record.array("difference")[shown]
-    name = "right - left, low-passed" if published else "free way on arcs to the left - to the right"
-    lower.plot(time, difference, color="0.15", lw=1, label=name)
-    level = params.turn_threshold if published else 0.0
+    lower.plot(time, difference, color="0.15", lw=1, label=trace.difference)
+    level = trace.turn
     for sign in (1, -1):
         lower.axhline(sign * level, color="0.5", lw=1, ls="--")
     lower.annotate("turn left above", (0, level), (3, 3), textcoords="offset points", fontsize=8)
@@ -177,7 +175,7 @@ def speeds(plt: Any, result: Result) -> Any:
     span = float(np.quantile(np.abs(difference), 0.998)) if len(difference) else 0.5
     lower.set(
         xlabel="time (s)",
-        ylabel="difference" if published else "difference (m)",
+        ylabel=f"difference ({trace.unit})" if trace.unit else "difference",
         ylim=(-max(1.15 * span, 0.3), max(1.15 * span, 0.3)),
     )
     turning = (record.array("mode") == TURN)[shown]

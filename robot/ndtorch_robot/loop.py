@@ -26,6 +26,13 @@ class MonotonicClock:
         time.sleep(max(0.0, time_ - time.monotonic()))
 
 
+class CameraClock(MonotonicClock):
+    """For cameras that are waited for: they keep the time of the loop."""
+
+    def wait_until(self, time_: float) -> None:
+        """Return at once; the loop waits in reading the next frames."""
+
+
 class SimulatedClock:
     """Time that passes only by waiting: a loop on it runs as fast as it can and always sees the same times."""
 
@@ -54,7 +61,16 @@ class Timing:
         try:
             yield
         finally:
-            self.seconds.setdefault(name, []).append(time.perf_counter() - start)
+            self.add(name, time.perf_counter() - start)
+
+    def add(self, name: str, seconds: float) -> None:
+        """So long a part took once."""
+        self.seconds.setdefault(name, []).append(seconds)
+
+    def forget(self, kept: int) -> None:
+        """Keep only so many of the newest times of each part."""
+        for seconds in self.seconds.values():
+            del seconds[:-kept]
 
     def summary(self) -> dict[str, dict[str, float]]:
         """Median and 99th percentile of each part, in ms: `{"navigate": {"p50": 0.6, "p99": 0.9}}`."""

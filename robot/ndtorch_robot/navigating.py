@@ -1,66 +1,80 @@
-"""The navigator of a car: made the same way for driving and for replaying."""
+"""The options of a navigator as keys of files, as options of commands, and in recordings."""
 
 from __future__ import annotations
 
+import dataclasses
+import inspect
+import re
 import sys
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from collections.abc import Callable
+from typing import Annotated, Any, TypeVar, get_type_hints
 
-from ndtorch.navigation import (
-    CompiledNavigator,
-    FeatureParams,
-    FloorParams,
-    GridMap,
-    Navigator,
-    Rect,
-    StereoRig,
-    floor_view,
-)
+import tyro
+from pydantic import ValidationInfo, field_validator
 
-Controller = Literal["ranging", "published"]
-AnyNavigator = Navigator | CompiledNavigator
+from ndtorch.navigation.options import OPTION_NAMES, NavigatorOptions, check_option, options_of
+from ndtorch.navigation.rig import StereoRig
+from ndtorch.toml import Strict
 
-EDGE_REACH, FOLLOW = 4, 3
-"""Pixels within which a feature's edge is looked for, and within which it is followed to the next frame."""
+Command = TypeVar("Command", bound=type)
 
 
-@dataclass(frozen=True)
-class NavigatorChoice:
-    """What can be chosen of a navigator.
+class NavigatorTable(Strict, NavigatorOptions):
+    """A table of a file with the options of a navigator among its keys; `NavigatorOptions` says what they are."""
 
-    Attributes:
-        controller: what steers.
-        features: to range in each frame.
-        angle: of a pixel, `"atan"` or `"linear"`.
-        places: features at edges, to a fraction of a pixel, or where the motion is largest, as published.
-        prediction: follow features from frame to frame.
-        compiled: step in one compiled function, see `CompiledNavigator`.
+    @field_validator(*OPTION_NAMES)
+    @classmethod
+    def usable(cls, value: Any, info: ValidationInfo) -> Any:
+        """The same check as in Python."""
+        check_option(str(info.field_name), value)
+        return value
+
+    def options(self) -> NavigatorOptions:
+        """The navigator's alone."""
+        return options_of({name: getattr(self, name) for name in OPTION_NAMES})
+
+
+def navigator_flags(*left_out: str) -> Callable[[Command], Command]:
+    """Class decorator, under `dataclass`: a command gets an option for each of `NavigatorOptions`.
+
+    What is not given is None, or False where the option is a flag.
+
+    Args:
+        left_out: options that the command does not have.
     """
 
-    controller: Controller = "ranging"
-    features: int = 7
-    angle: Literal["atan", "linear"] = "atan"
-    places: Literal["edges", "motion"] = "edges"
-    prediction: bool = False
-    compiled: bool = False
+    def add(command: Command) -> Command:
+        kinds, words = get_type_hints(NavigatorOptions), option_help()
+        for option in dataclasses.fields(NavigatorOptions):
+            if option.name in left_out:
+                continue
+            kind, flag = kinds[option.name], option.default is False
+            text = words[option.name] if flag else f"{words[option.name]} (default {option.default})"
+            wanted = Annotated[kind if flag else kind | None, tyro.conf.arg(help=text)]  # type: ignore[valid-type]
+            command.__annotations__[option.name] = wanted
+            setattr(command, option.name, False if flag else None)
+        return command
 
-    def fields(self, rig: StereoRig) -> tuple[Rect, Rect]:
-        """The rectangles that the controller looks at."""
-        return rig.subfields() if self.controller == "published" else floor_view(rig, FloorParams()).rects
+    return add
 
-    def navigator(self, rig: StereoRig, rate: float, grid_map: GridMap | None = None) -> AnyNavigator:
-        """A navigator for so many frames a second."""
-        follow = FOLLOW if self.prediction else 0
-        edges = self.places == "edges"
-        features = FeatureParams(self.features, edge_reach=EDGE_REACH if edges else 0, shared=edges, follow=follow)
-        navigator = Navigator(
-            rig, 1 / rate, features=features, angles=self.angle, controller=self.controller, grid_map=grid_map
-        )
-        return CompiledNavigator(navigator, say=say) if self.compiled else navigator
 
-    def configuration(self, rig: StereoRig, rate: float) -> dict[str, Any]:
-        """For a recording: everything from which the same navigator can be made again."""
-        return {"program": "navigator", "rig": asdict(rig), "rate_hz": rate, **asdict(self)}
+def option_help() -> dict[str, str]:
+    """What the docstring of `NavigatorOptions` says of each option."""
+    text = inspect.cleandoc(NavigatorOptions.__doc__ or "")
+    block = re.split(r"^\w+:\n", text, flags=re.MULTILINE)[1]
+    entries = re.split(r"^    (\w+): ", block, flags=re.MULTILINE)[1:]
+    lines = zip(entries[::2], entries[1::2], strict=True)
+    return {name: " ".join(words.split()).rstrip(".").replace("`", "") for name, words in lines}
+
+
+def configuration(options: NavigatorOptions, rig: StereoRig, rate: float) -> dict[str, Any]:
+    """For a recording: everything from which the same navigator can be made again."""
+    return {
+        "program": "navigator",
+        "rig": dataclasses.asdict(rig),
+        "rate_hz": rate,
+        **dataclasses.asdict(options_of(dataclasses.asdict(options))),
+    }
 
 
 def say(line: str) -> None:

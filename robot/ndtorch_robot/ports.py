@@ -1,12 +1,20 @@
-"""What navigation needs of a robot: a pair of cameras, a drive and a clock."""
+"""What the loop needs of a robot: a pair of cameras, a drive and a clock; and what it tells of every step."""
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, NamedTuple, Protocol
 
 from torch import Tensor
 
 from ndtorch.navigation import NavigatorState, Strips
+
+Placed = tuple[float, float, float] | None
+"""x, y, m, and heading, radians, at which somebody has put the car; None where nobody has."""
+
+Report = Callable[[str], None]
+"""Told of whatever happens, one line each."""
 
 
 class DriveCommand(NamedTuple):
@@ -14,6 +22,9 @@ class DriveCommand(NamedTuple):
 
     speed: float
     curvature: float
+
+
+STAND = DriveCommand(0.0, 0.0)
 
 
 class StereoFrames(NamedTuple):
@@ -80,7 +91,11 @@ def unseal(command: SafeCommand) -> DriveCommand:
 
 
 class Drive(Protocol):
-    """Motors and steering."""
+    """Motors and steering: all that the loop needs of whatever moves the car.
+
+    A class that inherits from this one needs only the four methods without a body; the others answer for a drive
+    that knows nothing more of itself.
+    """
 
     def send(self, command: SafeCommand) -> DriveCommand:
         """Ask for a speed and a curvature from now on; returns what was really sent, after all limits."""
@@ -90,21 +105,33 @@ class Drive(Protocol):
         """Stand still as fast as the drive can. May be called at any time, from any thread, and more than once."""
         ...
 
-    def resume(self) -> None:
-        """Obey commands again, after the start and after a stop; returns at once. Does nothing when it cannot."""
+    def resume(self) -> bool:
+        """Obey commands again, after the start and after a stop; returns at once. False when it cannot now."""
         ...
+
+    def driven(self) -> DriveCommand:
+        """Mean speed and curvature since this was last asked, as the wheels say or as they were told."""
+        ...
+
+    def take_placed(self) -> Placed:
+        """Where somebody has put the car since this was last asked; None for a car that only drives."""
+        return None
 
     def trouble(self) -> str | None:
         """Why the drive does not obey by itself: in words, or None when all is well."""
-        ...
+        return None
 
+    def telemetry(self) -> dict[str, Any]:
+        """What the drive says of itself, for JSON, units in the keys: `battery_v`, `faults`, `armed` and the like."""
+        return {}
 
-class Odometer(Protocol):
-    """What the wheels say about the way driven. A drive without one is believed to do what was sent."""
+    def round_trips(self) -> Sequence[float]:
+        """How long the line took to answer, s, the newest last."""
+        return ()
 
-    def driven(self) -> DriveCommand:
-        """Mean speed and curvature since this was last asked."""
-        ...
+    def close(self) -> None:
+        """Stop, and give everything back. Calling it again does nothing."""
+        self.stop()
 
 
 class Clock(Protocol):
@@ -119,20 +146,40 @@ class Clock(Protocol):
         ...
 
 
-class LoopStep(Protocol):
-    """What a loop tells its observers of a step; `state` is None where the navigator was not asked."""
+class Step(NamedTuple):
+    """What one step of the loop saw and did, for observers; a recording keeps it, and gives it back without `state`.
 
-    @property
-    def time(self) -> float: ...
-    @property
-    def frames(self) -> StereoFrames | None: ...
-    @property
-    def driven(self) -> DriveCommand: ...
-    @property
-    def state(self) -> NavigatorState | None: ...
-    @property
-    def wanted(self) -> DriveCommand: ...
-    @property
-    def sent(self) -> DriveCommand: ...
-    @property
-    def standing(self) -> str | None: ...
+    Attributes:
+        number, time: of the step; seconds on the clock of the loop.
+        frames: what was seen; None when the cameras gave nothing.
+        driven: what the drive did since the step before.
+        wanted, sent: by the navigator, and by the safety layer to the drive.
+        state: of the navigator after the step; None when it was not asked.
+        standing: why the car is kept standing, or None.
+        used: whether the navigator was asked.
+        restarted: the navigator began anew, because it had seen nothing, or nothing move, before.
+        placed: where somebody had put the car before this step, so that the navigator began anew there.
+        telemetry: what the drive says of itself.
+    """
+
+    number: int
+    time: float
+    frames: StereoFrames | None
+    driven: DriveCommand
+    wanted: DriveCommand
+    sent: DriveCommand
+    state: NavigatorState | None = None
+    standing: str | None = None
+    used: bool = True
+    restarted: bool = False
+    placed: Placed = None
+    telemetry: Mapping[str, Any] = MappingProxyType({})
+
+
+class Observer(Protocol):
+    """Whatever watches the loop: recordings, views, records, scores. It is told every step after it was made.
+
+    What it raises ends the drive, with the car stopped.
+    """
+
+    def __call__(self, step: Step, /) -> None: ...

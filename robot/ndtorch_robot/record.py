@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
 from ndtorch.navigation import NavigatorState, StereoRig, Strips
-from ndtorch_robot.ports import DriveCommand, StereoFrames
+from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.ports import DriveCommand, Observer, Step, StereoFrames
 
 KEPT_ROWS = 900
 """Frames whose rows are kept for the space-time picture: the first half minute."""
 
 Floats = npt.NDArray[np.float64]
+Pose = tuple[float, float, float]
 
 
 @dataclass
@@ -27,7 +30,7 @@ class Record:
         believed: the same by dead reckoning.
         command: speed and curvature sent.
         sides: speed estimates, left and right.
-        difference: right minus left, low-passed.
+        difference: what the controller weighed; its `trace` says what it is.
         mode: of the controller.
         ranges: left range, left angle, right angle, valid, each `[n]`.
         rows: both grey rows, uint8 `[2, W]`, of the first `KEPT_ROWS` frames.
@@ -60,13 +63,28 @@ class Record:
         self.believed.append((float(state.pose.x), float(state.pose.y), float(state.pose.heading)))
         self.command.append(command)
         self.sides.append(state.sides.numpy().astype(np.float64))
-        self.difference.append(float(state.avoidance.difference))
+        self.difference.append(float(state.difference))
         self.mode.append(mode)
         r = state.ranges
         found = (r.left_range.numpy(), r.left_angle.numpy(), r.right_angle.numpy(), r.valid.numpy())
         self.ranges.append(np.stack(found).astype(np.float32))
         if len(self.rows) < KEPT_ROWS:
             self.rows.append(np.stack([grey_row(eye, rig) for eye in (frames.left, frames.right)]))
+
+    def observer(self, pilot: Pilot, pose: Callable[[], Pose]) -> Observer:
+        """Keeps every step in which the navigator was asked.
+
+        Args:
+            pose: the true one, now.
+        """
+
+        def keep(step: Step) -> None:
+            if step.placed is not None:
+                self.placed.append(len(self.time))
+            if step.frames is not None and step.state is not None:
+                self.add(step.frames, step.state, pilot.mode(), step.sent, pose(), pilot.rig)
+
+        return keep
 
     def array(self, name: str) -> Floats:
         """One of the lists as an array, frames first."""

@@ -3,29 +3,18 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
 from ndtorch.navigation import StereoRig
-from ndtorch_robot.navigating import Controller, NavigatorChoice
+from ndtorch.toml import Strict
+from ndtorch_robot.link.registry import SERIAL, SIMULATED_BOARD, check_link
+from ndtorch_robot.navigating import NavigatorTable
 from ndtorch_robot.safety import SafetyLimits
-from ndtorch_robot.toml import Strict
 
 Positive = Annotated[float, Field(gt=0)]
-
-
-class LinkTable(Strict):
-    """`[link]`: the serial port. Without a device the simulated board is driven.
-
-    Args:
-        device: the port, best by `/dev/serial/by-id`.
-        baud: symbols a second; the firmware's.
-    """
-
-    device: str | None = None
-    baud: Annotated[int, Field(ge=1200, le=4_000_000)] = 500_000
 
 
 class RigTable(Strict):
@@ -76,40 +65,30 @@ class LimitsTable(Strict):
         )
 
 
-class NavigationTable(Strict):
-    """`[navigation]`.
+class NavigationTable(NavigatorTable):
+    """`[navigation]`; beside this key those of `NavigatorOptions`.
+
+    A step that is to be compiled is made before the car may drive.
 
     Args:
-        controller: `"ranging"`, or `"published"`, the saccades of [A].
-        features: to range in each frame.
-        angle: of a pixel, `"atan"` or `"linear"`.
-        compiled: compile the step of the navigator, before the car may drive.
         map_half_size_m: the map reaches so far from the start, m; 0 makes none.
     """
 
-    controller: Controller = "ranging"
-    features: Annotated[int, Field(ge=1, le=64)] = 7
-    angle: Literal["atan", "linear"] = "atan"
-    compiled: bool = False
     map_half_size_m: Annotated[float, Field(ge=0, le=50)] = 0.0
-
-    def choice(self) -> NavigatorChoice:
-        """What the navigator is made of."""
-        return NavigatorChoice(self.controller, self.features, self.angle, compiled=self.compiled)
 
 
 class SimulationTable(Strict):
-    """`[simulation]`: a simulated world in place of cameras and car, driven by the pulses of the simulated board.
+    """`[simulation]`: a simulated world in place of cameras and car.
+
+    It is driven by the pulses of the simulated board, or with `link.kind = "simulated-world"` without any board.
 
     Args:
         arena: name of an arena or a `.toml` file.
         seed: of the building, its textures and the starting place.
-        pulse_log: file for every pulse the board makes.
     """
 
     arena: str = "curve"
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
-    pulse_log: Path | None = None
 
 
 class RunConfig(Strict):
@@ -118,12 +97,14 @@ class RunConfig(Strict):
     Args:
         robot: name that the board must have.
         rate_hz: steps, and frames, a second.
+        link: the table of the drive link: its `kind`, `"serial"` by default and in a simulated world
+            `"simulated-board"`, and what links of that kind have to say; see `ndtorch_robot/link/`.
         cameras: the table of the camera pair; checked when the cameras are opened.
     """
 
     robot: Annotated[str, Field(min_length=1, max_length=8)]
     rate_hz: Annotated[float, Field(gt=0, le=200)] = 30.0
-    link: LinkTable = LinkTable()
+    link: Mapping[str, str | int | float | bool] = Field(default_factory=dict)
     rig: RigTable = RigTable()
     limits: LimitsTable = LimitsTable()
     navigation: NavigationTable = NavigationTable()
@@ -132,9 +113,15 @@ class RunConfig(Strict):
 
     @model_validator(mode="after")
     def one_world(self) -> RunConfig:
-        """Either real cameras and a real board, or the simulated world."""
+        """Either real cameras or the simulated world, and a link that is known."""
         if (self.cameras is None) == (self.simulation is None):
             raise ValueError("give one of the tables [cameras] and [simulation]")
-        if self.cameras is not None and self.link.device is None:
+        if self.simulation is None and "kind" not in self.link and "device" not in self.link:
             raise ValueError("real cameras need a real board: give link.device")
+        check_link(self.link_table())
         return self
+
+    def link_table(self) -> dict[str, Any]:
+        """`[link]` with its kind."""
+        simulated = self.simulation is not None and "device" not in self.link
+        return {"kind": SIMULATED_BOARD if simulated else SERIAL, **self.link}

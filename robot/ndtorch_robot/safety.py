@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
-from ndtorch_robot.ports import _SEAL, Clock, Drive, DriveCommand, SafeCommand, StereoFrames
+from ndtorch_robot.ports import _SEAL, STAND, Clock, Drive, DriveCommand, Report, SafeCommand, StereoFrames
 from ndtorch_robot.watch import CameraWatch
 
-STAND = DriveCommand(0.0, 0.0)
+WISH = 10.0
+"""Seconds for which a car that is told to go goes on trying when its drive cannot obey yet."""
+
+AGAIN = 1.0
+"""Seconds between two such tries."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +96,9 @@ class SafeDrive:
     drive. Faults are of two kinds. One that passes, such as late frames, lets the car stand until all has been
     well for `limits.recovery` seconds. One that does not, such as a lost link, needs `resume`.
 
+    Being told to go is never lost: while the drive cannot obey, or fails again before the car has moved, it is told
+    again, until the car moves, somebody stops it, or the time for it is over, which is said.
+
     Args:
         drive: what moves.
         clock: of the loop, monotonic.
@@ -112,7 +118,7 @@ class SafeDrive:
         clock: Clock,
         limits: SafetyLimits | None = None,
         sight: Sight | None = None,
-        report: Callable[[str], None] | None = None,
+        report: Report | None = None,
     ) -> None:
         self.drive, self.clock, self.limits, self.sight = drive, clock, limits or SafetyLimits(), sight
         self.report = report or (lambda line: None)
@@ -125,6 +131,9 @@ class SafeDrive:
         self.sent = STAND
         self.sent_at: float | None = None
         self.faults: list[tuple[float, str]] = []
+        self.interrupted = False
+        self.wish_ends: float | None = None  # told to go, but has not moved yet
+        self.tried = -math.inf
 
     def see(self, frames: StereoFrames, speed: float) -> bool:
         """Judge new frames; True when they may be steered by.
@@ -149,7 +158,7 @@ class SafeDrive:
     def fault(self, why: str, passes: bool) -> None:
         """The car stands, for this reason."""
         with self.lock:
-            self.well_since = math.inf
+            self.well_since, self.interrupted = math.inf, True
             if self.standing is not None:
                 self.passes = self.passes and passes
                 return
@@ -157,6 +166,12 @@ class SafeDrive:
             self.drive.stop()
             self.faults.append((self.clock.now(), why))
         self.report(f"stopped: {why}")
+
+    def take_interruption(self) -> bool:
+        """Whether the car stood, or saw nothing, since this was last asked, or stands now."""
+        with self.lock:
+            was, self.interrupted = self.interrupted or self.standing is not None, False
+            return was
 
     def send(self, command: DriveCommand) -> DriveCommand:
         """Ask for a speed and a curvature; returns what was really sent.
@@ -175,6 +190,8 @@ class SafeDrive:
             else:
                 wanted = self.limited(command, elapsed)
             self.sent = self.drive.send(SafeCommand(wanted, now, _SEAL))
+            if self.sent.speed:
+                self.wish_ends = None
             return self.sent
 
     def look_for_faults(self, command: DriveCommand, now: float) -> None:
@@ -198,13 +215,28 @@ class SafeDrive:
             self.blind(f"the frames are {now - self.seen:.3f} s old")
 
     def try_to_go_on(self, now: float) -> None:
-        """Drive on when all has been well for long enough and nobody needs to say so."""
-        if not self.passes or (self.sight is not None and self.blindness is not None):
+        """Drive on when all has been well for long enough and nobody needs to say so, or somebody has said so."""
+        if self.sight is not None and self.blindness is not None:
             self.well_since = math.inf
-            return
-        self.well_since = min(self.well_since, now)
-        if now - self.well_since >= self.limits.recovery:
-            self.resume()
+        elif self.passes:
+            self.well_since = min(self.well_since, now)
+            if now - self.well_since >= self.limits.recovery:
+                self.go_on(now)
+        elif self.wish_ends is not None and now >= self.wish_ends:
+            self.wish_ends = None
+            self.report("not told to go any more: the drive did not obey; tell it again")
+        elif self.wish_ends is not None and now >= self.tried + AGAIN:
+            self.go_on(now)
+
+    def go_on(self, now: float) -> bool:
+        """Have the drive obey from the next command on; False when it cannot."""
+        self.tried = now
+        if not self.drive.resume():
+            return False
+        was, self.standing, self.passes = self.standing, None, True
+        self.well_since, self.sent = math.inf, STAND
+        self.report(f"resumed after: {was}")
+        return True
 
     def limited(self, command: DriveCommand, elapsed: float) -> DriveCommand:
         """The command, no further from the one before than the limits allow; towards standing at once."""
@@ -219,19 +251,24 @@ class SafeDrive:
         curvature = min(max(command.curvature, before.curvature - turn), before.curvature + turn)
         return DriveCommand(speed, curvature)
 
-    def resume(self) -> None:
-        """Drive again from the next command on, if nothing is wrong any more. Nothing for a car that drives."""
+    def resume(self, patience: float | None = WISH) -> None:
+        """Told to go: drive again from the next command on, if nothing is wrong any more.
+
+        Args:
+            patience: seconds for which to go on trying while the drive cannot; None is until it can.
+        """
         with self.lock:
-            if self.standing is None:
+            if self.standing is None and self.sent.speed:
                 return
-            was, self.standing, self.passes = self.standing, None, True
-            self.well_since, self.sent = math.inf, STAND
-            self.drive.resume()
-        self.report(f"resumed after: {was}")
+            now = self.clock.now()
+            self.wish_ends = math.inf if patience is None else now + patience
+            if self.standing is not None and not self.go_on(now):
+                self.report(f"told to go, which waits until the drive can: {self.drive.trouble() or self.standing}")
 
     def emergency(self, why: str) -> None:
         """Stand still now; from any thread. Only `resume` ends it."""
         self.drive.stop()  # before waiting for anybody
+        self.wish_ends = None
         if self.standing is not None:
             self.report(f"emergency stop: {why}; it stood already: {self.standing}")
         self.fault(f"emergency stop: {why}", passes=False)
@@ -240,4 +277,5 @@ class SafeDrive:
         """Stand still until `resume`. The end of every drive."""
         self.drive.stop()
         with self.lock:
+            self.wish_ends = None
             self.standing, self.passes, self.sent = self.standing or "told to stop", False, STAND

@@ -7,8 +7,9 @@ import time
 import torch
 
 import ndtorch
-from ndtorch.binding import InhibitoryNetwork, ScaleFreeNetwork
-from ndtorch.run.run import run_binding
+from ndtorch.binding import InhibitoryNetwork
+from ndtorch.run.run import run_model
+from ndtorch.run.today import Table
 from ndtorch.scenes import two_bars
 from ndtorch.vision import VisualFeatures
 from tests.benchmarks.timing import Row, in_turn
@@ -42,7 +43,7 @@ def network_rows(device: str) -> list[Row]:
         many = torch.stack([learned.refined[100 + d : 700 + d] for d in delays.tolist()])
         _, batch_state = network(many[:, : 600 - STEPS])
         batch = many[:, -STEPS:]
-        other = ScaleFreeNetwork()
+        other = InhibitoryNetwork.scale_free()
         _, other_state = other(learned.refined[:-STEPS])
         _, other_batch_state = other(many[:, : 600 - STEPS])
         times = in_turn(
@@ -91,7 +92,7 @@ def job_rows() -> list[Row]:
         speeds = []
         for _ in range(3):
             start = time.perf_counter()
-            result = run_binding(ndtorch.load("binding"), two_bars(), pictures_per_second=pictures)
+            result = run_model(Table("published", ndtorch.load("binding")), two_bars(), pictures_per_second=pictures)
             speeds.append(result.simulated_seconds / (time.perf_counter() - start))
         speed = sorted(speeds)[1]
         found.append(

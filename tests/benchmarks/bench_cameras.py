@@ -14,13 +14,14 @@ import numpy as np
 import torch
 
 from ndtorch.navigation import Strips
+from ndtorch.navigation.options import NavigatorOptions
 from ndtorch.navigation.strips import cut_strips
 from ndtorch_robot.calibration import Calibration, Rectifier
 from ndtorch_robot.cameras import CameraSettings, FramesEnded, StereoCameras
 from ndtorch_robot.cameras.pair import to_tensor
-from ndtorch_robot.navigating import NavigatorChoice
+from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import DriveCommand, StereoFrames
-from ndtorch_robot.recording import NavigatorPilot, Recorder
+from ndtorch_robot.recording import Recorder
 from ndtorch_robot.recording.streams import encode
 from ndtorch_robot.sim.simulation import RIG
 from tests.benchmarks.bench_navigation import stereo_pair
@@ -61,7 +62,7 @@ def films(folder: Path, count: int) -> tuple[str, str]:
 
 def frame_to_command(names: tuple[str, str], rectifier: Rectifier | None) -> tuple[float, float]:
     """Median and 99th percentile, ms, from when a frame was due until its command was there."""
-    pilot, delays = NavigatorPilot(rectifier.rig if rectifier else RIG, 30.0, NavigatorChoice("published")), []
+    pilot, delays = Pilot(NavigatorOptions("published"), rectifier.rig if rectifier else RIG, 30.0), []
     with StereoCameras(CameraSettings(left=names[0], right=names[1], max_age_ms=10_000), rectifier) as cameras:
         while True:
             try:
@@ -97,7 +98,7 @@ def rows(device: str | None = None) -> list[Row]:
                     f"{10 / p99:.1f}x",
                 )
             )
-        pilot = NavigatorPilot(RIG, 30.0, NavigatorChoice("published"))
+        pilot = Pilot(NavigatorOptions("published"), RIG, 30.0)
         with Recorder(Path(folder) / "r", {}, format="raw", queue=10) as recorder:
             seen = StereoFrames(Strips(*strips[0]), Strips(*strips[1]), 0.0)
             jobs = {

@@ -20,10 +20,11 @@ import numpy as np
 import torch
 
 from ndtorch.navigation import CompiledNavigator
+from ndtorch.navigation.controllers import DEFAULT_CONTROLLER, controller_names
+from ndtorch_robot.car import percentiles
 from ndtorch_robot.link import SerialDrive
-from ndtorch_robot.navigating import Controller
-from ndtorch_robot.run import open_car, percentiles, real_time_priority
-from ndtorch_robot.run_config import LinkTable, NavigationTable, RigTable, RunConfig
+from ndtorch_robot.run import open_car, real_time_priority
+from ndtorch_robot.run_config import NavigationTable, RigTable, RunConfig
 from ndtorch_robot.sim.board import SimulatedBoard
 from tests.benchmarks.bench_cameras import films
 from tests.benchmarks.bench_navigation import stereo_pair
@@ -39,20 +40,20 @@ def bare_line(seconds: float) -> dict[str, float]:
     peer = Peer(board)
     drive = SerialDrive(peer.device, report=lambda line: None)
     time.sleep(seconds)
-    trips = np.array(drive.round_trips) * 1e3
+    trips = np.array(drive.round_trips()) * 1e3
     drive.close()
     peer.close()
     return percentiles(trips)
 
 
-def car(seconds: float, controller: Controller, compiled: bool) -> dict[str, object]:
-    """The summary of a run: see `ndtorch_robot.run.CarLoop.summary`."""
+def car(seconds: float, controller: str, compiled: bool) -> dict[str, object]:
+    """The summary of a run: see `ndtorch_robot.car.Car.summary`."""
     lines: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
         left, right = films(Path(folder), round(30 * (seconds + 2)))
         simulated = SimulatedBoard()
         try:
-            link = LinkTable(device=simulated.device)
+            link = {"device": simulated.device}
             navigation = NavigationTable(controller=controller, compiled=compiled)
             if compiled:  # before the films begin
                 warm_up(navigation)
@@ -68,14 +69,14 @@ def car(seconds: float, controller: Controller, compiled: bool) -> dict[str, obj
 
 def warm_up(navigation: NavigationTable) -> None:
     """Have the navigation step compiled and the compiler's modules imported."""
-    navigator = navigation.choice().navigator(RigTable().rig(), 30.0)
+    navigator = navigation.options().navigator(RigTable().rig(), 30.0)
     assert isinstance(navigator, CompiledNavigator)
     left, right = (torch.from_numpy(eye).permute(2, 0, 1).unsqueeze(0) for eye in stereo_pair(0))
     with torch.inference_mode():
         navigator.warm_up(left, right)
 
 
-def rows(seconds: float = SECONDS, controller: Controller = "ranging", compiled: bool = False) -> list[Row]:
+def rows(seconds: float = SECONDS, controller: str = DEFAULT_CONTROLLER, compiled: bool = False) -> list[Row]:
     """The table."""
     cv2.setNumThreads(1)
     said: list[str] = []
@@ -108,7 +109,7 @@ def rows(seconds: float = SECONDS, controller: Controller = "ranging", compiled:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=SECONDS)
-    parser.add_argument("--controller", choices=("ranging", "published"), default="ranging")
+    parser.add_argument("--controller", choices=controller_names(), default=DEFAULT_CONTROLLER)
     parser.add_argument("--compiled", action="store_true")
     asked = parser.parse_args()
     torch.set_num_threads(1)

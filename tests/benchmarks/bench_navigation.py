@@ -18,17 +18,16 @@ from ndtorch.navigation import (
     Command,
     CompiledNavigator,
     FeatureParams,
-    FloorMotion,
     GridMap,
     Navigator,
     ObservationList,
     Pose,
-    RangingControl,
     RowRanging,
-    SaccadeAvoidance,
     StereoRig,
-    SubfieldMotion,
 )
+from ndtorch.navigation.controllers.published import SaccadeAvoidance, SubfieldMotion
+from ndtorch.navigation.controllers.ranging.control import RangingControl
+from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
 from tests.benchmarks.timing import Row, table
 
 DT = 1 / 30
@@ -127,7 +126,7 @@ def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
     found = int(ranges.valid.sum())
     look, control = FloorMotion(rig, DT), RangingControl(rig, DT)
     _, floor = look(left, right)
-    start = control.start(Pose(*torch.zeros(3)))
+    start = control.start(torch.zeros(0), Pose(*torch.zeros(3)))
     moved = Command(torch.full((1,), 0.5), torch.zeros(1))
 
     def drive() -> object:
@@ -139,12 +138,14 @@ def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
         Timed("features, ranges and grid map", median_time(range_and_map), f"5 features, {found} ranges"),
     ]
     for name, navigator in {
-        WHOLE: Navigator(rig, DT),
-        "whole step with grid map": Navigator(rig, DT, grid_map=GridMap(rig)),
-        "whole step with observation list": Navigator(rig, DT, observations=ObservationList(DT)),
+        WHOLE: Navigator(rig, DT, controller="published"),
+        "whole step with grid map": Navigator(rig, DT, controller="published", grid_map=GridMap(rig)),
+        "whole step with observation list": Navigator(
+            rig, DT, controller="published", observations=ObservationList(DT)
+        ),
         "whole step, ranging controller": Navigator(rig, DT, controller="ranging"),
-        "whole step, 7 features at edges": Navigator(rig, DT, features=EDGES),
-        "whole step, compiled": CompiledNavigator(Navigator(rig, DT)),
+        "whole step, 7 features at edges": Navigator(rig, DT, controller="published", features=EDGES),
+        "whole step, compiled": CompiledNavigator(Navigator(rig, DT, controller="published")),
         "whole step, ranging controller, compiled": CompiledNavigator(Navigator(rig, DT, controller="ranging")),
         "what `robot drive` does, compiled": CompiledNavigator(
             Navigator(rig, DT, controller="ranging", features=EDGES, grid_map=GridMap(rig))

@@ -11,13 +11,12 @@ import argparse
 import sys
 import time
 from pathlib import Path
-from typing import cast
 
 import torch
 
 from ndtorch.memory import tune_allocator
-from ndtorch_robot.link import SerialDrive
-from ndtorch_robot.run import CarLoop, Step
+from ndtorch_robot.ports import Step
+from ndtorch_robot.run import make_car
 from ndtorch_robot.run_config import NavigationTable, RunConfig, SimulationTable
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.simulation import Simulation
@@ -41,7 +40,7 @@ def measure(minutes: float, compiled: bool) -> list[tuple[float, float]]:
         simulation=SimulationTable(arena="curve", seed=11),
         navigation=NavigationTable(map_half_size_m=10.0, compiled=compiled),
     )
-    choice, rig = config.navigation.choice(), config.rig.rig()
+    choice, rig = config.navigation.options(), config.rig.rig()
     simulation = Simulation(load_arena("curve", 11), 11, rig=rig, fields=choice.fields(rig))
     steps = round(minutes * 60 * config.rate_hz)
     measured: list[tuple[float, float]] = []
@@ -54,8 +53,7 @@ def measure(minutes: float, compiled: bool) -> list[tuple[float, float]]:
             took = time.monotonic() - began
             print(f"{measured[-1][0]:5.1f} min  {measured[-1][1]:7.1f} MB  ({took:.0f} s)", flush=True)
 
-    drive = cast("SerialDrive", simulation)  # the same calls, answered by the simulation
-    car = CarLoop(config, simulation, rig, simulation, drive, faults.append, go=True, observers=[look])
+    car = make_car(config, simulation, rig, simulation, simulation, faults.append, True, [look])
     try:
         made = car.run((steps - 1.5) / config.rate_hz)
     finally:

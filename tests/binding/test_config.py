@@ -88,7 +88,7 @@ def test_what_is_not_toml_is_refused(tmp_path: Path, content: bytes) -> None:
 
 
 def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"config\.toml: No such file"):
+    with pytest.raises(InputError, match=r"config\.toml: no such file"):
         read_config(tmp_path / "config.toml")
     with pytest.raises(InputError, match="Is a directory"):
         read_config(tmp_path)

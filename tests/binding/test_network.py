@@ -75,17 +75,10 @@ def reference(
     return np.array(trace), np.array(history), mean
 
 
-def small(rule: str = "competitive", **options) -> InhibitoryNetwork:
-    values = {
-        "gamma": 5.0,
-        "tau_in": 0.7,
-        "tau_out": 0.3,
-        "settle": 0.1,
-        "tau_onset": 0.2,
-        "radius_limit": math.inf,
-        **options,
-    }
-    return InhibitoryNetwork(3, 0.01, learning_rule(rule), **values)
+def small(rule: str = "competitive", gamma=5.0, tau_onset=0.2, radius_limit=math.inf, **options) -> InhibitoryNetwork:
+    values = {"tau_in": 0.7, "tau_out": 0.3, "settle": 0.1, **options}
+    chosen = learning_rule(rule, gamma=gamma, tau_onset=tau_onset, radius_limit=radius_limit)
+    return InhibitoryNetwork(3, 0.01, chosen, **values)
 
 
 @pytest.mark.parametrize("rule", ["competitive", "cooperative", "hebbian"])
@@ -133,7 +126,7 @@ def test_one_step_subtracts_the_previous_outputs() -> None:
 def test_the_fixed_point_is_the_instantaneous_network() -> None:
     """[C eq. 2]: constant inputs settle at (I + W)^-1 i."""
     weights = torch.tensor([[0.0, 0.3], [0.5, 0.0]], dtype=torch.float64)
-    network = InhibitoryNetwork(2, gamma=0.0, tau_in=math.inf, initial=weights)
+    network = InhibitoryNetwork(2, rule=None, tau_in=math.inf, initial=weights)
     inputs = torch.tensor([[0.0, 0.0]] + 60 * [[1.0, 2.0]], dtype=torch.float64)
     out, _ = network(inputs)
     assert_allclose(out[-1], np.linalg.solve(np.eye(2) + weights.numpy(), [1, 2]), atol=1e-10)
@@ -141,19 +134,22 @@ def test_the_fixed_point_is_the_instantaneous_network() -> None:
 
 def test_tau_in_inf_lets_the_input_through() -> None:
     inputs = 1 + noise(5, 2)
-    out, _ = InhibitoryNetwork(2, gamma=0.0, tau_in=math.inf)(inputs)
+    out, _ = InhibitoryNetwork(2, rule=None, tau_in=math.inf)(inputs)
     assert_allclose(out, inputs)
 
 
 def test_a_rate_of_zero_keeps_the_weights() -> None:
     initial = torch.tensor([[0.0, 0.3], [0.5, 0.0]])
-    _, state = InhibitoryNetwork(2, gamma=0.0, settle=0.0, initial=initial)(noise(40, 2).float())
+    _, state = InhibitoryNetwork(2, rule=learning_rule("competitive", gamma=0.0), settle=0.0, initial=initial)(
+        noise(40, 2).float()
+    )
     assert torch.equal(state.weights, initial)
     assert weight_change(state) == 0
 
 
 def test_nothing_is_learned_while_settling() -> None:
-    network, inputs = InhibitoryNetwork(2, 0.01, gamma=50.0, settle=0.2), noise(22, 1).expand(22, 2)
+    network = InhibitoryNetwork(2, 0.01, learning_rule("competitive", gamma=50.0), settle=0.2)
+    inputs = noise(22, 1).expand(22, 2)
     _, before = network(inputs[:21])
     _, after = network(inputs)
     assert not before.weights.any()
@@ -253,10 +249,10 @@ def test_weights_keep_their_bounds_whatever_comes_in(
     network = InhibitoryNetwork(
         4,
         0.01,
-        gamma=torch.as_tensor(fastest * rng.random(batch)),
+        learning_rule(
+            "competitive", gamma=torch.as_tensor(fastest * rng.random(batch)), tau_onset=0.0, radius_limit=limit
+        ),
         settle=0.0,
-        tau_onset=0.0,
-        radius_limit=limit,
         when_full=when_full,
     )
     state = None
@@ -294,7 +290,7 @@ def test_alternation_of_signals_that_flip_and_of_slow_ones() -> None:
     signs = torch.tensor([1.0, -1.0]).repeat(200)[:, None].expand(400, 2).clone()
     signs[0] = 0
     slow = torch.sin(torch.arange(400) * 0.02)[:, None].expand(400, 2)
-    silent = InhibitoryNetwork(2, gamma=0.0, tau_in=math.inf)
+    silent = InhibitoryNetwork(2, rule=None, tau_in=math.inf)
     assert alternation(silent(signs)[1]) == pytest.approx(1, abs=1e-3)
     assert alternation(silent(slow)[1]) < 1e-3
     white = torch.cat([torch.zeros(1, 2, dtype=torch.float64), noise(4000, 2)])
@@ -303,7 +299,7 @@ def test_alternation_of_signals_that_flip_and_of_slow_ones() -> None:
 
 def test_an_unstable_network_is_seen_to_alternate() -> None:
     weights = torch.tensor([[0.0, 0.99], [0.99, 0.0]])
-    _, state = InhibitoryNetwork(2, gamma=0.0, tau_in=math.inf, initial=weights)(
+    _, state = InhibitoryNetwork(2, rule=None, tau_in=math.inf, initial=weights)(
         torch.cat([torch.zeros(1, 2), torch.ones(1, 2), torch.zeros(200, 2)])
     )
     assert alternation(state) > 0.9
@@ -330,8 +326,9 @@ def test_inputs_of_another_shape_are_refused() -> None:
     [
         ({"neurons": 1}, "at least 2 neurons, got 1"),
         ({"when_full": "halve"}, "when_full must be 'rescale' or 'stop', got 'halve'"),
-        ({"radius_limit": 0.0}, "radius_limit must be positive"),
-        ({"radius_limit": math.nan}, "radius_limit must be positive"),
+        ({"feedback": "none"}, "feedback must be one of delayed, settled, got 'none'"),
+        ({"rule": "oja"}, "rule must be one of competitive, .*, got 'oja'"),
+        ({"every": 0.05}, "with delayed feedback the weights change at every step of 0.01 s, got every=0.05"),
         ({"initial": torch.zeros(3, 2)}, r"initial weights must be \[3, 3\], got \(3, 2\)"),
         ({"tau_in": -1.0}, "tau"),
         ({"tau_out": math.nan}, "tau"),
@@ -347,10 +344,9 @@ def test_options_out_of_range_are_refused(options: dict, message: str) -> None:
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("gamma", -1.0),
-        ("gamma", math.nan),
         ("settle", math.nan),
-        ("tau_onset", -1.0),
+        ("faint", -1.0),
+        ("every", math.inf),
         ("window", math.nan),
         ("initial", -torch.ones(3, 3)),
         ("initial", torch.ones(3, 3)),

@@ -9,10 +9,25 @@ import pytest
 import torch
 from numpy.testing import assert_allclose
 
-from ndtorch.binding import ACTIVATIONS, RULE_NAMES, LearningRule, learning_onset, learning_rule
+from ndtorch.binding import (
+    ACTIVATIONS,
+    RULES,
+    InhibitoryNetwork,
+    LearningRule,
+    ScaleFreeRule,
+    learning_onset,
+    learning_rule,
+)
+from ndtorch.binding.rules import cube
 from ndtorch.errors import InputError
 
 X = torch.tensor([-0.8, 0.1, 0.5], dtype=torch.float64)
+
+
+def products(rule: LearningRule, fluctuation: torch.Tensor) -> torch.Tensor:
+    """What one time step makes of every weight."""
+    n = fluctuation.shape[-1]
+    return rule.change(fluctuation.unsqueeze(-2), torch.zeros(n), torch.zeros(n, n))
 
 
 @pytest.mark.parametrize(
@@ -39,49 +54,61 @@ def test_activations_are_odd_and_differentiable(name: str) -> None:
 
 
 def test_competitive_puts_the_cube_on_the_inhibiting_neuron() -> None:
-    change = learning_rule("competitive").change(X)
+    change = products(learning_rule("competitive"), X)
     for n in range(3):
         for k in range(3):
             assert change[n, k].item() == pytest.approx(math.tanh(math.pi * float(X[n])) * float(X[k]) ** 3)
 
 
 def test_cooperative_is_the_competitive_rule_transposed() -> None:
-    assert torch.equal(learning_rule("cooperative").change(X), learning_rule("competitive").change(X).mT)
+    assert torch.equal(products(learning_rule("cooperative"), X), products(learning_rule("competitive"), X).mT)
 
 
 @pytest.mark.parametrize("f", ["cube", "linear"])
 def test_hebbian_is_the_product_whatever_f_and_g_are(f: str) -> None:
-    assert_allclose(learning_rule("hebbian", f=f, g="tanh-10").change(X), np.outer(X, X))
+    assert_allclose(products(learning_rule("hebbian", f=f, g="tanh-10"), X), np.outer(X, X))
 
 
 def test_functions_can_be_chosen() -> None:
     rule = learning_rule("competitive", f="linear", g="tanh-10")
-    assert_allclose(rule.change(X), np.outer(np.tanh(10 * X.numpy()), X))
+    assert_allclose(products(rule, X), np.outer(np.tanh(10 * X.numpy()), X))
 
 
 def test_change_of_a_batch_is_each_ones_own() -> None:
     fluctuation = torch.rand(2, 5, 3)
-    change = learning_rule("competitive").change(fluctuation)
+    change = products(learning_rule("competitive"), fluctuation)
     assert change.shape == (2, 5, 3, 3)
-    assert torch.equal(change[1, 4], learning_rule("competitive").change(fluctuation[1, 4]))
+    assert torch.equal(change[1, 4], products(learning_rule("competitive"), fluctuation[1, 4]))
+
+
+def test_change_of_several_steps_is_their_mean() -> None:
+    rule, high = learning_rule("competitive"), torch.rand(4, 3, dtype=torch.float64)
+    mean = sum(products(rule, x) for x in high) / 4
+    assert_allclose(rule.change(high, torch.zeros(3), torch.zeros(3, 3), 4), mean, rtol=1e-12)
+    # Two steps of two fields: the fields are summed.
+    assert_allclose(rule.change(high, torch.zeros(3), torch.zeros(3, 3), 2), 2 * mean, rtol=1e-12)
 
 
 def test_a_rule_can_be_made_of_any_two_functions() -> None:
     rule = LearningRule(torch.sign, torch.abs)
     assert rule.name == "custom"
-    assert rule.change(torch.tensor([-2.0, 3.0])).tolist() == [[-2, -3], [2, 3]]
+    assert products(rule, torch.tensor([-2.0, 3.0])).tolist() == [[-2, -3], [2, 3]]
 
 
-@pytest.mark.parametrize("name", RULE_NAMES)
+@pytest.mark.parametrize("name", list(RULES))
 def test_rules_carry_their_names(name: str) -> None:
     assert learning_rule(name).name == name
 
 
 def test_unknown_names_are_refused() -> None:
-    with pytest.raises(InputError, match=r"rule must be one of competitive, cooperative, hebbian .*, got 'oja'"):
+    with pytest.raises(
+        InputError, match=r"rule must be one of competitive, cooperative, hebbian, scale-free, got 'oja'"
+    ):
         learning_rule("oja")
     with pytest.raises(InputError, match=r"^f must be one of cube, .* got 'square'"):
         learning_rule("competitive", f="square")
+    with pytest.raises(InputError, match=r"rule scale-free: .*unexpected keyword argument 'f'"):
+        learning_rule("scale-free", f="cube")
     with pytest.raises(InputError, match=r"^g must be one of cube, .* got 'relu'"):
         learning_rule("hebbian", g="relu")
 
@@ -91,4 +118,36 @@ def test_unknown_names_are_refused() -> None:
     [(-1, 2, 0), (0, 2, 0), (2, 2, 1 - 1 / math.e), (200, 2, 1), (0, 0, 0), (1e-9, 0, 1), (1, math.inf, 0)],
 )
 def test_onset(seconds: float, tau: float, mu: float) -> None:
-    assert learning_onset(seconds, tau) == pytest.approx(mu)
+    assert float(learning_onset(torch.tensor(seconds, dtype=torch.float64), tau)) == pytest.approx(mu)
+
+
+def test_the_gate_lets_the_stronger_inhibit_the_weaker() -> None:
+    rule = ScaleFreeRule()
+    change = rule.change(torch.ones(1, 2), torch.tensor([1.0, 16.0]), torch.zeros(2, 2))
+    # s = 1 and 4: c[0, 1] = 256 / 257 over s_1^2 = 16, c[1, 0] = 1 / 257 over 1.
+    assert_allclose(change[0, 1], 256 / 257 / 16, rtol=1e-6)
+    assert_allclose(change[1, 0], 1 / 257, rtol=1e-5)
+
+
+def test_the_rate_falls_from_a_fast_start() -> None:
+    rule = ScaleFreeRule()
+    got = rule.rate(torch.tensor([-1.0, 0.0, 4.0, 100.0], dtype=torch.float64))
+    assert_allclose(got, [0, 0, 0.2 * (1 + 15 * math.exp(-1)), 0.2], rtol=1e-6)
+
+
+def test_a_rule_of_ones_own_has_a_name_like_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(RULES, "sign", lambda **constants: LearningRule(torch.sign, cube, "sign", **constants))
+    network = InhibitoryNetwork(2, rule="sign", settle=0.0)
+    assert network.rule.name == "sign"
+    _, state = network(torch.randn(50, 2, generator=torch.Generator().manual_seed(0)))
+    assert state.weights.any()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("gamma", -1.0), ("gamma", math.nan), ("tau_onset", -1.0), ("radius_limit", 0.0), ("radius_limit", math.nan)],
+)
+@pytest.mark.parametrize("rule", list(RULES))
+def test_constants_that_would_do_nothing_or_harm_are_refused(rule: str, name: str, value: float) -> None:
+    with pytest.raises(InputError, match=name):
+        learning_rule(rule, **{name: value})

@@ -24,13 +24,10 @@ def network(rule: str) -> InhibitoryNetwork:
     return InhibitoryNetwork(
         2,
         0.001,
-        learning_rule(rule),
-        gamma=5.0,
+        learning_rule(rule, gamma=5.0, radius_limit=math.inf),
         tau_in=math.inf,
         tau_out=2.0,
         settle=0.0,
-        tau_onset=2.0,
-        radius_limit=math.inf,
     )
 
 

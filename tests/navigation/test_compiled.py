@@ -21,7 +21,7 @@ from ndtorch.navigation import (
     StereoRig,
     cut_strips,
 )
-from ndtorch.navigation.compiled import dense, leaves
+from ndtorch.navigation.compiled import dense, tensors_of
 
 DT = 1 / 30
 RIG = StereoRig()
@@ -74,7 +74,9 @@ def test_same_commands_states_and_map(compiled):
             one, a = plain(left, right, a)
             other, b = compiled(left, right, b)
             torch.testing.assert_close(one, other)
-            torch.testing.assert_close(leaves(a._replace(map=None)), leaves(b._replace(map=None)), rtol=1e-4, atol=1e-5)
+            torch.testing.assert_close(
+                tensors_of(a._replace(map=None)), tensors_of(b._replace(map=None)), rtol=1e-4, atol=1e-5
+            )
             modes.add(int(compiled.mode(b)))
             found += int(b.ranges.valid.sum())
     assert len(modes) >= 2, modes  # or else little was compared
@@ -107,7 +109,7 @@ def test_strips_and_frames_share_a_library(compiled, folder):
     again = CompiledNavigator(navigator(), folder, pytest.fail)  # says something only when it compiles
     for steps in (1, 2):
         left, right = next(iter(world(steps)))
-        cut = [cut_strips(eye, field, RIG) for eye, field in zip((left, right), again.motion.fields, strict=True)]
+        cut = [cut_strips(eye, field, RIG) for eye, field in zip((left, right), again.controller.fields, strict=True)]
         with torch.inference_mode():
             again.warm_up(left, right)
             again.warm_up(*cut)
@@ -137,22 +139,89 @@ def test_unusable_frames_are_refused(compiled):
 def test_one_library_for_one_kind_of_navigator():
     """Maps do not matter, parameters do; another process finds the same name."""
     name = CompiledNavigator(navigator()).same
-    assert CompiledNavigator(Navigator(RIG, DT, features=FeatureParams(2, edge_reach=4, shared=True))).same != name
+    assert CompiledNavigator(navigator("published")).same != name
     assert CompiledNavigator(navigator(observations=ObservationList(DT))).same == name
-    assert CompiledNavigator(navigator(ranging=RangingParams(turn_at=1.2))).same != name
+    assert CompiledNavigator(navigator(params=RangingParams(turn_at=1.2))).same != name
     script = "from tests.navigation.test_compiled import *\nprint(CompiledNavigator(navigator()).same)"
     environment = os.environ | {"PYTHONHASHSEED": "77"}
     out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=environment, check=True)
     assert out.stdout.strip() == name
 
 
-def test_what_cannot_be_compiled_or_kept_is_said(tmp_path, monkeypatch):
-    left, right = next(iter(world()))
-    blocked = tmp_path / "file"
-    blocked.write_text("")
-    with pytest.raises(InputError, match="cannot keep the compiled step"):
-        CompiledNavigator(navigator(), blocked / "folder").warm_up(left, right)
+def test_without_a_compiler(tmp_path, monkeypatch):
     monkeypatch.setenv("CXX", "no-such-compiler")
     with pytest.raises(InputError, match=r"C\+\+ compiler.*no-such-compiler"):
-        CompiledNavigator(navigator(), tmp_path).warm_up(left, right)
+        CompiledNavigator(navigator(), tmp_path, [].append).warm_up(*next(iter(world())))
     assert not any(tmp_path.glob("*.pt2"))
+
+
+def test_where_nothing_can_be_kept_it_steps_uncompiled(tmp_path, monkeypatch):
+    """One line, and the same commands."""
+    blocked, said = tmp_path / "file", []
+    blocked.write_text("")
+    made, plain = CompiledNavigator(navigator(), blocked / "folder", said.append), navigator()
+    (left, right), (next_left, next_right) = world(2)
+    with torch.inference_mode():
+        made.warm_up(left, right)
+        _, a = plain(left, right)
+        _, b = made(left, right)
+        assert torch.equal(plain(next_left, next_right, a)[0].speed, made(next_left, next_right, b)[0].speed)
+    assert len(said) == 1
+    assert "uncompiled" in said[0]
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr("pathlib.Path.home", homeless)
+    with pytest.warns(UserWarning, match="no home folder.*uncompiled"):
+        CompiledNavigator(navigator())
+
+
+def homeless():
+    raise RuntimeError("Could not determine home directory.")
+
+
+def test_a_damaged_library_is_compiled_again(tmp_path, monkeypatch):
+    """With a compiler that only writes a file."""
+    monkeypatch.setattr("ndtorch.navigation.compiled.load_step", lambda file: file.read_text)
+    monkeypatch.setattr("ndtorch.navigation.compiled.compile_step", pretend)
+    for damage, line in (
+        (lambda file: file.write_text("evil"), "is damaged; compiling"),
+        (lambda file: file.chmod(0o666), "can be written by other users; compiling"),
+        (lambda file: None, ""),
+    ):
+        said = []
+        made = CompiledNavigator(navigator(), tmp_path, said.append)
+        assert made.library(made.kept, (), (), [])() == "code"
+        (file,) = tmp_path.glob("*.pt2")
+        damage(file)
+        said.clear()
+        assert made.library(made.kept, (), (), [])() == "code"
+        assert [line in words for words in said] == [True] * bool(line)
+
+
+def pretend(navigator, given, tensors, kept, name):
+    draft = kept.folder / "draft"
+    draft.write_text("code")
+    return kept.keep(name, draft)
+
+
+def test_a_library_that_does_not_load_is_compiled_again(tmp_path, monkeypatch):
+    loads = iter([True, False])
+
+    def load(file):
+        if next(loads, True):
+            return file.read_text
+        raise RuntimeError("not an archive\nmore")
+
+    monkeypatch.setattr("ndtorch.navigation.compiled.load_step", load)
+    monkeypatch.setattr("ndtorch.navigation.compiled.compile_step", pretend)
+    said = []
+    made = CompiledNavigator(navigator(), tmp_path, said.append)
+    made.library(made.kept, (), (), [])
+    assert made.library(made.kept, (), (), [])() == "code"
+    assert "cannot be loaded (not an archive); compiling" in said[1]
+
+
+def test_the_folder_is_private(tmp_path):
+    folder = tmp_path / "kept"
+    folder.mkdir(mode=0o777)
+    CompiledNavigator(navigator(), folder)
+    assert folder.stat().st_mode & 0o777 == 0o700

@@ -8,21 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import (
-    Grid,
-    GridMap,
-    LogOddsMap,
-    ObservationList,
-    Observations,
-    Pose,
-    Ranges,
-    StereoRig,
-    certainty,
-    free_length,
-    path_is_free,
-    to_body,
-)
-from ndtorch.navigation.observations import arc_coordinates
+from ndtorch.navigation import Grid, GridMap, ObservationList, Pose, Ranges, StereoRig
+from ndtorch.navigation.certainty import certainty
+from ndtorch.navigation.mapping import LogOdds
+from ndtorch.navigation.observations import Observations, arc_coordinates, free_length, path_is_free
+from ndtorch.navigation.odometry import to_body
+from ndtorch.navigation.tiles import add_at, cell_tables, empty_tiles
 
 RIG = StereoRig()
 GRID = Grid(-1.0, 5.0, -3.0, 3.0)
@@ -86,10 +77,44 @@ def test_the_map_is_never_negative_and_only_grows(seed):
     assert float(normal.max()) == (1.0 if ranges.valid.any() else 0.0)
 
 
-@pytest.mark.parametrize("kind", [GridMap, LogOddsMap])
-def test_chunks_and_batches(kind):
+@pytest.mark.parametrize("certainty", ["beams", "log-odds"])
+def test_an_old_state_stays_as_it_was(certainty):
+    """Whoever keeps a state can go on from it, as often as wanted; nothing is changed behind anybody's back."""
+    mapper = GridMap(RIG, GRID, certainty=certainty)
+    first, later = random_run(3, 2), random_run(4, 2)
+    _, kept = mapper(*first)
+    before = kept.cells.clone()
+    one, after = mapper(*later, kept)
+    other, _ = mapper(*later, kept)
+    assert torch.equal(kept.cells, before)
+    assert torch.equal(one, other)
+    assert not torch.equal(after.cells, before)
+    # Tiles that were not touched are shared.
+    tiles = [pair for rows in zip(kept.tiles.rows, after.tiles.rows, strict=True) for pair in zip(*rows, strict=True)]
+    assert any(a is b for a, b in tiles)
+    assert all(a is b or a.untyped_storage().data_ptr() != b.untyped_storage().data_ptr() for a, b in tiles)
+
+
+def test_tiles_hold_what_was_added_where():
+    """Against a plain tensor, for several maps at once."""
+    generator = torch.Generator().manual_seed(2)
+    rows, columns = 150, 200
+    down, across = cell_tables(rows, columns)
+    tiles, plain = empty_tiles((2, 3), rows, columns, torch.zeros(1)), torch.zeros(2, 3, rows, columns)
+    for _ in range(5):
+        row = torch.randint(0, rows, (2, 3, 40), generator=generator)
+        column = torch.randint(0, columns, (2, 3, 40), generator=generator)
+        weight = torch.randn(2, 3, 40, generator=generator)
+        tiles = add_at(tiles, down[row] + across[column], weight, limit=1.0)
+        plain.flatten(-2).scatter_add_(-1, row * columns + column, weight)
+        plain.clamp_(-1.0, 1.0)
+    torch.testing.assert_close(tiles.cells[..., :rows, :columns], plain)
+
+
+@pytest.mark.parametrize("certainty", ["beams", "log-odds"])
+def test_chunks_and_batches(certainty):
     ranges, pose = random_run(1, 2, 2)
-    mapper = kind(RIG, GRID)
+    mapper = GridMap(RIG, GRID, certainty=certainty)
     whole, _ = mapper(ranges, pose)
     state = None
     for t in range(6):
@@ -125,23 +150,25 @@ def test_two_views_sharpen_the_map():
 
 
 def test_log_odds():
-    mapper = LogOddsMap(RIG, GRID)
+    mapper = GridMap(RIG, GRID, certainty="log-odds")
     look = ranges_of([[[1.5, 0.0]]]), poses([0.0, 0.0, 0.0])
     state = None
     for _ in range(10):
-        probability, state = mapper(*look, state)
+        cells, state = mapper(*look, state)
+    probability = cells.sigmoid()
     at = lambda x, y: float(probability[round((y + 3) * 100), round((x + 1) * 100)])  # noqa: E731
     assert at(1.5, 0.0) > 0.6  # the feature
     assert at(0.8, 0.0) < 0.4  # the line of sight
     assert at(2.5, 0.0) == 0.5  # behind it nothing is known
     assert at(0.8, 0.5) == 0.5
     for _ in range(2000):
-        state = mapper.touch(*look, state)
-    assert state.cells.abs().max() <= mapper.limit
+        state = mapper.update(*look, state)
+    assert state.cells.abs().max() <= mapper.odds.limit
     # It changes its mind: something is now seen through the place.
     further = ranges_of([[[2.1, 0.0]]]), look[1]
     for _ in range(200):
-        probability, state = mapper(*further, state)
+        cells, state = mapper(*further, state)
+    probability = cells.sigmoid()
     assert at(1.5, 0.0) < 0.4
 
 
@@ -152,10 +179,12 @@ def test_bad_maps():
         Grid(-1e6, 1e6, -1e6, 1e6)
     with pytest.raises(InputError, match="reach"):
         GridMap(RIG, GRID, reach=0.0)
+    with pytest.raises(InputError, match="certainty"):
+        GridMap(RIG, GRID, certainty="odds")
     with pytest.raises(InputError, match="hit"):
-        LogOddsMap(RIG, GRID, hit=-1.0)
+        LogOdds(hit=-1.0)
     ranges, pose = random_run(0)
-    for mapper in (GridMap(RIG, GRID), LogOddsMap(RIG, GRID), ObservationList(0.1)):
+    for mapper in (GridMap(RIG, GRID), GridMap(RIG, GRID, certainty="log-odds"), ObservationList(0.1)):
         with pytest.raises(InputError, match="poses"):
             mapper(ranges, Pose(*(part[:3] for part in pose)))
     _, state = GridMap(RIG, GRID)(ranges, pose)

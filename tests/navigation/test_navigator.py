@@ -18,12 +18,11 @@ from ndtorch.navigation import (
     ObservationList,
     Rect,
     RowRanging,
-    SaccadeAvoidance,
     StereoRig,
     Strips,
-    SubfieldMotion,
     cut_strips,
 )
+from ndtorch.navigation.controllers.published import SaccadeAvoidance, SubfieldMotion
 from ndtorch.vision.nondirectional import NDMin, spatial_maximum
 
 DT = 1 / 30
@@ -40,10 +39,16 @@ def frames(seed, *batch, steps=8, channels=3, shift=3):
     return left, right
 
 
-def full_navigator(**options):
+def full_navigator(controller="published", **options):
     grid = GridMap(RIG, Grid(-1.0, 3.0, -2.0, 2.0, cell=0.02))
     return Navigator(
-        RIG, DT, grid_map=grid, observations=ObservationList(DT, 32), tracker=AlphaBetaTracker(DT), **options
+        RIG,
+        DT,
+        controller=controller,
+        grid_map=grid,
+        observations=ObservationList(DT, 32),
+        tracker=AlphaBetaTracker(DT),
+        **options,
     )
 
 
@@ -111,7 +116,7 @@ def test_shapes_and_batches():
 def test_chunked_is_whole_is_frame_by_frame(features):
     left, right = frames(4, steps=24)
     quick = AvoidanceParams(turn_threshold=0.01, start_time=0.1, turn_time=0.2, suppression_time=0.1)
-    navigator = full_navigator(avoidance=quick, features=features)
+    navigator = full_navigator(params=quick, features=features)
     whole, final = navigator(left, right)
     final = leaves(final)
     assert whole.curvature.unique().numel() > 1  # it does something
@@ -128,15 +133,19 @@ def test_chunked_is_whole_is_frame_by_frame(features):
 
 def test_uint8_float_grey_and_strips_agree():
     left, right = ((255 * x).to(torch.uint8) for x in frames(5, steps=12))
-    bytes_, state = Navigator(RIG, DT)(left, right)
-    floats, _ = Navigator(RIG, DT)(left / 255, right / 255)
+    bytes_, state = Navigator(RIG, DT, controller="published")(left, right)
+    floats, _ = Navigator(RIG, DT, controller="published")(left / 255, right / 255)
     torch.testing.assert_close(floats, bytes_)
-    grey, grey_state = Navigator(RIG, DT)(*(x.double().mean(-3, keepdim=True) / 255 for x in (left, right)))
+    grey, grey_state = Navigator(RIG, DT, controller="published")(
+        *(x.double().mean(-3, keepdim=True) / 255 for x in (left, right))
+    )
     torch.testing.assert_close(grey.curvature.float(), bytes_.curvature)
     torch.testing.assert_close(grey_state.sides.float(), state.sides, atol=1e-5, rtol=1e-5)
     pieces = [cut_strips(x, rect, RIG) for x, rect in zip((left, right), FIELDS, strict=True)]
     assert pieces[0].row.shape == (12, 3, 1, 320)
-    cut, cut_state = Navigator(RIG, DT)(*(Strips(*(part.clone() for part in p)) for p in pieces))
+    cut, cut_state = Navigator(RIG, DT, controller="published")(
+        *(Strips(*(part.clone() for part in p)) for p in pieces)
+    )
     torch.testing.assert_close(cut, bytes_)
     for a, b in zip(leaves(cut_state), leaves(state), strict=True):
         assert torch.equal(a, b)
@@ -144,19 +153,19 @@ def test_uint8_float_grey_and_strips_agree():
 
 def test_only_the_strips_are_read():
     left, right = frames(6)
-    _, state = Navigator(RIG, DT)(left, right)
+    _, state = Navigator(RIG, DT, controller="published")(left, right)
     spoiled = torch.full_like(left, math.nan), torch.full_like(right, math.nan)
     for whole, copy, rect in zip((left, right), spoiled, FIELDS, strict=True):
         for r in (rect, Rect(RIG.row, RIG.row + 1, 0, 320)):
             copy[..., r.top : r.bottom, r.left : r.right] = whole[..., r.top : r.bottom, r.left : r.right]
-    _, same = Navigator(RIG, DT)(*spoiled)
+    _, same = Navigator(RIG, DT, controller="published")(*spoiled)
     for a, b in zip(leaves(state), leaves(same), strict=True):
         assert torch.equal(a, b)
 
 
 def test_static_scene_ranges_nothing_and_stops():
     left, right = (x[:1].expand(40, -1, -1, -1) for x in frames(7))
-    command, state = Navigator(RIG, DT)(left, right)
+    command, state = Navigator(RIG, DT, controller="published")(left, right)
     assert (state.sides == 0).all()
     assert not state.ranges.valid.any()
     assert command.speed[0] == 0.5  # the start
@@ -165,7 +174,7 @@ def test_static_scene_ranges_nothing_and_stops():
 
 def test_pose_follows_the_commands_or_what_was_driven():
     left, right = frames(8, steps=10)
-    navigator = Navigator(RIG, DT)
+    navigator = Navigator(RIG, DT, controller="published")
     command, state = navigator(left, right)
     # The last command has not been driven yet.
     assert float(state.pose.x) == pytest.approx(float(command.speed[:-1].sum()) * DT, rel=1e-5)
@@ -176,14 +185,14 @@ def test_pose_follows_the_commands_or_what_was_driven():
 
 def test_pieces_alone_give_what_the_whole_gives():
     left, right = frames(9, steps=20)
-    command, _ = Navigator(RIG, DT)(left, right)
+    command, _ = Navigator(RIG, DT, controller="published")(left, right)
     alone, _ = SaccadeAvoidance(DT)(SubfieldMotion(RIG, DT)(left, right)[0])
     assert torch.equal(alone.curvature, command.curvature)
 
 
 def test_bad_input():
     left, right = frames(1, steps=2)
-    navigator = Navigator(RIG, DT)
+    navigator = Navigator(RIG, DT, controller="published")
     with pytest.raises(InputError, match="alike"):
         navigator(left, right[..., :-2, :])
     with pytest.raises(InputError, match="alike"):
@@ -216,17 +225,17 @@ def test_unusable_values(value, place):
     row, column = (FIELDS[1].top + 1, FIELDS[1].left + 2) if place == "field" else (RIG.row, 17)
     right[1, 0, row, column] = value
     with pytest.raises(InputError, match="finite"):
-        Navigator(RIG, DT)(left, right)
+        Navigator(RIG, DT, controller="published")(left, right)
     right[1, 0, row, column] = 0.5
     right[0, 1, row, column] = value  # already in the first frame
     with pytest.raises(InputError, match="finite"):
-        Navigator(RIG, DT)(left, right)
+        Navigator(RIG, DT, controller="published")(left, right)
 
 
 def test_compiles():
     torch._dynamo.reset()
     left, right = ((255 * x).to(torch.uint8) for x in frames(3, steps=2))
-    navigator = Navigator(RIG, DT, observations=ObservationList(DT, 16))
+    navigator = Navigator(RIG, DT, controller="published", observations=ObservationList(DT, 16))
     compiled = torch.compile(navigator, backend="eager", fullgraph=True)
     for a, b in zip(leaves(compiled(left, right)), leaves(navigator(left, right)), strict=True):
         torch.testing.assert_close(a, b)
@@ -241,9 +250,3 @@ def test_cuda():
     there = leaves(navigator.to("cuda")(left.cuda(), right.cuda()))
     for a, b in zip(here, there, strict=True):
         torch.testing.assert_close(a, b.cpu(), atol=1e-4, rtol=1e-4)
-
-
-def test_public_names():
-    for name in navigation.__all__:
-        assert getattr(navigation, name) is not None
-    assert len(navigation.__all__) == len(set(navigation.__all__)) == 57

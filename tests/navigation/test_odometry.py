@@ -7,7 +7,8 @@ import torch
 from torch.autograd import gradcheck
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import DeadReckoning, Pose, drive_step, to_body, to_world
+from ndtorch.navigation import DeadReckoning, Pose
+from ndtorch.navigation.odometry import drive_step, to_body, to_world
 
 
 def test_circle_and_line():

@@ -9,8 +9,10 @@ from hypothesis import strategies as st
 from torch.autograd import gradcheck
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Matches, Ranges, StereoRig, beam, certainty, triangulate
-from ndtorch.navigation.certainty import beam_table, sample_certainty
+from ndtorch.navigation import Ranges, StereoRig
+from ndtorch.navigation.certainty import beam, beam_table, certainty, sample_certainty
+from ndtorch.navigation.correspondence import Matches
+from ndtorch.navigation.ranging import triangulate
 
 
 def matches(left, right, valid=None):

@@ -7,15 +7,10 @@ from hypothesis import strategies as st
 from torch.autograd import gradcheck
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import (
-    FeatureParams,
-    Features,
-    MatchParams,
-    PredictedFeatures,
-    find_features,
-    match_features,
-)
-from ndtorch.navigation.features import edge_places, patch_error, sample
+from ndtorch.navigation import FeatureParams, MatchParams
+from ndtorch.navigation.correspondence import match_features
+from ndtorch.navigation.features import Features, edge_places, find_features, patch_error, sample
+from ndtorch.navigation.prediction import PredictedFeatures
 
 
 def rows(seed, *shape, scale=0.2):

@@ -6,7 +6,9 @@ import pytest
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import AlphaBetaTracker, DeadReckoning, Pose, Ranges, TrackParams, to_body
+from ndtorch.navigation import AlphaBetaTracker, DeadReckoning, Pose, Ranges
+from ndtorch.navigation.odometry import to_body
+from ndtorch.navigation.tracking import TrackParams
 
 DT = 1 / 30
 

@@ -44,7 +44,7 @@ def test_everything_written_is_there(tmp_path: Path) -> None:
         for step in range(steps):
             recording.outputs(step / 100, torch.full((10,), float(step)))
         for step in range(5):
-            recording.frame(step / 25, picture(), picture(), "red" if step else None)
+            recording.frame(step / 25, picture(), picture(), "red wins")
             recording.weights(step / 25, torch.full((10, 10), step / 10))
         recording.objects("red, moving right")
     reader = RrdReader(path)
@@ -80,7 +80,7 @@ def test_outputs_keep_their_times_values_names_and_colors(tmp_path: Path) -> Non
 
 def test_objects_carry_the_latest_time(tmp_path: Path) -> None:
     with Recording(tmp_path / "run.rrd") as recording:
-        recording.frame(1.0, picture(), picture(), None)
+        recording.frame(1.0, picture(), picture(), "no winner yet")
         recording.outputs(2.5, torch.zeros(10))
         recording.objects("table")
     (chunk,) = chunks(tmp_path / "run.rrd", "/objects")
@@ -120,9 +120,9 @@ def test_an_error_inside_still_closes_the_file(tmp_path: Path) -> None:
 def test_bad_input(tmp_path: Path) -> None:
     with Recording(tmp_path / "run.rrd") as recording:
         with pytest.raises(InputError, match=r"frame must be \[H, W, 3\] uint8"):
-            recording.frame(0.0, picture()[..., 0], picture(), None)
-        with pytest.raises(InputError, match="enhanced must be"):
-            recording.frame(0.0, picture(), picture().astype(np.float32), None)
+            recording.frame(0.0, picture()[..., 0], picture(), "")
+        with pytest.raises(InputError, match="shown must be"):
+            recording.frame(0.0, picture(), picture().astype(np.float32), "")
         with pytest.raises(InputError, match=r"values must be \[10\], got \[3\]"):
             recording.outputs(0.0, torch.zeros(3))
         with pytest.raises(InputError, match=r"values must be \[10, 10\]"):

@@ -1,4 +1,4 @@
-"""Objects of a video: figure, JSON lines, overlay, and the command that writes them."""
+"""Objects of a video: figure, JSON lines, overlay, and what the command says of them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from ndtorch.commands import main
 from ndtorch.errors import InputError
-from ndtorch.run.video import front_end
+from ndtorch.run.today import front_end
 from ndtorch.scenes.video_writer import VideoWriter
 from tests.vision.camera.passing_scenes import SIZE, passing
 
@@ -49,29 +49,6 @@ def test_bind_writes_the_objects_over_time(clip: Path, tmp_path: Path, capsys: p
     assert (abs(picture.astype(int) - [17, 51, 204]).max(-1) < 30).sum() > 500
     overlay = cv2.VideoCapture(str(folder / "overlay.mp4"))
     assert int(overlay.get(cv2.CAP_PROP_FRAME_COUNT)) == 12
-
-
-def test_published_options_bring_the_published_model_back(clip: Path, tmp_path: Path) -> None:
-    assert main(["bind", str(clip), "--rule", "competitive", "--pictures", "0", "--out", str(tmp_path)]) == 0
-    assert (tmp_path / "square" / "state.safetensors").is_file()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "word"),
-    [
-        (["two-bars", "--front-end", "on"], "front-end"),
-        (["{clip}", "--front-end", "on", "--rule", "hebbian"], "--rule"),
-        (["{clip}", "--without", "sight"], "without"),
-        (["{clip}", "--front-end", "off", "--without", "scale"], "without"),
-        (["two-bars", "--without", "scale"], "without"),
-    ],
-)
-def test_what_does_not_go_together_is_refused(
-    arguments: list[str], word: str, clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["bind", *(a.format(clip=clip) for a in arguments), "--out", str(tmp_path / "out")]) == 2
-    assert word in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
 
 
 def test_parts_have_names() -> None:

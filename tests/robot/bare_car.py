@@ -1,25 +1,17 @@
 """The loop of a car without a board: as fast as it goes, on pictures that slide past."""
 
-from ndtorch_robot.ports import DriveCommand, unseal
-from ndtorch_robot.run import CarLoop
+from ndtorch_robot.ports import Drive, DriveCommand, unseal
+from ndtorch_robot.run import make_car
 from ndtorch_robot.run_config import RunConfig, SimulationTable
 
 FAULTS = ["no command for 0.2 s"]
 
 
-class Telemetry:
-    """What a board says."""
-
-    def values(self):
-        return {"armed": True, "faults": FAULTS, "battery_v": 7.4, "rejected": 3}
-
-
-class FilmCar:
+class FilmCar(Drive):
     """Cameras, clock and drive: every reading gives the next of some frames, and wheels that do what they are told."""
 
     def __init__(self, frames):
         self.frames, self.time, self.sent = iter(frames), 0.0, DriveCommand(0.0, 0.0)
-        self.telemetry, self.round_trips = Telemetry(), []
 
     def now(self):
         return self.time
@@ -37,17 +29,17 @@ class FilmCar:
     def driven(self):
         return self.sent
 
-    def trouble(self):
-        return None
+    def telemetry(self):
+        return {"armed": True, "faults": FAULTS, "battery_v": 7.4, "rejected": 3, "link": None}
 
     def stop(self):
         self.sent = DriveCommand(0.0, 0.0)
 
     def resume(self):
-        pass
+        return True
 
 
 def bare_loop(car, rig, observers=None, **navigation):
     """A loop that drives off at once."""
     config = RunConfig(robot="bare", simulation=SimulationTable(), navigation=navigation)
-    return CarLoop(config, car, rig, car, car, lambda line: None, True, observers)
+    return make_car(config, car, rig, car, car, lambda line: None, True, observers or [])

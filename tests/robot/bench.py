@@ -80,7 +80,7 @@ class Bench:
         on a machine that stalls, and waiting is no claim. Other reasons to stand must pass by themselves."""
         began = told = time.monotonic()
         while time.monotonic() < began + seconds:
-            if time.monotonic() > told + 2.0 and self.car.link.trouble() is not None:
+            if time.monotonic() > told + 2.0 and self.car.drive.trouble() is not None:
                 told = time.monotonic()
                 self.car.safe.resume()
             recent = [p for p in self.board.pulses[-75:] if p.name == "motor"]

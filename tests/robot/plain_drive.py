@@ -5,7 +5,7 @@ from ndtorch_robot.ports import unseal
 
 class PlainDrive:
     def __init__(self):
-        self.sent, self.stops, self.resumes, self.why = [], 0, 0, None
+        self.sent, self.stops, self.resumes, self.why, self.ready = [], 0, 0, None, True
 
     def send(self, command):
         self.sent.append(unseal(command))
@@ -15,7 +15,8 @@ class PlainDrive:
         self.stops += 1
 
     def resume(self):
-        self.resumes += 1
+        self.resumes += self.ready
+        return self.ready
 
     def trouble(self):
         return self.why

@@ -26,10 +26,10 @@ from tests.robot.test_view import chunks, column
 rerun = pytest.importorskip("rerun")
 
 
-def start(loop, stream, say=None):
+def start(loop, stream, report=None):
     """The view of a loop, and its observer."""
-    view = start_view(stream, loop.navigator, RIG, RIG.subfields(), say)
-    observer = ViewSteps(view, loop.telemetry)
+    view = start_view(stream, loop.pilot, report)
+    observer = ViewSteps(view)
     loop.observers.append(observer)
     return view, observer
 
@@ -81,9 +81,9 @@ def test_a_run_and_its_replay(tmp_path, capsys):
     path, again = tmp_path / "new" / "run.rrd", tmp_path / "replay.rrd"
     loop = bare_loop(FilmCar(moving_world(90, RIG)), RIG, controller="published", map_half_size_m=5.0)
     view, observer = start(loop, open_stream("run", Where(path), layout()))
-    loop.safe.report = observer.say
-    with Recorder(tmp_path / "r", loop.configuration(), when_full="wait") as recorder:
-        loop.observers.append(RecordSteps(recorder, loop.telemetry))
+    loop.safe.report = observer.report
+    with Recorder(tmp_path / "r", loop.pilot.configuration(), when_full="wait") as recorder:
+        loop.observers.append(RecordSteps(recorder))
         stops_for_a_while(loop)
         loop.observers.append(lambda step: time.sleep(0.003))
         loop.run(88.5 / 30)
@@ -131,9 +131,9 @@ def test_strips_are_drawn_in_their_places():
 def test_a_loop_never_waits_for_a_view_that_hangs():
     """The viewer takes nothing at all: the loop spends no time on it, drops are counted, and the end does come."""
     free, said = threading.Event(), []
-    view = Background(lambda item: free.wait(20), lambda: None, size=5, say=said.append)
+    view = Background(lambda item: free.wait(20), lambda: None, size=5, report=said.append)
     loop = bare_loop(FilmCar(moving_world(120, RIG)), RIG, controller="published")
-    observer, spent = ViewSteps(view, loop.telemetry), []
+    observer, spent = ViewSteps(view), []
 
     def timed(step):
         began = time.thread_time()
@@ -158,9 +158,9 @@ def test_a_view_that_breaks_ends_alone():
     def broken(item):
         raise RuntimeError("no\nviewer")
 
-    view = Background(broken, lambda: None, say=said.append)
+    view = Background(broken, lambda: None, report=said.append)
     loop = bare_loop(FilmCar(moving_world(30, RIG)), RIG, controller="published")
-    loop.observers.append(ViewSteps(view, loop.telemetry))
+    loop.observers.append(ViewSteps(view))
     assert loop.run(28.5 / 30) == 30
     view.close()
     assert said == ["the view has ended: RuntimeError: no viewer"]
@@ -170,7 +170,7 @@ def test_a_view_that_is_slow_spares_pictures_first():
     seen, gate = [], threading.Event()
     view = Background(lambda item: (gate.wait(5), seen.append(item)), lambda: None, size=30)
     loop = bare_loop(FilmCar(moving_world(40, RIG)), RIG, controller="published")
-    loop.observers.append(ViewSteps(view, loop.telemetry))
+    loop.observers.append(ViewSteps(view))
     loop.run(38.5 / 30)
     gate.set()
     view.close()
@@ -232,8 +232,8 @@ def test_replay_that_is_served(tmp_path, capsys, monkeypatch):
     sinks = []
     monkeypatch.setattr(rerun, "GrpcSink", lambda address: (sinks.append(address), rerun.FileSink(tmp_path / "s"))[1])
     loop = bare_loop(FilmCar(moving_world(20, RIG)), RIG, controller="published")
-    with Recorder(tmp_path / "r", loop.configuration(), when_full="wait") as recorder:
-        loop.observers.append(RecordSteps(recorder, loop.telemetry))
+    with Recorder(tmp_path / "r", loop.pilot.configuration(), when_full="wait") as recorder:
+        loop.observers.append(RecordSteps(recorder))
         loop.run(18.5 / 30)
     assert main(["replay", str(tmp_path / "r"), "--view-at", "0.0.0.0:9555"]) == 0
     assert "served at 0.0.0.0:9555 until Ctrl-C" in capsys.readouterr().err

@@ -83,15 +83,15 @@ def test_line_and_board(garage, command, words, cure):
         if cure:
             car.board.command(cure)
         end = time.monotonic() + 8.0
-        while not car.car.link.welcomed.is_set() and time.monotonic() < end:
+        while not car.car.drive.welcomed.is_set() and time.monotonic() < end:
             time.sleep(0.02)
-        assert car.car.link.welcomed.is_set(), car.lines
+        assert car.car.drive.welcomed.is_set(), car.lines
         time.sleep(0.4)
         motor = [p for p in car.board.pulses[-60:] if p.name == "motor" and p.time > time.monotonic() - 0.3]
         assert motor
         assert all(abs(p.width - NEUTRAL) < SLACK for p in motor)  # connected again, and stands until told otherwise
         if command == "stall":
-            assert Fault.WATCHDOG in car.car.link.telemetry.faults
+            assert Fault.WATCHDOG in car.car.drive.heard.faults
         car.car.safe.resume()
         car.wait_to_move()
         return took
@@ -115,10 +115,12 @@ def test_emergency_stop(garage):
 
 CONFIG = """
 robot = "maxston8"
+[link]
+kind = "simulated-board"
+pulse_log = "{log}"
 [simulation]
 arena = "curve"
 seed = 11
-pulse_log = "{log}"
 """
 
 

@@ -187,4 +187,4 @@ def test_closes_the_loop_without_hardware():
         assert cameras.simulation.collisions == []
         print(summary["round_trip_ms"], summary["jitter_ms"], summary["parts_ms"])
         assert summary["jitter_ms"]["p50"] < 5.0
-        assert np.median(car.car.link.round_trips) < 0.01
+        assert np.median(car.car.drive.round_trips()) < 0.01

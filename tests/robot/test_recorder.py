@@ -68,8 +68,8 @@ def test_what_is_written_is_read(tmp_path, kind, strips, channels):
         assert same(found.frames.left, true.left)
         assert same(found.frames.right, true.right)
         assert found.driven == (0.1 * n, -0.3)
-        assert found.command == (0.5, 1 / 3)
-        assert (found.sent, found.placed, found.telemetry) == (None, None, None)
+        assert found.wanted == (0.5, 1 / 3)
+        assert (found.sent, found.placed, found.telemetry) == (found.wanted, None, {})
 
 
 def test_everything_that_can_be_noted(tmp_path):
@@ -243,7 +243,7 @@ def test_a_disk_that_fails_late(tmp_path, monkeypatch):
 
     monkeypatch.setattr(recorder_module.os, "fsync", failing)
     said = []
-    recorder = Recorder(tmp_path / "r", {}, say=said.append)
+    recorder = Recorder(tmp_path / "r", {}, report=said.append)
     end = time.monotonic() + 4.0
     while not recorder.failed and time.monotonic() < end:
         recorder.record_step(step(0), STILL, STILL)
@@ -300,7 +300,7 @@ from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.recording import Recorder
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
 said = []
-recorder = Recorder(Path(sys.argv[1]), {}, format="raw", say=said.append)
+recorder = Recorder(Path(sys.argv[1]), {}, format="raw", report=said.append)
 frame = torch.zeros(1, 3, 48, 64, dtype=torch.uint8)
 kept = [recorder.record_step(StereoFrames(frame, frame, n / 30), DriveCommand(0, 0), DriveCommand(0, 0))
         for n in range(15)]
@@ -331,7 +331,7 @@ def test_a_disk_that_fails(tmp_path, monkeypatch, error):
         append(self, file, data)
 
     monkeypatch.setattr(Recorder, "append", failing)
-    recorder = write(tmp_path / "r", count=10, when_full="wait", queue=1, say=said.append)
+    recorder = write(tmp_path / "r", count=10, when_full="wait", queue=1, report=said.append)
     assert recorder.steps == 2
     assert recorder.dropped == 8
     assert said == [recorder.failed]

@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -13,12 +12,13 @@ import torch
 from ndtorch.commands import main
 from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
+from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import drive
-from ndtorch_robot.navigating import NavigatorChoice
-from ndtorch_robot.ports import DriveCommand, StereoFrames
+from ndtorch_robot.navigating import configuration
+from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.ports import DriveCommand, Step, StereoFrames
 from ndtorch_robot.recording import (
-    NavigatorPilot,
     Recorder,
     RecordSteps,
     make_pilot,
@@ -29,7 +29,7 @@ from tests.robot.bare_car import FilmCar, bare_loop
 from tests.robot.gl_needed import needs_gl
 
 RIG = StereoRig(width=64, height=48, focal=43.0)
-CHOICE = NavigatorChoice("published", 5, places="motion")
+CHOICE = NavigatorOptions("published", features=5, places="motion")
 
 
 def moving_world(count, rig, seed=0):
@@ -44,8 +44,8 @@ def moving_world(count, rig, seed=0):
 
 def record(folder, count=60, format="png"):
     """A drive of the navigator alone, its wheels slipping a little."""
-    pilot, driven, commands = NavigatorPilot(RIG, 30.0, CHOICE), DriveCommand(0.0, 0.0), []
-    with Recorder(folder, CHOICE.configuration(RIG, 30.0), format=format, when_full="wait") as recorder:
+    pilot, driven, commands = Pilot(CHOICE, RIG, 30.0), DriveCommand(0.0, 0.0), []
+    with Recorder(folder, configuration(CHOICE, RIG, 30.0), format=format, when_full="wait") as recorder:
         for n, frames in enumerate(moving_world(count, RIG)):
             placed = (0.0, 0.0, 0.0) if n in (0, 40) else None
             command = pilot.step(frames, driven, placed)
@@ -61,7 +61,7 @@ def test_the_navigator_wants_the_same_again(tmp_path, kind):
     assert len(set(commands)) > 2
     recording = open_recording(tmp_path / "r")
     again = []
-    result = replay(recording, make_pilot(recording.configuration), lambda step, command: again.append(command))
+    result = replay(recording, make_pilot(recording.configuration), [lambda step: again.append(step.wanted)])
     assert again == commands
     assert (result.steps, result.same, result.first_different) == (60, 60, None)
 
@@ -164,7 +164,7 @@ def test_a_full_disk_does_not_stop_the_drive(tmp_path, capsys, monkeypatch):
         ({"program": "navigator", "rig": {}}, "cannot be used: KeyError"),
         ({"program": "navigator", "rig": {"width": -1}, "rate_hz": 30, "features": 5, "angle": "atan"}, "width"),
         ({"program": "drive", "drive": {"colour": 3}, "rig": {}, "rate_hz": 30}, "unknown key 'colour'"),
-        ({"program": "drive", "drive": {}, "rig": {}, "rate_hz": 15}, "recorded at 15 Hz"),
+        ({"program": "drive", "drive": {}, "rig": {}}, "cannot be used: KeyError"),
     ],
 )
 def test_bad_configurations(configuration, message):
@@ -172,30 +172,20 @@ def test_bad_configurations(configuration, message):
         make_pilot(configuration)
 
 
-class LoopStep(NamedTuple):
-    time: float
-    frames: StereoFrames | None
-    driven: DriveCommand
-    state: object | None
-    wanted: DriveCommand
-    sent: DriveCommand
-    standing: str | None
-    restarted: bool = False
-
-
 def test_a_car_that_was_blind_for_a_while(tmp_path):
     """As the loop of a car does: no frames, then frames that are not trusted, then a navigator that begins anew."""
-    pilot, still = NavigatorPilot(RIG, 30.0, CHOICE), DriveCommand(0.0, 0.0)
-    with Recorder(tmp_path / "r", CHOICE.configuration(RIG, 30.0), when_full="wait") as recorder:
-        observe, interrupted = RecordSteps(recorder, lambda: {"battery_v": 7.2}), False
+    pilot, still = Pilot(CHOICE, RIG, 30.0), DriveCommand(0.0, 0.0)
+    with Recorder(tmp_path / "r", configuration(CHOICE, RIG, 30.0), when_full="wait") as recorder:
+        observe, interrupted = RecordSteps(recorder), False
         for n, frames in enumerate(moving_world(60, RIG)):
             if 20 <= n < 30:
                 seen = None if n < 25 else frames
-                observe(LoopStep(n / 30, seen, still, None, still, still, "no frames"))
+                told = {"standing": "no frames", "used": False, "telemetry": {"battery_v": 7.2}}
+                observe(Step(n, n / 30, seen, still, still, still, **told))
                 interrupted = True
                 continue
-            wanted = pilot.step(frames, still, restarted=interrupted)
-            observe(LoopStep(n / 30, frames, still, pilot.state, wanted, still, None, interrupted))
+            wanted = pilot.step(frames, still, anew=interrupted)
+            observe(Step(n, n / 30, frames, still, wanted, still, pilot.state, restarted=interrupted))
             interrupted = False
     recording = open_recording(tmp_path / "r")
     steps = list(recording.steps())
@@ -203,7 +193,8 @@ def test_a_car_that_was_blind_for_a_while(tmp_path):
     assert [step.number for step in steps if step.frames is None] == list(range(20, 25))
     assert [step.number for step in steps if step.restarted] == [30]
     assert steps[22].time == 22 / 30
-    assert steps[22].telemetry == {"battery_v": 7.2, "standing": "no frames"}
+    assert steps[22].standing == "no frames"
+    assert steps[22].telemetry == {"battery_v": 7.2}
     result = replay(recording, make_pilot(recording.configuration))
     assert (result.steps, result.same, result.skipped) == (50, 50, 0)
 
@@ -215,15 +206,15 @@ def test_the_loop_of_a_car_bit_for_bit(tmp_path):
     car = FilmCar(frames)
     loop = bare_loop(car, RIG, controller="published", map_half_size_m=5.0)
     anew = []
-    with Recorder(tmp_path / "r", loop.configuration(), when_full="wait") as recorder:
-        loop.observers += [RecordSteps(recorder, loop.telemetry), lambda step: anew.append(step.restarted)]
+    with Recorder(tmp_path / "r", loop.pilot.configuration(), when_full="wait") as recorder:
+        loop.observers += [RecordSteps(recorder), lambda step: anew.append(step.restarted)]
         loop.observers.append(lambda step: loop.safe.emergency("a key") if step.number == 20 else None)
         loop.observers.append(lambda step: loop.safe.resume() if step.number == 40 else None)
         assert loop.run(88.5 / 30) == 90
     assert 20 < sum(anew) < 60
     recording = open_recording(tmp_path / "r")
     steps = list(recording.steps())
-    assert steps[30].telemetry["standing"] == "emergency stop: a key"
+    assert steps[30].standing == "emergency stop: a key"
     assert steps[30].telemetry["battery_v"] == 7.4
     assert steps[30].telemetry["link"] is None
     for mapping in (False, True):
@@ -237,24 +228,26 @@ from pathlib import Path
 import torch
 from ndtorch.memory import tune_allocator
 from ndtorch_robot.cameras import CameraSettings, StereoCameras
-from ndtorch_robot.navigating import NavigatorChoice
+from ndtorch.navigation.options import NavigatorOptions
+from ndtorch_robot.navigating import configuration
+from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import DriveCommand
-from ndtorch_robot.recording import NavigatorPilot, Recorder
+from ndtorch_robot.recording import Recorder
 from ndtorch_robot.sim.simulation import RIG
 from tests.robot.fake_captures import FilmCapture, picture
 
-CHOICE = NavigatorChoice("published", 5, places="motion")
+CHOICE = NavigatorOptions("published", features=5, places="motion")
 steps, folder = int(sys.argv[1]), Path(sys.argv[2])
 torch.set_num_threads(1)
 tune_allocator()
 pictures = [picture(n, 640, 480) for n in range(8)]
 settings = CameraSettings(left=str(folder.parent), right=str(folder.parent), pace="read")
 cameras = StereoCameras(settings, opener=lambda source, settings: FilmCapture(pictures, steps))
-pilot, driven = NavigatorPilot(RIG, 30.0, CHOICE), DriveCommand(0.0, 0.0)
+pilot, driven = Pilot(CHOICE, RIG, 30.0), DriveCommand(0.0, 0.0)
 fields = RIG.subfields()
 from ndtorch.navigation import Strips
 from ndtorch.navigation.strips import cut_strips
-with Recorder(folder, CHOICE.configuration(RIG, 30.0), format="raw", when_full="wait") as recorder:
+with Recorder(folder, configuration(CHOICE, RIG, 30.0), format="raw", when_full="wait") as recorder:
     with torch.inference_mode():
         for n in range(steps):
             frames = cameras.read()

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-import ndtorch_robot.drive
+import ndtorch_robot.car
 from ndtorch.commands import main
 from ndtorch.errors import InputError
 from ndtorch_robot.config import load_config
@@ -62,14 +62,14 @@ def test_words_and_file(tmp_path, capsys):
 
 @needs_gl
 def test_ctrl_c(tmp_path, capsys, monkeypatch):
-    step = ndtorch_robot.drive.Run.step
+    step = ndtorch_robot.car.Car.step
 
-    def interrupted(self):
-        if len(self.record.time) == 20:
+    def interrupted(self, number, now):
+        if number == 20:
             raise KeyboardInterrupt
-        step(self)
+        step(self, number, now)
 
-    monkeypatch.setattr(ndtorch_robot.drive.Run, "step", interrupted)
+    monkeypatch.setattr(ndtorch_robot.car.Car, "step", interrupted)
     assert main(["drive", "--out", str(tmp_path)]) == 130
     assert "(interrupted)" in capsys.readouterr().out
     assert sorted(p.name for p in tmp_path.iterdir()) == FILES
@@ -77,10 +77,10 @@ def test_ctrl_c(tmp_path, capsys, monkeypatch):
 
 @needs_gl
 def test_interrupted_before_the_first_frame(tmp_path, capsys, monkeypatch):
-    def interrupted(self):
+    def interrupted(self, number, now):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(ndtorch_robot.drive.Run, "step", interrupted)
+    monkeypatch.setattr(ndtorch_robot.car.Car, "step", interrupted)
     assert main(["drive", "--out", str(tmp_path)]) == 130
     assert "collisions 0" in capsys.readouterr().out
 
@@ -115,12 +115,12 @@ def test_bad_arguments(arguments, message, capsys, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("secnods = 3", "unknown key 'secnods', known keys are arena, seed, seconds"),
+        ("secnods = 3", "unknown key 'secnods', known keys are controller, features, angle"),
         ('seconds = "60 s"', "seconds = '60 s'"),
         ('angle = "degrees"', "angle = 'degrees': should be 'atan' or 'linear'"),
         ("seed = 1.5", "seed = 1.5"),
         ("moving = 7", "moving = 7"),
-        ("seconds = [", "not valid TOML"),
+        ("seconds = [", "not a TOML file"),
     ],
 )
 def test_bad_files(tmp_path, text, message):

@@ -80,12 +80,11 @@ def record_mode(result):
 
 
 def test_interrupt_keeps_everything():
-    def progress(made, total):
-        assert total == 300
-        if made == 40:
+    def press(step):
+        if step.number == 39:
             raise KeyboardInterrupt
 
-    result = drive(DriveConfig(seconds=10), progress)
+    result = drive(DriveConfig(seconds=10), [press])
     assert result.interrupted
     assert len(result.record.time) == 40
     assert result.simulation.car.speed == 0.0

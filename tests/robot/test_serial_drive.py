@@ -92,7 +92,7 @@ def test_round_trip_on_a_bare_pty(stall_meter):
     peer = Peer(board)
     drive = SerialDrive(peer.device, robot="maxston8", report=lambda line: None)
     time.sleep(4.0)
-    trips = np.array(drive.round_trips) * 1e3
+    trips = np.array(drive.round_trips()) * 1e3
     drive.close()
     peer.close()
     ordinary_priority()

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from ndtorch.toml import read_toml
 from ndtorch_robot.run_config import RunConfig
-from ndtorch_robot.toml import read_toml
 
 ROOT = Path(__file__).resolve().parents[2]
 UNIT = ROOT / "robot" / "maxstone8.service"

@@ -132,7 +132,7 @@ def test_arena_file(tmp_path):
         ('name = "x"\nrooms = [[0, 0, 1, 1], [3, 3, 4, 4]]', "connected"),
         ('name = "x"', "either rooms or walls"),
         (GOOD.replace("[1, 1, 90]", "[20, 1, 90]"), "start"),
-        ("name = ", "not valid TOML"),
+        ("name = ", "not a TOML file"),
     ],
 )
 def test_bad_arena_files(tmp_path, text, message):

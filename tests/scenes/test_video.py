@@ -125,15 +125,22 @@ def test_rate_of_ones_own(clip: Path) -> None:
     assert open_video(clip, fps=7.5).fps == 7.5
 
 
-def test_folder_in_natural_order_with_images_of_any_size(tmp_path: Path) -> None:
+def test_folder_in_natural_order(tmp_path: Path) -> None:
     for n in (10, 9, 1):
-        cv2.imwrite(str(tmp_path / f"im{n}.png"), np.full((40 + n, 60, 3), 10 * n, np.uint8))
+        cv2.imwrite(str(tmp_path / f"im{n}.png"), np.full((40, 60, 3), 10 * n, np.uint8))
     (tmp_path / "notes.txt").write_text("not an image")
     video = open_video(tmp_path, (20, 20))
     assert (video.length, video.fps, video.name) == (3, 30.0, tmp_path.name)
     frames = next(iter(video.chunks()))
     assert frames[:, 0, 5, 5].tolist() == [10, 90, 100]
     assert next(iter(open_video(str(tmp_path), (20, 20), start=1, fps=5).chunks()))[0, 0, 0, 0] == 90
+
+
+def test_a_folder_with_images_of_two_sizes_is_refused(tmp_path: Path) -> None:
+    for n in (1, 2):
+        cv2.imwrite(str(tmp_path / f"im{n}.png"), np.full((40 + n, 60, 3), 10 * n, np.uint8))
+    with pytest.raises(InputError, match=r"one size: .*im1.png is 60 x 41 pixels, .*im2.png 60 x 42"):
+        list(open_video(tmp_path, (20, 20)).chunks())
 
 
 def test_grey_images_are_copied_into_three_planes_and_say_so(tmp_path: Path) -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import replace
-from typing import Any, NamedTuple
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,18 +13,11 @@ import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import (
-    AvoidanceParams,
-    FeatureParams,
-    Grid,
-    GridMap,
-    MatchParams,
-    Pose,
-    Ranges,
-    RowRanging,
-    SaccadeAvoidance,
-    StereoRig,
-)
+from ndtorch.navigation import FeatureParams, Grid, GridMap, MatchParams, Pose, Ranges, RowRanging, StereoRig
+from ndtorch.navigation.controllers.registry import controller_class
+
+if TYPE_CHECKING:
+    from ndtorch_robot.ports import Step
 
 RATE = 30.0
 Arrays = dict[str, npt.NDArray[Any]]
@@ -76,39 +69,39 @@ class Recorded(NamedTuple):
 
 def record_drive(
     options: Mapping[str, Any],
-    progress: Callable[[int, int], None] | None = None,
+    report: Callable[[int, int], None] | None = None,
     thresholds: Mapping[str, float] | None = None,
 ) -> Arrays:
     """Drive and keep the drive as arrays.
 
     Args:
         options: fields of `robot.config.DriveConfig`.
-        progress: called with the steps made and to make.
-        thresholds: of the published controller, fields of `AvoidanceParams`, in place of the printed ones.
+        report: called with the steps made and to make.
+        thresholds: fields of the controller's `Params`, in place of their defaults.
 
     Raises:
-        InputError: thresholds for another controller.
+        InputError: thresholds that the controller does not have.
     """
     from ndtorch_robot.config import load_config
-    from ndtorch_robot.drive import Run, drive
+    from ndtorch_robot.drive import drive, drive_pilot
     from ndtorch_robot.sim.arenas import load_arena
-    from ndtorch_robot.sim.simulation import Simulation
 
     config = load_config(None, dict(options))
+    pilot = drive_pilot(config, load_arena(config.arena, config.seed))
     changed: dict[str, Any] = dict(thresholds or {})
-    if not changed:
-        result = drive(config, progress)
-    else:
-        if config.controller != "published":
-            raise InputError(f"{', '.join(changed)} belong to controller 'published', got {config.controller!r}")
-        plan = load_arena(config.arena, config.seed)
-        simulation = Simulation(plan, config.seed, walls=config.walls, moving=config.moving, odometry=config.odometry)
-        try:
-            run = Run(config, plan, simulation, None)
-            run.navigator.avoidance = SaccadeAvoidance(1 / RATE, replace(AvoidanceParams(), **changed))
-            result = run.go(progress)
-        finally:
-            simulation.close()
+    if changed:
+        kind = controller_class(config.controller)
+        strange = set(changed) - {item.name for item in fields(kind.Params)}
+        if strange:
+            raise InputError(f"controller {config.controller!r} has no parameter {', '.join(sorted(strange))}")
+        pilot.navigator.controller = kind(pilot.rig, 1 / RATE, kind.Params(**changed))
+    total = round(config.seconds * RATE)
+
+    def tell(step: Step) -> None:
+        if report is not None:
+            report(step.number + 1, total)
+
+    result = drive(config, [tell], pilot=pilot)
     record, grid, world = result.record, result.grid, result.simulation.world
     names = ("time", "pose", "believed", "sides", "difference", "mode")
     return {
@@ -131,9 +124,9 @@ def from_arrays(arrays: Arrays, arena: str, seed: int) -> Recorded:
     from ndtorch_robot.sim.simulation import RIG
 
     sizes = arrays["profile_sizes"].cumsum()[:-1]
-    fields: dict[str, Any] = {name: arrays[name] for name in Recorded._fields if name in arrays}
+    parts: dict[str, Any] = {name: arrays[name] for name in Recorded._fields if name in arrays}
     return Recorded(
-        **fields,
+        **parts,
         arena=arena,
         seed=seed,
         summary=json.loads(str(arrays["summary_json"])),

@@ -9,14 +9,14 @@ import torch
 from torch import Tensor, nn
 
 from ndtorch.binding.config import BindingConfig, read_config, validated
+from ndtorch.binding.feedback import settled
 from ndtorch.binding.models.contract import Verdict
 from ndtorch.binding.models.scale_free import ScaleFreeStage, StageState
 from ndtorch.binding.network import InhibitoryNetwork, NetworkState, alternation, weight_change
 from ndtorch.binding.normalise import BindingInputs, InputState
 from ndtorch.binding.objects import BoundObject, ObjectTable, bound_objects
 from ndtorch.binding.readout.weights import object_table
-from ndtorch.binding.rules import learning_rule
-from ndtorch.binding.scale_free import ScaleFreeRule, settled
+from ndtorch.binding.rules import ScaleFreeRule, learning_rule
 from ndtorch.errors import InputError
 from ndtorch.vision.features import GROUPS, VisualFeatures
 from ndtorch.vision.motion import Border, MotionState
@@ -107,7 +107,7 @@ class VisualBinding(nn.Module):
         self.resample = Resample(1 / fps, self.dt)
         self.inputs = BindingInputs(self.dt, c.order, c.tau_in, c.window, c.floor)
         # The inputs come high-passed. The three networks are one with weights inside the groups only.
-        self.first = InhibitoryNetwork(10, c.dt, gamma=0.0, tau_in=float("inf"), initial=check_first_stage(first_stage))
+        self.first = InhibitoryNetwork(10, c.dt, None, tau_in=float("inf"), initial=check_first_stage(first_stage))
         self.second: InhibitoryNetwork | ScaleFreeStage
         if self.scale_free:
             rule = ScaleFreeRule(c.scale_free_gamma, radius_limit=c.radius_limit)
@@ -234,13 +234,17 @@ def second_stage(config: BindingConfig, gamma: float | Tensor | None = None) -> 
     return InhibitoryNetwork(
         10,
         c.dt,
-        rule=learning_rule(c.rule, c.f, c.g),
-        gamma=c.gamma if gamma is None else gamma,
+        learning_rule(
+            c.rule,
+            f=c.f,
+            g=c.g,
+            gamma=c.gamma if gamma is None else gamma,
+            tau_onset=c.tau_onset,
+            radius_limit=c.radius_limit,
+        ),
         tau_in=c.tau_in,
         tau_out=c.tau_out,
         settle=c.settle,
-        tau_onset=c.tau_onset,
-        radius_limit=c.radius_limit,
         window=c.stable_window,
         tau_mean=c.stable_mean,
     )

@@ -10,8 +10,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from ndtorch.binding.feedback import settled
 from ndtorch.binding.readout.owners import features_by_group
-from ndtorch.binding.scale_free import settled
 from ndtorch.errors import InputError
 from ndtorch.vision.features import FEATURES, GROUPS
 from ndtorch.vision.motion import Border, check_border

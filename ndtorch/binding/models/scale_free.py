@@ -6,11 +6,13 @@ from typing import Literal, NamedTuple
 
 from torch import Tensor, nn
 
+from ndtorch.binding.feedback import settled
+from ndtorch.binding.network import InhibitoryNetwork, NetworkState
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.delays import DelayState, DelayStatistics
 from ndtorch.binding.readout.joined import refined_table
 from ndtorch.binding.readout.owners import SignalStatistics, StatisticsState, owner_table
-from ndtorch.binding.scale_free import ScaleFreeNetwork, ScaleFreeRule, ScaleFreeState, settled
+from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.errors import InputError
 from ndtorch.vision.temporal import FilterState, LowPass
 
@@ -22,7 +24,7 @@ class StageState(NamedTuple):
     """State of `ScaleFreeStage`: low-pass of the inputs `[..., 10]`, and the states of its three parts."""
 
     smooth: FilterState
-    network: ScaleFreeState
+    network: NetworkState
     statistics: StatisticsState
     delays: DelayState
 
@@ -76,7 +78,7 @@ class ScaleFreeStage(nn.Module):
             raise InputError(f"readout must be one of {', '.join(READOUTS)}, got {readout!r}")
         self.dt, self.readout = dt, readout
         self.smooth = LowPass(tau_smooth, dt, 1)
-        self.network = ScaleFreeNetwork(10, dt, rule, settle=settle, window=window, tau_mean=tau_mean)
+        self.network = InhibitoryNetwork.scale_free(10, dt, rule, settle=settle, window=window, tau_mean=tau_mean)
         self.statistics = SignalStatistics(dt)
         self.delays = DelayStatistics(dt)
         self.register_buffer("first_stage", first_stage, persistent=False)

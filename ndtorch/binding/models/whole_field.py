@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from ndtorch.binding.network import InhibitoryNetwork, NetworkState
 from ndtorch.binding.readout.owners import SignalStatistics, StatisticsState, owner_table
-from ndtorch.binding.scale_free import ScaleFreeNetwork, ScaleFreeState
 from ndtorch.binding.tracking.tracks import ObjectFile
 from ndtorch.vision.temporal import FilterState, HighPass
 
@@ -21,7 +21,7 @@ class WholeFieldState(NamedTuple):
     """State of `WholeField`: high-pass, network, statistics of its inputs."""
 
     high: FilterState | None
-    network: ScaleFreeState | None
+    network: NetworkState | None
     statistics: StatisticsState | None
 
 
@@ -41,7 +41,7 @@ class WholeField(nn.Module):
         super().__init__()
         self.dt, self.steps = dt, max(1, round(every / dt))
         self.high_pass = HighPass(1.0, dt, sample_dims=1)
-        self.network = ScaleFreeNetwork(10, dt)
+        self.network = InhibitoryNetwork.scale_free(10, dt)
         self.statistics = SignalStatistics(dt, tau=2.0)
 
     def forward(self, inputs: Tensor, times: Tensor) -> list[ObjectFile]:

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ndtorch.binding.feedback import settled
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.delays import DelayState, Separation, separate
 from ndtorch.binding.readout.owners import features_by_group
-from ndtorch.binding.scale_free import settled
 
 
 @dataclass(frozen=True)

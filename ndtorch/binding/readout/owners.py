@@ -8,9 +8,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
+from ndtorch.binding.feedback import settled
 from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.objects import ObjectTable
-from ndtorch.binding.scale_free import settled
 from ndtorch.errors import InputError
 from ndtorch.vision.blocks import BLOCK_SECONDS, BlockLowPass, aligned
 from ndtorch.vision.temporal import smoothing_factor, time_dim

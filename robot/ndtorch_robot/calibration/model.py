@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from ndtorch.errors import InputError
-from ndtorch_robot.toml import Strict, read_toml
+from ndtorch.toml import Strict, read_toml
 
 Matrix = np.ndarray[Any, np.dtype[np.float64]]
 

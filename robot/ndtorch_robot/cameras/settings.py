@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from ndtorch_robot.toml import Strict
+from ndtorch.toml import Strict
 
 
 class CameraSettings(Strict):

@@ -61,11 +61,11 @@ class Cameras:
 
     def measured(self) -> dict[str, Any]:
         """Figures of a pair."""
+        from ndtorch.toml import check
         from ndtorch_robot.cameras import StereoCameras, find_source
         from ndtorch_robot.cameras.measure import measure
         from ndtorch_robot.cameras.pair import probe_size
         from ndtorch_robot.cameras.settings import CameraSettings
-        from ndtorch_robot.toml import check
 
         values: dict[str, object] = {
             "left": self.left,

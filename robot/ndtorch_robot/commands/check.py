@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -13,9 +12,10 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ndtorch.errors import InputError
+from ndtorch.installed import toml_file
 
 if TYPE_CHECKING:
-    from ndtorch_robot.link import SerialDrive
+    from ndtorch_robot.ports import Drive, Report
     from ndtorch_robot.run_config import RunConfig
     from ndtorch_robot.safety import SafeDrive
 
@@ -24,6 +24,9 @@ STEER = 1.0
 
 CRAWL = 0.2
 """Speed of the test drives with the wheels up, m/s."""
+
+NEUTRAL = 1500
+"""Pulse of a motor that stands, us."""
 
 
 @dataclass(frozen=True)
@@ -34,43 +37,36 @@ class Check:
     """
 
     config: Annotated[Path, tyro.conf.Positional]
-    """TOML file of the car."""
+    """TOML file of the car, or the name of one that comes along, such as maxstone8."""
     yes: bool = False
     """Answer every question with yes, for a simulated board."""
 
     def run(self) -> int:
         """Ask, move, ask."""
+        from ndtorch.toml import read_toml
+        from ndtorch_robot.link import Opening, open_link
         from ndtorch_robot.loop import MonotonicClock
         from ndtorch_robot.run import timed_report
         from ndtorch_robot.run_config import RunConfig
         from ndtorch_robot.safety import SafeDrive
-        from ndtorch_robot.sim.board import SimulatedBoard
-        from ndtorch_robot.toml import read_toml
 
-        config = read_toml(self.config, RunConfig)
+        config = read_toml(toml_file(self.config, "ndtorch_robot", "configs"), RunConfig)
         print("1. Cameras")
         bad = 0 if self.cameras(config) else 1
         print("2. Link")
-        board = SimulatedBoard() if config.link.device is None else None
+        drive = open_link(config.link_table(), Opening(config.robot, lambda line: print(f"   {line}")))
         try:
-            device = board.device if board is not None else config.link.device
-            assert device is not None
-            link = open_link(config, device)
-            try:
-                bad += 0 if self.link(link) else 1
-                safe = SafeDrive(link, MonotonicClock(), config.limits.limits(), report=timed_report())
-                print("3. Directions")
-                if not self.ask("Are all wheels off the ground?"):
-                    print("put the car on a block first", file=sys.stderr)
-                    return 1
-                bad += self.directions(safe)
-                print("4. Emergency stop")
-                bad += self.emergency(safe, link)
-            finally:
-                link.close()
+            bad += 0 if self.link(drive) else 1
+            safe = SafeDrive(drive, MonotonicClock(), config.limits.limits(), report=timed_report())
+            print("3. Directions")
+            if not self.ask("Are all wheels off the ground?"):
+                print("put the car on a block first", file=sys.stderr)
+                return 1
+            bad += self.directions(safe)
+            print("4. Emergency stop")
+            bad += self.emergency(safe)
         finally:
-            if board is not None:
-                board.close()
+            drive.close()
         print("all well" if bad == 0 else f"{bad} of the points above were not right")
         return 0 if bad == 0 else 1
 
@@ -108,19 +104,21 @@ class Check:
         print(f"   {rate:.1f} pairs a second, {config.rate_hz:.0f} are wanted")
         return abs(rate / config.rate_hz - 1) < 0.1
 
-    def link(self, link: SerialDrive) -> bool:
-        """A second of heartbeats."""
+    def link(self, drive: Drive) -> bool:
+        """A second of listening to what the drive says of itself."""
         import numpy as np
 
         time.sleep(1.0)
-        telemetry = link.telemetry
-        if telemetry is None:
+        said, trips = drive.telemetry(), np.array(drive.round_trips()) * 1e3
+        if len(trips):
+            print(f"   round trip {np.median(trips):.1f} ms, 99 % below {np.percentile(trips, 99):.1f} ms")
+        if not {*said} - {"link"}:
             print("   not right: no telemetry")
             return False
-        trips = np.array(link.round_trips) * 1e3
-        print(f"   round trip {np.median(trips):.1f} ms, 99 % below {np.percentile(trips, 99):.1f} ms")
-        battery = f"{telemetry.battery:.1f} V" if telemetry.battery > 1 else "not measured"
-        print(f"   battery {battery}, pulses {telemetry.motor}, {telemetry.front}, {telemetry.rear} us")
+        volts = said.get("battery_v", 0.0)
+        print(f"   battery {f'{volts:.1f} V' if volts > 1 else 'not measured'}")
+        pulses = [f"{name[:-3]} {said[name]} us" for name in said if name.endswith("_us")]
+        print(f"   pulses {', '.join(pulses)}" if pulses else "   it tells of no pulses")
         return True
 
     def directions(self, safe: SafeDrive) -> int:
@@ -139,7 +137,7 @@ class Check:
             wrong += not self.ask(question)
         return wrong
 
-    def emergency(self, safe: SafeDrive, link: SerialDrive) -> int:
+    def emergency(self, safe: SafeDrive) -> int:
         """Stop in the middle of driving; returns how many things were wrong."""
         from ndtorch_robot.ports import DriveCommand
 
@@ -149,20 +147,13 @@ class Check:
         while time.monotonic() < end:
             safe.send(DriveCommand(CRAWL, 0.0))
             time.sleep(0.03)
-        telemetry = link.telemetry
-        stands = telemetry is not None and not telemetry.armed and telemetry.motor == 1500
+        said = safe.drive.telemetry()
+        stands = not said.get("armed", False) and said.get("motor_us", NEUTRAL) == NEUTRAL
         print(f"   the board says it {'stands' if stands else 'drives'}")
         return (not stands) + (not self.ask("Did the wheels stop at once?"))
 
 
-def open_link(config: RunConfig, device: str) -> SerialDrive:
-    """The link of a configuration."""
-    from ndtorch_robot.link import SerialDrive
-
-    return SerialDrive(device, config.link.baud, config.robot, lambda line: print(f"   {line}"))
-
-
-def hold(safe: SafeDrive, command: object, seconds: float, say: Callable[[str], None], stop: bool = True) -> None:
+def hold(safe: SafeDrive, command: object, seconds: float, report: Report, stop: bool = True) -> None:
     """Send a command for some seconds, through the safety layer as everything else."""
     from ndtorch_robot.ports import DriveCommand
 
@@ -174,6 +165,6 @@ def hold(safe: SafeDrive, command: object, seconds: float, say: Callable[[str], 
         sent = safe.send(command)
         time.sleep(0.03)
     if sent != command:
-        say(f"   not right: {command} was wanted, {sent} was sent")
+        report(f"   not right: {command} was wanted, {sent} was sent")
     if stop:
         safe.stop()

@@ -13,13 +13,16 @@ import tyro
 
 from ndtorch.commands import INTERRUPTED
 from ndtorch.errors import InputError
+from ndtorch_robot.navigating import navigator_flags
 
 if TYPE_CHECKING:
     from ndtorch_robot.config import DriveConfig
     from ndtorch_robot.drive import Result
+    from ndtorch_robot.ports import Step
 
 
 @dataclass(frozen=True)
+@navigator_flags()
 class Drive:
     """Drive through a simulated building, steering and mapping by sight.
 
@@ -35,18 +38,6 @@ class Drive:
     """Building, textures and starting place (default 0)."""
     seconds: float | None = None
     """Simulated time to drive, s (default 60)."""
-    controller: str | None = None
-    """What steers: ranging, which drives where it has seen floor (default), or published, the saccades of the paper."""
-    features: int | None = None
-    """Features to range in each frame (default 7; the paper has 5)."""
-    places: Literal["edges", "motion"] | None = None
-    """Features lie at the edge that moved, to a fraction of a pixel (default), or where most motion is (paper)."""
-    prediction: bool = False
-    """Follow features from frame to frame instead of choosing the strongest anew."""
-    compiled: bool = False
-    """Compile the navigation step: 1.7 to 3 times faster, after about a minute of compiling the first time."""
-    angle: Literal["atan", "linear"] | None = None
-    """Angle of a pixel: exact (atan, default) or the paper's straight line."""
     odometry: Literal["true", "noisy"] | None = None
     """Dead reckoning: exact (default), or 1 % too long and drifting by 0.05 degrees a second."""
     walls: Literal["textured", "blank"] | None = None
@@ -78,9 +69,8 @@ class Drive:
 
         choices = asdict(self)
         del choices["config"], choices["json"]
-        for flag in ("moving", "whole", "prediction", "compiled", "view"):
-            choices[flag] = choices[flag] or None  # a flag that is not given leaves the file's value
-        config = load_config(self.config, choices)
+        # A flag that is not given leaves the file's value.
+        config = load_config(self.config, {k: None if value is False else value for k, value in choices.items()})
         prepare(config.out)
         torch.set_num_threads(1)
         result = watched(config, quiet=self.json)
@@ -96,22 +86,21 @@ def watched(config: DriveConfig, quiet: bool) -> Result:
     """Drive with a progress bar on stderr, unless quiet."""
     from tqdm import tqdm
 
-    from ndtorch_robot.drive import drive
+    from ndtorch_robot.drive import RATE, drive
 
     if quiet:
         return drive(config)
     bar = None
 
-    def progress(made: int, total: int) -> None:
+    def progress(step: Step) -> None:
         nonlocal bar
         if bar is None:  # only now, so that an error before the first frame stands alone
+            total = round(config.seconds * RATE)
             bar = tqdm(total=total, desc=f"{config.arena} seed {config.seed}", unit=" frames", file=sys.stderr)
         bar.update()
-        if made == total:
-            bar.close()
 
     try:
-        return drive(config, progress)
+        return drive(config, [progress])
     finally:
         if bar is not None:
             bar.close()

@@ -5,15 +5,17 @@ from __future__ import annotations
 import json
 import sys
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
 from ndtorch import workers
 from ndtorch.commands import INTERRUPTED
 from ndtorch.errors import InputError
+from ndtorch.navigation.options import OPTION_NAMES
+from ndtorch_robot.navigating import navigator_flags
 
 if TYPE_CHECKING:
     from ndtorch_robot.config import DriveConfig
@@ -30,6 +32,7 @@ FAILED = 1
 
 
 @dataclass(frozen=True)
+@navigator_flags("controller")
 class Evaluate:
     """Drive many times, in parallel, and put the results into one table.
 
@@ -49,8 +52,6 @@ class Evaluate:
     """What steers (default every controller there is)."""
     walls: tuple[Literal["textured", "blank"], ...] = ("textured",)
     """Walls with panels, doors and papers, without any texture, or both."""
-    compiled: bool = False
-    """Compile the navigation step: long evaluations take about 60 % of the time."""
     jobs: int = 0
     """Drives at a time (default one a core)."""
     out: Path = Path("out/evaluate")
@@ -81,18 +82,17 @@ class Evaluate:
 
     def drives(self) -> list[DriveConfig]:
         """The configurations of all drives, checked before the first begins."""
-        from ndtorch_robot.config import DriveConfig, load_config
+        from ndtorch.navigation import controller_names
+        from ndtorch_robot.config import load_config
         from ndtorch_robot.evaluation.drives import all_drives
         from ndtorch_robot.sim.arenas import ARENAS, load_arena
 
         arenas = self.arenas or tuple(ARENAS)
-        known = get_args(DriveConfig.model_fields["controller"].annotation)
-        controllers = self.controllers or known
+        controllers = self.controllers or controller_names()
         if not (self.seeds and self.walls):
             raise InputError("--seeds and --walls need one value or more")
-        base = load_config(
-            self.config, {"seconds": self.seconds, "seed": self.seeds[0], "compiled": self.compiled or None}
-        )
+        given = {name: value for name, value in asdict(self).items() if name in OPTION_NAMES and value is not False}
+        base = load_config(self.config, {"seconds": self.seconds, "seed": self.seeds[0], **given})
         if "seconds" not in base.model_fields_set:
             base = base.model_copy(update={"seconds": SECONDS})
         for controller in controllers:

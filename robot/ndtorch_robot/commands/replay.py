@@ -72,18 +72,19 @@ class Replay:
     def shown(self, recording: Recording) -> Comparison:
         """Replay and show it."""
         from ndtorch_robot.recording import make_pilot, replay
-        from ndtorch_robot.view import ViewRecorded, Where, layout, open_stream, start_view
+        from ndtorch_robot.view import ViewSteps, Where, layout, open_stream, start_view
 
         pilot = make_pilot(recording.configuration, mapping=True)
         where = Where(self.rrd, self.view, self.view_at)
         stream = open_stream(f"replay {self.folder.name}", where, layout())
 
-        def say(line: str) -> None:
+        def report(line: str) -> None:
             print(f"note: {line}", file=sys.stderr)
 
-        view = start_view(stream, pilot.navigator, pilot.rig, pilot.fields, say, wait=True)
+        view = start_view(stream, pilot, report, wait=True)
+        observer = ViewSteps(view, "replay")
         try:
-            return replay(recording, pilot, ViewRecorded(view, pilot))
+            return replay(recording, pilot, [observer], observer.report)
         finally:
             view.close()
 

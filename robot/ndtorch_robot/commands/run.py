@@ -7,11 +7,15 @@ import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
 from ndtorch.errors import InputError
+from ndtorch.installed import toml_file
+
+if TYPE_CHECKING:
+    from ndtorch_robot.car import Car
 
 
 @dataclass(frozen=True)
@@ -23,7 +27,7 @@ class Run:
     """
 
     config: Annotated[Path, tyro.conf.Positional]
-    """TOML file of the car: robot/configs/maxstone8.toml, or sim.toml for one without any hardware."""
+    """TOML file of the car, or the name of one that comes along: maxstone8, or sim for one without any hardware."""
     seconds: float | None = None
     """Drive so long, s; until it is told to end by default."""
     go: bool = False
@@ -45,15 +49,15 @@ class Run:
         """Drive; prints what happens to stderr and a summary at the end."""
         import torch
 
+        from ndtorch.toml import read_toml
         from ndtorch_robot.emergency import HELP, emergency_stops
         from ndtorch_robot.recording import Recorder, RecordSteps
         from ndtorch_robot.run import open_car, real_time_priority, timed_report
         from ndtorch_robot.run_config import RunConfig
-        from ndtorch_robot.toml import read_toml
 
         if self.seconds is not None and not 0 < self.seconds < 1e7:
             raise InputError(f"--seconds must be positive, got {self.seconds}")
-        config = read_toml(self.config, RunConfig)
+        config = read_toml(toml_file(self.config, "ndtorch_robot", "configs"), RunConfig)
         torch.set_num_threads(1)
         printed = timed_report()
         told = [printed]
@@ -66,24 +70,23 @@ class Run:
         real_time_priority(report)
         with contextlib.ExitStack() as stack:
             car = stack.enter_context(open_car(config, report, self.go))
-            car.ended = stack.enter_context(emergency_stops(car.safe))
+            stack.enter_context(emergency_stops(car.safe, car.ended))
             recorder = None
             if self.record is not None:
-                recorder = Recorder(self.record, car.configuration(), format=self.record_format, say=report)
-                car.observers.append(RecordSteps(stack.enter_context(recorder), car.telemetry))
+                recorder = Recorder(self.record, car.pilot.configuration(), format=self.record_format, report=report)
+                car.observers.append(RecordSteps(stack.enter_context(recorder)))
             view = None
             if stream is not None:
                 from ndtorch_robot.view import ViewSteps, start_view
 
-                fields = config.navigation.choice().fields(car.rig)
-                view = start_view(stream, car.navigator, car.rig, fields, printed)
+                view = start_view(stream, car.pilot, printed)
                 stack.callback(view.close)
-                observer = ViewSteps(view, car.telemetry)
+                observer = ViewSteps(view)
                 car.observers.append(observer)
-                told.append(observer.say)
+                told.append(observer.report)
             report(f"ready; {HELP}" if sys.stdin.isatty() else "ready; SIGUSR1: go, SIGTERM: stop and end")
             car.run(self.seconds)
-            summary = car.summary() | world(car.cameras)
+            summary = car.summary() | world(car)
             if recorder is not None:
                 recorder.close()
                 summary["recording"] = recorder.summary()
@@ -106,15 +109,18 @@ class Run:
         return open_stream(f"run {self.config.stem}", Where(*where), layout())
 
 
-def world(cameras: object) -> dict[str, object]:
+def world(car: Car) -> dict[str, object]:
     """What the simulated world knows of the drive."""
     from ndtorch_robot.sim.pulse_world import PulseWorld
+    from ndtorch_robot.sim.simulation import Simulation
 
-    if not isinstance(cameras, PulseWorld):
+    if isinstance(car.cameras, Simulation):
+        return {"collisions": len(car.cameras.collisions)}
+    if not isinstance(car.cameras, PulseWorld):
         return {}
-    late = sum(event.name == "late" for event in cameras.board.events)
+    late = sum(event.name == "late" for event in car.cameras.board.events)
     return {
-        "collisions": len(cameras.simulation.collisions),
-        "distance_m": round(cameras.distance, 2),
+        "collisions": len(car.cameras.simulation.collisions),
+        "distance_m": round(car.cameras.distance, 2),
         "board_late": late,
     }

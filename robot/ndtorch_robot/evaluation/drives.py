@@ -11,6 +11,7 @@ from pathlib import Path
 
 from ndtorch.code_digest import code_digest
 from ndtorch_robot.config import DriveConfig
+from ndtorch_robot.ports import Step
 
 NOT_THE_DRIVE = {"out", "rrd", "view", "whole"}
 """Keys that do not change what happens in a drive."""
@@ -71,7 +72,7 @@ class Cache:
         draft.replace(file)
 
 
-def drive_once(config: DriveConfig, progress: Callable[[float], None]) -> Summary:
+def drive_once(config: DriveConfig, report: Callable[[float], None]) -> Summary:
     """Do one drive, in one thread; tells the simulated seconds driven so far."""
     import torch
 
@@ -80,12 +81,12 @@ def drive_once(config: DriveConfig, progress: Callable[[float], None]) -> Summar
     torch.set_num_threads(1)
     told = time.monotonic()
 
-    def step(made: int, total: int) -> None:
+    def tell(step: Step) -> None:
         nonlocal told
-        now = time.monotonic()
-        if now - told > TELL_EVERY or made == total:
+        now, made = time.monotonic(), (step.number + 1) / RATE
+        if now - told > TELL_EVERY or made >= config.seconds:
             told = now
-            progress(made / RATE)
+            report(made)
 
     unseen = {"whole": False, "rrd": None, "view": False}
-    return drive(config.model_copy(update=unseen), step).summary
+    return drive(config.model_copy(update=unseen), [tell]).summary

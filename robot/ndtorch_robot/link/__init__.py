@@ -2,6 +2,20 @@
 
 from ndtorch_robot.link.messages import VERSION, Fault, Frame, Telemetry, Type
 from ndtorch_robot.link.parser import Parser
+from ndtorch_robot.link.registry import MovesWorld, Opening, check_link, link, open_link
 from ndtorch_robot.link.serial_drive import SerialDrive
 
-__all__ = ["VERSION", "Fault", "Frame", "Parser", "SerialDrive", "Telemetry", "Type"]
+__all__ = [
+    "VERSION",
+    "Fault",
+    "Frame",
+    "MovesWorld",
+    "Opening",
+    "Parser",
+    "SerialDrive",
+    "Telemetry",
+    "Type",
+    "check_link",
+    "link",
+    "open_link",
+]

@@ -7,10 +7,13 @@ import termios
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import Field
 
 from ndtorch.errors import InputError
+from ndtorch.toml import Strict
 from ndtorch_robot.link.messages import (
     VERSION,
     Fault,
@@ -24,7 +27,8 @@ from ndtorch_robot.link.messages import (
 )
 from ndtorch_robot.link.parser import Parser
 from ndtorch_robot.link.port import open_port, read_some
-from ndtorch_robot.ports import DriveCommand, SafeCommand, unseal
+from ndtorch_robot.link.registry import SERIAL, Opening, link
+from ndtorch_robot.ports import STAND, Drive, DriveCommand, Report, SafeCommand, unseal
 
 if TYPE_CHECKING:
     import serial
@@ -57,11 +61,23 @@ WIDEST = 32.0
 GONE = (OSError, termios.error, TypeError)
 """What pyserial raises when the cable is pulled; TypeError when the port was closed in between."""
 
-STAND = DriveCommand(0.0, 0.0)
+NOT_YET = "not yet told to drive"
 
 
-class SerialDrive:
-    """Implements `robot.ports.Drive` and `Odometer` over a serial line.
+class SerialSettings(Strict):
+    """`[link]` of a car, where `kind` is `"serial"` or not given.
+
+    Args:
+        device: the port, best by `/dev/serial/by-id`.
+        baud: symbols a second; the firmware's.
+    """
+
+    device: str
+    baud: Annotated[int, Field(ge=1200, le=4_000_000)] = 500_000
+
+
+class SerialDrive(Drive):
+    """A drive over a serial line.
 
     After opening, after any fault and after any reconnection the car stands until `resume`. The listening thread
     reads, greets the board and reconnects. The supervising thread sends heartbeats, but only while the loop sends
@@ -84,7 +100,7 @@ class SerialDrive:
         device: str,
         baud: int = 500_000,
         robot: str | None = None,
-        report: Callable[[str], None] = print,
+        report: Report = print,
         greeting: float = GREETING,
     ) -> None:
         self.device, self.baud, self.robot, self.report, self.greeting = device, baud, robot, report, greeting
@@ -94,17 +110,17 @@ class SerialDrive:
         self.port: serial.Serial | None = None
         self.parser = Parser()
         self.sequence = 0
-        self.telemetry: Telemetry | None = None
+        self.heard: Telemetry | None = None
         self.armed = False
         self.asked_to_arm = -1.0
         self.standing = True
-        self.fault: str | None = "not yet told to drive"
+        self.fault: str | None = NOT_YET
         self.refusal: str | None = None
         self.last_command = self.last_heard = 0.0
         self.heard_sequence: int | None = None
         self.noise, self.refused, self.forgiven = 0, 0, 0.0
         self.beats: dict[int, float] = {}
-        self.round_trips: deque[float] = deque(maxlen=100_000)
+        self.trips: deque[float] = deque(maxlen=100_000)
         self.applied: list[DriveCommand] = []
         self.port = open_port(device, baud)
         works = (self.listen, self.supervise)
@@ -155,16 +171,16 @@ class SerialDrive:
             self.standing, self.armed = True, False
         self.write(Type.STOP)
 
-    def resume(self) -> None:
-        """Ask the board to obey again; `trouble` is None from now on unless it does not."""
+    def resume(self) -> bool:
+        """Ask the board to obey again; `trouble` is None from now on unless it does not. False without a link."""
         if not self.welcomed.is_set():
-            return
+            return False
         now = time.monotonic()
         with self.lock:
             self.fault, self.standing, self.armed = None, False, False
             self.asked_to_arm = self.last_command = now
             self.noise = 0
-        self.write(Type.ARM)
+        return self.write(Type.ARM)
 
     def trouble(self) -> str | None:
         """Why the car stands whatever is sent, other than that it was told to stop."""
@@ -175,9 +191,17 @@ class SerialDrive:
         with self.lock:
             applied, self.applied = self.applied, []
         if not applied:
-            return self.telemetry.applied if self.telemetry is not None and self.welcomed.is_set() else STAND
+            return self.heard.applied if self.heard is not None and self.welcomed.is_set() else STAND
         count = len(applied)
         return DriveCommand(sum(a.speed for a in applied) / count, sum(a.curvature for a in applied) / count)
+
+    def telemetry(self) -> dict[str, Any]:
+        """What the board says of itself; `link` is why it cannot be commanded, or None."""
+        return ({} if self.heard is None else self.heard.values()) | {"link": self.trouble()}
+
+    def round_trips(self) -> Sequence[float]:
+        """From a heartbeat to its echo, s."""
+        return self.trips
 
     def close(self) -> None:
         """Stop, end both threads and give the port back."""
@@ -213,7 +237,7 @@ class SerialDrive:
     def disarm(self, why: str, tell: bool) -> None:
         """The car stands from now on."""
         with self.lock:
-            news = self.fault is None
+            news = self.fault in (None, NOT_YET)
             self.armed, self.standing = False, True
             if news:
                 self.fault = why
@@ -258,7 +282,7 @@ class SerialDrive:
                     continue
                 with self.lock:
                     self.port = port
-                pause = BACK_OFF[0] if self.telemetry is not None else pause
+                pause = BACK_OFF[0] if self.heard is not None else pause
                 break
 
     def converse(self) -> str:
@@ -321,7 +345,7 @@ class SerialDrive:
             return
         self.last_heard = time.monotonic()
         self.heard_sequence = frame.sequence
-        again = self.telemetry is not None and not self.welcomed.is_set()
+        again = self.heard is not None and not self.welcomed.is_set()
         self.refusal, self.noise = None, 0
         self.welcomed.set()
         if again:
@@ -334,11 +358,11 @@ class SerialDrive:
             return
         now = time.monotonic()
         telemetry = read_telemetry(frame.body)
-        before, self.telemetry = self.telemetry, telemetry
+        before, self.heard = self.heard, telemetry
         self.heard_sequence, self.last_heard = frame.sequence, now
         sent = self.beats.pop(telemetry.echo, None)
         if sent is not None:
-            self.round_trips.append(now - sent)
+            self.trips.append(now - sent)
         with self.lock:
             self.applied.append(telemetry.applied)
             del self.applied[:-30]
@@ -363,3 +387,9 @@ class SerialDrive:
         if port is not None:
             with contextlib.suppress(*GONE):
                 port.close()
+
+
+@link(SERIAL, SerialSettings)
+def open_serial(settings: SerialSettings, opening: Opening) -> SerialDrive:
+    """Open the port and greet the board."""
+    return SerialDrive(settings.device, settings.baud, opening.robot, opening.report)

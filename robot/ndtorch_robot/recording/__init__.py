@@ -1,15 +1,13 @@
-"""Recording a drive, and driving the recording again; the format is in FORMAT.md."""
+"""Recording a drive, and driving the recording again; the format is in robot/books/recording.md."""
 
 from ndtorch_robot.recording.observe import RecordSteps
-from ndtorch_robot.recording.reading import RecordedStep, Recording, open_recording
+from ndtorch_robot.recording.reading import Recording, open_recording
 from ndtorch_robot.recording.recorder import Recorder
-from ndtorch_robot.recording.replay import Comparison, NavigatorPilot, make_pilot, replay
+from ndtorch_robot.recording.replay import Comparison, make_pilot, replay
 
 __all__ = [
     "Comparison",
-    "NavigatorPilot",
     "RecordSteps",
-    "RecordedStep",
     "Recorder",
     "Recording",
     "make_pilot",

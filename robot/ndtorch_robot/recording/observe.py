@@ -2,43 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Protocol
-
-from ndtorch_robot.ports import LoopStep
+from ndtorch_robot.ports import Step
 from ndtorch_robot.recording.recorder import Recorder
-
-
-class SeenStep(LoopStep, Protocol):
-    """A step of the loop, and whether the navigator began anew in it."""
-
-    @property
-    def restarted(self) -> bool: ...
 
 
 class RecordSteps:
     """An observer that records every step, those without good frames included.
 
     Where the navigator began anew, after it was not asked or while the car stood, is noted, and replayed.
-
-    Args:
-        recorder: where to.
-        telemetry: asked in every step for what else is known, as JSON.
     """
 
-    def __init__(self, recorder: Recorder, telemetry: Callable[[], dict[str, Any]] | None = None) -> None:
-        self.recorder, self.telemetry = recorder, telemetry
+    def __init__(self, recorder: Recorder) -> None:
+        self.recorder = recorder
 
-    def __call__(self, step: SeenStep) -> None:
-        used = step.state is not None and step.frames is not None
-        more = self.telemetry() if self.telemetry is not None else {}
+    def __call__(self, step: Step) -> None:
         self.recorder.record_step(
             step.frames,
             step.driven,
             step.wanted,
-            more | {"standing": step.standing},
+            {**step.telemetry, "standing": step.standing},
             sent=step.sent,
+            placed=step.placed,
             restarted=step.restarted,
-            used=used,
+            used=step.used,
             time=step.time,
         )

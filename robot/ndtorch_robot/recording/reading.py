@@ -6,29 +6,14 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any, NamedTuple, cast
+from typing import IO, Any, cast
 
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch_robot.ports import DriveCommand, StereoFrames
+from ndtorch_robot.ports import DriveCommand, Placed, Step, StereoFrames
 from ndtorch_robot.recording.recorder import HEADER, STEPS, VERSION
 from ndtorch_robot.recording.streams import SUFFIXES, Format, decode, eyes
-
-
-class RecordedStep(NamedTuple):
-    """One step as it was; arguments of `Recorder.record_step`. `frames` is None where they were not kept."""
-
-    number: int
-    time: float
-    frames: StereoFrames | None
-    driven: DriveCommand
-    command: DriveCommand
-    sent: DriveCommand | None
-    placed: tuple[float, float, float] | None
-    telemetry: dict[str, Any] | None
-    restarted: bool
-    used: bool
 
 
 @dataclass
@@ -56,8 +41,12 @@ class Recording:
         """Whether the frames are the same to the bit."""
         return self.kind != "jpeg"
 
-    def steps(self) -> Iterator[RecordedStep]:
-        """All steps, up to the first that is damaged or not wholly there."""
+    def steps(self) -> Iterator[Step]:
+        """All steps, up to the first that is damaged or not wholly there.
+
+        They are as `Recorder` was given them, without the state of the navigator; `frames` is None where they were
+        not kept, and `sent` is what was wanted where nothing else was written down.
+        """
         self.complete, self.trouble, self.missing = False, "", 0
         expected = 0
         try:
@@ -79,7 +68,7 @@ class Recording:
                 file.close()
             self.files.clear()
 
-    def step(self, line: bytes) -> RecordedStep | None:
+    def step(self, line: bytes) -> Step | None:
         """A line as a step; None at the end, or for one that cannot be used."""
         try:
             values = json.loads(line)
@@ -98,17 +87,19 @@ class Recording:
         except (ValueError, KeyError, TypeError):
             self.trouble = "a line is damaged"
             return None
-        return RecordedStep(
+        telemetry = dict(values.get("telemetry") or {})
+        return Step(
             number,
             time,
             frames,
             driven,
             command,
-            commands.get("sent"),
-            cast("tuple[float, float, float] | None", placed),
-            values.get("telemetry"),
-            bool(values.get("restarted", False)),
-            bool(values.get("used", True)),
+            commands.get("sent", command),
+            standing=telemetry.pop("standing", None),
+            used=bool(values.get("used", True)),
+            restarted=bool(values.get("restarted", False)),
+            placed=cast("Placed", placed),
+            telemetry=telemetry,
         )
 
     def frames(self, where: dict[str, dict[str, Any]], time: float) -> StereoFrames | None:

@@ -6,7 +6,6 @@ import json
 import os
 import threading
 from collections import deque
-from collections.abc import Callable
 from pathlib import Path
 from time import monotonic
 from types import TracebackType
@@ -15,7 +14,7 @@ from typing import IO, Any, Literal, NamedTuple, Self
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch_robot.ports import DriveCommand, StereoFrames
+from ndtorch_robot.ports import DriveCommand, Placed, Report, StereoFrames
 from ndtorch_robot.recording.streams import JPEG_QUALITY, SUFFIXES, Format, encode, pictures
 
 VERSION = 1
@@ -35,7 +34,7 @@ LINES = 20
 """So many times more steps may wait without their frames than with them."""
 
 
-class Step(NamedTuple):
+class Waiting(NamedTuple):
     """One step on its way to the disk; `frames` is None when there was no room for them."""
 
     line: dict[str, Any]
@@ -57,7 +56,7 @@ class Recorder:
         quality: of JPEG, 1..100.
         queue: steps that may wait with their frames.
         when_full: `"drop"`, or `"wait"` for a simulation, whose time stands still meanwhile.
-        say: called with one line when recording ends before it should.
+        report: told when recording ends before it should.
         reserve: bytes to leave free on the disk.
 
     Attributes:
@@ -77,7 +76,7 @@ class Recorder:
         quality: int = JPEG_QUALITY,
         queue: int = 60,
         when_full: Literal["drop", "wait"] = "drop",
-        say: Callable[[str], None] | None = None,
+        report: Report | None = None,
         reserve: int = RESERVE,
     ) -> None:
         if format not in SUFFIXES or not 1 <= quality <= 100 or queue < 1:
@@ -85,10 +84,10 @@ class Recorder:
                 f"expected format png, jpeg or raw, quality 1..100 and queue >= 1, got {format}, {quality} and {queue}"
             )
         self.folder, self.kind, self.quality = folder, format, quality
-        self.limit, self.when_full, self.say, self.reserve = queue, when_full, say, reserve
+        self.limit, self.when_full, self.report, self.reserve = queue, when_full, report, reserve
         self.steps = self.without_frames = self.dropped = self.pending = self.number = 0
         self.failed = ""
-        self.waiting: deque[Step] = deque()
+        self.waiting: deque[Waiting] = deque()
         self.changed = threading.Condition()
         self.closing = False
         self.ends: dict[str, int] = {}
@@ -116,7 +115,7 @@ class Recorder:
         telemetry: dict[str, Any] | None = None,
         *,
         sent: DriveCommand | None = None,
-        placed: tuple[float, float, float] | None = None,
+        placed: Placed = None,
         restarted: bool = False,
         used: bool = True,
         time: float | None = None,
@@ -160,7 +159,7 @@ class Recorder:
                 self.dropped += 1
                 return False
             self.pending += room and bool(seen)
-            self.waiting.append(Step(line, seen if room else None, now))
+            self.waiting.append(Waiting(line, seen if room else None, now))
             self.changed.notify_all()
         return room
 
@@ -186,7 +185,7 @@ class Recorder:
                 self.pending -= pending
                 self.changed.notify_all()
 
-    def write(self, step: Step) -> None:
+    def write(self, step: Waiting) -> None:
         """One step: first the frames, then the line that says where they are, so that no line lies."""
         where: dict[str, Any] = {}
         for name, picture in (step.frames or {}).items():
@@ -249,8 +248,8 @@ class Recorder:
             self.changed.notify_all()
         for file in self.files.values():
             file.close()
-        if self.say is not None:
-            self.say(self.failed)
+        if self.report is not None:
+            self.report(self.failed)
 
     def close(self) -> None:
         """Write what is left, and the last line that says that nothing is missing. Calling it again does nothing."""

@@ -1,81 +1,24 @@
-"""Driving a recording again: the same program on the same input must want the same."""
+"""Driving a recording again: the same loop on the same input must want the same."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, fields
-from typing import Any, Protocol
-
-import torch
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Command, Grid, GridMap, NavigatorState, Rect, StereoRig
-from ndtorch_robot.navigating import AnyNavigator, NavigatorChoice
-from ndtorch_robot.ports import DriveCommand, StereoFrames
-from ndtorch_robot.recording.reading import RecordedStep, Recording
-
-Placed = tuple[float, float, float] | None
+from ndtorch.navigation import Grid, StereoRig
+from ndtorch.navigation.options import options_of
+from ndtorch_robot.car import Car
+from ndtorch_robot.config import load_config
+from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.ports import DriveCommand, Observer, Report, Step
+from ndtorch_robot.recording.reading import Recording
+from ndtorch_robot.recording.recorded_car import RecordedSafety, RecordedWorld
+from ndtorch_robot.sim.arenas import load_arena
 
 MAP_HALF = 10.0
 """Metres from the start to the sides of the map of a car that made none."""
-
-
-class Pilot(Protocol):
-    """Whatever made the commands."""
-
-    @property
-    def navigator(self) -> AnyNavigator:
-        """What steers."""
-        ...
-
-    @property
-    def rig(self) -> StereoRig:
-        """The cameras."""
-        ...
-
-    @property
-    def fields(self) -> tuple[Rect, Rect]:
-        """The rectangles that it looks at."""
-        ...
-
-    @property
-    def state(self) -> NavigatorState | None:
-        """Of the navigator after the last step."""
-        ...
-
-    def step(
-        self, frames: StereoFrames, driven: DriveCommand, placed: Placed = None, restarted: bool = False
-    ) -> DriveCommand:
-        """The command for a step; `restarted` where the navigator began anew."""
-        ...
-
-
-class NavigatorPilot:
-    """The navigator alone: replays recordings whose configuration is that of a `NavigatorChoice`.
-
-    Args:
-        grid: to map as well, which changes no command.
-    """
-
-    def __init__(self, rig: StereoRig, rate: float, choice: NavigatorChoice, grid: Grid | None = None) -> None:
-        self.rig, self.fields = rig, choice.fields(rig)
-        self.navigator = choice.navigator(rig, rate, GridMap(rig, grid) if grid is not None else None)
-        self.state: NavigatorState | None = None
-
-    def step(
-        self, frames: StereoFrames, driven: DriveCommand, placed: Placed = None, restarted: bool = False
-    ) -> DriveCommand:
-        """The command for a step; the navigator begins anew where the car was carried or had been blind."""
-        before = self.state
-        if placed is not None or restarted or before is None:
-            command, state = self.navigator(frames.left, frames.right)
-            if restarted and before is not None:  # it knows where it is all the same
-                state = state._replace(pose=before.pose, map=before.map)
-            self.state = state
-        else:
-            moved = Command(*(torch.tensor([value]) for value in driven))
-            command, self.state = self.navigator(frames.left, frames.right, before, moved)
-        return DriveCommand(float(command.speed[-1]), float(command.curvature[-1]))
 
 
 def make_pilot(configuration: dict[str, Any], mapping: bool = False) -> Pilot:
@@ -90,21 +33,23 @@ def make_pilot(configuration: dict[str, Any], mapping: bool = False) -> Pilot:
     program = configuration.get("program")
     try:
         if program == "navigator":
-            rig = StereoRig(**configuration["rig"])
-            names = [item.name for item in fields(NavigatorChoice) if item.name in configuration]
-            chosen = {name: configuration[name] for name in names}
             half = float(configuration.get("map_half_size_m", 0.0)) or MAP_HALF
+            options = options_of(configuration)
             grid = Grid(-half, half, -half, half) if mapping else None
-            return NavigatorPilot(rig, float(configuration["rate_hz"]), NavigatorChoice(**chosen), grid)
-        if program == "drive":
-            from ndtorch_robot.recording.drive_pilot import DrivePilot
-
-            return DrivePilot(configuration)
+        elif program == "drive":
+            config = load_config(None, configuration["drive"])
+            options = config.options()
+            grid = load_arena(config.arena, config.seed).grid() if mapping else None
+        else:
+            raise InputError(
+                f"the recording was made by {program!r}, which cannot be replayed; known are navigator and drive"
+            )
+        rig = StereoRig(**configuration["rig"])
+        return Pilot(options, rig, float(configuration["rate_hz"]), grid)
     except (KeyError, TypeError, ValueError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"the recording's configuration cannot be used: {type(error).__name__} {error}") from None
-    raise InputError(f"the recording was made by {program!r}, which cannot be replayed; known are navigator and drive")
 
 
 @dataclass
@@ -138,24 +83,38 @@ class Comparison:
         self.curvature_difference = max(self.curvature_difference, abs(old.curvature - new.curvature))
 
 
+class Compare:
+    """An observer that compares what is wanted now with what was wanted then."""
+
+    def __init__(self, world: RecordedWorld, report: Report | None = None) -> None:
+        self.world, self.report, self.result = world, report, Comparison()
+
+    def __call__(self, step: Step) -> None:
+        recorded = self.world.recorded
+        if step.used:
+            before = self.result.first_different
+            self.result.add(recorded.number, recorded.wanted, step.wanted)
+            if self.report is not None and before is None and self.result.first_different is not None:
+                self.report(f"step {recorded.number}: the replay wants something else than was recorded")
+        elif recorded.used:
+            self.result.skipped += 1
+
+
 def replay(
-    recording: Recording, pilot: Pilot, seen: Callable[[RecordedStep, DriveCommand | None], None] | None = None
+    recording: Recording, pilot: Pilot, observers: Iterable[Observer] = (), report: Report | None = None
 ) -> Comparison:
     """Run a pilot on a recording.
 
     Args:
-        seen: called with each step and the new command, which is None where the pilot was not asked.
+        observers: told every step as it is made now; `wanted` is of now, `sent` and `standing` are of then.
+        report: told when the car stood and went on, and of the first command that differs.
     """
-    result = Comparison()
-    with torch.inference_mode():
-        for step in recording.steps():
-            if step.frames is None or not step.used:
-                result.skipped += step.used
-                if seen is not None:
-                    seen(step, None)
-                continue
-            command = pilot.step(step.frames, step.driven, step.placed, step.restarted)
-            result.add(step.number, step.command, command)
-            if seen is not None:
-                seen(step, command)
-    return result
+    world = RecordedWorld(recording.steps())
+    compare, safe = Compare(world, report), RecordedSafety(world)
+    safe.report = report or safe.report
+    if world.step is None:
+        return compare.result
+    car = Car(pilot, world, safe, observers=[compare, *observers])
+    car.observers.append(lambda step: car.ended.set() if world.last else None)
+    car.run(warm_up=False)
+    return compare.result

@@ -18,10 +18,10 @@ from typing import Annotated
 from pydantic import Field
 
 from ndtorch.errors import InputError
+from ndtorch.toml import Strict, read_toml
 from ndtorch_robot.sim.places import Places
-from ndtorch_robot.sim.plan import NARROWEST, Plan, Ring, ring
+from ndtorch_robot.sim.plan import NARROWEST, Plan, Ring, circle, ring, square
 from ndtorch_robot.sim.tracing import Box, trace
-from ndtorch_robot.toml import Strict, read_toml
 
 Four = tuple[float, float, float, float]
 
@@ -100,8 +100,6 @@ def outline_of(walls: tuple[Four, ...], blank: set[int]) -> Ring:
 
 def pillar_ring(pillar: Pillar) -> Ring:
     """A pillar as a polygon."""
-    from ndtorch_robot.sim.arenas import circle, square
-
     if pillar.round:
         return ring(circle(pillar.x, pillar.y, pillar.width / 2, 16), "pillar", solid=True)
     return ring(square(pillar.x, pillar.y, pillar.width, math.pi / 4), "pillar", solid=True)

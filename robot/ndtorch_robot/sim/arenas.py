@@ -10,7 +10,7 @@ import numpy as np
 
 from ndtorch.errors import InputError
 from ndtorch_robot.sim.generated import office, random_building
-from ndtorch_robot.sim.plan import Plan, Point, ring
+from ndtorch_robot.sim.plan import Plan, circle, ring, square
 from ndtorch_robot.sim.tracing import Box, trace
 
 DOOR_SPACING = 1.308
@@ -94,21 +94,6 @@ def room(seed: int) -> Plan:
         for k, p in enumerate(pillars)
     )
     return Plan("room", outline, solids)
-
-
-def circle(x: float, y: float, radius: float, corners: int) -> list[Point]:
-    """A regular polygon, its corners on the circle."""
-    angles = np.arange(corners) * (2 * math.pi / corners)
-    return [(x + radius * math.cos(a), y + radius * math.sin(a)) for a in angles]
-
-
-def square(x: float, y: float, side: float, turned: float) -> list[Point]:
-    """A square turned by radians."""
-    radius = side / math.sqrt(2)
-    return [
-        (x + radius * math.cos(turned + k * math.pi / 2), y + radius * math.sin(turned + k * math.pi / 2))
-        for k in range(4)
-    ]
 
 
 ARENAS: dict[str, Callable[[int], Plan]] = {

@@ -12,9 +12,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ndtorch.errors import InputError
+from ndtorch.installed import folder_of
 
-FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"
+FIRMWARE = folder_of("ndtorch_robot", "firmware")
 SIMULATOR, IMAGE = FIRMWARE / "build" / "avrsim", FIRMWARE / "build" / "firmware.elf"
+
+
+def shown(path: Path) -> Path:
+    """The path from here, where that is shorter."""
+    here = Path.cwd()
+    return path.relative_to(here) if path.is_relative_to(here) else path
 
 
 class Pulse(NamedTuple):
@@ -58,7 +65,7 @@ class SimulatedBoard:
     def __init__(self, log: Path | None = None) -> None:
         if not SIMULATOR.exists() or not IMAGE.exists():
             raise InputError(
-                "the simulated board is not built: make -C robot/firmware sim "
+                f"the simulated board is not built: make -C {shown(FIRMWARE)} sim "
                 "(Debian: gcc-avr avr-libc libsimavr-dev libelf-dev)"
             )
         self.folder = tempfile.TemporaryDirectory(prefix="board-")

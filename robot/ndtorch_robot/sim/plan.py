@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ndtorch.errors import InputError
+from ndtorch.navigation import Grid
 
 Floats = npt.NDArray[np.float64]
 Point = tuple[float, float]
@@ -58,6 +59,21 @@ def ring(points: list[Point], kind: str = "wall", height: float | None = None, s
     """A ring of one kind of surface, turned to have its free side on the left."""
     made = Ring(tuple(points), (kind,) * len(points), height)
     return made.flipped() if (made.area < 0) != solid else made
+
+
+def circle(x: float, y: float, radius: float, corners: int) -> list[Point]:
+    """A regular polygon, its corners on the circle."""
+    angles = np.arange(corners) * (2 * math.pi / corners)
+    return [(x + radius * math.cos(a), y + radius * math.sin(a)) for a in angles]
+
+
+def square(x: float, y: float, side: float, turned: float) -> list[Point]:
+    """A square turned by radians."""
+    radius = side / math.sqrt(2)
+    return [
+        (x + radius * math.cos(turned + k * math.pi / 2), y + radius * math.sin(turned + k * math.pi / 2))
+        for k in range(4)
+    ]
 
 
 @dataclass(frozen=True)
@@ -115,6 +131,11 @@ class Plan:
         """Smallest and largest x, smallest and largest y, m."""
         (left, bottom), (right, top) = self.outline.array.min(0), self.outline.array.max(0)
         return float(left), float(right), float(bottom), float(top)
+
+    def grid(self) -> Grid:
+        """Of a map of the building, with half a metre around it."""
+        left, right, bottom, top = self.bounds
+        return Grid(left - 0.5, right + 0.5, bottom - 0.5, top + 0.5)
 
     def is_free(self, points: Floats) -> npt.NDArray[np.bool_]:
         """Whether points `[N, 2]` are in free space, `[N]`."""

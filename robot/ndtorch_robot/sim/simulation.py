@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from ndtorch.navigation import Rect, StereoRig
-from ndtorch_robot.ports import DriveCommand, SafeCommand, StereoFrames, unseal
+from ndtorch_robot.ports import CameraPair, Clock, Drive, DriveCommand, Placed, SafeCommand, StereoFrames, unseal
 from ndtorch_robot.sim.cameras import Cameras
 from ndtorch_robot.sim.car import Car
 from ndtorch_robot.sim.model import build
@@ -40,7 +40,7 @@ class Collision(NamedTuple):
     heading: float
 
 
-class Simulation:
+class Simulation(Drive):
     """A world with the car in it. It is all ports of the loop in one.
 
     When the car touches anything the collision is noted and the car is put back at the nearest free place,
@@ -81,7 +81,7 @@ class Simulation:
         self.car = Car()
         self.steps = 0
         self.collisions: list[Collision] = []
-        self.placed: tuple[float, float, float] | None = None
+        self.placed: Placed = None
         start = plan.start or self.places.any(rng)
         self.walk = self.places.walk(rng, (start[0], start[1])) if moving else None
         self.move_obstacle()
@@ -144,7 +144,7 @@ class Simulation:
         self.placed = (x, y, heading)
         self.touches()
 
-    def take_placed(self) -> tuple[float, float, float] | None:
+    def take_placed(self) -> Placed:
         """The pose at which the car was put since this was last asked: whoever carries it knows where to."""
         placed, self.placed = self.placed, None
         return placed
@@ -158,11 +158,9 @@ class Simulation:
         """Drive like this from now on."""
         return self.car.send(unseal(command))
 
-    def resume(self) -> None:
+    def resume(self) -> bool:
         """Nothing to do: this drive obeys at once after a stop."""
-
-    def trouble(self) -> None:
-        """Never."""
+        return True
 
     def stop(self) -> None:
         """Stand still at once."""
@@ -175,6 +173,10 @@ class Simulation:
         if self.odometry == "noisy" and speed != 0:
             return DriveCommand(speed * (1 + SCALE_ERROR), (curvature + DRIFT / speed) / (1 + SCALE_ERROR))
         return DriveCommand(speed, curvature)
+
+    def sight(self) -> tuple[CameraPair, Clock]:
+        """Its own cameras and its own time."""
+        return self, self
 
     def close(self) -> None:
         """Give the buffers back."""

@@ -7,6 +7,8 @@ import threading
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
+from ndtorch_robot.ports import Report
+
 T = TypeVar("T")
 
 PATIENCE = 5.0
@@ -23,7 +25,7 @@ class Background(Generic[T]):
         show: may be slow, may hang, may raise.
         finish: called after the last item, in the same thread.
         size: items that may wait.
-        say: called with one line when showing ends before it should.
+        report: told when showing ends before it should.
         wait: wait for room instead, for whoever has time. Not for a loop.
 
     Attributes:
@@ -36,10 +38,10 @@ class Background(Generic[T]):
         show: Callable[[T], None],
         finish: Callable[[], None],
         size: int = 30,
-        say: Callable[[str], None] | None = None,
+        report: Report | None = None,
         wait: bool = False,
     ) -> None:
-        self.show, self.finish, self.say, self.wait = show, finish, say, wait
+        self.show, self.finish, self.report, self.wait = show, finish, report, wait
         self.queue: queue.Queue[T | None] = queue.Queue(size)
         self.shown = self.dropped = 0
         self.failed = ""
@@ -72,8 +74,8 @@ class Background(Generic[T]):
             self.finish()
         except Exception as error:  # whatever it is, driving goes on
             self.failed = f"the view has ended: {' '.join(f'{type(error).__name__}: {error}'.split())}"
-            if self.say is not None:
-                self.say(self.failed)
+            if self.report is not None:
+                self.report(self.failed)
 
     def close(self, patience: float = PATIENCE) -> None:
         """Show what is waiting, but for so many seconds at most: a viewer that hangs is left behind."""
@@ -85,5 +87,5 @@ class Background(Generic[T]):
         self.thread.join(until)
         if self.thread.is_alive() and not self.failed:
             self.failed = "the viewer takes nothing: left behind"
-            if self.say is not None:
-                self.say(self.failed)
+            if self.report is not None:
+                self.report(self.failed)

@@ -134,7 +134,7 @@ class CarView:
                 self.stream.log("floor/map", map_points(self.rr, self.grid, seen.state.map.cells, FINE))
         speeds = [math.nan] * 3
         if seen.state is not None:
-            speeds = [*map(float, seen.state.sides), float(seen.state.avoidance.difference)]
+            speeds = [*map(float, seen.state.sides), float(seen.state.difference)]
         commands = (seen.wanted, seen.sent, seen.driven)
         battery = float(seen.board.get("battery_v") or math.nan)
         self.waiting.append((seen.time, speeds, [c.speed for c in commands], [c.curvature for c in commands], battery))

@@ -10,8 +10,8 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from ndtorch.navigation import AvoidanceParams, Grid, Rect, StereoRig, Strips
-from ndtorch_robot.navigating import AnyNavigator
+from ndtorch.navigation import Grid, Rect, StereoRig, Strips
+from ndtorch.navigation.options import AnyNavigator
 from ndtorch_robot.record import range_columns
 
 TIMELINE = "time"
@@ -38,7 +38,7 @@ LEFT, RIGHT, OTHER, FEATURE, PATH, BELIEVED, CAR = (
 )
 MAP_LOW, MAP_HIGH = np.array([250.0, 190.0, 120.0]), np.array([170.0, 20.0, 20.0])
 WHITE = (255, 255, 255)
-SPEEDS = ("left", "right", "right - left, smoothed")
+SPEEDS = ("left", "right", "difference")
 SPEED_COLOURS = [LEFT, RIGHT, (230, 159, 0)]
 
 UNREAD = 40
@@ -49,11 +49,8 @@ THICK = 4
 
 
 def levels(navigator: AnyNavigator) -> dict[str, float]:
-    """Lines to draw beside the speeds: thresholds of the published controller."""
-    p = navigator.avoidance.params
-    if not isinstance(p, AvoidanceParams):
-        return {}
-    return {"turn left": p.turn_threshold, "turn right": -p.turn_threshold, "stop": p.low_threshold}
+    """Lines to draw beside the speeds: the controller's thresholds."""
+    return navigator.controller.trace.lines()
 
 
 def field_box(rr: Any, field: Rect, eye: str) -> Any:

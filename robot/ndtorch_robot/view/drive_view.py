@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ndtorch.navigation import Grid, Rect, StereoRig
 from ndtorch.report.recording import import_rerun
-from ndtorch_robot.ports import StereoFrames
+from ndtorch_robot.ports import Observer, Step, StereoFrames
 from ndtorch_robot.record import Record
 from ndtorch_robot.sim.plan import Plan
 from ndtorch_robot.view.drawing import (
@@ -71,6 +71,15 @@ class DriveView:
         self._next_map = 0.0
         self._stream: Any = open_stream(name, where, layout(plan))
         self._fixed(plan, fields)
+
+    def observer(self, record: Record, grid: Grid) -> Observer:
+        """Shows every step that `record` has kept; it must be told of it before."""
+
+        def look(step: Step) -> None:
+            if step.frames is not None and step.state is not None:
+                self.frame(step.frames, record, grid, None if step.state.map is None else step.state.map.cells)
+
+        return look
 
     def frame(self, frames: StereoFrames, record: Record, grid: Grid, cells: Tensor | None) -> None:
         """Show the newest frame of a record.

@@ -20,6 +20,7 @@ from ndtorch.binding import (
     InhibitoryNetwork,
     VisualBinding,
     bound_objects,
+    learning_rule,
     object_table,
 )
 from ndtorch.binding.saving import flatten_state
@@ -75,9 +76,9 @@ def test_signals_are_those_of_the_parts_in_a_row() -> None:
     signals, state = model()(frames)
     sums, motion = VisualFeatures((12, 14))(frames)
     (inputs, scale), _ = BindingInputs(window=0.5)(sums)
-    first = InhibitoryNetwork(10, gamma=0.0, tau_in=math.inf, initial=first_stage())
+    first = InhibitoryNetwork(10, rule=None, tau_in=math.inf, initial=first_stage())
     refined, _ = first(inputs)
-    second = InhibitoryNetwork(10, gamma=5.0, settle=0.1, tau_onset=0.1, window=0.2)
+    second = InhibitoryNetwork(10, rule=learning_rule("competitive", gamma=5.0, tau_onset=0.1), settle=0.1, window=0.2)
     outputs, end = second(refined)
     time = torch.arange(40, dtype=torch.float64) * 0.01
     assert_same(signals, (sums, inputs, refined, outputs, scale, time))

@@ -82,7 +82,7 @@ def test_what_cannot_be_used_is_named(data: dict[str, object], words: str) -> No
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="No such file"):
+    with pytest.raises(InputError, match="no such file"):
         read_sweep(tmp_path / "missing.toml")
     (tmp_path / "bad.toml").write_text("a = [")
     with pytest.raises(InputError, match="not a TOML file"):

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from ndtorch.navigation import TURN, AvoidanceParams, Navigator, SaccadeAvoidance, StereoRig, SubfieldMotion
+from ndtorch.navigation import TURN, AvoidanceParams, Navigator, StereoRig
+from ndtorch.navigation.controllers.published import SaccadeAvoidance, SubfieldMotion
 from ndtorch_train.recorded import RATE, Recorded
 from ndtorch_train.reproduce.context import Context, judged
 from ndtorch_train.reproduce.drives import recorded
@@ -145,7 +146,7 @@ def speed(context: Context, seconds: float) -> Outcome:
     frames = torch.randint(0, 256, (2, 8, 3, 480, 640), dtype=torch.uint8, generator=generator)
     left, right = frames[:, :, None]
     motion, rule = SubfieldMotion(rig, 1 / RATE), SaccadeAvoidance(1 / RATE)
-    navigator = Navigator(rig, 1 / RATE)
+    navigator = Navigator(rig, 1 / RATE, controller="published")
 
     kept: dict[str, Any] = {"fields": None, "mode": None, "all": None}
 

@@ -8,8 +8,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.navigation import FeatureParams, PredictedFeatures, Ranges, StereoRig, beam, certainty, find_features
-from ndtorch.navigation.features import Features
+from ndtorch.navigation import FeatureParams, Ranges, StereoRig
+from ndtorch.navigation.certainty import beam, certainty
+from ndtorch.navigation.features import Features, find_features
+from ndtorch.navigation.prediction import PredictedFeatures
 from ndtorch.vision import NDMin
 from ndtorch_train.recorded import RATE, Recorded, map_of, quality, ranges_of, score_of
 from ndtorch_train.reproduce.context import Context, judged

@@ -53,13 +53,10 @@ def learn(context: Context, rule: str, inputs: Tensor, start: Tensor, onset: flo
     network = InhibitoryNetwork(
         2,
         DT,
-        learning_rule(rule),
-        gamma=5.0,
+        learning_rule(rule, gamma=5.0, tau_onset=onset, radius_limit=math.inf),
         tau_in=math.inf,
         tau_out=2.0,
         settle=0.0,
-        tau_onset=onset,
-        radius_limit=math.inf,
     )
     outputs, weights = [], []
     with torch.inference_mode():
@@ -330,7 +327,7 @@ def is_separated(gains: Tensor) -> bool:
 
 def stays_bounded_all(weights: Tensor, steps: int = 1500) -> Tensor:
     """Whether the network with fixed weights `[B, N, N]` comes to rest after a push, `[B]`."""
-    network = InhibitoryNetwork(weights.shape[-1], DT, gamma=0.0, tau_in=math.inf)
+    network = InhibitoryNetwork(weights.shape[-1], DT, None, tau_in=math.inf)
     inputs = torch.zeros(len(weights), steps, weights.shape[-1], dtype=weights.dtype)
     inputs[:, 0] = 1.0
     with torch.inference_mode():

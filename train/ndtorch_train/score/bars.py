@@ -13,7 +13,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ndtorch.binding.scale_free import settled as passage
+from ndtorch.binding.feedback import settled as passage
 from ndtorch.scenes import Bar, BarScene, SineShadow, three_bars
 from ndtorch.scenes.bar_scenes import BLUE, GREEN, PERIOD, RED
 from ndtorch.vision import FEATURES, VisualFeatures

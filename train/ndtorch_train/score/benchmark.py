@@ -11,10 +11,11 @@ from torch import Tensor
 
 from ndtorch.vision import VisualFeatures
 from ndtorch_train.score.bars import bar_sets
+from ndtorch_train.score.choices import SETTLE, Split
 from ndtorch_train.score.leaderboard import Row
 from ndtorch_train.score.methods import Method, Reading, first_stage, method
 from ndtorch_train.score.metrics import SceneScore, right_from, score_scene
-from ndtorch_train.score.scenes import FPS, SETTLE, RenderedBars, Split, draw_scene, seeds, superposed
+from ndtorch_train.score.scenes import FPS, RenderedBars, draw_scene, seeds, superposed
 from ndtorch_train.score.stress import SECONDS as STRESS_SECONDS
 from ndtorch_train.score.stress import STRESS, stressed
 from ndtorch_train.score.truth import true_features

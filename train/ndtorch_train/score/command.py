@@ -7,18 +7,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import torch
-
 from ndtorch.errors import InputError
-from ndtorch.memory import tune_allocator
-from ndtorch_train.score.benchmark import bar_rows, random_rows, rendered_rows, stress_rows
-from ndtorch_train.score.figure import draw
-from ndtorch_train.score.leaderboard import Row, markdown, write_csv
-from ndtorch_train.score.methods import METHODS
-from ndtorch_train.score.retinotopic import rendered_row, retinotopic_rows
-from ndtorch_train.score.scenes import LONGEST, SETTLE, Split, seeds
-from ndtorch_train.score.video_clips import RATES
-from ndtorch_train.score.video_command import VideoScore
+from ndtorch_train.score.choices import LONGEST, METHODS, RATES, SETTLE, Split
 
 
 @dataclass(frozen=True)
@@ -63,6 +53,15 @@ class ScoreOptions:
 
     def run(self) -> int:
         """Do it; returns the exit code."""
+        import torch
+
+        from ndtorch.memory import tune_allocator
+        from ndtorch_train.score.benchmark import bar_rows, random_rows, rendered_rows, stress_rows
+        from ndtorch_train.score.figure import draw
+        from ndtorch_train.score.leaderboard import Row, markdown, write_csv
+        from ndtorch_train.score.retinotopic import rendered_row, retinotopic_rows
+        from ndtorch_train.score.video_command import VideoScore
+
         if self.video:
             options = VideoScore(self.clips, self.counts, self.rates, self.split, self.ablate)
             return options.run(self.file, self.keep, self.out)
@@ -100,6 +99,8 @@ class ScoreOptions:
 
 def check(options: ScoreOptions) -> None:
     """Whatever is wrong with the options, before the work begins."""
+    from ndtorch_train.score.scenes import seeds
+
     for name in options.rules:
         if name not in METHODS:
             raise InputError(f"rules must be among {', '.join(METHODS)}, got {name!r}")
@@ -115,6 +116,10 @@ def check(options: ScoreOptions) -> None:
 
 def heading(options: ScoreOptions, wall: float) -> str:
     """What was run, on which seeds, and how long it took."""
+    import torch
+
+    from ndtorch_train.score.scenes import seeds
+
     first = seeds(options.split, 1).start
     return (
         f"Split {options.split}: seeds from {first} on, {options.scenes} random scenes"

@@ -12,13 +12,15 @@ from torch import Tensor
 
 import ndtorch
 from ndtorch.binding import BindingInputs, BindingState, NetworkState, alternation, object_table
+from ndtorch.binding.feedback import settled
 from ndtorch.binding.models.published import ALTERNATING
 from ndtorch.binding.models.scale_free import Readout, ScaleFreeStage
 from ndtorch.binding.normalise import divide, group_max, spread_groups
-from ndtorch.binding.scale_free import ScaleFreeRule, settled
+from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.errors import InputError
 from ndtorch.optional import need
 from ndtorch.vision import LowPass
+from ndtorch_train.score.choices import METHODS
 from ndtorch_train.score.truth import by_group, present
 
 TAU_SMOOTH = 0.05
@@ -247,10 +249,6 @@ def by_scale(sums: Tensor) -> Tensor:
 def decomposition() -> Any:
     """scikit-learn's decompositions, imported when they are wanted: that takes a second."""
     return need("sklearn.decomposition", "ica and nmf")
-
-
-METHODS = ("published", "cooperative", "hebbian", "scale-free, owners", "scale-free", "greedy", "ica", "nmf")
-"""Names for `method`."""
 
 
 def method(name: str, truth: Sequence[Tensor]) -> Method:

@@ -12,11 +12,12 @@ from torch import Tensor
 from ndtorch.binding import RetinotopicBinding
 from ndtorch.binding.models.retinotopic import RetinotopicParams
 from ndtorch.vision import LocalFeatures, VisualFeatures
+from ndtorch_train.score.choices import SETTLE, Split
 from ndtorch_train.score.leaderboard import Row
 from ndtorch_train.score.local_bars import EVERY, FIELDS, SPACING, local_bars, local_sums
 from ndtorch_train.score.methods import first_stage
 from ndtorch_train.score.metrics import SceneScore, score_scene
-from ndtorch_train.score.scenes import FPS, SETTLE, RenderedBars, Restriction, Scene, Split, draw_scene, seeds
+from ndtorch_train.score.scenes import FPS, RenderedBars, Restriction, Scene, draw_scene, seeds
 from ndtorch_train.score.truth import true_features
 
 NAME = "retinotopic"

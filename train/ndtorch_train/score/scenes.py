@@ -18,6 +18,7 @@ from ndtorch.scenes import Bar, BarScene
 from ndtorch.scenes.rendered import RenderedScene
 from ndtorch.vision.blocks import BLOCK, BlockLowPass, low_pass
 from ndtorch.vision.temporal import smoothing_factor
+from ndtorch_train.score.choices import LONGEST, Split
 from ndtorch_train.score.single_bars import (
     DIRECTIONS,
     LENGTH,
@@ -31,14 +32,9 @@ from ndtorch_train.score.single_bars import (
 )
 
 Floats = npt.NDArray[np.float32]
-Split = Literal["tune", "test"]
 
 FPS = 100.0
 SIZE = (500, 500)
-SETTLE = 4.0
-"""Seconds every method gets before the clock of the score starts, as in the papers."""
-LONGEST = 104.0
-"""Seconds of brightness drawn for every scene, so that a scene does not depend on how long it is watched."""
 FIRST_SEED = {"tune": 0, "test": 1_000_000}
 """Scene i of a split has this seed plus i."""
 MOST_SCENES = 1_000_000

@@ -10,7 +10,8 @@ import torch
 from torch import Tensor
 
 from ndtorch.vision import GROUPS
-from ndtorch_train.score.scenes import FPS, SETTLE, Restriction, Scene, Split, draw_light, draw_scene, seeds, superposed
+from ndtorch_train.score.choices import SETTLE, Split
+from ndtorch_train.score.scenes import FPS, Restriction, Scene, draw_light, draw_scene, seeds, superposed
 from ndtorch_train.score.truth import true_features
 
 SECONDS = 30.0

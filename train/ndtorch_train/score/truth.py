@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ndtorch.binding.feedback import settled
 from ndtorch.binding.normalise import divide, group_max, spread_groups
-from ndtorch.binding.scale_free import settled
 from ndtorch_train.score.scenes import Scene, gains, moving
 
 PRESENT = 1 / 3

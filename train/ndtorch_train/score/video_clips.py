@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-Split = Literal["tune", "test"]
+from ndtorch_train.score.choices import Split
+
 Generator = np.random.Generator
 
 SECONDS = 8.0
-RATES: tuple[float, ...] = (12.5, 25.0, 30.0, 60.0, 120.0)
 SIZES: tuple[tuple[int, int], ...] = ((180, 320), (240, 424), (270, 480), (360, 640), (432, 768))
 DIRECTIONS = ("left", "right", "down", "up")
 HEADING = {"right": 0.0, "down": 90.0, "left": 180.0, "up": 270.0}

@@ -11,11 +11,12 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.memory import tune_allocator
-from ndtorch.report.timeline import draw_timeline, in_words
-from ndtorch.run.video import PARTS, ROWS, run_video
-from ndtorch.scenes.video import open_video
-from ndtorch_train.score.video_clips import RATES, SECONDS, SPLIT_SEEDS, Split
-from ndtorch_train.score.video_score import ClipScore, score_clips, table
+from ndtorch.report.timeline import draw_timeline
+from ndtorch.report.words import in_words
+from ndtorch.run.today import PARTS
+from ndtorch_train.score.choices import RATES, Split
+from ndtorch_train.score.video_clips import SECONDS, SPLIT_SEEDS
+from ndtorch_train.score.video_score import ClipScore, run_video, score_clips, table
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class VideoScore:
             rows += [(part, score) for score in less]
             text += f"\nWithout {part}:\n\n{table(less)}"
         if file is not None:
-            result = run_video(open_video(file, (ROWS, ROWS), fit="reduce"))
+            result = run_video(file)
             draw_timeline(result, out / "timeline.png")
             text += f"\n```\n{in_words(result)}\n```\n"
         (out / "scores.md").write_text(text, encoding="utf-8")

@@ -12,11 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from ndtorch.binding.tracking.tracks import ObjectFile
-from ndtorch.run.video import ROWS, VideoResult, run_video
+from ndtorch.binding import BoundObject
+from ndtorch.run.opening import ROWS
+from ndtorch.run.result import RunResult
+from ndtorch.run.run import run_model
+from ndtorch.run.today import Video
 from ndtorch.scenes.video import open_video
+from ndtorch_train.score.choices import Split
 from ndtorch_train.score.metrics import share
-from ndtorch_train.score.video_clips import Clip, Split, draw_clip, truth
+from ndtorch_train.score.video_clips import Clip, draw_clip, truth
 from ndtorch_train.score.video_encode import encode
 from ndtorch_train.score.video_paint import Painter
 
@@ -59,12 +63,18 @@ def clip_file(clip: Clip, folder: Path) -> tuple[Path, str]:
 def score_clip(clip: Clip, path: Path, without: Sequence[str] = ()) -> ClipScore:
     """Run the whole of `ndtorch bind` on a clip's file, less its pictures, and compare with the truth."""
     began = time.perf_counter()
-    result = run_video(open_video(path, (ROWS, ROWS), fit="reduce"), without)
+    result = run_video(path, without)
     wall = time.perf_counter() - began
     return compare(clip, result, wall / clip.seconds)
 
 
-def compare(clip: Clip, result: VideoResult, cost: float = 0.0) -> ClipScore:
+def run_video(path: Path, without: Sequence[str] = ()) -> RunResult:
+    """The model video over a file, without pictures."""
+    source = open_video(path, (ROWS, ROWS), fit="reduce")
+    return run_model(Video(source.size, source.fps, without), source, pictures_per_second=0)
+
+
+def compare(clip: Clip, result: RunResult, cost: float = 0.0) -> ClipScore:
     """A result against the truth of its clip."""
     known = truth(clip)["objects"]
     best: tuple[bool, bool, float] = (False, False, float("nan"))
@@ -74,29 +84,32 @@ def compare(clip: Clip, result: VideoResult, cost: float = 0.0) -> ClipScore:
             if not all(matches(thing, real) for thing, real in pairs):
                 continue
             colored = all(is_colored(thing, real) for thing, real in pairs)
-            away = [distance(thing, real, result.aspect) for thing, real in pairs]
+            away = [distance(thing, real, result.size) for thing, real in pairs]
             best = max(best, (True, colored, float(np.mean(away)) if away else 0.0), key=lambda b: (b[0], b[1]))
     return ClipScore(clip.name, clip.count, clip.fps, len(result.objects), *best, cost)
 
 
-def matches(thing: ObjectFile, real: dict[str, Any]) -> bool:
+def matches(thing: BoundObject, real: dict[str, Any]) -> bool:
     """Whether a reported object moves as the real one does and was in sight while that was."""
-    overlap = thing.appeared <= real["times"][-1] and thing.disappeared >= real["times"][0]
+    if thing.first_seen is None or thing.last_seen is None:
+        return False
+    overlap = thing.first_seen <= real["times"][-1] and thing.last_seen >= real["times"][0]
     return bool(overlap and thing.direction == real["direction"])
 
 
-def is_colored(thing: ObjectFile, real: dict[str, Any]) -> bool:
+def is_colored(thing: BoundObject, real: dict[str, Any]) -> bool:
     """Whether its strongest colour is the largest of the real one's red, green and blue, or nearly."""
     color = dict(zip(("red", "green", "blue"), real["color"], strict=True))
     return bool(color.get(thing.color, 0.0) >= 0.9 * max(color.values()))
 
 
-def distance(thing: ObjectFile, real: dict[str, Any], aspect: float) -> float:
+def distance(thing: BoundObject, real: dict[str, Any], size: tuple[int, int]) -> float:
     """Mean distance of reported from true places while both are known, heights of the picture."""
+    height, width = size
     at = {round(t, 1): place for t, place in zip(real["times"], real["places"], strict=True)}
     apart = [
-        float(np.hypot(row - at[key][0], (column - at[key][1]) * aspect))
-        for t, row, column, _ in thing.path
+        float(np.hypot(row / height - at[key][0], column / height - at[key][1] * width / height))
+        for t, column, row in thing.path
         if (key := round(t, 1)) in at
     ]
     return float(np.mean(apart)) if apart else float("nan")

@@ -13,7 +13,6 @@ from torch import Tensor
 
 import ndtorch
 from ndtorch.binding import (
-    RULE_NAMES,
     BindingState,
     NetworkState,
     VisualBinding,
@@ -36,7 +35,7 @@ PARAMETERS: Mapping[str, Parameter] = {
     "noise": Parameter(0.0, 0, 10),
     "seed": Parameter(0, 0, 2**31 - 1),
     "gamma": Parameter(0.5, 0, 1000),
-    "rule": Parameter("competitive", words=RULE_NAMES),
+    "rule": Parameter("competitive", words=("competitive", "cooperative", "hebbian")),
     "order": Parameter("filter-first", words=("filter-first", "printed")),
     "f": Parameter("cube", words=("cube", "tanh-pi", "tanh-10", "linear")),
     "g": Parameter("tanh-pi", words=("cube", "tanh-pi", "tanh-10", "linear")),

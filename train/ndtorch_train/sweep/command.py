@@ -28,11 +28,11 @@ class Sweep:
     """Run many trials: a grid or random sweep of binding or driving, described in a TOML file.
 
     Writes results.parquet (a row a trial), summary.md and heat maps. A sweep that was stopped goes on where it was;
-    trials are not repeated unless their code has changed. Two sweeps come with the project, in train/sweeps.
+    trials are not repeated unless their code has changed. Two sweeps come along: `binding` and `maps`.
     """
 
     config: Annotated[Path, tyro.conf.Positional]
-    """TOML file; its keys are described in train/README.md."""
+    """TOML file (its keys are described in train/README.md), or the name of a sweep that comes along."""
     out: Path | None = None
     """Folder to write to (default: out/sweep/ and the name of the file)."""
     jobs: int | None = None
@@ -47,6 +47,7 @@ class Sweep:
     def run(self) -> int:
         """Do it; returns the exit code."""
         from ndtorch.code_digest import code_digest
+        from ndtorch.installed import toml_file
         from ndtorch_train.output import prepare
         from ndtorch_train.sweep.config import read_sweep, results_of
         from ndtorch_train.sweep.parameters import trial_id
@@ -54,7 +55,7 @@ class Sweep:
 
         if self.cluster is not None and len(self.cluster) > 1:
             raise InputError(f"--cluster takes one address, got {' '.join(self.cluster)}")
-        config = read_sweep(self.config)
+        config = read_sweep(toml_file(self.config, "ndtorch_train", "sweeps"))
         jobs = cores() if self.jobs is None else self.jobs
         if jobs < 1:
             raise InputError(f"--jobs must be at least 1, got {jobs}")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import itertools
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ndtorch.errors import InputError
+from ndtorch.toml import toml_values
 from ndtorch_train.sweep.parameters import Parameter, Trial, Value, trial_id
 
 Kind = Literal["binding", "driving"]
@@ -66,13 +66,7 @@ def read_sweep(path: Path) -> SweepConfig:
         InputError: a file that cannot be read, an unknown key (with the nearest known one), a value out of range,
             or a sweep without a trial.
     """
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not a TOML file: {error}") from None
-    return parse(data, str(path), path.stem)
+    return parse(toml_values(path), str(path), path.stem)
 
 
 def parse(data: Mapping[str, Any], where: str, name: str) -> SweepConfig:

@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ndtorch.navigation import AvoidanceParams, FeatureParams, MatchParams
+from ndtorch.navigation import AvoidanceParams, FeatureParams, MatchParams, controller_names
 from ndtorch_train.recorded import Recorded, from_arrays, map_of, quality, ranges_of, record_drive, score_of
 from ndtorch_train.sweep.parameters import Parameter, Trial
 
@@ -17,7 +17,7 @@ _A, _F, _M = AvoidanceParams(), FeatureParams(), MatchParams()
 PARAMETERS: Mapping[str, Parameter] = {
     "arena": Parameter("hallway", words=ARENAS),
     "seed": Parameter(0, 0, 2**31 - 1),
-    "controller": Parameter("published", words=("published", "ranging")),
+    "controller": Parameter("published", words=controller_names()),
     "seconds": Parameter(30.0, 1, 86400),
     "walls": Parameter("textured", words=("textured", "blank")),
     "odometry": Parameter("true", words=("true", "noisy")),

@@ -1,0 +1,130 @@
+"""The controller that goes beyond the paper: it drives where it has seen floor."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ndtorch.errors import InputError
+from ndtorch.navigation.controllers.contract import (
+    CRUISE,
+    REVERSE,
+    STOPPED,
+    SUPPRESSED,
+    TURN,
+    Command,
+    Controller,
+    Trace,
+)
+from ndtorch.navigation.controllers.ranging.arcs import arc_table, free_travel
+from ndtorch.navigation.controllers.ranging.decision import RangingState, decide, ranging_constants
+from ndtorch.navigation.controllers.ranging.floor import FloorState, floor_constants, floor_step
+from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
+from ndtorch.navigation.controllers.ranging.params import RangingParams
+from ndtorch.navigation.controllers.ranging.patch import add_evidence, cell_numbers, empty_patch, move_patch
+from ndtorch.navigation.controllers.registry import register
+from ndtorch.navigation.odometry import Pose
+from ndtorch.navigation.ranging import Ranges
+from ndtorch.navigation.rig import StereoRig
+
+
+@register
+class RangingControl(Controller):
+    """Drives where floor was seen, and away from where it ends or a range says that something is.
+
+    What is seen are the cells of `FloorMotion`, `[..., T, 2, bands, blocks]`. The state starts at the first pose,
+    standing.
+
+    Args:
+        rig, dt, params: as `Controller`.
+
+    Raises:
+        InputError: numbers out of range, or inputs that do not belong together.
+    """
+
+    name, Params, modes = "ranging", RangingParams, (CRUISE, TURN, SUPPRESSED, STOPPED, REVERSE)
+
+    def __init__(self, rig: StereoRig, dt: float, params: RangingParams | None = None) -> None:
+        super().__init__(rig, dt, params)
+        if not 0 < dt < math.inf:
+            raise InputError(f"dt must be a positive number of seconds, got {dt}")
+        p: RangingParams = self.params
+        self.look = FloorMotion(rig, dt, p.floor)
+        view = self.look.view
+        self.floor = floor_constants(rig, p.floor, view, dt)
+        wide, tight = 1 / p.turn_radius, 1 / p.tight_radius
+        arcs = [(0.0, 1), (wide, 1), (tight, 1), (-wide, 1), (-tight, 1), (-tight, -1), (0.0, -1), (tight, -1)]
+        longest = math.floor(min(1.6, p.patch.reach - 0.5) / p.patch.cell) * p.patch.cell
+        self.arcs = arc_table(arcs, p.body, longest, p.patch.cell, lag=0.05)
+        body = torch.meshgrid(
+            torch.linspace(-0.8, 0.8, 6) * p.body.length, torch.linspace(-0.8, 0.8, 5) * p.body.width, indexing="ij"
+        )
+        self.marked = view.x.numel() + body[0].numel()
+        x = torch.cat((view.x.flatten(), body[0].flatten(), self.arcs.x))
+        y = torch.cat((view.y.flatten(), body[1].flatten(), self.arcs.y))
+        self.places = torch.stack((x, y))
+        self.under = torch.full((body[0].numel(),), -2.0)
+        self.numbers = torch.arange(p.patch.size, dtype=torch.get_default_dtype())
+        self.constants = ranging_constants(p, dt)
+
+    @property
+    def trace(self) -> Trace:
+        """How the free ways to both sides compare."""
+        return Trace("free way on arcs to the left - to the right", unit="m")
+
+    def sides(self, seen: Tensor) -> Tensor:
+        """The largest cell of each image."""
+        return seen.flatten(-2).amax(-1)
+
+    def forward(
+        self, seen: Tensor, ranges: Ranges, pose: Pose, driven: Command, state: RangingState | None = None
+    ) -> tuple[Command, Any]:
+        p: RangingParams = self.params
+        if seen.shape[-3:] != (2, p.floor.bands, p.floor.blocks):
+            raise InputError(f"expected cells [..., T, 2, {p.floor.bands}, {p.floor.blocks}], got {tuple(seen.shape)}")
+        return super().forward(seen, ranges, pose, driven, state)
+
+    def start(self, seen: Tensor, pose: Pose) -> RangingState:
+        """The state of a car that stands at a pose and knows nothing."""
+        blank = torch.zeros_like(pose.x)
+        level = blank.new_zeros(*blank.shape, self.params.floor.bands)
+        floor = FloorState(level, blank, blank)
+        patch = empty_patch(pose, self.params.patch)
+        return RangingState(floor, patch, blank + SUPPRESSED, blank, blank + 1, blank, blank, blank, blank)
+
+    def step(
+        self, seen: Tensor, ranges: Ranges, pose: Pose, driven: Command, state: RangingState
+    ) -> tuple[Command, RangingState]:
+        """Remember what is seen, measure the free arcs, decide.
+
+        Args:
+            seen: cells `[..., 2, bands, blocks]`.
+            ranges, pose, driven, state: as `Controller.step`.
+        """
+        c, batch = self.constants, pose.x.shape
+        cells, floor = floor_step(seen, driven.speed, driven.curvature, state.floor, self.floor)
+        keep = torch.where(state.mode == c.stopped, c.fade, c.keep)
+        patch = move_patch(state.patch, pose, self.numbers, keep, self.params.patch)
+        weights = c.evidence
+        ranged = torch.stack((ranges.x, ranges.y), -2)
+        inside = ranges.valid & (ranged.abs().amax(-2) < c.reach)
+        places = torch.cat((ranged, self.places.expand(*batch, *self.places.shape)), -1)
+        number = cell_numbers(places, pose, self.params.patch)
+        found = inside * weights[2]
+        cell = (cells.ends * weights[0] - cells.free * weights[1]).flatten(-3)
+        weight = torch.cat((found, cell, self.under.expand(*batch, -1)), -1)
+        marked = found.shape[-1] + self.marked
+        patch = add_evidence(patch, number[..., :marked], weight, self.params.patch)
+        lengths = free_travel(patch.evidence.gather(-1, number[..., marked:]), self.arcs, c.limits)
+        return decide(lengths, driven, floor, patch, state, c, self.floor)
+
+    def mode(self, state: RangingState) -> Tensor:
+        """What the car is doing; `SUPPRESSED` is the start, `STOPPED` boxed in."""
+        return state.mode
+
+    def difference(self, state: RangingState) -> Tensor:
+        """Length of the free arcs on the left minus the right, m."""
+        return state.difference

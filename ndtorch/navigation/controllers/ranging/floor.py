@@ -1,0 +1,139 @@
+"""Where the floor ends: cells judged by whether they look like floor that moves past."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from ndtorch.navigation.controllers.ranging.floor_view import FloorParams, FloorView
+from ndtorch.navigation.rig import StereoRig
+
+
+class FloorState(NamedTuple):
+    """State of `floor_step`, what was learned of the floor.
+
+    Attributes:
+        level: output of fast moving floor, `[..., bands]`; 0 while nothing is learned.
+        noise: output while standing, `[...]`.
+        age: time steps since the start, `[...]`.
+    """
+
+    level: Tensor
+    noise: Tensor
+    age: Tensor
+
+
+class FloorSeen(NamedTuple):
+    """What the cells show.
+
+    Attributes:
+        free: floor is seen here and in all nearer cells of the block, `[..., 2, bands, blocks]`, 0 or 1.
+        ends: the nearest cell of its block that does not look like floor, 0 or 1.
+        known: whether floor can be told at all now, `[..., bands]`, bool.
+    """
+
+    free: Tensor
+    ends: Tensor
+    known: Tensor
+
+
+class FloorConstants(NamedTuple):
+    """`FloorParams` for one time step; numbers that meet tensors are tensors, which is faster."""
+
+    flow: Tensor
+    yaw: Tensor
+    saturation: Tensor
+    least: Tensor
+    tolerance: Tensor
+    clear: Tensor
+    standing: Tensor
+    learning: Tensor
+    learn_share: Tensor
+    share: Tensor
+    profile: Tensor
+    moving: Tensor
+    still: Tensor
+    noise_share: Tensor
+    one: Tensor
+
+
+def floor_constants(rig: StereoRig, params: FloorParams, view: FloorView, dt: float) -> FloorConstants:
+    """Numbers of `floor_step`."""
+    p = params
+    # Far floor is finer than a pixel and gives less; before its own level is learned this is a fair guess.
+    profile = (1.0 - 0.5 * (view.depth - 1.2)).clamp(min=0.3, max=1.0)
+    standing = round(p.standing_time / dt)
+    learning = standing + max(1, round(p.learning_time / dt))
+    numbers = map(
+        torch.tensor,
+        (
+            rig.focal * dt,
+            -1 / p.saturation,
+            1e-6,
+            math.log(p.tolerance),
+            p.clear * p.tolerance,
+            float(standing),
+            float(learning),
+            2 / (learning - standing),
+            dt / p.adaptation,
+        ),
+    )
+    yaw, saturation, least, tolerance, clear, stands, learns, learn_share, share = numbers
+    rest = map(torch.tensor, (0.1, 0.02, 0.3, 1.0))
+    return FloorConstants(
+        (view.sweep * dt).square(),
+        yaw,
+        saturation,
+        least,
+        tolerance,
+        clear,
+        stands,
+        learns,
+        learn_share,
+        share / (2 * p.blocks),
+        profile,
+        *rest,
+    )
+
+
+def floor_step(
+    cells: Tensor, speed: Tensor, curvature: Tensor, state: FloorState, constants: FloorConstants
+) -> tuple[FloorSeen, FloorState]:
+    """One time step: which cells look like floor that moves as the car does, and learning what floor looks like.
+
+    Output grows with image speed v as `level (1 - exp(-v / saturation))`; the level follows the floor. A blank
+    wall gives less, the foot of a wall and a textured wall more.
+
+    Args:
+        cells: outputs of `FloorMotion` at one time, `[..., 2, bands, blocks]`.
+        speed, curvature: what the car drove since the last frame, `[...]`.
+    """
+    c = constants
+    speed = speed.abs()
+    flow = (c.flow + (curvature * c.yaw).square().unsqueeze(-1)).sqrt() * speed.unsqueeze(-1)
+    shape = -torch.expm1(flow * c.saturation)
+    expected = state.level * shape
+    age = state.age + c.one
+    learning = (age <= c.learning).unsqueeze(-1)
+    known = (expected > (state.noise * c.clear).unsqueeze(-1)) & ~learning
+    excess = (cells.clamp(min=c.least) / expected.clamp(min=c.least).unsqueeze(-1).unsqueeze(-3)).log()
+    sure = known.unsqueeze(-1).unsqueeze(-3)
+    floor = (excess.abs() < c.tolerance) & sure
+    free = floor.to(cells.dtype).cumprod(-2)
+    reached = torch.cat((torch.ones_like(free[..., :1, :]), free[..., :-1, :]), -2)
+    ends = (reached - free) * sure
+
+    # What looks like floor teaches what floor looks like; at the start most of the nearest cells are floor.
+    level = state.level * torch.exp((free * excess).sum((-3, -1)) * c.share)
+    near = max(1, cells.shape[-2] * 2 // 5)
+    steady = cells / shape.clamp(min=c.moving).unsqueeze(-1).unsqueeze(-3)
+    median = steady[..., :near, :].flatten(-3).median(-1).values.unsqueeze(-1) * c.profile
+    first = torch.where(state.level > 0, torch.lerp(state.level, median, c.learn_share), median)
+    moving = ((age > c.standing) & (speed > c.moving)).unsqueeze(-1)
+    level = torch.where(learning, torch.where(moving, first, state.level), level)
+    median_now = cells.flatten(-3).median(-1).values
+    noise = torch.where(speed < c.still, torch.lerp(state.noise, median_now, c.noise_share), state.noise)
+    return FloorSeen(free, ends, known), FloorState(level, noise, age)

@@ -1,0 +1,119 @@
+"""The patches of floor that the ranging controller looks at: cells of pixels, and where they are."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from ndtorch.errors import InputError
+from ndtorch.navigation.rig import Rect, StereoRig
+
+
+@dataclass(frozen=True)
+class FloorParams:
+    """The subfields of `FloorMotion` and what floor looks like in them.
+
+    Args:
+        near, far: the subfields see the floor at these depths from the camera, m; `far` is rounded to bands.
+        inner, outer: directions they reach to, radians outward of the camera's axis; inner is negative, so
+            that the two overlap ahead of the car.
+        bands, blocks: cells of a subfield, bands of rows (nearest first) by blocks of columns (outermost first).
+        tolerance: a cell shows something else than floor when its output is more than this factor below or
+            above what the floor gave lately at this speed.
+        saturation: image speed, pixels a step, at which the output of floor has reached 63 % of its largest.
+        standing_time: the car stands this long at the start, s, to measure the noise of the cameras.
+        learning_time: then it drives straight this long, s, to learn what its floor looks like.
+        adaptation: time constant of learning after that, from cells that look like floor, s.
+        clear: floor is unknown where its low threshold is less than this many times the noise.
+    """
+
+    near: float = 0.65
+    far: float = 1.38
+    inner: float = math.radians(-10.5)
+    outer: float = math.radians(29.2)
+    bands: int = 14
+    blocks: int = 8
+    tolerance: float = 2.1
+    saturation: float = 1.2
+    standing_time: float = 0.1
+    learning_time: float = 0.4
+    adaptation: float = 5.0
+    clear: float = 1.5
+
+    def __post_init__(self) -> None:
+        if not (0 < self.near < self.far < math.inf and -math.pi / 2 < self.inner < self.outer < math.pi / 2):
+            raise InputError(f"expected 0 < near < far and inner < outer, got {self}")
+        if self.bands < 2 or self.blocks < 1:
+            raise InputError(f"expected bands >= 2 and blocks >= 1, got {self.bands} and {self.blocks}")
+        if not (self.tolerance > 1 and self.saturation > 0 and self.adaptation > 0 and self.clear > 0):
+            raise InputError(f"expected tolerance > 1 and positive saturation, adaptation and clear, got {self}")
+        if not (0 <= self.standing_time < math.inf and 0 < self.learning_time < math.inf):
+            raise InputError(f"expected standing_time >= 0 and learning_time > 0, got {self}")
+
+
+EVERY = 2
+"""Only every second column of a subfield is read: the largest output of a cell is hardly less."""
+
+
+class FloorView(NamedTuple):
+    """Geometry of the cells, all tables of plain tensors.
+
+    Attributes:
+        rects: subfields of the left and the right image.
+        depth: of the middle of each band ahead of the cameras, m, `[bands]`, nearest first.
+        x, y: floor at the middle of each cell in the body frame, m, `[2, bands, blocks]`, left image first.
+        sweep: image speed of the floor in each band when driving 1 m/s, pixels a second, `[bands]`.
+    """
+
+    rects: tuple[Rect, Rect]
+    depth: Tensor
+    x: Tensor
+    y: Tensor
+    sweep: Tensor
+
+
+def floor_view(rig: StereoRig, params: FloorParams) -> FloorView:
+    """Lay the cells out: whole pixels, equal cells, mirror images of each other.
+
+    Raises:
+        InputError: cells that do not fit into the frame.
+    """
+    p = params
+
+    def row(depth: float) -> float:
+        return float(rig.project(torch.tensor(depth), torch.tensor(0.0), -rig.camera_height)[1])
+
+    def column(angle: float) -> float:
+        return (rig.width - 1) / 2 - rig.focal * math.tan(angle)
+
+    bottom = math.floor(row(p.near)) + 1
+    tall = (bottom - math.ceil(row(p.far))) // p.bands
+    left = max(0, math.ceil(column(p.outer)))
+    wide = (math.floor(column(p.inner)) + 1 - left) // (p.blocks * EVERY) * EVERY
+    top, right = bottom - tall * p.bands, left + wide * p.blocks
+    if tall < 1 or wide < 1 or top < 0 or bottom > rig.height or right > rig.width:
+        raise InputError(
+            f"{p.bands} bands by {p.blocks} blocks of floor {p.near}-{p.far} m ahead do not fit into "
+            f"{rig.width}x{rig.height} frames"
+        )
+    rects = Rect(top, bottom, left, right), Rect(top, bottom, rig.width - right, rig.width - left)
+    rows = bottom - 0.5 - tall * (torch.arange(p.bands, dtype=torch.float64) + 0.5)
+    down = (rows - (rig.height - 1) / 2) / rig.focal
+    # The ray through the row: (cos - down sin) ahead for every (sin + down cos) down.
+    cos, sin = math.cos(rig.pitch), math.sin(rig.pitch)
+    depth = rig.camera_height * (cos - down * sin) / (sin + down * cos)
+    columns = left - 0.5 + wide * (torch.arange(p.blocks, dtype=torch.float64) + 0.5)
+    # Columns go with y over the depth along the axis, which a pitch makes differ from the way along the floor.
+    along = depth * cos + rig.camera_height * sin
+    slope = ((rig.width - 1) / 2 - columns) / rig.focal
+    aside = rig.baseline / 2 + along[:, None] * slope
+    x = (rig.forward + depth)[:, None].expand(p.bands, p.blocks)
+    sweep = rig.focal * rig.camera_height / along.square()
+    dtype = torch.get_default_dtype()
+    return FloorView(
+        rects, depth.to(dtype), torch.stack((x, x)).to(dtype), torch.stack((aside, -aside)).to(dtype), sweep.to(dtype)
+    )

@@ -1,0 +1,68 @@
+"""All numbers of the ranging controller."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from ndtorch.errors import InputError
+from ndtorch.navigation.controllers.ranging.arcs import Body
+from ndtorch.navigation.controllers.ranging.floor_view import FloorParams
+from ndtorch.navigation.controllers.ranging.patch import PatchParams
+
+
+@dataclass(frozen=True)
+class RangingParams:
+    """The numbers of the ranging controller.
+
+    Args:
+        speed, tight_speed, reverse_speed: m/s ahead and in wide turns, in tight turns, and backward.
+        turn_radius, tight_radius: m.
+        turn_at: a turn starts when less than this is free straight ahead, m.
+        go_at: a turn ends when this is free straight ahead, m.
+        wide_needs: free length that the wide turn needs, m; otherwise the tight one is taken.
+        least: driving on needs this much, m; with less the car reverses.
+        turn_time: shortest turn, s.
+        reverse_length: m.
+        room: reversing ends early when this much is free on an arc ahead, m.
+        prefer: the side to turn to changes only when the arcs on the other are longer by this, m.
+        known_share: metres of arc that are known to be floor count this much extra when sides are compared.
+        grace: turns and reversing shall go at most this far into what was not seen free, m; inf lets them go
+            anywhere.
+        floor_weight, hidden_weight, range_weight: evidence that a cell of floor, its end or a range gives a frame.
+        blocked: evidence from which a cell counts as blocked; below minus a tenth of it the cell is known to
+            be floor.
+        fading: time constant at which a car that is boxed in forgets, s.
+        body: outline of the car.
+        patch: the memory.
+        floor: the subfields.
+    """
+
+    speed: float = 0.5
+    tight_speed: float = 0.4
+    reverse_speed: float = 0.3
+    turn_radius: float = 1.0
+    tight_radius: float = 0.5
+    turn_at: float = 1.1
+    go_at: float = 1.4
+    wide_needs: float = 1.3
+    least: float = 0.2
+    turn_time: float = 0.3
+    reverse_length: float = 0.5
+    room: float = 0.9
+    prefer: float = 0.25
+    known_share: float = 0.5
+    grace: float = 0.1
+    floor_weight: float = 0.5
+    hidden_weight: float = 1.0
+    range_weight: float = 1.0
+    blocked: float = 1.9
+    fading: float = 1.0
+    body: Body = field(default_factory=Body)
+    patch: PatchParams = field(default_factory=PatchParams)
+    floor: FloorParams = field(default_factory=FloorParams)
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if isinstance(value, float) and not (value > 0 and (math.isfinite(value) or name == "grace")):
+                raise InputError(f"{name} must be a number > 0, got {value}")

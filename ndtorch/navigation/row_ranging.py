@@ -1,0 +1,103 @@
+"""From the horizon rows of two cameras to the ranges of what they see."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from torch import Tensor, nn
+
+from ndtorch.errors import InputError
+from ndtorch.navigation.correspondence import MatchParams, match_features
+from ndtorch.navigation.features import FeatureParams, Features, find_features
+from ndtorch.navigation.prediction import PredictedFeatures, PredictionState
+from ndtorch.navigation.ranging import Ranges, triangulate
+from ndtorch.navigation.rig import AngleModel, StereoRig
+from ndtorch.navigation.strips import check_unit_range, grey_pair, row_rect
+from ndtorch.vision.nondirectional import NDMin, spatial_maximum
+from ndtorch.vision.temporal import FilterState
+
+
+class RowRangingState(NamedTuple):
+    """State of `RowRanging`: the filters of the rows `[..., 2, 1, W]`, and the features that are followed, if any."""
+
+    rows: FilterState
+    followed: PredictionState | None
+
+
+class RowRanging(nn.Module):
+    """Ranges of features of the horizon rows: ND-min, features, correspondence, triangulation. [A fig. 10]
+
+    Shapes:
+        left, right: frames `[..., T, C, H, W]`, or rows `[..., T, C, 1, W]`, uint8 or float in 0..1,
+            C = 1 or 3 -> `Ranges` of `[..., T, n]`.
+        State: `RowRangingState`; `None` settles on the first frame, which then has no features.
+
+    Args:
+        rig: the camera pair.
+        dt: time step, s.
+        features, matching: parameters of the steps.
+        angles: `"atan"` (exact) or `"linear"` (as published).
+        tau_high: time constant of the high-pass, s.
+
+    Raises:
+        InputError: frames that cannot be used, or NaN, infinity or values far beyond 1 in their rows.
+    """
+
+    def __init__(
+        self,
+        rig: StereoRig,
+        dt: float,
+        features: FeatureParams | None = None,
+        matching: MatchParams | None = None,
+        angles: AngleModel = "atan",
+        tau_high: float = 0.005,
+    ) -> None:
+        super().__init__()
+        if angles not in ("atan", "linear"):
+            raise InputError(f"angles must be 'atan' or 'linear', got {angles!r}")
+        self.rig, self.angles = rig, angles
+        self.features, self.matching = features or FeatureParams(), matching or MatchParams()
+        self.row = row_rect(rig)
+        self.nd_min = NDMin(tau_high, dt)
+        self.follow = PredictedFeatures(self.features, self.features.follow) if self.features.follow else None
+        # Nearer the border, a partner with the smallest disparity would lie outside the other row.
+        self.border = math.ceil(self.matching.min_disparity) if self.features.shared else 0
+
+    def forward(
+        self, left: Tensor, right: Tensor, state: RowRangingState | None = None
+    ) -> tuple[Ranges, RowRangingState]:
+        rows = grey_pair(left, right, self.row, self.row, (self.rig.height, self.rig.width))
+        motion, filters = self.nd_min(rows, state.rows if state else None)
+        if left.is_floating_point():
+            check_unit_range(spatial_maximum(motion), left)
+        if self.border:
+            motion = self.without_borders(motion)
+        found, followed = self.find(rows.squeeze(-2), motion.squeeze(-2), state.followed if state else None)
+        eyes = zip(
+            found.column.unbind(-2),
+            found.strength.unbind(-2),
+            found.patch.unbind(-3),
+            found.valid.unbind(-2),
+            strict=True,
+        )
+        ours, theirs = (Features(*eye) for eye in eyes)
+        ranges = triangulate(match_features(ours, theirs, self.matching), self.rig, self.angles)
+        return ranges, RowRangingState(filters, followed)
+
+    def without_borders(self, motion: Tensor) -> Tensor:
+        """Motion `[..., 2, 1, W]` less the columns that have no partner: left of the left row, right of the right."""
+        motion = motion.clone()
+        motion[..., 0, :, : self.border] = 0
+        motion[..., 1, :, motion.shape[-1] - self.border :] = 0
+        return motion
+
+    def find(
+        self, rows: Tensor, motion: Tensor, state: PredictionState | None
+    ) -> tuple[Features, PredictionState | None]:
+        """Features of rows `[..., T, 2, W]`: those of each frame, or the same ones as long as they can be followed."""
+        if self.follow is None:
+            return find_features(rows, motion, self.features), None
+        found, state = self.follow(rows.transpose(-2, -3), motion.transpose(-2, -3), state)
+        column, strength, valid = (x.transpose(-2, -3) for x in (found.column, found.strength, found.valid))
+        return Features(column, strength, found.patch.transpose(-3, -4), valid), state

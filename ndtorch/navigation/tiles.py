@@ -1,0 +1,90 @@
+"""A large grid of cells in tiles, of which a step copies the few that it changes."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from ndtorch.errors import InputError
+
+BITS = 6
+SIDE = 1 << BITS
+"""Cells along the side of a tile: a step of a map touches a dozen tiles of 16 KB, where the grid has megabytes."""
+
+
+class Tiles(NamedTuple):
+    """A grid of cells, row after row of tiles `[..., SIDE, SIDE]`.
+
+    Nothing is ever changed in a tile: a step gives other tiles in the place of those it touches and shares the rest
+    with the grid it was given. So whoever keeps an old grid keeps it as it was. Tiles without anything in them are
+    one and the same tensor.
+    """
+
+    rows: tuple[tuple[Tensor, ...], ...]
+
+    @property
+    def cells(self) -> Tensor:
+        """All cells as one tensor `[..., rows * SIDE, columns * SIDE]`, put together anew."""
+        return torch.cat([torch.cat(row, -1) for row in self.rows], -2)
+
+
+def empty_tiles(batch: tuple[int, ...], rows: int, columns: int, like: Tensor) -> Tiles:
+    """Zeros for so many rows and columns of cells, and some more up to whole tiles."""
+    blank = like.new_zeros(*batch, SIDE, SIDE)
+    return Tiles(((blank,) * -(-columns // SIDE),) * -(-rows // SIDE))
+
+
+def check_tiles(tiles: Tiles, batch: tuple[int, ...], rows: int, columns: int) -> None:
+    """Raise `InputError` where tiles are not those of such a grid."""
+    found = (*tiles.rows[0][0].shape[:-2], len(tiles.rows), len(tiles.rows[0]))
+    wanted = (*batch, -(-rows // SIDE), -(-columns // SIDE))
+    if found != wanted:
+        raise InputError(
+            f"tiles [..., rows, columns] of {found} do not fit batch {batch} and a grid that needs {wanted}"
+        )
+
+
+def cell_table(count: int, inner: int, outer: int) -> Tensor:
+    """What a row or a column contributes to the number of a cell, `[count]`: numbers count tile after tile.
+
+    Args:
+        inner: distance in numbers between neighbours in a tile.
+        outer: the same between tiles.
+    """
+    at = torch.arange(count)
+    return (at >> BITS) * outer + (at & SIDE - 1) * inner
+
+
+def cell_tables(rows: int, columns: int) -> tuple[Tensor, Tensor]:
+    """Tables of rows and columns: the number of a cell is the sum of both."""
+    across = -(-columns // SIDE)
+    return cell_table(rows, SIDE, across * SIDE * SIDE), cell_table(columns, 1, SIDE * SIDE)
+
+
+def add_at(tiles: Tiles, number: Tensor, weight: Tensor, limit: float | None = None) -> Tiles:
+    """Add weights `[..., k]` to the cells of those numbers, see `cell_tables`.
+
+    Args:
+        limit: then let no cell be larger than this, or less than minus this.
+    """
+    across, batch = len(tiles.rows[0]), number.shape[:-1]
+    tile = (number >> 2 * BITS).flatten()
+    touched = tile.new_zeros(len(tiles.rows) * across).index_fill_(0, tile, 1)
+    numbers = touched.nonzero().flatten().tolist()
+    sums = torch.stack([tiles.rows[n // across][n % across] for n in numbers])  # the copy
+    count = batch.numel()
+    # Those in `sums` begin here, `[tiles, *batch, SIDE, SIDE]` in the order of memory.
+    begin = (touched.cumsum(0) - 1) * count - torch.arange(len(touched), device=tile.device) << 2 * BITS
+    place = begin.index_select(0, tile).view(number.shape) + number
+    if count > 1:
+        place = place + (torch.arange(count, device=tile.device).view(*batch, 1) << 2 * BITS)
+    sums.view(-1).index_add_(0, place.flatten(), weight.flatten())
+    if limit is not None:
+        sums.clamp_(-limit, limit)
+    changed: dict[int, list[Tensor]] = {}
+    for n, new in zip(numbers, sums.unbind(0), strict=True):
+        parts = changed.setdefault(n // across, list(tiles.rows[n // across]))
+        parts[n % across] = new.clone()  # a view would keep all of `sums`
+    return Tiles(tuple(tuple(changed[n]) if n in changed else row for n, row in enumerate(tiles.rows)))

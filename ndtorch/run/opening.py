@@ -1,0 +1,186 @@
+"""From a job to an open source, a model and the state to go on from; everything that can be wrong is found here."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ndtorch.binding import load_state, to_device
+from ndtorch.errors import InputError
+from ndtorch.run.options import (
+    CAMERA_SECONDS,
+    MODEL_OPTIONS,
+    SCENE_SECONDS,
+    BindJob,
+    check_numbers,
+    check_options,
+    check_resume,
+    default_model,
+    given,
+)
+from ndtorch.run.today import NAMES, kind_of, make_model
+from ndtorch.scenes import SCENES, FrameSource, make_scene
+from ndtorch.scenes.video import open_video
+
+ROWS = 224
+"""Height to which the model video gets its frames, as soon as they are decoded: four pixels for one of its own."""
+
+
+@dataclass
+class Prepared:
+    """A job with its source open, its model built and its state loaded.
+
+    Attributes:
+        source, model: what to run.
+        state: where an earlier run ended, or None.
+        start: number of the first frame.
+        chosen: the model in words, and why it is this one.
+        about: all that is needed to go on later, for the file of the state.
+    """
+
+    source: FrameSource
+    model: Any
+    state: Any
+    start: int
+    chosen: str
+    about: dict[str, Any]
+
+
+def prepare(job: BindJob) -> Prepared:
+    """Open the source and build the model.
+
+    Raises:
+        InputError: in one line, whatever is wrong.
+    """
+    check_numbers(job)
+    device = check_device(job.device)
+    state, about = (None, {}) if job.resume is None else load_run(job.resume)
+    name = about.get("source", job.source)
+    asked = None if job.model is None else identity(job.model)
+    model_name = about.get("model", asked or default_model(name))
+    kind = kind_of(model_name)
+    if job.resume is not None:
+        check_resume(job, name, asked, model_name)
+    check_options(job, kind)
+    if kind == "video" and device.type != "cpu":
+        raise InputError(f"device must be cpu with the model video, which is quickest there; got {job.device}")
+    start = {
+        "scene": given(job, ("phase", "seed", "fps")) if name in SCENES else {},
+        "fps": job.fps,
+        "fit": job.fit,
+        "without": list(job.without),
+        "first_stage_radius": job.first_stage_radius,
+        "first": job.start or 0,
+        "frames": 0,
+    }
+    options = {**about.get("options", {}), **given(job, MODEL_OPTIONS)}
+    about = {**start, **about, "source": name, "model": model_name, "options": options}
+    first = 0
+    if name in SCENES:
+        # A first look, for the size and the rate that the model is made for.
+        source = open_scene(job, about, 0.0)
+        model = make_model(about, source.size, source.fps, "wrap")
+        source, first = open_scene(job, about, model.settle), about["frames"]
+    else:
+        source = open_place(job, about, ROWS if kind == "video" else None)
+        model = make_model(about, source.size, source.fps, "reflect")
+    about["fps"] = source.fps
+    if state is not None:
+        state = to_device(state, device)
+    return Prepared(source, model.to(device), state, first, chosen(job, name, model_name, kind), about)
+
+
+def identity(model: str) -> str:
+    """A model as it is kept with a run: the name of one that comes with the package, or the whole path of a folder."""
+    return model if model in NAMES else str(Path(model).resolve())
+
+
+def chosen(job: BindJob, source: str, model: str, kind: str) -> str:
+    """The model as the first line of a run names it: "video (default for files and cameras)"."""
+    if job.resume is not None:
+        return f"{model} (that of the run that goes on)"
+    if job.model is not None:
+        return model if model == kind else f"{model} ({kind})"
+    return f"{model} (default for {'scenes' if source in SCENES else 'files and cameras'})"
+
+
+def open_scene(job: BindJob, about: dict[str, Any], settle: float) -> FrameSource:
+    """A simulated scene as long as the job wants it, from its first frame on."""
+    if job.start is not None or job.stop is not None:
+        raise InputError("start and stop are frame numbers of videos; a scene has --seconds")
+    options = about["scene"]
+    more = SCENE_SECONDS if job.seconds is None else job.seconds
+    # Learning seconds: the time for filters to settle comes on top, once.
+    seconds = about["frames"] / options.get("fps", 100.0) + more if about["frames"] else settle + more
+    return make_scene(about["source"], seconds=seconds, **options)
+
+
+def open_place(job: BindJob, about: dict[str, Any], rows: int | None) -> FrameSource:
+    """A file, folder, camera or stream; with `rows`, whole pictures of that height."""
+    name = about["source"]
+    for key in given(job, ("phase", "seed")):
+        raise InputError(f"{key} is an option of simulated scenes, and {name} is none")
+    if not is_known_place(name):
+        raise InputError(f"source must be a file, a folder, a camera or one of {', '.join(SCENES)}; got {name!r}")
+    first = about["first"] + about["frames"] or None
+    if rows is None:
+        video = open_video(name, fps=about["fps"], start=first, stop=job.stop, fit=about["fit"] or "crop")
+    else:
+        video = open_video(name, (rows, rows), about["fps"], first, job.stop, "reduce")
+    seconds = job.seconds if job.seconds is not None else (None if video.length is not None else CAMERA_SECONDS)
+    return video if seconds is None else Limited(video, seconds)
+
+
+def is_known_place(name: str) -> bool:
+    """Whether a source that is no scene looks like something that can be opened."""
+    return Path(name).exists() or name.isdigit() or name.startswith("camera:") or "/" in name or "." in name
+
+
+class Limited(FrameSource):
+    """The first seconds of another source."""
+
+    def __init__(self, source: FrameSource, seconds: float) -> None:
+        self.source = source
+        self.name, self.fps, self.size = source.name, source.fps, source.size
+        frames = max(1, round(seconds * source.fps))
+        self.length = frames if source.length is None else min(frames, source.length)
+
+    def chunks(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:
+        left = self.length
+        assert left is not None
+        for chunk in self.source.chunks(frames, start):
+            yield chunk[:left]
+            left -= len(chunk)
+            if left <= 0:
+                return
+
+
+def check_device(name: str) -> torch.device:
+    """The torch device of that name, or `InputError` when it is unknown or not there."""
+    try:
+        device = torch.device(name)
+        torch.empty(1, device=device)
+    except (RuntimeError, AssertionError) as error:
+        raise InputError(f"device {name!r} cannot be used: {str(error).splitlines()[0]}") from None
+    return device
+
+
+def load_run(folder: Path) -> tuple[Any, dict[str, Any]]:
+    """State and description of an earlier run.
+
+    Raises:
+        InputError: no state there, one that another program wrote, or one with numbers that are none.
+    """
+    state, about = load_state(folder / "state.safetensors")
+    try:
+        described: dict[str, Any] = json.loads(about["run"])
+        described["model"], described["source"], described["frames"]
+    except (KeyError, json.JSONDecodeError):
+        raise InputError(f"{folder}/state.safetensors was not written by this version of ndtorch bind") from None
+    return state, described

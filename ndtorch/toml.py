@@ -1,0 +1,70 @@
+"""The one way from TOML files to checked values, with errors of one line that name file and key."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from ndtorch.errors import InputError
+
+
+class Strict(BaseModel):
+    """A table of a file: unknown keys are errors, and text is no number."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+Table = TypeVar("Table", bound=BaseModel)
+
+
+def toml_values(path: Path) -> dict[str, Any]:
+    """What a file holds, unchecked.
+
+    Raises:
+        InputError: a file that cannot be read or is no TOML; the message names the file.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not a TOML file: {error}") from None
+
+
+def read_toml(path: Path, table: type[Table]) -> Table:
+    """Read a file.
+
+    Raises:
+        InputError: as `toml_values`; unknown keys or unusable values: the message names the file, the key and what
+            is allowed.
+    """
+    return check(toml_values(path), table, str(path))
+
+
+def check(values: Mapping[str, object], table: type[Table], source: str) -> Table:
+    """Values as a model; raises `InputError` for the first that is unusable."""
+    try:
+        return table.model_validate(dict(values), strict=False)
+    except ValidationError as error:
+        raise InputError(f"{source}: {what_is_wrong(error, table)}") from None
+
+
+def what_is_wrong(error: ValidationError, table: type[BaseModel]) -> str:
+    """The first thing that is wrong: the key, what was given and what is wanted."""
+    first = error.errors()[0]
+    key = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "extra_forbidden":
+        known = f", known keys are {', '.join(table.model_fields)}" if len(first["loc"]) == 1 else ""
+        return f"unknown key {key!r}{known}"
+    reason = str(first["msg"]).removeprefix("Value error, ").removeprefix("Input ")
+    if not key:
+        return reason
+    if first["type"] == "missing":
+        return f"{key} is missing"
+    return f"{key} = {first.get('input')!r}: {reason}"

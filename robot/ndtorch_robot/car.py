@@ -1,0 +1,165 @@
+"""The only loop: cameras, navigator, safety layer, drive, observers.
+
+A car, a simulated drive, a simulated board and a replay are the same `Car` with other parts behind the same ports.
+"""
+
+from __future__ import annotations
+
+import gc
+import threading
+import time
+from collections.abc import Callable, Iterable
+
+import numpy as np
+import torch
+
+from ndtorch.errors import InputError
+from ndtorch_robot.loop import CameraClock, Loop
+from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.ports import STAND, CameraPair, DriveCommand, Observer, Step, StereoFrames
+from ndtorch_robot.safety import SafeDrive
+
+NOT_YET = "not yet told to drive"
+
+KEPT = 30_000
+"""Steps whose times are kept for the summary, a quarter of an hour: 1 MB for each part that is timed."""
+
+
+class Car:
+    """The parts of a car and what passes between them.
+
+    Args:
+        pilot: who steers.
+        cameras: what is seen.
+        safe: the safety layer, with the drive behind it and the clock of the loop.
+        observers: told every step.
+        go: True drives off as soon as there are good frames, False stands until told to resume; None is for a
+            world in which nobody has to be asked.
+        steer: changes what the navigator wants before it is sent: to compare with a blind or a wrong one.
+        max_steps: end after so many.
+
+    Attributes:
+        ended: set it, from any thread, to end the drive after the step.
+    """
+
+    def __init__(
+        self,
+        pilot: Pilot,
+        cameras: CameraPair,
+        safe: SafeDrive,
+        *,
+        observers: Iterable[Observer] = (),
+        go: bool | None = None,
+        steer: Callable[[DriveCommand], DriveCommand] | None = None,
+        max_steps: int | None = None,
+    ) -> None:
+        self.pilot, self.cameras, self.safe, self.drive = pilot, cameras, safe, safe.drive
+        self.observers, self.go, self.steer = list(observers), go, steer
+        self.ended = threading.Event()
+        self.began = 0.0
+        self.starts: list[float] = []
+        self.loop = Loop(pilot.rate, safe.clock, max_steps)
+
+    def run(self, seconds: float | None = None, warm_up: bool = True) -> int:
+        """Step until `ended` is set, so many seconds are over, or the steps are used up; returns how many were made.
+
+        Args:
+            warm_up: have the navigator compiled before, while the car stands, if it is to be compiled.
+        """
+        if warm_up:
+            self.warm_up()
+        if self.go is not None:
+            self.safe.fault(NOT_YET, passes=False)
+        end = None if seconds is None else self.loop.clock.now() + seconds
+
+        def step(number: int, now: float) -> bool:
+            self.step(number, now)
+            return not self.ended.is_set() and (end is None or now < end)
+
+        # What is there now is not looked at again by the garbage collector: a pass through all of torch's objects
+        # takes longer than a step.
+        gc.collect()
+        gc.freeze()
+        try:
+            with torch.inference_mode():
+                return self.loop.run(step, self.safe)
+        finally:
+            gc.unfreeze()
+
+    def warm_up(self) -> None:
+        """Compile the navigator's step while the car stands."""
+        while self.pilot.compiles and not self.ended.is_set():
+            try:
+                frames = self.cameras.read()
+            except InputError:  # the loop will say so
+                time.sleep(0.1)
+                continue
+            self.pilot.warm_up(frames)
+            return
+
+    def step(self, number: int, now: float) -> None:
+        """See, navigate, drive, tell."""
+        timing, clock = self.loop.timing, self.loop.clock
+        driven, frames = self.drive.driven(), self.see()
+        # A step that waits for its cameras begins when they have answered.
+        self.note_start(clock.now() if isinstance(clock, CameraClock) else now)
+        wanted, restarted, placed = STAND, False, None
+        good = frames is not None and self.safe.see(frames, driven.speed)
+        if good and frames is not None:
+            placed, anew = self.drive.take_placed(), self.safe.take_interruption()
+            restarted = anew and self.pilot.state is not None
+            with timing.part("navigate"):
+                wanted = self.pilot.step(frames, driven, placed, anew)
+        sent = self.safe.send(wanted if self.steer is None else self.steer(wanted))
+        if good and frames is not None:
+            timing.add("frame to command", clock.now() - frames.time)
+            if self.go:
+                self.go = False
+                self.safe.resume(patience=None)
+        state = self.pilot.state if good else None
+        telemetry = self.drive.telemetry()
+        made = Step(
+            number, now, frames, driven, wanted, sent, state, self.safe.standing, good, restarted, placed, telemetry
+        )
+        with timing.part("observers"):
+            for observer in self.observers:
+                observer(made)
+        timing.forget(KEPT)
+
+    def see(self) -> StereoFrames | None:
+        """The newest frames; None when the cameras give nothing, which the safety layer is told."""
+        with self.loop.timing.part("cameras"):
+            try:
+                return self.cameras.read()
+            except InputError as error:
+                self.safe.blind(str(error))
+                return None
+
+    def note_start(self, when: float) -> None:
+        """A step begins."""
+        if not self.starts:
+            self.began = when
+        self.starts.append(when)
+        del self.starts[:-KEPT]
+
+    def summary(self) -> dict[str, object]:
+        """Figures of the drive so far: times in ms, those of faults in s since the first step."""
+        trips = np.array(self.drive.round_trips()) * 1e3
+        jitter = np.abs(np.diff(self.starts) - 1 / self.loop.rate) * 1e3
+        return {
+            "steps": self.loop.steps,
+            "late": self.loop.late,
+            "faults": [{"time_s": round(max(0.0, when - self.began), 3), "why": why} for when, why in self.safe.faults],
+            "standing": self.safe.standing,
+            "round_trip_ms": percentiles(trips),
+            "jitter_ms": percentiles(jitter),
+            "parts_ms": self.loop.timing.summary(),
+        }
+
+
+def percentiles(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> dict[str, float]:
+    """Median, 99th percentile and largest."""
+    if not len(values):
+        return {}
+    p50, p99, most = np.percentile(values, (50, 99, 100))
+    return {"p50": round(float(p50), 3), "p99": round(float(p99), 3), "max": round(float(most), 3)}

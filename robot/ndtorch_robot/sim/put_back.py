@@ -1,0 +1,33 @@
+"""A simulated car that has stopped for good is put back, as after a collision."""
+
+from __future__ import annotations
+
+from ndtorch.navigation import STOPPED
+from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.ports import Step
+from ndtorch_robot.sim.simulation import Simulation
+
+STOP_TIME = 2.0
+"""Seconds after which a car that has stopped for good is put back."""
+
+
+class PutBack:
+    """An observer: whom nobody carries in a corridor stands there for ever, here somebody does.
+
+    Attributes:
+        stops: times at which the controller stopped for good.
+    """
+
+    def __init__(self, simulation: Simulation, pilot: Pilot) -> None:
+        self.simulation, self.pilot = simulation, pilot
+        self.stops: list[float] = []
+        self.standing = 0
+
+    def __call__(self, step: Step) -> None:
+        stopped = step.state is not None and self.pilot.mode() == STOPPED
+        self.standing = self.standing + 1 if stopped else 0
+        if self.standing == 1 and step.frames is not None:
+            self.stops.append(step.frames.time)
+        if self.standing >= STOP_TIME * self.pilot.rate:
+            self.standing = 0
+            self.simulation.put_back()

@@ -1,0 +1,170 @@
+"""Cells of floor: where they look, what they learn, and what they take for the end of the floor."""
+
+import math
+
+import pytest
+import torch
+
+from ndtorch.errors import InputError
+from ndtorch.navigation import Rect, StereoRig, cut_strips
+from ndtorch.navigation.controllers.ranging.floor import FloorState, floor_constants, floor_step
+from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
+from ndtorch.navigation.controllers.ranging.floor_view import FloorParams, floor_view
+from ndtorch.vision.nondirectional import NDMin
+
+DT = 1 / 30
+RIG = StereoRig(forward=0.15)
+PARAMS = FloorParams()
+VIEW = floor_view(RIG, PARAMS)
+CONSTANTS = floor_constants(RIG, PARAMS, VIEW, DT)
+BANDS, BLOCKS = PARAMS.bands, PARAMS.blocks
+LEVEL = 0.18
+
+
+def outputs(speed=0.5, curvature=0.0, level=LEVEL):
+    """What floor gives in every cell, by the formula: image speed in pixels a step, then saturation."""
+    down = 430 * 0.2 / VIEW.depth.square() * speed * DT
+    flow = torch.hypot(down, torch.full_like(down, 430 * speed * curvature * DT))
+    return (level * (1 - torch.exp(-flow / 1.2)))[:, None].expand(2, BANDS, BLOCKS).clone()
+
+
+def step(cells, state, speed=0.5, curvature=0.0):
+    return floor_step(cells, torch.tensor(speed), torch.tensor(curvature), state, CONSTANTS)
+
+
+def learned(level=LEVEL, noise=0.0):
+    return FloorState(torch.full((BANDS,), level), torch.tensor(noise), torch.tensor(100.0))
+
+
+def test_the_cells_lie_where_their_pixels_see_the_floor():
+    left, right = VIEW.rects
+    assert left == Rect(302, 372, 80, 400)
+    assert right == Rect(302, 372, 240, 560)
+    # The middle of the nearest band is row 369, 129.5 pixels below the middle of the image: 86 / 129.5 m.
+    assert float(VIEW.depth[0]) == pytest.approx(86 / 129.5, rel=1e-6)
+    assert float(VIEW.depth[-1]) == pytest.approx(86 / 64.5, rel=1e-6)
+    # The outermost block of the left image is centred at column 99.5, 220 pixels to the left of the middle.
+    assert float(VIEW.x[0, 0, 0]) == pytest.approx(0.15 + 86 / 129.5, rel=1e-6)
+    assert float(VIEW.y[0, 0, 0]) == pytest.approx(0.15 + 86 / 129.5 * 220 / 430, rel=1e-5)
+    torch.testing.assert_close(VIEW.y[1], -VIEW.y[0])
+    # Both subfields see the floor ahead of the car.
+    assert float(VIEW.y[0].min()) < -0.03
+
+
+def test_a_pitched_camera_sees_the_same_places():
+    """Project the middle of every cell into the image of a camera that looks down: it is in that cell."""
+    rig = StereoRig(forward=0.1, pitch=0.15, camera_height=0.25)
+    view = floor_view(rig, PARAMS)
+    rect = view.rects[0]
+    tall, wide = (rect.bottom - rect.top) / BANDS, (rect.right - rect.left) / BLOCKS
+    column, row = rig.project(view.x[0] - rig.forward, view.y[0] - rig.baseline / 2, -rig.camera_height)
+    band = (rect.bottom - 0.5 - row) / tall
+    block = (column - rect.left + 0.5) / wide
+    torch.testing.assert_close(band, (torch.arange(BANDS) + 0.5)[:, None].expand(BANDS, BLOCKS), atol=0.02, rtol=0)
+    torch.testing.assert_close(block, (torch.arange(BLOCKS) + 0.5).expand(BANDS, BLOCKS), atol=0.02, rtol=0)
+
+
+def test_motion_of_the_cells_against_its_definition():
+    generator = torch.Generator().manual_seed(1)
+    left, right = torch.rand(2, 3, 3, 480, 640, generator=generator)
+    cells, _ = FloorMotion(RIG, DT)(left, right)
+    assert cells.shape == (3, 2, BANDS, BLOCKS)
+    assert (cells[0] == 0).all()
+    for image, rect, k in ((left, VIEW.rects[0], 0), (right, VIEW.rects[1], 1)):
+        motion, _ = NDMin(0.005, DT)(image.mean(-3, keepdim=True))
+        for band, block in ((0, 0), (3, 5), (13, 7)):
+            column = rect.left + 40 * block if k == 0 else rect.right - 40 * (block + 1)
+            rows = slice(rect.bottom - 5 * (band + 1), rect.bottom - 5 * band)
+            # Every second column of the subfield is read.
+            pixels = motion[:, 0, rows, column : column + 40 : 2]
+            torch.testing.assert_close(cells[:, k, band, block], 20 * pixels.abs().amax((-2, -1)))
+
+
+def test_strips_and_frames_agree():
+    generator = torch.Generator().manual_seed(2)
+    left, right = (255 * torch.rand(2, 3, 3, 480, 640, generator=generator)).to(torch.uint8)
+    whole, _ = FloorMotion(RIG, DT)(left, right)
+    strips = (cut_strips(x, rect, RIG).field for x, rect in zip((left, right), VIEW.rects, strict=True))
+    cut, _ = FloorMotion(RIG, DT)(*strips)
+    assert torch.equal(whole, cut)
+
+
+@pytest.mark.parametrize("speed", [0.5, -0.3])
+@pytest.mark.parametrize("curvature", [0.0, 2.0])
+def test_floor_is_free_at_any_speed(speed, curvature):
+    seen, _ = step(outputs(abs(speed), curvature), learned(), speed, curvature)
+    assert (seen.free == 1).all()
+    assert (seen.ends == 0).all()
+
+
+@pytest.mark.parametrize("factor", [0.0, 0.3, 4.0])
+def test_a_cell_that_is_not_floor_ends_its_block(factor):
+    cells = outputs()
+    cells[0, 5, 2] *= factor
+    seen, _ = step(cells, learned())
+    assert seen.ends.nonzero().tolist() == [[0, 5, 2]]
+    assert seen.free[0, :, 2].tolist() == [1.0] * 5 + [0.0] * 9
+    assert seen.free.sum() == 2 * BANDS * BLOCKS - 9
+
+
+def test_nothing_is_said_while_standing_or_below_the_noise():
+    for seen, _ in (step(outputs(0.0), learned(), 0.0), step(outputs(), learned(noise=0.1))):
+        assert not seen.known.any()
+        assert seen.free.sum() == seen.ends.sum() == 0
+    # Far floor drowns in noise before near floor does.
+    seen, _ = step(outputs(), learned(noise=0.03))
+    assert seen.known.tolist() == sorted(seen.known.tolist(), reverse=True)
+    assert 0 < int(seen.known.sum()) < BANDS
+
+
+@pytest.mark.parametrize("level", [0.05, 0.4])
+def test_learns_its_floor_at_the_start(level):
+    """A blank wall fills the right quarter of the view meanwhile."""
+    state = FloorState(torch.zeros(BANDS), torch.tensor(0.0), torch.tensor(0.0))
+    for n in range(15):
+        speed = 0.0 if n < 3 else 0.5
+        cells = outputs(speed, level=level)
+        cells[1, :, :4] = 0.0
+        seen, state = step(cells, state, speed)
+        assert not seen.known.any()
+    assert float(state.level[0]) == pytest.approx(level, rel=0.2)
+    seen, _ = step(outputs(level=level), state)
+    assert (seen.free == 1).all()
+
+
+def test_follows_a_floor_that_changes_slowly_but_no_wall():
+    state = learned()
+    for n in range(600):
+        cells = outputs(level=LEVEL * (1 - n / 1000))
+        cells[1] = 0.0
+        seen, state = step(cells, state)
+        assert (seen.free[0] == 1).all()
+        assert (seen.ends[1, 0] == 1).all()
+    assert float(state.level.min()) > 0.3 * LEVEL
+    assert float(state.level.max()) < 0.65 * LEVEL
+
+
+def test_noise_is_learned_standing():
+    state = learned()
+    for _ in range(20):
+        _, state = step(torch.full((2, BANDS, BLOCKS), 0.05), state, 0.0)
+    assert float(state.noise) == pytest.approx(0.05, rel=0.01)
+    _, after = step(outputs(), state)
+    assert after.noise == state.noise
+
+
+def test_bad_parameters():
+    with pytest.raises(InputError, match="near < far"):
+        FloorParams(near=2.0)
+    with pytest.raises(InputError, match="tolerance"):
+        FloorParams(tolerance=1.0)
+    with pytest.raises(InputError, match="bands"):
+        FloorParams(bands=1)
+    with pytest.raises(InputError, match="learning_time"):
+        FloorParams(learning_time=0.0)
+    with pytest.raises(InputError, match="do not fit"):
+        floor_view(StereoRig(pitch=-0.5), PARAMS)
+    with pytest.raises(InputError, match="do not fit"):
+        floor_view(RIG, FloorParams(bands=200))
+    with pytest.raises(InputError, match="do not fit"):
+        floor_view(RIG, FloorParams(outer=math.radians(2), inner=math.radians(1)))

@@ -1,0 +1,152 @@
+"""Controllers by name: those there are keep the contract, and another one is one class."""
+
+import ast
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+import torch
+
+import ndtorch
+from ndtorch.errors import InputError
+from ndtorch.navigation import (
+    CRUISE,
+    Command,
+    Navigator,
+    NavigatorOptions,
+    StereoRig,
+    controller_names,
+    make_controller,
+)
+from ndtorch.navigation.controllers import DEFAULT_CONTROLLER, Controller, Trace, register, registry
+from ndtorch.navigation.controllers.published import AvoidanceParams, PublishedControl, SubfieldMotion
+from ndtorch.navigation.controllers.registry import controller_class
+
+DT = 1 / 30
+RIG = StereoRig(forward=0.15)
+NAMES = controller_names()
+ROOT = Path(ndtorch.__file__).resolve().parents[1]
+
+
+def frames(steps=12):
+    generator = torch.Generator().manual_seed(3)
+    wide = torch.randint(0, 256, (3, 480, 740 + 3 * steps), generator=generator, dtype=torch.uint8)
+    pairs = [[wide[..., 3 * t + k : 3 * t + k + 640] for k in (0, 100)] for t in range(steps)]
+    return torch.stack([a for a, _ in pairs]), torch.stack([b for _, b in pairs])
+
+
+def test_the_default_comes_first_and_sits_at_the_wheel_everywhere():
+    assert NAMES[0] == DEFAULT_CONTROLLER == NavigatorOptions().controller == "ranging"
+    assert set(NAMES) >= {"ranging", "published"}
+    assert Navigator(RIG, DT).controller.name == DEFAULT_CONTROLLER
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_keeps_the_contract(name):
+    controller, (left, right) = make_controller(name, RIG, DT), frames()
+    assert isinstance(controller.params, controller.Params)
+    assert controller.fields == NavigatorOptions(name).fields(RIG)
+    command, state = Navigator(RIG, DT, controller=controller)(left, right)
+    assert torch.isfinite(torch.stack(command)).all()
+    assert int(controller.mode(state.control)) in controller.modes
+    assert torch.equal(state.difference, controller.difference(state.control))
+    assert state.sides.shape == (2,)
+    assert controller.trace.difference
+    batched, batch = Navigator(RIG, DT, controller=controller)(torch.stack((left, left)), torch.stack((right, right)))
+    torch.testing.assert_close(batched.speed[1], command.speed)
+    assert batch.difference.shape == (2,)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_alone_it_gives_what_the_navigator_gives(name):
+    """On what the cameras saw, the ranges and the poses of a drive."""
+    left, right = frames()
+    navigator = Navigator(RIG, DT, controller=name)
+    command, _, ranges, poses = navigator.see_and_steer(left, right)
+    driven = Command(*(torch.cat((torch.zeros(1), part[:-1])) for part in command))
+    seen, _ = navigator.controller.see(left, right)
+    alone, _ = navigator.controller(seen, ranges, poses, driven)
+    torch.testing.assert_close(torch.stack(alone), torch.stack(command))
+    with pytest.raises(InputError, match="poses"):
+        navigator.controller(seen, ranges, type(poses)(*(part[:5] for part in poses)), driven)
+
+
+class Nothing(NamedTuple):
+    steps: torch.Tensor
+
+
+class Slow(Controller):
+    """Goes straight on, slowly."""
+
+    name, Params, modes = "slow", AvoidanceParams, (CRUISE,)
+
+    def __init__(self, rig, dt, params=None):
+        super().__init__(rig, dt, params)
+        self.look = SubfieldMotion(rig, dt)
+
+    @property
+    def trace(self):
+        return Trace("nothing", turn=2.0, stop=0.5)
+
+    def sides(self, seen):
+        return seen
+
+    def start(self, seen, pose):
+        return Nothing(torch.zeros_like(pose.x))
+
+    def step(self, seen, ranges, pose, driven, state):
+        steps = state.steps + 1
+        return Command(torch.full_like(steps, 0.1), torch.zeros_like(steps)), Nothing(steps)
+
+    def mode(self, state):
+        return torch.full_like(state.steps, CRUISE)
+
+    def difference(self, state):
+        return torch.zeros_like(state.steps)
+
+
+def test_another_controller_is_one_class(monkeypatch):
+    monkeypatch.setattr(registry, "_kinds", dict(registry._kinds))
+    assert register(Slow) is Slow
+    assert controller_names() == (DEFAULT_CONTROLLER, "published", "slow")
+    navigator = NavigatorOptions("slow").navigator(RIG, 30.0)
+    command, state = navigator(*frames(5))
+    assert (command.speed == 0.1).all()
+    assert float(state.control.steps) == 5
+    assert navigator.controller.trace.lines() == {"turn left": 2.0, "turn right": -2.0, "stop": 0.5}
+    other = type("Other", (Slow,), {"name": "published"})
+    with pytest.raises(InputError, match="controller 'published' already"):
+        register(other)
+
+
+def test_what_cannot_be_chosen_is_said():
+    with pytest.raises(InputError, match="did you mean 'published'"):
+        controller_class("publishd")
+    with pytest.raises(InputError, match="made already"):
+        Navigator(RIG, DT, controller=PublishedControl(RIG, DT), params=AvoidanceParams())
+    for values in ({"controller": "pid"}, {"features": 0}, {"features": 7.0}, {"angle": "deg"}, {"compiled": 1}):
+        with pytest.raises(InputError, match=next(iter(values))):
+            NavigatorOptions(**values)
+
+
+FOLDERS = ("ndtorch", "robot/ndtorch_robot", "train/ndtorch_train")
+SOURCES = [file for folder in FOLDERS for file in (ROOT / folder).rglob("*.py")]
+KINDS = ("Control)", "Controller)", "AvoidanceParams)", "RangingParams)")
+
+
+@pytest.mark.parametrize("file", SOURCES, ids=lambda file: str(file.relative_to(ROOT)))
+def test_only_the_registry_lists_controllers(file):
+    """Nobody compares a controller's name or type, and no list of names is written down anywhere."""
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Compare):
+            assert "controller" not in (ast.unparse(node.left).rpartition(".")[2] if named(node) else "")
+        elif isinstance(node, ast.Call):
+            words = ast.unparse(node)
+            assert not (words.startswith("isinstance(") and words.endswith(KINDS)), words
+        elif isinstance(node, ast.Tuple | ast.List | ast.Set):
+            assert {"ranging", "published"} - {getattr(item, "value", None) for item in node.elts}
+
+
+def named(node):
+    """Whether something is compared with a name written down."""
+    return any(isinstance(other, ast.Constant) and isinstance(other.value, str) for other in node.comparators)

@@ -1,0 +1,162 @@
+"""The published state machine, against a plain scalar one."""
+
+import math
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ndtorch.errors import InputError
+from ndtorch.navigation import CRUISE, STOPPED, SUPPRESSED, TURN, AvoidanceParams
+from ndtorch.navigation.controllers.published import SaccadeAvoidance
+
+DT = 1 / 30
+
+
+def scalar_machine(sides, p, dt=DT):
+    """The rule of the paper in seconds and if-statements, for one car."""
+    share = dt / (p.smoothing + dt)
+    low = sides[0][0] - sides[0][1]
+    mode, ends, curvature, out = "suppressed", p.start_time, 0.0, []
+    for step, (left, right) in enumerate(sides):
+        time = step * dt
+        low += share * (left - right - low)
+        if mode == "turn" and time >= ends - 1e-9:
+            mode, curvature = "suppressed", 0.0
+            ends = ends - p.turn_time + p.suppression_time if p.from_start else ends + p.suppression_time
+        if mode == "suppressed" and time >= ends - 1e-9:
+            mode = "cruise"
+        if mode == "cruise":
+            if left < p.low_threshold and right < p.low_threshold:
+                mode = "stopped"
+            elif left > p.high_threshold and right > p.high_threshold:
+                mode, ends = "turn", time + p.turn_time
+                curvature = (-1 if left > right else 1) / p.tight_radius
+            elif abs(low) > p.turn_threshold:
+                mode, ends = "turn", time + p.turn_time
+                curvature = (-1 if low > 0 else 1) / p.turn_radius
+        out.append((0.0 if mode == "stopped" else p.speed, curvature))
+    return out
+
+
+def random_sides(seed, steps=400, batch=()):
+    """Estimates that wander through all three thresholds, different on either side."""
+    generator = torch.Generator().manual_seed(seed)
+    knots = torch.rand(*batch, 2, steps // 20 + 2, generator=generator, dtype=torch.float64)
+    level = torch.rand(*batch, 1, steps // 20 + 2, generator=generator)
+    knots = torch.where(level < 0.15, 2.0 + knots, torch.where(level < 0.7, 0.2 + 0.1 * knots, 0.5 * knots))
+    sides = torch.nn.functional.interpolate(knots.reshape(-1, 2, knots.shape[-1]), size=steps, mode="linear")
+    return sides.reshape(*batch, 2, steps).transpose(-1, -2)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10_000), st.booleans())
+def test_against_the_scalar_machine(seed, from_start):
+    params = AvoidanceParams(from_start=from_start)
+    sides = random_sides(seed)
+    command, _ = SaccadeAvoidance(DT, params)(sides)
+    wanted = torch.tensor(scalar_machine(sides.tolist(), params), dtype=torch.float64)
+    torch.testing.assert_close(command.speed.double(), wanted[:, 0])
+    torch.testing.assert_close(command.curvature.double(), wanted[:, 1])
+
+
+def test_the_scenarios_reach_every_mode():
+    """The test above would be worth little if the random inputs never turned both ways or tightly."""
+    sides = torch.stack([random_sides(seed) for seed in range(40)])
+    command, _ = SaccadeAvoidance(DT)(sides)
+    assert {-2.0, -1.0, 0.0, 1.0, 2.0} == set(command.curvature.unique().tolist())
+    quiet = torch.full((1, 60, 2), 0.05)
+    assert SaccadeAvoidance(DT)(quiet)[0].speed[0, -1] == 0
+
+
+def drive(*segments, params=None):
+    """Sides held for (left, right, seconds) each."""
+    sides = torch.cat([torch.tensor([[left, right]]).expand(round(s / DT), 2) for left, right, s in segments])
+    return SaccadeAvoidance(DT, params or AvoidanceParams(start_time=0.0))(sides)
+
+
+def test_a_turn_lasts_a_second_and_suppression_two():
+    command, _ = drive((0.5, 0.3, 7.0))
+    turning = command.curvature != 0
+    assert turning[:30].all()
+    assert not turning[30:90].any()
+    assert turning[90:120].all()
+    assert command.curvature[0] == -1.0  # away from the left
+    assert (command.speed == 0.5).all()
+
+
+def test_suppression_from_the_start_of_the_turn():
+    command, _ = drive((0.5, 0.3, 4.0), params=AvoidanceParams(start_time=0.0, from_start=True))
+    turning = (command.curvature != 0).tolist()
+    assert turning == ([True] * 30 + [False] * 30) * 2
+
+
+@pytest.mark.parametrize(("left", "right", "curvature"), [(2.5, 2.3, -2.0), (2.3, 2.5, 2.0), (2.5, 1.9, -1.0)])
+def test_tight_turns(left, right, curvature):
+    assert drive((left, right, 0.1))[0].curvature[0] == curvature
+
+
+def test_the_difference_is_smoothed():
+    """A difference of 0.2, smoothed by half each frame: 0.1, 0.15, and only then more than 0.15."""
+    command, _ = drive((0.3, 0.3, 0.5), (0.5, 0.3, 0.5))
+    assert command.curvature[15:18].tolist() == [0.0, 0.0, -1.0]
+
+
+def test_modes_and_stop():
+    machine = SaccadeAvoidance(DT)
+    modes, state = [], None
+    for left, right, steps in [
+        (0.3, 0.3, 20),
+        (0.6, 0.3, 10),
+        (0.3, 0.3, 30),
+        (0.3, 0.3, 70),
+        (0.02, 0.02, 5),
+    ]:
+        _, state = machine(torch.tensor([[left, right]]).expand(steps, 2), state)
+        modes.append(int(machine.mode(state)))
+    assert modes == [CRUISE, TURN, SUPPRESSED, CRUISE, STOPPED]
+    command, state = machine(torch.tensor([[2.5, 2.4]]).expand(200, 2), state)
+    assert (command.speed == 0).all()
+    assert (command.curvature == 0).all()
+
+
+def test_a_long_start_still_moves():
+    command, _ = drive((0.01, 0.01, 4.0), params=AvoidanceParams(start_time=5.0))
+    assert (command.speed == 0.5).all()
+
+
+def test_chunks_batches_and_precision():
+    sides = random_sides(3, batch=(2, 3))
+    machine = SaccadeAvoidance(DT)
+    whole, final = machine(sides)
+    parts, state = [], None
+    for chunk in [*sides[..., :100, :].split(7, -2), *sides[..., 100:, :].split(1, -2)]:
+        command, state = machine(chunk, state)
+        parts.append(command)
+    for k in range(2):
+        assert torch.equal(torch.cat([part[k] for part in parts], -1), whole[k])
+    for a, b in zip(state, final, strict=True):
+        assert torch.equal(a, b)
+    assert torch.equal(machine(sides[1, 2])[0].curvature, whole.curvature[1, 2])
+    assert whole.speed.shape == (2, 3, 400)
+    torch.testing.assert_close(machine(sides.float())[0].curvature, whole.curvature.float())
+
+
+def test_compiles():
+    torch._dynamo.reset()
+    sides = random_sides(1, steps=4)
+    machine = SaccadeAvoidance(DT, AvoidanceParams(start_time=0.0))
+    compiled = torch.compile(machine, backend="eager", fullgraph=True)
+    torch.testing.assert_close(compiled(sides)[0].curvature, machine(sides)[0].curvature)
+
+
+def test_bad_input():
+    with pytest.raises(InputError, match="dt"):
+        SaccadeAvoidance(0.0)
+    for bad in ({"turn_time": -1.0}, {"speed": math.nan}, {"turn_radius": 0.0}):
+        with pytest.raises(InputError):
+            AvoidanceParams(**bad)
+    for bad in (torch.zeros(4, 3), torch.zeros(2), torch.zeros(0, 2), torch.zeros(4, 2, dtype=torch.int64)):
+        with pytest.raises(InputError):
+            SaccadeAvoidance(DT)(bad)

@@ -1,0 +1,139 @@
+"""The loop of a car: what it tells, when it drives off, and its figures."""
+
+import pytest
+
+import ndtorch_robot.car
+from ndtorch.errors import InputError
+from ndtorch.navigation import StereoRig
+from tests.robot.bare_car import FilmCar, bare_loop
+from tests.robot.test_replay import moving_world
+
+RIG = StereoRig(width=64, height=48, focal=43.0)
+
+
+def film(count, kind=FilmCar, **options):
+    """A car on so many pictures, all that it told, and the lines of its safety layer."""
+    told, lines = [], []
+    car = bare_loop(kind(moving_world(count, RIG), **options), RIG, [told.append], controller="published")
+    car.safe.report = lines.append
+    return car, told, lines
+
+
+def test_every_observer_is_told_every_step():
+    car, told, _ = film(40)
+    numbers = []
+    car.observers.append(lambda step: numbers.append(step.number))
+    assert car.run(38.5 / 30) == 40
+    assert numbers == [step.number for step in told] == list(range(40))
+    assert (told[0].sent.speed, told[0].standing) == (0.0, None)  # told to go at its end
+    assert not any(step.restarted for step in told)
+    assert all(step.used and step.state is not None for step in told)
+    assert told[5].telemetry["battery_v"] == 7.4
+    assert max(step.sent.speed for step in told) > 0.3
+
+
+def test_it_stands_until_told_whatever_the_drive_says():
+    """A drive without a reason to stand, too."""
+    car, told, lines = film(40)
+    car.go = False
+    car.run(38.5 / 30)
+    assert {step.sent for step in told} == {(0.0, 0.0)}
+    assert car.drive.trouble() is None
+    assert lines == ["stopped: not yet told to drive"]
+
+
+def test_an_observer_that_fails_stops_the_car():
+    car, _, _ = film(40)
+
+    def broken(step):
+        if step.number == 30:
+            raise ZeroDivisionError
+
+    car.observers.append(broken)
+    with pytest.raises(ZeroDivisionError):
+        car.run()
+    assert car.drive.sent == (0.0, 0.0)
+
+
+def test_times_of_faults_after_the_first_steps_are_forgotten(monkeypatch):
+    monkeypatch.setattr(ndtorch_robot.car, "KEPT", 10)
+    car, _, _ = film(90)
+    car.observers.append(lambda step: car.safe.emergency("a key") if step.number == 60 else None)
+    car.run(88.5 / 30)
+    assert len(car.starts) == 10
+    faults = {fault["why"]: fault["time_s"] for fault in car.summary()["faults"]}
+    assert faults == {"not yet told to drive": 0.0, "emergency stop: a key": pytest.approx(2.0, abs=0.01)}
+
+
+class DroppingLink(FilmCar):
+    """A link that is not there for some steps, from its first or from when it is first told to resume."""
+
+    def __init__(self, frames, missing, takes_it=False):
+        super().__init__(frames)
+        self.missing, self.takes_it, self.asked, self.fault = missing, takes_it, 0, "lost: unplugged"
+
+    def read(self):
+        self.missing -= not self.takes_it or self.asked > 0
+        if self.missing > 0 and self.asked > 0:
+            self.fault = "lost: unplugged"
+        return super().read()
+
+    def resume(self):
+        self.asked += 1
+        if self.missing <= 0 or (self.takes_it and self.asked == 1):
+            self.fault = None
+        return self.fault is None
+
+    def trouble(self):
+        return self.fault
+
+
+@pytest.mark.parametrize("takes_it", [False, True])
+def test_go_outlasts_a_link_that_drops_before_the_car_moves(takes_it):
+    """Said once, before there is a link, or just before it is lost: the car drives when it is back."""
+    car, told, lines = film(150, DroppingLink, missing=70, takes_it=takes_it)
+    car.run(148.5 / 30)
+    assert {step.sent.speed for step in told[2:69]} == {0.0}
+    assert told[-1].standing is None
+    assert told[-1].sent.speed > 0.3
+    if not takes_it:
+        assert "told to go, which waits until the drive can: lost: unplugged" in lines
+
+
+def test_a_stop_ends_what_was_not_carried_out():
+    car, told, _ = film(150, DroppingLink, missing=40)
+    car.observers.append(lambda step: car.safe.emergency("a key") if step.number == 20 else None)
+    car.run(148.5 / 30)
+    assert {step.sent.speed for step in told} == {0.0}
+    assert told[-1].standing is not None
+
+
+def test_a_link_that_is_lost_while_driving_needs_telling():
+    car, told, _ = film(150)
+    car.observers.append(lambda step: setattr(car.drive, "trouble", lambda: "lost") if step.number == 40 else None)
+    car.observers.append(lambda step: setattr(car.drive, "trouble", lambda: None) if step.number == 60 else None)
+    car.run(148.5 / 30)
+    assert told[39].sent.speed > 0.0
+    assert {step.sent.speed for step in told[42:]} == {0.0}
+    assert told[-1].standing == "lost"
+
+
+def test_blind_steps_are_told_and_end_in_a_new_beginning():
+    class Blinking(FilmCar):
+        def read(self):
+            frames = super().read()
+            if 1.0 < self.time < 1.2:
+                raise InputError("the left camera gives no frames")
+            return frames
+
+    car, told, _ = film(150, Blinking)
+    car.run(148.5 / 30)
+    blind = [step for step in told if not step.used]
+    assert 4 <= len(blind) <= 6
+    assert {(step.frames, step.state, step.standing) for step in blind} == {
+        (None, None, "the left camera gives no frames")
+    }
+    after = blind[-1].number + 1
+    assert told[after].restarted
+    assert told[-1].sent.speed > 0.3
+    assert not told[-1].restarted

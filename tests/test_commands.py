@@ -1,0 +1,146 @@
+"""The dispatcher: commands by entry points, loaded one at a time, broken ones told in one line."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import pytest
+
+import ndtorch
+from ndtorch import commands
+from ndtorch.commands import GROUP, main
+from ndtorch.errors import InputError
+from ndtorch.optional import need, remedy
+
+MODULES = {
+    "good": "from dataclasses import dataclass\n@dataclass\nclass Good:\n    '''Does good.'''\n"
+    "    def run(self):\n        print('good')\n        return 0\n",
+    "bad": "import no_such_module_of_anybody\n",
+    "lacking": "import mujoco\n",
+    "wrong": "1 / 0\n",
+    "later": "from dataclasses import dataclass\n@dataclass\nclass Later:\n    '''Misses something when it runs.'''\n"
+    "    def run(self):\n        import mujoco\n",
+}
+
+
+@pytest.fixture
+def registered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Commands good, bad, lacking, wrong, later and, registered by two, twice."""
+    monkeypatch.syspath_prepend(tmp_path)
+    points = []
+    for name, text in MODULES.items():
+        (tmp_path / f"command_{name}.py").write_text(text)
+        points.append(EntryPoint(name, f"command_{name}:{name.title()}", GROUP))
+    points += [EntryPoint("twice", "command_good:Good", GROUP), EntryPoint("twice", "command_bad:Bad", GROUP)]
+    points.append(points[0])  # found through a checkout and its installation
+    monkeypatch.setattr(commands, "entry_points", lambda group: points)
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+
+
+def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """The one line that the command ends with, with code 2."""
+    assert main(arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    return err
+
+
+@pytest.mark.usefixtures("registered")
+def test_broken_commands_leave_the_others(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["good"]) == 0
+    assert capsys.readouterr().out == "good\n"
+    assert "command_bad" not in sys.modules
+    assert "no_such_module_of_anybody" in said(capsys, "bad")
+    assert "ZeroDivisionError" in said(capsys, "wrong")
+    assert "registered 2 times" in said(capsys, "twice")
+    assert main(["--help"]) == 0
+    lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines() if line.startswith("  ")}
+    assert sorted(lines) == ["bad", "good", "lacking", "later", "twice", "wrong"]
+    assert "Does good." in lines["good"]
+    assert "does not load" in lines["bad"]
+    assert "registered 2 times" in lines["twice"]
+
+
+@pytest.mark.usefixtures("registered")
+@pytest.mark.parametrize("name", ["lacking", "later"])
+def test_a_missing_extra_is_one_line_that_names_it(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "mujoco is not installed: pip install 'ndtorch-robot[sim]'" in said(capsys, name)
+
+
+@pytest.mark.usefixtures("registered")
+def test_commands_that_are_not_there(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "did you mean 'good'?" in said(capsys, "godo")
+    assert "there are bad, good" in said(capsys, "xylophone")
+    assert "pip install ndtorch-robot" in said(capsys, "drive")
+    assert "pip install ndtorch-train" in said(capsys, "reproduce")
+
+
+def test_extras_are_those_that_exist() -> None:
+    assert remedy("mujoco") == "pip install 'ndtorch-robot[sim]'"
+    assert remedy("rerun") == "pip install 'ndtorch[view]'"
+    assert remedy("ray") == "pip install 'ndtorch-train[cluster]'"
+    assert remedy("serial") == "pip install 'ndtorch-robot'"
+    assert remedy("no_such_module_of_anybody") is None
+
+
+def test_need(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert need("json.decoder", "this").__name__ == "json.decoder"
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(InputError, match=r"a view needs rerun, which is not installed: pip install 'ndtorch\[view\]'"):
+        need("rerun", "a view")
+
+
+def test_what_an_installed_module_misses_is_told_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "half_there.py").write_text("import no_such_module_of_anybody\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ModuleNotFoundError, match="no_such_module_of_anybody"):
+        need("half_there", "this")
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    assert f"ndtorch {ndtorch.__version__}" in capsys.readouterr().out.splitlines()
+
+
+def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    """All commands of all three distributions, each with a line of its own."""
+    assert main(["--help"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    for name in ("bind", "drive", "evaluate", "first-stage", "render", "replay", "reproduce", "run", "scenes", "score"):
+        line = next(line for line in lines if line.split()[:1] == [name])
+        assert len(line.split()) > 2, line
+        assert "does not load" not in line
+
+
+def test_commands_are_light(tmp_path: Path) -> None:
+    """So that the help is there at once: what is heavy is imported when a command runs."""
+    program = (
+        "import sys\nfrom ndtorch.commands import installed, load_command\n"
+        "for name, points in installed().items():\n"
+        "    if not points[0].value.startswith('ndtorch.'):\n        load_command(name, points)\n"
+        "print(*[m for m in ('torch', 'numpy', 'cv2', 'mujoco', 'matplotlib', 'pydantic') if m in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "\n"
+
+
+@pytest.mark.parametrize("old", ["robot", "train"])
+def test_the_old_commands_name_the_new_one(old: str) -> None:
+    root = Path(__file__).resolve().parents[1]
+    done = subprocess.run(
+        [sys.executable, "-m", old, "drive", "--seconds", "2"],
+        capture_output=True,
+        text=True,
+        cwd=root,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr == f"error: `python -m {old}` is `ndtorch` now: ndtorch drive --seconds 2\n"

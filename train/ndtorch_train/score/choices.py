@@ -1,0 +1,20 @@
+"""What can be chosen for a score, known before anything heavy is imported."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+METHODS = ("published", "cooperative", "hebbian", "scale-free, owners", "scale-free", "greedy", "ica", "nmf")
+"""Names for `ndtorch_train.score.methods.method`."""
+
+Split = Literal["tune", "test"]
+"""Tune on the one, report the other."""
+
+SETTLE = 4.0
+"""Seconds every method gets before the clock of the score starts, as in the papers."""
+
+LONGEST = 104.0
+"""Seconds of brightness drawn for every scene, so that a scene does not depend on how long it is watched."""
+
+RATES: tuple[float, ...] = (12.5, 25.0, 30.0, 60.0, 120.0)
+"""Frames a second of generated clips."""
