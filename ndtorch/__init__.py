@@ -1,6 +1,6 @@
 """Insect-inspired vision and navigation in PyTorch.
 
-Start with `ndtorch.load("binding")`, or with the pieces in `ndtorch.vision`, `ndtorch.scenes`, `ndtorch.binding`
+Start with `ndtorch.load("published")`, or with the pieces in `ndtorch.vision`, `ndtorch.scenes`, `ndtorch.binding`
 and `ndtorch.navigation`. Everything is imported when it is first used.
 """
 
@@ -9,26 +9,24 @@ from typing import TYPE_CHECKING
 from ndtorch.lazy import lazy
 
 if TYPE_CHECKING:
-    from ndtorch.binding import InhibitoryNetwork, VisualBinding
+    from ndtorch.binding import BindingModel, InhibitoryNetwork
     from ndtorch.errors import InputError
     from ndtorch.loading import load, model_names
     from ndtorch.navigation import Navigator, StereoRig
-    from ndtorch.vision import FEATURES, HassensteinReichardt, HighPass, LowPass, NDMin, OrientedDoG, VisualFeatures
+    from ndtorch.vision import FEATURES, HassensteinReichardt, NDMin, OrientedDoG, VisualFeatures
 
 __version__ = "0.1.0"
 
 __all__ = [
     "FEATURES",
+    "BindingModel",
     "HassensteinReichardt",
-    "HighPass",
     "InhibitoryNetwork",
     "InputError",
-    "LowPass",
     "NDMin",
     "Navigator",
     "OrientedDoG",
     "StereoRig",
-    "VisualBinding",
     "VisualFeatures",
     "load",
     "model_names",
@@ -38,19 +36,18 @@ if not TYPE_CHECKING:
     __getattr__ = lazy(
         __name__,
         {
-            "ndtorch.binding": ("InhibitoryNetwork", "VisualBinding"),
+            "ndtorch.binding": ("BindingModel", "InhibitoryNetwork"),
             "ndtorch.errors": ("InputError",),
             "ndtorch.loading": ("load", "model_names"),
             "ndtorch.navigation": ("Navigator", "StereoRig"),
             "ndtorch.vision": (
                 "FEATURES",
                 "HassensteinReichardt",
-                "HighPass",
-                "LowPass",
                 "NDMin",
                 "OrientedDoG",
                 "VisualFeatures",
             ),
         },
         rooms=("binding", "navigation", "scenes", "vision"),
+        moved={"VisualBinding": 'ndtorch.load("published")', "objects": "model.objects(state)"},
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import difflib
 import sys
@@ -11,6 +12,7 @@ from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, v
 from typing import Protocol
 
 import ndtorch
+from ndtorch.code_digest import module_places
 from ndtorch.errors import InputError
 from ndtorch.optional import OURS, remedy
 
@@ -135,13 +137,31 @@ def overview(commands: Mapping[str, Sequence[EntryPoint]]) -> str:
     lines = ["usage: ndtorch COMMAND ...", "", "Insect-inspired vision, navigation and a robot.", ""]
     for name, points in commands.items():
         try:
-            about = (load_command(name, points).__doc__ or "").strip().splitlines()
+            text = written(points[0]) if len(points) == 1 else ""
+            text = text or load_command(name, points).__doc__ or ""
         except CommandError as error:
-            about = [f"({error})"]
-        lines.append(f"  {name:14}{about[0] if about else ''}")
-    return "\n".join(
-        [*lines, "", "`ndtorch COMMAND --help` says what each takes; `ndtorch --version` what is installed."]
-    )
+            text = f"({error})"
+        lines.append(f"  {name:14}{next(iter(text.strip().splitlines()), '')}")
+    lines += ["", "`ndtorch COMMAND --help` says what each takes, `ndtorch --version` what is installed."]
+    return "\n".join(lines)
+
+
+def written(point: EntryPoint) -> str:
+    """The docstring of a command as it stands in its file, so that the help need not import what the command does.
+
+    Empty where it is not to be found; loading the command then tells why.
+    """
+    try:
+        place = next(module_places(point.module))
+        tree = ast.parse((place / "__init__.py" if place.is_dir() else place).read_text(encoding="utf-8"))
+    except (StopIteration, OSError, SyntaxError, ValueError):
+        return ""
+    for node in tree.body:
+        if isinstance(node, ast.ClassDef) and node.name == point.attr:
+            return ast.get_docstring(node) or ""
+        if isinstance(node, ast.ImportFrom) and any(alias.name == point.attr for alias in node.names):
+            return written(EntryPoint(point.name, f"{node.module}:{point.attr}", point.group))
+    return ""
 
 
 def run_command(prog: str, kind: type[Subcommand], arguments: Sequence[str]) -> int:

@@ -7,13 +7,16 @@ from importlib import import_module
 from typing import Any
 
 
-def lazy(package: str, names: Mapping[str, Sequence[str]], rooms: Sequence[str] = ()) -> Callable[[str], Any]:
+def lazy(
+    package: str, names: Mapping[str, Sequence[str]], rooms: Sequence[str] = (), moved: Mapping[str, str] | None = None
+) -> Callable[[str], Any]:
     """The `__getattr__` of a package that imports nothing by itself.
 
     Args:
         package: `__name__` of the package.
         names: for every module, the public names that come from it.
         rooms: sub-packages and modules that are there without an import of their own.
+        moved: names that are no more, and what takes their place.
 
     Returns:
         What gives a name its value, and raises AttributeError for a name that is not public.
@@ -25,6 +28,9 @@ def lazy(package: str, names: Mapping[str, Sequence[str]], rooms: Sequence[str] 
             return getattr(import_module(module_of[name]), name)
         if name in rooms:
             return import_module(f"{package}.{name}")
+        if moved is not None and name in moved:
+            # An AttributeError would be told by `from ... import` in other words.
+            raise ImportError(f"{package}.{name} is gone; use {moved[name]}")
         raise AttributeError(f"module {package!r} has no attribute {name!r}")
 
     return attribute

@@ -1,16 +1,20 @@
-"""Trained models by name."""
+"""Models by name, and of one's own by path."""
 
 from __future__ import annotations
 
+import difflib
 from pathlib import Path
 from typing import Any
 
-from ndtorch.binding.models.published import VisualBinding
+from ndtorch.binding.models.contract import BindingModel
+from ndtorch.binding.models.kinds import kind_of, load_folder
 from ndtorch.errors import InputError
 
 HERE = Path(__file__).resolve().parent
 # In an installed package the models lie inside it, in a checkout beside it.
 PLACES = (HERE / "models", HERE.parent / "models")
+RENAMED = {"binding": "published"}
+"""What models were called before."""
 
 
 def model_folders() -> dict[str, Path]:
@@ -27,17 +31,51 @@ def model_names() -> list[str]:
     return list(model_folders())
 
 
-def load(name: str, **options: Any) -> VisualBinding:
-    """A trained model that comes with the package, such as `load("binding", fps=30, border="reflect")`.
+def load(
+    model: str | Path,
+    *,
+    size: int | tuple[int, int] | None = None,
+    fps: float | None = None,
+    border: str | None = None,
+    **options: Any,
+) -> BindingModel:
+    """A model that comes with the package, or one of your own: `load("published", fps=30, border="reflect")`.
 
     Args:
-        name: one of `model_names()`.
-        options: as `VisualBinding.load` takes them.
+        model: one of `model_names()`, or the path of a folder (see `BindingModel.save`).
+        size: height and width of the frames, pixels; a single number means a square.
+        fps: frames a second.
+        border: "wrap" where the scene is a torus, "reflect" for video.
+        options: other values for keys of its config.toml, and `first_stage`, a trained `FirstStage` or `[10, 10]`.
 
     Raises:
-        InputError: unknown name or option.
+        InputError: unknown name, missing or broken folder, or an option that the model does not have.
     """
+    given = {"size": size, "fps": fps, "border": border}
+    options |= {name: value for name, value in given.items() if value is not None}
+    return load_folder(model_folder(model), options)
+
+
+def model_kind(model: str | Path) -> str:
+    """The kind of a model as its config.toml names it, such as "published".
+
+    Raises:
+        InputError: unknown name, missing or broken folder.
+    """
+    return kind_of(model_folder(model))
+
+
+def model_folder(model: str | Path) -> Path:
+    """Where a model is described."""
     folders = model_folders()
-    if name not in folders:
-        raise InputError(f"model must be one of {', '.join(folders) or '(none found)'}; got {name!r}")
-    return VisualBinding.load(folders[name], **options)
+    if str(model) in folders:
+        return folders[str(model)]
+    if Path(model).is_dir():
+        return Path(model)
+    if str(model) in RENAMED:
+        raise InputError(f"the model {model} is called {RENAMED[str(model)]} now")
+    if isinstance(model, Path) or "/" in model:
+        raise InputError(f"{model} is not a model folder")
+    near = difflib.get_close_matches(model, folders, 1, 0.6)
+    hint = f"; did you mean {near[0]}?" if near else ""
+    raise InputError(f"model must be a folder or one of {', '.join(folders) or '(none found)'}; got {model!r}{hint}")

@@ -3,10 +3,17 @@
 Real-time tests are run again when they failed while the machine stalled; see `tests/stalls.py`.
 """
 
+import os
+import signal
+import tempfile
+import threading
+from pathlib import Path
+
 import pytest
 import torch
 from _pytest.runner import runtestprotocol
 
+from tests.films import Films, shared_folder
 from tests.stalls import Again, StallMeter
 
 torch.set_num_threads(1)
@@ -17,6 +24,30 @@ METER, AGAIN = pytest.StashKey(), pytest.StashKey()
 def fixed_seed() -> None:
     """The same random numbers whatever ran before."""
     torch.manual_seed(0)
+
+
+@pytest.fixture(scope="session")
+def films(tmp_path_factory):
+    """Sums of rendered scenes; see `tests/films.py`."""
+    return Films(shared_folder(tmp_path_factory.getbasetemp()))
+
+
+def pytest_configure():
+    """Nothing that a shell hands down matters: ignored signals, a home that cannot be written to."""
+    if threading.current_thread() is threading.main_thread():
+        # In the background Ctrl-C is ignored, and children inherit that.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    for name in ("HOME", "XDG_CACHE_HOME"):
+        place = os.environ.get(name)
+        if place is not None and not os.access(place, os.W_OK | os.X_OK):
+            # Kept for all processes of a run, and small: fonts that matplotlib has found.
+            os.environ[name] = str(Path(tempfile.gettempdir(), f"ndtorch-tests-{os.getuid()}"))
+            Path(os.environ[name]).mkdir(mode=0o700, exist_ok=True)
+
+
+def pytest_collection_modifyitems(items):
+    """Whole runs come last: what is quick fails first."""
+    items.sort(key=lambda item: item.get_closest_marker("slow") is not None)
 
 
 def meter(config):

@@ -14,13 +14,15 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from safetensors import safe_open
+from safetensors.torch import load_file, save_file
 
-from ndtorch.binding import load_state
+import ndtorch
 from ndtorch.commands import main
 from ndtorch.scenes import two_bars
 from ndtorch.scenes.video_writer import VideoWriter
 
-TRACKED = {"objects.json", "overlay.mp4", "timeline.jsonl", "timeline.png"}
+TRACKED = {"objects.json", "overlay.mp4", "state.safetensors", "timeline.jsonl", "timeline.png"}
 FILES = {
     "enhanced.mp4",
     "frames.png",
@@ -97,54 +99,86 @@ def test_default_run_names_both_bars_in_words(tmp_path: Path, capsys: pytest.Cap
         assert (picture < 128).mean() > 0.001
 
 
+def kept(out: Path) -> dict[str, torch.Tensor]:
+    """Every tensor of the state that a run left."""
+    return load_file(out / "state.safetensors")
+
+
+def same_state(whole: Path, rest: Path) -> dict[str, torch.Tensor]:
+    """Both runs ended in the same state, bit for bit; gives it."""
+    one, other = kept(whole), kept(rest)
+    assert set(one) == set(other)
+    assert [name for name in one if not torch.equal(one[name], other[name])] == []
+    return one
+
+
 def test_resumed_run_equals_an_uninterrupted_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     short = ["bind", "two-bars", "--settle", "0.3", "--pictures", "5"]
     assert main([*short, "--seconds", "1.1", "--out", str(tmp_path / "whole")]) == 0
     assert main([*short, "--seconds", "0.4", "--out", str(tmp_path / "part")]) == 0
+    capsys.readouterr()
     part = str(tmp_path / "part" / "two-bars")
     assert main(["bind", "--resume", part, "--seconds", "0.7", "--pictures", "5", "--out", str(tmp_path / "rest")]) == 0
-    whole, _ = load_state(tmp_path / "whole" / "two-bars" / "state.safetensors")
-    rest, _ = load_state(tmp_path / "rest" / "two-bars" / "state.safetensors")
-    assert float(whole.second.weights.max()) > 0
-    for one, other in zip((*whole.motion, *whole.second), (*rest.motion, *rest.second), strict=True):
-        assert torch.equal(one, other)
+    assert capsys.readouterr().out.startswith("model  published (that of the run that goes on)\n")
+    state = same_state(tmp_path / "whole" / "two-bars", tmp_path / "rest" / "two-bars")
+    assert float(state["second.weights"].max()) > 0
 
 
-def test_resumed_video_goes_on_at_the_next_frame(clip: Path, tmp_path: Path) -> None:
-    options = ["--model", "published", "--settle", "0.2", "--pictures", "0"]
-    assert main(["bind", str(clip), *options, "--out", str(tmp_path / "whole")]) == 0
-    assert main(["bind", str(clip), *options, "--seconds", "0.4", "--out", str(tmp_path / "part")]) == 0
-    assert (
-        main(["bind", "--resume", str(tmp_path / "part" / "bars"), "--pictures", "0", "--out", str(tmp_path / "rest")])
-        == 0
-    )
-    whole, _ = load_state(tmp_path / "whole" / "bars" / "state.safetensors")
-    rest, _ = load_state(tmp_path / "rest" / "bars" / "state.safetensors")
-    assert torch.equal(whole.second.weights, rest.second.weights)
-    assert int(whole.second.steps) == int(rest.second.steps) == 97
-
-
-def test_scale_free_run_goes_on_bit_for_bit(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    options = ["--model", "scale-free", "--gamma", "0.3", "--settle", "0.1", "--pictures", "0"]
+@pytest.mark.parametrize(
+    ("model", "options", "rows"),
+    [
+        # One step a frame where the settled network needs no shorter one, and 100 a second where it does.
+        ("published", ["--settle", "0.2"], 97),
+        ("scale-free", ["--gamma", "0.3", "--settle", "0.1"], 25),
+        ("video", ["--without", "scale"], 25),
+    ],
+)
+def test_resumed_video_goes_on_bit_for_bit_with_its_model(
+    model: str, options: list[str], rows: int, clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ["bind", str(clip), "--model", model, *options, "--pictures", "0"]
     part = str(tmp_path / "part" / "bars")
-    assert main(["bind", str(clip), *options, "--out", str(tmp_path / "whole")]) == 0
-    assert main(["bind", str(clip), *options, "--seconds", "0.4", "--out", str(tmp_path / "part")]) == 0
+    assert main([*asked, "--out", str(tmp_path / "whole")]) == 0
+    assert main([*asked, "--seconds", "0.4", "--out", str(tmp_path / "part")]) == 0
     assert main(["bind", "--resume", part, "--pictures", "0", "--out", str(tmp_path / "rest")]) == 0
-    whole, about = load_state(tmp_path / "whole" / "bars" / "state.safetensors")
-    rest, _ = load_state(tmp_path / "rest" / "bars" / "state.safetensors")
-    assert json.loads(about["run"])["model"] == "scale-free"
-    assert json.loads(about["run"])["options"] == {"gamma": 0.3, "settle": 0.1}
-    assert whole.second.weights.any()
-    # One step a frame: the settled network needs no shorter one.
-    assert int(whole.second.steps) == int(rest.second.steps) == 25
-    for one, other in zip(
-        (*whole.second.network, *whole.second.delays), (*rest.second.network, *rest.second.delays), strict=True
-    ):
-        assert torch.equal(one, other)
+    state = same_state(tmp_path / "whole" / "bars", tmp_path / "rest" / "bars")
+    assert rows in [int(value) for name, value in state.items() if name.endswith((".steps", ".frames"))]
+    found = [json.loads((tmp_path / name / "bars" / "objects.json").read_text()) for name in ("whole", "rest")]
+    assert found[0]["objects"] == found[1]["objects"]
+    assert found[0]["weights"] == found[1]["weights"]
     capsys.readouterr()
+    other = "published" if model != "published" else "video"
     resumed = ["bind", "--resume", part, "--out", str(tmp_path)]
-    refused([*resumed, "--rule", "competitive"], capsys, "--rule", "published", "scale-free")
-    refused([*resumed, "--model", "published"], capsys, "scale-free", "published")
+    refused([*resumed, "--model", other], capsys, model, other)
+    if model != "published":
+        refused([*resumed, "--rule", "hebbian"], capsys, "--rule is an option of published", model)
+
+
+def test_a_state_with_a_number_that_is_none_is_refused(
+    clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    quick = ["--seconds", "0.2", "--pictures", "0"]
+    assert main(["bind", str(clip), "--model", "published", *quick, "--out", str(tmp_path)]) == 0
+    capsys.readouterr()
+    path = tmp_path / "bars" / "state.safetensors"
+    with safe_open(path, "pt") as file:
+        about = file.metadata()
+    state = kept(tmp_path / "bars")
+    state["second.weights"][0, 1] = torch.nan
+    save_file(state, path, about)
+    refused(["bind", "--resume", str(path.parent), "--out", str(tmp_path)], capsys, str(path), "second.weights", "NaN")
+
+
+def test_a_folder_of_ones_own_is_a_model(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ndtorch.load("scale-free", gamma=0.4).save(tmp_path / "mine")
+    asked = ["bind", str(clip), "--model", str(tmp_path / "mine"), "--seconds", "0.4", "--pictures", "0"]
+    assert main([*asked, "--out", str(tmp_path / "out")]) == 0
+    assert capsys.readouterr().out.startswith(f"model  {tmp_path / 'mine'} (scale-free)\n")
+    again = ["bind", str(clip), "--model", "scale-free", "--gamma", "0.4", *asked[4:], "--out", str(tmp_path / "again")]
+    assert main(again) == 0
+    same_state(tmp_path / "out" / "bars", tmp_path / "again" / "bars")
+    capsys.readouterr()
+    refused([*asked, "--rule", "hebbian", "--out", str(tmp_path)], capsys, "--rule", "published", "scale-free")
 
 
 def test_video_runs_at_its_own_rate(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,7 +17,7 @@ HEAVY = ("cv2", "torchvision", "rerun", "matplotlib", "mujoco", "tyro", "serial"
 PACKAGES = ("ndtorch", "ndtorch_robot", "ndtorch_train")
 
 FLOORS = (
-    "code_digest errors installed lazy memory optional toml workers",
+    "code_digest config errors installed lazy memory optional toml tree workers",
     "scenes vision",
     "binding navigation",
     "export loading",

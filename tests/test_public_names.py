@@ -17,28 +17,21 @@ import ndtorch.scenes
 import ndtorch.vision
 
 TOP = """
-    FEATURES HassensteinReichardt HighPass InhibitoryNetwork InputError LowPass NDMin Navigator OrientedDoG StereoRig
-    VisualBinding VisualFeatures load model_names
+    FEATURES BindingModel HassensteinReichardt InhibitoryNetwork InputError NDMin Navigator OrientedDoG StereoRig
+    VisualFeatures load model_names
 """
 VISION = """
     Resample ResampleState
-    ANGLES FEATURES GROUPS NDS SPEED_SCALE ChahlSrinivasan FieldSignals FilterState FrontEnd HassensteinReichardt
-    HighPass LocalFeatures LowPass MotionState NDMin NDMinus NDSState OrdinaryState OrdinaryVideo OrientedDoG RecentMax
-    RecentMaxState ShiftState SpeedCurve VisualFeatures dog_spectrum field_weights judge_speed_curve low_pass_step
-    row_shift smoothing_factor spatial_maximum speed_response
+    ANGLES FEATURES GROUPS NDS SPEED_SCALE CameraFrontEnd CameraParams CameraState ChahlSrinivasan FieldSignals
+    FilterState HassensteinReichardt HighPass LocalFeatures LowPass MotionState NDMin NDMinus NDSState OrientedDoG
+    RecentMax RecentMaxState ShiftState SpeedCurve VisualFeatures dog_spectrum field_weights judge_speed_curve
+    low_pass_step row_shift smoothing_factor spatial_maximum speed_response
 """
 BINDING = """
-    FieldInputs Rule ObjectFile ObjectFiles
-    ACTIVATIONS RULES Attention BindingConfig BindingInputs BindingSignals BindingState BoundObject Enhanced
-    RetinotopicParams FirstStage InhibitoryNetwork InputState LearningRule NetworkState LocatedObject RetinotopicBinding
-    RetinotopicState ObjectTable Solution
-    Verdict VisualBinding alternation attention_mask block_diagonal count_solutions describe feature_weights
-    largest_free_weight learning_onset learning_rule limit_spectral_radius load_state mixing_from_weights
-    object_table perron_root save_state second_stage separated solutions spectral_radius to_device
-    train_first_stage weight_change winner
-    DelayState DelayStatistics Separation diagonalise separate OwnerCriteria SignalStatistics
-    StatisticsState features_by_group owner_table JoinCriteria refined_table ScaleFreeRule
-    settled ScaleFreeStage StageState BindingModel bound_objects
+    ACTIVATIONS Attention BindingInputs BindingModel BoundObject FirstStage InhibitoryNetwork LearningRule ObjectTable
+    PublishedModel RetinotopicModel ScaleFreeModel Verdict VideoModel Windows alternation bound_objects describe
+    learning_rule limit_spectral_radius load_state object_table save_state separated solutions spectral_radius to_device
+    train_first_stage weight_change
 """
 NAVIGATION = """
     CRUISE REVERSE STOPPED SUPPRESSED TURN AlphaBetaTracker AvoidanceParams Command CompiledNavigator Controller
@@ -102,3 +95,16 @@ def test_everything_public_comes_from_its_own_package(module: ModuleType) -> Non
 
 def test_there_is_a_version() -> None:
     assert importlib.metadata.version("ndtorch") == ndtorch.__version__
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "instead"),
+    [
+        (ndtorch, "VisualBinding", r'ndtorch\.load\("published"\)'),
+        (ndtorch, "objects", r"model\.objects\(state\)"),
+        (ndtorch.binding, "RetinotopicBinding", "RetinotopicModel"),
+    ],
+)
+def test_a_name_that_is_gone_says_what_took_its_place(module: ModuleType, name: str, instead: str) -> None:
+    with pytest.raises(ImportError, match=f"{name} is gone; use {instead}"):
+        getattr(module, name)

@@ -11,7 +11,7 @@ import math
 import matplotlib.pyplot as plt
 import torch
 
-from ndtorch.binding import InhibitoryNetwork
+from ndtorch.binding import InhibitoryNetwork, learning_rule
 
 # %%
 # One source, received by both neurons with different strength [C fig. 7].
@@ -22,10 +22,10 @@ mixed = torch.stack([0.7 * source, 0.6 * source], -1)
 # %%
 # Twenty steps of gradient descent through all 500 steps of the network.
 gamma = torch.tensor(0.2, requires_grad=True)
-optimiser = torch.optim.Adam([gamma], lr=0.3)
+optimiser = torch.optim.Adam([gamma], lr=0.15)
 history = []
 for _ in range(20):
-    network = InhibitoryNetwork(2, gamma=gamma, settle=0.0, tau_onset=0.0)
+    network = InhibitoryNetwork(2, rule=learning_rule("competitive", gamma=gamma, tau_onset=0.0), settle=0.0)
     _, state = network(mixed)
     loss = (state.weights.max() - 0.7) ** 2
     optimiser.zero_grad()

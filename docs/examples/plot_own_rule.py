@@ -16,7 +16,7 @@ from ndtorch.vision import FEATURES, VisualFeatures
 
 # %%
 # A rule with a fifth power in place of the cube, and a softer compression.
-rule = LearningRule(row=torch.arctan, column=lambda x: x**5, name="arctan and fifth power")
+rule = LearningRule(row=torch.arctan, column=lambda x: x**5, name="arctan and fifth power", gamma=2.0)
 
 # %%
 # Ten seconds of two bars, once: the sums are all that a rule sees.
@@ -30,7 +30,7 @@ with torch.inference_mode():
 
 # %%
 # Both rules learn from the same signals.
-networks = {"the published rule": InhibitoryNetwork(10), rule.name: InhibitoryNetwork(10, rule=rule, gamma=2.0)}
+networks = {"the published rule": InhibitoryNetwork(10, rule="competitive"), rule.name: InhibitoryNetwork(10, rule=rule)}
 figure, panels = plt.subplots(1, 2, figsize=(9, 4.2), layout="constrained")
 for (name, network), axes in zip(networks.items(), panels, strict=True):
     with torch.inference_mode():

@@ -11,7 +11,8 @@ import matplotlib.pyplot as plt
 import torch
 from ndtorch_train.superposed import Stimuli, film_bars
 
-from ndtorch.binding import BindingInputs, InhibitoryNetwork, object_table
+import ndtorch
+from ndtorch.binding import BindingInputs, InhibitoryNetwork, learning_rule, object_table
 from ndtorch.vision import FEATURES
 
 # %%
@@ -23,8 +24,6 @@ print(sums.shape)
 
 # %%
 # One batch through normalisation, and through a second stage that learns each scene for itself.
-import ndtorch  # noqa: E402
-
 model = ndtorch.load("published")
 with torch.inference_mode():
     signals, state = model.from_sums(sums)
@@ -43,7 +42,8 @@ plt.show()
 # %%
 # The same pieces by hand, with another learning rate for every scene.
 inputs = BindingInputs()
-network = InhibitoryNetwork(10, gamma=torch.linspace(0.1, 2.0, len(phases)))
+rule = learning_rule("competitive", gamma=torch.linspace(0.1, 2.0, len(phases)))
+network = InhibitoryNetwork(10, rule=rule)
 with torch.inference_mode():
     (normalised, scale), _ = inputs(sums)
     outputs, learned = network(normalised)

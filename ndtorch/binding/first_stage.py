@@ -1,8 +1,9 @@
-"""Training of the three first-stage networks on contracting rings."""
+"""The three first-stage networks: trained on contracting rings, checked, read and written."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import NamedTuple
 
 import torch
@@ -38,6 +39,57 @@ def block_diagonal(stage: FirstStage) -> Tensor:
     for group, part in zip(GROUPS.values(), stage[:3], strict=True):
         weights[group, group] = part
     return weights
+
+
+def first_stage_weights(stage: FirstStage | Tensor) -> Tensor:
+    """The `[10, 10]` weights of a trained first stage or of a matrix, if they are usable.
+
+    Raises:
+        InputError: not `[10, 10]`, not finite, negative, or other than zero on the diagonal or between groups.
+    """
+    weights = block_diagonal(stage) if isinstance(stage, FirstStage) else stage
+    if not isinstance(weights, Tensor) or weights.shape != (10, 10):
+        given = tuple(weights.shape) if isinstance(weights, Tensor) else type(weights).__name__
+        raise InputError(f"first_stage must be a FirstStage or weights [10, 10], got {given}")
+    inside = torch.zeros(10, 10, dtype=torch.bool)
+    for group in GROUPS.values():
+        inside[group, group] = True
+    inside.fill_diagonal_(False)
+    if not torch.isfinite(weights).all() or (weights < 0).any() or weights[~inside].any():
+        raise InputError(
+            "first-stage weights must be finite, non-negative, and zero on the diagonal and between groups"
+        )
+    return weights
+
+
+def read_first_stage(path: Path) -> Tensor:
+    """The `[10, 10]` first-stage weights in a weights.safetensors with the keys motion, orientation and color."""
+    from safetensors import SafetensorError
+    from safetensors.torch import load_file
+
+    if not path.is_file():
+        raise InputError(f"{path} is missing")
+    try:
+        tensors = load_file(path)
+    except (SafetensorError, OSError) as error:
+        raise InputError(f"{path} is not a safetensors file: {error}") from None
+    weights = torch.zeros(10, 10)
+    for name, group in GROUPS.items():
+        n = group.stop - group.start
+        if name not in tensors:
+            raise InputError(f"{path} has no weights called {name!r}; it has {', '.join(sorted(tensors)) or 'none'}")
+        if tensors[name].shape != (n, n):
+            raise InputError(f"{path}: {name} must be [{n}, {n}], got {tuple(tensors[name].shape)}")
+        weights[group, group] = tensors[name].float()
+    return weights
+
+
+def write_first_stage(stage: FirstStage | Tensor, path: Path) -> None:
+    """What `read_first_stage` reads."""
+    from safetensors.torch import save_file
+
+    weights = first_stage_weights(stage).detach().cpu().float()
+    save_file({name: weights[group, group].contiguous() for name, group in GROUPS.items()}, path)
 
 
 def train_first_stage(

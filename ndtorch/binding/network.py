@@ -150,7 +150,7 @@ class InhibitoryNetwork(nn.Module):
         self.mean_square = BlockLowPass(smoothing_factor(tau_power, dt), self.every)
         self.window_changes = max(1, round(window / (dt * self.every)))
         self.register_buffer("initial", initial)
-        self.register_buffer("off_diagonal", 1 - torch.eye(neurons), persistent=False)
+        self.register_buffer("off_diagonal", 1 - torch.eye(neurons))
 
     @classmethod
     def scale_free(cls, neurons: int = 10, dt: float = 0.01, rule: Rule | None = None, **options: Any) -> Self:

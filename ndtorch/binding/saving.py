@@ -2,91 +2,126 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 from torch import Tensor
 
-from ndtorch.binding.models.published import BindingState
-from ndtorch.binding.models.scale_free import StageState
-from ndtorch.binding.network import NetworkState
-from ndtorch.binding.normalise import InputState
-from ndtorch.binding.readout.delays import DelayState
-from ndtorch.binding.readout.owners import StatisticsState
+from ndtorch.binding.models.contract import BindingModel
+from ndtorch.binding.tracking.tracks import TrackTable
 from ndtorch.errors import InputError
-from ndtorch.vision.motion import MotionState
-from ndtorch.vision.resample import ResampleState
-from ndtorch.vision.temporal import FilterState
+from ndtorch.tree import leaves, mapped, parts
+
+State = TypeVar("State")
 
 
-def flatten_state(state: Any, prefix: str = "") -> dict[str, Tensor]:
-    """A nested tuple of tensors as a flat dict with dotted names; parts that are None are left out."""
-    flat: dict[str, Tensor] = {}
-    for name, part in state._asdict().items():
-        if isinstance(part, Tensor):
-            flat[prefix + name] = part.contiguous().clone()
-        elif part is not None:
-            flat |= flatten_state(part, f"{prefix}{name}.")
-    return flat
-
-
-def save_state(state: BindingState, path: str | Path, about: Mapping[str, str] | None = None) -> None:
-    """Write a state, and strings that say what it belongs to, as safetensors."""
+def save_state(state: Any, path: str | Path, about: Mapping[str, str] | None = None) -> None:
+    """Write a state of any model, and strings that say what it belongs to, as safetensors."""
     from safetensors.torch import save_file
 
-    save_file(flatten_state(state), str(path), metadata=dict(about or {}))
+    flat = {name: part.contiguous().clone() for name, part in leaves(state).items()}
+    save_file(flat, str(path), metadata=dict(about or {}))
 
 
-def load_state(path: str | Path) -> tuple[BindingState, dict[str, str]]:
-    """Read what `save_state` wrote: the state, bit for bit, and the strings.
+def read_about(path: str | Path) -> dict[str, str]:
+    """The strings that `save_state` wrote beside the state.
 
     Raises:
-        InputError: missing file, not safetensors, or parts missing.
+        InputError: missing file, or not safetensors.
     """
+    return read(path)[1]
+
+
+def load_state(path: str | Path, model: BindingModel) -> tuple[Any, dict[str, str]]:
+    """Read what `save_state` wrote: a state of that model, bit for bit, and the strings.
+
+    Raises:
+        InputError: missing file, not safetensors, or not a state of this model: parts that are missing, of another
+            shape or type, or not finite.
+    """
+    tensors, about = read(path)
+    example = example_state(model)
+    try:
+        if tensors and all(name.split(".")[0].isdigit() for name in tensors):
+            # One state a film, as a batch of films has it.
+            count = 1 + max(int(name.split(".")[0]) for name in tensors)
+            state: Any = tuple(rebuilt(example, tensors, f"{n}.") for n in range(count))
+        else:
+            state = rebuilt(example, tensors, "")
+        extra = sorted(set(tensors) - set(leaves(state)))
+        if extra:
+            raise InputError(f"{extra[0]} does not belong to it")
+        check_batch(leaves(state), leaves(example))
+    except InputError as error:
+        raise InputError(f"{path} is not a saved state of this model ({model.name}): {error}") from None
+    return state, about
+
+
+def example_state(model: BindingModel) -> Any:
+    """A state of one trial of the model, from black frames, for its names, shapes and types."""
+    frames = torch.zeros(max(1, math.ceil(model.dt * model.fps - 1e-9)), 3, *model.size)
+    with torch.no_grad():
+        return model(frames)[1]
+
+
+def read(path: str | Path) -> tuple[dict[str, Tensor], dict[str, str]]:
+    """Tensors and strings of a safetensors file."""
     from safetensors import SafetensorError, safe_open
 
     try:
         with safe_open(str(path), framework="pt") as file:
-            tensors: dict[str, Tensor] = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-            about: dict[str, str] = file.metadata() or {}
+            return {name: file.get_tensor(name) for name in file.keys()}, file.metadata() or {}  # noqa: SIM118
     except FileNotFoundError:
         raise InputError(f"{path} is missing") from None
     except (SafetensorError, OSError) as error:
         raise InputError(f"{path} is not a saved state: {error}") from None
 
-    def part(kind: Any, prefix: str) -> Any:
-        missing = [prefix + name for name in kind._fields if prefix + name not in tensors]
-        if missing:
-            raise InputError(f"{path} is not a saved state of this model: {', '.join(missing)} missing")
-        return kind(**{name: tensors[prefix + name] for name in kind._fields})
 
-    motion = part(MotionState, "motion.") if any(name.startswith("motion.") for name in tensors) else None
-    first = None
-    second: NetworkState | StageState
-    if any(name.startswith("second.network.") for name in tensors):
-        second = StageState(
-            part(FilterState, "second.smooth."),
-            part(NetworkState, "second.network."),
-            part(StatisticsState, "second.statistics."),
-            part(DelayState, "second.delays."),
-        )
-    else:
-        first, second = part(NetworkState, "first."), part(NetworkState, "second.")
-    state = BindingState(motion, part(ResampleState, "resample."), part(InputState, "inputs."), first, second)
-    return state, about
-
-
-def to_device(state: BindingState, device: torch.device | str) -> BindingState:
-    """The same state on another device; counters stay on the CPU."""
-
-    def move(part: Any) -> Any:
-        if part is None:
-            return None
+def rebuilt(example: Any, tensors: Mapping[str, Tensor], prefix: str) -> Any:
+    """A tuple like the example, of the tensors whose names begin with the prefix."""
+    ragged, values = isinstance(example, TrackTable), list[Any]()
+    for name, part in parts(example):
+        whole = prefix + name
         if isinstance(part, Tensor):
-            return part if part.dtype == torch.int64 else part.to(device)
-        return type(part)(*(move(inner) for inner in part))
+            if whole not in tensors:
+                raise InputError(f"{whole} missing")
+            values.append(checked(whole, tensors[whole], part, ragged))
+        elif part is None or (optional(example, name) and not any(n.startswith(f"{whole}.") for n in tensors)):
+            values.append(None)
+        else:
+            values.append(rebuilt(part, tensors, f"{whole}."))
+    return type(example)(*values)
 
-    moved: BindingState = move(state)
-    return moved
+
+def optional(example: Any, name: str) -> bool:
+    """Whether a part of a NamedTuple may be None."""
+    return "None" in str(type(example).__annotations__[name])
+
+
+def checked(name: str, given: Tensor, example: Tensor, ragged: bool) -> Tensor:
+    """A tensor if it is finite and has the type and, after those of a batch, the dimensions of the example."""
+    if given.dtype != example.dtype and not (given.is_floating_point() and example.is_floating_point()):
+        raise InputError(f"{name} must be {example.dtype}, got {given.dtype}")
+    wanted = tuple(example.shape[1:] if ragged else example.shape)
+    if given.ndim < example.ndim or tuple(given.shape[given.ndim - len(wanted) :]) != wanted:
+        raise InputError(f"{name} must be {['...', *wanted]}, got {list(given.shape)}".replace("'", ""))
+    if given.is_floating_point() and not torch.isfinite(given).all():
+        raise InputError(f"{name} must be finite, got NaN or infinite values")
+    return given
+
+
+def check_batch(state: Mapping[str, Tensor], example: Mapping[str, Tensor]) -> None:
+    """Raise `InputError` unless all parts belong to the same batch."""
+    batches = {
+        tuple(part.shape[: part.ndim - example[name].ndim]) for name, part in state.items() if name in example
+    } - {()}
+    if len(batches) > 1:
+        raise InputError(f"its parts are of different batches: {' and '.join(map(str, sorted(batches)))}")
+
+
+def to_device(state: State, device: torch.device | str) -> State:
+    """The same state on another device; counters stay on the CPU."""
+    return mapped(state, lambda _, part: part if part.dtype == torch.int64 else part.to(device))

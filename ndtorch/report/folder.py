@@ -59,8 +59,7 @@ def write_result(result: RunResult, about: Mapping[str, Any], folder: Path) -> N
     text = json.dumps(summary(result), indent=2, ensure_ascii=False)
     (folder / "objects.json").write_text(text + "\n", encoding="utf-8")
     about = {**about, "frames": about["frames"] + result.frames}
-    if hasattr(result.state, "_asdict"):
-        save_state(result.state, folder / "state.safetensors", {"run": json.dumps(about)})
+    save_state(result.state, folder / "state.safetensors", {"run": json.dumps(about)})
     if result.table is None:
         write_timeline(result, folder / "timeline.jsonl")
         draw_timeline(result, folder / "timeline.png")

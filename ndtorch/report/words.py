@@ -42,9 +42,8 @@ def summary(result: RunResult) -> dict[str, Any]:
 
 def record(number: int, thing: BoundObject, size: tuple[int, int]) -> dict[str, Any]:
     """One object as plain data; places are row and column as shares of the picture's height and width."""
-    kept: dict[str, Any] = {"neuron": thing.neuron, "features": thing.features}
     if thing.place is None or thing.first_seen is None or thing.last_seen is None:
-        return kept
+        return {"neuron": thing.neuron, "features": thing.features}
     path: list[list[float]] = []
     for time, column, row in thing.path:
         if not path or time - path[-1][0] >= 1 / PATH_HZ - 1e-6:
@@ -55,7 +54,8 @@ def record(number: int, thing: BoundObject, size: tuple[int, int]) -> dict[str, 
         "direction": thing.direction,
         "appeared": round(thing.first_seen, 3),
         "disappeared": round(thing.last_seen, 3),
-        **kept,
+        "neuron": thing.neuron,
+        "features": {name: round(value, 3) for name, value in thing.features.items()},
         "path": path,
     }
 

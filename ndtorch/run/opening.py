@@ -11,8 +11,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ndtorch.binding import load_state, to_device
+from ndtorch.binding import BindingModel, load_state, to_device, train_first_stage
+from ndtorch.binding.models.video import switched_off
+from ndtorch.binding.saving import read_about
 from ndtorch.errors import InputError
+from ndtorch.loading import load, model_kind, model_names
 from ndtorch.run.options import (
     CAMERA_SECONDS,
     MODEL_OPTIONS,
@@ -24,10 +27,10 @@ from ndtorch.run.options import (
     default_model,
     given,
 )
-from ndtorch.run.today import NAMES, kind_of, make_model
 from ndtorch.scenes import SCENES, FrameSource, make_scene
 from ndtorch.scenes.video import open_video
 
+STATE = "state.safetensors"
 ROWS = 224
 """Height to which the model video gets its frames, as soon as they are decoded: four pixels for one of its own."""
 
@@ -45,7 +48,7 @@ class Prepared:
     """
 
     source: FrameSource
-    model: Any
+    model: BindingModel
     state: Any
     start: int
     chosen: str
@@ -60,11 +63,11 @@ def prepare(job: BindJob) -> Prepared:
     """
     check_numbers(job)
     device = check_device(job.device)
-    state, about = (None, {}) if job.resume is None else load_run(job.resume)
+    about = {} if job.resume is None else described(job.resume)
     name = about.get("source", job.source)
     asked = None if job.model is None else identity(job.model)
     model_name = about.get("model", asked or default_model(name))
-    kind = kind_of(model_name)
+    kind = model_kind(model_name)
     if job.resume is not None:
         check_resume(job, name, asked, model_name)
     check_options(job, kind)
@@ -91,14 +94,25 @@ def prepare(job: BindJob) -> Prepared:
         source = open_place(job, about, ROWS if kind == "video" else None)
         model = make_model(about, source.size, source.fps, "reflect")
     about["fps"] = source.fps
-    if state is not None:
-        state = to_device(state, device)
+    state = None
+    if job.resume is not None:
+        state = to_device(load_state(job.resume / STATE, model)[0], device)
     return Prepared(source, model.to(device), state, first, chosen(job, name, model_name, kind), about)
+
+
+def make_model(about: dict[str, Any], size: tuple[int, int], fps: float, border: str) -> BindingModel:
+    """The model of a run, for frames of that size and rate."""
+    options = dict(about["options"]) | switched_off(about["without"])
+    if about["first_stage_radius"] is not None:
+        options["first_stage"] = train_first_stage(radius=about["first_stage_radius"])
+    if model_kind(about["model"]) != "video":
+        options["border"] = border
+    return load(about["model"], size=size, fps=fps, **options)
 
 
 def identity(model: str) -> str:
     """A model as it is kept with a run: the name of one that comes with the package, or the whole path of a folder."""
-    return model if model in NAMES else str(Path(model).resolve())
+    return str(Path(model).resolve()) if model not in model_names() and Path(model).is_dir() else model
 
 
 def chosen(job: BindJob, source: str, model: str, kind: str) -> str:
@@ -128,13 +142,19 @@ def open_place(job: BindJob, about: dict[str, Any], rows: int | None) -> FrameSo
         raise InputError(f"{key} is an option of simulated scenes, and {name} is none")
     if not is_known_place(name):
         raise InputError(f"source must be a file, a folder, a camera or one of {', '.join(SCENES)}; got {name!r}")
-    first = about["first"] + about["frames"] or None
+    # What a camera showed before is gone: it goes on where it is.
+    first = None if is_live(name) and about["frames"] else about["first"] + about["frames"] or None
     if rows is None:
         video = open_video(name, fps=about["fps"], start=first, stop=job.stop, fit=about["fit"] or "crop")
     else:
         video = open_video(name, (rows, rows), about["fps"], first, job.stop, "reduce")
     seconds = job.seconds if job.seconds is not None else (None if video.length is not None else CAMERA_SECONDS)
     return video if seconds is None else Limited(video, seconds)
+
+
+def is_live(name: str) -> bool:
+    """Whether a source is a camera or a stream, every frame of which passes once."""
+    return name.isdigit() or name.startswith("camera:") or "://" in name or Path(name).is_char_device()
 
 
 def is_known_place(name: str) -> bool:
@@ -171,16 +191,15 @@ def check_device(name: str) -> torch.device:
     return device
 
 
-def load_run(folder: Path) -> tuple[Any, dict[str, Any]]:
-    """State and description of an earlier run.
+def described(folder: Path) -> dict[str, Any]:
+    """The description of an earlier run.
 
     Raises:
-        InputError: no state there, one that another program wrote, or one with numbers that are none.
+        InputError: no state there, or one that another program wrote.
     """
-    state, about = load_state(folder / "state.safetensors")
     try:
-        described: dict[str, Any] = json.loads(about["run"])
-        described["model"], described["source"], described["frames"]
+        about: dict[str, Any] = json.loads(read_about(folder / STATE)["run"])
+        about["model"], about["source"], about["frames"]
     except (KeyError, json.JSONDecodeError):
-        raise InputError(f"{folder}/state.safetensors was not written by this version of ndtorch bind") from None
-    return state, described
+        raise InputError(f"{folder}/{STATE} was not written by this version of ndtorch bind") from None
+    return about

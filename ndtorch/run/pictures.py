@@ -47,7 +47,7 @@ class PictureMaker:
 
     def __init__(self, model: Any, dt: float, watchers: Sequence[Watcher] = ()) -> None:
         self.model, self.watchers = model, watchers
-        self.attention = None if model.tracks else Attention(dt, model.config.tau_in)
+        self.attention = None if model.tracks else Attention(dt, model.config.normalise.tau_sums)
         self.moments: dict[int, Moment] = {}
         self._state: FilterState | None = None
         self._glimpses: queue.Queue[Glimpse | None] = queue.Queue(maxsize=4)
@@ -85,9 +85,8 @@ class PictureMaker:
                         self._error = error
 
     def _tracked(self, glimpse: Glimpse) -> Picture:
-        """The frame and the objects in sight: those seen in the latest step of the model."""
-        since = glimpse.time - self.model.dt / 2
-        things = [thing for thing in self.model.objects(glimpse.state) if (thing.last_seen or 0.0) >= since]
+        """The frame and the objects in sight."""
+        things = self.model.in_sight(glimpse.state)
         return Picture(glimpse.time, to_pixels(shown(glimpse.frame)), objects=tuple(things))
 
     def _enhanced(self, glimpse: Glimpse) -> Picture:

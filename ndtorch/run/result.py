@@ -115,3 +115,8 @@ class RunResult:
 def over_fields(outputs: Tensor) -> Tensor:
     """Outputs `[T', 10]` as they are, `[T', R, C, 10]` as the largest of every neuron, `[T', 10]`."""
     return outputs if outputs.ndim == 2 else outputs.flatten(1, -2).amax(1)
+
+
+def one_matrix(weights: Tensor) -> Tensor:
+    """Weights `[10, 10]` as they are; of models with a matrix a window, `[K, 10, 10]`, the largest of each."""
+    return weights if weights.ndim == 2 else weights.amax(0)

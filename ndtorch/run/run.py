@@ -10,11 +10,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.binding import Verdict
+from ndtorch.binding import BindingModel, Verdict
 from ndtorch.errors import InputError
 from ndtorch.memory import give_back_freed_memory
 from ndtorch.run.pictures import Glimpse, PictureMaker
-from ndtorch.run.result import RunResult, Trace, over_fields
+from ndtorch.run.result import RunResult, Trace, one_matrix, over_fields
 from ndtorch.run.watchers import Watcher
 from ndtorch.scenes import FrameSource
 
@@ -23,7 +23,7 @@ TIDY_FRAMES = 500
 
 
 def run_model(
-    model: Any,
+    model: BindingModel,
     source: FrameSource,
     state: Any = None,
     start: int = 0,
@@ -69,7 +69,7 @@ def run_model(
                 state = after
                 frames_seen += len(frames)
                 now = float(signals.time[-1]) if len(signals.time) else now
-                learned = model.weights(state)
+                learned = one_matrix(model.weights(state))
                 trace(outputs, weights, signals, learned)
                 for watcher in watchers:
                     watcher.signals(signals, learned)
@@ -94,7 +94,7 @@ def run_model(
         verdict: Verdict = "alternating" if diverged else model.verdict(state)
         found = [] if diverged else model.objects(state)
         table = None if model.tracks else model.table(state)
-        final = model.weights(state).cpu().float().numpy().astype(np.float32)
+        final = one_matrix(model.weights(state)).cpu().float().numpy().astype(np.float32)
     owners = {thing.index for thing in found}
     return RunResult(
         source=source.name,

@@ -1,6 +1,6 @@
 """Frames -> signals: temporal filters, motion, orientation and the ten features; speed of image rows."""
 
-from ndtorch.vision.camera.front_end import FieldSignals, FrontEnd, OrdinaryState, OrdinaryVideo
+from ndtorch.vision.camera.front_end import CameraFrontEnd, CameraParams, CameraState, FieldSignals
 from ndtorch.vision.chahl_srinivasan import ChahlSrinivasan, ShiftState, row_shift
 from ndtorch.vision.characterisation import SpeedCurve, judge_speed_curve, speed_response
 from ndtorch.vision.features import FEATURES, GROUPS, VisualFeatures
@@ -25,10 +25,12 @@ __all__ = [
     "GROUPS",
     "NDS",
     "SPEED_SCALE",
+    "CameraFrontEnd",
+    "CameraParams",
+    "CameraState",
     "ChahlSrinivasan",
     "FieldSignals",
     "FilterState",
-    "FrontEnd",
     "HassensteinReichardt",
     "HighPass",
     "LocalFeatures",
@@ -37,8 +39,6 @@ __all__ = [
     "NDMin",
     "NDMinus",
     "NDSState",
-    "OrdinaryState",
-    "OrdinaryVideo",
     "OrientedDoG",
     "RecentMax",
     "RecentMaxState",

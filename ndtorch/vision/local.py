@@ -68,7 +68,7 @@ class LocalFeatures(nn.Module):
         self.border = features.motion.border
         for name, length, count in zip(("rows", "columns"), features.size, self.grid, strict=True):
             weights = field_weights(torch.arange(length) + 0.5, length, count, self.border)
-            self.register_buffer(name, weights, persistent=False)
+            self.register_buffer(name, weights)
         # Where the coarse responses of the orientation filters lie, and how much of each counts.
         for name, length, count, places, inside in zip(
             ("dog_rows", "dog_columns"),
@@ -83,7 +83,7 @@ class LocalFeatures(nn.Module):
             weights = torch.stack([field_weights(p, length, count, self.border) for p in kept])
             if mirrored:  # on a torus nothing lies outside
                 weights = weights * inside.unsqueeze(-2).to(weights)
-            self.register_buffer(name, weights, persistent=False)
+            self.register_buffer(name, weights)
 
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
         frames = check_frames(frames, self.features.size)

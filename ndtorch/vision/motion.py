@@ -105,7 +105,7 @@ class HassensteinReichardt(nn.Module):
         self.dt, self.border = dt, border
         self.a_high = smoothing_factor(tau_high, dt)
         self.a_low = smoothing_factor(tau_low, dt)
-        self.register_buffer("directions", torch.tensor(BY_DIRECTION), persistent=False)
+        self.register_buffer("directions", torch.tensor(BY_DIRECTION))
 
     def start(self, image: Tensor) -> MotionState:
         """State settled on one grey image `[..., H, W]`."""

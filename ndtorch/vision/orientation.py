@@ -113,7 +113,7 @@ class OrientedDoG(nn.Module):
         radians = [math.radians(a) for a in angles]
         rows, columns = torch.fft.fftfreq(self.padded[0]), torch.fft.rfftfreq(self.padded[1])
         full = torch.stack([dog_spectrum(rows[:, None], columns, a, center, surround) for a in radians])
-        self.register_buffer("spectrum", full, persistent=False)
+        self.register_buffer("spectrum", full)
 
         spacing = min(sigmas) / 1.08
         # A small image is cheap as it is, and has too few responses for errors to average out.
@@ -131,10 +131,10 @@ class OrientedDoG(nn.Module):
         cells = [n / g for n, g in zip(self.padded, self.grid, strict=True)]
         turns = [rows[:, None] * (cells[0] * o) + columns * (cells[1] * o) for o in OFFSETS]
         shifts = torch.stack([torch.polar(torch.ones_like(turn), 2 * math.pi * turn) for turn in turns])
-        self.register_buffer("fast_spectrum", shifts.unsqueeze(1) * fast / len(OFFSETS), persistent=False)
+        self.register_buffer("fast_spectrum", shifts.unsqueeze(1) * fast / len(OFFSETS))
         for name, n, g, m in zip(("row_weights", "column_weights"), self.padded, self.grid, self.margin, strict=True):
             weights = torch.stack([inside_weights(n, g, m, o) for o in OFFSETS])
-            self.register_buffer(name, weights.float(), persistent=False)
+            self.register_buffer(name, weights.float())
 
     def extra_repr(self) -> str:
         return f"size={self.size}, border={self.border!r}, exact={self.exact}, grid={self.grid}"

@@ -10,8 +10,8 @@ import numpy.typing as npt
 import torch
 
 from ndtorch.navigation import Grid, StereoRig
-from ndtorch_robot.sim.model import edge_columns
 from ndtorch_robot.sim.plan import Floats, Plan
+from ndtorch_robot.sim.profiles import edge_columns
 
 NEAR = 0.10
 """Metres from a true edge within which mass of the map counts as right."""

@@ -9,7 +9,6 @@ import torch
 import ndtorch
 from ndtorch.binding import InhibitoryNetwork
 from ndtorch.run.run import run_model
-from ndtorch.run.today import Table
 from ndtorch.scenes import two_bars
 from ndtorch.vision import VisualFeatures
 from tests.benchmarks.timing import Row, in_turn
@@ -28,7 +27,7 @@ def rows(device: str | None = None) -> list[Row]:
 
 def network_rows(device: str) -> list[Row]:
     """One learned network, and a batch of them that see the scene at different moments."""
-    model = ndtorch.load("binding").to(device)
+    model = ndtorch.load("published").to(device)
     features = VisualFeatures()
     sums, state = [], None
     with torch.inference_mode():
@@ -92,7 +91,7 @@ def job_rows() -> list[Row]:
         speeds = []
         for _ in range(3):
             start = time.perf_counter()
-            result = run_model(Table("published", ndtorch.load("binding")), two_bars(), pictures_per_second=pictures)
+            result = run_model(ndtorch.load("published"), two_bars(), pictures_per_second=pictures)
             speeds.append(result.simulated_seconds / (time.perf_counter() - start))
         speed = sorted(speeds)[1]
         found.append(

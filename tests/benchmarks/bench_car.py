@@ -29,7 +29,7 @@ from ndtorch_robot.sim.board import SimulatedBoard
 from tests.benchmarks.bench_cameras import films
 from tests.benchmarks.bench_navigation import stereo_pair
 from tests.benchmarks.timing import Row, table
-from tests.robot.peer import Peer, board
+from tests.robot.support.peer import Peer, board
 
 TITLE = "The running car (firmware on a simulated processor, two 640x480 films)"
 SECONDS = 20.0

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import torch
 
-from ndtorch.binding import RetinotopicBinding
+from ndtorch.binding import Windows
 from ndtorch.scenes import two_bars
 from ndtorch.vision import LocalFeatures, VisualFeatures
 from tests.benchmarks.numpy_features import NumpyFeatures
@@ -30,7 +30,7 @@ def rows(device: str | None = None) -> list[Row]:
         agree = ((full - reference).abs() / reference.abs().clamp_min(1e-3))[5:].max()
         chunk = frames[8:16]
         local = LocalFeatures(fast)
-        binding = RetinotopicBinding(local.grid, local.spacing)
+        binding = Windows(local.grid, local.spacing)
         signals, seen = local(chunk, state)
         _, files = binding(signals)
         jobs = {

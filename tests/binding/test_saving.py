@@ -1,7 +1,8 @@
-"""States to files and back, bit for bit."""
+"""States of every model to files and back, bit for bit, and what is refused."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -9,21 +10,25 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
-from ndtorch.binding import BindingState, VisualBinding, load_state, save_state, to_device
-from ndtorch.binding.saving import flatten_state
+import ndtorch
+from ndtorch.binding import BindingModel, load_state, save_state, to_device
+from ndtorch.binding.saving import read_about
 from ndtorch.errors import InputError
+from ndtorch.tree import leaves
+
+NAMES = ("published", "scale-free", "retinotopic", "video")
 
 
 def noise(*shape: int) -> torch.Tensor:
     return torch.rand(*shape, generator=torch.Generator().manual_seed(0))
 
 
-def model(**options: Any) -> VisualBinding:
-    return VisualBinding(torch.zeros(10, 10), size=(8, 9), **options)
+def model(name: str = "published", **options: Any) -> Any:
+    return ndtorch.load(name, size=(32, 33), **options)
 
 
-def same(a: BindingState, b: BindingState) -> bool:
-    one, other = flatten_state(a), flatten_state(b)
+def same(a: Any, b: Any) -> bool:
+    one, other = leaves(a), leaves(b)
     return list(one) == list(other) and all(
         torch.equal(one[name], other[name]) and one[name].dtype == other[name].dtype for name in one
     )
@@ -33,58 +38,99 @@ def same(a: BindingState, b: BindingState) -> bool:
 @pytest.mark.parametrize("fps", [30.0, 100.0])
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_a_state_comes_back_bit_for_bit(tmp_path: Path, batch: tuple[int, ...], fps: float, dtype: torch.dtype) -> None:
-    _, state = model(fps=fps)(noise(*batch, 6, 3, 8, 9).to(dtype))
+    module = model(fps=fps)
+    _, state = module(noise(*batch, 6, 3, 32, 33).to(dtype))
     save_state(state, tmp_path / "state.safetensors", {"scene": "noise", "fps": str(fps)})
-    loaded, about = load_state(tmp_path / "state.safetensors")
+    loaded, about = load_state(tmp_path / "state.safetensors", module)
     assert same(loaded, state)
     assert loaded.second.weights.dtype == dtype
-    assert about == {"scene": "noise", "fps": str(fps)}
+    assert about == {"scene": "noise", "fps": str(fps)} == read_about(tmp_path / "state.safetensors")
 
 
-def test_a_state_without_motion_comes_back_without(tmp_path: Path) -> None:
-    _, state = model().from_sums(noise(6, 10))
-    save_state(state, str(tmp_path / "state"))
-    loaded, about = load_state(str(tmp_path / "state"))
-    assert loaded.motion is None
-    assert same(loaded, state)
-    assert about == {}
-
-
-def test_a_run_resumed_from_a_file_is_the_run(tmp_path: Path) -> None:
-    module, frames = model(fps=30.0), noise(20, 3, 8, 9)
+@pytest.mark.parametrize("name", NAMES)
+def test_a_run_resumed_from_a_file_is_the_run(tmp_path: Path, name: str) -> None:
+    module, frames = model(name, fps=30.0), noise(20, 3, 32, 33)
     _, state = module(frames[:11])
     save_state(state, tmp_path / "state")
-    loaded, _ = load_state(tmp_path / "state")
+    loaded, _ = load_state(tmp_path / "state", module)
     whole, end = module(frames[11:], state)
     resumed, resumed_end = module(frames[11:], loaded)
     assert all(torch.equal(a, b) for a, b in zip(resumed, whole, strict=True))
     assert same(resumed_end, end)
 
 
-def names() -> list[str]:
-    _, state = model()(noise(2, 3, 8, 9))
-    return list(flatten_state(state))
+def test_a_state_without_motion_comes_back_without(tmp_path: Path) -> None:
+    module = model()
+    _, state = module.from_sums(noise(6, 10))
+    save_state(state, str(tmp_path / "state"))
+    loaded, about = load_state(str(tmp_path / "state"), module)
+    assert loaded.motion is None
+    assert same(loaded, state)
+    assert about == {}
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", NAMES)
 def test_a_file_without_one_part_is_refused(tmp_path: Path, name: str) -> None:
-    path = tmp_path / "state"
-    _, state = model()(noise(2, 3, 8, 9))
-    save_state(state, path)
-    tensors = load_file(path)
-    del tensors[name]
-    save_file(tensors, path)
-    with pytest.raises(InputError, match=f"not a saved state of this model: {name} missing"):
-        load_state(path)
+    module, path = model(name), tmp_path / "state"
+    _, state = module(noise(4, 3, 32, 33))
+    for part in leaves(state):
+        save_state(state, path)
+        tensors = load_file(path)
+        del tensors[part]
+        save_file(tensors, path)
+        with pytest.raises(InputError, match=f"{part} missing"):
+            load_state(path, module)
 
 
-def test_names_of_the_parts_are_dotted() -> None:
-    assert {"motion.slow", "resample.given", "inputs.low", "first.weights", "second.stopped"} <= set(names())
+def broken(tmp_path: Path, part: str, value: torch.Tensor, module: BindingModel) -> Path:
+    """A saved state one part of which is another."""
+    _, state = module(noise(4, 3, 32, 33))
+    save_state(state, tmp_path / "state")
+    save_file({**load_file(tmp_path / "state"), part: value}, tmp_path / "state")
+    return tmp_path / "state"
+
+
+@pytest.mark.parametrize(
+    ("part", "value", "message"),
+    [
+        ("second.weights", torch.full((10, 10), math.nan), "second.weights must be finite, got NaN or infinite"),
+        ("second.weights", torch.zeros(9, 10), r"second.weights must be \[..., 10, 10\], got \[9, 10\]"),
+        ("second.weights", torch.zeros(10, 10, dtype=torch.int32), "second.weights must be torch.float32"),
+        ("second.stopped", torch.zeros(()), "second.stopped must be torch.bool"),
+        ("second.weights", torch.zeros(3, 10, 10), None),
+        ("third.weights", torch.zeros(10, 10), "third.weights does not belong to it"),
+    ],
+)
+def test_parts_that_do_not_fit_are_refused(tmp_path: Path, part: str, value: torch.Tensor, message: str | None) -> None:
+    path = broken(tmp_path, part, value, model())
+    if message is None:
+        assert load_state(path, model())[0].second.weights.shape == (3, 10, 10)
+        return
+    with pytest.raises(InputError, match=message) as caught:
+        load_state(path, model())
+    assert "\n" not in str(caught.value)
+
+
+def test_parts_of_different_batches_are_refused(tmp_path: Path) -> None:
+    module = model()
+    _, state = module(noise(2, 4, 3, 32, 33))
+    save_state(state._replace(second=module(noise(3, 4, 3, 32, 33))[1].second), tmp_path / "state")
+    with pytest.raises(InputError, match=r"different batches: \(2,\) and \(3,\)"):
+        load_state(tmp_path / "state", module)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_state_of_another_model_is_refused(tmp_path: Path, name: str) -> None:
+    save_state(model(name)(noise(4, 3, 32, 33))[1], tmp_path / "state")
+    for other in NAMES:
+        if other != name:
+            with pytest.raises(InputError, match=rf"is not a saved state of this model \({other}\)"):
+                load_state(tmp_path / "state", model(other))
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"nothing\.safetensors is missing"):
-        load_state(tmp_path / "nothing.safetensors")
+        load_state(tmp_path / "nothing.safetensors", model())
 
 
 def test_other_files_and_folders_are_refused(tmp_path: Path) -> None:
@@ -92,27 +138,21 @@ def test_other_files_and_folders_are_refused(tmp_path: Path) -> None:
     (tmp_path / "empty").write_bytes(b"")
     for path in (tmp_path / "text", tmp_path / "empty", tmp_path):
         with pytest.raises(InputError, match="is not a saved state"):
-            load_state(path)
+            load_state(path, model())
 
 
 def test_saving_does_not_change_the_state(tmp_path: Path) -> None:
-    _, state = model()(noise(4, 3, 8, 9))
-    before = {name: part.clone() for name, part in flatten_state(state).items()}
+    _, state = model()(noise(4, 3, 32, 33))
+    before = {name: part.clone() for name, part in leaves(state).items()}
     save_state(state, tmp_path / "state")
-    assert all(torch.equal(part, before[name]) for name, part in flatten_state(state).items())
+    assert all(torch.equal(part, before[name]) for name, part in leaves(state).items())
 
 
 def test_moving_to_another_device_leaves_the_counters() -> None:
-    _, state = model()(noise(4, 3, 8, 9))
+    _, state = model()(noise(4, 3, 32, 33))
     moved = to_device(state, "meta")
     assert moved.second.weights.device.type == "meta"
     assert moved.second.stopped.device.type == "meta"
     assert moved.second.steps.device.type == moved.resample.taken.device.type == "cpu"
     assert int(moved.second.steps) == 4
-    assert isinstance(moved, BindingState)
-
-
-def test_moving_a_state_without_motion() -> None:
-    _, state = model().from_sums(noise(4, 10))
-    assert to_device(state, "cpu").motion is None
-    assert same(to_device(state, "cpu"), state)
+    assert type(moved) is type(state)

@@ -8,14 +8,14 @@ from pathlib import Path
 import cv2
 import pytest
 
+from ndtorch.binding.models.video import switched_off
 from ndtorch.commands import main
 from ndtorch.errors import InputError
-from ndtorch.run.today import front_end
 from ndtorch.scenes.video_writer import VideoWriter
 from tests.vision.camera.passing_scenes import SIZE, passing
 
 CAR = Path(__file__).resolve().parents[3] / "shared" / "data" / "car-detection.mp4"
-FILES = {"objects.json", "overlay.mp4", "timeline.jsonl", "timeline.png"}
+FILES = {"objects.json", "overlay.mp4", "state.safetensors", "timeline.jsonl", "timeline.png"}
 
 
 @pytest.fixture(scope="module")
@@ -52,11 +52,10 @@ def test_bind_writes_the_objects_over_time(clip: Path, tmp_path: Path, capsys: p
 
 
 def test_parts_have_names() -> None:
-    assert front_end(("fields", "scale")).grid == (1, 1)
-    assert front_end(("scale",)).scale == 0
-    assert not front_end(("noise-floor",)).noise_floor
+    assert switched_off(("fields", "scale")) == {"grid": (1, 1), "scale": 0}
+    assert switched_off(("noise-floor",)) == {"noise_floor": False}
     with pytest.raises(InputError, match="exposure"):
-        front_end(("nose",))
+        switched_off(("nose",))
 
 
 @pytest.mark.slow

@@ -4,11 +4,8 @@ import pytest
 
 import ndtorch_robot.car
 from ndtorch.errors import InputError
-from ndtorch.navigation import StereoRig
-from tests.robot.bare_car import FilmCar, bare_loop
-from tests.robot.test_replay import moving_world
-
-RIG = StereoRig(width=64, height=48, focal=43.0)
+from tests.robot.support.bare_car import FilmCar, bare_loop
+from tests.robot.support.moving_world import RIG, moving_world
 
 
 def film(count, kind=FilmCar, **options):

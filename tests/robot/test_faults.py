@@ -13,8 +13,8 @@ from functools import partial
 import pytest
 
 from ndtorch_robot.link.messages import Fault
-from tests.robot.bench import LIMIT, NEUTRAL, SLACK, Garage, said
-from tests.robot.board_needed import needs_board_and_gl
+from tests.robot.support.bench import LIMIT, NEUTRAL, SLACK, Garage, said
+from tests.robot.support.board_needed import needs_board_and_gl
 from tests.stalls import OTHERS
 
 pytestmark = [needs_board_and_gl, pytest.mark.slow, pytest.mark.realtime]

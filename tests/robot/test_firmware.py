@@ -24,8 +24,8 @@ from ndtorch_robot.link.parser import Parser
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.run import real_time_priority
 from ndtorch_robot.sim.board import SimulatedBoard
-from tests.robot.bench import bench, ordinary_priority
-from tests.robot.board_needed import FIRMWARE, needs_board, needs_board_and_gl
+from tests.robot.support.bench import bench, ordinary_priority
+from tests.robot.support.board_needed import FIRMWARE, needs_board, needs_board_and_gl
 
 
 def test_own_tests_and_a_short_fuzzing():

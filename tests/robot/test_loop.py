@@ -5,7 +5,7 @@ import pytest
 from ndtorch.errors import InputError
 from ndtorch_robot.loop import Loop, MonotonicClock, SimulatedClock, Timing
 from ndtorch_robot.safety import SafeDrive
-from tests.robot.plain_drive import PlainDrive
+from tests.robot.support.plain_drive import PlainDrive
 
 
 def safe(drive):

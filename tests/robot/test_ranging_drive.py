@@ -7,7 +7,7 @@ from ndtorch.navigation import CRUISE, SUPPRESSED, TURN
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import drive
 from ndtorch_robot.ports import DriveCommand
-from tests.robot.gl_needed import needs_gl
+from tests.robot.support.gl_needed import needs_gl
 
 pytestmark = needs_gl
 
@@ -20,6 +20,7 @@ def mirrored(command):
     return DriveCommand(abs(command.speed), -command.curvature)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("arena", "walls"), [("loop", "textured"), ("room", "blank")])
 def test_a_minute_without_collisions(arena, walls):
     result = drive(DriveConfig(arena=arena, walls=walls, seed=SEED, seconds=60))
@@ -44,7 +45,7 @@ def test_same_seed_same_drive_and_restart():
     def blind(command):
         return DriveCommand(0.5, 0.0)
 
-    config = DriveConfig(arena="curve", seed=SEED, seconds=14)
+    config = DriveConfig(arena="curve", seed=SEED, seconds=11)
     first, second = drive(config, steer=blind), drive(config, steer=blind)
     assert first.summary["collisions"] >= 1
     for name in ("pose", "believed", "command", "sides", "mode"):

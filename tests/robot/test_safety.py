@@ -14,7 +14,7 @@ from ndtorch.navigation import StereoRig
 from ndtorch_robot.loop import SimulatedClock
 from ndtorch_robot.ports import DriveCommand, SafeCommand, StereoFrames, unseal
 from ndtorch_robot.safety import SafeDrive, SafetyLimits, Sight
-from tests.robot.plain_drive import PlainDrive
+from tests.robot.support.plain_drive import PlainDrive
 
 ROBOT = Path(__file__).resolve().parents[2] / "robot" / "ndtorch_robot"
 RIG = StereoRig(width=64, height=48, focal=43.0)

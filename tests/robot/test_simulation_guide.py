@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from ndtorch_robot.sim.arenas import load_arena
-from tests.robot.gl_needed import needs_gl
+from tests.robot.support.gl_needed import needs_gl
 
 GUIDE = (Path(__file__).resolve().parents[2] / "robot" / "books" / "simulation.md").read_text(encoding="utf-8")
 

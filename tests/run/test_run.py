@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.run.result import over_fields
+from ndtorch.run.result import one_matrix, over_fields
 from ndtorch.run.run import run_model
 from ndtorch.run.watchers import Picture, Watcher
 from tests.run.stub_model import Count, StubModel, StubState
@@ -110,3 +110,9 @@ def test_of_many_fields_the_largest_output_of_each_neuron_counts() -> None:
     np.testing.assert_array_equal(over_fields(outputs), outputs.reshape(4, 6, 10).max(1).values)
     assert over_fields(outputs[:, 0, 0]).shape == (4, 10)
     assert over_fields(outputs[:0]).shape == (0, 10)
+
+
+def test_of_many_windows_the_largest_weights_count() -> None:
+    weights = torch.rand(8, 10, 10)
+    assert torch.equal(one_matrix(weights), weights.max(0).values)
+    assert torch.equal(one_matrix(weights[0]), weights[0])

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Literal, Protocol, Self
 
 from torch import Tensor, nn
 
 from ndtorch.binding.objects import BoundObject, ObjectTable
+from ndtorch.config import ModelConfig, config_text
 from ndtorch.errors import InputError
 
 Verdict = Literal["stable", "learning", "alternating", "static"]
@@ -43,25 +44,46 @@ class BindingModel(nn.Module, ABC):
 
     Attributes:
         name: of the kind, as in config.toml.
+        config_type: what its config.toml holds.
         tracks: whether its objects have places and times.
+        trained: whether it has a trained first stage.
         config: all constants.
-        size: height and width of the frames, pixels.
-        fps: frames a second.
         dt: seconds between the rows of its signals.
         settle: seconds before it learns.
     """
 
     name: ClassVar[str]
+    config_type: ClassVar[type[ModelConfig]]
     tracks: ClassVar[bool] = False
+    trained: ClassVar[bool] = True
     config: Any
-    size: tuple[int, int]
-    fps: float
     dt: float
     settle: float
+
+    @classmethod
+    @abstractmethod
+    def build(cls, config: Any, first_stage: Tensor | None) -> Self:
+        """The model of that config, and of first-stage weights `[10, 10]` if it is `trained`."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width of the frames, pixels."""
+        size: tuple[int, int] = self.config.size
+        return size
+
+    @property
+    def fps(self) -> float:
+        """Frames a second."""
+        return float(self.config.fps)
 
     @abstractmethod
     def objects(self, state: Any) -> Nested:
         """The objects at this moment, `list[BoundObject]`; of a batch nested lists, one a trial."""
+
+    def in_sight(self, state: Any) -> Nested:
+        """The objects seen at the latest time step, of models with tracks."""
+        things = self.objects(state)
+        return latest(things) if self.tracks else things
 
     @abstractmethod
     def verdict(self, state: Any) -> Nested:
@@ -79,16 +101,53 @@ class BindingModel(nn.Module, ABC):
         """
         raise InputError(f"the objects of {self.name} are tracks and have no table of owners; use objects(state)")
 
-    @abstractmethod
+    def first_stage(self) -> Tensor | None:
+        """Weights of the first stage, `[10, 10]`; None of a model without."""
+        return None
+
     def save(self, path: str | Path) -> None:
-        """Write a folder (config.toml, weights.safetensors, README.md) that `ndtorch.load` gives back equal."""
+        """Write a folder (config.toml, weights.safetensors, README.md) that `ndtorch.load` gives back equal.
+
+        Raises:
+            InputError: the folder cannot be written.
+        """
+        from ndtorch.binding.first_stage import write_first_stage
+
+        folder, weights = Path(path), self.first_stage()
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / "config.toml").write_text(config_text(self.config), encoding="utf-8")
+            card = folder / "README.md"
+            if not card.exists():
+                card.write_text(CARD.format(name=folder.name, model=self.name), encoding="utf-8")
+            if weights is not None:
+                write_first_stage(weights, folder / "weights.safetensors")
+        except OSError as error:
+            raise InputError(f"{folder} cannot be written: {error.strerror}") from None
+
+
+CARD = """# {name}
+
+A binding model of the kind `{model}`, with the constants of its config.toml. Load it with `ndtorch.load` and the path
+of this folder.
+
+What it is for, how it was made and measured, where it fails: to be written by whoever made it.
+"""
+
+
+def latest(things: Nested) -> Nested:
+    """Of each trial the objects that were seen last."""
+    if things and isinstance(things[0], list):
+        return [latest(trial) for trial in things]
+    last = max((thing.last_seen for thing in things), default=0.0)
+    return [thing for thing in things if thing.last_seen == last]
 
 
 def by_trial(things: list[Any], batch: tuple[int, ...]) -> Nested:
     """A flat list as lists nested like the batch; the only thing itself without one."""
     if not batch:
         return things[0]
-    step = max(1, len(things) // batch[0]) if batch[0] else 1
+    step = len(things) // batch[0] if batch[0] else 0
     return [by_trial(things[n * step : (n + 1) * step], batch[1:]) for n in range(batch[0])]
 
 

@@ -1,23 +1,88 @@
-"""The second stage with the scale-free rule: network and read-out in one module, each of its pieces of use alone."""
+"""The scale-free model: networks settled at every step, a rule that takes weak and strong alike, owners and delays."""
 
 from __future__ import annotations
 
+import math
 from typing import Literal, NamedTuple
 
+import torch
+from pydantic import Field
 from torch import Tensor, nn
 
 from ndtorch.binding.feedback import settled
-from ndtorch.binding.network import InhibitoryNetwork, NetworkState
+from ndtorch.binding.first_stage import FirstStage
+from ndtorch.binding.models.whole_field import BindingState, WholeFieldConfig, WholeFieldModel
+from ndtorch.binding.network import InhibitoryNetwork, NetworkState, weight_change
 from ndtorch.binding.objects import ObjectTable
-from ndtorch.binding.readout.delays import DelayState, DelayStatistics
-from ndtorch.binding.readout.joined import refined_table
-from ndtorch.binding.readout.owners import SignalStatistics, StatisticsState, owner_table
+from ndtorch.binding.readout.delays import DELAYS, DelayState, DelayStatistics
+from ndtorch.binding.readout.joined import JoinCriteria, refined_table
+from ndtorch.binding.readout.owners import OwnerCriteria, SignalStatistics, StatisticsState, owner_table
 from ndtorch.binding.rules import ScaleFreeRule
-from ndtorch.errors import InputError
+from ndtorch.config import Constants
 from ndtorch.vision.temporal import FilterState, LowPass
 
-Readout = Literal["owners", "delays"]
-READOUTS: tuple[Readout, ...] = ("owners", "delays")
+
+class RuleConstants(Constants):
+    """Constants of the scale-free rule, and of what it sees."""
+
+    gamma: float = Field(0.2, ge=0, description="learning rate in the long run, 1/s")
+    boost: float = Field(15.0, ge=0, description="how many times faster learning is at first, less one")
+    tau_boost: float = Field(4.0, gt=0, description="time constant with which that subsides")
+    tau_onset: float = Field(0.2, ge=0, description="soft start of learning")
+    tau_out: float = Field(2.0, ge=0, description="high-pass on the outputs in the learning rule")
+    tau_power: float = Field(3.0, ge=0, description="memory of the outputs' power")
+    exponent: float = Field(4.0, gt=0, description="of the gate between weak and strong outputs")
+    leak: float = Field(2.0, ge=0, description="how fast weights from weak to strong are forgotten, against gamma")
+    smallest_deviation: float = Field(0.02, gt=0, description="of an output, as a share of the largest")
+    lowest: float = Field(-0.4, le=0, description="lowest and")
+    highest: float = Field(1.2, ge=0, description="highest weight")
+    radius_limit: float = Field(0.95, gt=0, lt=1, description="limit on the Perron root of the weights' magnitudes")
+
+    def learning_rule(self) -> ScaleFreeRule:
+        """The rule with these constants."""
+        shared = self.model_dump(exclude={"tau_out", "tau_power", "smallest_deviation"})
+        constants = {name: shared[name] for name in RuleConstants.model_fields if name in shared}
+        return ScaleFreeRule(floor=self.smallest_deviation, **constants)
+
+
+class ScaleFreeTable(RuleConstants):
+    """Both stages run at the rate of the frames; the first one does not learn."""
+
+    settle: float = Field(0.5, ge=0, description="time before the second stage learns")
+    every: float = Field(0.05, gt=0, description="time between changes of the weights")
+    tau_smooth: float = Field(0.05, ge=0, description="low-pass on the second stage's inputs")
+
+
+class OwnerReadout(Constants):
+    """Objects from owners and, better, from delays; and what they are worth."""
+
+    readout: Literal["owners", "delays"] = Field("delays", description="from owners alone, or also from delays")
+    tau_owners: float = Field(5.0, gt=0, description="memory of the covariances of inputs")
+    tau_high: float = Field(2.0, ge=0, description="high-pass on the signals of all covariances")
+    strength: float = Field(0.35, ge=0, description="owner: its deviation as a share of the largest,")
+    kept: float = Field(0.55, ge=0, description="and of its own input's,")
+    faint: float = Field(0.05, ge=0, description="and its smallest,")
+    rough: float = Field(0.15, ge=0, description="its largest roughness (of samples 10 ms apart),")
+    alike: float = Field(0.6, description="and largest correlation with a stronger owner")
+    smallest: float = Field(1 / 3, ge=0, description="share of its group's largest that makes a feature")
+    delays: tuple[float, ...] = Field(DELAYS, min_length=1, description="delays of the covariances")
+    tau_fast: float = Field(3.5, gt=0, description="their short")
+    tau_slow: float = Field(12.0, gt=0, description="and long memory")
+    smallest_source: float = Field(0.03, ge=0, description="share of the largest eigenvalue of a further source")
+    gap: float = Field(0.02, ge=0, description="difference of delay profiles that tells two sources apart")
+    even: float = Field(0.65, ge=0, description="evenness of colors and orientations of light that changes everywhere,")
+    moving: float = Field(0.35, ge=0, description="if it has less than this share of the largest motion")
+    stable_window: float = Field(1.0, gt=0, description="tau_s of the stability criterion")
+    stable_mean: float = Field(2.0, ge=0, description="time constant of the mean weights it looks at")
+    stable_change: float = Field(0.5, gt=0, description="S_thr of the stability criterion, weight per window")
+
+
+class ScaleFreeConfig(WholeFieldConfig):
+    """Constants of the model."""
+
+    model: Literal["scale-free"] = Field("scale-free", description="kind of the model")
+    network: ScaleFreeTable = Field(default_factory=ScaleFreeTable)
+    readout: OwnerReadout = Field(default_factory=OwnerReadout)
 
 
 class StageState(NamedTuple):
@@ -45,16 +110,12 @@ class StageState(NamedTuple):
 
 
 class ScaleFreeStage(nn.Module):
-    """Refined signals -> outputs of the scale-free network, and a table of objects whenever asked for.
+    """Refined signals -> outputs of the second stage, and a table of objects whenever asked for.
 
     Args:
         first_stage: weights of the first stage, `[10, 10]`, to tell light that changes everywhere from objects.
         dt: time step in seconds, that of the frames: nothing here needs a short one.
-        rule: the learning rule.
-        readout: "owners" reads the columns of T; "delays" also separates the signals by their delayed covariances.
-        tau_smooth: low-pass on the network's inputs, seconds.
-        settle: seconds before the network learns.
-        window, tau_mean: of the change of the mean weights, see `InhibitoryNetwork`, seconds.
+        network, readout: constants.
 
     Shapes:
         refined signals `[..., T, 10]` -> outputs `[..., T, 10]`, `StageState`.
@@ -66,22 +127,29 @@ class ScaleFreeStage(nn.Module):
         self,
         first_stage: Tensor,
         dt: float = 0.01,
-        rule: ScaleFreeRule | None = None,
-        readout: Readout = "delays",
-        tau_smooth: float = 0.05,
-        settle: float = 0.5,
-        window: float = 1.0,
-        tau_mean: float = 2.0,
+        network: ScaleFreeTable | None = None,
+        readout: OwnerReadout | None = None,
     ) -> None:
         super().__init__()
-        if readout not in READOUTS:
-            raise InputError(f"readout must be one of {', '.join(READOUTS)}, got {readout!r}")
-        self.dt, self.readout = dt, readout
-        self.smooth = LowPass(tau_smooth, dt, 1)
-        self.network = InhibitoryNetwork.scale_free(10, dt, rule, settle=settle, window=window, tau_mean=tau_mean)
-        self.statistics = SignalStatistics(dt)
-        self.delays = DelayStatistics(dt)
-        self.register_buffer("first_stage", first_stage, persistent=False)
+        n, r = network or ScaleFreeTable(), readout or OwnerReadout()
+        self.dt, self.constants = dt, r
+        self.smooth = LowPass(n.tau_smooth, dt, 1)
+        self.network = InhibitoryNetwork(
+            10,
+            dt,
+            n.learning_rule(),
+            "settled",
+            tau_in=math.inf,
+            tau_out=n.tau_out,
+            tau_power=n.tau_power,
+            settle=n.settle,
+            every=n.every,
+            window=r.stable_window,
+            tau_mean=r.stable_mean,
+        )
+        self.statistics = SignalStatistics(dt, r.tau_owners, r.tau_high)
+        self.delays = DelayStatistics(dt, r.delays, r.tau_fast, r.tau_slow, r.tau_high)
+        self.register_buffer("first_stage", first_stage)
 
     def forward(self, refined: Tensor, state: StageState | None = None) -> tuple[Tensor, StageState]:
         smooth, low = self.smooth(refined, state.smooth if state is not None else None)
@@ -92,7 +160,45 @@ class ScaleFreeStage(nn.Module):
 
     def table(self, state: StageState) -> ObjectTable:
         """The objects at this moment, of one trial or a batch."""
-        table = owner_table(state.weights, state.statistics, dt=self.dt)
-        if self.readout == "owners":
+        r = self.constants
+        owners = OwnerCriteria(r.strength, r.kept, r.faint, r.rough, r.alike, r.smallest)
+        table = owner_table(state.weights, state.statistics, owners, dt=self.dt)
+        if r.readout == "owners":
             return table
-        return refined_table(table, state.weights, state.delays, self.first_stage)
+        join = JoinCriteria(r.smallest_source, r.gap, r.even, r.moving)
+        return refined_table(table, state.weights, state.delays, self.first_stage, join)
+
+
+class ScaleFreeModel(WholeFieldModel):
+    """The model that holds on random scenes. It runs at the rate of the frames.
+
+    Args:
+        config: constants.
+        first_stage: weights of the three first-stage networks, trained (`FirstStage`) or `[10, 10]`; None for none.
+    """
+
+    name = "scale-free"
+    config_type = ScaleFreeConfig
+    config: ScaleFreeConfig
+
+    def __init__(self, config: ScaleFreeConfig | None = None, first_stage: FirstStage | Tensor | None = None) -> None:
+        c = config or ScaleFreeConfig()
+        # A settled network has no delay of one step that a long step could make unstable.
+        super().__init__(c, first_stage, 1 / c.fps)
+        self.second = ScaleFreeStage(self.first_weights, self.dt, c.network, c.readout)
+
+    def refine(self, inputs: Tensor, state: None) -> tuple[Tensor, None]:
+        return inputs @ settled(self.first_weights.to(inputs.dtype)).mT, None
+
+    def bind(self, refined: Tensor, state: StageState | None) -> tuple[Tensor, StageState]:
+        bound: tuple[Tensor, StageState] = self.second(refined, state)
+        return bound
+
+    def table(self, state: BindingState) -> ObjectTable:
+        """The objects, of one trial or a batch, whatever the verdict."""
+        return self.second.table(state.second)
+
+    def learned(self, state: BindingState) -> tuple[Tensor, Tensor]:
+        """As in the contract: stable are weights whose mean changes by at most `stable_change` per `stable_window`."""
+        change = weight_change(state.second.network)
+        return torch.zeros_like(change, dtype=torch.bool), change <= self.config.readout.stable_change

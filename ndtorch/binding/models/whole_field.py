@@ -1,72 +1,190 @@
-"""Objects over time from sums over the whole field: owners of the scale-free network, read out again and again."""
+"""What the two models of sums over the whole field share: frames or sums in, signals and a table of objects out."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from abc import abstractmethod
+from typing import Any, NamedTuple
 
-import numpy as np
 import torch
-from torch import Tensor, nn
+from pydantic import Field
+from torch import Tensor
 
-from ndtorch.binding.network import InhibitoryNetwork, NetworkState
-from ndtorch.binding.readout.owners import SignalStatistics, StatisticsState, owner_table
-from ndtorch.binding.tracking.tracks import ObjectFile
-from ndtorch.vision.temporal import FilterState, HighPass
-
-MIDDLE = 0.5
-"""Where an object is when nobody knows."""
-
-
-class WholeFieldState(NamedTuple):
-    """State of `WholeField`: high-pass, network, statistics of its inputs."""
-
-    high: FilterState | None
-    network: NetworkState | None
-    statistics: StatisticsState | None
+from ndtorch.binding.first_stage import FirstStage, first_stage_weights
+from ndtorch.binding.models.contract import BindingModel, Nested, Verdict, by_trial
+from ndtorch.binding.normalise import BindingInputs, InputState, Order
+from ndtorch.binding.objects import ObjectTable, bound_objects
+from ndtorch.config import Constants, ModelConfig, Size
+from ndtorch.errors import InputError
+from ndtorch.vision.features import VisualFeatures
+from ndtorch.vision.motion import Border, MotionState
+from ndtorch.vision.resample import Resample, ResampleState
 
 
-class WholeField(nn.Module):
-    """Ten sums of the whole picture through the scale-free network, and the objects in view every half second.
+class WholeField(Constants):
+    """One receptive field, as wide as the frame."""
 
-    The read-out of the random scenes, for comparison with local fields: an owner that has a direction is an object.
-    Owners of the same main direction and colour are one object, from the first read-out that shows it to the last;
-    one alone does not count.
+    tau_motion_high: float = Field(0.5, ge=0, description="high-pass of the motion detectors")
+    tau_motion_low: float = Field(0.05, ge=0, description="delay filter of the motion detectors")
+    exact: bool = Field(False, description="orientation sums at full resolution: slower, differs by < 0.5 %")
+    fused: bool = Field(False, description="compile the motion sums: quicker after some seconds")
 
-    Args:
-        dt: seconds between time steps.
-        every: seconds between read-outs.
+
+class Normalise(Constants):
+    """From sums to inputs of the networks. [B §2.1.4]"""
+
+    order: Order = Field("filter-first", description="high-pass before group normalisation, or after it (printed)")
+    tau_sums: float = Field(1.0, ge=0, description="high-pass on the sums")
+    window: float = Field(2.0, gt=0, description="memory of the group normalisation")
+    floor: float = Field(0.01, ge=0, description="share of a group's level that counts as full fluctuation")
+
+
+class WholeFieldConfig(ModelConfig):
+    """What both configs say first."""
+
+    size: Size = Field((500, 500), description="height and width of the frames, pixels")
+    fps: float = Field(100.0, gt=0, le=100_000, description="frames a second")
+    border: Border = Field("wrap", description="wrap for the toroidal scenes, reflect for video")
+    fields: WholeField = Field(default_factory=WholeField, description="one, as wide as the frame")
+    normalise: Normalise = Field(default_factory=Normalise)
+
+
+class BindingSignals(NamedTuple):
+    """What the model computed, one row per step of the networks.
+
+    Attributes:
+        sums: the ten spatial sums, `[..., T', 10]`.
+        inputs: group-normalised inputs of the first stage.
+        refined: outputs of the first stage.
+        outputs: outputs of the second stage.
+        scale: each group's recent maximum, n(t) of [C eq. 11].
+        time: seconds since the first frame, `[T']`.
     """
 
-    def __init__(self, dt: float, every: float = 0.5) -> None:
+    sums: Tensor
+    inputs: Tensor
+    refined: Tensor
+    outputs: Tensor
+    scale: Tensor
+    time: Tensor
+
+
+class BindingState(NamedTuple):
+    """Everything that changes: nested tuples of tensors, see `ndtorch.binding.saving`.
+
+    `motion` is None of a state that came from sums; `first` where the first stage is settled and has no state.
+    """
+
+    motion: MotionState | None
+    resample: ResampleState
+    inputs: InputState
+    first: Any
+    second: Any
+
+
+class WholeFieldModel(BindingModel):
+    """Frames -> ten wide-field signals -> three refining networks -> one binding network -> objects. [B, C]
+
+    Shapes:
+        frames `[..., T, C, H, W]` -> `BindingSignals` with T' rows, `BindingState`. `state=None` starts at rest,
+        settled on the first frame. Chunks of any length give the same result.
+
+    Raises:
+        InputError: frames, weights or options that do not fit, with a message that says which.
+    """
+
+    config: Any
+
+    def __init__(self, config: Any, first_stage: FirstStage | Tensor | None, dt: float) -> None:
         super().__init__()
-        self.dt, self.steps = dt, max(1, round(every / dt))
-        self.high_pass = HighPass(1.0, dt, sample_dims=1)
-        self.network = InhibitoryNetwork.scale_free(10, dt)
-        self.statistics = SignalStatistics(dt, tau=2.0)
+        c = self.config = config
+        self.dt, self.settle = dt, c.network.settle
+        f, n = c.fields, c.normalise
+        self.features = VisualFeatures(
+            c.size, 1 / c.fps, f.tau_motion_high, f.tau_motion_low, c.border, f.exact, f.fused
+        )
+        self.resample = Resample(1 / c.fps, dt)
+        self.inputs = BindingInputs(dt, n.order, n.tau_sums, n.window, n.floor)
+        weights = torch.zeros(10, 10) if first_stage is None else first_stage_weights(first_stage)
+        self.register_buffer("first_weights", weights)
 
-    def forward(self, inputs: Tensor, times: Tensor) -> list[ObjectFile]:
-        """Objects in normalised signals `[T, 10]` taken at `times` `[T]`."""
-        state = WholeFieldState(None, None, None)
-        seen: dict[tuple[int, int], list[tuple[float, Tensor]]] = {}
-        for part, when in zip(torch.split(inputs, self.steps), torch.split(times, self.steps), strict=True):
-            high, filtered = self.high_pass(part, state.high)
-            _, network = self.network(high, state.network)
-            statistics = self.statistics(high, state.statistics)
-            state = WholeFieldState(filtered, network, statistics)
-            table = owner_table(network.weights, statistics, dt=self.dt)
-            deviation = statistics.covariance.diagonal().clamp_min(0).sqrt()
-            for k in table.owners.nonzero().flatten().tolist():
-                row = table.rows[k]
-                if row[:4].max() > 0:
-                    key = (int(row[:4].argmax()), int(row[7:].argmax()) if row[7:].max() > 0 else -1)
-                    seen.setdefault(key, []).append((float(when[-1]), row * deviation))
-        return [as_file(key, sights) for key, sights in seen.items() if len(sights) > 1]
+    first_weights: Tensor
+
+    @classmethod
+    def build(cls, config: Any, first_stage: Tensor | None) -> Any:
+        return cls(config, first_stage)  # type: ignore[call-arg]
+
+    def first_stage(self) -> Tensor:
+        return self.first_weights
+
+    @abstractmethod
+    def refine(self, inputs: Tensor, state: Any) -> tuple[Tensor, Any]:
+        """The first stage: outputs `[..., T, 10]` and state."""
+
+    @abstractmethod
+    def bind(self, refined: Tensor, state: Any) -> tuple[Tensor, Any]:
+        """The second stage: outputs `[..., T, 10]` and state."""
+
+    @abstractmethod
+    def learned(self, state: BindingState) -> tuple[Tensor, Tensor]:
+        """Of every trial, `[...]` bool: whether its outputs alternate, and whether its weights are stable if not."""
+
+    def forward(self, frames: Tensor, state: BindingState | None = None) -> tuple[BindingSignals, BindingState]:
+        motion = state.motion if state is not None else None
+        if state is not None and motion is None:
+            raise InputError("state comes from from_sums and has no motion filters: go on with from_sums")
+        sums, motion = self.features(frames, motion)
+        signals, state = self.from_sums(sums, state)
+        return signals, state._replace(motion=motion)
+
+    def from_sums(self, sums: Tensor, state: BindingState | None = None) -> tuple[BindingSignals, BindingState]:
+        """The model from the ten spatial sums on, `[..., T, 10]`, one row a frame.
+
+        For sums that were stored or superposed: many trials of many scenes make one batch.
+        """
+        sums, resample = self.resample(sums, state.resample if state is not None else None)
+        if sums.shape[-2] == 0:
+            assert state is not None
+            empty = torch.zeros_like(sums)
+            time = torch.zeros(0, dtype=torch.float64)
+            return BindingSignals(sums, empty, empty, empty, empty, time), state._replace(resample=resample)
+        if not torch.compiler.is_compiling() and not torch.isfinite(sums).all():
+            raise InputError("sums must be finite, got NaN or infinite values")
+        (inputs, scale), input_state = self.inputs(sums, state.inputs if state is not None else None)
+        refined, first = self.refine(inputs, state.first if state is not None else None)
+        outputs, second = self.bind(refined, state.second if state is not None else None)
+        steps = sums.shape[-2]
+        time = (torch.arange(steps, dtype=torch.float64) + (second.steps - steps)) * self.dt
+        signals = BindingSignals(sums, inputs, refined, outputs, scale, time)
+        motion = state.motion if state is not None else None
+        return signals, BindingState(motion, resample, input_state, first, second)
+
+    def verdict(self, state: BindingState) -> Nested:
+        static = fluctuating_groups(state.inputs, self.config.normalise.floor) < 2
+        alternating, stable = self.learned(state)
+        words: list[Verdict] = []
+        for still, flips, good in zip(
+            static.flatten().tolist(), alternating.flatten().tolist(), stable.flatten().tolist(), strict=True
+        ):
+            words.append("static" if still else "alternating" if flips else "stable" if good else "learning")
+        return by_trial(words, tuple(static.shape))
+
+    def objects(self, state: BindingState) -> Nested:
+        """The objects in view; none while the verdict is `static` or `alternating`."""
+        table, batch = self.table(state), tuple(state.second.weights.shape[:-2])
+        static = fluctuating_groups(state.inputs, self.config.normalise.floor) < 2
+        nothing = (static | self.learned(state)[0]).flatten().tolist()
+        trials = zip(nothing, table.owners.reshape(-1, 10), table.rows.reshape(-1, 10, 10), strict=True)
+        things = [[] if none else bound_objects(ObjectTable(owners, rows)) for none, owners, rows in trials]
+        return by_trial(things, batch)
+
+    def weights(self, state: BindingState) -> Tensor:
+        weights: Tensor = state.second.weights
+        return weights
 
 
-def as_file(key: tuple[int, int], sights: list[tuple[float, Tensor]]) -> ObjectFile:
-    """An object of the whole field as one of those that have places."""
-    heading = np.array([(-1.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.0, -1.0)][key[0]]) * len(sights)
-    features = torch.stack([row for _, row in sights]).sum(0).double().numpy()
-    winners = np.zeros(10)
-    winners[key[0] if key[1] < 0 else 7 + key[1]] = len(sights)
-    return ObjectFile([(t, MIDDLE, MIDDLE, 1.0) for t, _ in sights], heading, features, features, winners)
+def fluctuating_groups(state: InputState, floor: float) -> Tensor:
+    """How many of the three groups fluctuated by more than `floor` of their level recently, `[...]`."""
+    if state.sums.shape[-2] == 0:
+        # A memory of a single step has nothing to compare: give every group the benefit of the doubt.
+        return torch.full(state.sums.shape[:-2], state.sums.shape[-1])
+    return (state.fluctuations.amax(-2) > floor * state.sums.amax(-2)).sum(-1)

@@ -1,4 +1,4 @@
-"""Where something moves right now: neighbouring fields that show the same are one sighting."""
+"""Where something moves right now: neighbouring fields that show the same are one detection."""
 
 from __future__ import annotations
 
@@ -9,37 +9,15 @@ import numpy as np
 import numpy.typing as npt
 from torch import Tensor
 
+from ndtorch.binding.tracking.params import TrackParams
+
 COLORS = slice(7, 10)
 
 Floats = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class SightingCriteria:
-    """What counts as a sighting.
-
-    Attributes:
-        faint: smallest strength (root of the opponent motion: contrast) of a field that shows motion.
-        noisy: the same, in units of the noise.
-        relative: the same, as a share of the strongest field of the last 20 s.
-        saddle: two peaks are one thing when the strength between them stays above this share of the lower one,
-        filled: or something stands out in this share of a field between them (the middle of something large and
-            plain shows no motion),
-        alike: and the outputs of their colours have at least this cosine,
-        along: and their directions of motion this one.
-    """
-
-    faint: float = 0.01
-    noisy: float = 0.5
-    relative: float = 0.1
-    saddle: float = 0.6
-    filled: float = 0.5
-    alike: float = 0.8
-    along: float = 0.7
-
-
 @dataclass
-class Sighting:
+class Detection:
     """One thing at one moment.
 
     Attributes:
@@ -64,19 +42,19 @@ def strengths(motion: Floats) -> Floats:
     return np.asarray(np.sqrt(np.hypot(motion[..., 0], motion[..., 1])))
 
 
-def sightings(
+def detections(
     motion: Tensor,
     inputs: Tensor,
     outputs: Tensor,
     presence: Tensor,
     noise: float,
     strongest: float,
-    criteria: SightingCriteria | None = None,
-) -> list[Sighting]:
-    """Sightings of one moment, strongest first.
+    criteria: TrackParams | None = None,
+) -> list[Detection]:
+    """Detections of one moment, strongest first.
 
     Fields are taken in the order of their strength; each joins the strongest of its eight neighbours already taken,
-    or starts a sighting of its own (inhibition of the weaker by the stronger neighbour). Then sightings that touch
+    or starts a detection of its own (inhibition of the weaker by the stronger neighbour). Then detections that touch
     and show the same are joined: a thing larger than a field is one thing. Fields that are filled by something that
     does not move only tell what hangs together.
 
@@ -88,7 +66,7 @@ def sightings(
         strongest: strength of the strongest field in the recent past.
         criteria: see there.
     """
-    c = criteria or SightingCriteria()
+    c = criteria or TrackParams()
     moved = motion.double().numpy()
     strength = strengths(moved)
     rows, columns = strength.shape
@@ -119,8 +97,8 @@ def sightings(
         first, second = moving(members[a], size, floor), moving(members[b], size, floor)
         if not first or not second:
             continue
-        same = likeness(o[first].sum(0), o[second].sum(0)) >= c.alike
-        if same and cosine(flat[first].sum(0), flat[second].sum(0)) >= c.along:
+        same = likeness(o[first].sum(0), o[second].sum(0)) >= c.same_color
+        if same and cosine(flat[first].sum(0), flat[second].sum(0)) >= c.same_way:
             strong, weak = (a, b) if size[a] >= size[b] else (b, a)
             members[strong] += members.pop(weak)
             owner[weak] = strong
@@ -133,7 +111,7 @@ def sightings(
         r = float(((np.array(fields) // columns + 0.5) * weight).sum() / weight.sum() / rows)
         q = float(((np.array(fields) % columns + 0.5) * weight).sum() / weight.sum() / columns)
         found.append(
-            Sighting((r, q), float(size[peak]), flat[fields].sum(0), o[fields].sum(0), y[fields].sum(0), fields)
+            Detection((r, q), float(size[peak]), flat[fields].sum(0), o[fields].sum(0), y[fields].sum(0), fields)
         )
     return sorted(found, key=lambda s: -s.strength)
 
@@ -144,7 +122,7 @@ def moving(fields: list[int], size: Floats, floor: float) -> list[int]:
 
 
 def find(owner: dict[int, int], i: int) -> int:
-    """The sighting that `i` belongs to after joining."""
+    """The detection that `i` belongs to after joining."""
     while owner[i] != i:
         i = owner[i]
     return i

@@ -1,15 +1,16 @@
-"""Front end for ordinary video: ten signals of every field of a coarse grid, made to survive a real camera."""
+"""Front end for video of a camera: ten signals of every field of a coarse grid, made to survive a real camera."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import torch
 import torch.nn.functional as F
+from pydantic import Field
 from torch import Tensor, nn
 
+from ndtorch.config import Constants
 from ndtorch.errors import InputError
 from ndtorch.vision.camera.background import BackgroundState, background_start, background_step, core
 from ndtorch.vision.camera.exposure import exposure_gain
@@ -19,46 +20,27 @@ from ndtorch.vision.frames import as_float, check_frames
 from ndtorch.vision.orientation import OrientedDoG
 from ndtorch.vision.temporal import smoothing_factor
 
-HEIGHT = 56
-"""Rows of the small image on which everything is computed."""
-FASTEST = 30.5
-"""Frames a second beyond which successive frames are averaged: what matters moves slower, and noise shrinks."""
-# Standard deviations of the published filters, pixels of a 500-pixel frame, brought to the small image and kept
-# wide enough to be sampled there.
-CENTER, SURROUND = (2.85, 0.9), (3.3, 1.35)
 
+class CameraParams(Constants):
+    """What the front end does, and its constants."""
 
-@dataclass(frozen=True)
-class FrontEnd:
-    """Parts of the front end, each of which can be switched off, and its constants (seconds).
-
-    Attributes:
-        exposure: divide every colour by its gain against the background.
-        background: signals from the difference to a slow background, instead of from the frame.
-        noise_floor: take nothing from what is below `spread` standard deviations of the measured noise.
-        color_inhibition: colours of a pixel inhibit one another, so that white has none.
-        scale: level of the pyramid for motion (0: 56 rows, 1: 28, 2: 14); None to choose it by the measured shift.
-        compression: square root of the signals.
-        grid: rows and columns of fields; (1, 1) for sums over the whole field.
-        tau_background, tau_deviation: memory of the background and of the noise of every pixel.
-        hold: pace of the background where something stands out, as a share of its usual pace.
-        spread: standard deviations of the noise that count as standing out.
-        tau_high, tau_low: high-pass and delay of the motion detectors.
-    """
-
-    exposure: bool = True
-    background: bool = True
-    noise_floor: bool = True
-    color_inhibition: bool = True
-    scale: int | None = None
-    compression: bool = True
-    grid: tuple[int, int] = (6, 10)
-    tau_background: float = 10.0
-    tau_deviation: float = 4.0
-    hold: float = 0.2
-    spread: float = 3.5
-    tau_high: float = 0.5
-    tau_low: float = 0.05
+    exposure: bool = Field(True, description="divide every color by its gain against the background")
+    background: bool = Field(True, description="signals from the difference to a slow background, not from the frame")
+    noise_floor: bool = Field(True, description="take nothing from what does not stand out from the measured noise")
+    color_inhibition: bool = Field(True, description="colors of a pixel inhibit one another, so that white has none")
+    scale: int | Literal["auto"] = Field("auto", description="level of the pyramid for motion, 0 to 2, or by the shift")
+    compression: bool = Field(True, description="square root of the signals")
+    grid: tuple[int, int] = Field((6, 10), description="rows and columns of fields; [1, 1] for the whole field")
+    height: int = Field(56, ge=16, description="rows of the small image on which everything is computed")
+    fastest: float = Field(30.5, gt=0, description="frames a second beyond which successive frames are averaged")
+    tau_background: float = Field(10.0, ge=0, description="memory of the background")
+    tau_deviation: float = Field(4.0, ge=0, description="memory of the noise of every pixel")
+    hold: float = Field(0.2, ge=0, description="pace of the background where something stands out, as a share")
+    spread: float = Field(3.5, gt=0, description="standard deviations of the noise that count as standing out")
+    tau_high: float = Field(0.5, ge=0, description="high-pass of the motion detectors")
+    tau_low: float = Field(0.05, ge=0, description="delay filter of the motion detectors")
+    center: tuple[float, float] = Field((2.85, 0.9), description="deviations of the orientation filters, small pixels:")
+    surround: tuple[float, float] = Field((3.3, 1.35), description="those published for 500 pixels, brought to 56")
 
 
 class FieldSignals(NamedTuple):
@@ -81,8 +63,8 @@ class FieldSignals(NamedTuple):
     time: Tensor
 
 
-class OrdinaryState(NamedTuple):
-    """State of `OrdinaryVideo`: background, detectors, and the frames waiting to be averaged.
+class CameraState(NamedTuple):
+    """State of `CameraFrontEnd`: background, detectors, and the frames waiting to be averaged.
 
     Attributes:
         background, scales: None before the first step.
@@ -96,8 +78,8 @@ class OrdinaryState(NamedTuple):
     frames: Tensor
 
 
-class OrdinaryVideo(nn.Module):
-    """Frames of ordinary video -> ten signals of overlapping fields.
+class CameraFrontEnd(nn.Module):
+    """Frames of a camera's video -> ten signals of overlapping fields.
 
     In this order, all of it causal: the frame is shrunk to 56 rows, and averaged over so many frames that at most
     30 a second remain; its exposure is corrected against a slow background (`exposure_gain`); what differs from that
@@ -114,42 +96,42 @@ class OrdinaryVideo(nn.Module):
 
     Shapes:
         frames `[T, C, H, W]` (uint8 or 0..1) -> `FieldSignals` with T' rows, T' about T below 30 frames a second.
-        State `OrdinaryState`; `None` starts on the first frame. Chunks of any length give the same result.
+        State `CameraState`; `None` starts on the first frame. Chunks of any length give the same result.
 
     Raises:
         InputError: frames of another shape or type; a rate, size, grid or scale out of range.
     """
 
-    def __init__(self, size: tuple[int, int], fps: float, parts: FrontEnd | None = None) -> None:
+    def __init__(self, size: tuple[int, int], fps: float, parts: CameraParams | None = None) -> None:
         super().__init__()
-        self.parts = p = parts or FrontEnd()
+        self.parts = p = parts or CameraParams()
         if not (fps > 0 and math.isfinite(fps)):
             raise InputError(f"fps must be a positive number of frames a second, got {fps}")
         if min(size) < 16:
             raise InputError(f"size must be a height and a width of at least 16 pixels, got {size}")
-        if p.scale is not None and p.scale not in range(LEVELS):
+        if p.scale != "auto" and p.scale not in range(LEVELS):
             raise InputError(f"scale must be a level from 0 to {LEVELS - 1}, got {p.scale}")
         self.size, self.fps = (int(size[0]), int(size[1])), fps
-        self.group = max(1, math.ceil(fps / FASTEST))
+        self.group = max(1, math.ceil(fps / p.fastest))
         self.dt = self.group / fps
-        self.small = small_size(self.size)
-        self.orientation = OrientedDoG(self.small, center=CENTER, surround=SURROUND, border="reflect", exact=True)
+        self.small = small_size(self.size, p.height)
+        self.orientation = OrientedDoG(self.small, center=p.center, surround=p.surround, border="reflect", exact=True)
         for level in range(LEVELS):
             # On a coarser level a field's weights are those of its blocks of pixels.
             for side, n, fields in zip(("rows", "columns"), self.small, p.grid, strict=True):
                 weights = tents(n, fields).reshape(fields, -1, 2**level).sum(-1)
-                self.register_buffer(f"{side}_{level}", weights, persistent=False)
+                self.register_buffer(f"{side}_{level}", weights)
         self.a_background = smoothing_factor(p.tau_background, self.dt)
         self.a_deviation = smoothing_factor(p.tau_deviation, self.dt)
         self.a_high, self.a_low = smoothing_factor(p.tau_high, self.dt), smoothing_factor(p.tau_low, self.dt)
 
-    def forward(self, frames: Tensor, state: OrdinaryState | None = None) -> tuple[FieldSignals, OrdinaryState]:
+    def forward(self, frames: Tensor, state: CameraState | None = None) -> tuple[FieldSignals, CameraState]:
         if frames.ndim != 4:
             raise InputError(f"frames must have shape [T, C, H, W], got {tuple(frames.shape)}")
         frames = check_frames(frames, self.size)
         if state is None:
             waiting = torch.zeros(3, *self.small, device=frames.device)
-            state = OrdinaryState(None, None, waiting, torch.zeros((), dtype=torch.int64))
+            state = CameraState(None, None, waiting, torch.zeros((), dtype=torch.int64))
         background, scales, waiting, seen = state.background, state.scales, state.waiting, int(state.frames)
         rows: list[tuple[Tensor, Tensor, Tensor, Tensor, int]] = []
         times: list[float] = []
@@ -163,7 +145,7 @@ class OrdinaryVideo(nn.Module):
                 rows.append(row)
                 times.append((seen - 1) / self.fps)
                 waiting = torch.zeros_like(waiting)
-        end = OrdinaryState(background, scales, waiting, torch.tensor(seen, dtype=torch.int64))
+        end = CameraState(background, scales, waiting, torch.tensor(seen, dtype=torch.int64))
         r, c = self.parts.grid
         if not rows:
             none = waiting.new_zeros(0)
@@ -203,7 +185,9 @@ class OrdinaryVideo(nn.Module):
         if not p.background:
             seen = frame
         scales = scale_start(torch.zeros_like(seen) if p.background else seen) if scales is None else scales
-        moved, level, scales = scale_step(seen, scales, self.dt, self.a_high, self.a_low, p.tau_low, p.scale)
+        moved, level, scales = scale_step(
+            seen, scales, self.dt, self.a_high, self.a_low, p.tau_low, None if p.scale == "auto" else p.scale
+        )
         fine = [self.orientation.images(seen.abs().amax(0)).abs(), self._colors(frame, background, shown), shown]
         fields = self._pool(torch.cat(fine), 0)
         motion = self._pool(moved, level)
@@ -230,10 +214,10 @@ class OrdinaryVideo(nn.Module):
         return color * shown if p.background else color
 
 
-def small_size(size: tuple[int, int]) -> tuple[int, int]:
-    """Height and width of the small image: about `HEIGHT` rows, both multiples of 4, never more than there are."""
+def small_size(size: tuple[int, int], most: int = 56) -> tuple[int, int]:
+    """Height and width of the small image: about `most` rows, both multiples of 4, never more than there are."""
     height, width = size
-    rows = min(HEIGHT, height) // 4 * 4
+    rows = min(most, height) // 4 * 4
     columns = min(round(rows * width / height / 4) * 4, width // 4 * 4)
     return rows, max(4, columns)
 

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
-import termios
 import threading
 import time
-from collections import deque
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from pydantic import Field
 
 from ndtorch.errors import InputError
 from ndtorch.toml import Strict
+from ndtorch_robot.link.line import GONE, Noise, SerialLine
 from ndtorch_robot.link.messages import (
     VERSION,
     Fault,
@@ -21,17 +19,13 @@ from ndtorch_robot.link.messages import (
     Telemetry,
     Type,
     command_body,
-    encode_frame,
     read_telemetry,
     read_welcome,
 )
 from ndtorch_robot.link.parser import Parser
-from ndtorch_robot.link.port import open_port, read_some
+from ndtorch_robot.link.port import read_some
 from ndtorch_robot.link.registry import SERIAL, Opening, link
 from ndtorch_robot.ports import STAND, Drive, DriveCommand, Report, SafeCommand, unseal
-
-if TYPE_CHECKING:
-    import serial
 
 HEARTBEAT = 0.03
 """Seconds between heartbeats; the board stops after 0.15 s without."""
@@ -52,14 +46,8 @@ GREETING = 3.0
 BACK_OFF = (0.1, 2.0)
 """Shortest and longest pause between attempts to connect anew, s."""
 
-NOISE_LIMIT, FORGIVE = 4, 0.2
-"""So many refused frames, less one forgiven every 0.2 s, and the line counts as bad."""
-
 WIDEST = 32.0
 """Largest number that fits into a command, m/s and 1/m."""
-
-GONE = (OSError, termios.error, TypeError)
-"""What pyserial raises when the cable is pulled; TypeError when the port was closed in between."""
 
 NOT_YET = "not yet told to drive"
 
@@ -107,9 +95,7 @@ class SerialDrive(Drive):
         self.lock = threading.Lock()
         self.welcomed = threading.Event()
         self.closing = threading.Event()
-        self.port: serial.Serial | None = None
         self.parser = Parser()
-        self.sequence = 0
         self.heard: Telemetry | None = None
         self.armed = False
         self.asked_to_arm = -1.0
@@ -118,11 +104,9 @@ class SerialDrive(Drive):
         self.refusal: str | None = None
         self.last_command = self.last_heard = 0.0
         self.heard_sequence: int | None = None
-        self.noise, self.refused, self.forgiven = 0, 0, 0.0
-        self.beats: dict[int, float] = {}
-        self.trips: deque[float] = deque(maxlen=100_000)
+        self.noise = Noise()
         self.applied: list[DriveCommand] = []
-        self.port = open_port(device, baud)
+        self.line = SerialLine(device, baud)
         works = (self.listen, self.supervise)
         self.threads = [threading.Thread(target=work, name=work.__name__, daemon=True) for work in works]
         for thread in self.threads:
@@ -163,13 +147,13 @@ class SerialDrive(Drive):
         most = WIDEST
         speed, curvature = (round(min(max(value, -most), most), 3) for value in wanted)
         sent = DriveCommand(speed, curvature)
-        return sent if self.write(Type.COMMAND, command_body(sent)) else STAND
+        return sent if self.line.write(Type.COMMAND, command_body(sent)) else STAND
 
     def stop(self) -> None:
         """Tell the board to stand; it does so at its next pulse, within 20 ms."""
         with self.lock:
             self.standing, self.armed = True, False
-        self.write(Type.STOP)
+        self.line.write(Type.STOP)
 
     def resume(self) -> bool:
         """Ask the board to obey again; `trouble` is None from now on unless it does not. False without a link."""
@@ -179,8 +163,8 @@ class SerialDrive(Drive):
         with self.lock:
             self.fault, self.standing, self.armed = None, False, False
             self.asked_to_arm = self.last_command = now
-            self.noise = 0
-        return self.write(Type.ARM)
+            self.noise.count = 0
+        return self.line.write(Type.ARM)
 
     def trouble(self) -> str | None:
         """Why the car stands whatever is sent, other than that it was told to stop."""
@@ -201,7 +185,7 @@ class SerialDrive(Drive):
 
     def round_trips(self) -> Sequence[float]:
         """From a heartbeat to its echo, s."""
-        return self.trips
+        return self.line.trips
 
     def close(self) -> None:
         """Stop, end both threads and give the port back."""
@@ -210,29 +194,7 @@ class SerialDrive(Drive):
         for thread in self.threads:
             if thread is not threading.current_thread():
                 thread.join(2.0)
-        self.drop_port()
-
-    # Writing.
-
-    def write(self, kind: Type, body: bytes = b"") -> bool:
-        """Send one message; False when the line did not take it."""
-        with self.lock:
-            port = self.port
-            if port is None:
-                return False
-            self.sequence = self.sequence + 1 & 0xFFFF
-            data = encode_frame(Frame(VERSION, kind, self.sequence, body))
-            if kind == Type.HELLO:
-                data = b"\0" + data  # ends whatever the board has half of
-            if kind == Type.HEARTBEAT:
-                self.beats[self.sequence] = time.monotonic()
-                if len(self.beats) > 64:
-                    del self.beats[next(iter(self.beats))]
-            try:
-                port.write(data)
-            except GONE:  # the listening thread will see it too, and say so
-                return False
-        return True
+        self.line.drop()
 
     def disarm(self, why: str, tell: bool) -> None:
         """The car stands from now on."""
@@ -242,7 +204,7 @@ class SerialDrive(Drive):
             if news:
                 self.fault = why
         if tell:
-            self.write(Type.STOP)
+            self.line.write(Type.STOP)
         if news:
             self.report(f"link: {why}")
 
@@ -260,7 +222,7 @@ class SerialDrive(Drive):
                 self.welcomed.clear()
                 self.disarm(f"lost: no valid telemetry for {now - self.last_heard:.2f} s", tell=True)
                 continue
-            self.write(Type.HEARTBEAT)
+            self.line.write(Type.HEARTBEAT)
 
     # The listening thread.
 
@@ -273,15 +235,11 @@ class SerialDrive(Drive):
                 break
             self.welcomed.clear()
             self.disarm(f"lost: {why}", tell=False)
-            self.drop_port()
+            self.line.drop()
             while not self.closing.wait(pause):
                 pause = min(2 * pause, BACK_OFF[1])
-                try:
-                    port = open_port(self.device, self.baud)
-                except InputError:
+                if not self.line.reopen():
                     continue
-                with self.lock:
-                    self.port = port
                 pause = BACK_OFF[0] if self.heard is not None else pause
                 break
 
@@ -289,7 +247,7 @@ class SerialDrive(Drive):
         """Handle what comes until the line is gone; returns why."""
         greeted = 0.0
         opened = time.monotonic()
-        port = self.port
+        port = self.line.port
         assert port is not None
         while not self.closing.is_set():
             now = time.monotonic()
@@ -299,7 +257,7 @@ class SerialDrive(Drive):
                 if now - greeted > HELLO_EVERY:
                     greeted = now
                     self.heard_sequence = None
-                    self.write(Type.HELLO)
+                    self.line.write(Type.HELLO)
             try:
                 data = read_some(port)
             except GONE as error:
@@ -324,17 +282,7 @@ class SerialDrive(Drive):
                 self.on_welcome(frame)
             elif frame.type == Type.TELEMETRY and self.welcomed.is_set():
                 self.on_telemetry(frame)
-        self.judge_noise()
-
-    def judge_noise(self) -> None:
-        """Too many refused frames in a short time: nothing that comes can be trusted."""
-        now = time.monotonic()
-        self.noise += self.parser.refused - self.refused
-        self.refused = self.parser.refused
-        while self.noise and now - self.forgiven > FORGIVE:
-            self.noise -= 1
-            self.forgiven = max(self.forgiven + FORGIVE, now - FORGIVE)
-        if self.noise >= NOISE_LIMIT and not self.standing:
+        if self.noise.bad(self.parser.refused, time.monotonic()) and not self.standing:
             self.disarm("bad line: many frames from the board are refused", tell=True)
 
     def on_welcome(self, frame: Frame) -> None:
@@ -346,7 +294,7 @@ class SerialDrive(Drive):
         self.last_heard = time.monotonic()
         self.heard_sequence = frame.sequence
         again = self.heard is not None and not self.welcomed.is_set()
-        self.refusal, self.noise = None, 0
+        self.refusal, self.noise.count = None, 0
         self.welcomed.set()
         if again:
             self.report("link: connected again; the car stands until it is told to resume")
@@ -360,9 +308,7 @@ class SerialDrive(Drive):
         telemetry = read_telemetry(frame.body)
         before, self.heard = self.heard, telemetry
         self.heard_sequence, self.last_heard = frame.sequence, now
-        sent = self.beats.pop(telemetry.echo, None)
-        if sent is not None:
-            self.trips.append(now - sent)
+        self.line.echoed(telemetry.echo, now)
         with self.lock:
             self.applied.append(telemetry.applied)
             del self.applied[:-30]
@@ -379,14 +325,6 @@ class SerialDrive(Drive):
             self.disarm(f"the board stands: {telemetry.why()}", tell=False)
         elif now - self.asked_to_arm > 0.1:
             self.disarm("the board does not resume", tell=True)
-
-    def drop_port(self) -> None:
-        """Close the port if it is open."""
-        with self.lock:
-            port, self.port = self.port, None
-        if port is not None:
-            with contextlib.suppress(*GONE):
-                port.close()
 
 
 @link(SERIAL, SerialSettings)

@@ -7,19 +7,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ndtorch_robot.sim.paint import (
-    ALONG,
-    Image,
-    Painted,
-    Patch,
-    Walls,
-    pack,
-    paint_ceiling,
-    paint_floor,
-    paint_ring,
-    to_bytes,
-)
+from ndtorch_robot.sim.mesh import Mesh
+from ndtorch_robot.sim.paint import Image, Walls, pack, paint_ceiling, paint_floor, paint_ring, to_bytes
 from ndtorch_robot.sim.plan import Floats, Plan
+from ndtorch_robot.sim.profiles import profile
 
 if TYPE_CHECKING:
     import mujoco
@@ -100,72 +91,6 @@ def build(plan: Plan, seed: int = 0, walls: Walls = "textured", moving: bool = F
     for name, image in images.items():
         fill_texture(model, name, image)
     return World(model, [profile(s, eye_height) for s in surfaces])
-
-
-def profile(surface: Painted, height: float) -> Floats:
-    """Brightness along a surface at one height, 0..1."""
-    rows = len(surface.texels)
-    row = min(max(rows - 1 - int(height / surface.height * rows), 0), rows - 1)
-    return np.asarray(surface.texels[row].mean(-1) / 255.0)
-
-
-class Mesh:
-    """Quads with texture coordinates."""
-
-    def __init__(self) -> None:
-        self.points: list[tuple[float, float, float]] = []
-        self.coordinates: list[tuple[float, float]] = []
-        self.faces: list[tuple[int, int, int]] = []
-
-    def quad(self, points: list[tuple[float, float, float]], coordinates: list[tuple[float, float]]) -> None:
-        """Add a quad, its corners counter-clockwise as seen from where it shall be visible."""
-        n = len(self.points)
-        self.points += points
-        self.coordinates += coordinates
-        self.faces += [(n, n + 1, n + 2), (n, n + 2, n + 3)]
-
-    def wall(self, segment: Floats, surface: Painted, patches: list[Patch]) -> None:
-        """A vertical wall along a segment, visible from its left."""
-        columns = surface.texels.shape[1]
-        (ax, ay), (bx, by) = segment
-        for n, patch in enumerate(patches):
-            low, high = round(columns * n / len(patches)) / columns, round(columns * (n + 1) / len(patches)) / columns
-            x0, y0, x1, y1 = ax + low * (bx - ax), ay + low * (by - ay), ax + high * (bx - ax), ay + high * (by - ay)
-            top = surface.height
-            self.quad(
-                [(x1, y1, 0.0), (x0, y0, 0.0), (x0, y0, top), (x1, y1, top)],
-                [
-                    (patch.end, patch.bottom),
-                    (patch.start, patch.bottom),
-                    (patch.start, patch.top),
-                    (patch.end, patch.top),
-                ],
-            )
-
-    def level(self, bounds: tuple[float, ...], z: float, texture: tuple[float, ...], facing_down: bool = False) -> None:
-        """A horizontal rectangle."""
-        left, right, bottom, top = bounds
-        a, b, c, d = texture
-        points = [(left, bottom, z), (right, bottom, z), (right, top, z), (left, top, z)]
-        coordinates = [(a, c), (b, c), (b, d), (a, d)]
-        if facing_down:
-            points.reverse()
-            coordinates.reverse()
-        self.quad(points, coordinates)
-
-    def add(self, spec: Any, name: str) -> None:
-        """Put the mesh into a model as one geom with the texture of the same name."""
-        import mujoco
-
-        mesh = spec.add_mesh(name=name)
-        mesh.uservert = np.array(self.points, np.float32).ravel()
-        mesh.userface = np.array(self.faces, np.int32).ravel()
-        # Texture rows are stored from the top.
-        mesh.usertexcoord = (np.array(self.coordinates, np.float32) * [1, -1] + [0, 1]).astype(np.float32).ravel()
-        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
-        spec.worldbody.add_geom(
-            name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, material=name, contype=0, conaffinity=0
-        )
 
 
 def add_textures(spec: Any, images: dict[str, Image]) -> None:
@@ -302,20 +227,3 @@ def add_obstacle(spec: Any, images: dict[str, Image], rng: np.random.Generator) 
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_BOX, pos=[0, 0, z], size=list(OBSTACLE_SIZE), contype=1, conaffinity=0, group=3
     )
-
-
-def edge_columns(profile_: Floats, contrast: float, within: float = 0.02) -> Floats:
-    """Where along a surface its brightness jumps, as metres from its start.
-
-    A jump changes the brightness by `contrast` or more within `within` metres, and more than its surroundings.
-    """
-    step = max(1, round(within * ALONG / 2))
-    if len(profile_) <= 2 * step + 1:
-        return np.zeros(0)
-    change = np.abs(profile_[2 * step :] - profile_[: -2 * step])
-    found = []
-    while len(change) and change.max() >= contrast:
-        at = int(change.argmax())
-        found.append((at + step + 0.5) / ALONG)
-        change[max(0, at - 3 * step) : at + 3 * step + 1] = 0
-    return np.sort(np.array(found))

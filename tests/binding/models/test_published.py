@@ -13,22 +13,24 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from ndtorch.binding import (
-    BindingConfig,
     BindingInputs,
-    BindingSignals,
-    BindingState,
+    FirstStage,
     InhibitoryNetwork,
-    VisualBinding,
+    LearningRule,
+    PublishedModel,
     bound_objects,
     learning_rule,
     object_table,
 )
-from ndtorch.binding.saving import flatten_state
+from ndtorch.binding.models.published import PublishedConfig
+from ndtorch.binding.models.whole_field import BindingSignals, BindingState
+from ndtorch.config import with_options
 from ndtorch.errors import InputError
+from ndtorch.tree import leaves
 from ndtorch.vision import GROUPS, VisualFeatures
 from tests.strategies import chunkings
 
-QUICK = BindingConfig(gamma=5.0, settle=0.1, tau_onset=0.1, window=0.5, stable_window=0.2)
+QUICK = {"gamma": 5.0, "settle": 0.1, "tau_onset": 0.1, "window": 0.5, "stable_window": 0.2}
 
 
 def noise(*shape: int, seed: int = 0) -> torch.Tensor:
@@ -42,8 +44,9 @@ def first_stage() -> torch.Tensor:
     return weights.fill_diagonal_(0)
 
 
-def model(config: BindingConfig = QUICK, **options: Any) -> VisualBinding:
-    return VisualBinding(first_stage(), config, **{"size": (12, 14), **options})
+def model(**options: Any) -> PublishedModel:
+    options = {"size": (12, 14), **QUICK, **options}
+    return PublishedModel(with_options(PublishedConfig(), options), first_stage())
 
 
 def two_things(seconds: float, fps: float = 100.0) -> torch.Tensor:
@@ -56,7 +59,7 @@ def two_things(seconds: float, fps: float = 100.0) -> torch.Tensor:
     return 100 * torch.stack([red, green], -1) @ features
 
 
-def run(module: VisualBinding, frames: torch.Tensor, lengths: list[int] | int) -> tuple[BindingSignals, BindingState]:
+def run(module: PublishedModel, frames: torch.Tensor, lengths: list[int] | int) -> tuple[BindingSignals, BindingState]:
     parts, state = [], None
     for chunk in frames.split(lengths, -4):
         signals, state = module(chunk, state)
@@ -118,7 +121,7 @@ def test_chunks_and_pauses_do_not_matter(fps: float, lengths: list[int]) -> None
     whole, end = module(frames)
     parts, part_end = run(module, frames, lengths)
     assert_same(parts, whole)
-    one, other = flatten_state(part_end), flatten_state(end)
+    one, other = leaves(part_end), leaves(end)
     assert one.keys() == other.keys()
     for name, part in one.items():
         assert_allclose(part, other[name], rtol=1e-4, atol=1e-5, err_msg=name)
@@ -173,7 +176,7 @@ def test_the_first_stage_never_learns() -> None:
 
 
 def test_two_fluctuating_things_become_two_objects() -> None:
-    module = model(BindingConfig(gamma=2.0, settle=1.0))
+    module = model(gamma=2.0, settle=1.0, tau_onset=2.0, window=2.0, stable_window=1.0)
     _, state = module.from_sums(two_things(30))
     assert module.verdict(state) in ("stable", "learning")
     found, model_table = module.objects(state), object_table(state.second.weights)
@@ -207,7 +210,7 @@ def test_one_group_alone_is_nothing_to_bind() -> None:
     assert module.verdict(module.from_sums(sums)[1]) == "static"
 
 
-def judged(weights: torch.Tensor | None = None, **parts: torch.Tensor) -> tuple[VisualBinding, BindingState]:
+def judged(weights: torch.Tensor | None = None, **parts: torch.Tensor) -> tuple[PublishedModel, BindingState]:
     """A model and a state of a fluctuating scene whose second network is as given."""
     module = model()
     _, state = module.from_sums(two_things(1))
@@ -254,20 +257,27 @@ def test_weights_that_are_not_numbers_are_not_stable() -> None:
 
 
 def test_the_shortest_memory_has_a_verdict_too() -> None:
-    module = model(BindingConfig(window=0.01))
+    module = model(window=0.01, gamma=0.5, settle=4.0)
     assert module.verdict(module.from_sums(two_things(1))[1]) in ("learning", "static")
 
 
-def test_verdict_is_of_one_trial() -> None:
-    module = model()
-    _, state = module.from_sums(noise(2, 5, 10))
-    with pytest.raises(InputError, match=r"verdict takes the state of one trial, got a batch of \(2, 10, 10\)"):
-        module.verdict(state)
+def test_a_batch_has_a_verdict_and_objects_a_trial() -> None:
+    module = model(gamma=2.0, settle=1.0, tau_onset=2.0, window=2.0, stable_window=1.0)
+    sums = torch.stack([two_things(20), torch.full((2000, 10), 3.0), two_things(20).roll(40, 0)])
+    _, state = module.from_sums(sums)
+    alone = [module.from_sums(trial)[1] for trial in sums]
+    assert module.verdict(state) == [module.verdict(one) for one in alone]
+    assert module.verdict(state)[1] == "static"
+    names = [[thing.neuron for thing in trial] for trial in module.objects(state)]
+    assert names == [[thing.neuron for thing in module.objects(one)] for one in alone]
+    assert names[0] != names[1] == []
+    _, nested = module.from_sums(sums.unsqueeze(1).expand(-1, 2, -1, -1))
+    assert module.verdict(nested) == [[word, word] for word in module.verdict(state)]
 
 
 @pytest.mark.parametrize("fps", [0.0, -30.0, math.nan, math.inf])
 def test_frame_rates_out_of_range_are_refused(fps: float) -> None:
-    with pytest.raises(InputError, match="fps must be a positive number"):
+    with pytest.raises(InputError, match="fps = "):
         model(fps=fps)
 
 
@@ -281,19 +291,19 @@ def bad_weights() -> list[torch.Tensor]:
 @pytest.mark.parametrize("weights", bad_weights())
 def test_unusable_first_stage_weights_are_refused(weights: torch.Tensor) -> None:
     with pytest.raises(InputError, match="first-stage weights must be finite, non-negative, and zero on the diagonal"):
-        VisualBinding(weights, size=(12, 14))
+        PublishedModel(first_stage=weights)
 
 
 def test_first_stage_weights_of_another_shape_are_refused() -> None:
-    with pytest.raises(InputError, match=r"first-stage weights must be \[10, 10\], got \(4, 4\)"):
-        VisualBinding(torch.zeros(4, 4))
+    with pytest.raises(InputError, match=r"first_stage must be a FirstStage or weights \[10, 10\], got \(4, 4\)"):
+        PublishedModel(first_stage=torch.zeros(4, 4))
 
 
 def test_unknown_names_in_the_config_are_refused() -> None:
     with pytest.raises(InputError, match="rule must be one of"):
-        model(BindingConfig(rule="oja"))
+        model(rule="oja")
     with pytest.raises(InputError, match="g must be one of"):
-        model(BindingConfig(g="relu"))
+        model(g="relu")
 
 
 def test_frames_and_sums_that_do_not_fit_are_refused() -> None:
@@ -322,3 +332,24 @@ def test_a_state_of_frames_goes_on_with_sums() -> None:
     signals, end = module.from_sums(whole.sums[10:], state)
     assert_allclose(signals.outputs, whole.outputs[10:], atol=1e-6)
     assert end.motion is state.motion
+
+
+def test_a_trained_first_stage_is_taken_as_it_is() -> None:
+    stage = FirstStage(*(first_stage()[group, group] for group in GROUPS.values()), seconds=7.0)
+    assert torch.equal(PublishedModel(first_stage=stage).first_stage(), first_stage())
+
+
+def test_a_rule_of_ones_own_is_used() -> None:
+    frames, rule = noise(40, 3, 12, 14), LearningRule(torch.sin, torch.cos, "mine")
+    config = model().config
+    _, state = PublishedModel(config, first_stage(), rule=rule)(frames)
+    assert not torch.equal(state.second.weights, model()(frames)[1].second.weights)
+
+
+def test_all_fixed_tensors_are_in_the_state_dict() -> None:
+    module, other = model(), PublishedModel(model().config, torch.zeros(10, 10))
+    assert "first.initial" in module.state_dict()
+    other.load_state_dict(module.state_dict())
+    frames = noise(20, 3, 12, 14)
+    assert_same(other(frames)[0], module(frames)[0], 0)
+    assert torch.equal(other.first_stage(), first_stage())

@@ -1,202 +1,91 @@
-"""Objects with a place: files over retinotopic signals."""
+"""The retinotopic model: local fields and windows in a row, batches, and objects with places."""
 
 from __future__ import annotations
 
-import math
+from pathlib import Path
 
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from torch import Tensor
 
 import ndtorch
-from ndtorch import InputError
-from ndtorch.binding import RetinotopicBinding, RetinotopicParams
+from ndtorch.binding import RetinotopicModel, Windows, load_state, save_state
+from ndtorch.errors import InputError
 from ndtorch.scenes import equal_bars
+from ndtorch.tree import leaves
 from ndtorch.vision import LocalFeatures, VisualFeatures
 
-GRID = (16, 16)
-DT = 0.05
-RIGHT_RED = torch.tensor([0, 1.0, 0, 0, 1.0, 0, 0, 1.0, 0, 0])
-LEFT_GREEN = torch.tensor([1.0, 0, 0, 0, 0, 1.0, 0, 0, 1.0, 0])
-UP_BLUE = torch.tensor([0, 0, 0, 1.0, 0, 0, 1.0, 0, 0, 1.0])
+SIZE = (64, 64)
 
 
-def wave(steps: int, period: float, phase: float = 0.0) -> Tensor:
-    return 0.5 + 0.25 * torch.sin(2 * math.pi * (torch.arange(steps) * DT / period + phase))
+def model() -> RetinotopicModel:
+    loaded = ndtorch.load("retinotopic", size=SIZE, along=8)
+    assert isinstance(loaded, RetinotopicModel)
+    return loaded
 
 
-def blob(
-    features: Tensor,
-    light: Tensor,
-    start: tuple[float, float],
-    velocity: tuple[float, float],
-    grid: tuple[int, int] = GRID,
-    wrap: bool = True,
-) -> Tensor:
-    """Signals `[T, R, C, 10]` of an object one field wide; motion grows with the square of its brightness."""
-    time = torch.arange(len(light)) * DT
-    total = []
-    for axis in (0, 1):
-        centre = start[axis] + velocity[axis] * time
-        away = torch.arange(grid[axis]) - centre[:, None]
-        if wrap:
-            away = (away + grid[axis] / 2) % grid[axis] - grid[axis] / 2
-        total.append(torch.exp(-away.square() / 0.8))
-    share = total[0][:, :, None] * total[1][:, None, :]
-    strength = torch.cat([light[:, None].square().expand(-1, 4), light[:, None].expand(-1, 6)], -1)
-    return share[..., None] * (strength * features)[:, None, None, :]
+def noise(*shape: int) -> torch.Tensor:
+    return torch.rand(*shape, 3, *SIZE, generator=torch.Generator().manual_seed(0))
 
 
-def files(**params: float) -> RetinotopicBinding:
-    return RetinotopicBinding(GRID, 30.0, DT, params=RetinotopicParams(**params))  # type: ignore[arg-type]
+def test_signals_are_those_of_the_parts_in_a_row() -> None:
+    frames, module = noise(12), model()
+    signals, state = module(frames)
+    eyes = LocalFeatures(VisualFeatures(SIZE), 8)
+    fields, _ = eyes(frames)
+    number, end = Windows((8, 8), 8.0, first_stage=module.first_stage())(fields)
+    assert torch.equal(signals.fields, fields)
+    assert torch.equal(signals.number, number)
+    assert torch.equal(state.windows.place, end.place)
+    assert signals.outputs.shape == (12, 8, 8, 10)
+    assert signals.time.tolist() == pytest.approx([0.01 * n for n in range(12)])
 
 
-def test_one_object_its_features_place_and_velocity() -> None:
-    module = files()
-    counts, state = module(blob(RIGHT_RED, wave(200, 1.1), (4.0, 3.0), (0.0, 1.5)))
-    assert counts[:10].sum() == 0
-    assert counts[30:].tolist() == [1] * 170
-    (thing,) = module.objects(state)
-    assert set(thing.features) == {"right", "0°", "red"}
-    # After 199 steps at column 3 + 1.5 * 9.95 = 17.925, which is 1.925 around the torus; fields are 30 pixels.
-    assert thing.place == pytest.approx(((1.925 + 0.5) * 30, 4.5 * 30), abs=10)
-    assert thing.velocity == pytest.approx((45.0, 0.0), abs=6)
-    assert thing.age == pytest.approx(10.0, abs=0.3)
-
-
-def test_two_equal_objects_are_two() -> None:
-    one = blob(RIGHT_RED, wave(300, 1.1), (4.0, 3.0), (0.0, 1.5))
-    other = blob(RIGHT_RED, wave(300, 0.7), (4.0, 7.0), (0.0, 1.5))
-    module = files()
-    counts, state = module(one + other)
-    assert counts[-1] == 2
-    assert [set(thing.features) for thing in module.objects(state)] == [{"right", "0°", "red"}] * 2
-
-
-def test_objects_that_fluctuate_in_phase_are_two() -> None:
-    light = wave(300, 1.1)
-    module = files()
-    counts, state = module(
-        blob(RIGHT_RED, light, (4.0, 3.0), (0.0, 1.5)) + blob(LEFT_GREEN, light, (10.0, 9.0), (0.0, -1.5))
-    )
-    assert counts[-1] == 2
-    assert {frozenset(t.features) for t in module.objects(state)} == {
-        frozenset({"right", "0°", "red"}),
-        frozenset({"left", "60°", "green"}),
-    }
-
-
-def test_objects_that_cross_keep_their_files() -> None:
-    light = wave(200, 1.1), wave(200, 0.8, 0.3)
-    scene = blob(RIGHT_RED, light[0], (8.0, 3.0), (0.0, 1.5)) + blob(UP_BLUE, light[1], (13.0, 8.0), (-1.5, 0.0))
-    module = files()
-    counts, state = module(scene[:50])
-    before = {t.file: set(t.features) for t in module.objects(state)}
-    counts, state = module(scene[50:160], state)
-    assert counts.tolist() == [2] * 110
-    assert {t.file: set(t.features) for t in module.objects(state)} == before
-
-
-def test_an_object_that_leaves_is_given_up() -> None:
-    scene = blob(RIGHT_RED, wave(260, 1.1), (4.0, 8.0), (0.0, 2.0), wrap=False)
-    still = blob(UP_BLUE, wave(260, 0.9), (12.0, 4.0), (0.0, 0.2), wrap=False)
-    module = RetinotopicBinding(GRID, 30.0, DT, border="reflect")
-    counts, state = module(scene + still)
-    assert counts[60] == 2
-    assert [set(t.features) for t in module.objects(state)] == [{"up", "120°", "blue"}]
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_noise_is_no_object(seed: int) -> None:
-    noise = torch.rand(200, *GRID, 10, generator=torch.Generator().manual_seed(seed))
-    counts, _ = files()(noise)
-    assert counts.max() == 0
-
-
-def test_nothing_is_no_object() -> None:
-    counts, state = files()(torch.zeros(60, *GRID, 10))
-    assert counts.max() == 0
-    assert all(bool(torch.isfinite(part.float()).all()) for part in state)
-
-
-def two() -> Tensor:
-    return blob(RIGHT_RED, wave(80, 1.1), (4.0, 3.0), (0.0, 1.5)) + blob(
-        LEFT_GREEN, wave(80, 0.7), (9.0, 9.0), (0.5, -1.5)
+def test_chunks_give_the_whole_and_a_state_comes_back_from_a_file(tmp_path: Path) -> None:
+    module, frames = model(), noise(20)
+    _, end = module(frames)
+    _, state = module(frames[:7])
+    save_state(state, tmp_path / "state")
+    again, _ = load_state(tmp_path / "state", module)
+    assert all(torch.equal(a, b) for a, b in zip(leaves(state).values(), leaves(again).values(), strict=True))
+    _, last = module(frames[7:], again)
+    assert all(
+        torch.allclose(a, b, atol=1e-5) for a, b in zip(leaves(end).values(), leaves(last).values(), strict=True)
     )
 
 
-def test_pieces_and_batches_give_the_same() -> None:
-    module, scene = files(), two()
-    counts, end = module(scene)
-    state, parts = None, []
-    for part in scene.split([1, 2, 30, 7, 40]):
-        some, state = module(part, state)
-        parts.append(some)
-    assert torch.equal(torch.cat(parts), counts)
-    assert state is not None
-    assert all(torch.equal(a, b) for a, b in zip(state, end, strict=True))
-    batch, states = module(torch.stack([scene, 0 * scene, scene.flip(1)]))
-    assert batch.shape == (3, 80)
-    assert torch.equal(batch[0], counts)
-    assert batch[1].max() == 0
-    assert torch.allclose(states.place[0], end.place, atol=1e-4)
+def test_a_batch_is_that_many_trials() -> None:
+    module, frames = model(), noise(2, 6)
+    _, state = module(frames)
+    assert module.objects(state) == [[], []]
+    assert module.verdict(state) == ["learning", "learning"]
+    assert module.verdict(module(torch.zeros(2, 3, 3, *SIZE))[1]) == ["static", "static"]
 
 
-def test_frames_faster_than_the_updates() -> None:
-    """At 100 samples a second files are still updated 20 times a second."""
-    slow, fast = files(), RetinotopicBinding(GRID, 30.0, 0.01)
-    assert (slow.every, fast.every) == (1, 5)
-    counts, _ = fast(two().repeat_interleave(5, 0))
-    assert counts[-1] == 2
-
-
-@settings(max_examples=15, deadline=None)
-@given(st.floats(1e-3, 1e3), st.integers(0, 15), st.integers(0, 15))
-def test_brightness_and_place_do_not_matter(gain: float, down: int, right: int) -> None:
-    module = files()
-    # Motion is a product of two brightnesses.
-    gains = torch.tensor([gain**2] * 4 + [gain] * 6)
-    counts, state = module((two() * gains).roll((down, right), (1, 2)))
-    assert counts[-1] == 2
-    assert {frozenset(t.features) for t in module.objects(state)} == {
-        frozenset({"right", "0°", "red"}),
-        frozenset({"left", "60°", "green"}),
-    }
-
-
-@pytest.mark.parametrize("name", ["files", "period", "window", "tau_bind"])
-def test_parameters_must_be_positive(name: str) -> None:
-    with pytest.raises(InputError, match=f"{name} must be a positive number"):
-        RetinotopicParams(**{name: 0})  # type: ignore[arg-type]
-
-
-def test_bad_input() -> None:
-    with pytest.raises(InputError, match="signals must be"):
-        files()(torch.zeros(4, 16, 15, 10))
-    with pytest.raises(InputError, match="at least 3 x 3 fields"):
-        RetinotopicBinding((2, 5), 30.0)
-    module = files()
-    _, state = module(torch.zeros(2, 3, *GRID, 10))
-    with pytest.raises(InputError, match="one trial at a time"):
-        module.objects(state)
+def test_it_has_no_table_of_owners() -> None:
+    module = model()
+    with pytest.raises(InputError, match="retinotopic are tracks and have no table"):
+        module.table(module(noise(1))[1])
 
 
 @pytest.mark.slow
 def test_three_equal_bars_are_three_objects() -> None:
     """Claim C8 [C §5.5.2]: wide-field sums see one object, fields see three."""
-    scene = equal_bars(seconds=12)
-    eyes = LocalFeatures(VisualFeatures(scene.size))
-    first = ndtorch.load("binding").first.initial
-    assert isinstance(first, Tensor)
-    module = RetinotopicBinding(eyes.grid, eyes.spacing, first_stage=first)
-    seen = state = None
+    module, state = ndtorch.load("retinotopic"), None
     with torch.inference_mode():
-        for frames in scene.chunks(8):
-            signals, seen = eyes(frames, seen)
-            _, state = module(signals, state)
-    assert state is not None
+        for frames in equal_bars(seconds=12).chunks(8):
+            _, state = module(frames, state)
     found = module.objects(state)
     assert len(found) == 3
     assert len({frozenset(thing.features) for thing in found}) == 1
+    assert module.verdict(state) == "stable"
+    for thing in found:
+        assert thing.place is not None
+        assert all(0 <= at <= 500 for at in thing.place)
+        assert 0 <= thing.first_seen < 3 < 11 < thing.last_seen < 12
+    assert module.in_sight(state) != []
+
+
+def test_windows_that_see_nothing_have_no_weights() -> None:
+    module = model()
+    _, state = module(torch.full((6, 3, *SIZE), 0.5))
+    assert torch.equal(module.weights(state), torch.zeros(8, 10, 10))

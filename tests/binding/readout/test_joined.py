@@ -12,18 +12,11 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import ndtorch
-from ndtorch.binding import (
-    DelayStatistics,
-    ScaleFreeStage,
-    SignalStatistics,
-    diagonalise,
-    load_state,
-    save_state,
-    separate,
-)
-from ndtorch.binding.readout.owners import distinct
-from ndtorch.binding.saving import flatten_state
+from ndtorch.binding import load_state, save_state
+from ndtorch.binding.readout.delays import DelayStatistics, diagonalise, separate
+from ndtorch.binding.readout.owners import SignalStatistics, distinct
 from ndtorch.errors import InputError
+from ndtorch.tree import leaves
 from ndtorch.vision import LowPass
 from ndtorch.vision.blocks import BlockLowPass, low_pass
 from tests.strategies import chunkings
@@ -131,7 +124,7 @@ def test_copies_of_stronger_owners_are_left_out() -> None:
 @pytest.mark.parametrize("readout", ["owners", "delays"])
 @pytest.mark.parametrize("fps", [12.5, 30.0, 100.0])
 def test_two_things_are_two_objects_at_any_rate(readout: str, fps: float) -> None:
-    model = ndtorch.load("binding", size=(12, 14), rule="scale-free", fps=fps, readout=readout)
+    model = ndtorch.load("scale-free", size=(12, 14), fps=fps, readout=readout)
     _, state = model.from_sums(two_things(20, fps))
     found = model.objects(state)
     assert len(found) == 2
@@ -143,7 +136,7 @@ def test_two_things_are_two_objects_at_any_rate(readout: str, fps: float) -> Non
 
 
 def test_attention_reads_the_same_table() -> None:
-    model = ndtorch.load("binding", size=(12, 14), rule="scale-free")
+    model = ndtorch.load("scale-free", size=(12, 14))
     _, state = model.from_sums(two_things(15))
     table = model.second.table(state.second)
     assert table.owners.sum() == len(model.objects(state)) > 0
@@ -151,7 +144,7 @@ def test_attention_reads_the_same_table() -> None:
 
 
 def test_a_constant_scene_has_no_objects() -> None:
-    model = ndtorch.load("binding", size=(12, 14), rule="scale-free")
+    model = ndtorch.load("scale-free", size=(12, 14))
     _, state = model.from_sums(100 * torch.rand(1, 10, generator=torch.Generator().manual_seed(0)).expand(500, 10))
     assert model.verdict(state) == "static"
     assert model.objects(state) == []
@@ -160,24 +153,24 @@ def test_a_constant_scene_has_no_objects() -> None:
 
 def test_white_noise_has_no_objects() -> None:
     noise = torch.randn(1500, 10, generator=torch.Generator().manual_seed(0))
-    model = ndtorch.load("binding", size=(12, 14), rule="scale-free")
+    model = ndtorch.load("scale-free", size=(12, 14))
     assert model.objects(model.from_sums(100 + noise)[1]) == []
 
 
 def test_a_saved_run_goes_on_bit_for_bit(tmp_path: Path) -> None:
-    model, sums = ndtorch.load("binding", size=(12, 14), rule="scale-free", fps=30.0), two_things(6, 30.0)
+    model, sums = ndtorch.load("scale-free", size=(12, 14), fps=30.0), two_things(6, 30.0)
     _, state = model.from_sums(sums[:100])
     save_state(state, tmp_path / "state.safetensors")
-    loaded, _ = load_state(tmp_path / "state.safetensors")
+    loaded, _ = load_state(tmp_path / "state.safetensors", model)
     assert loaded.first is None
     (one, end), (other, again) = model.from_sums(sums[100:], state), model.from_sums(sums[100:], loaded)
     assert torch.equal(one.outputs, other.outputs)
-    for a, b in zip(flatten_state(end).values(), flatten_state(again).values(), strict=True):
+    for a, b in zip(leaves(end).values(), leaves(again).values(), strict=True):
         assert torch.equal(a, b)
 
 
 def test_a_batch_of_models_is_that_many_models() -> None:
-    model = ndtorch.load("binding", size=(12, 14), rule="scale-free")
+    model = ndtorch.load("scale-free", size=(12, 14))
     many = torch.stack([two_things(8, rates=(0.6 + 0.1 * n, 1.5)) for n in range(3)])
     signals, state = model.from_sums(many)
     alone, end = model.from_sums(many[1])
@@ -186,7 +179,7 @@ def test_a_batch_of_models_is_that_many_models() -> None:
 
 
 def test_bad_options_are_refused() -> None:
-    with pytest.raises(InputError, match="readout must be one of owners, delays, got 'both'"):
-        ScaleFreeStage(torch.zeros(10, 10), readout="both")
+    with pytest.raises(InputError, match="readout = 'both': Input should be 'owners' or 'delays'"):
+        ndtorch.load("scale-free", readout="both")
     with pytest.raises(InputError, match="delays must be positive"):
         DelayStatistics(delays=(0.0,))

@@ -1,4 +1,4 @@
-"""From fields to sightings, and from sightings to objects over time."""
+"""From fields to detections, and from detections to tracks."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ import pytest
 import torch
 from torch import Tensor
 
-from ndtorch.binding.tracking.detections import Sighting, sightings
-from ndtorch.binding.tracking.tracks import ObjectFile, ObjectFiles
-from ndtorch.vision.camera.front_end import FieldSignals
+from ndtorch.binding import BoundObject
+from ndtorch.binding.models.video import VideoModel, VideoSignals
+from ndtorch.binding.tracking.detections import Detection, detections
+from ndtorch.binding.tracking.tracker import Tracker, TrackerState
+from ndtorch.tree import leaves
 
 ROWS, COLUMNS, DT = 6, 10, 0.04
 RED, GREEN = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
@@ -21,7 +23,7 @@ def blank(steps: int) -> tuple[Tensor, Tensor, Tensor]:
     return torch.zeros(steps, ROWS, COLUMNS, 2), torch.zeros(steps, ROWS, COLUMNS), torch.zeros(steps, 60, 10)
 
 
-def paint(things: list[Thing], steps: int = 100) -> tuple[FieldSignals, Tensor]:
+def paint(things: list[Thing], steps: int = 100) -> tuple[VideoSignals, Tensor]:
     """Fields of things, each a path (row and column in fields by time, or None), a motion and a colour."""
     motion, presence, outputs = blank(steps)
     r, c = torch.meshgrid(torch.arange(ROWS), torch.arange(COLUMNS), indexing="ij")
@@ -37,23 +39,30 @@ def paint(things: list[Thing], steps: int = 100) -> tuple[FieldSignals, Tensor]:
     times = torch.arange(steps, dtype=torch.float64) * DT
     signals = outputs.unflatten(1, (ROWS, COLUMNS))
     level = torch.zeros(steps, dtype=torch.int64)
-    return FieldSignals(signals, motion, presence, torch.full((steps,), 0.01), level, times), outputs
+    noise = torch.full((steps,), 0.01)
+    return VideoSignals(signals, signals, motion, presence, noise, level, times), outputs
 
 
-def found(things: list[Thing], steps: int = 100) -> list[ObjectFile]:
-    fields, outputs = paint(things, steps)
-    files = ObjectFiles(DT, 16 / 9)
+def tracked(things: list[Thing], cuts: list[int], steps: int = 100) -> TrackerState:
+    fields, _ = paint(things, steps)
+    tracker, state = Tracker(DT, 16 / 9), None
+    for first, last in zip([0, *cuts], [*cuts, steps], strict=True):
+        state = tracker(VideoSignals(*(x[first:last] for x in fields)), state)
+    assert state is not None
+    return state
+
+
+def found(things: list[Thing], steps: int = 100) -> list[BoundObject]:
     # In two pieces, as a run would.
-    for part in (slice(0, 33), slice(33, steps)):
-        files.add(FieldSignals(*(x[part] for x in fields)), outputs[part], outputs[part])
-    return files.objects()
+    state = tracked(things, [33], steps)
+    return [VideoModel()._bound(track) for track in Tracker(DT, 16 / 9).objects(state)]
 
 
-def see(fields: FieldSignals, outputs: Tensor, n: int) -> list[Sighting]:
-    return sightings(fields.motion[n], outputs[n], outputs[n], fields.presence[n], 0.01, 0.1)
+def see(fields: VideoSignals, outputs: Tensor, n: int) -> list[Detection]:
+    return detections(fields.motion[n], outputs[n], outputs[n], fields.presence[n], 0.01, 0.1)
 
 
-def test_two_things_in_different_places_are_two_sightings() -> None:
+def test_two_things_in_different_places_are_two_detections() -> None:
     fields, outputs = paint([(lambda t: (1.0, 2.0), (1, 0), RED), (lambda t: (4.0, 7.0), (0, -1), GREEN)], 1)
     seen = see(fields, outputs, 0)
     assert len(seen) == 2
@@ -86,8 +95,8 @@ def test_crossing_things_keep_who_they_are() -> None:
         ("red", "right"),
     ]
     for thing in objects:
-        assert thing.appeared == pytest.approx(0.3, abs=0.1)
-        assert thing.disappeared == pytest.approx(3.96, abs=0.1)
+        assert thing.first_seen == pytest.approx(0.3, abs=0.1)
+        assert thing.last_seen == pytest.approx(3.96, abs=0.1)
 
 
 def test_a_thing_that_is_hidden_for_a_second_is_one() -> None:
@@ -96,10 +105,32 @@ def test_a_thing_that_is_hidden_for_a_second_is_one() -> None:
 
     objects = found([(path, (1, 0), RED)])
     assert [thing.direction for thing in objects] == ["right"]
-    assert objects[0].disappeared > 3.5
+    assert objects[0].last_seen > 3.5
 
 
 def test_what_flickers_in_place_or_passes_in_a_moment_is_none() -> None:
     assert found([(lambda t: (3.0, 4.0), (1, 0), RED)]) == []
     assert found([(lambda t: (3.0, 30 * t) if 1 < t < 1.2 else None, (1, 0), RED)]) == []
     assert found([]) == []
+
+
+def test_pieces_of_any_length_give_the_same_to_the_last_bit() -> None:
+    things: list[Thing] = [
+        (lambda t: (2.0, 9 * t / 4), (1, 0), RED),
+        (lambda t: (2.6, 9 - 9 * t / 4) if t < 2 else None, (-1, 0), GREEN),
+    ]
+    whole = leaves(tracked(things, []))
+    for cuts in ([1], [40, 41, 90], list(range(1, 100))):
+        parts = leaves(tracked(things, cuts))
+        assert parts.keys() == whole.keys()
+        assert all(torch.equal(parts[name], whole[name]) for name in whole)
+    assert len(whole["closed.number"]) == 1
+
+
+def test_a_state_that_was_used_is_as_it_was() -> None:
+    fields, _ = paint([(lambda t: (2.0, 9 * t / 4), (1, 0), RED)])
+    tracker = Tracker(DT, 16 / 9)
+    state = tracker(VideoSignals(*(x[:60] for x in fields)))
+    before = {name: part.clone() for name, part in leaves(state).items()}
+    tracker(VideoSignals(*(x[60:] for x in fields)), state)
+    assert all(torch.equal(part, before[name]) for name, part in leaves(state).items())

@@ -1,8 +1,6 @@
-"""The front end for ordinary video as a whole."""
+"""The front end for video of a camera as a whole."""
 
 from __future__ import annotations
-
-from dataclasses import fields, replace
 
 import pytest
 import torch
@@ -11,20 +9,20 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch.vision.camera.front_end import FieldSignals, FrontEnd, OrdinaryVideo, small_size
+from ndtorch.vision.camera.front_end import CameraFrontEnd, CameraParams, FieldSignals, small_size
 from tests.strategies import chunkings
 from tests.vision.camera.passing_scenes import SIZE, ground, passing
 
 
-def run(video: Tensor, fps: float = 25.0, parts: FrontEnd | None = None) -> FieldSignals:
-    return OrdinaryVideo(SIZE, fps, parts)(video)[0]
+def run(video: Tensor, fps: float = 25.0, parts: CameraParams | None = None) -> FieldSignals:
+    return CameraFrontEnd(SIZE, fps, parts)(video)[0]
 
 
 @settings(max_examples=5, deadline=None)
 @given(lengths=chunkings(14), fps=st.sampled_from([25.0, 90.0]))
 def test_chunks_give_the_same_as_the_whole(lengths: list[int], fps: float) -> None:
     video = (passing(14, 5.0, first=3) * 255).round().to(torch.uint8)
-    module = OrdinaryVideo(SIZE, fps)
+    module = CameraFrontEnd(SIZE, fps)
     whole, end = module(video)
     parts, state, at = [], None, 0
     for n in lengths:
@@ -61,7 +59,7 @@ def test_exposure_alone_is_nothing_and_hides_nothing() -> None:
     seen = run(faint).signals[..., 1].max()
     # Uncorrected, the swing of the whole picture passes for noise, and the square drowns in it.
     assert seen > 0.02
-    assert run(faint, parts=FrontEnd(exposure=False)).signals[..., 1].max() < seen / 3
+    assert run(faint, parts=CameraParams(exposure=False)).signals[..., 1].max() < seen / 3
 
 
 def test_green_on_red_of_the_same_brightness_moves() -> None:
@@ -75,14 +73,14 @@ def test_green_on_red_of_the_same_brightness_moves() -> None:
 
 @pytest.mark.parametrize("field", ["exposure", "background", "noise_floor", "color_inhibition", "compression"])
 def test_every_part_can_be_switched_off(field: str) -> None:
-    assert field in {f.name for f in fields(FrontEnd)}
+    assert field in CameraParams.model_fields
     video = passing(16, 4.0)
     video = video * torch.linspace(1, 0.9, 16)[:, None, None, None]
-    assert not torch.equal(run(video).signals, run(video, parts=replace(FrontEnd(), **{field: False})).signals)
+    assert not torch.equal(run(video).signals, run(video, parts=CameraParams(**{field: False})).signals)
 
 
 def test_whole_field_is_one_field() -> None:
-    out = run(passing(16, 4.0), parts=FrontEnd(grid=(1, 1)))
+    out = run(passing(16, 4.0), parts=CameraParams(grid=(1, 1)))
     assert out.signals.shape == (16, 1, 1, 10)
 
 
@@ -93,14 +91,14 @@ def test_small_size(size: tuple[int, int], small: tuple[int, int]) -> None:
 
 def test_unusable_arguments_are_refused() -> None:
     with pytest.raises(InputError, match="fps"):
-        OrdinaryVideo(SIZE, 0)
+        CameraFrontEnd(SIZE, 0)
     with pytest.raises(InputError, match="scale"):
-        OrdinaryVideo(SIZE, 25, FrontEnd(scale=3))
+        CameraFrontEnd(SIZE, 25, CameraParams(scale=3))
     with pytest.raises(InputError, match="frames"):
-        OrdinaryVideo(SIZE, 25)(torch.zeros(2, 1, 3, *SIZE))
+        CameraFrontEnd(SIZE, 25)(torch.zeros(2, 1, 3, *SIZE))
     with pytest.raises(InputError, match="size"):
-        OrdinaryVideo((8, 8), 25)
+        CameraFrontEnd((8, 8), 25)
     bad = ground().repeat(3, 1, 1, 1)
     bad[1] = torch.nan
     with pytest.raises(InputError, match="finite"):
-        OrdinaryVideo(SIZE, 25)(bad)
+        CameraFrontEnd(SIZE, 25)(bad)

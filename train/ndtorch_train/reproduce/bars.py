@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.binding import VisualBinding, block_diagonal, object_table, train_first_stage
+from ndtorch.binding import PublishedModel, object_table, train_first_stage
 from ndtorch.vision import FEATURES
 from ndtorch_train.reproduce.context import Context, judged
 from ndtorch_train.reproduce.outcome import Outcome
@@ -106,7 +106,7 @@ def weak_first_stage(context: Context, seconds: float, radius: float) -> Outcome
     """The first stage trained to a spectral radius of 0.1 only."""
     sums = rendered(context, "two-bars", seconds=4.0 + seconds)
     strong = learn(sums)
-    weak = learn(sums, VisualBinding(block_diagonal(train_first_stage(radius=radius))))
+    weak = learn(sums, PublishedModel(first_stage=train_first_stage(radius=radius)))
     figure, axes = panels(1, 2, 13, 4.4)
     output_panel(axes[0], weak.time, weak.outputs, f"outputs, first stage trained to {radius:g}", [], 10.0, 0.0)
     for run, style, name in ((strong, "-", "trained to 0.9"), (weak, "--", f"trained to {radius:g}")):

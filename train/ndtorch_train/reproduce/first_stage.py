@@ -27,7 +27,7 @@ def settled(weights: Tensor, inputs: Tensor) -> Tensor:
 
 def shipped(group: str) -> Tensor:
     """Weights of one network of the shipped first stage, float64."""
-    weights = ndtorch.load("binding").first.initial
+    weights = ndtorch.load("published").first_stage()
     assert weights is not None
     return weights[GROUPS[group], GROUPS[group]].double()
 

@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 import ndtorch
-from ndtorch.binding import attention_mask, feature_weights, object_table
+from ndtorch.binding import PublishedModel, object_table
+from ndtorch.binding.attention import attention_mask, feature_weights
 from ndtorch.scenes import two_bars
 from ndtorch.vision import FEATURES, LowPass
 from ndtorch_train.reproduce.context import Context, judged
@@ -101,9 +102,10 @@ class Look(NamedTuple):
 
 def watch(context: Context, seconds: float, since: float, shift: tuple[float, float], share: float) -> list[Look]:
     """Enhanced images five times a second, from `since` seconds of learning on. [C eq. 11, fig. 5]"""
-    model = ndtorch.load("binding")
+    model = ndtorch.load("published")
+    assert isinstance(model, PublishedModel)
     source = two_bars(4.0 + seconds, shift=shift)
-    low_pass = LowPass(model.config.tau_in, 0.2)
+    low_pass = LowPass(model.config.normalise.tau_sums, 0.2)
     state = kept = None
     found = []
     with torch.inference_mode():
@@ -111,7 +113,7 @@ def watch(context: Context, seconds: float, since: float, shift: tuple[float, fl
             signals, state = model(frames, state)
             images = model.features.images_at(frames[-1], state.motion)
             low, kept = low_pass(images[None], kept)
-            time = float(signals.time[-1]) - model.config.settle
+            time = float(signals.time[-1]) - model.settle
             if time >= since:
                 f, k = feature_weights(signals.outputs[-1], object_table(state.second.weights), signals.scale[-1])
                 mask = attention_mask(f, images, low[0])

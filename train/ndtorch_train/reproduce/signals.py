@@ -10,15 +10,12 @@ import torch
 from torch import Tensor
 
 import ndtorch
-from ndtorch.binding import (
-    BindingState,
-    NetworkState,
-    VisualBinding,
-    object_table,
-    second_stage,
-)
+from ndtorch.binding import PublishedModel, object_table
+from ndtorch.binding.models.published import second_stage
+from ndtorch.binding.models.whole_field import BindingState
 from ndtorch.code_digest import MODELS
 from ndtorch.scenes import SCENES, FrameSource, make_scene
+from ndtorch.tree import mapped
 from ndtorch.vision import FEATURES, VisualFeatures
 from ndtorch_train.reproduce.context import Context
 from ndtorch_train.superposed import Bars, LoneBar, Stimuli, film_bars
@@ -83,7 +80,7 @@ class Run(NamedTuple):
         state: at the end.
     """
 
-    model: VisualBinding
+    model: PublishedModel
     time: Tensor
     outputs: Tensor
     weight_time: Tensor
@@ -93,10 +90,11 @@ class Run(NamedTuple):
     @property
     def final(self) -> Tensor:
         """Weights at the end, `[..., 10, 10]`."""
-        return self.state.second.weights
+        weights: Tensor = self.state.second.weights
+        return weights
 
 
-def learn(sums: Tensor, model: VisualBinding | None = None, gamma: Tensor | None = None, **options: Any) -> Run:
+def learn(sums: Tensor, model: PublishedModel | None = None, gamma: Tensor | None = None, **options: Any) -> Run:
     """Run the model over sums `[..., T, 10]`, sampling the weights ten times a second.
 
     Args:
@@ -104,7 +102,10 @@ def learn(sums: Tensor, model: VisualBinding | None = None, gamma: Tensor | None
         model: instead of the shipped one with `options`.
         gamma: a learning rate for each trial of the batch.
     """
-    model = model or ndtorch.load("binding", **options)
+    if model is None:
+        loaded = ndtorch.load("published", **options)
+        assert isinstance(loaded, PublishedModel)
+        model = loaded
     if gamma is not None:
         model.second = second_stage(model.config, gamma)
     state, outputs, weights = None, [], []
@@ -115,24 +116,19 @@ def learn(sums: Tensor, model: VisualBinding | None = None, gamma: Tensor | None
             weights.append(state.second.weights)
     assert state is not None
     out = torch.cat(outputs, -2)
-    dt = model.config.dt
-    time = torch.arange(out.shape[-2], dtype=torch.float64) * dt - model.config.settle
-    ends = torch.arange(1, len(weights) + 1, dtype=torch.float64) * 10 * dt - model.config.settle
+    dt = model.dt
+    time = torch.arange(out.shape[-2], dtype=torch.float64) * dt - model.settle
+    ends = torch.arange(1, len(weights) + 1, dtype=torch.float64) * 10 * dt - model.settle
     return Run(model, time, out, ends, torch.stack(weights, -3), state)
 
 
 def one_trial(state: BindingState, index: int) -> BindingState:
     """The state of one trial of a batch `[B]`."""
 
-    def pick(part: NetworkState) -> NetworkState:
-        values = {name: value if name == "steps" else value[index] for name, value in part._asdict().items()}
-        return NetworkState(**values)
+    def pick(name: str, part: Tensor) -> Tensor:
+        return part if part.ndim == 0 or name.startswith("resample") else part[index]
 
-    inputs = type(state.inputs)(*(value[index] for value in state.inputs))
-    first, second = state.first, state.second
-    assert isinstance(first, NetworkState)
-    assert isinstance(second, NetworkState)
-    return BindingState(None, state.resample, inputs, pick(first), pick(second))
+    return mapped(state._replace(motion=None), pick)
 
 
 def owners(weights: Tensor) -> list[str]:

@@ -11,13 +11,12 @@ from torch import Tensor
 
 from ndtorch.binding import (
     InhibitoryNetwork,
-    count_solutions,
-    largest_free_weight,
     learning_rule,
     separated,
     solutions,
     spectral_radius,
 )
+from ndtorch.binding.theory import count_solutions, largest_free_weight
 from ndtorch_train.reproduce.context import Context, judged
 from ndtorch_train.reproduce.outcome import Outcome
 from ndtorch_train.reproduce.plots import BLACK, BLUE, GREEN, ORANGE, letters, panels

@@ -78,7 +78,14 @@ class Watched:
     ) -> None:
         # The constants of [B §3.4.4]; the border of a real image does not wrap.
         model = ndtorch.load(
-            "binding", fps=source.fps, border="reflect", tau_in=1.5, tau_out=0.75, gamma=10.0, settle=settle
+            "published",
+            fps=source.fps,
+            border="reflect",
+            tau_in=1.5,
+            tau_sums=1.5,
+            tau_out=0.75,
+            gamma=10.0,
+            settle=settle,
         )
         state, outputs, weights, times = None, list[Tensor](), list[Tensor](), list[float]()
         shown: Tensor | None = None
@@ -89,7 +96,7 @@ class Watched:
                 seen += len(frames)
                 outputs.append(signals.outputs)
                 weights.append(state.second.weights)
-                times.append(int(state.second.steps) * model.config.dt - settle)
+                times.append(int(state.second.steps) * model.dt - settle)
                 if shown is None and times[-1] >= show_at:
                     shown = frames[-1]
                 context.note(share[0] + (share[1] - share[0]) * seen / (source.length or seen))
@@ -97,7 +104,7 @@ class Watched:
         assert shown is not None
         self.frame, self.outputs, self.weights = shown, torch.cat(outputs), torch.stack(weights)
         self.weight_time = torch.tensor(times, dtype=torch.float64)
-        self.time = torch.arange(len(self.outputs), dtype=torch.float64) * model.config.dt - settle
+        self.time = torch.arange(len(self.outputs), dtype=torch.float64) * model.dt - settle
         self.final, self.verdict = state.second.weights, model.verdict(state)
 
     @property

@@ -11,12 +11,10 @@ import torch
 from torch import Tensor
 
 import ndtorch
-from ndtorch.binding import BindingInputs, BindingState, NetworkState, alternation, object_table
+from ndtorch.binding import BindingInputs, PublishedModel, ScaleFreeModel, alternation, object_table
 from ndtorch.binding.feedback import settled
-from ndtorch.binding.models.published import ALTERNATING
-from ndtorch.binding.models.scale_free import Readout, ScaleFreeStage
+from ndtorch.binding.models.whole_field import BindingState
 from ndtorch.binding.normalise import divide, group_max, spread_groups
-from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.errors import InputError
 from ndtorch.optional import need
 from ndtorch.vision import LowPass
@@ -55,13 +53,13 @@ class Method(Protocol):
 
 def first_stage() -> Tensor:
     """The trained first-stage weights, `[10, 10]`."""
-    weights = ndtorch.load("binding").first.initial
-    assert isinstance(weights, Tensor)
+    weights = ndtorch.load("published").first_stage()
+    assert weights is not None
     return weights
 
 
 class Learned:
-    """`VisualBinding` with one of the published rules, learning while it looks."""
+    """The published model with one of its rules, learning while it looks."""
 
     online = True
 
@@ -69,23 +67,23 @@ class Learned:
         self.rule = rule
 
     def __call__(self, sums: Tensor, fps: float, times: Sequence[float]) -> list[Reading]:
-        model = ndtorch.load("binding", fps=fps, rule=self.rule)
+        model = ndtorch.load("published", fps=fps, rule=self.rule)
+        assert isinstance(model, PublishedModel)
         readings, state, done = [], None, 0
         with torch.inference_mode():
             for time in times:
                 upto = round(time * fps)
                 _, state = model.from_sums(sums[:, done:upto], state)
-                readings.append(self.read(state))
+                readings.append(self.read(state, model.config.readout.alternating))
                 done = upto
         return readings
 
     @staticmethod
-    def read(state: BindingState) -> Reading:
+    def read(state: BindingState, alternating: float) -> Reading:
         """The published table [C §4.1], whatever the verdict on the weights would be."""
-        assert isinstance(state.second, NetworkState)
         table = object_table(state.second.weights)
         found = [rows[own] > 0 for rows, own in zip(table.rows, table.owners, strict=True)]
-        return Reading(found, ~(alternation(state.second) <= ALTERNATING))
+        return Reading(found, ~(alternation(state.second) <= alternating))
 
 
 class Signals:
@@ -107,29 +105,26 @@ class Signals:
 
 
 class ScaleFree:
-    """The scale-free rule at the rate of the frames, with one of its read-outs.
+    """The scale-free model at the rate of the frames, with one of its read-outs.
 
     Args:
         readout: "owners" or "delays".
-        rule: the learning rule, if not the default.
     """
 
     online = True
 
-    def __init__(self, readout: Readout, rule: ScaleFreeRule | None = None) -> None:
-        self.readout, self.rule = readout, rule
+    def __init__(self, readout: str) -> None:
+        self.readout = readout
 
     def __call__(self, sums: Tensor, fps: float, times: Sequence[float]) -> list[Reading]:
-        inputs = BindingInputs(1 / fps)
-        refine = settled(first_stage()).T
-        stage = ScaleFreeStage(first_stage(), 1 / fps, self.rule, self.readout)
-        readings, given, state, done = [], None, None, 0
+        model = ndtorch.load("scale-free", fps=fps, readout=self.readout)
+        assert isinstance(model, ScaleFreeModel)
+        readings, state, done = [], None, 0
         with torch.inference_mode():
             for time in times:
                 upto = round(time * fps)
-                (signals, _), given = inputs(sums[:, done:upto], given)
-                _, state = stage(signals @ refine, state)
-                table = stage.table(state)
+                _, state = model.from_sums(sums[:, done:upto], state)
+                table = model.table(state)
                 found = [rows[own] > 0 for rows, own in zip(table.rows, table.owners, strict=True)]
                 # Outputs of a settled network are a fixed mixture of its inputs: they cannot alternate.
                 readings.append(Reading(found, torch.zeros(len(sums), dtype=torch.bool)))

@@ -1,4 +1,4 @@
-"""Scoring the objects that files over retinotopic signals find."""
+"""Scoring the objects that windows over retinotopic signals find."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ndtorch.binding import RetinotopicBinding
-from ndtorch.binding.models.retinotopic import RetinotopicParams
+from ndtorch.binding import Windows
+from ndtorch.binding.tracking.windows import WindowParams
 from ndtorch.vision import LocalFeatures, VisualFeatures
 from ndtorch_train.score.choices import SETTLE, Split
 from ndtorch_train.score.leaderboard import Row
@@ -58,25 +58,25 @@ def drawn(chosen: LocalSet, split: Split, scenes: int) -> list[Scene]:
     ]
 
 
-def found(files: RetinotopicBinding, signals: Iterator[Tensor], moments: Sequence[int]) -> list[list[Tensor]]:
+def found(windows: Windows, signals: Iterator[Tensor], moments: Sequence[int]) -> list[list[Tensor]]:
     """Features of the objects of every scene, `[objects, 10]` bool, after so many samples."""
     state, taken, readings = None, 0, []
     for chunk in signals:
         for part in torch.split(chunk, 1, 1):
-            _, state = files(part, state)
+            _, state = windows(part, state)
             taken += 1
             if taken in moments:
-                features, open_ = files.features(state) > 0, files.confirmed(state)
+                features, open_ = windows.features(state) > 0, windows.confirmed(state)
                 readings.append([f[o] for f, o in zip(features, open_, strict=True)])
     return readings
 
 
 def retinotopic_rows(
-    split: Split, scenes: int, seconds: Sequence[float], folder: Path, params: RetinotopicParams | None = None
+    split: Split, scenes: int, seconds: Sequence[float], folder: Path, params: WindowParams | None = None
 ) -> Iterator[Row]:
     """All sets; the random one at every wanted time, the others at the first."""
     table = local_bars(folder)
-    files = RetinotopicBinding((FIELDS, FIELDS), SPACING, EVERY / FPS, first_stage=first_stage(), params=params)
+    windows = Windows((FIELDS, FIELDS), SPACING, EVERY / FPS, first_stage=first_stage(), params=params)
     for chosen in SETS:
         times = sorted(seconds) if chosen.name == "random" else [min(seconds)]
         every = drawn(chosen, split, scenes)
@@ -86,7 +86,7 @@ def retinotopic_rows(
             truth = true_features(part, first_stage())
             moments = [round((SETTLE + s) * FPS / EVERY) for s in times]
             with torch.inference_mode():
-                readings = found(files, local_sums(part, SETTLE + max(times), table), moments)
+                readings = found(windows, local_sums(part, SETTLE + max(times), table), moments)
             for into, reading in zip(scores, readings, strict=True):
                 into += [score_scene(f, t) for f, t in zip(reading, truth, strict=True)]
         for time, judged in zip(times, scores, strict=True):
@@ -101,12 +101,12 @@ def rendered_row(split: Split, scenes: int, seconds: float) -> Row:
     for scene, true in zip(every, truth, strict=True):
         source = RenderedBars(scene, SETTLE + seconds)
         eyes = LocalFeatures(VisualFeatures(source.size, 1 / source.fps), FIELDS)
-        files = RetinotopicBinding(eyes.grid, eyes.spacing, 1 / source.fps, first_stage=first_stage())
+        windows = Windows(eyes.grid, eyes.spacing, 1 / source.fps, first_stage=first_stage())
         seen = state = None
         with torch.inference_mode():
             for frames in source.chunks(8):
                 signals, seen = eyes(frames, seen)
-                _, state = files(signals, state)
+                _, state = windows(signals, state)
             assert state is not None
-            judged.append(score_scene(files.features(state)[files.confirmed(state)] > 0, true))
+            judged.append(score_scene(windows.features(state)[windows.confirmed(state)] > 0, true))
     return Row("random, rendered", NAME, True, seconds, judged)

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import torch
 
+from ndtorch.binding.models.video import SWITCHES as PARTS
 from ndtorch.errors import InputError
 from ndtorch.memory import tune_allocator
 from ndtorch.report.timeline import draw_timeline
 from ndtorch.report.words import in_words
-from ndtorch.run.today import PARTS
 from ndtorch_train.score.choices import RATES, Split
 from ndtorch_train.score.video_clips import SECONDS, SPLIT_SEEDS
 from ndtorch_train.score.video_score import ClipScore, run_video, score_clips, table

@@ -6,23 +6,25 @@ import itertools
 import tempfile
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+import ndtorch
 from ndtorch.binding import BoundObject
+from ndtorch.binding.models.video import switched_off
 from ndtorch.run.opening import ROWS
 from ndtorch.run.result import RunResult
 from ndtorch.run.run import run_model
-from ndtorch.run.today import Video
 from ndtorch.scenes.video import open_video
 from ndtorch_train.score.choices import Split
 from ndtorch_train.score.metrics import share
 from ndtorch_train.score.video_clips import Clip, draw_clip, truth
 from ndtorch_train.score.video_encode import encode
 from ndtorch_train.score.video_paint import Painter
+from ndtorch_train.score.whole_field import WholeFieldWatcher
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,12 @@ def score_clip(clip: Clip, path: Path, without: Sequence[str] = ()) -> ClipScore
 def run_video(path: Path, without: Sequence[str] = ()) -> RunResult:
     """The model video over a file, without pictures."""
     source = open_video(path, (ROWS, ROWS), fit="reduce")
-    return run_model(Video(source.size, source.fps, without), source, pictures_per_second=0)
+    model = ndtorch.load("video", size=source.size, fps=source.fps, **switched_off(without))
+    if "fields" not in without:
+        return run_model(model, source, pictures_per_second=0)
+    watcher = WholeFieldWatcher(model.dt, source.size)
+    result = run_model(model, source, pictures_per_second=0, watchers=(watcher,))
+    return replace(result, objects=watcher.objects())
 
 
 def compare(clip: Clip, result: RunResult, cost: float = 0.0) -> ClipScore:

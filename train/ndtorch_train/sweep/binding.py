@@ -12,16 +12,11 @@ import torch
 from torch import Tensor
 
 import ndtorch
-from ndtorch.binding import (
-    BindingState,
-    NetworkState,
-    VisualBinding,
-    alternation,
-    object_table,
-    second_stage,
-    weight_change,
-)
+from ndtorch.binding import PublishedModel, alternation, object_table, weight_change
+from ndtorch.binding.models.published import second_stage
+from ndtorch.binding.models.whole_field import BindingState
 from ndtorch.code_digest import MODELS
+from ndtorch.tree import mapped
 from ndtorch.vision import FEATURES
 from ndtorch_train.superposed import Bars, Stimuli, film_bars
 from ndtorch_train.sweep.parameters import Parameter, Trial
@@ -48,7 +43,7 @@ PARAMETERS: Mapping[str, Parameter] = {
     "seconds": Parameter(15.0, 0.1, 3600),
 }
 """Lead of green over red (degrees), start of blue (px), number of bars, white noise on every sum as a share of its
-mean and its seed, and the fields of `BindingConfig`."""
+mean and its seed, and options of the model published."""
 
 TOGETHER = ("phase", "offset", "bars", "noise", "seed", "gamma")
 """Parameters that may differ within a batch; trials that differ in others are computed apart."""
@@ -111,10 +106,14 @@ def sums_of(trials: Sequence[Trial]) -> Tensor:
     return sums
 
 
-def model_of(trial: Trial) -> VisualBinding:
+def model_of(trial: Trial) -> PublishedModel:
     """The shipped model with a trial's options."""
     names = ("rule", "order", "f", "g", "tau_in", "tau_out", "window", "floor", "tau_onset", "radius_limit")
-    return ndtorch.load("binding", **{name: trial[name] for name in names})
+    options: dict[str, Any] = {name: trial[name] for name in names}
+    # One constant of the paper, one key for each of its two filters.
+    model = ndtorch.load("published", **options, tau_sums=trial["tau_in"])
+    assert isinstance(model, PublishedModel)
+    return model
 
 
 def run_block(trials: Sequence[Trial], device: str = "cpu") -> list[dict[str, Any]]:
@@ -145,8 +144,7 @@ def run_block(trials: Sequence[Trial], device: str = "cpu") -> list[dict[str, An
     locked, change = alternation(state), weight_change(state)
     for k, trial in enumerate(trials):
         scene = int(which[k])
-        inputs_of = type(inputs_state)(*(part[scene] for part in inputs_state))
-        one = BindingState(None, resample, inputs_of, pick(stage, scene), pick(state, k))
+        one = BindingState(None, resample, pick(inputs_state, scene), pick(stage, scene), pick(state, k))
         names = [thing.neuron for thing in model.objects(one)]
         weights = state.weights[k]
         wanted = WANTED[: int(trial["bars"])]
@@ -172,6 +170,6 @@ def finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def pick(state: NetworkState, index: int) -> NetworkState:
-    """The state of one network of a batch."""
-    return NetworkState(**{n: v if n == "steps" else v[index] for n, v in state._asdict().items()})
+def pick(state: Any, index: int) -> Any:
+    """The state of one trial of a batch."""
+    return mapped(state, lambda _, part: part[index] if part.ndim else part)

@@ -1,0 +1,340 @@
+"""Where the objects are: windows that follow them over a grid of fields and bind what fluctuates there."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from pydantic import Field
+from torch import Tensor, nn
+
+from ndtorch.binding.feedback import settled
+from ndtorch.binding.readout.owners import features_by_group
+from ndtorch.config import Constants
+from ndtorch.errors import InputError
+from ndtorch.vision.alpha_beta import corrected, predicted
+from ndtorch.vision.features import GROUPS
+from ndtorch.vision.motion import Border, check_border
+
+DIRECTIONS = ((0.0, -1.0), (0.0, 1.0), (1.0, 0.0), (-1.0, 0.0))
+"""Rows and columns towards which the motion signals left, right, down and up point."""
+
+
+class WindowParams(Constants):
+    """Constants of `Windows`; lengths in fields (spacings of the grid), times in seconds."""
+
+    most: int = Field(8, gt=0, description="objects at a time")
+    period: float = Field(0.05, gt=0, description="time between updates")
+    tau_low: float = Field(0.05, gt=0, description="low-pass on the signals")
+    window: float = Field(0.96, gt=0, description="standard deviation of a window's receptive field, fields")
+    crowd: float = Field(0.05, gt=0, description="keeps a window's share from being decided by its far ends")
+    visible: float = Field(0.12, gt=0, description="share of the recent largest motion above which an object is seen")
+    birth: float = Field(0.22, gt=0, description="share of it above which unclaimed motion opens a window")
+    contrast: float = Field(2.5, gt=0, description="and this many times the median over all fields")
+    claim: float = Field(1.66, gt=0, description="radius within which a window claims all motion, fields")
+    tau_peak: float = Field(10.0, gt=0, description="memory of the recent largest motion")
+    gain: float = Field(0.5, gt=0, description="alpha of the alpha-beta filter that follows the object")
+    drift: float = Field(0.15, gt=0, description="beta of it")
+    young: float = Field(1.0, gt=0, description="age up to which a window follows faster:")
+    young_gain: float = Field(0.6, gt=0, description="with at least this alpha")
+    young_drift: float = Field(0.3, gt=0, description="and at least this beta")
+    updates: float = Field(4.0, gt=0, description="updates over which a residual comes about")
+    reach: float = Field(0.8, gt=0, description="largest residual, fields")
+    fastest: float = Field(4.0, gt=0, description="speed limit, fields a second")
+    aim: float = Field(0.3, gt=0, description="age at which a window begins to prefer motion in its own direction,")
+    aimed: float = Field(0.5, gt=0, description="and time until it does so fully")
+    slow: float = Field(0.125, gt=0, description="share of the speed limit below which it has no direction")
+    confirm: float = Field(0.8, gt=0, description="age at which a window counts as an object")
+    blind: float = Field(0.15, gt=0, description="time without sight after which a younger one is closed")
+    lost: float = Field(2.0, gt=0, description="time without sight after which any window is closed")
+    same: float = Field(0.7, gt=0, description="windows nearer than this that move alike are one, fields")
+    near: float = Field(2.1, gt=0, description="and nearer than this if they fluctuate alike")
+    known: float = Field(0.7, gt=0, description="age of both from which on that counts")
+    alike: float = Field(0.8, gt=0, description="correlation of fluctuations that are alike")
+    alike_speed: float = Field(0.8, gt=0, description="difference of velocities that are alike, fields a second")
+    tau_high: float = Field(1.0, gt=0, description="high-pass on a window's signals")
+    tau_bind: float = Field(3.0, gt=0, description="memory of a window's covariances")
+    tau_light: float = Field(2.0, gt=0, description="memory of the covariances between windows")
+
+
+class WindowState(NamedTuple):
+    """State of `Windows`: K windows a trial.
+
+    Attributes:
+        low: low-passed signals, `[..., R, C, 10]`.
+        peak: largest motion of any field lately, `[...]`.
+        place: row and column in fields, `[..., K, 2]`; 0, 0 is the centre of the first field.
+        velocity: fields a second, `[..., K, 2]`.
+        open: windows in use, `[..., K]` bool.
+        age, unseen: seconds since the window was opened, and since it last saw its object, `[..., K]`.
+        mean: what the high-pass has taken for the mean of a window's signals, `[..., K, 10]`.
+        covariance: running covariance of a window's signals, `[..., K, 10, 10]`.
+        light_mean, light: the same of the windows' motion, `[..., K]` and `[..., K, K]`.
+        steps: samples taken since the start, int64 scalar.
+    """
+
+    low: Tensor
+    peak: Tensor
+    place: Tensor
+    velocity: Tensor
+    open: Tensor
+    age: Tensor
+    unseen: Tensor
+    mean: Tensor
+    covariance: Tensor
+    light_mean: Tensor
+    light: Tensor
+    steps: Tensor
+
+
+class Windows(nn.Module):
+    """Follows objects over retinotopic glomeruli, and learns of each which signals fluctuate together.
+
+    Whole-field sums cannot tell apart bars of one colour, bars that fluctuate in phase, or equal bars [C §5.5.2];
+    sums over small fields can. Lateral competition picks the fields that move most; a *window* is opened there, a
+    receptive field of its own that then goes with the object: it is predicted from the velocity, and
+    drawn to the motion in the object's own direction, which windows share where their windows overlap. What the
+    window sees is the object alone most of the time, and its fluctuations are the object's own.
+
+    Binding is what the competitive rule converges to where one object dominates: the strongest neuron k owns the
+    window, its column of weights is `<h_n h_k>` (h: high-passed signals through the settled first stage). Two
+    windows side by side that fluctuate together are one object.
+
+    Args:
+        grid: rows and columns of fields.
+        spacing: pixels from field to field.
+        dt: time step, s.
+        border: "wrap" where the scene is a torus.
+        first_stage: weights of the first stage, `[10, 10]`; None for none.
+        params: constants.
+
+    Shapes:
+        signals `[..., T, R, C, 10]` -> number of objects at every step `[..., T]`, `WindowState`.
+
+    Raises:
+        InputError: signals of another shape, or parameters out of range.
+    """
+
+    centres: Tensor
+    first_gain: Tensor
+    directions: Tensor
+
+    def __init__(
+        self,
+        grid: tuple[int, int],
+        spacing: float,
+        dt: float = 0.01,
+        border: Border = "wrap",
+        first_stage: Tensor | None = None,
+        params: WindowParams | None = None,
+    ) -> None:
+        super().__init__()
+        check_border(border)
+        if min(grid) < 3 or not spacing > 0 or not dt > 0:
+            raise InputError(f"expected at least 3 x 3 fields, spacing > 0 and dt > 0, got {grid}, {spacing}, {dt}")
+        self.grid, self.spacing, self.dt, self.border = grid, spacing, dt, border
+        self.params = params or WindowParams()
+        self.every = max(1, round(self.params.period / dt))
+        rows, columns = torch.meshgrid(torch.arange(float(grid[0])), torch.arange(float(grid[1])), indexing="ij")
+        weights = torch.zeros(10, 10) if first_stage is None else first_stage
+        self.register_buffer("centres", torch.stack([rows, columns], -1).flatten(0, 1))
+        self.register_buffer("first_gain", settled(weights))
+        self.register_buffer("directions", torch.tensor(DIRECTIONS))
+
+    def start(self, first: Tensor) -> WindowState:
+        """No window open, before the first sample `[..., R, C, 10]`."""
+        batch, k = first.shape[:-3], self.params.most
+        none = first.new_zeros(*batch, k)
+        pairs, signals = first.new_zeros(*batch, k, 2), first.new_zeros(*batch, k, 10)
+        return WindowState(
+            low=first,
+            peak=first.new_zeros(batch),
+            place=pairs,
+            velocity=pairs,
+            open=torch.zeros(*batch, k, dtype=torch.bool, device=first.device),
+            age=none,
+            unseen=none,
+            mean=signals,
+            covariance=signals.unsqueeze(-1) * signals.unsqueeze(-2),
+            light_mean=none,
+            light=none.unsqueeze(-1) * none.unsqueeze(-2),
+            steps=torch.zeros((), dtype=torch.int64),
+        )
+
+    def forward(self, signals: Tensor, state: WindowState | None = None) -> tuple[Tensor, WindowState]:
+        if signals.ndim < 4 or tuple(signals.shape[-3:]) != (*self.grid, 10):
+            raise InputError(
+                f"signals must be [..., T, {self.grid[0]}, {self.grid[1]}, 10], got {tuple(signals.shape)}"
+            )
+        state = self.start(signals[..., 0, :, :, :]) if state is None else state
+        a = self.dt / (self.params.tau_low + self.dt)
+        counts, low, step = [], state.low, int(state.steps)
+        for sample in signals.unbind(-4):
+            low = torch.lerp(low, sample, a)
+            if step % self.every == 0:
+                state = windows_step(low, state, self)
+            step += 1
+            counts.append(self.confirmed(state).sum(-1))
+        return torch.stack(counts, -1), state._replace(low=low, steps=torch.tensor(step, dtype=torch.int64))
+
+    def offset(self, difference: Tensor) -> Tensor:
+        """Differences of places `[..., 2]`, the short way around where the scene is a torus."""
+        if self.border != "wrap":
+            return difference
+        size = torch.tensor(self.grid, dtype=difference.dtype, device=difference.device)
+        return torch.remainder(difference + size / 2, size) - size / 2
+
+    def confirmed(self, state: WindowState) -> Tensor:
+        """Windows that hold an object, `[..., K]` bool."""
+        return state.open & (state.age >= self.params.confirm)
+
+    def columns(self, state: WindowState) -> tuple[Tensor, Tensor]:
+        """The neuron that owns each window, `[..., K]`, and its column, `<h_n h_k>`, `[..., K, 10]`."""
+        covariance = state.covariance
+        deviation = covariance.diagonal(dim1=-2, dim2=-1).clamp_min(0).sqrt()
+        # Motion is in other units than color: each group counts by its largest fluctuation.
+        scale = torch.cat([group_scale(deviation[..., g]) for g in GROUPS.values()], -1)
+        first = self.first_gain.to(covariance.dtype)
+        shared = first @ (covariance / (scale.unsqueeze(-1) * scale.unsqueeze(-2))) @ first.mT
+        owner = shared.diagonal(dim1=-2, dim2=-1).argmax(-1)
+        column = shared.gather(-1, owner[..., None, None].expand(*shared.shape[:-1], 1)).squeeze(-1)
+        return owner, column
+
+    def features(self, state: WindowState) -> Tensor:
+        """Features of every window, each group over its largest, small ones zero, `[..., K, 10]`."""
+        column = self.columns(state)[1]
+        return torch.where(self.confirmed(state).unsqueeze(-1), features_by_group(column), 0.0)
+
+    def places(self, state: WindowState) -> tuple[Tensor, Tensor]:
+        """Column and row in pixels, and velocity in pixels a second to the right and down, `[..., K, 2]` each."""
+        place = (state.place + 0.5) * self.spacing
+        if self.border == "wrap":
+            place = torch.remainder(place, place.new_tensor(self.grid) * self.spacing)
+        return place.flip(-1), (state.velocity * self.spacing).flip(-1)
+
+
+def group_scale(deviation: Tensor) -> Tensor:
+    """The largest of a group, for every member of it, `[..., n]`."""
+    largest = deviation.amax(-1, keepdim=True).clamp_min(torch.finfo(deviation.dtype).tiny)
+    return largest.expand_as(deviation)
+
+
+def windows_step(low: Tensor, state: WindowState, windows: Windows) -> WindowState:
+    """One update of all windows with the low-passed signals `[..., R, C, 10]`."""
+    p, dt = windows.params, windows.every * windows.dt
+    tiny = torch.finfo(low.dtype).tiny
+    signals = low.flatten(-3, -2)  # [..., F, 10]
+    motion = signals[..., :4].clamp_min(0)
+    # The detectors multiply brightness with brightness; the root is proportional to it again.
+    energy = motion.sum(-1).sqrt()  # [..., F]
+    peak = torch.maximum(state.peak * (1 - dt / p.tau_peak), energy.amax(-1))
+
+    # Follow: predict, then move towards the motion in the window's own direction.
+    place = predicted(state.place, state.velocity, dt)
+    away = windows.offset(windows.centres - place.unsqueeze(-2))  # [..., K, F, 2]
+    window = torch.exp(-away.square().sum(-1) / (2 * p.window**2)) * state.open.unsqueeze(-1)
+    shared = window * window / (window.sum(-2, keepdim=True) + p.crowd)
+    own = (own_direction(state, windows) @ motion.mT).sqrt()  # [..., K, F]
+    weight = shared * own
+    seen = state.open & ((window * own).amax(-1) > p.visible * peak.unsqueeze(-1))
+    towards = (weight.unsqueeze(-1) * away).sum(-2) / weight.sum(-1, keepdim=True).clamp_min(tiny)
+    towards = towards.clamp(-p.reach, p.reach) * seen.unsqueeze(-1)
+    young = (state.age < p.young).unsqueeze(-1)
+    alpha = torch.where(young, max(p.gain, p.young_gain), p.gain)
+    beta = torch.where(young, max(p.drift, p.young_drift), p.drift)
+    place, velocity = corrected(place, state.velocity, towards, alpha, beta, p.updates * dt)
+    speed = velocity.norm(dim=-1, keepdim=True)
+    velocity = velocity * (p.fastest / speed.clamp_min(p.fastest))
+    age = state.age + dt * state.open
+    unseen = torch.where(seen, 0.0, state.unseen + dt)
+
+    # Bind: covariances of what the window sees, and of the windows' motion with each other.
+    first = (state.age < dt / 2).unsqueeze(-1)
+    total = window.sum(-1, keepdim=True).clamp_min(tiny)
+    inside = (window @ signals) / total
+    mean = torch.where(first, inside, torch.lerp(state.mean, inside, dt / (p.tau_high + dt)))
+    high = inside - mean
+    products = high.unsqueeze(-1) * high.unsqueeze(-2)
+    take = seen[..., None, None] * (dt / p.tau_bind)
+    covariance = state.covariance + take * (products - state.covariance)
+    light = weight.sum(-1) / shared.sum(-1).clamp_min(tiny)
+    light_mean = torch.where(first.squeeze(-1), light, torch.lerp(state.light_mean, light, dt / (p.tau_high + dt)))
+    flicker = light - light_mean
+    fresh = first | first.mT
+    pairs = torch.where(fresh, 0.0, state.light)
+    pairs = pairs + dt / p.tau_light * (flicker.unsqueeze(-1) * flicker.unsqueeze(-2) - pairs)
+
+    now = state._replace(
+        peak=peak,
+        place=place,
+        velocity=velocity,
+        age=age,
+        unseen=unseen,
+        mean=mean,
+        covariance=covariance,
+        light_mean=light_mean,
+        light=pairs,
+    )
+    still = state.open & ~closed(now, windows)
+    return opened(now._replace(open=still), energy, windows)
+
+
+def own_direction(state: WindowState, windows: Windows) -> Tensor:
+    """How much each of the four motion signals counts for a window, `[..., K, 4]`: all alike while it is young."""
+    p = windows.params
+    speed = state.velocity.norm(dim=-1, keepdim=True)
+    along = (state.velocity / speed.clamp_min(1e-6)) @ windows.directions.to(speed.dtype).mT
+    sure = ((state.age.unsqueeze(-1) - p.aim) / p.aimed).clamp(0, 1) * (speed > p.slow * p.fastest)
+    counts: Tensor = sure * along.clamp_min(0).square() + (1 - sure)
+    return counts
+
+
+def closed(state: WindowState, windows: Windows) -> Tensor:
+    """Windows to be closed, `[..., K]`: lost, never confirmed, or following the object of an older one."""
+    p = windows.params
+    lost = (state.unseen > p.lost) | ((state.age < p.confirm) & (state.unseen > p.blind))
+    apart = windows.offset(state.place.unsqueeze(-2) - state.place.unsqueeze(-3)).norm(dim=-1)
+    drift = (state.velocity.unsqueeze(-2) - state.velocity.unsqueeze(-3)).norm(dim=-1)
+    deviation = state.light.diagonal(dim1=-2, dim2=-1).clamp_min(torch.finfo(apart.dtype).tiny).sqrt()
+    correlation = state.light / (deviation.unsqueeze(-1) * deviation.unsqueeze(-2))
+    older = state.age.unsqueeze(-2) > state.age.unsqueeze(-1)
+    number = torch.arange(p.most, device=apart.device)
+    older = older | ((state.age.unsqueeze(-2) == state.age.unsqueeze(-1)) & (number < number.unsqueeze(-1)))
+    both = state.open.unsqueeze(-2) & state.open.unsqueeze(-1)
+    known = torch.minimum(state.age.unsqueeze(-2), state.age.unsqueeze(-1)) > p.known
+    copies = (apart < p.same) | ((apart < p.near) & (correlation > p.alike) & known)
+    closing: Tensor = lost | (both & older & copies & (drift < p.alike_speed)).any(-1)
+    return closing
+
+
+def opened(state: WindowState, energy: Tensor, windows: Windows) -> WindowState:
+    """Open one window where the largest motion is that no window claims; `energy` `[..., F]`."""
+    p = windows.params
+    away = windows.offset(windows.centres - state.place.unsqueeze(-2)).norm(dim=-1)
+    claimed = ((away < p.claim) & state.open.unsqueeze(-1)).any(-2)
+    grid = energy.reshape(*energy.shape[:-1], *windows.grid)
+    summit = local_maximum(grid, windows.border).flatten(-2)
+    free = torch.where(claimed | ~summit, 0.0, energy)
+    height, where = free.max(-1)
+    wanted = (height > p.birth * state.peak) & (height > p.contrast * energy.median(-1).values)
+    wanted = wanted & ~state.open.all(-1) & (height > 0)
+    slot = (~state.open).to(torch.uint8).argmax(-1)
+    number = torch.arange(p.most, device=slot.device)
+    new = (number == slot.unsqueeze(-1)) & wanted.unsqueeze(-1)
+    place = windows.centres.to(energy.dtype)[where].unsqueeze(-2)
+    return state._replace(
+        place=torch.where(new.unsqueeze(-1), place, state.place),
+        velocity=torch.where(new.unsqueeze(-1), 0.0, state.velocity),
+        open=state.open | new,
+        age=torch.where(new, 0.0, state.age),
+        unseen=torch.where(new, 0.0, state.unseen),
+        covariance=torch.where(new[..., None, None], 0.0, state.covariance),
+    )
+
+
+def local_maximum(energy: Tensor, border: Border) -> Tensor:
+    """Fields that no neighbour exceeds, `[..., R, C]` bool."""
+    flat = energy.reshape(-1, 1, *energy.shape[-2:])
+    padded = F.pad(flat, (1, 1, 1, 1), mode="circular" if border == "wrap" else "replicate")
+    return (F.max_pool2d(padded, 3, 1) == flat).reshape(energy.shape)

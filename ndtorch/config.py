@@ -1,0 +1,145 @@
+"""A model's constants: tables checked with pydantic, options by name, written as TOML; errors name the key."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from ndtorch.errors import InputError
+
+
+def square(size: Any) -> Any:
+    """One number means a square."""
+    return (size, size) if isinstance(size, int) and not isinstance(size, bool) else size
+
+
+Size = Annotated[tuple[int, int], BeforeValidator(square)]
+"""Height and width in pixels; a single number means a square."""
+
+
+class Constants(BaseModel):
+    """One table of a config.toml. Seconds where nothing else is said.
+
+    Raises:
+        InputError: an unknown key, or a value out of range, in one line that names it.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=True)
+
+    def __init__(self, **data: Any) -> None:
+        try:
+            super().__init__(**data)
+        except ValidationError as error:
+            raise InputError(one_line(type(self), error)) from None
+
+
+def one_line(kind: type[BaseModel], error: ValidationError) -> str:
+    """The first thing that is wrong with a table: the key, what was given and what is wanted."""
+    first = error.errors()[0]
+    key = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "extra_forbidden":
+        return f"unknown key {key!r}; {suggestion(key, kind.model_fields)}"
+    if first["type"] == "missing":
+        return f"key {key!r} is missing"
+    inner = first.get("ctx", {}).get("error")
+    if isinstance(inner, InputError):
+        return f"{key}: {inner}"
+    return f"{key} = {first['input']!r}: {first['msg']}"
+
+
+class ModelConfig(Constants):
+    """What every model's config.toml says; each kind adds a table for every choice that it makes."""
+
+    model: str = Field(description="kind of the model")
+    size: Size = Field(description="height and width of the frames, pixels")
+    fps: float = Field(gt=0, le=100_000, description="frames a second")
+
+
+Kind = TypeVar("Kind", bound=ModelConfig)
+
+
+def validated(kind: type[Kind], data: Mapping[str, Any], where: str) -> Kind:
+    """A config from plain data; one-line `InputError` naming `where` and the key otherwise."""
+    try:
+        return kind(**data)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """ "did you mean gamma?", or else all that is known."""
+    names = list(known)
+    near = difflib.get_close_matches(name, names, 1, 0.6)
+    return f"did you mean {near[0]}?" if near else f"known: {', '.join(names)}"
+
+
+def option_places(kind: type[BaseModel]) -> dict[str, list[tuple[str, ...]]]:
+    """Every option of a kind of model, by its own name and by `table.name`, and where it stands in the config."""
+    places: dict[str, list[tuple[str, ...]]] = {}
+    for name, field in kind.model_fields.items():
+        inner = field.annotation
+        if isinstance(inner, type) and issubclass(inner, BaseModel):
+            for leaf in inner.model_fields:
+                places.setdefault(leaf, []).append((name, leaf))
+                places[f"{name}.{leaf}"] = [(name, leaf)]
+        elif name != "model":
+            places.setdefault(name, []).append((name,))
+    return places
+
+
+def with_options(config: Kind, options: Mapping[str, Any]) -> Kind:
+    """The config with other values for some of its keys, given by their names: `gamma=1.0`, `{"network.tau_in": 2.0}`.
+
+    Raises:
+        InputError: a key that the config does not have or has more than once, or a value out of range.
+    """
+    places = option_places(type(config))
+    data = config.model_dump()
+    for name, value in options.items():
+        found = places.get(name, [])
+        if not found:
+            raise InputError(f"options: unknown key {name!r}; {suggestion(name, places)}")
+        if len(found) > 1:
+            raise InputError(
+                f"options: {name} is a key of {' and '.join('.'.join(place) for place in found)}; say which"
+            )
+        into = data
+        for part in found[0][:-1]:
+            into = into[part]
+        into[found[0][-1]] = value
+    return validated(type(config), data, "options")
+
+
+def config_text(config: ModelConfig, head: str = "") -> str:
+    """The config as TOML, every key with its meaning."""
+    lines = [f"# {line}" for line in head.splitlines()]
+    tables: list[str] = []
+    for name, field in type(config).model_fields.items():
+        value = getattr(config, name)
+        if isinstance(value, BaseModel):
+            about = f"  # {field.description}" if field.description else ""
+            tables += ["", f"[{name}]{about}"]
+            tables += [entry(key, getattr(value, key), f.description) for key, f in type(value).model_fields.items()]
+        else:
+            lines.append(entry(name, value, field.description))
+    return "\n".join(lines + tables) + "\n"
+
+
+def entry(key: str, value: Any, about: str | None) -> str:
+    """One line of TOML."""
+    return f"{key} = {literal(value)}" + (f"  # {about}" if about else "")
+
+
+def literal(value: Any) -> str:
+    """A value as TOML writes it."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, tuple | list):
+        return f"[{', '.join(literal(part) for part in value)}]"
+    return repr(value)

@@ -1,0 +1,108 @@
+"""A serial line that frames are written to, and what is known of how good it is."""
+
+from __future__ import annotations
+
+import contextlib
+import termios
+import threading
+import time
+from collections import deque
+from typing import TYPE_CHECKING
+
+from ndtorch.errors import InputError
+from ndtorch_robot.link.messages import VERSION, Frame, Type, encode_frame
+from ndtorch_robot.link.port import open_port
+
+if TYPE_CHECKING:
+    import serial
+
+GONE = (OSError, termios.error, TypeError)
+"""What pyserial raises when the cable is pulled; TypeError when the port was closed in between."""
+
+NOISE_LIMIT, FORGIVE = 4, 0.2
+"""So many refused frames, less one forgiven every 0.2 s, and the line counts as bad."""
+
+
+class SerialLine:
+    """Writes frames with sequence numbers, from any thread, and times the echoes of heartbeats.
+
+    Raises:
+        InputError: no such device, no permission, or in use.
+
+    Attributes:
+        port: the open port; None while it is gone.
+        trips: seconds from each heartbeat to its echo, the newest last.
+    """
+
+    def __init__(self, device: str, baud: int) -> None:
+        self.device, self.baud = device, baud
+        self.lock = threading.Lock()
+        self.port: serial.Serial | None = open_port(device, baud)
+        self.sequence = 0
+        self.beats: dict[int, float] = {}
+        self.trips: deque[float] = deque(maxlen=100_000)
+
+    def write(self, kind: Type, body: bytes = b"") -> bool:
+        """Send one message; False when the line did not take it."""
+        with self.lock:
+            port = self.port
+            if port is None:
+                return False
+            self.sequence = self.sequence + 1 & 0xFFFF
+            data = encode_frame(Frame(VERSION, kind, self.sequence, body))
+            if kind == Type.HELLO:
+                data = b"\0" + data  # ends whatever the board has half of
+            if kind == Type.HEARTBEAT:
+                self.beats[self.sequence] = time.monotonic()
+                if len(self.beats) > 64:
+                    del self.beats[next(iter(self.beats))]
+            try:
+                port.write(data)
+            except GONE:  # whoever reads will see it too, and say so
+                return False
+        return True
+
+    def echoed(self, sequence: int, now: float) -> None:
+        """The other end has heard a heartbeat."""
+        sent = self.beats.pop(sequence, None)
+        if sent is not None:
+            self.trips.append(now - sent)
+
+    def reopen(self) -> bool:
+        """Open the port anew; False when it is not there."""
+        try:
+            port = open_port(self.device, self.baud)
+        except InputError:
+            return False
+        with self.lock:
+            self.port = port
+        return True
+
+    def drop(self) -> None:
+        """Close the port if it is open."""
+        with self.lock:
+            port, self.port = self.port, None
+        if port is not None:
+            with contextlib.suppress(*GONE):
+                port.close()
+
+
+class Noise:
+    """Too many refused frames in a short time: nothing that comes can be trusted."""
+
+    def __init__(self) -> None:
+        self.count, self.refused, self.forgiven = 0, 0, 0.0
+
+    def bad(self, refused: int, now: float) -> bool:
+        """Whether it is too much now.
+
+        Args:
+            refused: frames so far.
+            now: s.
+        """
+        self.count += refused - self.refused
+        self.refused = refused
+        while self.count and now - self.forgiven > FORGIVE:
+            self.count -= 1
+            self.forgiven = max(self.forgiven + FORGIVE, now - FORGIVE)
+        return self.count >= NOISE_LIMIT

@@ -1,0 +1,60 @@
+"""The ten sums of rendered scenes, filmed once for all tests and all processes of a run: a scene takes 17 seconds."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from collections.abc import Callable
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ndtorch.scenes import FrameSource
+from ndtorch.vision import VisualFeatures
+
+
+class Films:
+    """Films in a folder that all processes of a run share.
+
+    Args:
+        folder: where they are kept.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def __call__(self, scene: Callable[..., FrameSource], **options: Any) -> Tensor:
+        """The ten sums of every frame of a scene, `[T, 10]`.
+
+        Args:
+            scene: makes it, such as `ndtorch.scenes.two_bars`.
+            options: of the scene.
+        """
+        name = f"{scene.__name__} {sorted(options.items())}"
+        path = self.folder / f"film-{sha256(name.encode()).hexdigest()[:16]}.pt"
+        with path.with_suffix(".lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not path.exists():
+                part = path.with_suffix(".part")
+                torch.save(sums_of(scene(**options)), part)
+                part.replace(path)
+        sums: Tensor = torch.load(path)
+        return sums
+
+
+def sums_of(scene: FrameSource) -> Tensor:
+    """The ten sums of every frame of a scene, `[T, 10]`."""
+    features, state, sums = VisualFeatures(scene.size, 1 / scene.fps), None, []
+    with torch.no_grad():
+        for frames in scene.chunks(8):
+            out, state = features(frames, state)
+            sums.append(out)
+    return torch.cat(sums)
+
+
+def shared_folder(base: Path) -> Path:
+    """The folder that all processes of a run share, from a process's own."""
+    return base.parent if "PYTEST_XDIST_WORKER" in os.environ else base

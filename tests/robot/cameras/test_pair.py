@@ -1,0 +1,226 @@
+"""Two cameras as one: pairing, waiting, faults and coming back."""
+
+import re
+import time
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ndtorch.errors import InputError
+from ndtorch_robot.cameras import CameraSettings, CamerasSilent, Frame, FramesEnded, Pairing, StereoCameras
+from ndtorch_robot.cameras import pair as pair_module
+from ndtorch_robot.cameras import reader as reader_module
+from ndtorch_robot.cameras.sysfs import UsbPlace
+from tests.robot.support.fake_captures import LiveCapture, folder_of, picture
+
+SMALL = {"width_px": 64, "height_px": 48}
+
+
+def live(*captures, **settings):
+    """Cameras 0 and 1 from a list of captures each, opened one after the other."""
+    left, right = (list(c) if isinstance(c, list) else [c] for c in captures)
+
+    def opener(source, settings):
+        queue = left if source.target == "/dev/video0" else right
+        if not queue:
+            raise InputError(f"camera {source.name}: no such device")
+        return queue.pop(0)
+
+    values = SMALL | {"rate_hz": 100.0, "tolerance_ms": 4.5} | settings
+    return StereoCameras(CameraSettings(left="0", right="1", **values), opener=opener)
+
+
+@given(st.lists(st.tuples(st.integers(0, 1), st.integers(0, 20)), max_size=60), st.integers(0, 30))
+def test_pairing_uses_no_frame_twice(steps, tolerance):
+    pairing, clocks, pairs = Pairing(tolerance / 1000), [0, 0], []
+    for side, gap in steps:
+        clocks[side] += 1 + gap
+        made = pairing.add(side, Frame(None, clocks[side] / 1000, 0.0))
+        pairs += [made] if made else []
+    for side in (0, 1):
+        times = [pair[side].time for pair in pairs]
+        assert sorted(set(times)) == times  # each once, in order
+    numbers = pairing.statistics
+    assert numbers.pairs == len(pairs)
+    assert all(abs(pair.skew) <= tolerance / 1000 for pair in pairs)
+    for side in (0, 1):
+        assert numbers.frames[side] == numbers.pairs + numbers.unpaired[side] + pairing.free[side]
+
+
+def test_pairing_by_hand():
+    pairing = Pairing(0.016)
+    made = [
+        pairing.add(side, Frame(None, t, t)) for side, t in [(0, 0.0), (1, 0.02), (0, 0.033), (0, 0.066), (1, 0.07)]
+    ]
+    assert [None if m is None else (m.left.time, m.right.time) for m in made] == [
+        None,
+        None,
+        (0.033, 0.02),
+        None,
+        (0.066, 0.07),
+    ]
+    assert made[2].time == 0.02
+    assert pairing.statistics.unpaired == [1, 0]
+    assert pairing.statistics.skew_ms()["max"] == pytest.approx(13.0)
+
+
+def test_frames_are_red_green_blue_and_in_step(tmp_path):
+    left, right = folder_of(tmp_path / "l", 3), folder_of(tmp_path / "r", 3, start=10)
+    cameras = StereoCameras(CameraSettings(left=str(left), right=str(right), pace="read", rate_hz=25, **SMALL))
+    for n in range(3):
+        frames = cameras.read()
+        assert frames.time == n / 25
+        assert frames.left.shape == frames.right.shape == (1, 3, 48, 64)
+        assert frames.left.dtype == torch.uint8
+        assert np.array_equal(frames.left[0].permute(1, 2, 0).numpy()[..., ::-1], picture(n))
+        assert np.array_equal(frames.right[0, 0].numpy(), picture(10 + n)[..., 2])
+    with pytest.raises(FramesEnded, match="ended after 3 frames"):
+        cameras.read()
+    cameras.close()
+
+
+def taken_or_none(cameras):
+    try:
+        return cameras.read().time
+    except FramesEnded:
+        return None
+
+
+def test_files_at_their_rate(tmp_path):
+    left, right = folder_of(tmp_path / "l", 12), folder_of(tmp_path / "r", 12, start=50)
+    with StereoCameras(CameraSettings(left=str(left), right=str(right), max_age_ms=1000, **SMALL)) as cameras:
+        times = []
+        while (taken := taken_or_none(cameras)) is not None:
+            times.append(taken)
+            assert 0 <= time.monotonic() - taken < 0.9
+    gaps = np.diff(times) * 30
+    assert np.allclose(gaps, gaps.round(), atol=1e-6)
+    assert cameras.statistics().skew_ms()["max"] == 0.0
+    assert times[-1] - times[0] == pytest.approx(11 / 30, abs=1e-6)
+
+
+def test_newest_pair_only_and_each_once():
+    with live(LiveCapture(), LiveCapture(phase=0.002)) as cameras:
+        cameras.read()
+        time.sleep(0.1)
+        first, second = cameras.read(), cameras.read()
+        assert second.time > first.time
+        statistics = cameras.statistics()
+    assert statistics.unread >= 3
+    assert statistics.skew_ms()["p50"] == pytest.approx(2.0, abs=1.0)
+
+
+def test_driver_time_is_used_only_if_it_makes_sense():
+    capture = LiveCapture()
+    capture.stamp = 100.0
+    assert reader_module.driver_time(capture, 100.02) == 100.0
+    assert reader_module.driver_time(capture, 99.0) == 99.0  # from the future
+    assert reader_module.driver_time(capture, 5000.0) == 5000.0  # of another clock
+    assert reader_module.driver_time(LiveCapture(stamped=False), 7.0) == 7.0
+
+
+@pytest.mark.parametrize("fault", [{"stops_at": 20}, {"hangs_at": 20}])
+def test_a_camera_that_falls_silent_is_named_in_time(fault):
+    with live(LiveCapture(), LiveCapture(**fault), max_age_ms=300) as cameras:
+        last = time.monotonic()
+        message = ""
+        while not message:
+            try:
+                cameras.read()
+                last = time.monotonic()
+            except CamerasSilent as error:
+                message = str(error)
+        assert time.monotonic() - last < 1.5
+        assert re.match(r"the right camera \(1\) gave its last frame \d+ ms ago", message)
+        assert "left" not in message
+        with pytest.raises(CamerasSilent):
+            cameras.read()
+
+
+def test_an_unplugged_camera_comes_back(monkeypatch):
+    monkeypatch.setattr(reader_module, "BACK_OFF", (0.05,))
+    with live(LiveCapture(), [LiveCapture(stops_at=10), LiveCapture()], max_age_ms=40) as cameras:
+        silent = None
+        until = time.monotonic() + 5
+        while time.monotonic() < until:
+            try:
+                frames = cameras.read()
+                if silent is not None:
+                    break
+            except CamerasSilent as error:
+                silent = str(error)
+        assert silent is not None
+        assert frames.time > 0
+        assert cameras.readers[1].lost == 1
+
+
+def test_why_a_camera_does_not_come_back(monkeypatch):
+    monkeypatch.setattr(reader_module, "BACK_OFF", (0.01,))
+    with live(LiveCapture(), LiveCapture(stops_at=10), max_age_ms=100) as cameras:
+        until = time.monotonic() + 5
+        message = ""
+        while "no such device" not in message and time.monotonic() < until:
+            try:
+                cameras.read()
+            except CamerasSilent as error:
+                message = str(error)
+    assert "the right camera (1)" in message
+    assert message.endswith("camera 1: no such device")
+
+
+def test_half_rate_leaves_frames_without_partner():
+    pairing = Pairing(0.0045)
+    for n in range(100):
+        pairing.add(0, Frame(None, n / 100, 0.0))
+        if n % 2 == 0:
+            pairing.add(1, Frame(None, n / 100 + 0.001, 0.0))
+    assert pairing.statistics.pairs == 50
+    assert pairing.statistics.unpaired == [49, 0]  # the newest is still waiting
+
+
+def test_times_that_do_not_fit():
+    cameras = live(LiveCapture(rate=20), LiveCapture(rate=20, phase=0.025), max_age_ms=800)
+    with pytest.raises(CamerasSilent, match=r"ms apart and 4\.5 ms are allowed"):
+        cameras.read()
+    cameras.close()
+
+
+def test_one_bus_for_two(monkeypatch):
+    monkeypatch.setattr(pair_module, "place_of", lambda target: UsbPlace(3, 480.0, "3-1"))
+    with pytest.raises(
+        InputError, match=r"right camera \(1\) opens but gives no frame while the left one runs: .*bus 3"
+    ):
+        live(LiveCapture(), LiveCapture(stops_at=0))
+    monkeypatch.setattr(pair_module, "place_of", lambda target: UsbPlace(int(target[-1]), 480.0, "1-1"))
+    with pytest.raises(InputError, match="opens but gives no frame") as error:
+        live(LiveCapture(), LiveCapture(stops_at=0))
+    assert "bus" not in str(error.value)
+
+
+def test_another_size():
+    with pytest.raises(InputError, match=r"left camera .* gives 32x48 frames, 64x48 are wanted"):
+        live(LiveCapture(size=(32, 48)), LiveCapture())
+
+
+def test_the_same_camera_twice():
+    with pytest.raises(InputError, match="same camera"):
+        StereoCameras(CameraSettings(left="/dev/video0", right="0", **SMALL))
+
+
+def test_folders_of_different_length(tmp_path):
+    left, right = folder_of(tmp_path / "l", 3), folder_of(tmp_path / "r", 2)
+    for pace in ("real", "read"):
+        with pytest.raises(InputError, match=r"as many images, got 3 in .*l and 2 in .*r"):
+            StereoCameras(CameraSettings(left=str(left), right=str(right), pace=pace, **SMALL))
+
+
+def test_close_does_not_wait_for_a_driver_that_hangs():
+    cameras = live(LiveCapture(), LiveCapture(hangs_at=5))
+    time.sleep(0.15)
+    cameras.readers[1].capture.released.clear()
+    began = time.monotonic()
+    cameras.close()
+    assert time.monotonic() - began < 1.8

@@ -1,0 +1,277 @@
+"""Opening cameras: what they are set to, what they say of it, and why they cannot be opened."""
+
+import errno
+import http.server
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+
+import cv2
+import numpy as np
+import pytest
+
+from ndtorch.commands import main
+from ndtorch.errors import InputError
+from ndtorch_robot.cameras import CameraSettings, StereoCameras, find_source, list_devices, open_capture
+from ndtorch_robot.cameras import source as source_module
+from ndtorch_robot.cameras.source import set_up, try_device
+from ndtorch_robot.cameras.sysfs import UsbPlace, group_of, holders
+from tests.robot.support.fake_captures import Properties, folder_of, picture
+
+SETTINGS = CameraSettings(left="0", right="1")
+DEVICE = find_source("0")
+
+
+def write_film(path, count=20, size=(64, 48)):
+    film = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30, size)
+    for n in range(count):
+        film.write(picture(n % 5, *size))
+    film.release()
+    return path
+
+
+def test_what_a_name_means(tmp_path):
+    (tmp_path / "film.avi").write_bytes(b"x")
+    assert find_source("2")[0::2] == ("device", "/dev/video2")
+    assert find_source("camera:1").target == "/dev/video1"
+    assert find_source("/dev/v4l/by-path/pci-usb-video-index0").kind == "device"
+    assert find_source("http://host/stream").kind == "stream"
+    assert find_source(str(tmp_path)).kind == "folder"
+    assert find_source(str(tmp_path / "film.avi")).kind == "file"
+    os.mkfifo(tmp_path / "pipe")
+    assert find_source(str(tmp_path / "pipe")).kind == "stream"
+
+
+def test_settings_are_set_in_order_and_read_back():
+    camera = Properties()
+    set_up(camera, DEVICE, SETTINGS.model_copy(update={"gain": 20.0}))
+    assert camera.values == {
+        cv2.CAP_PROP_FOURCC: cv2.VideoWriter.fourcc(*"MJPG"),
+        cv2.CAP_PROP_FRAME_WIDTH: 640,
+        cv2.CAP_PROP_FRAME_HEIGHT: 480,
+        cv2.CAP_PROP_FPS: 30.0,
+        cv2.CAP_PROP_BUFFERSIZE: 2,
+        cv2.CAP_PROP_AUTO_EXPOSURE: 1,
+        cv2.CAP_PROP_EXPOSURE: 100,
+        cv2.CAP_PROP_GAIN: 20.0,
+    }
+    assert camera.order[:4] == [
+        cv2.CAP_PROP_FOURCC,
+        cv2.CAP_PROP_FRAME_WIDTH,
+        cv2.CAP_PROP_FRAME_HEIGHT,
+        cv2.CAP_PROP_FPS,
+    ]
+    set_up(Properties({cv2.CAP_PROP_FPS: 29.97}), DEVICE, SETTINGS)
+    camera = Properties()
+    set_up(camera, DEVICE, SETTINGS.model_copy(update={"exposure_ms": None}))
+    assert camera.values[cv2.CAP_PROP_AUTO_EXPOSURE] == 3
+    assert cv2.CAP_PROP_EXPOSURE not in camera.values
+
+
+@pytest.mark.parametrize(
+    ("stubborn", "message"),
+    [
+        ({cv2.CAP_PROP_FOURCC: cv2.VideoWriter.fourcc(*"YUYV")}, "fourcc 'MJPG' became 'YUYV'"),
+        ({cv2.CAP_PROP_FRAME_HEIGHT: 360}, "640x480 became 640x360"),
+        ({cv2.CAP_PROP_FPS: 15.0}, "30 frames a second became 15"),
+        ({cv2.CAP_PROP_AUTO_EXPOSURE: 3}, "the exposure stays automatic"),
+        ({cv2.CAP_PROP_EXPOSURE: 312}, "an exposure of 10 ms became 31.2 ms"),
+        ({cv2.CAP_PROP_FPS: 15.0, cv2.CAP_PROP_FRAME_WIDTH: 320}, "became 320x480; 30 frames a second became 15"),
+    ],
+)
+def test_settings_that_are_not_taken(stubborn, message):
+    with pytest.raises(InputError, match=r"camera 0 does not do what was asked: .*v4l2-ctl -d /dev/video0") as error:
+        set_up(Properties(stubborn), DEVICE, SETTINGS)
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("number", "message"),
+    [
+        (errno.ENOENT, "no such device; `ndtorch cameras` lists"),
+        (errno.ENODEV, "no such device"),
+        (errno.EACCES, "no permission: add yourself to the group 'video' (sudo usermod -aG video $USER)"),
+        (errno.EBUSY, "in use by cheese (4711)"),
+        (errno.EIO, "cannot be opened (Input/output error)"),
+    ],
+)
+def test_devices_that_cannot_be_opened(monkeypatch, number, message):
+    def refuse(path, flags):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(source_module.os, "open", refuse)
+    monkeypatch.setattr(source_module, "holders", lambda target: ["cheese (4711)"])
+    with pytest.raises(InputError) as error:
+        try_device(DEVICE)
+    assert message in str(error.value)
+
+
+def test_a_device_that_is_none():
+    assert group_of("/dev/video99") == "video"
+    with pytest.raises(InputError, match="camera /dev/full: no camera that gives pictures"):
+        open_capture(find_source("/dev/full"), SETTINGS)
+
+
+def test_who_holds_a_file(tmp_path):
+    path = tmp_path / "node"
+    path.write_text("")
+    code = f"f = open({str(path)!r}); print('open', flush=True); input()"
+    with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        other.stdout.readline()
+        found = holders(str(path))
+        other.communicate(b"\n")
+    assert len(found) == 1
+    assert found[0].endswith(f"({other.pid})")
+    assert holders(str(path)) == []
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda p: p / "nothing.avi", "no such device, file or folder"),
+        (lambda p: p, "holds no images"),
+        (lambda p: (p / "text.avi", (p / "text.avi").write_text("no film"))[0], "it is not a video"),
+    ],
+)
+def test_files_that_are_none(tmp_path, make, message):
+    name = str(make(tmp_path))
+    with pytest.raises(InputError, match=message):
+        StereoCameras(CameraSettings(left=name, right=name))
+
+
+def test_a_stream_over_http():
+    """An address is read as a live camera."""
+    shown = np.zeros((48, 64, 3), np.uint8)
+    shown[:, :32], shown[:, 32:] = (20, 60, 200), (180, 90, 30)
+    jpeg = cv2.imencode(".jpg", shown)[1].tobytes()
+
+    class Camera(http.server.BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(200)
+            self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+            self.end_headers()
+            try:
+                for _ in range(200):
+                    head = b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n" % len(jpeg)
+                    self.wfile.write(head + jpeg + b"\r\n")
+                    time.sleep(0.01)
+            except OSError:
+                pass
+
+        def log_message(self, *args):
+            pass
+
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Camera)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    address = f"http://127.0.0.1:{server.server_port}"
+    settings = CameraSettings(
+        left=f"{address}/a.mjpg",
+        right=f"{address}/b.mjpg",
+        width_px=64,
+        height_px=48,
+        max_age_ms=2000,
+        tolerance_ms=500,
+    )
+    with StereoCameras(settings) as cameras:
+        frames = [cameras.read() for _ in range(3)]
+    server.shutdown()
+    assert frames[0].time < frames[1].time < frames[2].time
+    seen = frames[2].left[0].permute(1, 2, 0).numpy()[..., ::-1].astype(float)
+    assert np.abs(seen - shown).mean() < 5
+
+
+def kernel(tmp_path):
+    """Two USB cameras with a metadata node each, and a camera that is on no bus."""
+    classes, dev = tmp_path / "class", tmp_path / "dev"
+    (dev / "v4l" / "by-path").mkdir(parents=True)
+    number = 0
+    for bus, port, name in ((1, "1-2", "Left eye"), (1, "1-3", "Right eye")):
+        usb = tmp_path / "devices" / f"usb{bus}" / port
+        face = usb / f"{port}:1.0"
+        face.mkdir(parents=True)
+        (usb / "busnum").write_text(f"{bus}\n")
+        (usb / "speed").write_text("480\n")
+        for index in (0, 1):
+            entry = classes / f"video{number}"
+            entry.mkdir(parents=True)
+            (entry / "name").write_text(name + "\n")
+            (entry / "index").write_text(f"{index}\n")
+            (entry / "device").symlink_to(face)
+            (dev / f"video{number}").write_text("")
+            (dev / "v4l" / "by-path" / f"pci-usb-0:{port}:1.0-video-index{index}").symlink_to(dev / f"video{number}")
+            number += 1
+    entry = classes / "video10"
+    entry.mkdir()
+    (entry / "name").write_text("Built in\n")
+    (entry / "index").write_text("0\n")
+    return classes, dev
+
+
+def test_what_the_kernel_knows(tmp_path):
+    classes, dev = kernel(tmp_path)
+    found = list_devices(classes, dev)
+    assert [device.node for device in found] == [f"{dev}/video0", f"{dev}/video2", f"{dev}/video10"]
+    assert found[1].name == "Right eye"
+    assert found[1].by_path.endswith("by-path/pci-usb-0:1-3:1.0-video-index0")
+    assert found[1].usb == UsbPlace(1, 480.0, "1-3")
+    assert found[2][2:] == (None, None)
+    assert list_devices(tmp_path / "nowhere", dev) == []
+
+
+def test_command_lists(tmp_path, capsys, monkeypatch):
+    import ndtorch_robot.cameras
+
+    assert main(["cameras", "--json"]) == 0
+    json.loads(capsys.readouterr().out)
+    classes, dev = kernel(tmp_path)
+    monkeypatch.setattr(ndtorch_robot.cameras, "list_devices", lambda: list_devices(classes, dev))
+    assert main(["cameras"]) == 0
+    out = capsys.readouterr().out
+    assert "Left eye" in out
+    assert "USB bus 1 port 1-2, 480 Mbit/s" in out
+    assert "may not fit together" in out
+    monkeypatch.setattr(ndtorch_robot.cameras, "list_devices", list)
+    assert main(["cameras"]) == 0
+    assert "no cameras: the kernel knows none" in capsys.readouterr().out
+
+
+def test_command_measures_two_films(tmp_path, capsys):
+    films = [str(write_film(tmp_path / name)) for name in ("left.avi", "right.avi")]
+    assert main(["cameras", *films, "--seconds", "2", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["size"] == [64, 48]
+    assert result["left"]["rate_hz"] == pytest.approx(30.0, abs=0.01)
+    assert result["pairs"] + result["unpaired"][0] == 20
+    assert result["skew_ms"]["max"] == 0.0
+    assert result["left"]["latency_ms"]["p50"] > 0
+    assert "ended after 20 frames" in result["ended"]
+    assert main(["cameras", *films, "--seconds", "0.3"]) == 0
+    assert "64x48, " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["0"], "give two cameras"),
+        (["7", "8"], "camera 7: no such device"),
+        (["left", "right"], "no such device, file or folder"),
+        (["0", "1", "--fourcc", "MJPEG"], "fourcc = 'MJPEG'"),
+        (["0", "1", "--seconds", "0"], "--seconds"),
+    ],
+)
+def test_command_bad_input(arguments, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["cameras", *arguments]) == 2
+    err = capsys.readouterr().err
+    assert message in err
+    assert err.count("\n") == 1
+
+
+def test_command_wrong_size(tmp_path, capsys):
+    folder = str(folder_of(tmp_path / "l", 2))
+    assert main(["cameras", folder, folder, "--width", "640", "--height", "480"]) == 2
+    assert "gives 64x48 frames, 640x480 are wanted" in capsys.readouterr().err

@@ -1,0 +1,188 @@
+"""The command line: results, errors of one line with code 2, configuration files."""
+
+import ctypes.util
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import ndtorch_robot.car
+from ndtorch.commands import main
+from ndtorch.errors import InputError
+from ndtorch_robot.config import load_config
+from ndtorch_robot.sim import gl
+from tests.robot.support.gl_needed import WHY, needs_gl
+
+FILES = ["map.npz", "map.png", "path.png", "rows.png", "speeds.png", "summary.json"]
+KEYS = {
+    "collisions",
+    "stopped",
+    "simulated_seconds",
+    "wall_seconds",
+    "distance_m",
+    "turns",
+    "step_ms",
+    "map",
+    "arena",
+    "seed",
+    "controller",
+}
+
+
+@needs_gl
+def test_json(tmp_path, capsys):
+    assert main(["drive", "--seconds", "3", "--out", str(tmp_path), "--json"]) == 0
+    out, err = capsys.readouterr()
+    summary = json.loads(out)
+    assert summary.keys() >= KEYS
+    assert summary["map"].keys() == {"precision", "recall", "position_error_cm", "spacing_error_percent"}
+    assert summary["step_ms"].keys() == {"p50", "p99"}
+    assert (summary["arena"], summary["seed"], summary["simulated_seconds"]) == ("hallway", 0, 3.0)
+    assert err == ""
+    assert sorted(p.name for p in tmp_path.iterdir()) == FILES
+    assert json.loads((tmp_path / "summary.json").read_text()) == summary
+    saved = np.load(tmp_path / "map.npz")
+    assert saved["cells"].max() == pytest.approx(1.0)
+    assert saved["true_path"].shape == (90, 3)
+
+
+@needs_gl
+def test_words_and_file(tmp_path, capsys):
+    config = tmp_path / "drive.toml"
+    config.write_text(f'arena = "room"\nseconds = 9\nseed = 3\nout = "{tmp_path / "out"}"')
+    assert main(["drive", str(config), "--seconds", "2"]) == 0
+    out, err = capsys.readouterr()
+    assert "room, seed 3, ranging" in out
+    assert "  2 s and" in out
+    assert "60/60" in err
+
+
+@needs_gl
+def test_ctrl_c(tmp_path, capsys, monkeypatch):
+    step = ndtorch_robot.car.Car.step
+
+    def interrupted(self, number, now):
+        if number == 20:
+            raise KeyboardInterrupt
+        step(self, number, now)
+
+    monkeypatch.setattr(ndtorch_robot.car.Car, "step", interrupted)
+    assert main(["drive", "--out", str(tmp_path)]) == 130
+    assert "(interrupted)" in capsys.readouterr().out
+    assert sorted(p.name for p in tmp_path.iterdir()) == FILES
+
+
+@needs_gl
+def test_interrupted_before_the_first_frame(tmp_path, capsys, monkeypatch):
+    def interrupted(self, number, now):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(ndtorch_robot.car.Car, "step", interrupted)
+    assert main(["drive", "--out", str(tmp_path)]) == 130
+    assert "collisions 0" in capsys.readouterr().out
+
+
+def test_arenas(capsys):
+    assert main(["arenas"]) == 0
+    out = capsys.readouterr().out
+    assert all(name in out for name in ("hallway", "curve", "loop", "room", "office", "random"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--arena", "halway"], "no arena 'halway', choose one of hallway"),
+        (["--controller", "pid"], "controller = 'pid'"),
+        (["--seconds", "-1"], "seconds = -1"),
+        (["--seconds", "nan"], "seconds"),
+        (["--features", "0"], "features = 0"),
+        (["nowhere.toml"], "no such file"),
+        (["--out", "/proc/nothing"], "cannot make this folder"),
+    ],
+)
+def test_bad_arguments(arguments, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["drive", *arguments]) == 2
+    err = capsys.readouterr().err
+    assert message in err
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("secnods = 3", "unknown key 'secnods', known keys are controller, features, angle"),
+        ('seconds = "60 s"', "seconds = '60 s'"),
+        ('angle = "degrees"', "angle = 'degrees': should be 'atan' or 'linear'"),
+        ("seed = 1.5", "seed = 1.5"),
+        ("moving = 7", "moving = 7"),
+        ("seconds = [", "not a TOML file"),
+    ],
+)
+def test_bad_files(tmp_path, text, message):
+    file = tmp_path / "bad.toml"
+    file.write_text(text)
+    with pytest.raises(InputError) as error:
+        load_config(file, {})
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_unknown_choice():
+    with pytest.raises(InputError, match="did you mean 'seconds'"):
+        load_config(None, {"second": 3})
+
+
+def test_no_opengl_names_the_package(monkeypatch):
+    monkeypatch.setattr(gl.ctypes.util, "find_library", lambda name: None)
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    with pytest.raises(InputError, match=r"install the system package 'libegl1 libgl1-mesa-dri' or 'libosmesa6'"):
+        gl.make_context(16, 16)
+
+
+def test_drive_without_opengl(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr(gl.ctypes.util, "find_library", lambda name: None)
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    assert main(["drive", "--out", str(tmp_path)]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith("error: cannot draw without a screen (egl: library not found; osmesa: library not found)")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.skipif(not ctypes.util.find_library("OSMesa"), reason="libosmesa6 is not installed")
+def test_osmesa_draws_the_same_world():
+    """In a process of its own, because a program keeps the library it drew with first."""
+    script = """
+import numpy as np
+from ndtorch_robot.sim.arenas import load_arena
+from ndtorch_robot.sim.simulation import Simulation
+simulation = Simulation(load_arena("room", 1), 1)
+left, right = simulation.cameras.look(simulation.data, 4.0, 2.0, 0.3)
+print(*left.row.flatten().tolist(), *right.field.flatten().tolist())
+simulation.close()
+"""
+    seen = []
+    for library in ("osmesa", "egl") if not WHY else ("osmesa",):
+        environment = {k: v for k, v in os.environ.items() if k != "PYOPENGL_PLATFORM"} | {"MUJOCO_GL": library}
+        done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr[-500:]
+        seen.append(np.array([int(word) for word in done.stdout.split()]))
+    assert len(seen[0]) == 3 * (640 + 29 * 85)
+    assert seen[0].std() > 10
+    assert np.abs(seen[0] - seen[-1]).mean() < 2.0
+
+
+def test_opengl_that_fails(monkeypatch):
+    def broken(name, width, height):
+        raise RuntimeError(f"no {name} display\nmore")
+
+    monkeypatch.setattr(gl.ctypes.util, "find_library", lambda name: name)
+    monkeypatch.setattr(gl, "open_context", broken)
+    monkeypatch.setenv("MUJOCO_GL", "egl")
+    with pytest.raises(InputError, match=r"egl: RuntimeError no egl display\): install") as error:
+        gl.make_context(16, 16)
+    assert "\n" not in str(error.value)

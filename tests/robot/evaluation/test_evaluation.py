@@ -1,0 +1,182 @@
+"""Many drives: the cache, the table and its picture, the command."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+import ndtorch_robot.commands.evaluate as command
+from ndtorch import workers
+from ndtorch.commands import main
+from ndtorch.workers import Event
+from ndtorch_robot.config import DriveConfig
+from ndtorch_robot.evaluation.drives import Cache, all_drives, key_of
+from ndtorch_robot.evaluation.picture import draw_table
+from ndtorch_robot.evaluation.table import COLUMNS, comma_separated, markdown, rows_of
+from tests.robot.support.gl_needed import needs_gl
+
+
+def summary(arena="room", seed=1, controller="published", **changes):
+    values = {
+        "arena": arena,
+        "walls": "textured",
+        "controller": controller,
+        "seed": seed,
+        "simulated_seconds": 900.0,
+        "collisions": 2,
+        "stopped": 1,
+        "distance_m": 400.0,
+        "free_area_passed": 0.5,
+        "map": {"precision": 0.8, "recall": 0.6, "position_error_cm": 1.5, "spacing_error_percent": None},
+    }
+    return values | changes
+
+
+def test_key_names_the_drive_and_the_code(tmp_path):
+    config = DriveConfig()
+    key = key_of(config, "a")
+    assert key == key_of(config.model_copy(update={"out": tmp_path, "whole": True}), "a")
+    arena = tmp_path / "my.toml"
+    arena.write_text("rooms = [[0, 0, 4, 4]]")
+    changed = [{"seed": 3}, {"seconds": 61.0}, {"arena": "room"}, {"walls": "blank"}, {"arena": str(arena)}]
+    keys = {key_of(config.model_copy(update=c), "a") for c in changed} | {key, key_of(config, "b")}
+    assert len(keys) == len(changed) + 2
+    before = key_of(config.model_copy(update={"arena": str(arena)}), "a")
+    arena.write_text("rooms = [[0, 0, 5, 4]]")
+    assert key_of(config.model_copy(update={"arena": str(arena)}), "a") != before
+
+
+def test_cache_survives_half_a_file(tmp_path):
+    cache, config = Cache(tmp_path / "drives"), DriveConfig()
+    assert cache.get(config) is None
+    cache.put(config, {"collisions": 1})
+    assert cache.get(config) == {"collisions": 1}
+    cache.file(config).write_text('{"coll')
+    assert cache.get(config) is None
+
+
+def test_all_drives():
+    drives = all_drives(DriveConfig(features=7), ("room", "loop"), ("textured", "blank"), ("published",), [1, 2, 2])
+    assert len(drives) == 8
+    assert [(d.arena, d.walls, d.seed) for d in drives[:3]] == [
+        ("room", "textured", 1),
+        ("room", "textured", 2),
+        ("room", "blank", 1),
+    ]
+    assert {d.features for d in drives} == {7}
+
+
+def test_rows_are_of_all_drives_together():
+    none = {"precision": 0.6, "recall": None, "position_error_cm": None, "spacing_error_percent": None}
+    drives = [
+        summary(),
+        summary("loop"),
+        summary(seed=2, collisions=0, stopped=0, simulated_seconds=2700.0, free_area_passed=0.9, map=none),
+    ]
+    room, loop = rows_of(drives)
+    assert (room.arena, loop.arena) == ("room", "loop")
+    assert room.hours == 1.0
+    assert (room.collisions_h, room.stops_h, room.distance_m) == (2.0, 1.0, 800.0)
+    assert room.passed == pytest.approx(0.7)
+    assert room.precision == pytest.approx(0.7)
+    assert (room.recall, room.position_cm, room.spacing_percent) == (0.6, 1.5, None)
+    assert loop.collisions_h == 8.0
+    lines = markdown([room, loop], "note").splitlines()
+    assert lines[2] == "| room | textured | published | 2 | 1.00 | 2.0 | 1.0 | 800 | 70 | 70 | 60 | 1.5 | - |"
+    assert lines[-1] == "note"
+    table = list(csv.reader(comma_separated([room, loop]).splitlines()))
+    assert table[0] == list(COLUMNS)
+    assert table[2] == ["loop", "textured", "published", "1", "0.25", "8.0", "4.0", "400", "50", "80", "60", "1.5", ""]
+
+
+def test_picture_of_many(tmp_path):
+    import cv2
+
+    rng = np.random.default_rng(0)
+    drives = [
+        summary(arena, seed, controller, collisions=int(rng.integers(0, 60)), walls=walls)
+        for arena in ("hallway", "curve", "room")
+        for walls in ("textured", "blank")
+        for controller in ("published", "another")
+        for seed in range(3)
+    ]
+    draw_table(rows_of(drives), tmp_path / "table.png")
+    picture = cv2.imread(str(tmp_path / "table.png"))
+    assert picture.shape[1] > 1000
+    for colour in ((0xB2, 0x72, 0x00), (0x00, 0x5E, 0xD5)):  # blue and vermilion, as BGR
+        assert (np.abs(picture.astype(int) - colour).sum(-1) < 12).sum() > 300
+
+
+@needs_gl
+def test_command_goes_on_where_it_was(tmp_path, capsys):
+    arguments = ["evaluate", "--arenas", "room", "--seconds", "1", "--seeds", "1000", "1001", "--jobs", "2"]
+    arguments += ["--out", str(tmp_path), "--controllers", "published"]
+    assert main(arguments) == 0
+    out, err = capsys.readouterr()
+    assert "| room | textured | published | 2 |" in out
+    assert "0 drives to go 100%" in err
+    made = {file: file.stat().st_mtime_ns for file in (tmp_path / "drives").iterdir()}
+    assert len(made) == 2
+    lines = [json.loads(line) for line in (tmp_path / "drives.jsonl").read_text().splitlines()]
+    assert [line["seed"] for line in lines] == [1000, 1001]
+    assert {p.name for p in tmp_path.iterdir()} == {"drives", "drives.jsonl", "table.csv", "table.md", "table.png"}
+
+    gone = min(made)
+    gone.unlink()
+    assert main([*arguments, "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)[0]["collisions_h"] == 0.0
+    again = {file: file.stat().st_mtime_ns for file in (tmp_path / "drives").iterdir()}
+    assert again.keys() == made.keys()
+    assert [file for file in made if again[file] != made[file]] == [gone]
+
+
+def test_ctrl_c_keeps_what_is_finished(tmp_path, capsys, monkeypatch):
+    def one_and_stop(work_, jobs, processes):
+        yield Event("again", 1, "SIGKILL")
+        yield Event("done", 0, summary("room", 1000))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(workers, "run_tasks", one_and_stop)
+    arguments = ["evaluate", "--arenas", "room", "--controllers", "published", "--out", str(tmp_path)]
+    assert main(arguments) == 130
+    out, err = capsys.readouterr()
+    assert "| room | textured | published | 1 |" in out
+    assert "300 s a drive, seeds 1000, 1001, 1002; 2 of 3 drives are missing." in out
+    assert "seed 1001, textured, published: its process died (SIGKILL); once more" in err
+    assert len(list((tmp_path / "drives").iterdir())) == 1
+
+
+def test_drives_that_fail_are_named(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(
+        workers, "run_tasks", lambda *a: (e for e in [Event("failed", 0, "Traceback\n ...\nValueError: broken\n")])
+    )
+    monkeypatch.setattr(command, "SEEDS", (1000,))
+    arguments = ["evaluate", "--arenas", "room", "--seeds", "7", "--controllers", "published", "--out", str(tmp_path)]
+    assert main(arguments) == 1
+    out, err = capsys.readouterr()
+    assert "failed: room, seed 7, textured, published: ValueError: broken" in err
+    assert "seeds below 1000 were used in tuning" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--arenas", "halway"], "no arena 'halway'"),
+        (["--controllers", "pid"], "controller = 'pid'"),
+        (["--seeds", "-1"], "seed = -1"),
+        (["--seeds"], "--seeds and --walls need one value or more"),
+        (["--seconds", "0"], "seconds = 0"),
+        (["--jobs", "-2"], "--jobs must be 1 or more"),
+        (["--out", "/proc/nothing"], "cannot make this folder"),
+        (["nowhere.toml"], "no such file"),
+    ],
+)
+def test_bad_arguments(arguments, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["evaluate", "--arenas", "room", *arguments]) == 2
+    err = capsys.readouterr().err
+    assert message in err
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1

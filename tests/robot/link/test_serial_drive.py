@@ -1,0 +1,106 @@
+"""The drive at the other end of a line: errors on opening, and a round trip on a bare pty."""
+
+import errno
+import os
+import time
+
+import numpy as np
+import pytest
+
+from ndtorch.errors import InputError
+from ndtorch_robot.link import SerialDrive
+from ndtorch_robot.link.port import owner_group, reason
+from ndtorch_robot.ports import DriveCommand
+from ndtorch_robot.run import real_time_priority
+from tests.robot.support.bench import ordinary_priority
+from tests.robot.support.peer import Peer, board
+
+
+def open_with(answer, **options):
+    peer = Peer(answer)
+    try:
+        SerialDrive(peer.device, greeting=0.6, **options).close()
+    finally:
+        peer.close()
+
+
+def test_no_such_device():
+    with pytest.raises(InputError, match="no such device; is the board plugged in"):
+        SerialDrive("/dev/serial/by-id/nothing")
+
+
+def test_no_permission_names_the_group(tmp_path):
+    file = tmp_path / "port"
+    file.touch()
+    message = reason(str(file), errno.EACCES, "")
+    assert f"usermod -aG {owner_group(file)}" in message
+
+
+def test_a_file_is_no_port(tmp_path):
+    file = tmp_path / "port"
+    file.touch()
+    with pytest.raises(InputError, match="is no serial port"):
+        SerialDrive(str(file))
+
+
+def test_in_use():
+    peer = Peer(board)
+    drive = SerialDrive(peer.device, report=lambda line: None)
+    with pytest.raises(InputError, match="in use by another program"):
+        SerialDrive(peer.device)
+    drive.close()
+    peer.close()
+
+
+def test_no_answer():
+    with pytest.raises(InputError, match="no answer from the board; is the firmware on it"):
+        open_with(lambda frame: [])
+
+
+def test_wrong_baud():
+    def garbled(frame):
+        os.write(peer.end, b"\xfe\x9c\x11\x00\xe0\xfe")
+        return []
+
+    peer = Peer(garbled)
+    with pytest.raises(InputError, match=r"bytes came but no valid frame; is 115200 baud right"):
+        SerialDrive(peer.device, 115200, greeting=0.6)
+    peer.close()
+
+
+def test_other_version_and_other_robot():
+    with pytest.raises(InputError, match="speaks version 2 of the protocol, this program 1"):
+        open_with(lambda frame: board(frame, version=2))
+    with pytest.raises(InputError, match="'lorry', the configuration is for 'maxston8'"):
+        open_with(lambda frame: board(frame, name=b"lorry\0\0\0"), robot="maxston8")
+
+
+def test_refuses_commands_from_elsewhere():
+    peer = Peer(board)
+    drive = SerialDrive(peer.device, report=lambda line: None)
+    with pytest.raises(TypeError, match="send through a SafeDrive"):
+        drive.send(DriveCommand(0.5, 0.0))
+    drive.close()
+    peer.close()
+
+
+@pytest.mark.realtime
+def test_round_trip_on_a_bare_pty(stall_meter):
+    said = []
+    real_time_priority(said.append)
+    began = time.monotonic()
+    peer = Peer(board)
+    drive = SerialDrive(peer.device, robot="maxston8", report=lambda line: None)
+    time.sleep(4.0)
+    trips = np.array(drive.round_trips()) * 1e3
+    drive.close()
+    peer.close()
+    ordinary_priority()
+    late = len(stall_meter.late(began))
+    p50, p99 = np.percentile(trips, (50, 99))
+    print(f"{len(trips)} round trips: median {p50:.2f} ms, 99 % below {p99:.2f} ms; woken late {late} times; {said}")
+    assert len(trips) > 100
+    assert p50 < 2.0
+    if p99 >= 2.0 and (said or late > 4):
+        pytest.skip(f"this computer is too busy to time a line: 99 % below {p99:.1f} ms")
+    assert p99 < 2.0

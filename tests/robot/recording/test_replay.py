@@ -1,0 +1,259 @@
+"""Driving a recording again: bit for bit from lossless frames, as far as a cut recording goes, and flat in memory."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+import torch
+
+from ndtorch.commands import main
+from ndtorch.errors import InputError
+from ndtorch.navigation.options import NavigatorOptions
+from ndtorch_robot.config import DriveConfig
+from ndtorch_robot.drive import drive
+from ndtorch_robot.navigating import configuration
+from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.ports import DriveCommand, Step
+from ndtorch_robot.recording import (
+    Recorder,
+    RecordSteps,
+    make_pilot,
+    open_recording,
+    replay,
+)
+from tests.robot.support.bare_car import FilmCar, bare_loop
+from tests.robot.support.gl_needed import needs_gl
+from tests.robot.support.moving_world import RIG, moving_world
+
+CHOICE = NavigatorOptions("published", features=5, places="motion")
+
+
+def record(folder, count=60, format="png"):
+    """A drive of the navigator alone, its wheels slipping a little."""
+    pilot, driven, commands = Pilot(CHOICE, RIG, 30.0), DriveCommand(0.0, 0.0), []
+    with Recorder(folder, configuration(CHOICE, RIG, 30.0), format=format, when_full="wait") as recorder:
+        for n, frames in enumerate(moving_world(count, RIG)):
+            placed = (0.0, 0.0, 0.0) if n in (0, 40) else None
+            command = pilot.step(frames, driven, placed)
+            recorder.record_step(frames, driven, command, placed=placed)
+            driven = DriveCommand(command.speed * 0.97, command.curvature + 0.01)
+            commands.append(command)
+    return commands
+
+
+@pytest.mark.parametrize("kind", ["png", "raw"])
+def test_the_navigator_wants_the_same_again(tmp_path, kind):
+    commands = record(tmp_path / "r", format=kind)
+    assert len(set(commands)) > 2
+    recording = open_recording(tmp_path / "r")
+    again = []
+    result = replay(recording, make_pilot(recording.configuration), [lambda step: again.append(step.wanted)])
+    assert again == commands
+    assert (result.steps, result.same, result.first_different) == (60, 60, None)
+
+
+def test_another_program_is_noticed(tmp_path, capsys):
+    """With another baseline nothing changes for the eyes; with other frames the commands must differ."""
+    record(tmp_path / "r")
+    stream = tmp_path / "r" / "left.pngs"
+    lines = (tmp_path / "r" / "steps.jsonl").read_text().splitlines()
+    first, later = (json.loads(line)["frames"]["left"] for line in (lines[5], lines[30]))
+    swapped = lines[:]
+    for n in range(5, 35):  # the left eye stands still
+        values = json.loads(lines[n])
+        values["frames"]["left"] = first
+        swapped[n] = json.dumps(values)
+    assert first != later
+    assert stream.exists()
+    (tmp_path / "r" / "steps.jsonl").write_text("\n".join(swapped) + "\n")
+    assert main(["replay", str(tmp_path / "r"), "--json"]) == 1
+    result = json.loads(capsys.readouterr().out)
+    assert 5 < result["first_different"] < 35
+    assert result["curvature_difference"] > 0.1
+    assert main(["replay", str(tmp_path / "r")]) == 1
+    assert "commands differ, the first in step" in capsys.readouterr().out
+
+
+def test_command(tmp_path, capsys):
+    record(tmp_path / "r")
+    assert main(["replay", str(tmp_path / "r")]) == 0
+    out = capsys.readouterr().out
+    assert "60 steps of" in out
+    assert "the same commands, bit for bit" in out
+    lines = tmp_path / "r" / "steps.jsonl"
+    os.truncate(lines, lines.stat().st_size - 500)
+    assert main(["replay", str(tmp_path / "r")]) == 0
+    out = capsys.readouterr().out
+    assert "cut short: the last line was not written to its end" in out
+    assert "the same commands, bit for bit" in out
+
+
+def test_gaps_are_told(tmp_path, capsys):
+    record(tmp_path / "r")
+    lines = tmp_path / "r" / "steps.jsonl"
+    text = lines.read_text().splitlines()
+    bare = {key: value for key, value in json.loads(text[20]).items() if key != "frames"}
+    lines.write_text("\n".join([*text[:10], *text[12:20], json.dumps(bare), *text[21:]]) + "\n")
+    assert main(["replay", str(tmp_path / "r")]) == 0
+    assert "1 steps without frames and 2 lost ones" in capsys.readouterr().out
+
+
+@needs_gl
+@pytest.mark.parametrize("whole", [False, True])
+def test_a_simulated_drive_bit_for_bit(tmp_path, capsys, whole):
+    """Driven into a wall and put back, so that restarts are replayed too."""
+    config = DriveConfig(arena="hallway", seed=1, seconds=1 if whole else 7, whole=whole, record=tmp_path / "r")
+    result = drive(config, steer=lambda command: DriveCommand(0.5, 0.6))
+    assert result.summary["recording"]["failed"] == ""
+    assert result.summary["recording"]["steps"] == len(result.record.time)
+    assert whole or len(result.record.placed) > 1
+    assert main(["replay", str(tmp_path / "r"), "--json"]) == 0
+    again = json.loads(capsys.readouterr().out)
+    assert again["steps"] == again["same"] == len(result.record.time)
+    assert again["complete"]
+
+
+@needs_gl
+def test_from_the_command_line_with_jpeg(tmp_path, capsys):
+    folder = str(tmp_path / "r")
+    arguments = ["drive", "--seconds", "2", "--out", str(tmp_path / "o"), "--record", folder, "--record-format", "jpeg"]
+    assert main([*arguments, "--json"]) == 0
+    capsys.readouterr()
+    assert main(["replay", folder]) == 0
+    assert "60 steps of" in capsys.readouterr().out
+    assert main(arguments) == 2
+    assert "holds a recording already" in capsys.readouterr().err
+
+
+@needs_gl
+def test_a_full_disk_does_not_stop_the_drive(tmp_path, capsys, monkeypatch):
+    append = Recorder.append
+
+    def failing(self, file, data):
+        if self.steps == 30:
+            raise OSError(28, "No space left on device")
+        append(self, file, data)
+
+    monkeypatch.setattr(Recorder, "append", failing)
+    assert main(["drive", "--seconds", "2", "--out", str(tmp_path / "o"), "--record", str(tmp_path / "r")]) == 0
+    err = capsys.readouterr().err
+    assert "has stopped after 30 steps: No space left on device" in err
+    summary = json.loads((tmp_path / "o" / "summary.json").read_text())
+    assert summary["simulated_seconds"] == 2.0
+    assert summary["recording"]["steps"] == 30
+
+
+@pytest.mark.parametrize(
+    ("configuration", "message"),
+    [
+        ({"program": "juggle"}, "made by 'juggle', which cannot be replayed"),
+        ({"program": "navigator", "rig": {}}, "cannot be used: KeyError"),
+        ({"program": "navigator", "rig": {"width": -1}, "rate_hz": 30, "features": 5, "angle": "atan"}, "width"),
+        ({"program": "drive", "drive": {"colour": 3}, "rig": {}, "rate_hz": 30}, "unknown key 'colour'"),
+        ({"program": "drive", "drive": {}, "rig": {}}, "cannot be used: KeyError"),
+    ],
+)
+def test_bad_configurations(configuration, message):
+    with pytest.raises(InputError, match=message):
+        make_pilot(configuration)
+
+
+def test_a_car_that_was_blind_for_a_while(tmp_path):
+    """As the loop of a car does: no frames, then frames that are not trusted, then a navigator that begins anew."""
+    pilot, still = Pilot(CHOICE, RIG, 30.0), DriveCommand(0.0, 0.0)
+    with Recorder(tmp_path / "r", configuration(CHOICE, RIG, 30.0), when_full="wait") as recorder:
+        observe, interrupted = RecordSteps(recorder), False
+        for n, frames in enumerate(moving_world(60, RIG)):
+            if 20 <= n < 30:
+                seen = None if n < 25 else frames
+                told = {"standing": "no frames", "used": False, "telemetry": {"battery_v": 7.2}}
+                observe(Step(n, n / 30, seen, still, still, still, **told))
+                interrupted = True
+                continue
+            wanted = pilot.step(frames, still, anew=interrupted)
+            observe(Step(n, n / 30, frames, still, wanted, still, pilot.state, restarted=interrupted))
+            interrupted = False
+    recording = open_recording(tmp_path / "r")
+    steps = list(recording.steps())
+    assert [step.number for step in steps if not step.used] == list(range(20, 30))
+    assert [step.number for step in steps if step.frames is None] == list(range(20, 25))
+    assert [step.number for step in steps if step.restarted] == [30]
+    assert steps[22].time == 22 / 30
+    assert steps[22].standing == "no frames"
+    assert steps[22].telemetry == {"battery_v": 7.2}
+    result = replay(recording, make_pilot(recording.configuration))
+    assert (result.steps, result.same, result.skipped) == (50, 50, 0)
+
+
+def test_the_loop_of_a_car_bit_for_bit(tmp_path):
+    """It stands in between, while the navigator begins anew with every frame, and sees nothing for two steps."""
+    frames = list(moving_world(90, RIG))
+    frames[60] = frames[61] = frames[0]._replace(left=torch.zeros(1, 3, 4, 4, dtype=torch.uint8))
+    car = FilmCar(frames)
+    loop = bare_loop(car, RIG, controller="published", map_half_size_m=5.0)
+    anew = []
+    with Recorder(tmp_path / "r", loop.pilot.configuration(), when_full="wait") as recorder:
+        loop.observers += [RecordSteps(recorder), lambda step: anew.append(step.restarted)]
+        loop.observers.append(lambda step: loop.safe.emergency("a key") if step.number == 20 else None)
+        loop.observers.append(lambda step: loop.safe.resume() if step.number == 40 else None)
+        assert loop.run(88.5 / 30) == 90
+    assert 20 < sum(anew) < 60
+    recording = open_recording(tmp_path / "r")
+    steps = list(recording.steps())
+    assert steps[30].standing == "emergency stop: a key"
+    assert steps[30].telemetry["battery_v"] == 7.4
+    assert steps[30].telemetry["link"] is None
+    for mapping in (False, True):
+        result = replay(recording, make_pilot(recording.configuration, mapping))
+        assert (result.steps, result.same) == (88, 88)
+
+
+MEMORY = """
+import re, sys
+from pathlib import Path
+import torch
+from ndtorch.memory import tune_allocator
+from ndtorch_robot.cameras import CameraSettings, StereoCameras
+from ndtorch.navigation.options import NavigatorOptions
+from ndtorch_robot.navigating import configuration
+from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.ports import DriveCommand
+from ndtorch_robot.recording import Recorder
+from ndtorch_robot.sim.simulation import RIG
+from tests.robot.support.fake_captures import FilmCapture, picture
+
+CHOICE = NavigatorOptions("published", features=5, places="motion")
+steps, folder = int(sys.argv[1]), Path(sys.argv[2])
+torch.set_num_threads(1)
+tune_allocator()
+pictures = [picture(n, 640, 480) for n in range(8)]
+settings = CameraSettings(left=str(folder.parent), right=str(folder.parent), pace="read")
+cameras = StereoCameras(settings, opener=lambda source, settings: FilmCapture(pictures, steps))
+pilot, driven = Pilot(CHOICE, RIG, 30.0), DriveCommand(0.0, 0.0)
+fields = RIG.subfields()
+from ndtorch.navigation import Strips
+from ndtorch.navigation.strips import cut_strips
+with Recorder(folder, configuration(CHOICE, RIG, 30.0), format="raw", when_full="wait") as recorder:
+    with torch.inference_mode():
+        for n in range(steps):
+            frames = cameras.read()
+            eyes = [cut_strips(eye, field, RIG) for eye, field in zip(frames, fields)]
+            frames = frames._replace(left=eyes[0], right=eyes[1])
+            driven = pilot.step(frames, driven, None)
+            recorder.record_step(frames, driven, driven)
+            if n % (steps // 6) == steps // 6 - 1:
+                print(int(re.search(r"VmRSS:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]) / 1024, flush=True)
+"""
+
+
+@pytest.mark.slow
+def test_memory_stays_flat(tmp_path):
+    """Cameras, navigator and recorder for 3000 steps: 100 s of driving at speed."""
+    done = subprocess.run(
+        [sys.executable, "-c", MEMORY, "3000", str(tmp_path / "r")], capture_output=True, text=True, check=True
+    )
+    megabytes = [float(line) for line in done.stdout.split()]
+    assert len(megabytes) == 6
+    assert megabytes[-1] - megabytes[1] < 20  # one kept frame in 50 would add 70

@@ -1,0 +1,196 @@
+"""What the simulated cameras see: geometry, strips against whole frames, textures."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from ndtorch.errors import InputError
+from ndtorch.navigation import Rect, StereoRig, cut_strips
+from ndtorch.navigation.strips import cut as cut_out
+from ndtorch_robot.ports import DriveCommand
+from ndtorch_robot.safety import SafeDrive
+from ndtorch_robot.sim.arenas import load_arena
+from ndtorch_robot.sim.cameras import Cameras, side_by_side
+from ndtorch_robot.sim.paint import Painted, pack, paint_floor
+from ndtorch_robot.sim.plan import Plan, ring
+from ndtorch_robot.sim.simulation import RIG, Simulation
+from tests.robot.support.gl_needed import needs_gl
+
+POSES = [(0.6 + 0.9 * k, 0.05 * (-1) ** k, 0.1 * (k % 5 - 2)) for k in range(16)]
+
+
+def looks(arena, whole, poses, **options):
+    simulation = Simulation(load_arena(arena, 1), 1, whole=whole, **options)
+    try:
+        return [simulation.cameras.look(simulation.data, *pose) for pose in poses]
+    finally:
+        simulation.close()
+
+
+@needs_gl
+@pytest.mark.parametrize("moving", [False, True])
+def test_strips_are_the_pixels_of_whole_frames(moving):
+    whole = looks("hallway", True, POSES, moving=moving)
+    strips = looks("hallway", False, POSES, moving=moving)
+    fields = RIG.subfields()
+    for frames, pieces in zip(whole, strips, strict=True):
+        for frame, piece, field in zip(frames, pieces, fields, strict=True):
+            assert frame.shape == (1, 3, 480, 640)
+            assert frame.dtype == torch.uint8
+            for a, b in zip(cut_strips(frame, field, RIG), piece, strict=True):
+                assert torch.equal(a, b)
+
+
+@needs_gl
+def test_any_number_of_strips():
+    """Further rectangles are the pixels of the whole frame, too, and the others stay as they are, up to rounding."""
+    simulation = Simulation(load_arena("room", 1), 1)
+    cameras = Cameras(simulation.world.model, RIG, whole=True, more=[(Rect(350, 400, 0, 90), Rect(350, 400, 550, 640))])
+    drawn = [[RIG.subfields()[k], cameras.row, cameras.strips[k][2]] for k in (0, 1)]
+    for pose in POSES[:3]:
+        plain = simulation.cameras.look(simulation.data, *pose)
+        frames = cameras.look(simulation.data, *pose)
+        for k in (0, 1):
+            whole = torch.from_numpy(cameras.whole_frame(*pose, k)).permute(2, 0, 1)
+            for rect in drawn[k]:
+                assert levels(cut_out(frames[k][0], rect), cut_out(whole, rect)) <= 1
+            for rect, piece in zip(drawn[k], plain[k], strict=False):
+                assert levels(cut_out(frames[k], rect), piece) <= 1
+    cameras.close()
+    simulation.close()
+
+
+def levels(a, b):
+    return int((a.int() - b.int()).abs().max())
+
+
+def test_strips_lie_side_by_side():
+    rects = [Rect(0, 29, 10, 95), Rect(240, 241, 0, 640), Rect(0, 29, 545, 630), Rect(240, 241, 0, 640)]
+    rects += [Rect(0, 60, 0, 500), Rect(0, 60, 0, 200)]
+    places, height = side_by_side(rects, 640)
+    used = np.zeros((height, 640), int)
+    for rect, (x, y) in zip(rects, places, strict=True):
+        used[y : y + rect.bottom - rect.top, x : x + rect.right - rect.left] += 1
+    assert used.max() == 1
+    assert used.sum() == sum((r.bottom - r.top) * (r.right - r.left) for r in rects)
+    assert height <= 160
+
+
+@needs_gl
+def test_pasted_strips_do_not_show():
+    """As drawn, before the pasting: at most one level of 256 off, in less than one pixel of two hundred."""
+    simulation = Simulation(load_arena("curve", 1), 1, whole=True)
+    cameras, field = simulation.cameras, RIG.subfields()[0]
+    off = []
+    for angle in np.arange(0, 6, 0.5):
+        pose = (10.8 * math.cos(angle), 10.8 * math.sin(angle), angle + 1.3)
+        pasted, _ = cameras.look(simulation.data, *pose)
+        frame = torch.from_numpy(cameras.whole_frame(*pose, 0)).permute(2, 0, 1).int()
+        for rect in (field, cameras.row):
+            area = (slice(None), slice(rect.top, rect.bottom), slice(rect.left, rect.right))
+            off.append((frame[area] - pasted[0].int()[area]).abs().flatten().numpy())
+    simulation.close()
+    off = np.concatenate(off)
+    assert off.max() <= 1
+    assert (off > 0).mean() < 0.005
+
+
+@needs_gl
+def test_edges_are_where_the_rig_says():
+    """A dark pillar before blank walls: both its sides in the horizon rows of both cameras."""
+    square = ring([(0, -3), (6, -3), (6, 3), (0, 3)], "blank")
+    pillar = ring([(2.5, -0.2), (2.9, -0.2), (2.9, 0.2), (2.5, 0.2)], "door", solid=True)
+    simulation = Simulation(Plan("test", square, (pillar,), (1.0, 0.0, 0.0)), walls="blank")
+    left, right = simulation.cameras.look(simulation.data, 1.0, 0.0, 0.0)
+    simulation.close()
+    for eye, side in ((left, 0.15), (right, -0.15)):
+        row = eye.row[0, :, 0].float().mean(0)
+        jumps = torch.nonzero((row[1:] - row[:-1]).abs() > 30).flatten() + 0.5
+        depth = 2.5 - 1.0 - RIG.forward
+        wanted = [float(RIG.project(torch.tensor(depth), torch.tensor(y - side), 0.0)[0]) for y in (0.2, -0.2)]
+        assert jumps.tolist() == pytest.approx(wanted, abs=1.0)
+    # The subfields see floor only.
+    assert left.field.shape == (1, 3, 29, 85)
+    assert 0.03 < float(left.field.float().std()) / 255 * 2 < 0.2
+
+
+@needs_gl
+def test_pitch_is_refused():
+    with pytest.raises(InputError, match="pitch"):
+        Simulation(load_arena("room"), rig=StereoRig(pitch=0.1))
+
+
+def test_nothing_is_painted_twice():
+    """Where a square metre of carpet looks like another one, it is the same one."""
+    floor, bounds = paint_floor(load_arena("room"), np.random.default_rng(0))
+    assert floor.shape[0] == pytest.approx((bounds[3] - bounds[2]) * 128)
+    grey = floor.mean(-1) - floor.mean()
+    spectrum = np.abs(np.fft.fft2(grey)) ** 2
+    correlation = np.fft.ifft2(spectrum).real
+    correlation /= correlation[0, 0]
+    correlation[:128, :128] = correlation[:128, -128:] = correlation[-128:, :128] = correlation[-128:, -128:] = 0
+    assert correlation.max() < 0.3
+    assert 0.02 < grey.std() / 255 < 0.05
+
+
+def test_packing_cuts_long_surfaces():
+    rng = np.random.default_rng(0)
+    surfaces = [Painted(rng.integers(0, 255, (9, n, 3), dtype=np.uint8), 2.0) for n in (300, 50, 120)]
+    atlas, patches = pack(surfaces, width=128, margin=2)
+    assert [len(p) for p in patches] == [3, 1, 1]
+    for surface, cut in zip(surfaces, patches, strict=True):
+        parts = []
+        for p in cut:
+            u = [round(v * atlas.shape[1]) for v in (p.start, p.end)]
+            v = [round((1 - w) * atlas.shape[0]) for w in (p.top, p.bottom)]
+            parts.append(atlas[v[0] : v[1], u[0] : u[1]])
+            assert (atlas[v[0], u[0] - 2 : u[0]] == atlas[v[0], u[0]]).all()
+        assert np.array_equal(np.concatenate(parts, 1), surface.texels)
+
+
+@needs_gl
+def test_collision_is_counted_and_the_car_put_back():
+    simulation = Simulation(load_arena("hallway", 0), 0)
+    assert simulation.take_placed() == simulation.pose
+    assert simulation.take_placed() is None
+    simulation.place(16.5, 0.0, 0.0)
+    simulation.take_placed()
+    SafeDrive(simulation, simulation).send(DriveCommand(0.5, 0.0))
+    simulation.wait_until(4.0)
+    (hit,) = simulation.collisions
+    assert hit.x == pytest.approx(18.0 - 0.25, abs=0.01)  # the front of the body at the end wall
+    x, y, _ = simulation.take_placed()
+    assert simulation.plan.clearance(np.array([[x, y]]))[0] > 0.5
+    assert simulation.pose == (x, y, simulation.car.heading)
+    assert simulation.car.speed == 0.0
+    simulation.close()
+
+
+@needs_gl
+def test_moving_obstacle_is_seen_and_hit():
+    simulation = Simulation(load_arena("room", 2), 2, moving=True)
+    first = simulation.obstacle
+    simulation.wait_until(1.0)
+    assert math.dist(first, simulation.obstacle) == pytest.approx(0.4, abs=0.05)
+    x, y = simulation.obstacle
+    assert not simulation.collisions
+    simulation.place(x, y, 0.0)
+    simulation.wait_until(1.1)
+    assert len(simulation.collisions) == 1
+    assert math.dist(simulation.pose[:2], simulation.obstacle) > 1.0
+    simulation.close()
+
+
+@needs_gl
+def test_noisy_odometry():
+    exact, noisy = (Simulation(load_arena("hallway", 0), 0, odometry=kind) for kind in ("true", "noisy"))
+    for simulation in (exact, noisy):
+        SafeDrive(simulation, simulation).send(DriveCommand(0.5, 0.0))
+        simulation.wait_until(1.0)
+    a, b = exact.driven(), noisy.driven()
+    assert b.speed == pytest.approx(1.01 * a.speed)
+    assert b.speed * b.curvature == pytest.approx(math.radians(0.05))
+    exact.close()
+    noisy.close()

@@ -1,0 +1,102 @@
+"""The scorer on maps whose worth is known."""
+
+import numpy as np
+import pytest
+import torch
+
+from ndtorch.navigation import Grid, StereoRig
+from ndtorch_robot.score import coverage, peaks, score_map, spacing_error, true_edges, visible
+from ndtorch_robot.sim.paint import ALONG
+from ndtorch_robot.sim.plan import Plan, ring
+from ndtorch_robot.sim.profiles import edge_columns
+from ndtorch_robot.sim.tracing import Box, trace
+
+RIG = StereoRig()
+
+
+def doors():
+    """A hallway with three niches 1.5 m apart; the doors are dark, all else is bright."""
+    niches = [Box(2 + 1.5 * k, 1.0, 2.9 + 1.5 * k, 1.1, "door") for k in range(3)]
+    outline, solids = trace([Box(0, -1, 9, 1), *niches])
+    rows = (tuple((2 + 1.5 * k, 1.0) for k in range(3)),)
+    plan = Plan("test", outline, solids, doors=rows, spacing=1.5)
+    ends = np.roll(outline.array, -1, 0)
+    profiles = [
+        np.full(round(float(np.hypot(*(b - a))) * ALONG), 0.2 if kind == "door" else 0.8)
+        for a, b, kind in zip(outline.array, ends, outline.kinds, strict=True)
+    ]
+    return plan, profiles
+
+
+def blob(grid, places, spread=0.01):
+    """A map with a small round blob at each place."""
+    row, column = torch.meshgrid(torch.arange(grid.rows), torch.arange(grid.columns), indexing="ij")
+    x, y = grid.centre(row, column)
+    return sum(torch.exp(-((x - a) ** 2 + (y - b) ** 2) / (2 * spread**2)) for a, b in places)
+
+
+def test_edge_columns():
+    profile = np.full(3 * ALONG, 0.5)
+    profile[ALONG : 2 * ALONG] = 0.65
+    assert edge_columns(profile, 0.08) == pytest.approx([1.0, 2.0], abs=0.01)
+    assert len(edge_columns(profile, 0.2)) == 0
+    assert len(edge_columns(np.linspace(0, 1, 3 * ALONG), 0.08)) == 0
+
+
+def test_true_edges():
+    plan, profiles = doors()
+    edges = true_edges(plan, profiles)
+    # Each niche: two corners at its front, and two at its back, where the door meets the jambs.
+    assert len(edges.places) == 12
+    assert edges.faint.sum() == 6
+    assert set(np.round(edges.places[edges.faint][:, 1], 6)) == {1.0}
+
+
+def test_visible():
+    plan, profiles = doors()
+    edges = true_edges(plan, profiles)
+    poses = np.array([(x, 0.0, 0.0) for x in np.arange(0, 2.0, 0.05)])
+    seen = edges.places[visible(plan, edges, poses, RIG)]
+    assert {(round(x, 2), round(y, 2)) for x, y in seen} == {(2.0, 1.0), (2.9, 1.1), (3.5, 1.0)}
+    assert not visible(plan, edges, np.add(poses, (0, 0, np.pi)), RIG).any()
+
+
+def test_a_good_and_a_bad_map():
+    plan, profiles = doors()
+    grid = Grid(-0.5, 9.5, -1.5, 1.6)
+    poses = np.array([(x, 0.0, 0.0) for x in np.arange(0, 7.0, 0.05)])
+    edges = true_edges(plan, profiles)
+    seen = edges.places[visible(plan, edges, poses, RIG)]
+    perfect = score_map(blob(grid, seen), grid, plan, profiles, poses, RIG)
+    assert perfect.precision == pytest.approx(1.0, abs=1e-3)
+    assert perfect.recall == 1.0
+    assert perfect.position_error_cm < 1.0
+    assert perfect.spacing_error_percent < 0.7
+    stretched = score_map(blob(grid, seen * (1.02, 1.0)), grid, plan, profiles, poses, RIG)
+    assert stretched.spacing_error_percent == pytest.approx(2.0, abs=0.7)
+    assert 3.0 < stretched.position_error_cm < 12.0
+    wrong = score_map(blob(grid, [(4.0, 0.0)]), grid, plan, profiles, poses, RIG)
+    assert wrong.precision == pytest.approx(0.0, abs=1e-6)
+    assert wrong.recall == 0.0
+    assert wrong.position_error_cm is None
+    empty = score_map(torch.zeros(grid.rows, grid.columns), grid, plan, profiles, poses, RIG)
+    assert empty == (None, None, None, None)
+
+
+def test_peaks_and_spacing():
+    plan, _ = doors()
+    grid = Grid(0.0, 6.0, 0.0, 2.0)
+    places = [(2.02, 1.0), (3.53, 1.02), (5.04, 1.0)]
+    found = peaks(blob(grid, places), grid)
+    distance = np.abs(found[:, None, 0] - np.array(places)[None, :, 0])
+    assert distance.min(1).max() < 0.011  # two cells of one height count as two
+    assert distance.min(0).max() < 0.011
+    assert spacing_error(plan, np.array(places)) == pytest.approx(100 * 0.01 / 1.5, abs=0.05)
+    assert spacing_error(plan, np.array(places[:1])) is None
+
+
+def test_coverage():
+    free = np.array([(x, 0.0) for x in np.arange(0.05, 10, 0.1)])
+    path = np.array([(x, 0.0) for x in np.linspace(0, 4, 200)])
+    assert coverage(free, path) == pytest.approx(0.5, abs=0.05)
+    assert ring([(0, 0), (1, 0), (1, 1)]).area == 0.5

@@ -1,0 +1,119 @@
+"""Cameras that fail are noticed, and the car is stopped."""
+
+import pytest
+import torch
+
+from ndtorch.commands import main
+from ndtorch.errors import InputError
+from ndtorch.navigation import StereoRig, Strips
+from ndtorch_robot.config import DriveConfig
+from ndtorch_robot.drive import drive
+from ndtorch_robot.ports import DriveCommand, StereoFrames
+from ndtorch_robot.sim.simulation import Simulation
+from ndtorch_robot.watch import PATIENCE, CameraWatch
+from tests.robot.support.gl_needed import needs_gl
+
+RIG = StereoRig(width=64, height=48, focal=43.0)
+
+
+def picture(n, dtype=torch.uint8):
+    frame = torch.randint(20, 250, (1, 3, 48, 64), generator=torch.Generator().manual_seed(n), dtype=torch.uint8)
+    return frame if dtype == torch.uint8 else frame.to(dtype) / 255
+
+
+def see(change, speed=0.5, count=2 * PATIENCE, dtype=torch.uint8):
+    watch = CameraWatch(RIG)
+    for n in range(count):
+        frames = StereoFrames(picture(2 * n, dtype), picture(2 * n + 1, dtype), n / 30)
+        watch.check(change(n, frames), speed)
+
+
+@pytest.mark.parametrize("dtype", [torch.uint8, torch.float32])
+def test_good_frames(dtype):
+    see(lambda n, f: f, dtype=dtype)
+    see(lambda n, f: StereoFrames(*(Strips(eye[..., :9, :9], eye[..., :1, :]) for eye in f[:2]), f.time), dtype=dtype)
+
+
+@pytest.mark.parametrize("dtype", [torch.uint8, torch.float32])
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda n, f: f._replace(right=f.right * 0), "right camera has seen nothing but black for 15"),
+        (lambda n, f: f._replace(left=picture(1, f.left.dtype)), "left camera has given the same picture"),
+        (lambda n, f: f._replace(left=None) if n == 3 else f, "left camera gave no frame"),
+        (lambda n, f: f._replace(time=0.05) if n == 3 else f, "must increase, got 0.050 s after 0.067 s"),
+        (lambda n, f: f._replace(time=float("nan")), "must increase"),
+        (lambda n, f: f._replace(right=f.right[:, :1]), "alike"),
+        (lambda n, f: f._replace(right=f.right.double()), "alike"),
+        (lambda n, f: f._replace(right=f.right[..., :40, :]), "gives 64x40 frames, 64x48 are wanted"),
+    ],
+)
+def test_bad_frames(change, message, dtype):
+    with pytest.raises(InputError, match=message) as error:
+        see(change, dtype=dtype)
+    assert "\n" not in str(error.value)
+
+
+def test_what_is_no_fault():
+    see(lambda n, f: f._replace(left=picture(1)), speed=0.0)  # standing still
+    see(lambda n, f: f._replace(left=picture(1), right=picture(2)))  # both at once: the world may have stopped
+    see(lambda n, f: f._replace(left=torch.full_like(f.left, 99)))  # a blank wall
+    see(lambda n, f: f._replace(left=f.left * 0) if n % PATIENCE else f)  # single black frames
+
+
+@needs_gl
+@pytest.mark.parametrize("fault", ["frozen", "nan"])
+def test_the_car_is_stopped_first(monkeypatch, fault):
+    read, kept, worlds = Simulation.read, [], []
+
+    def faulty(self):
+        frames = read(self)
+        kept.append(frames)
+        worlds.append(self)
+        if fault == "frozen":
+            return frames._replace(right=kept[0].right) if len(kept) > 20 else frames
+        left, right = frames.left / 255, frames.right / 255
+        if len(kept) > 20:
+            left[0, 0, 240, 5] = torch.nan
+        return frames._replace(left=left, right=right)
+
+    monkeypatch.setattr(Simulation, "read", faulty)
+    with pytest.raises(InputError, match="same picture" if fault == "frozen" else "finite"):
+        drive(DriveConfig(controller="published", whole=True))
+    assert len(kept) in (21, 24, 25)
+    assert worlds[0].car.speed == 0.0
+
+
+@needs_gl
+def test_a_blank_building_is_no_fault():
+    assert drive(DriveConfig(arena="loop", walls="blank", seconds=6)).summary["simulated_seconds"] == 6.0
+
+
+@needs_gl
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda f: f._replace(right=f.right[..., :400, :]), "gives 640x400 frames, 640x480 are wanted"),
+        (lambda f: f._replace(left=f.left[:, :1]), "must be alike"),
+        (lambda f: f._replace(left=None), "left camera gave no frame"),
+        (lambda f: f._replace(time=0.1), "s old"),
+    ],
+)
+def test_the_command_ends_with_one_line(monkeypatch, capsys, tmp_path, change, message):
+    """Whatever the cameras do, the car stands still before the program ends."""
+    read, cars = Simulation.read, []
+
+    def faulty(self):
+        cars.append(self.car)
+        frames = read(self)
+        return frames if len(cars) <= 10 else change(frames)
+
+    monkeypatch.setattr(Simulation, "read", faulty)
+    assert main(["drive", "--whole", "--json", "--out", str(tmp_path)]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert message in err
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert cars[-1].speed == 0.0
+    assert cars[-1].wanted == DriveCommand(0.0, 0.0)

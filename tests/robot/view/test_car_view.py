@@ -1,0 +1,243 @@
+"""The view of a running car: what is in it, and that the car never waits for it."""
+
+import json
+import threading
+import time
+
+import numpy as np
+import pytest
+import torch
+
+import ndtorch_robot.commands.replay
+import ndtorch_robot.view.car_view
+import ndtorch_robot.view.opening
+from ndtorch.commands import main
+from ndtorch.errors import InputError
+from ndtorch.navigation import Strips
+from ndtorch_robot.recording import Recorder, RecordSteps
+from ndtorch_robot.view import Background, CarView, Where, layout, open_stream, start_view
+from ndtorch_robot.view.drawing import THICK, UNREAD, picture
+from ndtorch_robot.view.opening import open_server
+from ndtorch_robot.view.steps import Rate, ViewSteps
+from tests.robot.support.bare_car import FAULTS, FilmCar, bare_loop
+from tests.robot.support.moving_world import RIG, moving_world
+from tests.robot.view.test_drive_view import chunks, column
+
+rerun = pytest.importorskip("rerun")
+
+
+def start(loop, stream, report=None):
+    """The view of a loop, and its observer."""
+    view = start_view(stream, loop.pilot, report)
+    observer = ViewSteps(view)
+    loop.observers.append(observer)
+    return view, observer
+
+
+def stops_for_a_while(loop):
+    loop.observers.append(lambda step: loop.safe.emergency("a key") if step.number == 30 else None)
+    loop.observers.append(lambda step: loop.safe.resume() if step.number == 45 else None)
+
+
+def rows(path, entity, name):
+    """All values of a column, by time."""
+    found = []
+    for chunk in chunks(path, entity):
+        if not chunk.is_static:
+            times = chunk.to_record_batch().column("time").to_numpy()
+            found += zip((t / np.timedelta64(1, "s") for t in times), column(chunk, name), strict=True)
+    return sorted(found, key=lambda row: row[0])
+
+
+def check_contents(path, count):
+    """What a car that stood from step 31 to 45 must have left."""
+    assert len(rows(path, "/cameras/left", "EncodedImage:blob")) == pytest.approx(count / 3, abs=2)
+    assert rows(path, "/cameras/right/features", "Points2D:positions")
+    for entity, width in (("/speeds", 6), ("/command/speed", 3), ("/command/curvature", 3), ("/board/battery", 1)):
+        values = rows(path, entity, "Scalars:scalars")
+        assert len(values) == count
+        assert {len(value) for _, value in values} == {width}
+    speeds = [value for _, value in rows(path, "/command/speed", "Scalars:scalars")]
+    assert all(sent == 0 for _, sent, _ in speeds[32:44])
+    assert max(sent for _, sent, _ in speeds[:30]) > 0.3
+    assert rows(path, "/board/battery", "Scalars:scalars")[0][1] == [7.4]
+    words = [(when, text[0]) for when, text in rows(path, "/car", "TextDocument:text")]
+    stands = [when for when, text in words if text.startswith("# STANDS\nemergency stop: a key")]
+    assert stands == [pytest.approx(31 / 30, abs=0.02)]
+    assert FAULTS[0] in words[0][1]
+    assert "7.4 V, 3 frames refused" in words[0][1]
+    said = [text[0] for _, text in rows(path, "/events", "TextLog:text")]
+    assert "stopped: emergency stop: a key" in said
+    assert "resumed after: emergency stop: a key" in said
+    assert rows(path, "/floor/path/0", "LineStrips2D:strips")
+    assert len(rows(path, "/floor/car", "Arrows2D:vectors")) == count
+    assert len(rows(path, "/floor/map", "Points2D:positions")) == 2  # every two seconds
+
+
+def test_a_run_and_its_replay(tmp_path, capsys):
+    """Everything is there, of both; neither has a plan or a true pose."""
+    from rerun.chunk import RrdReader
+
+    path, again = tmp_path / "new" / "run.rrd", tmp_path / "replay.rrd"
+    loop = bare_loop(FilmCar(moving_world(90, RIG)), RIG, controller="published", map_half_size_m=5.0)
+    view, observer = start(loop, open_stream("run", Where(path), layout()))
+    loop.safe.report = observer.report
+    with Recorder(tmp_path / "r", loop.pilot.configuration(), when_full="wait") as recorder:
+        loop.observers.append(RecordSteps(recorder))
+        stops_for_a_while(loop)
+        loop.observers.append(lambda step: time.sleep(0.003))
+        loop.run(88.5 / 30)
+    view.close()
+    assert (view.shown, view.dropped, view.failed) == (90, 0, "")
+    check_contents(path, 90)
+    assert not {chunk.entity_path for chunk in RrdReader(path).stream().to_chunks()} & {"/plan/walls", "/plan/path"}
+    assert main(["replay", str(tmp_path / "r"), "--rrd", str(again), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["same"] == 90
+    check_contents(again, 90)
+    for file in (path, again):
+        assert len(RrdReader(file).recordings()) == 1
+        assert RrdReader(file).blueprints()
+
+
+def test_more_floor_is_shown_as_the_car_goes_on(monkeypatch):
+    """Seldom, so that what the user has arranged stays for long; the car is always in what is shown."""
+    shown = []
+    monkeypatch.setattr(ndtorch_robot.view.car_view, "layout", lambda bounds: bounds)
+    monkeypatch.setattr(rerun, "send_blueprint", lambda layout, recording: shown.append(layout))
+    view = CarView(rerun.RecordingStream("nowhere"), RIG, RIG.subfields(), {}, None)
+    for k in range(1000):
+        x, y = 2.0 + 0.001 * k, 1.0 + 0.1 * k
+        view.widen(x, y)
+        left, right, top, bottom = view.shown
+        assert left + 0.5 <= x <= right - 0.5
+        assert top + 0.5 <= -y <= bottom - 0.5
+    assert len(shown) < 12
+    assert shown[0] == (0.0, 4.0, -3.0, 1.0)
+    assert view.shown[1] == 4.0
+
+
+def test_strips_are_drawn_in_their_places():
+    field = RIG.subfields()[0]
+    inside = torch.full((1, 3, field.bottom - field.top, field.right - field.left), 200, dtype=torch.uint8)
+    drawn = picture(Strips(inside, torch.full((1, 1, 1, RIG.width), 0.5)), field, RIG)
+    assert drawn.shape == (RIG.height, RIG.width, 3)
+    assert (drawn[field.top : field.bottom, field.left : field.right] == 200).all()
+    assert (drawn[RIG.row, : field.left] == 128).all()
+    assert (drawn[RIG.row + THICK + 1, : field.left - 1] == UNREAD).all()
+    whole = torch.randint(0, 256, (1, 3, RIG.height, RIG.width), dtype=torch.uint8)
+    assert (picture(whole, field, RIG) == whole[0].permute(1, 2, 0).numpy()).all()
+
+
+def test_a_loop_never_waits_for_a_view_that_hangs():
+    """The viewer takes nothing at all: the loop spends no time on it, drops are counted, and the end does come."""
+    free, said = threading.Event(), []
+    view = Background(lambda item: free.wait(20), lambda: None, size=5, report=said.append)
+    loop = bare_loop(FilmCar(moving_world(120, RIG)), RIG, controller="published")
+    observer, spent = ViewSteps(view), []
+
+    def timed(step):
+        began = time.thread_time()
+        observer(step)
+        spent.append(time.thread_time() - began)
+
+    loop.observers.append(timed)
+    assert loop.run(118.5 / 30) == 120
+    assert view.dropped >= 120 - 6
+    assert sorted(spent)[100] < 0.001
+    assert max(spent) < 0.02
+    began = time.monotonic()
+    view.close(patience=0.2)
+    assert time.monotonic() - began < 1.0
+    assert said == [view.failed] == ["the viewer takes nothing: left behind"]
+    free.set()
+
+
+def test_a_view_that_breaks_ends_alone():
+    said = []
+
+    def broken(item):
+        raise RuntimeError("no\nviewer")
+
+    view = Background(broken, lambda: None, report=said.append)
+    loop = bare_loop(FilmCar(moving_world(30, RIG)), RIG, controller="published")
+    loop.observers.append(ViewSteps(view))
+    assert loop.run(28.5 / 30) == 30
+    view.close()
+    assert said == ["the view has ended: RuntimeError: no viewer"]
+
+
+def test_a_view_that_is_slow_spares_pictures_first():
+    seen, gate = [], threading.Event()
+    view = Background(lambda item: (gate.wait(5), seen.append(item)), lambda: None, size=30)
+    loop = bare_loop(FilmCar(moving_world(40, RIG)), RIG, controller="published")
+    loop.observers.append(ViewSteps(view))
+    loop.run(38.5 / 30)
+    gate.set()
+    view.close()
+    pictures = [k for k, item in enumerate(seen) if item.frames is not None]
+    assert 2 <= len(pictures) <= 5
+    assert pictures[-1] <= 15
+    assert len(seen) == 40 - view.dropped == 31
+
+
+@pytest.mark.slow
+def test_no_viewer_at_the_other_end():
+    """A port where nobody listens: the loop runs, and closing gives up."""
+    stream = rerun.RecordingStream("nobody")
+    stream.set_sinks(rerun.GrpcSink("rerun+http://127.0.0.1:9/proxy"), default_blueprint=layout())
+    loop = bare_loop(FilmCar(moving_world(60, RIG)), RIG, controller="published")
+    view, _ = start(loop, stream)
+    assert loop.run(58.5 / 30) == 60
+    began = time.monotonic()
+    view.close(patience=0.3)
+    assert time.monotonic() - began < 3.0
+    assert view.failed
+
+
+def test_rate_of_pictures():
+    rate = Rate(10)
+    assert sum(rate.due(k / 30) for k in range(90)) == 30
+    assert rate.due(100.0)  # after a pause
+    assert not rate.due(100.05)
+
+
+@pytest.mark.parametrize("address", ["", "127.0.0.1:port", "127.0.0.1:70000", ":9876"])
+def test_bad_addresses(address):
+    with pytest.raises(InputError, match="--view-at must be ADDRESS or ADDRESS:PORT"):
+        open_server(address)
+
+
+def test_a_port_in_use():
+    import socket
+
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(InputError, match=f"--view-at 127.0.0.1:{port}: cannot listen there"):
+            open_server(f"127.0.0.1:{port}")
+    with pytest.raises(InputError, match="cannot listen there"):
+        open_server("192.0.2.1")
+
+
+def test_replay_that_is_served(tmp_path, capsys, monkeypatch):
+    """The server listens at the address that was asked for, takes everything, and stays until Ctrl-C."""
+    asked, held = [], []
+    monkeypatch.setattr(ndtorch_robot.view.opening, "start", lambda options, host, *rest: asked.append((host, options)))
+    monkeypatch.setattr(ndtorch_robot.view.opening.atexit, "register", lambda *call: None)
+
+    def interrupted():
+        held.append(True)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(ndtorch_robot.commands.replay.signal, "pause", interrupted)
+    sinks = []
+    monkeypatch.setattr(rerun, "GrpcSink", lambda address: (sinks.append(address), rerun.FileSink(tmp_path / "s"))[1])
+    loop = bare_loop(FilmCar(moving_world(20, RIG)), RIG, controller="published")
+    with Recorder(tmp_path / "r", loop.pilot.configuration(), when_full="wait") as recorder:
+        loop.observers.append(RecordSteps(recorder))
+        loop.run(18.5 / 30)
+    assert main(["replay", str(tmp_path / "r"), "--view-at", "0.0.0.0:9555"]) == 0
+    assert "served at 0.0.0.0:9555 until Ctrl-C" in capsys.readouterr().err
+    assert sinks == ["rerun+http://127.0.0.1:9555/proxy"]
+    assert asked[0][0] == "0.0.0.0"
+    assert "--serve-grpc" in asked[0][1]
+    assert held

@@ -1,0 +1,182 @@
+"""Models by name and by folder, of one's own too, and the errors of broken folders."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import load_file, save_file
+
+import ndtorch
+from ndtorch.binding import FirstStage, PublishedModel, VideoModel, spectral_radius
+from ndtorch.errors import InputError
+from ndtorch.loading import model_folders, model_kind
+from ndtorch.tree import leaves
+from ndtorch.vision import GROUPS
+
+NAMES = ("published", "scale-free", "retinotopic", "video")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A copy of the trained model to break."""
+    return Path(shutil.copytree(model_folders()["published"], tmp_path / "model"))
+
+
+def test_the_models_are_there_by_name() -> None:
+    assert set(ndtorch.model_names()) == set(NAMES)
+    for name in NAMES:
+        model = ndtorch.load(name, size=48)
+        assert (model.name, model_kind(name), model.size) == (name, name, (48, 48))
+
+
+def test_the_trained_weights_are_usable_and_shared() -> None:
+    weights = ndtorch.load("published", size=(16, 16)).first_stage()
+    assert weights is not None
+    assert (weights >= 0).all()
+    for group in GROUPS.values():
+        assert 0.8 < float(spectral_radius(weights[group, group])) <= 0.9 + 1e-5
+    for name in ("scale-free", "retinotopic"):
+        assert torch.equal(ndtorch.load(name, size=(16, 16)).first_stage(), weights)
+
+
+def test_options_take_the_place_of_the_folders(folder: Path) -> None:
+    model = ndtorch.load(folder, size=(20, 30), fps=30, border="reflect", exact=True, gamma=4, settle=1.0)
+    assert isinstance(model, PublishedModel)
+    assert model.features.size == (20, 30)
+    assert (model.fps, model.features.motion.border, model.features.orientation.exact) == (30, "reflect", True)
+    assert (model.config.network.gamma, model.settle, model.config.network.tau_in) == (4.0, 1.0, 1.0)
+    assert ndtorch.load(folder, size=(20, 30), **{"network.gamma": 2.0}).config.network.gamma == 2.0
+
+
+def test_the_folders_own_constants_are_used(folder: Path) -> None:
+    (folder / "config.toml").write_text('model = "published"\n[network]\ngamma = 3.5')
+    assert ndtorch.load(str(folder), size=(16, 16)).config.network.gamma == 3.5
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_saved_loads_back_equal(tmp_path: Path, name: str) -> None:
+    options = {"gamma": 0.7} if name != "retinotopic" else {"most": 3}
+    model = ndtorch.load(name, size=(32, 48), fps=25.0, **options)
+    model.save(tmp_path / "mine")
+    again = ndtorch.load(tmp_path / "mine")
+    assert type(again) is type(model)
+    assert again.config == model.config
+    ours, theirs = model.state_dict(), again.state_dict()
+    assert ours.keys() == theirs.keys()
+    assert all(torch.equal(ours[key], theirs[key]) for key in ours)
+    frames = torch.rand(20, 3, 32, 48, generator=torch.Generator().manual_seed(0))
+    (one, end), (other, other_end) = model(frames), again(frames)
+    assert all(torch.equal(a, b) for a, b in zip(one, other, strict=True))
+    assert all(torch.equal(a, b) for a, b in zip(leaves(end).values(), leaves(other_end).values(), strict=True))
+    assert {path.name for path in (tmp_path / "mine").iterdir()} == {"config.toml", "README.md"} | (
+        set() if name == "video" else {"weights.safetensors"}
+    )
+
+
+def test_saving_again_keeps_a_card(tmp_path: Path) -> None:
+    model = ndtorch.load("video", size=(32, 48))
+    model.save(tmp_path)
+    (tmp_path / "README.md").write_text("mine")
+    model.save(tmp_path)
+    assert (tmp_path / "README.md").read_text() == "mine"
+
+
+def test_a_trained_first_stage_takes_the_place_of_the_folders() -> None:
+    parts = [torch.full((n, n), 0.2).fill_diagonal_(0) for n in (4, 3, 3)]
+    stage = FirstStage(*parts, seconds=1.0)
+    for name in ("published", "scale-free", "retinotopic"):
+        weights = ndtorch.load(name, size=(16, 16), first_stage=stage).first_stage()
+        assert weights is not None
+        assert torch.equal(weights[7:, 7:], parts[2])
+    with pytest.raises(InputError, match="video has no option first_stage; published, scale-free, retinotopic have it"):
+        ndtorch.load("video", first_stage=stage)
+
+
+def test_an_unknown_name_is_refused() -> None:
+    with pytest.raises(InputError, match=r"model must be .*published.*; got 'publish'; did you mean published\?"):
+        ndtorch.load("publish")
+    with pytest.raises(InputError, match=r"^the model binding is called published now$"):
+        ndtorch.load("binding")
+
+
+def test_a_missing_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="nowhere is not a model folder"):
+        ndtorch.load(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("name", ["config.toml", "weights.safetensors"])
+def test_a_missing_file_is_refused_by_name(folder: Path, name: str) -> None:
+    (folder / name).unlink()
+    with pytest.raises(InputError, match=name):
+        ndtorch.load(folder)
+
+
+@pytest.mark.parametrize("text", ["", 'model = "mine"'])
+def test_a_folder_of_an_unknown_kind_is_refused(folder: Path, text: str) -> None:
+    (folder / "config.toml").write_text(text)
+    with pytest.raises(InputError, match=r"config\.toml: .*model must be one of published, scale-free"):
+        ndtorch.load(folder)
+
+
+def test_a_file_that_is_no_safetensors_is_refused(folder: Path) -> None:
+    (folder / "weights.safetensors").write_text("0.3 0.45")
+    with pytest.raises(InputError, match=r"weights\.safetensors is not a safetensors file"):
+        ndtorch.load(folder)
+
+
+@pytest.mark.parametrize("name", list(GROUPS))
+def test_missing_and_misshapen_weights_are_refused_by_name(folder: Path, name: str) -> None:
+    path = folder / "weights.safetensors"
+    tensors = load_file(path)
+    n = len(tensors.pop(name))
+    save_file(tensors, path)
+    with pytest.raises(InputError, match=f"has no weights called '{name}'; it has "):
+        ndtorch.load(folder)
+    save_file({**tensors, name: torch.zeros(2, 2)}, path)
+    with pytest.raises(InputError, match=rf"{name} must be \[{n}, {n}\], got \(2, 2\)"):
+        ndtorch.load(folder)
+
+
+def test_negative_weights_are_refused(folder: Path) -> None:
+    path = folder / "weights.safetensors"
+    save_file({**load_file(path), "motion": -torch.ones(4, 4)}, path)
+    with pytest.raises(InputError, match="non-negative"):
+        ndtorch.load(folder)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"gama": 1.0}, r"options: unknown key 'gama'; did you mean gamma\?"),
+        ({"gamma": -1.0}, r"options: network: gamma = -1\.0"),
+        ({"radius_limit": 2.0}, r"options: network: radius_limit = 2\.0"),
+        ({"rule": "oja"}, "rule must be one of competitive"),
+        ({"border": "black"}, "options: border = 'black'"),
+        ({"size": (0, 10)}, "size must be"),
+        ({"fps": -1}, "options: fps = -1"),
+        ({"grid": (3, 3)}, "published has no option grid; video has it"),
+        ({"readout": "owners"}, "published has no option readout; scale-free has it"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused_by_name(folder: Path, options: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        ndtorch.load(folder, **options)
+
+
+def test_options_of_other_models_name_them() -> None:
+    with pytest.raises(InputError, match="video has no option border; published, scale-free, retinotopic have it"):
+        ndtorch.load("video", border="wrap")
+    with pytest.raises(InputError, match="scale-free has no option rule; published has it"):
+        ndtorch.load("scale-free", rule="hebbian")
+
+
+def test_the_video_model_works_in_three_lines() -> None:
+    model, state = ndtorch.load("video", size=(32, 48), fps=25), None
+    for frames in torch.rand(3, 8, 3, 32, 48):
+        signals, state = model(frames, state)
+    assert isinstance(model, VideoModel)
+    assert signals.outputs.shape == (8, 6, 10, 10)
+    assert model.objects(state) == []
