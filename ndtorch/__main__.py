@@ -2,6 +2,6 @@
 
 import sys
 
-from ndtorch.commands import main
+from ndtorch.commands import program
 
-sys.exit(main())
+sys.exit(program())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import contextlib
 import difflib
+import os
 import sys
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
@@ -30,6 +31,9 @@ UNUSABLE = 2
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""
+
+UNREAD = 141
+"""Exit code when the reader of what is printed has gone, as shells have it."""
 
 
 class Subcommand(Protocol):
@@ -78,8 +82,11 @@ def missing(error: Exception) -> str | None:
     """What to install where a module is missing that one of our distributions asks for; None for other errors."""
     if not isinstance(error, ModuleNotFoundError) or error.name is None:
         return None
-    command = remedy(error.name.split(".")[0])
-    return None if command is None else f"{error.name.split('.')[0]} is not installed: {command}"
+    top = error.name.split(".")[0]
+    if top != error.name and any(module_places(top)):
+        return None  # it is installed, and only a part of it is not there
+    command = remedy(top)
+    return None if command is None else f"{top} is not installed: {command}"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -110,6 +117,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     return run_command(f"ndtorch {given[0]}", kind, given[1:])
+
+
+def program() -> int:
+    """`main` as a program: whoever reads what it prints may stop reading, as `head` does."""
+    try:
+        code = main()
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # Python flushes once more at its end, and would complain.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return UNREAD
+    return code
 
 
 def hint(name: str, commands: Iterable[str]) -> str:

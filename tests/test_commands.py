@@ -128,6 +128,17 @@ def test_help_imports_nothing_heavy(tmp_path: Path) -> None:
     assert done.stdout.splitlines()[-1] == ""
 
 
+def test_a_reader_may_stop_reading(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "ndtorch", "scenes"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
+    assert process.stdout is not None
+    process.stdout.close()
+    assert process.stderr is not None
+    assert process.stderr.read() == ""
+    assert process.wait(120) == 141
+    process.stderr.close()
+
+
 @pytest.mark.parametrize("old", ["robot", "train"])
 def test_the_old_commands_name_the_new_one(old: str) -> None:
     root = Path(__file__).resolve().parents[1]

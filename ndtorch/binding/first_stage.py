@@ -9,7 +9,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ndtorch.binding.network import InhibitoryNetwork, NetworkState
+from ndtorch.binding.learning import NetworkState
+from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.normalise import BindingInputs
 from ndtorch.binding.rules import learning_rule
 from ndtorch.errors import InputError
@@ -98,7 +99,7 @@ def train_first_stage(
     dt: float = 0.01,
     settle: float = 4.0,
     size: tuple[int, int] = (100, 100),
-    progress: Callable[[float, list[float]], None] | None = None,
+    report: Callable[[float, list[float]], None] | None = None,
 ) -> FirstStage:
     """Show the networks the ring stimulus until the spectral radius of each reaches `radius`. [B §2.3, eq. 25-27]
 
@@ -112,7 +113,7 @@ def train_first_stage(
         dt: time step and time between frames, seconds.
         settle: seconds of stimulus before learning.
         size: of the stimulus, pixels.
-        progress: called with the simulated seconds and the largest weight of each network.
+        report: called with the simulated seconds and the largest weight of each network.
 
     Raises:
         InputError: gamma or radius out of range, or a network that does not get there within two minutes.
@@ -146,8 +147,8 @@ def train_first_stage(
                 _, states[i] = network(signals[..., group], states[i])
             seconds += frames.shape[-4] * dt
             now = [state for state in states if state is not None]
-            if progress is not None:
-                progress(seconds, [float(state.weights.max()) for state in now])
+            if report is not None:
+                report(seconds, [float(state.weights.max()) for state in now])
             if all(bool(state.stopped) for state in now):
                 motion, orientation, color = (state.weights for state in now)
                 return FirstStage(motion, orientation, color, seconds)

@@ -3,62 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from itertools import chain
-from typing import Any, Literal, NamedTuple, Self
+from collections.abc import Iterator, Sequence
+from typing import Any, Self
 
 import torch
 from torch import Tensor, nn
 
-from ndtorch.binding.feedback import FEEDBACKS, Feedback, inhibit, through
+from ndtorch.binding.feedback import FEEDBACKS, Feedback, through
+from ndtorch.binding.learning import Constants, Moment, NetworkState, WhenFull, moments, network_step
 from ndtorch.binding.rules import Rule, ScaleFreeRule, learning_rule
 from ndtorch.errors import InputError
 from ndtorch.vision.blocks import BlockLowPass, Stretch
 from ndtorch.vision.temporal import low_pass_step, smoothing_factor
 
-WhenFull = Literal["rescale", "stop"]
-
 # Alternation is judged over half a second: long against a sample, short against learning.
 TAU_ROUGH = 0.5
-
-
-class NetworkState(NamedTuple):
-    """Everything of the network that changes. Save it and the run can go on from there, bit for bit.
-
-    Shapes are those of a network by itself; with `shared` weights, F fields have `[..., F, N]` for `[..., N]` in all
-    but `fluctuation`.
-
-    Attributes:
-        weights: inhibition from neuron k to neuron n, `[..., N, N]`, diagonal zero.
-        outputs: the latest outputs, `[..., N]`.
-        input_low: what the input high-pass has taken for the mean, `[..., N]`.
-        output_low: the same for the outputs in the learning rule, `[..., N]`.
-        recent: the latest inputs since the last change of the weights and before, `[..., E - 1, N]`, oldest first.
-        fluctuation: running mean of o'^2, summed over fields, `[..., N]`, if the rule looks at it.
-        share: how much of that mean has been seen, `[...]`.
-        learned: seconds that the clock of the learning has run, `[...]`, float64.
-        stopped: networks whose learning has ended, `[...]`, bool.
-        mean_weights: running temporal mean of the weights, `[..., N, N]`.
-        changes: summed magnitude of the changes of that mean at each recent change, `[..., S]`, oldest first.
-        power: recent mean of squared outputs, `[..., N]`.
-        roughness: recent mean of squared differences of successive outputs, `[..., N]`.
-        steps: time steps taken since the start, int64 scalar.
-    """
-
-    weights: Tensor
-    outputs: Tensor
-    input_low: Tensor
-    output_low: Tensor
-    recent: Tensor
-    fluctuation: Tensor
-    share: Tensor
-    learned: Tensor
-    stopped: Tensor
-    mean_weights: Tensor
-    changes: Tensor
-    power: Tensor
-    roughness: Tensor
-    steps: Tensor
 
 
 class InhibitoryNetwork(nn.Module):
@@ -101,7 +60,6 @@ class InhibitoryNetwork(nn.Module):
     """
 
     initial: Tensor | None
-    off_diagonal: Tensor
 
     def __init__(
         self,
@@ -138,19 +96,25 @@ class InhibitoryNetwork(nn.Module):
                 raise InputError(f"{name} must be a number{' of seconds' if name in seconds else ''} >= 0, got {value}")
         if feedback == "delayed" and every > dt:
             raise InputError(f"with delayed feedback the weights change at every step of {dt} s, got every={every}")
-        self.neurons, self.dt = neurons, dt
+        self.neurons, self.dt, self.shared = neurons, dt, shared
         self.a_in, self.a_rough = smoothing_factor(tau_in, dt), smoothing_factor(TAU_ROUGH, dt)
         rule = learning_rule(rule) if isinstance(rule, str) else rule
-        self.rule = rule if rule is not None and rule.learns else None
-        self.feedback, self.shared = feedback, shared
         self.every = max(1, round(every / dt))
-        self.settle, self.faint, self.when_full = settle, faint, when_full
-        self.a_mean = smoothing_factor(tau_mean, dt * self.every)
-        self.output_low = BlockLowPass(smoothing_factor(tau_out, dt), self.every)
-        self.mean_square = BlockLowPass(smoothing_factor(tau_power, dt), self.every)
+        self.constants = Constants(
+            rule=rule if rule is not None and rule.learns else None,
+            feedback=feedback,
+            shared=shared,
+            dt=dt,
+            every=self.every,
+            settle=settle,
+            faint=faint,
+            when_full=when_full,
+            output_low=BlockLowPass(smoothing_factor(tau_out, dt), self.every),
+            mean_square=BlockLowPass(smoothing_factor(tau_power, dt), self.every),
+            a_mean=smoothing_factor(tau_mean, dt * self.every),
+        )
         self.window_changes = max(1, round(window / (dt * self.every)))
         self.register_buffer("initial", initial)
-        self.register_buffer("off_diagonal", 1 - torch.eye(neurons))
 
     @classmethod
     def scale_free(cls, neurons: int = 10, dt: float = 0.01, rule: Rule | None = None, **options: Any) -> Self:
@@ -167,68 +131,80 @@ class InhibitoryNetwork(nn.Module):
     def start(self, first: Tensor) -> NetworkState:
         """State at rest, its input filter settled on the first input `[..., N]`, or `[..., F, N]` of fields."""
         batch, n = first.shape[: -2 if self.shared else -1], self.neurons
-        zeros, power = torch.zeros_like(first), first.new_zeros(*batch, n)
         weights = first.new_zeros(*batch, n, n)
         if self.initial is not None:
             weights = weights + self.initial.to(first.dtype)
+        # No tensor twice: an export would take the two for one for ever.
         return NetworkState(
             weights=weights,
-            outputs=zeros,
-            input_low=zeros if self.a_in == 0 else first,
-            output_low=zeros,
+            outputs=torch.zeros_like(first),
+            input_low=torch.zeros_like(first) if self.a_in == 0 else first.clone(),
+            output_low=torch.zeros_like(first),
             recent=first.new_zeros(*batch, self.every - 1, *first.shape[len(batch) :]),
-            fluctuation=power,
-            share=first.new_zeros(batch),
-            learned=first.new_zeros(batch, dtype=torch.float64),
+            fluctuation=first.new_zeros(*batch, n),
+            clock=first.new_zeros(batch, dtype=torch.float64),
             stopped=torch.zeros(batch, dtype=torch.bool, device=first.device),
-            mean_weights=weights,
+            mean_weights=weights.clone(),
             changes=first.new_zeros(*batch, self.window_changes),
-            power=zeros,
-            roughness=zeros,
+            power=torch.zeros_like(first),
+            roughness=torch.zeros_like(first),
             steps=torch.zeros((), dtype=torch.int64),
         )
 
     def forward(self, inputs: Tensor, state: NetworkState | None = None) -> tuple[Tensor, NetworkState]:
-        time = self._check(inputs)
+        time, c = self._check(inputs), self.constants
         state = self.start(inputs.select(time, 0)) if state is None else state
         drive, input_low = self._drive(inputs, state.input_low, time)
         outs, shifts, now = [], [], state
-        if self.feedback == "delayed":
-            first = state.steps if torch.compiler.is_compiling() else int(state.steps)
-            # o(t + dt), which the rule sees at the time t.
-            factors = self._factors(first, inputs.shape[time], 1, drive)
-            for x, factor in zip(drive.unbind(time), factors, strict=True):
-                out, now, shift = network_step(x, now, self, factor)
-                outs.append(out)
+        blocks: Sequence[Tensor]
+        whole: Sequence[Tensor | None]
+        compiled = torch.compiler.is_compiling()
+        if c.feedback == "delayed":
+            first = (state.steps if compiled else int(state.steps)) + 1
+            blocks, whole = drive.unbind(time), [None] * inputs.shape[time]
+        else:
+            stretch = Stretch(state.recent, drive, state.steps, c.every, time)
+            first, blocks, whole = stretch.first, stretch.blocks, stretch.whole
+        ahead = self._moments(state, first, len(blocks), drive.select(time, 0))
+        moment = next(ahead, None)
+        for block, known in zip(blocks, whole, strict=True):
+            out, after, shift = network_step(block, now, c, moment)
+            if known is not None:
+                # An exported program cannot skip a block that is not whole yet: it takes nothing from it.
+                after = NetworkState(*(torch.where(known, a, b) for a, b in zip(after, now, strict=True)))
+                shift = None if shift is None else torch.where(known, shift, 0.0)
+            # Asleep, the clock stands still.
+            if not c.faint or after.clock is not now.clock:
+                moment = next(ahead, None)
+            now = after
+            outs.append(out)
+            if shift is not None:
                 shifts.append(shift)
+        if c.feedback == "delayed":
             out = torch.stack(outs, time)
         else:
-            stretch = Stretch(state.recent, drive, state.steps, self.every, time)
-            factors = self._factors(stretch.first, len(stretch.blocks), self.every, drive)
-            for block, whole, factor in zip(stretch.blocks, stretch.whole, factors, strict=True):
-                out, after, shift = network_step(block, now, self, factor)
-                if whole is not None:
-                    # An exported program cannot skip a block that is not whole yet: it takes nothing from it.
-                    after = NetworkState(*(torch.where(whole, a, b) for a, b in zip(after, now, strict=True)))
-                    shift = None if shift is None else torch.where(whole, shift, 0.0)
-                now = after
-                outs.append(out)
-                shifts.append(shift)
-            out = stretch.joined(outs, lambda rest: through(rest, now.weights, self.shared))
+            out = stretch.joined(outs, lambda rest: through(rest, now.weights, c.shared))
             now = now._replace(recent=stretch.recent)
         power, roughness = self._diagnose(out, state, time)
-        made = [shift for shift in shifts if shift is not None]
-        changes = torch.cat([state.changes, torch.stack(made, -1)], -1) if made else state.changes
+        changes = torch.cat([state.changes, torch.stack(shifts, -1)], -1) if shifts else state.changes
         steps = state.steps + inputs.shape[time]
         return out, now._replace(
             outputs=out.select(time, -1),
             input_low=input_low,
-            learned=now.learned if self.faint else torch.zeros_like(now.learned) + steps * self.dt,
+            clock=now.clock if c.faint else torch.zeros_like(now.clock) + steps,
             changes=changes[..., -self.window_changes :],
             power=power,
             roughness=roughness,
             steps=steps,
         )
+
+    def _moments(self, state: NetworkState, first: int | Tensor, count: int, like: Tensor) -> Iterator[Moment]:
+        """What depends on time alone, at every change of the weights to come; nothing where each has its own clock."""
+        c = self.constants
+        if c.rule is None or (c.faint and (torch.compiler.is_compiling() or state.clock.ndim)):
+            return iter(())
+        number = torch.arange(count, dtype=torch.float64, device=like.device) * c.every
+        return moments(number + (state.clock + c.every if c.faint else first), like, c)
 
     def _check(self, inputs: Tensor) -> int:
         """Index of the time dimension, counted from the end; `InputError` for inputs that cannot be used."""
@@ -254,7 +230,7 @@ class InhibitoryNetwork(nn.Module):
 
     def _diagnose(self, out: Tensor, state: NetworkState, time: int) -> tuple[Tensor, Tensor]:
         """Running means of squared outputs and of squared differences of successive outputs."""
-        if self.feedback == "settled":  # which cannot alternate
+        if self.constants.feedback == "settled":  # which cannot alternate
             return state.power, state.roughness
         out = out.detach()
         before = torch.cat([state.outputs.detach().unsqueeze(time), out.narrow(time, 0, out.shape[time] - 1)], time)
@@ -262,109 +238,6 @@ class InhibitoryNetwork(nn.Module):
         for square in torch.cat([out, out - before], -1).square().unbind(time):
             mean = low_pass_step(square, mean, self.a_rough)
         return mean[..., : self.neurons], mean[..., self.neurons :]
-
-    def _factors(self, first: int | Tensor, count: int, every: int, like: Tensor) -> Iterable[Tensor | None]:
-        """`factor` at `count` changes of the weights, `every` so many steps from `first` on; None before learning."""
-        if self.rule is None or self.faint:
-            return [None] * count
-        idle, number = 0, torch.arange(count, dtype=torch.float64)
-        seconds = (number * every + first) * self.dt - self.settle
-        if not torch.compiler.is_compiling():
-            idle = int((seconds <= 0).sum())
-            seconds = seconds[idle:]
-        batch = like.ndim - (3 if self.shared else 2)
-        rates = self.rule.rate(seconds.to(like.device).reshape(-1, *[1] * batch))
-        if rates.numel() == len(rates):
-            return chain([None] * idle, self.factor(rates.flatten(), like).unbind(0))
-        # Many networks with rates of their own: not all of their steps at once.
-        return chain([None] * idle, (self.factor(rate, like) for rate in rates.unbind(0)))
-
-    def factor(self, rate: Tensor, like: Tensor) -> Tensor:
-        """What the rule's change is multiplied by at a rate `[...]`: `rate dt`, zero on the diagonal, `[..., N, N]`."""
-        scale = (rate * (self.dt * self.every)).to(like.dtype)
-        return scale[..., None, None] * self.off_diagonal.to(like.dtype)
-
-
-def network_step(
-    block: Tensor, state: NetworkState, network: InhibitoryNetwork, factor: Tensor | None
-) -> tuple[Tensor, NetworkState, Tensor | None]:
-    """One step of the network, from one change of the weights to the next.
-
-    Args:
-        block: drive i', `[..., N]` for delayed feedback, a block `[..., E, N]` for settled; `[..., F, N]` and
-            `[..., E, F, N]` of fields.
-        state: before.
-        network: its constants.
-        factor: see `InhibitoryNetwork.factor`; None while nothing is learned, or where the clock decides.
-
-    Returns:
-        outputs like `block`, the state after, and the summed magnitude of the change of the mean weights, `[...]`, None
-        if there was no change.
-    """
-    rule, shared, weights = network.rule, network.shared, state.weights
-    outputs, fluctuation, share, learned = state.outputs, state.fluctuation, state.share, state.learned
-    if network.feedback == "delayed":
-        out = outputs = block - outputs @ weights.mT if shared else inhibit(block, weights, outputs)
-    else:
-        out = through(block, weights, shared)
-    if rule is None:
-        return out, state._replace(outputs=outputs), None
-    high, low = fluctuations(out, state.output_low, network)
-    compiled, awake = torch.compiler.is_compiling(), None
-    if network.faint:
-        awake = high.square().mean(-1).flatten(learned.ndim).amax(-1) >= network.faint**2
-        if not compiled and not awake.any():
-            return out, state._replace(outputs=outputs, output_low=low), torch.zeros_like(share)
-        learned = learned + awake.double() * (network.dt * network.every)
-        factor = network.factor(rule.rate(learned - network.settle), out)
-    if rule.uses_power:
-        squares = high.square().sum(-2) if shared else high.square()
-        kept, taken = network.mean_square.weights(squares)
-        fluctuation = held(awake, kept * fluctuation + taken @ squares, fluctuation)
-        share = held(awake, kept * share + (1 - kept), share)
-    mean, stopped, shift = state.mean_weights, state.stopped, None
-    if factor is not None:
-        # The running mean starts at zero: early on it has not seen its share yet.
-        power = fluctuation / share.unsqueeze(-1) if rule.uses_power else fluctuation
-        change = rule.change(high.flatten(-3, -2) if shared else high, power, weights, network.every)
-        grown, full = rule.bounded(torch.addcmul(weights, change, factor))
-        learning = awake
-        if compiled:
-            learning = factor.amax((-1, -2)) > 0 if awake is None else awake & (factor.amax((-1, -2)) > 0)
-        if network.when_full == "stop":
-            learning = ~stopped if learning is None else learning & ~stopped
-            stopped = stopped if full is None else stopped | (full if awake is None else full & awake)
-        weights = held(learning, grown, weights)
-        step = (weights.detach() - mean) * network.a_mean
-        mean, shift = mean + step, torch.linalg.vector_norm(step, 1, (-1, -2))
-    end = state._replace(
-        weights=weights,
-        outputs=outputs,
-        output_low=low,
-        fluctuation=fluctuation,
-        share=share,
-        learned=learned,
-        stopped=stopped,
-        mean_weights=mean,
-    )
-    return out, end, shift
-
-
-def fluctuations(out: Tensor, low: Tensor, network: InhibitoryNetwork) -> tuple[Tensor, Tensor]:
-    """High-passed outputs o' of one step, `[..., E, N]` or `[..., E, F, N]`, and the filter's state."""
-    filter, time = network.output_low, -3 if network.shared else -2
-    if network.feedback == "delayed":
-        low = low_pass_step(out, low, filter.a)
-        return (out - low).unsqueeze(time), low
-    lows = filter(out.flatten(-2), low.flatten(-2)).view_as(out) if network.shared else filter(out, low)
-    return out - lows, lows.select(time, -1)
-
-
-def held(where: Tensor | None, new: Tensor, old: Tensor) -> Tensor:
-    """`new` for the networks `where` `[...]`, `old` for the others; None: all."""
-    if where is None:
-        return new
-    return torch.where(where.reshape(where.shape + (1,) * (new.ndim - where.ndim)), new, old)
 
 
 def weight_change(state: NetworkState) -> Tensor:

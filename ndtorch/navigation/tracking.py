@@ -13,6 +13,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation.mapping import check_observations
 from ndtorch.navigation.odometry import Pose, to_world
 from ndtorch.navigation.ranging import Ranges
+from ndtorch.vision.alpha_beta import corrected, predicted
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ def track_step(seen: Tensor, valid: Tensor, state: Tracks, params: TrackParams, 
     """
     alive = state.unseen <= params.patience
     unseen = torch.where(alive, state.unseen + dt, math.inf)
-    place = state.place + state.velocity * dt
+    place = predicted(state.place, state.velocity, dt)
     distance = torch.linalg.vector_norm(place.unsqueeze(-2) - seen.unsqueeze(-3), dim=-1)
     distance = torch.where(alive.unsqueeze(-1) & valid.unsqueeze(-2), distance, math.inf)
     nearest, index = distance.min(-1)
@@ -82,8 +83,7 @@ def track_step(seen: Tensor, valid: Tensor, state: Tracks, params: TrackParams, 
 
     observed = seen.gather(-2, index.unsqueeze(-1).expand(*index.shape, 2))
     residual = torch.where(hit.unsqueeze(-1), observed - place, 0.0)
-    place = place + params.alpha * residual
-    velocity = state.velocity + params.beta / dt * residual
+    place, velocity = corrected(place, state.velocity, residual, params.alpha, params.beta, dt)
     unseen = torch.where(hit, 0.0, unseen)
     age = state.age + dt
 

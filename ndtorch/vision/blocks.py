@@ -46,6 +46,8 @@ class BlockLowPass:
 
     def parts(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Decay `[length]` and matrix `[length, length]` in the precision and on the device of `x`."""
+        if torch.compiler.is_compiling():  # nothing of a traced program may be kept
+            return self.decay.to(x.device, x.dtype), self.matrix.to(x.device, x.dtype)
         key = (x.dtype, x.device)
         if key not in self._cast:
             self._cast[key] = (self.decay.to(x.device, x.dtype), self.matrix.to(x.device, x.dtype))

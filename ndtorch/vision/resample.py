@@ -45,13 +45,14 @@ class Resample(nn.Module):
 
     def forward(self, x: Tensor, state: ResampleState | None = None) -> tuple[Tensor, ResampleState]:
         time_dim(x, 1)
+        if self.identity:
+            steps = counter(0) if state is None else state.taken
+            return x, ResampleState(x[..., -1, :], steps + x.shape[-2], steps + x.shape[-2])
         taken = 0 if state is None else int(state.taken)
         given = 0 if state is None else int(state.given)
         last = x[..., 0, :] if state is None else state.last
         length = x.shape[-2]
         end = taken + length
-        if self.identity:
-            return x, ResampleState(x[..., -1, :], counter(end), counter(end))
         # A hair of slack: output times that coincide with a frame must not wait for the next one.
         upto = math.floor((end - 1) / self.ratio + 1e-6) + 1
         places = torch.arange(given, max(upto, given), dtype=torch.float64) * self.ratio - (taken - 1)

@@ -7,7 +7,8 @@ import pytest
 import torch
 from numpy.testing import assert_allclose
 
-from ndtorch.binding import Attention, attention_mask, feature_weights, object_table, winner
+from ndtorch.binding import Attention, object_table
+from ndtorch.binding.attention import attention_mask, feature_weights, winner
 from ndtorch.errors import InputError
 
 

@@ -6,7 +6,8 @@ import pytest
 import torch
 from numpy.testing import assert_allclose
 
-from ndtorch.binding import FirstStage, block_diagonal, spectral_radius, train_first_stage
+from ndtorch.binding import FirstStage, spectral_radius, train_first_stage
+from ndtorch.binding.first_stage import block_diagonal
 from ndtorch.errors import InputError
 from ndtorch.vision import GROUPS
 
@@ -41,7 +42,7 @@ def test_seconds_count_settling_and_learning(stage: FirstStage) -> None:
 
 def test_progress_is_told_time_and_largest_weights() -> None:
     seen: list[tuple[float, list[float]]] = []
-    stage = train_first_stage(radius=0.2, progress=lambda t, w: seen.append((t, w)), **SMALL)
+    stage = train_first_stage(radius=0.2, report=lambda t, w: seen.append((t, w)), **SMALL)
     times = [t for t, _ in seen]
     assert times == sorted(times)
     assert times[-1] == pytest.approx(stage.seconds)

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from ndtorch.binding import InhibitoryNetwork, NetworkState, alternation, learning_rule, weight_change
-from ndtorch.binding.network import WhenFull, inhibit
+from ndtorch.binding import InhibitoryNetwork, alternation, learning_rule, weight_change
+from ndtorch.binding.feedback import inhibit
+from ndtorch.binding.learning import NetworkState, WhenFull
 from ndtorch.binding.spectrum import SQUARING_FROM
 from ndtorch.errors import InputError
 from tests.strategies import chunkings, in_chunks

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from ndtorch.binding import BindingInputs, InputState
-from ndtorch.binding.normalise import ORDERS, Order, divide, group_max, spread_groups
+from ndtorch.binding import BindingInputs
+from ndtorch.binding.normalise import ORDERS, InputState, Order, divide, group_max, spread_groups
 from ndtorch.errors import InputError
 from ndtorch.vision import GROUPS
 from tests.strategies import chunkings

@@ -9,16 +9,8 @@ import pytest
 import torch
 from numpy.testing import assert_allclose
 
-from ndtorch.binding import (
-    ACTIVATIONS,
-    RULES,
-    InhibitoryNetwork,
-    LearningRule,
-    ScaleFreeRule,
-    learning_onset,
-    learning_rule,
-)
-from ndtorch.binding.rules import cube
+from ndtorch.binding import ACTIVATIONS, InhibitoryNetwork, LearningRule, learning_rule
+from ndtorch.binding.rules import RULES, ScaleFreeRule, cube, learning_onset
 from ndtorch.errors import InputError
 
 X = torch.tensor([-0.8, 0.1, 0.5], dtype=torch.float64)
@@ -138,7 +130,7 @@ def test_the_rate_falls_from_a_fast_start() -> None:
 def test_a_rule_of_ones_own_has_a_name_like_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(RULES, "sign", lambda **constants: LearningRule(torch.sign, cube, "sign", **constants))
     network = InhibitoryNetwork(2, rule="sign", settle=0.0)
-    assert network.rule.name == "sign"
+    assert network.constants.rule.name == "sign"
     _, state = network(torch.randn(50, 2, generator=torch.Generator().manual_seed(0)))
     assert state.weights.any()
 

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from ndtorch.binding import limit_spectral_radius, perron_root, spectral_radius
-from ndtorch.binding.spectrum import SQUARING_FROM
+from ndtorch.binding import limit_spectral_radius, spectral_radius
+from ndtorch.binding.spectrum import SQUARING_FROM, perron_root
 
 # Batches that go to the eigenvalue solver, and batches that are squared.
 BATCHES = [1, SQUARING_FROM - 1, SQUARING_FROM, SQUARING_FROM + 9]

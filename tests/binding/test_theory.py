@@ -11,15 +11,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from ndtorch.binding import (
-    count_solutions,
-    largest_free_weight,
-    mixing_from_weights,
-    object_table,
-    separated,
-    solutions,
-    spectral_radius,
-)
+from ndtorch.binding import object_table, separated, solutions, spectral_radius
+from ndtorch.binding.theory import count_solutions, largest_free_weight, mixing_from_weights
 from ndtorch.errors import InputError
 
 coefficients = st.floats(0.05, 1.0)

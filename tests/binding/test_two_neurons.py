@@ -7,7 +7,8 @@ import math
 import torch
 from numpy.testing import assert_allclose
 
-from ndtorch.binding import InhibitoryNetwork, NetworkState, learning_rule, solutions, spectral_radius
+from ndtorch.binding import InhibitoryNetwork, learning_rule, solutions, spectral_radius
+from ndtorch.binding.learning import NetworkState
 
 ONE = [[0.0, 0.7], [0.0, 0.6]]
 TWO = [[0.6, 0.7], [0.7, 0.6]]

@@ -23,11 +23,11 @@ def write_first_stage(gamma: float, radius: float, folder: Path) -> FirstStage:
     torch.set_num_threads(1)
     with tqdm(desc="rings", unit=" s", bar_format="{desc}: {n:.1f} simulated s {postfix}") as bar:
 
-        def progress(seconds: float, largest: list[float]) -> None:
+        def report(seconds: float, largest: list[float]) -> None:
             bar.n = seconds
             bar.set_postfix_str("largest weights " + " ".join(f"{w:.3f}" for w in largest))
 
-        stage = train_first_stage(gamma, radius, progress=progress)
+        stage = train_first_stage(gamma, radius, report=report)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         write_weights(stage, folder / "weights.safetensors")

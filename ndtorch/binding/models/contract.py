@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Protocol, Self
 
+import torch
 from torch import Tensor, nn
 
 from ndtorch.binding.objects import BoundObject, ObjectTable
@@ -75,6 +76,30 @@ class BindingModel(nn.Module, ABC):
     def fps(self) -> float:
         """Frames a second."""
         return float(self.config.fps)
+
+    def to(self, *args: Any, **kwargs: Any) -> Self:
+        """As of every Module, but for half precision.
+
+        Raises:
+            InputError: float16 or bfloat16, whose sums over an image and small weights are nothing.
+        """
+        wanted = [*args, *kwargs.values()]
+        for dtype in (torch.float16, torch.bfloat16):
+            if dtype in [part for part in wanted if isinstance(part, torch.dtype)]:
+                raise InputError(
+                    f"{self.name} computes in single or double precision, got {dtype}; "
+                    "frames of half precision can be given as they are"
+                )
+        moved: Self = super().to(*args, **kwargs)
+        return moved
+
+    def half(self) -> Self:
+        """Refused, see `to`."""
+        return self.to(torch.float16)
+
+    def bfloat16(self) -> Self:
+        """Refused, see `to`."""
+        return self.to(torch.bfloat16)
 
     @abstractmethod
     def objects(self, state: Any) -> Nested:

@@ -9,8 +9,9 @@ from pydantic import Field
 from torch import Tensor
 
 from ndtorch.binding.first_stage import FirstStage
+from ndtorch.binding.learning import NetworkState
 from ndtorch.binding.models.whole_field import BindingState, WholeFieldConfig, WholeFieldModel
-from ndtorch.binding.network import InhibitoryNetwork, NetworkState, alternation, weight_change
+from ndtorch.binding.network import InhibitoryNetwork, alternation, weight_change
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.weights import object_table
 from ndtorch.binding.rules import Rule, learning_rule

@@ -11,8 +11,9 @@ from torch import Tensor, nn
 
 from ndtorch.binding.feedback import settled
 from ndtorch.binding.first_stage import FirstStage
+from ndtorch.binding.learning import NetworkState
 from ndtorch.binding.models.whole_field import BindingState, WholeFieldConfig, WholeFieldModel
-from ndtorch.binding.network import InhibitoryNetwork, NetworkState, weight_change
+from ndtorch.binding.network import InhibitoryNetwork, weight_change
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.delays import DELAYS, DelayState, DelayStatistics
 from ndtorch.binding.readout.joined import JoinCriteria, refined_table

@@ -10,9 +10,10 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
+from ndtorch.binding.learning import NetworkState
 from ndtorch.binding.models.contract import BindingModel, Nested, Verdict
 from ndtorch.binding.models.scale_free import RuleConstants
-from ndtorch.binding.network import InhibitoryNetwork, NetworkState
+from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.normalise import FieldInputs
 from ndtorch.binding.objects import BoundObject
 from ndtorch.binding.tracking.params import TrackParams
@@ -206,7 +207,7 @@ class VideoModel(BindingModel):
         word: Verdict = "stable"
         if state.tracker is None or state.network is None or int(state.tracker.began) == 0:
             word = "static"
-        elif self.config.network.learn and float(state.network.learned) < self.config.network.tau_boost:
+        elif self.config.network.learn and float(state.network.clock) * self.dt < self.config.network.tau_boost:
             word = "learning"
         return word
 

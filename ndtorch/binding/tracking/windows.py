@@ -169,14 +169,20 @@ class Windows(nn.Module):
             )
         state = self.start(signals[..., 0, :, :, :]) if state is None else state
         a = self.dt / (self.params.tau_low + self.dt)
-        counts, low, step = [], state.low, int(state.steps)
+        counts, low = [], state.low
+        step: int | Tensor = state.steps if torch.compiler.is_compiling() else int(state.steps)
         for sample in signals.unbind(-4):
             low = torch.lerp(low, sample, a)
-            if step % self.every == 0:
+            due = step % self.every == 0
+            if isinstance(due, Tensor):
+                # An exported program cannot skip an update: it keeps what was before.
+                after = windows_step(low, state, self)
+                state = WindowState(*(torch.where(due, new, old) for new, old in zip(after, state, strict=True)))
+            elif due:
                 state = windows_step(low, state, self)
-            step += 1
+            step = step + 1
             counts.append(self.confirmed(state).sum(-1))
-        return torch.stack(counts, -1), state._replace(low=low, steps=torch.tensor(step, dtype=torch.int64))
+        return torch.stack(counts, -1), state._replace(low=low, steps=torch.zeros((), dtype=torch.int64) + step)
 
     def offset(self, difference: Tensor) -> Tensor:
         """Differences of places `[..., 2]`, the short way around where the scene is a torus."""

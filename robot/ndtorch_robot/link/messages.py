@@ -6,8 +6,9 @@ import struct
 from enum import IntEnum, IntFlag
 from typing import Any, NamedTuple
 
-from ndtorch_robot.link import cobs
-from ndtorch_robot.link.crc import crc_ccitt, crc_dnp
+from cobs import cobs
+from fastcrc import crc16
+
 from ndtorch_robot.ports import DriveCommand
 
 VERSION = 1
@@ -135,16 +136,22 @@ class Telemetry(NamedTuple):
 def encode_frame(frame: Frame) -> bytes:
     """A frame as it goes over the line, ending with a zero byte."""
     checked = HEADER.pack(frame.version, frame.type, frame.sequence & 0xFFFF) + frame.body
-    return cobs.encode(checked + CHECKS.pack(crc_ccitt(checked), crc_dnp(checked))) + b"\0"
+    return bytes(cobs.encode(checked + checks_of(checked))) + b"\0"
+
+
+def checks_of(data: bytes) -> bytes:
+    """Both checksums: CRC-16/CCITT-FALSE, which its library calls by its number at IBM, and CRC-16/DNP."""
+    return CHECKS.pack(crc16.ibm_3740(data), crc16.dnp(data))
 
 
 def decode_frame(coded: bytes) -> Frame | None:
     """A frame without its zero byte; None when there is an error in it. The version is not looked at."""
-    data = cobs.decode(coded)
-    if data is None or len(data) < HEADER.size + CHECKS.size:
+    try:
+        data = bytes(cobs.decode(coded))
+    except cobs.DecodeError:
         return None
     checked, checks = data[: -CHECKS.size], data[-CHECKS.size :]
-    if CHECKS.unpack(checks) != (crc_ccitt(checked), crc_dnp(checked)):
+    if len(checked) < HEADER.size or checks != checks_of(checked):
         return None
     version, kind, sequence = HEADER.unpack_from(checked)
     return Frame(version, kind, sequence, checked[HEADER.size :])

@@ -321,9 +321,11 @@ class SerialDrive(Drive):
             return
         if telemetry.armed:
             self.armed = True
+        elif now - self.asked_to_arm <= 0.1:
+            return  # it may have said that before it was asked
         elif self.armed:
             self.disarm(f"the board stands: {telemetry.why()}", tell=False)
-        elif now - self.asked_to_arm > 0.1:
+        else:
             self.disarm("the board does not resume", tell=True)
 
 

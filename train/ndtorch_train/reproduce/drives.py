@@ -25,11 +25,11 @@ def recorded(
     """
     key = {"arena": arena, "seed": seed, "seconds": seconds, **PUBLISHED, **options}
 
-    def progress(made: int, total: int) -> None:
+    def report(made: int, total: int) -> None:
         if made % 30 == 0:
             context.note(share[0] + (share[1] - share[0]) * made / total)
 
     def make() -> Arrays:
-        return record_drive(key, progress)
+        return record_drive(key, report)
 
     return from_arrays(context.stored("drive", key, DRIVES, make), arena, seed)

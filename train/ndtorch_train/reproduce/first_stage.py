@@ -36,11 +36,11 @@ def weights(context: Context, gamma: float, radius: float) -> Outcome:
     """Train the three networks on the contracting rings and look at their weights."""
     seen: list[tuple[float, list[float]]] = []
 
-    def progress(seconds: float, largest: list[float]) -> None:
+    def report(seconds: float, largest: list[float]) -> None:
         seen.append((seconds, largest))
         context.note(min(0.95, seconds / 8))
 
-    stage = train_first_stage(gamma, radius, progress=progress)
+    stage = train_first_stage(gamma, radius, report=report)
     found = {"motion": stage.motion, "orientation": stage.orientation, "color": stage.color}
     figure, axes = panels(1, 4, 14, 3.6)
     for (name, w), one in zip(found.items(), axes, strict=False):

@@ -1,0 +1,109 @@
+"""Models as programs that run without this package: torch.export, AOTInductor and ONNX, chunk by chunk."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Literal
+
+import torch
+from torch import Tensor, nn
+
+from ndtorch.binding.models.contract import BindingModel
+from ndtorch.errors import InputError
+from ndtorch.tree import leaves, mapped
+
+Format = Literal["pt2", "aoti", "onnx"]
+EXPORTED = ("published", "retinotopic")
+"""Models that can be."""
+SUFFIXES: dict[str, str] = {"pt2": ".pt2", "aoti": ".aoti.pt2", "onnx": ".onnx"}
+
+
+class Step(nn.Module):
+    """A model with its state as a flat list of tensors: what is exported.
+
+    Args:
+        model: one of `EXPORTED`; the running covariances of scale-free, and the image scale and the tracks of video,
+            take steps that depend on what they saw.
+        example: a state like those to come, or None for the first chunk of a run, which starts without one.
+    """
+
+    def __init__(self, model: BindingModel, example: Any = None) -> None:
+        super().__init__()
+        self.model, self.example = model, example
+        self.names = list(leaves(example))
+
+    def forward(self, frames: Tensor, *state: Tensor) -> tuple[Tensor, ...]:
+        """Frames and the tensors of a state -> signals, and the tensors of the state after them."""
+        given = dict(zip(self.names, state, strict=True))
+        before = mapped(self.example, lambda name, _: given[name]) if self.names else None
+        signals, after = self.model(frames, before)
+        # A tensor that goes out as it came in would be the same memory.
+        return tuple(part.clone() for part in (*signals, *leaves(after).values()))
+
+
+def export(
+    model: BindingModel, folder: str | Path, format: Format = "pt2", frames: int = 8, batch: tuple[int, ...] = ()
+) -> list[Path]:
+    """Write a model as two programs, `first` and `next`: for the first chunk of a run, and for all that follow.
+
+    `first(frames)` and `next(frames, *state)` return the signals, in the order of the model's signals, and then the
+    tensors of the state, in the order of `ndtorch.tree.leaves`; those go into the next call. Frames are
+    `[*batch, frames, 3, H, W]`, floats in 0..1, and are not checked.
+
+    Args:
+        model: the model, on the CPU.
+        folder: where to write.
+        format: "pt2" for `torch.export.load`, "aoti" for `torch._inductor.aoti_load_package` (a C++ compiler is needed
+            here, no Python there), "onnx" for ONNX (needs `pip install onnx onnxscript`).
+        frames: frames of a chunk.
+        batch: dimensions of a batch.
+
+    Returns:
+        the two files.
+
+    Raises:
+        InputError: a format that is not there, a model whose chunks have no fixed number of rows, or a folder that
+            cannot be written.
+    """
+    if format not in SUFFIXES:
+        raise InputError(f"format must be one of {', '.join(SUFFIXES)}, got {format!r}")
+    if model.name not in EXPORTED:
+        able = ", ".join(EXPORTED)
+        raise InputError(f"{model.name} cannot be exported: what it computes next depends on what it saw; {able} can")
+    rows = frames / (model.dt * model.fps)
+    if abs(rows / frames - 1) > 1e-9:
+        raise InputError(
+            f"{model.name} makes {rows:g} rows of {frames} frames at {model.fps:g} frames a second; "
+            "a program needs one row a frame"
+        )
+    example = torch.rand(*batch, frames, 3, *model.size)
+    place = Path(folder)
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{place} cannot be written: {error.strerror}") from None
+    with torch.no_grad():
+        _, state = model(example)
+        tensors = tuple(leaves(state).values())
+        made = []
+        for name, module, inputs in (
+            ("first", Step(model), (example,)),
+            ("next", Step(model, state), (example, *tensors)),
+        ):
+            path = place / f"{name}{SUFFIXES[format]}"
+            write(torch.export.export(module, inputs), path, format)
+            made.append(path)
+    return made
+
+
+def write(program: torch.export.ExportedProgram, path: Path, format: Format) -> None:
+    """Write a program in one of the formats."""
+    if format == "pt2":
+        torch.export.save(program, path)
+    elif format == "aoti":
+        torch._inductor.aoti_compile_and_package(program, package_path=str(path))
+    else:
+        if find_spec("onnx") is None or find_spec("onnxscript") is None:
+            raise InputError("ONNX needs two more packages: pip install onnx onnxscript")
+        torch.onnx.export(program, (), str(path), verbose=False)

@@ -1,0 +1,60 @@
+"""When the navigator begins anew, and what it keeps then."""
+
+import pytest
+import torch
+
+from ndtorch.navigation import Grid
+from ndtorch.navigation.options import NavigatorOptions
+from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.ports import DriveCommand
+from tests.robot.support.moving_world import RIG, moving_world
+
+DRIVEN = DriveCommand(0.5, 0.2)
+
+
+def pilot_on_its_way(frames, steps=30):
+    pilot = Pilot(NavigatorOptions("published"), RIG, 30.0, Grid(-5, 5, -5, 5))
+    for _ in range(steps):
+        pilot.step(next(frames), DRIVEN)
+    return pilot
+
+
+def pose(pilot):
+    return tuple(float(value) for value in pilot.state.pose)
+
+
+def test_a_step_goes_on():
+    frames = moving_world(40, RIG)
+    pilot = pilot_on_its_way(frames)
+    before = pose(pilot)
+    pilot.step(next(frames), DRIVEN)
+    assert pose(pilot)[0] > before[0]
+    assert pose(pilot)[2] == pytest.approx(before[2] + 0.5 * 0.2 / 30, abs=1e-6)
+
+
+@pytest.mark.parametrize("placed", [None, (1.0, -2.0, 0.5)])
+def test_after_a_gap_it_compares_with_nothing_and_keeps_the_map(placed):
+    frames = moving_world(40, RIG)
+    pilot = pilot_on_its_way(frames)
+    before, cells = pilot.state, pilot.state.map.cells.clone()
+    seen = next(frames)
+    wanted = pilot.step(seen, DRIVEN, placed, anew=placed is None)
+    fresh = Pilot(NavigatorOptions("published"), RIG, 30.0)
+    assert wanted == fresh.step(seen, DRIVEN)
+    assert torch.equal(pilot.state.sides, fresh.state.sides)
+    assert torch.equal(pilot.state.map.cells, cells)
+    assert pose(pilot) == pytest.approx(placed or tuple(float(value) for value in before.pose))
+
+
+def test_a_car_that_was_put_somewhere_before_the_first_step_knows_where():
+    pilot = Pilot(NavigatorOptions("published"), RIG, 30.0)
+    pilot.step(next(moving_world(1, RIG)), DRIVEN, (3.0, 4.0, 1.0))
+    assert pose(pilot) == (3.0, 4.0, 1.0)
+
+
+def test_another_pilot_from_its_configuration():
+    from ndtorch_robot.recording import make_pilot
+
+    pilot = pilot_on_its_way(moving_world(5, RIG), 2)
+    again = make_pilot(pilot.configuration(), mapping=True)
+    assert (again.options, again.rig, again.rate, again.grid) == (pilot.options, pilot.rig, pilot.rate, pilot.grid)
