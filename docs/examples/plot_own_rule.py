@@ -30,7 +30,10 @@ with torch.inference_mode():
 
 # %%
 # Both rules learn from the same signals.
-networks = {"the published rule": InhibitoryNetwork(10, rule="competitive"), rule.name: InhibitoryNetwork(10, rule=rule)}
+networks = {
+    "the published rule": InhibitoryNetwork(10, rule="competitive"),
+    rule.name: InhibitoryNetwork(10, rule=rule),
+}
 figure, panels = plt.subplots(1, 2, figsize=(9, 4.2), layout="constrained")
 for (name, network), axes in zip(networks.items(), panels, strict=True):
     with torch.inference_mode():

@@ -9,11 +9,11 @@ through the model as one batch.
 
 import matplotlib.pyplot as plt
 import torch
-from ndtorch_train.superposed import Stimuli, film_bars
 
 import ndtorch
 from ndtorch.binding import BindingInputs, InhibitoryNetwork, learning_rule, object_table
 from ndtorch.vision import FEATURES
+from ndtorch_train.superposed import Stimuli, film_bars
 
 # %%
 # The ten sums of every scene, `[24, 1900, 10]`: 4 s to settle and 15 s to learn, a sample every 10 ms.
