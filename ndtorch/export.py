@@ -14,7 +14,7 @@ from ndtorch.errors import InputError
 from ndtorch.tree import leaves, mapped
 
 Format = Literal["pt2", "aoti", "onnx"]
-EXPORTED = ("published", "retinotopic")
+EXPORTED = ("published", "scale-free", "retinotopic")
 """Models that can be."""
 SUFFIXES: dict[str, str] = {"pt2": ".pt2", "aoti": ".aoti.pt2", "onnx": ".onnx"}
 
@@ -23,8 +23,7 @@ class Step(nn.Module):
     """A model with its state as a flat list of tensors: what is exported.
 
     Args:
-        model: one of `EXPORTED`; the running covariances of scale-free, and the image scale and the tracks of video,
-            take steps that depend on what they saw.
+        model: one of `EXPORTED`; the image scale and the tracks of video take steps that depend on what they saw.
         example: a state like those to come, or None for the first chunk of a run, which starts without one.
     """
 

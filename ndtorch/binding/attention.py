@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from ndtorch.binding.normalise import divide
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.errors import InputError
+from ndtorch.vision.features import GROUPS
 from ndtorch.vision.temporal import FilterState, LowPass
 
 
@@ -51,7 +52,7 @@ def attention_mask(weights: Tensor, images: Tensor, low: Tensor) -> Tensor:
         # Most weights are zero, and a pass over images costs more than a look at a number.
         if (weights[..., j] != 0).any():
             own = own + weights[..., j, None, None] * (images[..., j, :, :] - low[..., j, :, :]).abs_()
-        if j < 7:
+        if j < GROUPS["color"].start:
             shared = own
         else:
             planes.append(own)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch.vision.features import FEATURES
+from ndtorch.vision.features import FEATURES, GROUPS
 
 # The feature of motion along an axis: towards larger and towards smaller places.
 ACROSS, ALONG = ("right", "left"), ("down", "up")
@@ -59,13 +59,13 @@ class BoundObject:
     @property
     def color(self) -> str:
         """Its strongest color, "grey" where it has none."""
-        return strongest(self.features, FEATURES[7:]) or "grey"
+        return strongest(self.features, FEATURES[GROUPS["color"]]) or "grey"
 
     @property
     def direction(self) -> str | None:
         """The main one of left, right, down and up: of its heading, else of its motion features; None without any."""
         if self.heading is None:
-            return strongest(self.features, FEATURES[:4])
+            return strongest(self.features, FEATURES[GROUPS["motion"]])
         right, down = self.heading
         positive, negative = ACROSS if abs(right) > abs(down) else ALONG
         return positive if max(right, down, key=abs) > 0 else negative
@@ -102,8 +102,8 @@ def describe(thing: BoundObject) -> str:
         """Names that the object has, strongest first."""
         return sorted((n for n in names if n in thing.features), key=lambda n: -thing.features[n])
 
-    colors, directions = present(FEATURES[7:]), present(FEATURES[:4])
-    angles = [n for n in FEATURES[4:7] if n in thing.features]
+    colors, directions = present(FEATURES[GROUPS["color"]]), present(FEATURES[GROUPS["motion"]])
+    angles = [n for n in FEATURES[GROUPS["orientation"]] if n in thing.features]
     words = [" and ".join(colors) if colors else "no color of its own"]
     words.append("moving " + " and ".join(directions) if directions else "no direction of motion")
     if not angles:

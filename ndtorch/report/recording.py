@@ -17,7 +17,7 @@ from ndtorch.errors import InputError
 from ndtorch.optional import need
 from ndtorch.report.palette import rgb
 from ndtorch.run.watchers import Pixels
-from ndtorch.vision.features import FEATURES
+from ndtorch.vision.features import FEATURES, GROUPS
 
 TIMELINE = "time"
 BATCH = 256
@@ -54,7 +54,7 @@ class Recording:
         except (OSError, RuntimeError) as error:
             raise InputError(f"cannot write the recording {self.path}: {error}") from None
         colors = [rgb(feature) for feature in FEATURES]
-        widths = [2.0 if feature in FEATURES[7:] else 1.2 for feature in FEATURES]
+        widths = [2.0 if feature in FEATURES[GROUPS["color"]] else 1.2 for feature in FEATURES]
         self._stream.log("outputs", rr.SeriesLines(colors=colors, names=FEATURES, widths=widths), static=True)
         # Names beside the matrix: senders above their columns, receivers left of their rows.
         places = [(k + 0.5, -0.7) for k in range(10)] + [(-1.2, n + 0.5) for n in range(10)]

@@ -4,7 +4,8 @@ from ndtorch.vision.camera.front_end import CameraFrontEnd, CameraParams, Camera
 from ndtorch.vision.chahl_srinivasan import ChahlSrinivasan, ShiftState, row_shift
 from ndtorch.vision.characterisation import SpeedCurve, judge_speed_curve, speed_response
 from ndtorch.vision.features import FEATURES, GROUPS, VisualFeatures
-from ndtorch.vision.local import LocalFeatures, field_weights
+from ndtorch.vision.fields import field_weights
+from ndtorch.vision.local import LocalFeatures
 from ndtorch.vision.motion import HassensteinReichardt, MotionState
 from ndtorch.vision.nondirectional import NDS, SPEED_SCALE, NDMin, NDMinus, NDSState, spatial_maximum
 from ndtorch.vision.orientation import ANGLES, OrientedDoG, dog_spectrum

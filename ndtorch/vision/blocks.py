@@ -110,21 +110,6 @@ class Stretch:
         return torch.cat(outs, self._dim)
 
 
-def aligned(samples: Tensor, given: int, steps: int, length: int) -> list[Tensor]:
-    """Whole blocks of `length` samples that end in a new sample, counted from the first sample of the run.
-
-    Sums over blocks that do not depend on how a run is cut into chunks are the same to the last bit.
-
-    Args:
-        samples: `[..., length + T, N]`: the latest `length` samples before, and T new ones.
-        given: T.
-        steps: number of the first new sample.
-        length: of a block.
-    """
-    first = length - steps % length
-    return [samples[..., end : end + length, :].contiguous() for end in range(first, given + 1, length)]
-
-
 def low_pass(filter: BlockLowPass, x: Tensor, low: Tensor) -> tuple[Tensor, Tensor]:
     """Low-passed `x` `[..., T, N]` of any length, and the filter's state after it."""
     lows = []

@@ -2,28 +2,65 @@
 
 from __future__ import annotations
 
+import math
+from typing import Literal
+
 import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
 
+Shape = Literal["cosine", "tent"]
+Edge = Literal["wrap", "reflect", "open"]
+SHAPES: tuple[Shape, ...] = ("cosine", "tent")
+EDGES: tuple[Edge, ...] = ("wrap", "reflect", "open")
 
-def tents(length: int, fields: int) -> Tensor:
-    """Weights of a line of pixels in overlapping fields, `[fields, length]`; each row sums to 1.
 
-    Fields are as wide as two of their spacings and fall off linearly, so that something small that moves along
-    leaves one as it enters the next. A single field weighs all pixels alike: the whole field of the papers.
+def field_weights(points: Tensor, length: float, fields: int, border: Edge = "wrap", shape: Shape = "cosine") -> Tensor:
+    """How much each point of a line belongs to each of `fields` overlapping fields, `[fields, points]`.
+
+    Fields are two spacings wide and centred on `(f + 1/2) length / fields`, so that something small that moves along
+    leaves one as it enters the next. Between the first and the last centre they add up to one, beyond them with
+    "wrap" and "reflect". A single field weighs all points alike: the whole field of the papers.
+
+    Args:
+        points: positions `[points]`; pixel n covers n to n + 1.
+        length: of the line, in the same unit.
+        fields: how many.
+        border: "wrap" for a line that is closed, "reflect" where the first and the last field keep what lies beyond
+            their centres, "open" where they fall off there too.
+        shape: raised "cosine", or a "tent" that falls off linearly.
+
+    Raises:
+        InputError: another shape or border, no field, or more fields than pixels.
     """
+    if shape not in SHAPES:
+        raise InputError(f"shape must be one of {', '.join(SHAPES)}, got {shape!r}")
+    if border not in EDGES:
+        raise InputError(f"border must be one of {', '.join(EDGES)}, got {border!r}")
     if not 1 <= fields <= length:
         raise InputError(f"fields must be between 1 and the {length} pixels of a side, got {fields}")
     if fields == 1:
-        return torch.full((1, length), 1 / length)
+        return torch.ones_like(points).unsqueeze(0)
     spacing = length / fields
-    centers = (torch.arange(fields) + 0.5) * spacing
-    weights = (1 - (torch.arange(length) + 0.5 - centers[:, None]).abs() / spacing).clamp_min(0)
+    centres = (torch.arange(fields, dtype=points.dtype) + 0.5) * spacing
+    offset = (points - centres[:, None]) / spacing
+    if border == "wrap":
+        offset = (offset + fields / 2) % fields - fields / 2
+    elif border == "reflect":
+        offset[0].clamp_(min=0)
+        offset[-1].clamp_(max=0)
+    away = offset.abs()
+    if shape == "tent":
+        return (1 - away).clamp_min(0)
+    return torch.where(away < 1, 0.5 + 0.5 * torch.cos(math.pi * offset), 0.0)
+
+
+def means(weights: Tensor) -> Tensor:
+    """Weights of fields `[fields, points]` that sum to 1 in every field."""
     return weights / weights.sum(1, keepdim=True)
 
 
 def pool(images: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
-    """Means over fields, `[..., H, W]` -> `[..., R, C]`, with weights `[R, H]` and `[C, W]` from `tents`."""
+    """Over fields, `[..., H, W]` -> `[..., R, C]`, with weights `[R, H]` and `[C, W]`: sums, or of `means` means."""
     return rows @ images @ columns.mT

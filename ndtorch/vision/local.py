@@ -2,36 +2,14 @@
 
 from __future__ import annotations
 
-import math
-
 import torch
 from torch import Tensor, nn
 
 from ndtorch.errors import InputError
 from ndtorch.vision.features import VisualFeatures
+from ndtorch.vision.fields import field_weights
 from ndtorch.vision.frames import as_float, check_frames, grey
-from ndtorch.vision.motion import Border, MotionState, correlate
-
-
-def field_weights(points: Tensor, length: float, fields: int, border: Border = "wrap") -> Tensor:
-    """How much each point of a line belongs to each of `fields` overlapping fields, `[fields, points]`.
-
-    Raised cosines two spacings wide, centred on `(f + 1/2) length / fields`: they add up to one everywhere.
-    With border "reflect" the first and the last field keep what lies beyond their centres.
-
-    Args:
-        points: positions `[points]`; pixel n covers n to n + 1.
-        length: of the line, in the same unit.
-    """
-    spacing = length / fields
-    centres = (torch.arange(fields, dtype=points.dtype) + 0.5) * spacing
-    offset = (points - centres[:, None]) / spacing
-    if border == "wrap":
-        offset = (offset + fields / 2) % fields - fields / 2
-    else:
-        offset[0].clamp_(min=0)
-        offset[-1].clamp_(max=0)
-    return torch.where(offset.abs() < 1, 0.5 + 0.5 * torch.cos(math.pi * offset), torch.zeros_like(offset))
+from ndtorch.vision.motion import MotionState, correlate
 
 
 class LocalFeatures(nn.Module):

@@ -13,21 +13,6 @@ from ndtorch.vision import LocalFeatures, VisualFeatures, field_weights
 from ndtorch.vision.motion import Border
 
 
-@pytest.mark.parametrize("border", ["wrap", "reflect"])
-@pytest.mark.parametrize(("length", "fields"), [(500, 16), (120, 7), (33, 5)])
-def test_windows_add_up_to_one_everywhere(border: Border, length: int, fields: int) -> None:
-    weights = field_weights(torch.arange(length, dtype=torch.float64) + 0.5, length, fields, border)
-    assert weights.shape == (fields, length)
-    assert float((weights.sum(0) - 1).abs().max()) < 1e-12
-    assert float(weights.min()) >= 0
-
-
-def test_a_window_is_a_raised_cosine() -> None:
-    weights = field_weights(torch.tensor([15.0, 20.0, 22.5, 25.0, 35.0]), 100, 10)
-    half = 0.5 + 0.5 * math.cos(math.pi * 0.75)
-    assert weights[1].tolist() == pytest.approx([1.0, 0.5, half, 0.0, 0.0], abs=1e-6)
-
-
 @pytest.mark.parametrize(("size", "border"), [((500, 500), "wrap"), ((90, 120), "wrap"), ((432, 600), "reflect")])
 def test_the_fields_together_see_what_the_wide_field_sees(size: tuple[int, int], border: Border) -> None:
     frames = torch.nn.functional.avg_pool2d(torch.rand(5, 3, *size), 7, 1, 3)

@@ -9,15 +9,15 @@ import torch
 from pydantic import Field
 from torch import Tensor, nn
 
+from ndtorch.binding.covariance import CovarianceState
 from ndtorch.binding.feedback import settled
 from ndtorch.binding.first_stage import FirstStage
 from ndtorch.binding.learning import NetworkState
 from ndtorch.binding.models.whole_field import BindingState, WholeFieldConfig, WholeFieldModel
 from ndtorch.binding.network import InhibitoryNetwork, weight_change
 from ndtorch.binding.objects import ObjectTable
-from ndtorch.binding.readout.delays import DELAYS, DelayState, DelayStatistics
-from ndtorch.binding.readout.joined import JoinCriteria, refined_table
-from ndtorch.binding.readout.owners import OwnerCriteria, SignalStatistics, StatisticsState, owner_table
+from ndtorch.binding.readout.delays import DELAYS, JoinCriteria, delay_statistics, refined_table
+from ndtorch.binding.readout.owners import OwnerCriteria, owner_table, signal_statistics
 from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.config import Constants
 from ndtorch.vision.temporal import FilterState, LowPass
@@ -91,8 +91,8 @@ class StageState(NamedTuple):
 
     smooth: FilterState
     network: NetworkState
-    statistics: StatisticsState
-    delays: DelayState
+    statistics: CovarianceState
+    delays: CovarianceState
 
     @property
     def weights(self) -> Tensor:
@@ -148,8 +148,8 @@ class ScaleFreeStage(nn.Module):
             window=r.stable_window,
             tau_mean=r.stable_mean,
         )
-        self.statistics = SignalStatistics(dt, r.tau_owners, r.tau_high)
-        self.delays = DelayStatistics(dt, r.delays, r.tau_fast, r.tau_slow, r.tau_high)
+        self.statistics = signal_statistics(dt, r.tau_owners, r.tau_high)
+        self.delays = delay_statistics(dt, r.delays, r.tau_fast, r.tau_slow, r.tau_high)
         self.register_buffer("first_stage", first_stage)
 
     def forward(self, refined: Tensor, state: StageState | None = None) -> tuple[Tensor, StageState]:

@@ -1,46 +1,39 @@
-"""Separation by delays: running covariances of signals with their own past, and the mixing that diagonalises them all.
+"""Read-out by delays: the mixing that diagonalises the covariances of signals with their own past, and what owns it.
 
 Signals `y = A s` of sources that do not go together have covariances `C(d) = A R(d) A^T` at every delay d, with R(d)
 diagonal: one A makes all of them diagonal, unless two sources have the same correlation with their own past
 (Belouchrani et al. 1997). White noise is in C(0) alone, which is left out.
+
+`refined_table` joins both ways to tell sources apart: by the network's owners, and by delays.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
+from ndtorch.binding.covariance import CovarianceState, RunningCovariances
+from ndtorch.binding.feedback import settled
+from ndtorch.binding.objects import ObjectTable
+from ndtorch.binding.readout.owners import features_by_group
 from ndtorch.errors import InputError
-from ndtorch.vision.blocks import BLOCK_SECONDS, BlockLowPass, aligned
-from ndtorch.vision.temporal import smoothing_factor, time_dim
+from ndtorch.vision.features import GROUPS
 
 DELAYS = (0.01, 0.05, 0.1, 0.2, 0.4, 0.8)
 """Seconds; each becomes a whole number of time steps, at least one."""
 
 
-class DelayState(NamedTuple):
-    """State of `DelayStatistics`.
-
-    Attributes:
-        low: what the high-pass has taken for the mean, `[..., N]`.
-        past: the latest high-passed samples, as many as the longest delay, `[..., D, N]`, oldest first.
-        recent: the latest signals, a block of them, `[..., E, N]`, oldest first.
-        fast, slow: running covariances at every delay, in the short and in the long memory, `[..., L, N, N]`.
-        steps: samples taken, int64 scalar.
-    """
-
-    low: Tensor
-    past: Tensor
-    recent: Tensor
-    fast: Tensor
-    slow: Tensor
-    steps: Tensor
-
-
-class DelayStatistics(nn.Module):
-    """Running covariances of signals with themselves some time ago, made symmetric.
+def delay_statistics(
+    dt: float = 0.01,
+    delays: tuple[float, ...] = DELAYS,
+    tau_fast: float = 3.5,
+    tau_slow: float = 12.0,
+    tau_high: float = 2.0,
+) -> RunningCovariances:
+    """What `refined_table` looks at: covariances of signals with their own past, in a short and in a long memory.
 
     Args:
         dt: time step in seconds.
@@ -48,58 +41,101 @@ class DelayStatistics(nn.Module):
         tau_fast, tau_slow: the two memories, seconds.
         tau_high: high-pass on the signals, seconds.
 
-    Shapes:
-        signals `[..., T, N]` -> state, up to the last whole tenth of a second. `None` starts at rest, with zeros.
+    Raises:
+        InputError: no delay, or one that is not positive.
+    """
+    if not delays or not all(delay > 0 for delay in delays):
+        raise InputError(f"delays must be positive seconds, got {delays}")
+    return RunningCovariances(dt, (tau_fast, tau_slow), delays, tau_high)
+
+
+@dataclass(frozen=True)
+class JoinCriteria:
+    """When sources found by delays are believed.
+
+    Attributes:
+        smallest: share of the largest eigenvalue that a further source must have.
+        gap: difference of delay profiles under which two sources are not told apart by delays.
+        even: a source whose weakest colour is more than this share of its strongest, and its orientations likewise, is
+            light that changes everywhere, if it
+        moving: has less than this share of the largest motion.
     """
 
-    def __init__(
-        self,
-        dt: float = 0.01,
-        delays: tuple[float, ...] = DELAYS,
-        tau_fast: float = 3.5,
-        tau_slow: float = 12.0,
-        tau_high: float = 2.0,
-    ) -> None:
-        super().__init__()
-        if not delays or not all(delay > 0 for delay in delays):
-            raise InputError(f"delays must be positive seconds, got {delays}")
-        self.delays = sorted({max(1, round(delay / dt)) for delay in delays})
-        self.every = max(1, round(BLOCK_SECONDS / dt))
-        self.low_pass = BlockLowPass(smoothing_factor(tau_high, dt), self.every)
-        self.fast = BlockLowPass(smoothing_factor(tau_fast, dt), self.every)
-        self.slow = BlockLowPass(smoothing_factor(tau_slow, dt), self.every)
-
-    def start(self, first: Tensor) -> DelayState:
-        """State at rest for signals like `first` `[..., N]`."""
-        zeros = torch.zeros_like(first)
-        past = zeros.unsqueeze(-2).expand(*first.shape[:-1], self.delays[-1], first.shape[-1])
-        square = first.new_zeros(*first.shape[:-1], len(self.delays), first.shape[-1], first.shape[-1])
-        recent = first.new_zeros(*first.shape[:-1], self.every, first.shape[-1])
-        return DelayState(zeros, past, recent, square, square, torch.zeros((), dtype=torch.int64))
-
-    def forward(self, signals: Tensor, state: DelayState | None = None) -> DelayState:
-        time_dim(signals, 1)
-        state = self.start(signals[..., 0, :]) if state is None else state
-        low, past, fast, slow = state.low, state.past, state.fast, state.slow
-        first, length, longest = int(state.steps), signals.shape[-2], self.delays[-1]
-        samples = torch.cat([state.recent, signals], -2)
-        for block in aligned(samples, length, first, self.every):
-            lows = self.low_pass(block, low)
-            low, high = lows[..., -1, :], block - lows
-            known = torch.cat([past, high], -2)
-            before = torch.stack([known[..., longest - d : longest - d + self.every, :] for d in self.delays], -3)
-            here = high.unsqueeze(-3)
-            (kept_fast, taken_fast), (kept, taken) = self.fast.weights(high), self.slow.weights(high)
-            fast = kept_fast * fast + symmetric((here * taken_fast[:, None]).mT @ before)
-            slow = kept * slow + symmetric((here * taken[:, None]).mT @ before)
-            past = known[..., self.every :, :]
-        steps = torch.tensor(first + length, dtype=torch.int64)
-        return DelayState(low, past, samples[..., length:, :], fast, slow, steps)
+    smallest: float = 0.03
+    gap: float = 0.02
+    even: float = 0.65
+    moving: float = 0.35
 
 
-def symmetric(matrices: Tensor) -> Tensor:
-    """`(M + M^T) / 2`."""
-    return (matrices + matrices.mT) / 2
+def refined_table(
+    owners: ObjectTable,
+    weights: Tensor,
+    delays: CovarianceState,
+    first_stage: Tensor,
+    criteria: JoinCriteria | None = None,
+) -> ObjectTable:
+    """The owners' table, or a better one from the delays where they tell the sources apart.
+
+    The long memory is used, unless the short one says that fewer sources are left: then the scene has changed. The
+    network's table stays where it finds nothing, where delays see a single source, and where two sources have the
+    same delay profile (equal frequencies) and the network counts the same number.
+    """
+    c = criteria or JoinCriteria()
+    fast, slow = (
+        without_lighting(separate(covariances, c.smallest), first_stage, c)
+        for covariances in delays.covariances.unbind(-4)
+    )
+    changed = slow.sources > fast.sources
+    mixing = torch.where(changed[..., None, None], fast.mixing, slow.mixing)
+    count = torch.where(changed, fast.sources, slow.sources)
+    gap = torch.where(changed, fast.gap, slow.gap)
+    by_network = owners.owners.sum(-1)
+    keep = (by_network == 0) | (count <= 1) | ((gap < c.gap) & (by_network == count))
+    found = assigned(mixing, count, weights)
+    return ObjectTable(
+        torch.where(keep[..., None], owners.owners, found.owners),
+        torch.where(keep[..., None, None], owners.rows, found.rows),
+    )
+
+
+def without_lighting(separation: Separation, first_stage: Tensor, criteria: JoinCriteria) -> Separation:
+    """The same without sources that drive all colours and all orientations alike and hardly move."""
+    mixing = separation.mixing
+    eye = torch.eye(10, dtype=mixing.dtype, device=mixing.device)
+    raw = mixing @ (eye + first_stage.to(mixing.dtype)).mT
+    there = torch.arange(mixing.shape[-2], device=mixing.device) < separation.sources.unsqueeze(-1)
+    even = there
+    for group in (raw[..., GROUPS["orientation"]], raw[..., GROUPS["color"]]):
+        even = even & (group.amin(-1) >= criteria.even * group.amax(-1))
+    motion = mixing[..., GROUPS["motion"]].amax(-1).clamp_min(0)
+    even = even & (motion < criteria.moving * motion.amax(-1, keepdim=True))
+    # What is left moves to the front.
+    order = torch.argsort((even | ~there).long(), dim=-1, stable=True)
+    mixing = mixing.gather(-2, order.unsqueeze(-1).expand_as(mixing))
+    sources = (there & ~even).sum(-1)
+    rank = torch.arange(mixing.shape[-2], device=mixing.device)
+    mixing = torch.where((rank < sources.unsqueeze(-1)).unsqueeze(-1), mixing, 0.0)
+    return separation._replace(mixing=mixing, sources=sources)
+
+
+def assigned(mixing: Tensor, count: Tensor, weights: Tensor) -> ObjectTable:
+    """Give every source the neuron whose output is most purely that source, among the features it has.
+
+    Shapes: mixing `[..., S, N]`, count `[...]`, weights T `[..., N, N]`.
+    """
+    rows = features_by_group(mixing)
+    gain = (mixing @ settled(weights).mT).square()
+    total = gain.sum(-2, keepdim=True).clamp_min(torch.finfo(gain.dtype).tiny)
+    purity = torch.where(rows > 0, gain * gain / total, -1.0)
+    owners = torch.zeros(*count.shape, mixing.shape[-1], dtype=torch.bool, device=mixing.device)
+    out = torch.zeros_like(weights)
+    for source in range(mixing.shape[-2]):
+        score = purity[..., source, :].masked_fill(owners, -torch.inf)
+        here = torch.nn.functional.one_hot(score.argmax(-1), mixing.shape[-1]).bool()
+        here = here & (source < count).unsqueeze(-1)
+        owners = owners | here
+        out = torch.where(here.unsqueeze(-1), rows[..., source, :].unsqueeze(-2), out)
+    return ObjectTable(owners, out)
 
 
 class Separation(NamedTuple):

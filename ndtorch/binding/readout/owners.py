@@ -3,41 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
+from ndtorch.binding.covariance import CovarianceState, RunningCovariances
 from ndtorch.binding.feedback import settled
 from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.errors import InputError
-from ndtorch.vision.blocks import BLOCK_SECONDS, BlockLowPass, aligned
-from ndtorch.vision.temporal import smoothing_factor, time_dim
 
 
-class StatisticsState(NamedTuple):
-    """State of `SignalStatistics`.
-
-    Attributes:
-        low: what the high-pass has taken for the mean, `[..., N]`.
-        last: the latest high-passed sample, `[..., N]`.
-        recent: the latest signals, a block of them, `[..., E, N]`, oldest first.
-        covariance: running mean of the products of high-passed signals, `[..., N, N]`.
-        roughness: the same of their differences from sample to sample, `[..., N, N]`.
-        steps: samples taken, int64 scalar.
-    """
-
-    low: Tensor
-    last: Tensor
-    recent: Tensor
-    covariance: Tensor
-    roughness: Tensor
-    steps: Tensor
-
-
-class SignalStatistics(nn.Module):
-    """Running covariance of signals and of their sample-to-sample differences.
+def signal_statistics(dt: float = 0.01, tau: float = 5.0, tau_high: float = 2.0) -> RunningCovariances:
+    """What `owner_table` looks at: covariances of signals and of their differences from sample to sample.
 
     Everything that the read-out wants to know of outputs `o = X y` follows from that of y: their covariance is
     `X C X^T`, so one memory serves whatever the weights are now.
@@ -46,37 +24,8 @@ class SignalStatistics(nn.Module):
         dt: time step in seconds.
         tau: memory, seconds.
         tau_high: high-pass on the signals, seconds.
-
-    Shapes:
-        signals `[..., T, N]` -> state, up to the last whole tenth of a second. `None` starts at rest, with zeros.
     """
-
-    def __init__(self, dt: float = 0.01, tau: float = 5.0, tau_high: float = 2.0) -> None:
-        super().__init__()
-        self.every = max(1, round(BLOCK_SECONDS / dt))
-        self.low_pass = BlockLowPass(smoothing_factor(tau_high, dt), self.every)
-        self.mean = BlockLowPass(smoothing_factor(tau, dt), self.every)
-
-    def forward(self, signals: Tensor, state: StatisticsState | None = None) -> StatisticsState:
-        time_dim(signals, 1)
-        if state is None:
-            zeros = torch.zeros_like(signals[..., 0, :])
-            square = zeros.unsqueeze(-1) * zeros.unsqueeze(-2)
-            recent = zeros.unsqueeze(-2).expand(*zeros.shape[:-1], self.every, zeros.shape[-1])
-            state = StatisticsState(zeros, zeros, recent, square, square, torch.zeros((), dtype=torch.int64))
-        low, last, covariance, roughness = state.low, state.last, state.covariance, state.roughness
-        first, length = int(state.steps), signals.shape[-2]
-        samples = torch.cat([state.recent, signals], -2)
-        for block in aligned(samples, length, first, self.every):
-            lows = self.low_pass(block, low)
-            low, high = lows[..., -1, :], block - lows
-            change = torch.diff(high, dim=-2, prepend=last.unsqueeze(-2))
-            last = high[..., -1, :]
-            kept, taken = self.mean.weights(high)
-            covariance = kept * covariance + (high * taken[:, None]).mT @ high
-            roughness = kept * roughness + (change * taken[:, None]).mT @ change
-        steps = torch.tensor(first + length, dtype=torch.int64)
-        return StatisticsState(low, last, samples[..., length:, :], covariance, roughness, steps)
+    return RunningCovariances(dt, (tau,), (0.0,), tau_high, differences=True)
 
 
 @dataclass(frozen=True)
@@ -102,22 +51,22 @@ class OwnerCriteria:
 
 
 def owner_table(
-    weights: Tensor, statistics: StatisticsState, criteria: OwnerCriteria | None = None, dt: float = 0.01
+    weights: Tensor, statistics: CovarianceState, criteria: OwnerCriteria | None = None, dt: float = 0.01
 ) -> ObjectTable:
-    """The owners under the weights `[..., N, N]`, given the statistics of the network's inputs.
+    """The owners under the weights `[..., N, N]`, given the `signal_statistics` of the network's inputs.
 
     Each group of an owner's features is over its largest, and small ones are removed.
     """
     c = criteria or OwnerCriteria()
     if weights.shape[-1] != 10:
         raise InputError(f"weights must be [..., 10, 10], got {tuple(weights.shape)}")
-    passage = settled(weights)
-    covariance = passage @ statistics.covariance @ passage.mT
-    rough = (passage @ statistics.roughness @ passage.mT).diagonal(dim1=-2, dim2=-1)
+    passage, inputs = settled(weights), statistics.covariances[..., 0, 0, :, :]
+    covariance = passage @ inputs @ passage.mT
+    rough = (passage @ statistics.differences[..., 0, :, :] @ passage.mT).diagonal(dim1=-2, dim2=-1)
     tiny = torch.finfo(weights.dtype).tiny
     power = covariance.diagonal(dim1=-2, dim2=-1).clamp_min(tiny)
     deviation = power.sqrt()
-    given = statistics.covariance.diagonal(dim1=-2, dim2=-1).sqrt()
+    given = inputs.diagonal(dim1=-2, dim2=-1).sqrt()
     candidates = (deviation >= c.strength * deviation.amax(-1, keepdim=True)) & (deviation >= c.kept * given)
     candidates &= (deviation >= c.faint) & (rough < c.rough * max(1.0, dt / 0.01) * power)
     # Sources in opposite phase stay two: only what goes along with a stronger owner is a copy of it.

@@ -10,8 +10,7 @@ import numpy.typing as npt
 from torch import Tensor
 
 from ndtorch.binding.tracking.params import TrackParams
-
-COLORS = slice(7, 10)
+from ndtorch.vision.features import GROUPS
 
 Floats = npt.NDArray[np.float64]
 
@@ -144,7 +143,7 @@ def likeness(a: Floats, b: Floats) -> float:
 
     Motion is compared by itself, and things as small as a field have every orientation.
     """
-    return cosine(a[COLORS], b[COLORS])
+    return cosine(a[GROUPS["color"]], b[GROUPS["color"]])
 
 
 def cosine(a: Floats, b: Floats) -> float:

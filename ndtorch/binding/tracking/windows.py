@@ -9,6 +9,7 @@ import torch.nn.functional as F
 from pydantic import Field
 from torch import Tensor, nn
 
+from ndtorch.binding.covariance import sample_step
 from ndtorch.binding.feedback import settled
 from ndtorch.binding.readout.owners import features_by_group
 from ndtorch.config import Constants
@@ -231,7 +232,7 @@ def windows_step(low: Tensor, state: WindowState, windows: Windows) -> WindowSta
     p, dt = windows.params, windows.every * windows.dt
     tiny = torch.finfo(low.dtype).tiny
     signals = low.flatten(-3, -2)  # [..., F, 10]
-    motion = signals[..., :4].clamp_min(0)
+    motion = signals[..., GROUPS["motion"]].clamp_min(0)
     # The detectors multiply brightness with brightness; the root is proportional to it again.
     energy = motion.sum(-1).sqrt()  # [..., F]
     peak = torch.maximum(state.peak * (1 - dt / p.tau_peak), energy.amax(-1))
@@ -259,17 +260,11 @@ def windows_step(low: Tensor, state: WindowState, windows: Windows) -> WindowSta
     first = (state.age < dt / 2).unsqueeze(-1)
     total = window.sum(-1, keepdim=True).clamp_min(tiny)
     inside = (window @ signals) / total
-    mean = torch.where(first, inside, torch.lerp(state.mean, inside, dt / (p.tau_high + dt)))
-    high = inside - mean
-    products = high.unsqueeze(-1) * high.unsqueeze(-2)
-    take = seen[..., None, None] * (dt / p.tau_bind)
-    covariance = state.covariance + take * (products - state.covariance)
+    a_high, take = dt / (p.tau_high + dt), seen[..., None, None] * (dt / p.tau_bind)
+    mean, covariance = sample_step(inside, state.mean, state.covariance, first, a_high, take)
     light = weight.sum(-1) / shared.sum(-1).clamp_min(tiny)
-    light_mean = torch.where(first.squeeze(-1), light, torch.lerp(state.light_mean, light, dt / (p.tau_high + dt)))
-    flicker = light - light_mean
-    fresh = first | first.mT
-    pairs = torch.where(fresh, 0.0, state.light)
-    pairs = pairs + dt / p.tau_light * (flicker.unsqueeze(-1) * flicker.unsqueeze(-2) - pairs)
+    pairs = torch.where(first | first.mT, 0.0, state.light)
+    light_mean, pairs = sample_step(light, state.light_mean, pairs, first.squeeze(-1), a_high, dt / p.tau_light)
 
     now = state._replace(
         peak=peak,

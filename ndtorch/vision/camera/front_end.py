@@ -15,7 +15,7 @@ from ndtorch.errors import InputError
 from ndtorch.vision.camera.background import BackgroundState, background_start, background_step, core
 from ndtorch.vision.camera.exposure import exposure_gain
 from ndtorch.vision.camera.scales import LEVELS, ScaleState, scale_start, scale_step
-from ndtorch.vision.fields import pool, tents
+from ndtorch.vision.fields import field_weights, means, pool
 from ndtorch.vision.frames import as_float, check_frames
 from ndtorch.vision.orientation import OrientedDoG
 from ndtorch.vision.temporal import smoothing_factor
@@ -119,7 +119,8 @@ class CameraFrontEnd(nn.Module):
         for level in range(LEVELS):
             # On a coarser level a field's weights are those of its blocks of pixels.
             for side, n, fields in zip(("rows", "columns"), self.small, p.grid, strict=True):
-                weights = tents(n, fields).reshape(fields, -1, 2**level).sum(-1)
+                tents = means(field_weights(torch.arange(n) + 0.5, n, fields, "open", "tent"))
+                weights = tents.reshape(fields, -1, 2**level).sum(-1)
                 self.register_buffer(f"{side}_{level}", weights)
         self.a_background = smoothing_factor(p.tau_background, self.dt)
         self.a_deviation = smoothing_factor(p.tau_deviation, self.dt)

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.binding import BoundObject, InhibitoryNetwork
-from ndtorch.binding.readout.owners import SignalStatistics, owner_table
+from ndtorch.binding.readout.owners import owner_table, signal_statistics
 from ndtorch.run.watchers import Watcher
 from ndtorch.vision import FEATURES, HighPass
 
@@ -54,7 +54,7 @@ def whole_field_objects(inputs: Tensor, times: Tensor, dt: float, size: tuple[in
     high_pass, network, memory = (
         HighPass(1.0, dt, sample_dims=1),
         InhibitoryNetwork.scale_free(10, dt),
-        SignalStatistics(dt, 2.0),
+        signal_statistics(dt, 2.0),
     )
     states: tuple[Any, Any, Any] = (None, None, None)
     seen: dict[tuple[int, int], list[tuple[float, Tensor]]] = {}
@@ -64,7 +64,7 @@ def whole_field_objects(inputs: Tensor, times: Tensor, dt: float, size: tuple[in
         statistics = memory(high, states[2])
         states = (filtered, learned, statistics)
         table = owner_table(learned.weights, statistics, dt=dt)
-        deviation = statistics.covariance.diagonal().clamp_min(0).sqrt()
+        deviation = statistics.covariances[0, 0].diagonal().clamp_min(0).sqrt()
         for k in table.owners.nonzero().flatten().tolist():
             row = table.rows[k]
             if row[:4].max() > 0:

@@ -1,0 +1,179 @@
+"""Running covariances of signals with themselves, now and some time ago, in several memories: what read-outs look at.
+
+One step is `covariance_step`, over a block of samples that always ends at the same times of a run, however the run is
+cut into chunks: the sums are the same to the last bit.
+
+The windows of the tracker (`ndtorch.binding.tracking.windows`) take one sample at a time instead, with `sample_step`.
+What a window sees next depends on where this sample has moved it, so there is no block to wait for; and each window has
+a clock of its own: it begins anew when it opens, and takes in nothing while its object is out of sight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from ndtorch.errors import InputError
+from ndtorch.vision.blocks import BLOCK_SECONDS, BlockLowPass, Stretch
+from ndtorch.vision.temporal import smoothing_factor, time_dim
+
+
+class CovarianceState(NamedTuple):
+    """State of `RunningCovariances`: M memories, L delays.
+
+    Attributes:
+        low: what the high-pass has taken for the mean, `[..., N]`.
+        past: the latest high-passed samples, as many as the longest delay, `[..., D, N]`, oldest first.
+        recent: the latest signals, a block of them less one, `[..., E - 1, N]`, oldest first.
+        covariances: running covariances, `[..., M, L, N, N]`.
+        differences: running covariances of sample-to-sample differences, `[..., M, N, N]`; of no memory where they
+            are not wanted.
+        steps: samples taken, int64 scalar.
+    """
+
+    low: Tensor
+    past: Tensor
+    recent: Tensor
+    covariances: Tensor
+    differences: Tensor
+    steps: Tensor
+
+
+@dataclass(frozen=True)
+class Constants:
+    """What is fixed in a step.
+
+    Attributes:
+        lags: delays in time steps, ascending.
+        longest: high-passed samples that are kept.
+        low_pass: of the high-pass.
+        memories: filters of the products.
+        differences: whether differences are looked at.
+    """
+
+    lags: tuple[int, ...]
+    longest: int
+    low_pass: BlockLowPass
+    memories: tuple[BlockLowPass, ...]
+    differences: bool
+
+
+class RunningCovariances(nn.Module):
+    """Running covariances of high-passed signals with themselves at every delay, made symmetric, in every memory.
+
+    Args:
+        dt: time step in seconds.
+        memories: time constants, seconds.
+        delays: seconds; 0 is the covariance proper. Each becomes a whole number of time steps, at least one if it is
+            not 0.
+        tau_high: high-pass on the signals, seconds.
+        differences: also keep the covariances of differences from sample to sample.
+
+    Shapes:
+        signals `[..., T, N]` -> state, up to the last whole tenth of a second. `None` starts at rest, with zeros.
+
+    Raises:
+        InputError: no memory, no delay, or a negative delay.
+    """
+
+    def __init__(
+        self,
+        dt: float = 0.01,
+        memories: tuple[float, ...] = (5.0,),
+        delays: tuple[float, ...] = (0.0,),
+        tau_high: float = 2.0,
+        differences: bool = False,
+    ) -> None:
+        super().__init__()
+        if not memories:
+            raise InputError("memories must be time constants in seconds, got none")
+        if not delays or not all(delay >= 0 for delay in delays):
+            raise InputError(f"delays must be seconds >= 0, got {delays}")
+        lags = tuple(sorted({max(1, round(delay / dt)) if delay else 0 for delay in delays}))
+        self.every = max(1, round(BLOCK_SECONDS / dt))
+        self.constants = Constants(
+            lags=lags,
+            longest=max(lags[-1], 1 if differences else 0),
+            low_pass=BlockLowPass(smoothing_factor(tau_high, dt), self.every),
+            memories=tuple(BlockLowPass(smoothing_factor(tau, dt), self.every) for tau in memories),
+            differences=differences,
+        )
+
+    def start(self, first: Tensor) -> CovarianceState:
+        """State at rest for signals like `first` `[..., N]`."""
+        c, batch, n = self.constants, first.shape[:-1], first.shape[-1]
+        # No tensor twice: an export would take the two for one for ever.
+        return CovarianceState(
+            low=torch.zeros_like(first),
+            past=first.new_zeros(*batch, c.longest, n),
+            recent=first.new_zeros(*batch, self.every - 1, n),
+            covariances=first.new_zeros(*batch, len(c.memories), len(c.lags), n, n),
+            differences=first.new_zeros(*batch, len(c.memories) if c.differences else 0, n, n),
+            steps=torch.zeros((), dtype=torch.int64),
+        )
+
+    def forward(self, signals: Tensor, state: CovarianceState | None = None) -> CovarianceState:
+        time_dim(signals, 1)
+        now = state = self.start(signals[..., 0, :]) if state is None else state
+        stretch = Stretch(state.recent, signals, state.steps, self.every, -2)
+        for block, whole in zip(stretch.blocks, stretch.whole, strict=True):
+            after = covariance_step(block, now, self.constants)
+            if whole is not None:
+                # An exported program cannot skip a block that is not whole yet: it takes nothing from it.
+                after = CovarianceState(*(torch.where(whole, a, b) for a, b in zip(after, now, strict=True)))
+            now = after
+        return now._replace(recent=stretch.recent, steps=state.steps + signals.shape[-2])
+
+
+def covariance_step(block: Tensor, state: CovarianceState, constants: Constants) -> CovarianceState:
+    """The covariances after one more block of signals `[..., E, N]`; `recent` and `steps` stay as they are."""
+    c, steps = constants, block.shape[-2]
+    lows = c.low_pass(block, state.low)
+    high = block - lows
+    known = torch.cat([state.past, high], -2)
+    before = torch.stack([known.narrow(-2, c.longest - lag, steps) for lag in c.lags], -3)
+    weights = [memory.weights(high) for memory in c.memories]
+    covariances = [
+        kept * old + symmetric((high.unsqueeze(-3) * taken[:, None]).mT @ before)
+        for (kept, taken), old in zip(weights, state.covariances.unbind(-4), strict=True)
+    ]
+    differences = state.differences
+    if c.differences:
+        change = high - known.narrow(-2, c.longest - 1, steps)
+        squares = [
+            kept * old + (change * taken[:, None]).mT @ change
+            for (kept, taken), old in zip(weights, differences.unbind(-3), strict=True)
+        ]
+        differences = torch.stack(squares, -3)
+    return state._replace(
+        low=lows[..., -1, :],
+        past=known.narrow(-2, steps, c.longest),
+        covariances=torch.stack(covariances, -4),
+        differences=differences,
+    )
+
+
+def sample_step(
+    sample: Tensor, mean: Tensor, covariance: Tensor, fresh: Tensor, a_high: float, share: float | Tensor
+) -> tuple[Tensor, Tensor]:
+    """The mean and the covariance `[..., N, N]` after one more sample `[..., N]`.
+
+    Args:
+        sample: `[..., N]`.
+        mean: what the high-pass has taken for the mean, `[..., N]`.
+        covariance: `[..., N, N]`.
+        fresh: where the mean begins at the sample, bool like it.
+        a_high: share of the sample that the mean takes in.
+        share: share of the products that the covariance takes in, `[..., 1, 1]` if not the same for all.
+    """
+    mean = torch.where(fresh, sample, torch.lerp(mean, sample, a_high))
+    high = sample - mean
+    return mean, covariance + share * (high.unsqueeze(-1) * high.unsqueeze(-2) - covariance)
+
+
+def symmetric(matrices: Tensor) -> Tensor:
+    """`(M + M^T) / 2`."""
+    return (matrices + matrices.mT) / 2

@@ -1,0 +1,77 @@
+"""The numbers of the code before it was reordered into one pipeline and one loop, in `before.json`.
+
+They were made once with that code (commit 53448f4: `VisualBinding` of `load("binding")`, `run_video`, and `Navigator`
+with each controller), on the scenes of `scenes.py` and on two-bars. Rounding differs between processors, hence the
+tolerances. A change that means to change these numbers says so and writes them anew.
+"""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+import ndtorch
+from ndtorch.navigation import Command, Navigator, StereoRig
+from ndtorch.scenes import two_bars
+from tests.golden.scenes import DT, crossing, towards_a_wall
+from tests.vision.camera.passing_scenes import SIZE
+
+BEFORE = json.loads((Path(__file__).parent / "before.json").read_text(encoding="utf-8"))
+
+
+def closely(found: Any, wanted: Any, tolerance: float) -> None:
+    torch.testing.assert_close(torch.as_tensor(found), torch.tensor(wanted), atol=tolerance, rtol=0)
+
+
+@pytest.mark.slow
+def test_published_model_on_two_bars() -> None:
+    model, state, signals = ndtorch.load("published"), None, None
+    with torch.inference_mode():
+        for frames in two_bars(seconds=8).chunks(8):
+            signals, state = model(frames, state)
+    closely(model.weights(state), BEFORE["published"]["weights"], 1e-5)
+    assert signals is not None
+    closely(signals.outputs[-1], BEFORE["published"]["outputs"], 1e-5)
+    assert model.weights(state).max() > 0.1
+
+
+def test_video_model_on_two_things_that_cross() -> None:
+    model, state = ndtorch.load("video", size=SIZE, fps=25.0), None
+    with torch.inference_mode():
+        for frames in crossing().split(12):
+            _, state = model(frames, state)
+    closely(model.weights(state), BEFORE["video"]["weights"], 1e-4)
+    found, wanted = model.objects(state), BEFORE["video"]["objects"]
+    assert [(thing.neuron, thing.direction) for thing in found] == [(w["neuron"], w["direction"]) for w in wanted]
+    for thing, before in zip(found, wanted, strict=True):
+        assert thing.features == pytest.approx(before["features"], abs=0.01)
+        assert thing.first_seen == pytest.approx(before["first_seen"], abs=1e-6)
+        assert thing.last_seen == pytest.approx(before["last_seen"], abs=1e-6)
+
+
+@cache
+def pictures() -> tuple[torch.Tensor, torch.Tensor]:
+    return towards_a_wall()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["ranging", "published"])
+def test_controllers_towards_a_wall(name: str) -> None:
+    navigator, state, wanted = Navigator(StereoRig(forward=0.15), DT, controller=name), None, BEFORE["navigator"][name]
+    modes, commands = [], []
+    driven = Command(torch.full((1,), 0.5), torch.zeros(1))
+    with torch.inference_mode():
+        for left, right in zip(*(side.split(1) for side in pictures()), strict=True):
+            command, state = navigator(left, right, state, driven=driven)
+            modes.append(int(navigator.mode(state)))
+            commands.append(torch.stack(command)[:, 0])
+    assert modes == wanted["mode"]
+    assert len(set(modes)) > 1
+    speed, curvature = torch.stack(commands, -1)
+    closely(speed, wanted["speed"], 1e-4)
+    closely(curvature, wanted["curvature"], 1e-4)
