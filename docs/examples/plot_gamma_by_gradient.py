@@ -2,8 +2,8 @@
 Fitting the learning rate by gradient
 =====================================
 
-Every step of the networks can be differentiated, the learning included. Here the learning rate itself is fitted: after five
-seconds of one source seen by two neurons, the weight should be 0.7.
+Every step of the networks can be differentiated, the learning included. Here the learning rate itself is fitted:
+after five seconds of one source seen by two neurons, the weight should be 0.7.
 """
 
 import math

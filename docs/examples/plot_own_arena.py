@@ -2,8 +2,8 @@
 An arena of your own
 ====================
 
-An arena is a small TOML file: rooms that touch or overlap, doors, pillars and furniture. The simulated car drives through
-it, by sight, and draws a map. This needs ``ndtorch-robot[sim]`` and OpenGL through EGL or OSMesa.
+An arena is a small TOML file: rooms that touch or overlap, doors, pillars and furniture. The simulated car drives
+through it, by sight, and draws a map. This needs ``ndtorch-robot[sim]`` and OpenGL through EGL or OSMesa.
 """
 
 import tempfile

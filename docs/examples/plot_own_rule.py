@@ -2,8 +2,8 @@
 A learning rule of your own
 ===========================
 
-The rule of the paper multiplies two functions of the outputs: a compressive one of the inhibited neuron and an expansive
-one of the inhibiting neuron [B eq. 23]. Any two functions make a rule.
+The rule of the paper multiplies two functions of the outputs: a compressive one of the inhibited neuron and an
+expansive one of the inhibiting neuron [B eq. 23]. Any two functions make a rule.
 """
 
 import matplotlib.pyplot as plt

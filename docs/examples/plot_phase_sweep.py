@@ -46,5 +46,6 @@ rule = learning_rule("competitive", gamma=torch.linspace(0.1, 2.0, len(phases)))
 network = InhibitoryNetwork(10, rule=rule)
 with torch.inference_mode():
     (normalised, scale), _ = inputs(sums)
-    outputs, learned = network(normalised)
+    refined, _ = model.first(normalised)
+    outputs, learned = network(refined)
 print(object_table(learned.weights).owners.sum(-1))
