@@ -2,8 +2,8 @@
 A model folder of your own
 ==========================
 
-A model is a folder. This example saves the published model, changes a constant in its ``config.toml``, and loads it again by
-its path. ``ndtorch bind two-bars --model PATH`` takes the same folder.
+A model is a folder. This example saves the published model, changes a constant in its ``config.toml``, and loads it
+again by its path. ``ndtorch bind two-bars --model PATH`` takes the same folder.
 """
 
 import tempfile
