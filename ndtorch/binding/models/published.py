@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Literal
 
 import torch
@@ -14,7 +15,7 @@ from ndtorch.binding.models.whole_field import BindingState, WholeFieldConfig, W
 from ndtorch.binding.network import InhibitoryNetwork, alternation, weight_change
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.weights import object_table
-from ndtorch.binding.rules import Rule, learning_rule
+from ndtorch.binding.rules import RULES, Rule, learning_rule
 from ndtorch.config import Constants
 from ndtorch.errors import InputError
 
@@ -84,6 +85,24 @@ class PublishedModel(WholeFieldModel):
         # The inputs come high-passed. The three networks are one with weights inside the groups only.
         self.first = InhibitoryNetwork(10, self.dt, None, tau_in=float("inf"), initial=self.first_weights)
         self.second = second_stage(c, gamma, rule)
+        self._given_rule, self._given_gamma = None if rule is None else rule.name, gamma is not None
+
+    def save(self, path: str | Path) -> None:
+        """As in the contract.
+
+        Raises:
+            InputError: also for a rule that was given as an object, or rates of every trial: the config has neither.
+        """
+        if self._given_rule is not None:
+            # Never a name that is taken.
+            name = "mine" if self._given_rule in RULES else self._given_rule
+            raise InputError(
+                f"the rule {self._given_rule!r} was given as an object, which no config.toml can name: register its "
+                f"maker, ndtorch.binding.rules.RULES[{name!r}] = lambda **constants: ..., and say rule = {name!r}"
+            )
+        if self._given_gamma:
+            raise InputError("gamma was given for every trial, which no config.toml can hold: set it in the config")
+        super().save(path)
 
     def refine(self, inputs: Tensor, state: NetworkState | None) -> tuple[Tensor, NetworkState]:
         refined: tuple[Tensor, NetworkState] = self.first(inputs, state)

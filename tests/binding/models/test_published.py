@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
+import ndtorch
 from ndtorch.binding import (
     BindingInputs,
     FirstStage,
@@ -24,6 +26,7 @@ from ndtorch.binding import (
 )
 from ndtorch.binding.models.published import PublishedConfig
 from ndtorch.binding.models.whole_field import BindingSignals, BindingState
+from ndtorch.binding.rules import RULES
 from ndtorch.config import with_options
 from ndtorch.errors import InputError
 from ndtorch.tree import leaves
@@ -344,6 +347,29 @@ def test_a_rule_of_ones_own_is_used() -> None:
     config = model().config
     _, state = PublishedModel(config, first_stage(), rule=rule)(frames)
     assert not torch.equal(state.second.weights, model()(frames)[1].second.weights)
+
+
+def test_a_rule_given_as_an_object_is_not_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    mine = PublishedModel(model().config, first_stage(), rule=LearningRule(torch.sin, torch.cos, "mine"))
+    with pytest.raises(InputError, match=r"rule 'mine' was given as an object.*RULES\['mine'\] = lambda \*\*constants"):
+        mine.save(tmp_path / "model")
+    known = PublishedModel(model().config, first_stage(), rule=learning_rule("competitive", gamma=2.0))
+    with pytest.raises(InputError, match=r"rule 'competitive' was given as an object.*RULES\['mine'\]"):
+        known.save(tmp_path / "model")
+    with pytest.raises(InputError, match=r"gamma was given for every trial, .*: set it in the config"):
+        PublishedModel(model().config, first_stage(), gamma=torch.tensor([0.1, 0.2])).save(tmp_path / "model")
+    assert not (tmp_path / "model").exists()
+
+    # As the message says.
+    def maker(gamma: float, tau_onset: float, radius_limit: float, **_: Any) -> LearningRule:
+        return LearningRule(torch.sin, torch.cos, "mine", gamma, tau_onset, radius_limit)
+
+    monkeypatch.setitem(RULES, "mine", maker)
+    named, frames = model(rule="mine"), noise(40, 3, 12, 14)
+    named.save(tmp_path / "model")
+    weights = ndtorch.load(tmp_path / "model")(frames)[1].second.weights
+    assert torch.equal(weights, named(frames)[1].second.weights)
+    assert not torch.equal(weights, model()(frames)[1].second.weights)
 
 
 def test_all_fixed_tensors_are_in_the_state_dict() -> None:
