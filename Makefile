@@ -1,6 +1,7 @@
 # make demo   install into .venv, find the objects in the two-bars scene, then drive through the simulated hallway
 # make test   install and run every test that needs no special hardware
 # make check  lint, format and types     make bench  timings side by side
+# make docs    the documentation site, out/docs/index.html, its examples executed
 # make wheels  each distribution alone in an empty environment
 # make reproduce        every published claim again      make reproduce-quick  the same in under two minutes
 PYTHON ?= python3
@@ -11,7 +12,7 @@ STAMP  := $(VENV)/.installed
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: setup demo test check wheels bench reproduce reproduce-quick clean
+.PHONY: setup demo test check docs wheels bench reproduce reproduce-quick clean
 
 setup: $(STAMP)
 
@@ -35,6 +36,10 @@ check: $(STAMP)
 	$(BIN)/mypy --strict ndtorch robot/ndtorch_robot train/ndtorch_train
 
 # Takes minutes and a gigabyte an environment: every wheel gets only what it asks for.
+docs: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	$(BIN)/sphinx-build -q -W --keep-going -b html docs out/docs
+
 wheels: $(STAMP)
 	$(BIN)/python tests/wheels.py
 

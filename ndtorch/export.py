@@ -14,8 +14,6 @@ from ndtorch.errors import InputError
 from ndtorch.tree import leaves, mapped
 
 Format = Literal["pt2", "aoti", "onnx"]
-EXPORTED = ("published", "scale-free", "retinotopic")
-"""Models that can be."""
 SUFFIXES: dict[str, str] = {"pt2": ".pt2", "aoti": ".aoti.pt2", "onnx": ".onnx"}
 
 
@@ -23,7 +21,7 @@ class Step(nn.Module):
     """A model with its state as a flat list of tensors: what is exported.
 
     Args:
-        model: one of `EXPORTED`; the image scale and the tracks of video take steps that depend on what they saw.
+        model: the model; of video the tracker stays behind and takes the signals, `model.tracker(signals, state)`.
         example: a state like those to come, or None for the first chunk of a run, which starts without one.
     """
 
@@ -36,7 +34,7 @@ class Step(nn.Module):
         """Frames and the tensors of a state -> signals, and the tensors of the state after them."""
         given = dict(zip(self.names, state, strict=True))
         before = mapped(self.example, lambda name, _: given[name]) if self.names else None
-        signals, after = self.model(frames, before)
+        signals, after = self.model.signals(frames, before)
         # A tensor that goes out as it came in would be the same memory.
         return tuple(part.clone() for part in (*signals, *leaves(after).values()))
 
@@ -62,14 +60,11 @@ def export(
         the two files.
 
     Raises:
-        InputError: a format that is not there, a model whose chunks have no fixed number of rows, or a folder that
+        InputError: a format that is not there, a model that makes more or fewer rows than frames, or a folder that
             cannot be written.
     """
     if format not in SUFFIXES:
         raise InputError(f"format must be one of {', '.join(SUFFIXES)}, got {format!r}")
-    if model.name not in EXPORTED:
-        able = ", ".join(EXPORTED)
-        raise InputError(f"{model.name} cannot be exported: what it computes next depends on what it saw; {able} can")
     rows = frames / (model.dt * model.fps)
     if abs(rows / frames - 1) > 1e-9:
         raise InputError(
@@ -83,7 +78,7 @@ def export(
     except OSError as error:
         raise InputError(f"{place} cannot be written: {error.strerror}") from None
     with torch.no_grad():
-        _, state = model(example)
+        _, state = model.signals(example)
         tensors = tuple(leaves(state).values())
         made = []
         for name, module, inputs in (

@@ -42,6 +42,30 @@ def test_make_targets_exist() -> None:
     targets = {
         word for pair in re.findall(r"^make (\w+)|`make (\w+)`", README, flags=re.MULTILINE) for word in pair if word
     }
-    assert {"demo", "test", "check", "bench", "setup"} <= targets
+    assert {"demo", "test", "bench", "setup"} <= targets
     for target in targets:
         assert re.search(rf"^{target}:", makefile, flags=re.MULTILINE)
+
+
+def test_links_lead_somewhere() -> None:
+    """Of the README and of every page: files that are linked exist."""
+    root = Path(__file__).resolve().parents[1]
+    pages = [path for path in root.rglob("*.md") if ".venv" not in path.parts and "out" not in path.parts]
+    assert len(pages) > 10
+    missing = []
+    for page in pages:
+        for link in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+            if "://" not in link and not (page.parent / link).exists():
+                missing.append(f"{page.relative_to(root)}: {link}")
+    assert missing == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", ["binding", "models"])
+def test_snippets_of_the_pages(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = (Path(__file__).resolve().parents[1] / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    assert blocks
+    monkeypatch.chdir(tmp_path)
+    for block in blocks:
+        exec(block, {})

@@ -101,6 +101,10 @@ class BindingModel(nn.Module, ABC):
         """Refused, see `to`."""
         return self.to(torch.bfloat16)
 
+    def signals(self, frames: Tensor, state: Any = None) -> tuple[Any, Any]:
+        """The part of `forward` that is tensors from end to end, and that `ndtorch.export` exports: all of it."""
+        return self(frames, state)  # type: ignore[no-any-return]
+
     @abstractmethod
     def objects(self, state: Any) -> Nested:
         """The objects at this moment, `list[BoundObject]`; of a batch nested lists, one a trial."""

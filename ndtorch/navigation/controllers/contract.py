@@ -59,6 +59,9 @@ class Controller(nn.Module, ABC):
 
     As everywhere, the module holds what is fixed, and its state, a NamedTuple of tensors, is passed in and out.
 
+    Its eyes are called as `seen, state = look(left, right, state)` with frames `[..., T, C, H, W]`, whole or cut to
+    the fields.
+
     Shapes:
         seen `[..., T, ...]` of `look`, ranges `[..., T, n]`, poses and driven commands `[..., T]` -> `Command` of
         `[..., T]`. `state=None` starts at the first of each.
@@ -68,8 +71,7 @@ class Controller(nn.Module, ABC):
         Params: dataclass of its numbers, all with defaults.
         modes: which of `CRUISE`, `TURN`, ... it can be in.
         params: its numbers.
-        look: module from what both cameras see of `look.fields` to what the controller steers by; called as
-            `seen, state = look(left, right, state)` with frames `[..., T, C, H, W]`, whole or cut to the fields.
+        look: module from what both cameras see of `look.fields` to what the controller steers by.
 
     Args:
         rig: the camera pair.

@@ -76,7 +76,7 @@ class AvoidanceParams:
     """The numbers of [A Methods]; thresholds are in the scaled units of [A fig. 3], raw output x 20.
 
     Args:
-        turn_threshold: a turn starts where |right - left| low-passed exceeds this, T_turn.
+        turn_threshold: a turn starts where the magnitude of right - left, low-passed, exceeds this, T_turn.
         high_threshold: a tight turn starts where both sides exceed this, T_turn,H.
         low_threshold: the car stops where both sides are below this, T_turn,L.
         turn_radius, tight_radius: radii of the two kinds of turn, m.

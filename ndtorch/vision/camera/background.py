@@ -56,13 +56,14 @@ def background_step(
     noise = measured_noise(difference).clamp_min(1 / 1024)
     threshold = spread * torch.maximum(noise, state.deviation / MEAN_SIZE)
     out = ((difference.abs() > threshold).any(-3, keepdim=True)).to(frame.dtype)
-    seen = int(state.frames) + 1
-    pace = max(a, 1 / (seen + 1))
+    seen = state.frames + 1
+    # In double precision: as numbers, whether this is run or exported.
+    pace = (1 / (seen + 1).double()).clamp_min(a)
     mean = state.mean + (pace * (1 - (1 - hold) * out)) * difference
     # What passes by is no noise: its deviation counts as little more than what is known already.
     size = torch.minimum(difference.abs(), 3 * torch.maximum(noise, state.deviation))
-    deviation = state.deviation + max(a_deviation, 1 / (seen + 5)) * (size - state.deviation)
-    return difference, threshold, BackgroundState(mean, deviation, torch.tensor(seen, dtype=torch.int64))
+    deviation = state.deviation + (1 / (seen + 5).double()).clamp_min(a_deviation) * (size - state.deviation)
+    return difference, threshold, BackgroundState(mean, deviation, seen)
 
 
 def core(difference: Tensor, threshold: Tensor) -> Tensor:

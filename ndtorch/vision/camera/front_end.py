@@ -133,20 +133,21 @@ class CameraFrontEnd(nn.Module):
         if state is None:
             waiting = torch.zeros(3, *self.small, device=frames.device)
             state = CameraState(None, None, waiting, torch.zeros((), dtype=torch.int64))
-        background, scales, waiting, seen = state.background, state.scales, state.waiting, int(state.frames)
-        rows: list[tuple[Tensor, Tensor, Tensor, Tensor, int]] = []
-        times: list[float] = []
-        for frame in shrink(frames, self.small):
+        background, scales, waiting = state.background, state.scales, state.waiting
+        rows: list[tuple[Tensor, Tensor, Tensor, Tensor, Tensor]] = []
+        last: list[int] = []
+        # Frames that wait are counted only where there can be some: a number cannot be read where this is exported.
+        counted = int(state.frames) if self.group > 1 else 0
+        for k, frame in enumerate(shrink(frames, self.small)):
             waiting = waiting + frame
-            seen += 1
-            if seen % self.group == 0:
-                if not torch.isfinite(waiting.sum()):
+            if (counted + k + 1) % self.group == 0:
+                if not torch.compiler.is_compiling() and not torch.isfinite(waiting.sum()):
                     raise InputError("frames must be finite, got NaN or infinite values")
                 row, background, scales = self._step(waiting / self.group, background, scales)
                 rows.append(row)
-                times.append((seen - 1) / self.fps)
+                last.append(k)
                 waiting = torch.zeros_like(waiting)
-        end = CameraState(background, scales, waiting, torch.tensor(seen, dtype=torch.int64))
+        end = CameraState(background, scales, waiting, state.frames + len(frames))
         r, c = self.parts.grid
         if not rows:
             none = waiting.new_zeros(0)
@@ -164,14 +165,14 @@ class CameraFrontEnd(nn.Module):
             torch.stack([row[1] for row in rows]),
             torch.stack([row[2] for row in rows]),
             torch.stack([row[3] for row in rows]),
-            torch.tensor([row[4] for row in rows]),
-            torch.tensor(times, dtype=torch.float64),
+            torch.stack([row[4] for row in rows]),
+            (state.frames + torch.tensor(last)).double() / self.fps,
         )
         return out, end
 
     def _step(
         self, frame: Tensor, background: BackgroundState | None, scales: ScaleState | None
-    ) -> tuple[tuple[Tensor, Tensor, Tensor, Tensor, int], BackgroundState, ScaleState]:
+    ) -> tuple[tuple[Tensor, Tensor, Tensor, Tensor, Tensor], BackgroundState, ScaleState]:
         """Signals, motion, presence, noise and level of one averaged small frame `[3, h, w]`."""
         p = self.parts
         background = background_start(frame) if background is None else background
@@ -191,7 +192,8 @@ class CameraFrontEnd(nn.Module):
         )
         fine = [self.orientation.images(seen.abs().amax(0)).abs(), self._colors(frame, background, shown), shown]
         fields = self._pool(torch.cat(fine), 0)
-        motion = self._pool(moved, level)
+        parts = [self._pool(images, k) for k, images in moved.items()]
+        motion = parts[0] if len(parts) == 1 else torch.stack(parts).index_select(0, level.view(1)).squeeze(0)
         x, y = motion
         directed = torch.stack([-x, x, y, -y]).clamp_min(0)
         # What all orientations share says that something is there, not how it stands: it would own every object.

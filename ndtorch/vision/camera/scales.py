@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -51,29 +52,31 @@ def scale_start(image: Tensor) -> ScaleState:
     return ScaleState(fine, middle, coarse, images[-1], zero, zero)
 
 
-def shift_per_delay(state: ScaleState, dt: float, tau_low: float) -> float:
-    """Root mean square displacement within a detector's delay, pixels of the fine image; 0 before anything moved.
+def shift_per_delay(state: ScaleState, dt: float, tau_low: float) -> Tensor:
+    """Root mean square displacement within a detector's delay, pixels of the fine image, `[]` float64.
+
+    It is 0 before anything moved.
 
     From the coarse image, where displacements are small: `v^2 = 2 <(dI/dt)^2> / <|grad I|^2>`, the 2 for edges that
     stand in all directions.
     """
-    if float(state.slope) <= 0:
-        return 0.0
-    per_frame = 2 ** (LEVELS - 1) * math.sqrt(2 * float(state.change) / float(state.slope))
-    return float(per_frame * (tau_low + dt) / dt)
+    change, slope = state.change.double(), state.slope.double()
+    per_frame = 2 ** (LEVELS - 1) * (2 * change / slope).sqrt()
+    return torch.where(slope > 0, per_frame * (tau_low + dt) / dt, 0.0)
 
 
-def best_level(shift: float) -> int:
-    """The level of the pyramid on which a displacement comes nearest to `BEST_SHIFT`, in octaves."""
-    if shift <= 0:
-        return 1
-    return min(LEVELS - 1, max(0, round(math.log2(shift / BEST_SHIFT))))
+def best_level(shift: Tensor) -> Tensor:
+    """The level of the pyramid on which a displacement `[]` comes nearest to `BEST_SHIFT`, in octaves, `[]` int64."""
+    octave = sum((shift > BEST_SHIFT * 2 ** (k + 0.5)).long() for k in range(LEVELS - 1))
+    return torch.where(shift > 0, octave, 1)
 
 
 def scale_step(
     image: Tensor, state: ScaleState, dt: float, a_high: float, a_low: float, tau_low: float, level: int | None = None
-) -> tuple[Tensor, int, ScaleState]:
+) -> tuple[dict[int, Tensor], Tensor, ScaleState]:
     """Opponent motion to the right and downward at the chosen scale. [B eq. 7-8 on a pyramid]
+
+    What is exported cannot leave out a level by what it saw: it makes them all, and its caller picks.
 
     Args:
         image: difference from the background, `[C, H, W]`; motion is summed over its colours, so that a green thing
@@ -82,7 +85,8 @@ def scale_step(
         level: fixed level; None for the one that suits the displacement measured so far.
 
     Returns:
-        `[2, H / 2^level, W / 2^level]`, positive to the right and downward; the level; the state.
+        `[2, H / 2^k, W / 2^k]` by level k, positive to the right and downward, of the chosen one, or of all where this
+        is exported; the chosen level `[]` int64; the state.
     """
     images = pyramid(image)
     coarse = images[-1]
@@ -91,16 +95,24 @@ def scale_step(
     keep = math.exp(-dt / MEMORY)
     measured = state._replace(last=coarse, change=keep * state.change + change, slope=keep * state.slope + slope)
     # What decays for minutes must not become a division of two roundings.
-    if float(measured.slope) < 1e-9:
-        measured = measured._replace(change=torch.zeros_like(change), slope=torch.zeros_like(slope))
-    chosen = best_level(shift_per_delay(measured, dt, tau_low)) if level is None else level
+    tiny = measured.slope < 1e-9
+    measured = measured._replace(
+        change=torch.where(tiny, 0.0, measured.change), slope=torch.where(tiny, 0.0, measured.slope)
+    )
+    chosen = (
+        best_level(shift_per_delay(measured, dt, tau_low))
+        if level is None
+        else torch.tensor(level, device=image.device)
+    )
+    wanted: Sequence[int] = (level,) if level is not None else range(LEVELS)
+    if not torch.compiler.is_compiling():
+        wanted = (int(chosen),)
     filters = [state.fine, state.middle, state.coarse]
-    out = None
+    moved = {}
     for k, img in enumerate(images):
         high, delayed, filters[k] = motion_step(img, filters[k], a_high, a_low)
-        if k == chosen:
+        if k in wanted:
             across = F.pad(correlate(high, delayed, -1), (0, 1)).sum(-3)
             along = F.pad(correlate(high, delayed, -2), (0, 0, 0, 1)).sum(-3)
-            out = torch.stack([across, along])
-    assert out is not None
-    return out, chosen, measured._replace(fine=filters[0], middle=filters[1], coarse=filters[2])
+            moved[k] = torch.stack([across, along])
+    return moved, chosen, measured._replace(fine=filters[0], middle=filters[1], coarse=filters[2])
