@@ -1,4 +1,9 @@
-"""Models as programs that run without this package: torch.export, AOTInductor and ONNX, chunk by chunk."""
+"""Models as programs that run without this package: torch.export, AOTInductor and ONNX, chunk by chunk.
+
+`torch.export` takes every model. The ONNX exporter of torch 2.13 takes none as it is: it stops at `aten.alias` of a
+complex spectrum (orientation sums of published, scale-free and retinotopic) and at `aten.nanmedian` (exposure of
+video), for which it has no function, and says so itself.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +57,8 @@ def export(
         model: the model, on the CPU.
         folder: where to write.
         format: "pt2" for `torch.export.load`, "aoti" for `torch._inductor.aoti_load_package` (a C++ compiler is needed
-            here, no Python there), "onnx" for ONNX (needs `pip install onnx onnxscript`).
+            here, no Python there), "onnx" for ONNX (needs `pip install onnx onnxscript`, and
+            operators that are there: see the top of this file).
         frames: frames of a chunk.
         batch: dimensions of a batch.
 

@@ -92,7 +92,8 @@ the outputs alternate from step to step; the verdict says so. On a road camera i
 
 ## Export
 
-The whole forward, for fixed chunk lengths (`ndtorch.export`).
+The whole forward, for fixed chunk lengths (`ndtorch.export`). Not to ONNX: torch 2.13's exporter
+has no function for `aten.alias` of the complex spectra of the orientation sums.
 
 ## Weights
 """
