@@ -155,7 +155,8 @@ class InhibitoryNetwork(nn.Module):
         time, c = self._check(inputs), self.constants
         state = self.start(inputs.select(time, 0)) if state is None else state
         drive, input_low = self._drive(inputs, state.input_low, time)
-        outs, shifts, now = [], [], state
+        outs, now = [], state
+        shifts: list[tuple[Tensor, Tensor | None]] = []
         blocks: Sequence[Tensor]
         whole: Sequence[Tensor | None]
         compiled = torch.compiler.is_compiling()
@@ -172,27 +173,25 @@ class InhibitoryNetwork(nn.Module):
             if known is not None:
                 # An exported program cannot skip a block that is not whole yet: it takes nothing from it.
                 after = NetworkState(*(torch.where(known, a, b) for a, b in zip(after, now, strict=True)))
-                shift = None if shift is None else torch.where(known, shift, 0.0)
             # Asleep, the clock stands still.
             if not c.faint or after.clock is not now.clock:
                 moment = next(ahead, None)
             now = after
             outs.append(out)
             if shift is not None:
-                shifts.append(shift)
+                shifts.append((shift, known))
         if c.feedback == "delayed":
             out = torch.stack(outs, time)
         else:
             out = stretch.joined(outs, lambda rest: through(rest, now.weights, c.shared))
             now = now._replace(recent=stretch.recent)
         power, roughness = self._diagnose(out, state, time)
-        changes = torch.cat([state.changes, torch.stack(shifts, -1)], -1) if shifts else state.changes
         steps = state.steps + inputs.shape[time]
         return out, now._replace(
             outputs=out.select(time, -1),
             input_low=input_low,
             clock=now.clock if c.faint else torch.zeros_like(now.clock) + steps,
-            changes=changes[..., -self.window_changes :],
+            changes=latest_changes(state.changes, shifts),
             power=power,
             roughness=roughness,
             steps=steps,
@@ -238,6 +237,17 @@ class InhibitoryNetwork(nn.Module):
         for square in torch.cat([out, out - before], -1).square().unbind(time):
             mean = low_pass_step(square, mean, self.a_rough)
         return mean[..., : self.neurons], mean[..., self.neurons :]
+
+
+def latest_changes(changes: Tensor, shifts: list[tuple[Tensor, Tensor | None]]) -> Tensor:
+    """The latest changes `[..., S]`, as many as before, after new ones `[...]`: those that are known, or turn out, to
+    come from whole blocks."""
+    if all(known is None for _, known in shifts):
+        return torch.cat([changes, *(shift.unsqueeze(-1) for shift, _ in shifts)], -1)[..., -changes.shape[-1] :]
+    for shift, known in shifts:
+        later = torch.cat([changes[..., 1:], shift.unsqueeze(-1)], -1)
+        changes = later if known is None else torch.where(known, later, changes)
+    return changes
 
 
 def weight_change(state: NetworkState) -> Tensor:

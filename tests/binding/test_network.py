@@ -356,3 +356,30 @@ def test_options_out_of_range_are_refused(options: dict, message: str) -> None:
 def test_options_that_would_do_nothing_or_harm_are_refused(name: str, value: object) -> None:
     with pytest.raises(InputError, match=name):
         InhibitoryNetwork(3, **{name: value})
+
+
+class Exported(torch.nn.Module):
+    def __init__(self, network: InhibitoryNetwork) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, inputs: torch.Tensor, *state: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        out, after = self.network(inputs, NetworkState(*state))
+        return tuple(part.clone() for part in (out, *after))
+
+
+def test_a_program_whose_chunks_are_no_whole_blocks_gives_the_same() -> None:
+    # Eight samples a chunk, five from change to change: one whole block in some chunks, and two in others.
+    network = InhibitoryNetwork.scale_free(4, settle=0.0)
+    signals = torch.rand(160, 4, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    first, *chunks = torch.split(signals, 8)
+    state = network(first)[1]
+    program = torch.export.export(Exported(network), (chunks[0], *state)).module()
+    kept = tuple(state)
+    for chunk in chunks:
+        out, state = network(chunk, state)
+        given, *rest = program(chunk, *kept)
+        kept = tuple(rest)
+        for one, other in zip((given, *kept), (out, *state), strict=True):
+            assert_allclose(one, other, atol=1e-9)
+    assert weight_change(state) > 0.01
