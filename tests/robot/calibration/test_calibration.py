@@ -376,7 +376,7 @@ class Drive:
     def __init__(self, plan, rig, turned=0.0):
         self.plan, self.turned, self.simulation, self.record = plan, turned, self, self
         self.rig, self.pose, self.ranges = rig, [], []
-        self.navigator, self.state = Navigator(rig, 1 / 30), None
+        self.navigator, self.state = Navigator(rig, 1 / 30, controller="published"), None
 
     def see(self, left, right, pose):
         _, self.state = self.navigator(left, right, self.state)
