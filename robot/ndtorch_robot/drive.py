@@ -28,6 +28,7 @@ from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.plan import Plan
 from ndtorch_robot.sim.put_back import PutBack
 from ndtorch_robot.sim.simulation import RIG, Simulation
+from ndtorch_robot.watch import PATIENCE
 
 RATE = 30.0
 """Frames a second."""
@@ -95,7 +96,7 @@ def drive(
             fields=pilot.fields,
         )
         stack.callback(simulation.close)
-        sight = Sight(simulation.rig, RATE, LIMITS.age)
+        sight = Sight(simulation.rig, RATE, LIMITS.age, PATIENCE, together=False)
         steps = max(1, round(config.seconds * RATE))
         car = Car(pilot, simulation, SafeDrive(simulation, simulation, LIMITS, sight), steer=steer, max_steps=steps)
         record, put_back = Record(), PutBack(simulation, pilot)

@@ -54,14 +54,16 @@ class Sight:
         rate: frames a second that the navigator counts on.
         age: oldest, s.
         patience: frames in a row that must look wrong before black or frozen is said: 4 are 0.13 s.
+        together: both pictures standing still together is a fault as well. Not where pictures are drawn: they have no
+            noise, and before a blank wall they may stay the same to the bit.
     """
 
     SLOW = 1.6
     """Periods between two frames from which the second is late; two late ones in a row are a camera too slow."""
 
-    def __init__(self, rig: StereoRig, rate: float, age: float, patience: int = 4) -> None:
+    def __init__(self, rig: StereoRig, rate: float, age: float, patience: int = 4, together: bool = True) -> None:
         self.rate, self.age = rate, age
-        self.watch = CameraWatch(rig, patience, together=True)
+        self.watch = CameraWatch(rig, patience, together)
         self.time = -math.inf
         self.late = 0
 
