@@ -45,7 +45,9 @@ def test_video_model_on_two_things_that_cross() -> None:
     with torch.inference_mode():
         for frames in crossing().split(12):
             _, state = model(frames, state)
-    closely(model.weights(state), BEFORE["video"]["weights"], 1e-4)
+    # Rounding grows in this rule, which divides by the power of weak outputs: without vector instructions the weights
+    # differ by .0004 from those with AVX-512, and the objects not at all.
+    closely(model.weights(state), BEFORE["video"]["weights"], 2e-3)
     found, wanted = model.objects(state), BEFORE["video"]["objects"]
     assert [(thing.neuron, thing.direction) for thing in found] == [(w["neuron"], w["direction"]) for w in wanted]
     for thing, before in zip(found, wanted, strict=True):
