@@ -35,11 +35,11 @@ check: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy --strict ndtorch robot/ndtorch_robot train/ndtorch_train
 
-# Takes minutes and a gigabyte an environment: every wheel gets only what it asks for.
 docs: $(STAMP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	$(BIN)/sphinx-build -q -W --keep-going -b html docs out/docs
 
+# Takes minutes and a gigabyte an environment: every wheel gets only what it asks for.
 wheels: $(STAMP)
 	$(BIN)/python tests/wheels.py
 
