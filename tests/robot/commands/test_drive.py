@@ -100,7 +100,7 @@ def test_arenas(capsys):
         (["--seconds", "nan"], "seconds"),
         (["--features", "0"], "features = 0"),
         (["nowhere.toml"], "no such file"),
-        (["--out", "/proc/nothing"], "cannot make this folder"),
+        (["--out", "/proc/nothing"], "cannot write there"),
     ],
 )
 def test_bad_arguments(arguments, message, capsys, tmp_path, monkeypatch):
