@@ -223,7 +223,7 @@ NEEDS_COMPILER = pytest.mark.skipif(
 )
 
 
-@pytest.mark.slow
+@pytest.mark.compiled
 @NEEDS_COMPILER
 @pytest.mark.parametrize("border", BORDERS)
 def test_fused_sums_are_the_same(border: Border) -> None:
@@ -238,7 +238,7 @@ def test_fused_sums_are_the_same(border: Border) -> None:
         fused(torch.full((2, 1, 3, 20, 30), math.nan))
 
 
-@pytest.mark.slow
+@pytest.mark.compiled
 @NEEDS_COMPILER
 def test_compiled_sums_are_the_same() -> None:
     module = VisualFeatures((32, 32))
