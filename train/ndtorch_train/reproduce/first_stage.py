@@ -234,7 +234,9 @@ def color_tuning(context: Context, saturation: float, hues: int, lights: int) ->
     for j in range(3):
         color = STYLES[FEATURES[GROUPS["color"]][j]].color
         axes[2].fill_between(hue, 0, middle[:, j] / middle.max(), color=color, alpha=0.25, lw=0)
-        axes[2].plot(hue, middle[:, j] / middle.max(), color=color, lw=1, label=f"{FEATURES[GROUPS["color"]][j]}, output")
+        axes[2].plot(
+            hue, middle[:, j] / middle.max(), color=color, lw=1, label=f"{FEATURES[GROUPS['color']][j]}, output"
+        )
         axes[2].plot(hue, inputs[:, j], color=color, lw=2.6, label="input")
     axes[2].set(title="at lightness 0.5: inputs bold", xlabel="hue (degrees)", ylabel="value", ylim=(0, 1.05))
     axes[2].set_xticks(range(0, 361, 60))
