@@ -58,7 +58,9 @@ def check(values: Mapping[str, object], table: type[Table], source: str) -> Tabl
 
 def what_is_wrong(error: ValidationError, table: type[BaseModel]) -> str:
     """The first thing that is wrong: the key, what was given and what is wanted."""
-    first = error.errors()[0]
+    # A key that is misspelt is also one that is missing: say the former.
+    errors = error.errors()
+    first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
     key = ".".join(str(part) for part in first["loc"])
     if first["type"] == "extra_forbidden":
         known = [field.alias or name for name, field in table.model_fields.items()]

@@ -101,7 +101,7 @@ def arrows() -> Arrows:
 
 def test_the_scan_sees_all_three_packages(arrows: Arrows) -> None:
     assert {name.split(".")[0] for name in arrows} == set(PACKAGES)
-    assert "ndtorch.errors" in arrows["ndtorch_robot.config"]
+    assert "ndtorch.toml" in arrows["ndtorch_robot.config"]
     assert "ndtorch.workers" in arrows["ndtorch_train.sweep.command"]
     assert any(
         "ndtorch_robot" in room_of(there) for name in arrows if "ndtorch_train" in name for there in arrows[name]
