@@ -14,7 +14,7 @@ import tyro
 
 from ndtorch.errors import InputError
 from ndtorch.run.folder import prepare
-from ndtorch.workers import Note, cores, run_tasks
+from ndtorch.workers import Report, cores, run_tasks
 
 if TYPE_CHECKING:
     from ndtorch_train.reproduce.outcome import Claim
@@ -146,14 +146,14 @@ def compute(claims: Sequence[Claim], quick: bool, jobs: int, folder: Path) -> di
     return failed
 
 
-def _task(task: tuple[Claim, str], note: Note, *, quick: bool, folder: Path) -> None:
+def _task(task: tuple[Claim, str], report: Report, *, quick: bool, folder: Path) -> None:
     """One experiment and the fingerprint of its code, in a process of its own."""
     from ndtorch.memory import tune_allocator
     from ndtorch_train.reproduce.context import run_claim
 
     tune_allocator()
     try:
-        run_claim(task[0], quick, folder, task[1], note)
+        run_claim(task[0], quick, folder, task[1], report)
     except (BrokenPipeError, ConnectionResetError):
         raise  # nobody is listening any more
     except OSError as error:
