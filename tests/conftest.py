@@ -45,6 +45,8 @@ def pytest_configure():
     if threading.current_thread() is threading.main_thread():
         # In the background Ctrl-C is ignored, and children inherit that.
         signal.signal(signal.SIGINT, signal.default_int_handler)
+        # So is SIGHUP below nohup.
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
     for name in ("HOME", "XDG_CACHE_HOME"):
         place = os.environ.get(name)
         if place is not None and not os.access(place, os.W_OK | os.X_OK):

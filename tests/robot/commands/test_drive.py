@@ -96,10 +96,10 @@ def test_arenas(capsys):
     ("arguments", "message"),
     [
         (["--arena", "halway"], "no arena 'halway', choose one of hallway"),
-        (["--controller", "pid"], "controller = 'pid'"),
+        (["--controller", "pid"], "got 'pid'"),
         (["--seconds", "-1"], "seconds = -1"),
         (["--seconds", "nan"], "seconds"),
-        (["--features", "0"], "features = 0"),
+        (["--features", "0"], "features must be a whole number"),
         (["nowhere.toml"], "no such file"),
         (["--out", "/proc/nothing"], "cannot write there"),
     ],

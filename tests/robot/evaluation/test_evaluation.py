@@ -164,12 +164,12 @@ def test_drives_that_fail_are_named(tmp_path, capsys, monkeypatch):
     ("arguments", "message"),
     [
         (["--arenas", "halway"], "no arena 'halway'"),
-        (["--controllers", "pid"], "controller = 'pid'"),
+        (["--controllers", "pid"], "got 'pid'"),
         (["--seeds", "-1"], "seed = -1"),
         (["--seeds"], "--seeds and --walls need one value or more"),
         (["--seconds", "0"], "seconds = 0"),
         (["--jobs", "-2"], "--jobs must be 1 or more"),
-        (["--out", "/proc/nothing"], "cannot make this folder"),
+        (["--out", "/proc/nothing"], "cannot write there"),
         (["nowhere.toml"], "no such file"),
     ],
 )
