@@ -98,7 +98,8 @@ class ByteTrack:
         )
         found = self.tracker.update_with_detections(seen)
         out = []
-        for number, row in zip(found.tracker_id, found.xyxy.tolist(), strict=True):
+        numbers = [] if found.tracker_id is None else found.tracker_id.tolist()
+        for number, row in zip(numbers, found.xyxy.tolist(), strict=True):
             box = Box(*row)
             out.append(Sight(int(number), middle(box), box))
         return out
