@@ -8,7 +8,7 @@ import torch
 
 from ndtorch.binding import Windows
 from ndtorch.scenes import two_bars
-from ndtorch.vision import LocalFeatures, VisualFeatures
+from ndtorch.vision import GROUPS, LocalFeatures, VisualFeatures
 from tests.benchmarks.numpy_features import NumpyFeatures
 from tests.benchmarks.timing import Row, in_turn
 
@@ -26,7 +26,7 @@ def rows(device: str | None = None) -> list[Row]:
         full, _ = exact(frames)
         reference = torch.from_numpy(np.stack([fft(array) for array in arrays]))
         # Motion is silent on the first frame.
-        error = ((quick - full).abs() / full)[1:, 4:7].max()
+        error = ((quick - full).abs() / full)[1:, GROUPS["orientation"]].max()
         agree = ((full - reference).abs() / reference.abs().clamp_min(1e-3))[5:].max()
         chunk = frames[8:16]
         local = LocalFeatures(fast)
