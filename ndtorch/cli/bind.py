@@ -29,7 +29,8 @@ MOVED = {"on": "--model video", "off": "--model published"}
 class Bind(BindJob):
     """Find the objects in a scene or a video: their number and their features.
 
-    Prints the objects and what they are worth, and writes them, pictures and the learned state into a folder.
+    Prints the objects and what they are worth, and writes them, pictures, the learned state and report.html, which
+    shows it all, into a folder.
     The model video, which is the default for files and cameras, finds objects over time: a timeline and an overlay.
     """
 
@@ -41,6 +42,8 @@ class Bind(BindJob):
     """Write into the folder named after the source even if results are there; files of the same names are replaced."""
     json: bool = False
     """Print one JSON object on stdout and nothing else."""
+    open: bool = False
+    """Show report.html in the browser when the run has ended."""
     rrd: Path | None = None
     """Also write a recording for the rerun viewer."""
     front_end: str | None = None
@@ -55,6 +58,7 @@ class Bind(BindJob):
         from ndtorch.memory import tune_allocator
         from ndtorch.report.films import RunRecording
         from ndtorch.report.folder import folder_name, write_result
+        from ndtorch.report.page import NAME, open_in_browser
         from ndtorch.report.words import in_words, summary
         from ndtorch.run.folder import RunFolder
         from ndtorch.run.opening import prepare
@@ -94,7 +98,7 @@ class Bind(BindJob):
                 film.close()
             if recording is not None:
                 recording.finish(in_words(result))
-            trouble = write_result(result, prepared.about, folder.work)
+            trouble = write_result(result, prepared.about, folder.work, prepared.chosen)
         except BaseException:
             folder.discard()
             raise
@@ -106,6 +110,8 @@ class Bind(BindJob):
             print(f"written  {folder.final}: {', '.join(path.name for path in files)}")
         if trouble is not None:
             print(f"error: figures cannot be written: {trouble.strerror or trouble}", file=sys.stderr)
+        elif self.open:
+            open_in_browser(folder.final / NAME)
         return INTERRUPTED if result.interrupted else 0 if trouble is None else INCOMPLETE
 
     def film(self, prepared: Prepared, folder: Path) -> EnhancedVideo | Overlay | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.binding import BoundObject
+from ndtorch.report.figures.attention import MOST_GAIN
 from ndtorch.report.palette import GREY_RGB, STYLES, rgb
 from ndtorch.report.recording import Recording
 from ndtorch.run.result import over_fields
@@ -19,22 +21,31 @@ from ndtorch.vision.features import FEATURES
 
 STEP = {"left": (0, -1), "right": (0, 1), "down": (1, 0), "up": (-1, 0)}
 """Rows and columns of an arrow towards a direction."""
+FADE = 4.0
+"""Seconds after which a bright moment no longer sets the scale."""
 YOUNG = 0.3
 """Seconds that a thing has to last before it is marked."""
 
 
 class EnhancedVideo(Watcher):
-    """enhanced.mp4: the input beside its enhanced image."""
+    """enhanced.mp4: the input beside its enhanced image, which is shown as bright as the input.
+
+    The factor follows the brightest enhanced pixel of the last seconds, so that the film does not flicker.
+    """
 
     def __init__(self, path: Path, fps: float, size: tuple[int, int]) -> None:
         self.size = even(size)
         self.writer = VideoWriter(path, fps, (self.size[0], 2 * self.size[1]))
+        self.keep, self.brightest = math.exp(-1 / (FADE * fps)), 1.0
 
     def picture(self, picture: Picture) -> None:
         height, width = self.size
         assert picture.enhanced is not None
-        sides = [torch.from_numpy(image)[:height, :width] for image in (picture.frame, picture.enhanced)]
-        self.writer.write(torch.cat(sides, 1).permute(2, 0, 1))
+        self.brightest = max(self.keep * self.brightest, float(picture.enhanced.max()), 1.0)
+        gain = max(1.0, min(float(picture.frame.max()) / self.brightest, MOST_GAIN))
+        enhanced = (picture.enhanced * gain).clip(0, 255).astype(np.uint8)
+        sides = [clocked(image[:height, :width], picture.time) for image in (picture.frame, enhanced)]
+        self.writer.write(torch.from_numpy(np.concatenate(sides, 1)).permute(2, 0, 1))
 
     def close(self) -> None:
         """Finish the file."""
@@ -50,7 +61,7 @@ class Overlay(Watcher):
 
     def picture(self, picture: Picture) -> None:
         height, width = self.size
-        image = marked(picture.frame[:height, :width], picture.objects)
+        image = clocked(marked(picture.frame[:height, :width], picture.objects), picture.time)
         self.writer.write(torch.from_numpy(image).permute(2, 0, 1))
 
     def close(self) -> None:
@@ -92,7 +103,7 @@ def even(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def marked(frame: Pixels, things: tuple[BoundObject, ...]) -> Pixels:
-    """The frame `[H, W, 3]` with a circle around each object, in its colour, and an arrow where it moves."""
+    """The frame `[H, W, 3]` with a circle around each object, in its colour, an arrow where it moves, and its label."""
     import cv2
 
     image = np.ascontiguousarray(frame).copy()
@@ -108,4 +119,30 @@ def marked(frame: Pixels, things: tuple[BoundObject, ...]) -> Pixels:
             cv2.circle(image, (column, row), radius, ink, width, cv2.LINE_AA)
         for ink, width in (((255, 255, 255), 4), (color, 2)):
             cv2.arrowedLine(image, (column, row), tip, ink, width, cv2.LINE_AA, tipLength=0.35)
+        label = thing.color if thing.track is None else f"{mark_of(thing)} {thing.color}"
+        lettered(image, label, column - radius, row - radius - 4, color)
     return image
+
+
+def mark_of(thing: BoundObject) -> str:
+    """The number that an object has in the overlay: that of its track, from 1. Not every track becomes an object."""
+    return "" if thing.track is None else f"#{thing.track + 1}"
+
+
+def clocked(image: Pixels, seconds: float) -> Pixels:
+    """A copy of the image `[H, W, 3]` with the time at its lower left."""
+    image = np.ascontiguousarray(image).copy()
+    lettered(image, f"{seconds:.1f} s", 4, len(image) - 5, (0, 0, 0))
+    return image
+
+
+def lettered(image: Pixels, words: str, column: int, baseline: int, color: tuple[int, int, int]) -> None:
+    """Write on the image, in colour on a white rim, inside the picture, a 26th of it high and readable in any."""
+    import cv2
+
+    font, scale = cv2.FONT_HERSHEY_SIMPLEX, max(0.4, len(image) / 560)
+    words = words.replace("°", " deg")
+    (wide, tall), _ = cv2.getTextSize(words, font, scale, 1)
+    place = (min(max(2, column), max(2, image.shape[1] - wide - 2)), min(max(tall + 2, baseline), len(image) - 3))
+    for ink, width in (((255, 255, 255), 3), (color, 1)):
+        cv2.putText(image, words, place, font, scale, ink, width, cv2.LINE_AA)

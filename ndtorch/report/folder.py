@@ -10,6 +10,7 @@ from typing import Any
 
 from ndtorch.binding import save_state
 from ndtorch.report.figures import draw_all
+from ndtorch.report.run_page import write_run_page
 from ndtorch.report.timeline import draw_timeline, write_timeline
 from ndtorch.report.words import summary
 from ndtorch.run.result import RunResult
@@ -21,13 +22,14 @@ def folder_name(name: str) -> str:
     return re.sub(r"[^A-Za-z0-9._-]+", "-", stem).strip("-.") or "run"
 
 
-def write_result(result: RunResult, about: Mapping[str, Any], folder: Path) -> OSError | None:
-    """Write objects.json and state.safetensors, and the figures: of owners, or of tracks over time.
+def write_result(result: RunResult, about: Mapping[str, Any], folder: Path, chosen: str) -> OSError | None:
+    """Write objects.json and state.safetensors, the figures (of owners, or of tracks over time) and report.html.
 
     Args:
         result: of the run.
         about: what is needed to go on later, kept with the state.
-        folder: where to write.
+        folder: where to write, and where its film is.
+        chosen: the model's name, and why it was taken.
 
     Returns:
         Why there are no figures, where they could not be written: on a full disk the state has to come first.
@@ -46,6 +48,7 @@ def write_result(result: RunResult, about: Mapping[str, Any], folder: Path) -> O
             draw_timeline(result, folder / "timeline.png")
         else:
             draw_all(result, folder)
+        write_run_page(result, folder, chosen)
     except OSError as error:
         for path in set(folder.iterdir()) - before:
             path.unlink()

@@ -35,8 +35,10 @@ def draw_timeline(result: RunResult, path: Path) -> Path:
     count, aspect = len(result.objects), result.size[1] / result.size[0]
     # Of a run that was resumed, everything from its very first frame on.
     end = max([result.simulated_seconds, *result.outputs.times[-1:]])
-    figure = Figure(figsize=(10.5, 1.7 + 0.5 * max(count, 2)), dpi=100)
-    lanes, picture = figure.subplots(1, 2, width_ratios=[3, 1.25])
+    # Both parts are as wide as the figure: paths can be followed, and lanes can be read on a phone.
+    above, below = 1.2 + 0.42 * max(count, 2), min(9.0 / aspect, 7.5) + 0.8
+    figure = Figure(figsize=(10.0, above + below), dpi=100, layout="constrained")
+    lanes, picture = figure.subplots(2, 1, height_ratios=[above, below])
     for lane, thing in enumerate(result.objects):
         color = color_of(thing)
         times, columns, rows = sightings(thing, result.size)
@@ -55,7 +57,9 @@ def draw_timeline(result: RunResult, path: Path) -> Path:
             (columns[k], rows[k]),
             arrowprops={"arrowstyle": "-|>", "color": color, "lw": 2},
         )
-        picture.annotate(str(lane + 1), (columns[0], rows[0]), color=color, weight="bold", ha="right", va="bottom")
+        picture.plot(columns[0], rows[0], "o", color=color, ms=5)
+        place = (min(max(float(columns[0]) - 0.015, 0.04), aspect), max(float(rows[0]) - 0.015, 0.07))
+        picture.annotate(str(lane + 1), place, color=color, weight="bold", ha="right", va="bottom", fontsize=12)
     names = [f"{n}: {thing.color}, {thing.direction or 'no direction'}" for n, thing in enumerate(result.objects, 1)]
     lanes.set_yticks(range(count), names)
     lanes.set_xlim(0, end)
@@ -65,9 +69,10 @@ def draw_timeline(result: RunResult, path: Path) -> Path:
     if not count:
         lanes.text(0.5, 0.5, "nothing moved", transform=lanes.transAxes, ha="center", color="0.4")
     lanes.spines[["top", "right"]].set_visible(False)
-    picture.set(xlim=(0, aspect), ylim=(1, 0), aspect="equal", xticks=[], yticks=[])
-    picture.set_title("where, in the picture", fontsize=10)
-    figure.tight_layout()
+    picture.set(xlim=(0, aspect), ylim=(1, 0), aspect="equal")
+    picture.set(xlabel="to the right (heights of the picture)", ylabel="down (heights of the picture)")
+    picture.set_title("where, in the picture: the number stands where it was first seen", loc="left", fontsize=11)
+    picture.grid(color="0.93", lw=0.6)
     figure.savefig(path)
     return path
 

@@ -60,6 +60,10 @@ def plan_figure(plt: Any, plan: Plan, title: str, faint: bool = False) -> tuple[
     axes.set(aspect="equal", xlim=(left - 0.5, right + 0.5), ylim=(bottom - 0.5, top + 0.5))
     axes.set(xlabel="x (m)", ylabel="y (m)")
     axes.set_title(title, fontsize=11)
+    kinds = {kind for shape in plan.rings for kind in shape.kinds}
+    for kind in ("door", "furniture", "pillar"):
+        if kind in kinds:
+            axes.plot([], [], color=LOOKS[kind][0], lw=LOOKS[kind][1], label=kind)
     return figure, axes
 
 
@@ -100,6 +104,7 @@ def path(plt: Any, result: Result) -> Any:
         backing = np.where((mode == REVERSE)[:, None], line, np.nan)
         axes.plot(*backing.T, color="#56b4e9", lw=3.2, zorder=4, label="reversing")
     axes.plot(*pose[0, :2], "o", color="#009e73", ms=8, zorder=5, label="start")
+    axes.plot(*pose[-1, :2], "D", color="#222222", mfc="white", mew=2, ms=8, zorder=5, label="end of the path")
     if hits:
         axes.plot([h.x for h in hits], [h.y for h in hits], "X", color=HIT, ms=10, zorder=6, label="collision")
     if carried.size:
@@ -107,7 +112,7 @@ def path(plt: Any, result: Result) -> Any:
     if result.stops:
         at = np.searchsorted(record.array("time"), result.stops).clip(max=len(pose) - 1)
         axes.plot(*pose[at, :2].T, "s", color="#7b3294", ms=8, zorder=6, label="stopped")
-    legend(axes, 7)
+    legend(axes, 6)
     return figure
 
 
@@ -138,8 +143,9 @@ def map_(plt: Any, result: Result) -> Any:
     if len(believed):
         line = result.record.track("believed")
         axes.plot(*line.T, color=PATH, lw=1.0, alpha=0.6, zorder=3, label="path by dead reckoning")
-        axes.plot([], [], color=(0.8, 0, 0), lw=4, label="map")
-        legend(axes, 2)
+        axes.plot([], [], color=(0.8, 0, 0), lw=4, label="map: features that were confirmed")
+        axes.plot([], [], color=(0.8, 0, 0, 0.35), lw=4, label="faint: seen rarely, or matched wrongly")
+        legend(axes, 4)
     left, right, bottom, top = result.plan.bounds
     axes.set(xlim=(left - 0.5, right + 0.5), ylim=(bottom - 0.5, top + 0.5))
     return figure
@@ -163,7 +169,7 @@ def speeds(plt: Any, result: Result) -> Any:
         upper.axhline(trace.stop, color="0.5", lw=1, ls=":")
         upper.annotate("both below: stop", (0, trace.stop), (3, 2), textcoords="offset points", fontsize=8)
     top = float(np.quantile(sides, 0.998)) if len(sides) else 1.0
-    upper.set(ylabel="speed estimate", ylim=(0, max(1.15 * top, 0.3)))
+    upper.set(ylabel="speed estimate (no unit)", ylim=(0, max(1.15 * top, 0.3)))
     upper.set_title(f"{headline(result)}" + (f" (first {LONGEST:.0f} s)" if not shown.all() else ""), fontsize=11)
     difference = record.array("difference")[shown]
     lower.plot(time, difference, color="0.15", lw=1, label=trace.difference)
@@ -175,7 +181,7 @@ def speeds(plt: Any, result: Result) -> Any:
     span = float(np.quantile(np.abs(difference), 0.998)) if len(difference) else 0.5
     lower.set(
         xlabel="time (s)",
-        ylabel=f"difference ({trace.unit})" if trace.unit else "difference",
+        ylabel=f"difference ({trace.unit})" if trace.unit else "difference (no unit)",
         ylim=(-max(1.15 * span, 0.3), max(1.15 * span, 0.3)),
     )
     turning = (record.array("mode") == TURN)[shown]

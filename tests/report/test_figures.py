@@ -15,6 +15,8 @@ import torch
 import ndtorch
 from ndtorch.binding import bound_objects, object_table
 from ndtorch.report import figures
+from ndtorch.report.figures import attention, layout, outputs, weights
+from ndtorch.report.figures.traces import POINTS, thinned
 from ndtorch.report.palette import STYLES, rgb
 from ndtorch.run.result import Moment, RunResult, Trace
 
@@ -79,13 +81,13 @@ def words(figure: object) -> list[str]:
 def drawn(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[str]]:
     """The words of every figure that is saved, by file name."""
     seen: dict[str, list[str]] = {}
-    save = figures.save
 
     def saved(figure: object, path: Path) -> Path:
         seen[Path(path).name] = words(figure)
-        return save(figure, path)  # type: ignore[arg-type]
+        return layout.save(figure, path)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(figures, "save", saved)
+    for module in (attention, outputs, weights):
+        monkeypatch.setattr(module, "save", saved)
     return seen
 
 
@@ -106,7 +108,8 @@ def test_draws_four_pictures_and_says_what_they_show(
     assert drawn["weights.png"].count("1.00") == 4
     assert {"from the red neuron to:", "from the green neuron to:"} < set(drawn["weights_over_time.png"])
     assert {"input, 9.0 s into learning", "input, 10.0 s into learning"} < set(drawn["frames.png"])
-    assert drawn["outputs.png"].count("red") == 2  # in the legend, and at the end of its trace
+    assert drawn["outputs.png"].count("owns an object") == 2
+    assert set(ndtorch.FEATURES) < set(drawn["outputs.png"])  # a lane for each
 
 
 def test_no_objects_and_no_samples(result: RunResult, drawn: dict[str, list[str]], tmp_path: Path) -> None:
@@ -146,7 +149,7 @@ def test_alternating_is_in_the_title_and_nobody_owns(
         assert any(text.startswith("ALTERNATING") for text in drawn[name])
     assert "▼\nowner" not in drawn["weights.png"]
     panels = [text for text in drawn["weights_over_time.png"] if text.startswith("from the")]
-    assert len(panels) == figures.COLUMNS_SHOWN
+    assert len(panels) == weights.COLUMNS_SHOWN
     assert panels[0] == "from the red neuron to:"
 
 
@@ -174,23 +177,37 @@ def test_thinned_keeps_every_peak() -> None:
     times = np.arange(10_007) / 100
     values = np.zeros(10_007, dtype=np.float32)
     values[[3, 5000, 10_006]] = [1, -2, 3]
-    x, y = figures.thinned(times, values)
-    assert len(x) <= figures.POINTS + 20
+    x, y = thinned(times, values)
+    assert len(x) <= POINTS + 20
     assert sorted(y[y != 0].tolist()) == [-2, 1, 3]
     assert (np.diff(x) > 0).all()
     assert x[0] == times[0]
     assert x[-1] == times[-1]
 
 
-def test_brightened_reaches_the_input_and_leaves_what_is_bright() -> None:
+def test_brightened_reaches_the_scale_and_is_never_dimmed() -> None:
     dark = np.full((2, 2, 3), 40, dtype=np.uint8)
-    bright, gain = figures.brightened(dark, 200)
+    bright, gain = attention.brightened(dark, 200)
     assert gain == 5
     assert bright.max() == 200
-    same, gain = figures.brightened(dark, 50)
+    same, gain = attention.brightened(dark, 20)
     assert gain == 1
     assert (same == dark).all()
-    assert figures.brightened(dark * 0, 200)[0].max() == 0
+    assert attention.brightened(dark * 0, 200)[0].max() == 0
+
+
+def test_attention_is_cropped_to_the_object_and_says_by_how_much_it_stands_out() -> None:
+    frame = np.zeros((100, 200, 3), dtype=np.uint8)
+    frame[20:30, 40:50, 0], frame[70:80, 150:160, 1] = 100, 125
+    enhanced = frame.copy()
+    enhanced[20:30, 40:50, 0], enhanced[70:80, 150:160, 1] = 80, 10
+    box = attention.object_box(enhanced)
+    assert (box.bottom - box.top, box.right - box.left) == (26, 40)  # twice 10 and the rim; a fifth of the width
+    assert box.of(enhanced)[..., 0].sum() == 80 * 100
+    assert attention.stands_out(frame, box) == pytest.approx(0.8)
+    assert attention.stands_out(enhanced, box) == pytest.approx(8)
+    assert attention.object_box(enhanced * 0) == (0, 0, 100, 200)
+    assert attention.stands_out(enhanced * (enhanced > 50), box) == float("inf")
 
 
 def test_palette_has_a_distinct_style_for_every_feature() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ndtorch.binding import BoundObject
-from ndtorch.report.films import EnhancedVideo, Overlay, even, marked
+from ndtorch.report.films import EnhancedVideo, Overlay, clocked, even, mark_of, marked
 from ndtorch.report.palette import GREY_RGB, rgb
 from ndtorch.run.watchers import Picture
 
@@ -59,3 +59,24 @@ def test_films_have_an_even_size_and_every_picture(size: tuple[int, int], tmp_pa
         assert (film.get(cv2.CAP_PROP_FRAME_COUNT), film.get(cv2.CAP_PROP_FRAME_WIDTH)) == (3, width)
     _, picture = film.read()
     assert picture[:, 100:].mean() > 150 > picture[:, :60].mean()
+
+
+def test_the_overlay_has_number_label_and_clock() -> None:
+    plain, numbered = marked(FRAME, (thing(),)), marked(FRAME, (thing(track=4),))
+    assert mark_of(thing(track=4)) == "#5"
+    assert (plain != numbered).any()
+    clock = clocked(FRAME, 1.5)
+    rows, _ = np.nonzero(clock.max(-1))
+    assert rows.min() > 30
+    assert (clock != clocked(FRAME, 2.5)).any()
+    assert FRAME.max() == 0
+
+
+def test_the_enhanced_half_of_the_film_is_as_bright_as_the_input(tmp_path: Path) -> None:
+    frame = np.zeros((60, 80, 3), dtype=np.uint8)
+    frame[10:40] = 150
+    with_film = EnhancedVideo(tmp_path / "e.avi", 5, (60, 80))
+    with_film.picture(Picture(0.0, frame, frame // 5, 7))
+    with_film.close()
+    _, picture = cv2.VideoCapture(str(tmp_path / "e.avi")).read()
+    assert picture[15:35, 90:150].mean() == pytest.approx(150, abs=6)

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 class Drive:
     """Drive through a simulated building, steering and mapping by sight.
 
-    Shows the progress and a summary, and writes summary.json, path.png, map.png, map.npz, speeds.png and rows.png.
-    Options override the file. Ctrl-C stops the robot and keeps everything.
+    Shows the progress and a summary, and writes report.html with all pictures, summary.json, path.png, map.png,
+    map.npz, speeds.png and rows.png. Options override the file. Ctrl-C stops the robot and keeps everything.
     """
 
     config: Annotated[Path | None, tyro.conf.Positional] = None
@@ -57,6 +57,8 @@ class Drive:
     """New folder for a recording that `ndtorch replay` drives again."""
     record_format: Literal["png", "jpeg", "raw"] | None = None
     """Frames of the recording: png (default) and raw keep them to the bit, jpeg does not."""
+    open: bool = False
+    """Show report.html in the browser when the drive has ended."""
     json: bool = False
     """Print the summary as one JSON object and nothing else."""
 
@@ -64,11 +66,12 @@ class Drive:
         """Drive, show the progress, write the results and the summary."""
         import torch
 
+        from ndtorch.report.page import NAME, open_in_browser
         from ndtorch.run.folder import RunFolder
         from ndtorch_robot.config import load_config
 
         choices = asdict(self)
-        del choices["config"], choices["json"], choices["force"]
+        del choices["config"], choices["json"], choices["force"], choices["open"]
         # A flag that is not given leaves the file's value.
         config = load_config(self.config, {k: None if value is False else value for k, value in choices.items()})
         folder = RunFolder(config.out, self.force)
@@ -87,6 +90,8 @@ class Drive:
             print(f"  written to {folder.final}: {' '.join(file.name for file in files)}")
             if config.rrd:
                 print(f"  recording: rerun {config.rrd}")
+        if self.open:
+            open_in_browser(folder.final / NAME)
         return INTERRUPTED if result.interrupted else 0
 
 
@@ -118,6 +123,7 @@ def write_results(result: Result, folder: Path) -> None:
     import numpy as np
 
     from ndtorch_robot.figures import write_figures
+    from ndtorch_robot.report import write_drive_page
 
     (folder / "summary.json").write_text(json.dumps(result.summary, indent=1) + "\n")
     g = result.grid
@@ -130,6 +136,7 @@ def write_results(result: Result, folder: Path) -> None:
         believed_path=result.record.array("believed"),
     )
     write_figures(result, folder)
+    write_drive_page(result, describe(result), folder)
 
 
 def describe(result: Result) -> str:

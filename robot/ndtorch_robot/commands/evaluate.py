@@ -36,8 +36,9 @@ FAILED = 1
 class Evaluate:
     """Drive many times, in parallel, and put the results into one table.
 
-    Writes table.md, table.csv, table.png and drives.jsonl, and keeps every finished drive in DIR/drives: killed and
-    started again it goes on where it was, until the code or an option changes. Ctrl-C keeps what is finished.
+    Writes report.html, table.md, table.csv, table.png and drives.jsonl, and keeps every finished drive in DIR/drives:
+    killed and started again it goes on where it was, until the code or an option changes. Ctrl-C keeps what is
+    finished.
     """
 
     config: Annotated[Path | None, tyro.conf.Positional] = None
@@ -56,11 +57,14 @@ class Evaluate:
     """Drives at a time (default one a core)."""
     out: Path = Path("out/evaluate")
     """Folder for the results."""
+    open: bool = False
+    """Show report.html in the browser when it is written."""
     json: bool = False
     """Print the rows of the table as JSON instead."""
 
     def run(self) -> int:
         """Drive, show the progress, write the table."""
+        from ndtorch.report.page import NAME, open_in_browser
         from ndtorch.run.folder import prepare
         from ndtorch_robot.evaluation.drives import Cache
 
@@ -76,6 +80,8 @@ class Evaluate:
         found = [(d, summary) for d in drives if (summary := cache.get(d)) is not None]
         words = write_tables([summary for _, summary in found], self.out, self.note(drives, found), self.json)
         print(words)
+        if self.open and found:
+            open_in_browser(self.out / NAME)
         for trouble in troubles:
             print(f"failed: {trouble}", file=sys.stderr)
         return INTERRUPTED if interrupted else FAILED if troubles else 0
@@ -159,6 +165,7 @@ def write_tables(summaries: list[Summary], folder: Path, note: str, as_json: boo
     """All files of an evaluation; returns what to print."""
     from ndtorch_robot.evaluation.picture import draw_table
     from ndtorch_robot.evaluation.table import comma_separated, markdown, rows_of
+    from ndtorch_robot.report import write_evaluation_page
 
     rows = rows_of(summaries)
     text = markdown(rows, note)
@@ -167,6 +174,7 @@ def write_tables(summaries: list[Summary], folder: Path, note: str, as_json: boo
     (folder / "drives.jsonl").write_text("".join(json.dumps(s) + "\n" for s in summaries))
     if rows:
         draw_table(rows, folder / "table.png")
+        write_evaluation_page(rows, note, folder)
     if as_json:
         return json.dumps([{k: v for k, v in row._asdict().items() if k != "drives"} for row in rows])
-    return text + f"\nwritten to {folder}: table.md table.csv drives.jsonl" + " table.png" * bool(rows)
+    return text + f"\nwritten to {folder}: table.md table.csv drives.jsonl" + " table.png report.html" * bool(rows)

@@ -44,7 +44,7 @@ def test_results_are_kept_until_code_or_parameters_change(
     data = json.loads((out / "claims.json").read_text())["claims"]
     assert data[0]["verdict"] == "holds"
     assert data[0]["numbers"]["slope"] == pytest.approx(0.1212, abs=5e-5)
-    page = (out / "index.html").read_text()
+    page = (out / "report.html").read_text()
     assert "0.1212°/px" in page
     # It opens offline: nothing is loaded from anywhere.
     assert '<img src="data:image/' in page

@@ -119,6 +119,6 @@ def test_the_command_scores_model_and_peers_in_one_table(
         assert float(row["f"]) > (0.5 if row["method"] != "video" else -1)
         assert (row["idf1"] == "") == (kind == "masks")
         assert float(row["ms_per_frame"]) > 0
-    assert "square" in (out / "index.html").read_text(encoding="utf-8")
+    assert "square" in (out / "report.html").read_text(encoding="utf-8")
     assert main(["score", "--labelled", str(out), "--out", str(out)]) == 2
     assert "holds no folder with a clip.mp4" in capsys.readouterr().err

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 class Reproduce:
     """Reproduce the published results: every claim of the three papers, or those named (A1 to C9).
 
-    Writes index.html, a page with the table of claims and all figures that opens offline, claims.json, and the
+    Writes report.html, a page with the table of claims and all figures that opens offline, claims.json, and the
     figures as SVG and PNG. Results are kept: a run that was stopped goes on where it was, and a claim is computed
     again when its code or parameters have changed.
     """
@@ -44,9 +44,12 @@ class Reproduce:
     """Video of a road camera that B9 looks at too."""
     fresh: bool = False
     """Use no result of an earlier run."""
+    open: bool = False
+    """Show report.html in the browser when it is written."""
 
     def run(self) -> int:
         """Do it; returns the exit code."""
+        from ndtorch.report.page import NAME, open_in_browser
         from ndtorch_train.reproduce.claims import chosen
         from ndtorch_train.reproduce.page import markdown, publish, put_table, tally
 
@@ -68,7 +71,9 @@ class Reproduce:
             raise InputError(f"{error.filename or self.out} cannot be written: {error.strerror}") from None
         for entry in entries:
             print(f"{entry.claim.id:4}{entry.outcome.verdict:17}{entry.outcome.ours}")
-        print(f"{tally(entries)}; written to {self.out / 'index.html'}")
+        print(f"{tally(entries)}; written to {self.out / NAME}")
+        if self.open:
+            open_in_browser(self.out / NAME)
         for name, why in failed.items():
             print(f"error: {name} could not be tried: {why.strip()}", file=sys.stderr)
         return 1 if failed else 0

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from torch import Tensor
 
-from ndtorch.report.figures import draw_matrix, draw_traces
+from ndtorch.report.figures.traces import draw_traces
+from ndtorch.report.figures.weights import draw_matrix
 from ndtorch.report.palette import STYLES
 from ndtorch.vision import FEATURES
 

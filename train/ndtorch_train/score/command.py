@@ -35,7 +35,7 @@ class ScoreOptions:
     retinotopic: int = 0
     """Scenes of each set for object files over retinotopic signals; 0 leaves them out."""
     out: Path = Path("out/score")
-    """Folder for leaderboard.md, leaderboard.csv and leaderboard.png."""
+    """Folder for leaderboard.md, leaderboard.csv, leaderboard.png and report.html."""
     video: bool = False
     """Measure `ndtorch bind` on generated video instead (scores.md, scores.csv)."""
     clips: int = 8
@@ -50,6 +50,8 @@ class ScoreOptions:
     """Video: a file to run on too; its timeline is drawn."""
     keep: Path | None = None
     """Video: folder in which generated clips are kept, and looked for."""
+    open: bool = False
+    """Show report.html in the browser when it is written."""
     labelled: Path | None = None
     """Folder of clips with others' truth (clip.mp4 with gt.txt or masks.mkv): score on them instead (labelled.csv)."""
     methods: tuple[str, ...] = LABELLED
@@ -69,15 +71,20 @@ class ScoreOptions:
             if self.rows != 0 and self.rows < 32:
                 raise InputError(f"rows must be 0 or at least 32, got {self.rows}")
             return run(self.labelled, self.methods, self.rows, self.out)
+        from ndtorch.report.page import NAME, Shown, open_in_browser
         from ndtorch_train.score.benchmark import bar_rows, random_rows, rendered_rows, stress_rows
         from ndtorch_train.score.figure import draw
         from ndtorch_train.score.leaderboard import Row, markdown, write_csv
+        from ndtorch_train.score.report import write_score_page
         from ndtorch_train.score.retinotopic import rendered_row, retinotopic_rows
         from ndtorch_train.score.video_command import VideoScore
 
         if self.video:
             options = VideoScore(self.clips, self.counts, self.rates, self.split, self.ablate)
-            return options.run(self.file, self.keep, self.out)
+            code = options.run(self.file, self.keep, self.out)
+            if self.open:
+                open_in_browser(self.out / NAME)
+            return code
         torch.set_num_threads(1)
         tune_allocator()
         check(self)
@@ -102,11 +109,15 @@ class ScoreOptions:
             self.out.mkdir(parents=True, exist_ok=True)
             (self.out / "leaderboard.md").write_text(text, encoding="utf-8")
             write_csv(rows, self.out / "leaderboard.csv")
-            draw(rows, self.out / "leaderboard.png", f"split {self.split}, {self.scenes} random scenes")
+            picture = draw(rows, self.out / "leaderboard.png", f"split {self.split}, {self.scenes} random scenes")
+            shown = [Shown(picture, "The same as a picture", "Bars: two standard errors.")]
+            page = write_score_page("Binding rules on random scenes", text, shown, self.out)
         except OSError as error:
             raise InputError(f"--out {self.out} cannot be written: {error.strerror}") from None
         print(text)
-        print(f"written  {self.out}: leaderboard.md, leaderboard.csv, leaderboard.png")
+        print(f"written  {self.out}: leaderboard.md, leaderboard.csv, leaderboard.png, report.html")
+        if self.open:
+            open_in_browser(page)
         return 0
 
 

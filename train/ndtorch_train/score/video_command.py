@@ -12,9 +12,11 @@ import torch
 from ndtorch.binding.models.video import SWITCHES as PARTS
 from ndtorch.errors import InputError
 from ndtorch.memory import tune_allocator
+from ndtorch.report.page import Shown
 from ndtorch.report.timeline import draw_timeline
 from ndtorch.report.words import in_words
 from ndtorch_train.score.choices import RATES, Split
+from ndtorch_train.score.report import write_score_page
 from ndtorch_train.score.video_clips import SECONDS, SPLIT_SEEDS
 from ndtorch_train.score.video_score import ClipScore, run_video, score_clips, table
 
@@ -38,7 +40,7 @@ class VideoScore:
     ablate: tuple[str, ...] = ()
 
     def run(self, file: Path | None, keep: Path | None, out: Path) -> int:
-        """Write scores.md and scores.csv into `out`; returns the exit code.
+        """Write scores.md, scores.csv and report.html into `out`; returns the exit code.
 
         Args:
             file: a video to run on too; timeline.png is drawn.
@@ -70,6 +72,8 @@ class VideoScore:
             text += f"\n```\n{in_words(result)}\n```\n"
         (out / "scores.md").write_text(text, encoding="utf-8")
         write_csv(rows, out / "scores.csv")
+        shown = [Shown(out / "timeline.png", "The file", "Objects over time.")] if file is not None else []
+        write_score_page("Objects in generated video", text, shown, out)
         print(text)
         return 0
 

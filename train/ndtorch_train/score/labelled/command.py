@@ -11,7 +11,7 @@ import cv2
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch_train.output import prepare
+from ndtorch.run.folder import prepare
 from ndtorch_train.score.choices import LABELLED
 from ndtorch_train.score.labelled.methods import see, shrunk
 from ndtorch_train.score.labelled.metrics import score
@@ -27,7 +27,7 @@ NOTE = (
 
 
 def run(folder: Path, methods: Sequence[str], rows: int, out: Path) -> int:
-    """Score methods on every clip of a folder, write labelled.csv, labelled.md and index.html.
+    """Score methods on every clip of a folder, write labelled.csv, labelled.md and report.html.
 
     Args:
         folder: of folders with clip.mp4, and gt.txt or masks.mkv, or one of them.
@@ -57,7 +57,7 @@ def run(folder: Path, methods: Sequence[str], rows: int, out: Path) -> int:
             # After every method, so that a run that is stopped leaves what it has.
             write(table, note, out)
     print(write(table, note, out))
-    print(f"written  {out}: labelled.csv, labelled.md, index.html")
+    print(f"written  {out}: labelled.csv, labelled.md, report.html")
     return 0
 
 

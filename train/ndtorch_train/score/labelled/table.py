@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import csv
-import html
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ndtorch.report.page import NAME, command_line, render, versions
 from ndtorch_train.score.labelled.metrics import Score
 
 COLUMNS = {
@@ -40,7 +40,7 @@ class Row:
 
 
 def write(rows: Sequence[Row], note: str, out: Path) -> str:
-    """Write labelled.csv, labelled.md and index.html; returns the table as markdown."""
+    """Write labelled.csv, labelled.md and report.html; returns the table as markdown."""
     text = markdown(rows)
     with (out / "labelled.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
@@ -49,7 +49,7 @@ def write(rows: Sequence[Row], note: str, out: Path) -> str:
             values = [getattr(row.score, name) for name in COLUMNS]
             writer.writerow([row.method, row.clip, *("" if v is None else f"{v:.6g}" for v in (*values, row.ratio))])
     (out / "labelled.md").write_text(f"{note}\n\n{text}", encoding="utf-8")
-    (out / "index.html").write_text(page(rows, note), encoding="utf-8")
+    (out / NAME).write_text(page(rows, note), encoding="utf-8")
     return text
 
 
@@ -89,24 +89,19 @@ def markdown(rows: Sequence[Row]) -> str:
 
 def page(rows: Sequence[Row], note: str) -> str:
     """The same as a page that opens offline."""
-    heads = ["method", "clip", *COLUMNS.values(), "times MOG2"]
     body = []
     for group in clips(rows):
         winners = best(group)
         for n, row in enumerate(group):
-            tags = [
-                f"<td><b>{c}</b></td>" if k < len(winners) and n in winners[k] else f"<td>{c}</td>"
-                for k, c in enumerate(cells(row))
-            ]
-            name = f"<td>{html.escape(row.method)}</td><td>{html.escape(row.clip)}</td>"
-            body.append(f"<tr{' class=first' if n == 0 else ''}>{name}{''.join(tags)}</tr>")
-    style = (
-        "body{font:15px/1.5 sans-serif;margin:2em auto;max-width:90em;padding:0 1em}table{border-collapse:collapse}"
-        "td,th{padding:.2em .6em;text-align:right}td:first-child,td:nth-child(2){text-align:left}"
-        "tr.first td{border-top:1px solid #999}"
-    )
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Labelled video</title>'
-        f"<style>{style}</style></head><body><h1>Video with others' truth</h1><p>{html.escape(note)}</p>"
-        f"<table><tr>{''.join(f'<th>{h}</th>' for h in heads)}</tr>{''.join(body)}</table></body></html>"
+            marked = {k + 2 for k, winner in enumerate(winners) if n in winner}
+            body.append({"cells": [row.method, row.clip, *cells(row)], "best": marked, "first": n == 0})
+    return render(
+        "labelled.html",
+        Path(__file__).parent,
+        title="Video with others' truth",
+        note=note,
+        heads=["method", "clip", *COLUMNS.values(), "times MOG2"],
+        rows=body,
+        command=command_line(),
+        facts=versions("ndtorch-train"),
     )

@@ -1,0 +1,69 @@
+"""The reports of a simulated drive and of an evaluation, on the library's page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ndtorch.report.page import Page, Shown, Table, command_line, versions
+from ndtorch_robot.drive import Result
+from ndtorch_robot.evaluation.table import COLUMNS, Row, cells
+
+PACKAGES = ("ndtorch-robot", "mujoco")
+
+SHOWN = (
+    (
+        "path.png",
+        "Where the car went",
+        "The true path over the true plan, with turns, reversing, collisions and stops. Only the picture knows them.",
+    ),
+    (
+        "map.png",
+        "The map that it made",
+        "Red: the map, the darker the more certain. Each short stroke is the certainty of one feature: narrow across "
+        "the line of sight, long along it. Faint strokes away from walls are features that were seen too few times or "
+        "matched wrongly between the two cameras; they fade as nothing confirms them.",
+    ),
+    (
+        "rows.png",
+        "What both cameras read",
+        "One row of pixels of each camera, stacked over time. Dots are features with a range. Lines that spread out "
+        "are walls that pass by.",
+    ),
+    (
+        "speeds.png",
+        "Why it turned",
+        "Above: how fast the picture moves on both sides. Below: what the controller weighs, and where it acts.",
+    ),
+)
+
+
+def write_drive_page(result: Result, words: str, folder: Path) -> Path:
+    """Write report.html about a drive whose pictures are in `folder`; `words` is the summary."""
+    config = result.config
+    first, *rest = words.splitlines()
+    facts = {
+        "arena": config.arena,
+        "seed": str(config.seed),
+        "controller": config.controller,
+        "walls": config.walls,
+        "dead reckoning": config.odometry,
+        **versions(*PACKAGES),
+    }
+    shown = [Shown(folder / name, title, caption) for name, title, caption in SHOWN]
+    return Page(f"A drive: {first}", [line.strip() for line in rest], command_line(), facts, (), shown).write(folder)
+
+
+def write_evaluation_page(rows: Sequence[Row], note: str, folder: Path) -> Path:
+    """Write report.html about an evaluation whose picture is in `folder`."""
+    drives = sum(len(row.drives) for row in rows)
+    hours = sum(row.hours for row in rows)
+    hits = round(sum(row.hours * row.collisions_h for row in rows))
+    answer = [f"{drives} drives, {hours:.2f} simulated hours, {hits} collisions.", note]
+    table = Table("All drives together", COLUMNS, [cells(row) for row in rows])
+    picture = Shown(
+        folder / "table.png",
+        "Collisions and area",
+        "Small signs are single drives, the line spans them, large signs are all drives together.",
+    )
+    return Page("Many drives", answer, command_line(), versions(*PACKAGES), [table], [picture]).write(folder)

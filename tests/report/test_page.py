@@ -1,0 +1,94 @@
+"""Reports: everything is in the one file, text is escaped, and a browser shows and plays it all."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from ndtorch.report import page as pages
+from ndtorch.report.page import Page, Shown, Table, command_line, render
+from ndtorch.scenes.video_writer import VideoWriter
+from tests.browser import Browser, found
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A report with a picture and a film, alone in a folder."""
+    import cv2
+
+    folder = tmp_path_factory.mktemp("files")
+    cv2.imwrite(str(folder / "a.png"), np.full((300, 900, 3), 200, dtype=np.uint8))
+    with VideoWriter(folder / "b.mp4", 12.5, (64, 96)) as film:
+        for n in range(10):
+            film.write(torch.full((3, 64, 96), 0.1 * n))
+    shown = [
+        Shown(folder / "a.png", "A picture", "grey"),
+        Shown(folder / "b.mp4", "A film", "brighter"),
+        Shown(folder / "none.png", "Nothing", "not there"),
+    ]
+    table = Table("A table", [f"column {n}" for n in range(20)], [["a wide cell"] * 20])
+    out = tmp_path_factory.mktemp("page")
+    return Page("<b> & co", ["2 objects"], "ndtorch bind x", {"model": "published"}, [table], shown).write(out)
+
+
+def test_one_file_holds_everything_and_nothing_is_fetched(written: Path) -> None:
+    text = written.read_text(encoding="utf-8")
+    assert [path.name for path in written.parent.iterdir()] == ["report.html"]
+    assert "&lt;b&gt; &amp; co" in text
+    assert "Nothing" not in text
+    assert "ndtorch bind x" in text
+    addresses = re.findall(r'(?:src|href)="([^"]*)"', text)
+    assert len(addresses) == 3
+    assert all(address.startswith("data:") for address in addresses)
+
+
+def test_a_large_film_stays_beside_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "film.mp4").write_bytes(b"0" * 100)
+    monkeypatch.setattr(pages, "LARGEST", 99)
+    assert pages.address(tmp_path / "film.mp4") == "film.mp4"
+
+
+def test_a_folder_of_ones_own_extends_the_base(tmp_path: Path) -> None:
+    (tmp_path / "own.html").write_text('{% extends "base.html" %}{% block content %}{{ x }}{% endblock %}')
+    text = render("own.html", tmp_path, title="t", command="", facts={}, x="<i>")
+    assert "&lt;i&gt;" in text
+    assert "prefers-color-scheme: dark" in text
+
+
+def test_the_command_can_be_copied(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["/usr/bin/ndtorch", "bind", "my video.mp4"])
+    assert command_line() == "ndtorch bind 'my video.mp4'"
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    if not found():
+        pytest.skip("chromium and chromedriver are not installed")
+    browser = Browser(tmp_path_factory.mktemp("profile"))
+    yield browser
+    browser.close()
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_a_browser_shows_it_without_complaint_and_plays_the_film(written: Path, browser: Browser, width: int) -> None:
+    complaints, played, wide, shot = browser.look(written, width)
+    assert complaints == []
+    assert played == ["played", [96]]
+    assert wide <= width  # wide tables scroll by themselves
+    assert len(shot) > 2000
+
+
+def test_a_page_that_complains_is_caught(browser: Browser, tmp_path: Path) -> None:
+    (tmp_path / "bad.html").write_text(
+        '<script>undefined_name()</script><img src="none.png" alt="x"><video src="n.mp4">'
+    )
+    complaints, played, _, _ = browser.look(tmp_path / "bad.html", 800)
+    assert any("undefined_name" in words for words in complaints)
+    assert "broken picture x" in complaints
+    assert played[0] == "failed"
