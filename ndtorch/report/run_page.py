@@ -18,7 +18,8 @@ SHOWN = (
     ("enhanced.mp4", "Input and attention", "Left: what the model sees. Right: the same, weighted by the features of "
      "the winning neuron, brightened as far as the input."),
     ("frames.png", "Attention, cropped to the object", "The clearest moment of every winner. The boxes mark what is "
-     "shown larger. Numbers say how bright the object is against everything else."),
+     "shown larger. The numbers compare the brightest pixel of the object with the brightest one elsewhere; the object "
+     "is what is at least 0.35 times as bright as the brightest pixel after attention."),
     ("weights.png", "What was learned", "Each column holds the weights from one neuron to all others. Neurons that "
      "own an object have large ones, and their column is the object's list of features."),
     ("weights_over_time.png", "How it was learned", "Weights that each owner sends to the others."),

@@ -58,8 +58,17 @@ def draw_timeline(result: RunResult, path: Path) -> Path:
             arrowprops={"arrowstyle": "-|>", "color": color, "lw": 2},
         )
         picture.plot(columns[0], rows[0], "o", color=color, ms=5)
-        place = (min(max(float(columns[0]) - 0.015, 0.04), aspect), max(float(rows[0]) - 0.015, 0.07))
-        picture.annotate(str(lane + 1), place, color=color, weight="bold", ha="right", va="bottom", fontsize=12)
+        side = -1 if lane % 2 else 1  # objects that come one after the other often come in at one place
+        place = (min(max(float(columns[0]) - 0.015 * side, 0.04), aspect - 0.04), max(float(rows[0]) - 0.015, 0.07))
+        picture.annotate(
+            str(lane + 1),
+            place,
+            color=color,
+            weight="bold",
+            ha="right" if side > 0 else "left",
+            va="bottom",
+            fontsize=12,
+        )
     names = [f"{n}: {thing.color}, {thing.direction or 'no direction'}" for n, thing in enumerate(result.objects, 1)]
     lanes.set_yticks(range(count), names)
     lanes.set_xlim(0, end)

@@ -204,10 +204,11 @@ def test_attention_is_cropped_to_the_object_and_says_by_how_much_it_stands_out()
     box = attention.object_box(enhanced)
     assert (box.bottom - box.top, box.right - box.left) == (26, 40)  # twice 10 and the rim; a fifth of the width
     assert box.of(enhanced)[..., 0].sum() == 80 * 100
-    assert attention.stands_out(frame, box) == pytest.approx(0.8)
-    assert attention.stands_out(enhanced, box) == pytest.approx(8)
+    parts = attention.object_parts(enhanced)
+    assert attention.stands_out(frame, parts) == pytest.approx(0.8)
+    assert attention.stands_out(enhanced, parts) == pytest.approx(8)
     assert attention.object_box(enhanced * 0) == (0, 0, 100, 200)
-    assert attention.stands_out(enhanced * (enhanced > 50), box) == float("inf")
+    assert attention.stands_out(enhanced * (enhanced > 50), parts) == float("inf")
 
 
 def test_palette_has_a_distinct_style_for_every_feature() -> None:

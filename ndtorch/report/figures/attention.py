@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from ndtorch.report.figures.layout import inches, new_figure, save
 from ndtorch.report.palette import STYLES
@@ -16,10 +17,12 @@ from ndtorch.vision.features import FEATURES
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+Mask = npt.NDArray[np.bool_]
+
 PIXELS = 800
 """Longest side of a frame as it is handed to matplotlib."""
 BRIGHT = 0.35
-"""Share of the brightest enhanced pixel from which on a pixel belongs to the object."""
+"""Share of the brightest pixel after attention from which on a pixel belongs to the object."""
 SMALLEST = 0.2
 """A crop is this share of the frame's sides at least."""
 MOST_GAIN = 10.0
@@ -54,9 +57,9 @@ def draw_frames(result: RunResult, path: str | Path) -> Path:
         name = FEATURES[moment.neuron]
         color = STYLES[name].color
         bottom = height - 0.4 - step * (row + 1) + 0.12
-        box = object_box(moment.enhanced)
+        box, parts = object_box(moment.enhanced), object_parts(moment.enhanced)
         enhanced, gain = brightened(moment.enhanced, 255)
-        before, after = (stands_out(image, box) for image in (moment.frame, moment.enhanced))
+        before, after = (stands_out(image, parts) for image in (moment.frame, moment.enhanced))
         titles = (
             f"input, {moment.time - result.settle:.1f} s into learning",
             f"{name}, as it comes\n{times(before)} as bright as anything else",
@@ -86,22 +89,30 @@ def show(axes: Axes, pixels: Pixels) -> None:
     axes.set(xticks=[], yticks=[], xlim=(0, 1), ylim=(1, 0), aspect=pixels.shape[0] / pixels.shape[1])
 
 
+def object_parts(enhanced: Pixels) -> Mask:
+    """What belongs to the object `[H, W]`: all that is `BRIGHT` after attention, with a rim. It may be in two places."""
+    import cv2
+
+    light = enhanced.max(-1)
+    near = max(3, round(0.02 * max(light.shape)))
+    bright = ((light >= BRIGHT * int(light.max())) & (light > 0)).astype(np.uint8)
+    parts: Mask = cv2.dilate(bright, np.ones((near, near), np.uint8)).astype(bool)
+    return parts
+
+
 def object_box(enhanced: Pixels) -> Box:
-    """Around the strongest connected bright part of an enhanced image, with a margin; of a black one the whole."""
+    """Around the strongest connected part of the object, with a margin; of a black image the whole."""
     import cv2
 
     light = enhanced.max(-1)
     tall, wide = light.shape
     if not light.any():
         return Box(0, 0, tall, wide)
-    near = max(3, round(0.02 * max(tall, wide)))
-    bright = cv2.dilate((light >= BRIGHT * int(light.max())).astype(np.uint8), np.ones((near, near), np.uint8))
-    count, labels = cv2.connectedComponents(bright)
+    count, labels = cv2.connectedComponents(object_parts(enhanced).astype(np.uint8))
     sums = np.bincount(labels.ravel(), light.ravel().astype(np.float64), count)
     rows, columns = np.nonzero(labels == 1 + int(sums[1:].argmax()))
-    return Box(
-        *widened(rows, tall)[:1], *widened(columns, wide)[:1], *widened(rows, tall)[1:], *widened(columns, wide)[1:]
-    )
+    (top, bottom), (left, right) = widened(rows, tall), widened(columns, wide)
+    return Box(top, left, bottom, right)
 
 
 def widened(places: np.ndarray[tuple[int, ...], np.dtype[np.int64]], size: int) -> tuple[int, int]:
@@ -112,13 +123,10 @@ def widened(places: np.ndarray[tuple[int, ...], np.dtype[np.int64]], size: int) 
     return start, start + length
 
 
-def stands_out(pixels: Pixels, box: Box) -> float:
-    """The brightest pixel in the box over the brightest one outside it; infinite where all else is black."""
+def stands_out(pixels: Pixels, parts: Mask) -> float:
+    """The brightest pixel of the object over the brightest one elsewhere; infinite where all else is black."""
     light = pixels.max(-1)
-    inside = int(box.of(light).max(initial=0))
-    rest = light.copy()
-    box.of(rest)[:] = 0
-    outside = int(rest.max(initial=0))
+    inside, outside = int(light[parts].max(initial=0)), int(light[~parts].max(initial=0))
     return inside / outside if outside else float("inf")
 
 
