@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from ndtorch.commands import main
+from ndtorch.loading import model_folders
 
 
 def test_a_model_is_written_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
