@@ -90,7 +90,7 @@ def show(axes: Axes, pixels: Pixels) -> None:
 
 
 def object_parts(enhanced: Pixels) -> Mask:
-    """What belongs to the object `[H, W]`: all that is `BRIGHT` after attention, with a rim. It may be in two places."""
+    """What belongs to the object `[H, W]`: all that is `BRIGHT` after attention, and a rim; maybe in two places."""
     import cv2
 
     light = enhanced.max(-1)

@@ -46,6 +46,8 @@ class Reproduce:
     """Use no result of an earlier run."""
     open: bool = False
     """Show report.html in the browser when it is written."""
+    json: bool = False
+    """Print what claims.json holds and nothing else."""
 
     def run(self) -> int:
         """Do it; returns the exit code."""
@@ -69,9 +71,12 @@ class Reproduce:
                 put_table(self.table, markdown(entries, self.quick, self.words()))
         except OSError as error:
             raise InputError(f"{error.filename or self.out} cannot be written: {error.strerror}") from None
-        for entry in entries:
-            print(f"{entry.claim.id:4}{entry.outcome.verdict:17}{entry.outcome.ours}")
-        print(f"{tally(entries)}; written to {self.out / NAME}")
+        if self.json:
+            print((self.out / "claims.json").read_text(encoding="utf-8").strip())
+        else:
+            for entry in entries:
+                print(f"{entry.claim.id:4}{entry.outcome.verdict:17}{entry.outcome.ours}")
+            print(f"{tally(entries)}; written to {self.out / NAME}")
         if self.open:
             open_in_browser(self.out / NAME)
         for name, why in failed.items():
