@@ -21,6 +21,8 @@ from ndtorch.vision.features import FEATURES
 
 STEP = {"left": (0, -1), "right": (0, 1), "down": (1, 0), "up": (-1, 0)}
 """Rows and columns of an arrow towards a direction."""
+SMALLEST = 100
+"""Rows of a picture that letters are put on."""
 FADE = 4.0
 """Seconds after which a bright moment no longer sets the scale."""
 YOUNG = 0.3
@@ -137,9 +139,11 @@ def clocked(image: Pixels, seconds: float) -> Pixels:
 
 
 def lettered(image: Pixels, words: str, column: int, baseline: int, color: tuple[int, int, int]) -> None:
-    """Write on the image, in colour on a white rim, inside the picture, a 26th of it high and readable in any."""
+    """Write on the image, in colour on a white rim, inside the picture; not on one that is too small for letters."""
     import cv2
 
+    if len(image) < SMALLEST:
+        return
     font, scale = cv2.FONT_HERSHEY_SIMPLEX, max(0.4, len(image) / 560)
     words = words.replace("°", " deg")
     (wide, tall), _ = cv2.getTextSize(words, font, scale, 1)

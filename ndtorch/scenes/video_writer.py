@@ -38,6 +38,7 @@ class H264:
     def __init__(self, path: Path, fps: float, size: tuple[int, int]) -> None:
         av = need("av", "an .mp4 video")
         try:
+            path.open("wb").close()  # the library finds out only when it writes
             self._file: Any = av.open(str(path), "w", options={"movflags": "faststart"})
             rate = Fraction(fps).limit_denominator(1001)
             # One thread: the frames of a run come one at a time, and the other core may be busy.

@@ -62,14 +62,15 @@ def test_films_have_an_even_size_and_every_picture(size: tuple[int, int], tmp_pa
 
 
 def test_the_overlay_has_number_label_and_clock() -> None:
-    plain, numbered = marked(FRAME, (thing(),)), marked(FRAME, (thing(track=4),))
+    frame = np.zeros((120, 160, 3), dtype=np.uint8)
+    plain, numbered = marked(frame, (thing(),)), marked(frame, (thing(track=4),))
     assert mark_of(thing(track=4)) == "#5"
     assert (plain != numbered).any()
-    clock = clocked(FRAME, 1.5)
+    clock = clocked(frame, 1.5)
     rows, _ = np.nonzero(clock.max(-1))
-    assert rows.min() > 30
-    assert (clock != clocked(FRAME, 2.5)).any()
-    assert FRAME.max() == 0
+    assert rows.min() > 60
+    assert (clock != clocked(frame, 2.5)).any()
+    assert frame.max() == clocked(FRAME, 1.5).max() == 0  # no room for letters
 
 
 def test_the_enhanced_half_of_the_film_is_as_bright_as_the_input(tmp_path: Path) -> None:

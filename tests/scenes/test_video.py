@@ -230,7 +230,7 @@ def test_sources_that_cannot_be_opened(tmp_path: Path, source: str | int, words:
     (tmp_path / "broken").mkdir()
     (tmp_path / "broken" / "1.png").write_bytes(b"no image")
     whole = write(tmp_path / "whole.mp4").read_bytes()
-    (tmp_path / "headless.mp4").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "headless.mp4").write_bytes(whole[len(whole) // 2 :])
     plain = isinstance(source, int) or ":" in source or source.startswith("/")
     with pytest.raises(InputError, match=words) as caught:
         open_video(source if plain else tmp_path / str(source))
@@ -269,7 +269,7 @@ def test_a_broken_image_later_in_the_folder_is_named(tmp_path: Path) -> None:
 def test_failures_print_nothing_else(tmp_path: Path) -> None:
     (tmp_path / "noise.mp4").write_bytes(b"no video" * 100)
     whole = write(tmp_path / "whole.mp4").read_bytes()
-    (tmp_path / "headless.mp4").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "headless.mp4").write_bytes(whole[len(whole) // 2 :])
     code = (
         "import sys\n"
         "from ndtorch.errors import InputError\n"
