@@ -46,8 +46,8 @@ def navigator_flags(*left_out: str) -> Callable[[Command], Command]:
                 continue
             flag = option.default is False
             text = option.words if flag or option.default == "" else f"{option.words} (default {option.default})"
-            wanted = Annotated[option.kind if flag else option.kind | None, tyro.conf.arg(help=text)]
-            command.__annotations__[option.name] = wanted
+            kind: Any = option.kind if flag else option.kind | None
+            command.__annotations__[option.name] = Annotated[kind, tyro.conf.arg(help=text)]
             setattr(command, option.name, False if flag else None)
         return command
 
