@@ -14,13 +14,10 @@ def avoidance(left: float, right: float, state: Numbers, constants: Numbers) -> 
         state: of `AvoidanceState`.
         constants: of `AvoidanceConstants`.
     """
-    share, turn_threshold, high_threshold, low_threshold, normal, tight, turn_steps, watching, speed, _, _, _ = constants
+    share, turn_threshold, high_threshold, low_threshold, normal, tight, turn_steps, watching, speed = constants[:9]
     difference, age, curvature = state
     now = right - left
-    if share < 0.5:
-        difference = difference + share * (now - difference)
-    else:
-        difference = now - (now - difference) * (1 - share)
+    difference += share * (now - difference)
     age = age + 1
     cruising = age >= watching
     high = min(left, right) > high_threshold

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 
 from ndtorch.kernels.strips import Array, grey_row, high_pass
@@ -33,18 +34,24 @@ def cell_maxima(
     """
     _, height, width = low.shape
     _, bands, blocks = cells.shape
-    grey, high = np.empty(width, low.dtype), np.empty(width, low.dtype)
+    grey, high, peak = np.empty(width, low.dtype), np.empty(width, low.dtype), np.empty(width, low.dtype)
     tall, wide = height // bands, width // blocks
-    cells[:] = 0
     for eye in range(2):
-        for y in range(height):
-            grey_row(frames[eye], beside, tops[eye] + y, lefts[eye], every, unit, count, grey)
-            high_pass(grey, low[eye, y], settle, a, new_low[eye, y], high)
-            line = cells[eye, y // tall]
+        for band in range(bands):
+            peak[:] = 0
+            for y in range(band * tall, (band + 1) * tall):
+                grey_row(frames[eye], beside, tops[eye] + y, lefts[eye], every, unit, count, grey)
+                high_pass(grey, low[eye, y], settle, a, new_low[eye, y], high)
+                for x in range(width):
+                    peak[x] = larger(abs(high[x]), peak[x])
             for block in range(blocks):
-                largest = line[block]
-                for x in range(block * wide, (block + 1) * wide):
-                    size = abs(high[x])
-                    # A pixel that is no number is larger than all.
-                    largest = largest if size <= largest else size
-                line[block] = largest
+                largest = peak[block * wide]
+                for x in range(block * wide + 1, (block + 1) * wide):
+                    largest = larger(peak[x], largest)
+                cells[eye, band, block] = largest
+
+
+@numba.njit(error_model="numpy")
+def larger(one: float, other: float) -> float:
+    """The larger of two; what is no number is larger than all."""
+    return other if one <= other else one

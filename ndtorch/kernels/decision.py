@@ -54,7 +54,9 @@ def decision(
         ages: of the floor's state, until when the car stands, and until when it learns.
     """
     c, (free, known), (age_of_floor, standing, learning) = tables, lengths, ages
-    difference = sum(w * x for row, far in zip(c.comparison, lengths, strict=True) for w, x in zip(row, far, strict=False))
+    difference = sum(
+        w * x for row, far in zip(c.comparison, lengths, strict=True) for w, x in zip(row, far, strict=False)
+    )
     reversing = state.mode == c.reverse
     bound = reversing or state.mode == c.turn or abs(difference) < c.prefer
     side = state.side if bound else float((difference > 0) - (difference < 0))

@@ -21,19 +21,19 @@ def floor_cells(
     profile: Array,
     numbers: tuple[float, ...],
     new_level: Array,
-    free: Array,
-    ends: Array,
-    known: Array,
+    worth: tuple[float, float],
+    evidence: Array,
 ) -> float:
     """`floor_step` of one car.
 
     Args:
-        cells: `[2, bands, blocks]`, as `free` and `ends`.
+        cells: `[2, bands, blocks]`, as `evidence`.
         driven: speed and curvature.
         level, noise, age: of `FloorState` before; `new_level` after, `[bands]`; `age` is that of this step.
         flow, profile: of `FloorConstants`, `[bands]`.
         numbers: the rest of `FloorConstants`, in order.
-        known: `[bands]`.
+        worth: evidence of something at the end of what is seen free, and of floor.
+        evidence: that every cell gives.
 
     Returns:
         The noise after.
@@ -44,7 +44,7 @@ def floor_cells(
     kind = cells.dtype.type
     speed, turning = abs(kind(driven[0])), kind(driven[1]) * kind(yaw)
     learning = age <= learns
-    shape = np.empty(bands, cells.dtype)
+    shape, known = np.empty(bands, cells.dtype), np.empty(bands, np.bool_)
     for b in range(bands):
         passing = kind(math.sqrt(flow[b] + turning * turning)) * speed
         shape[b] = -math.expm1(passing * kind(saturation))
@@ -61,8 +61,8 @@ def floor_cells(
                     excess = kind(math.log(max(cells[eye, b, k], kind(least)) / expected))
                     floor = abs(excess) < kind(tolerance)
                 seen = reached and floor
-                free[eye, b, k] = seen
-                ends[eye, b, k] = reached and known[b] and not floor
+                ends = reached and known[b] and not floor
+                evidence[eye, b, k] = kind(worth[0]) if ends else -kind(worth[1]) if seen else kind(0)
                 if seen:
                     gained[b] += excess
                 reached = seen

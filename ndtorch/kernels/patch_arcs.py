@@ -25,9 +25,11 @@ def patch_arcs(
     bounds: tuple[float, float],
     limits: tuple[float, float],
     leading: int,
+    steps: int,
+    step: float,
     new_evidence: Array,
     new_tag: Array,
-    open_steps: Array,
+    lengths: Array,
 ) -> None:
     """`move_patch`, `add_evidence` and `free_travel` of one car.
 
@@ -39,8 +41,8 @@ def patch_arcs(
         cell: side of a cell, m.
         bounds: least and most evidence of a cell.
         limits: evidence that blocks, and that is not known to be floor.
-        leading: of `ArcTable`.
-        open_steps: 1 at each step of the arcs before what blocks, and before what is not known, else 0; `[2, arcs, steps]`.
+        leading, steps, step: of `ArcTable`.
+        lengths: of the arcs up to what blocks, and up to what is not known, `[2, arcs]`.
     """
     kind, size = evidence.dtype.type, evidence.shape[0]
     move(evidence, tag, pose, kind(keep), kind(cell), new_evidence, new_tag)
@@ -59,10 +61,10 @@ def patch_arcs(
     for row in range(size):
         for column in range(size):
             new_evidence[row, column] = min(max(new_evidence[row, column], least), most)
-    arcs, steps = open_steps.shape[1:]
+    arcs = lengths.shape[1]
     across = (places.shape[1] - marked) // (arcs * steps)
     for arc in range(arcs):
-        blocked = unknown = False
+        free, seen, blocked, unknown = 0, 0, False, False
         for s in range(steps):
             start = marked + (arc * steps + s) * across
             for k in range(across):
@@ -72,8 +74,10 @@ def patch_arcs(
                 worth = new_evidence[row, column]
                 blocked = blocked or worth >= kind(limits[0])
                 unknown = unknown or (k < leading and worth >= kind(limits[1]))
-            open_steps[0, arc, s] = not blocked
-            open_steps[1, arc, s] = not unknown
+            free, seen = free + (not blocked), seen + (not unknown)
+            if blocked and unknown:
+                break
+        lengths[0, arc], lengths[1, arc] = kind(free) * kind(step), kind(seen) * kind(step)
 
 
 @numba.njit(error_model="numpy")

@@ -28,15 +28,20 @@ def grey_row(frame: Array, beside: bool, y: int, left: int, every: int, unit: fl
                 total += kind(frame[y, left + every * x, c])
             grey[x] = total * unit / count
         return
-    row = frame[0, y, left:]
-    for x in range(grey.shape[0]):
-        grey[x] = kind(row[every * x])
-    for c in range(1, frame.shape[0]):
-        row = frame[c, y, left:]
+    # Loops with a known step become vector instructions.
+    red, green, blue = (frame[0, y, left:], frame[frame.shape[0] // 2, y, left:], frame[frame.shape[0] - 1, y, left:])
+    if frame.shape[0] == 3 and every == 1:
         for x in range(grey.shape[0]):
-            grey[x] += kind(row[every * x])
-    for x in range(grey.shape[0]):
-        grey[x] = grey[x] * unit / count
+            grey[x] = (kind(red[x]) + kind(green[x]) + kind(blue[x])) * unit / count
+    elif frame.shape[0] == 3 and every == 2:
+        for x in range(grey.shape[0]):
+            grey[x] = (kind(red[2 * x]) + kind(green[2 * x]) + kind(blue[2 * x])) * unit / count
+    elif frame.shape[0] == 3:
+        for x in range(grey.shape[0]):
+            grey[x] = (kind(red[every * x]) + kind(green[every * x]) + kind(blue[every * x])) * unit / count
+    else:
+        for x in range(grey.shape[0]):
+            grey[x] = kind(red[every * x]) * unit / count
 
 
 @numba.njit(fastmath=FAST, error_model="numpy")

@@ -111,7 +111,8 @@ class RowRanging(nn.Module):
         )
         if left.is_floating_point():
             check_unit_range(torch.tensor(largest), left)
-        return Ranges(*out.unbind(0), valid), RowRangingState(rows, None)
+        distance, left_angle, right_angle, x, y = out.unbind(0)
+        return Ranges(distance, left_angle, right_angle, x, y, valid), RowRangingState(rows, None)
 
     def without_borders(self, motion: Tensor) -> Tensor:
         """Motion `[..., 2, 1, W]` less the columns that have no partner: left of the left row, right of the right."""

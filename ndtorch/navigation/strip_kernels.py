@@ -21,7 +21,7 @@ class Eyes(NamedTuple):
     Attributes:
         frames: arrays `[C, H, W]`, or `[H, W, C]` where colours lie `beside` each other.
         tops, lefts: where the rectangles begin.
-        unit, count: a grey value is a sum of colours times `unit`, over `count`.
+        unit, over: a grey value is a sum of colours times `unit`, divided by `over`.
     """
 
     frames: tuple[Any, Any]
@@ -29,7 +29,7 @@ class Eyes(NamedTuple):
     tops: tuple[int, int]
     lefts: tuple[int, int]
     unit: float
-    count: int
+    over: int
 
 
 def eyes(left: Tensor, right: Tensor, rects: tuple[Rect, Rect], size: tuple[int, int]) -> Eyes | None:
@@ -77,7 +77,7 @@ def largest_of_cells(
         seen.lefts,
         every,
         seen.unit,
-        seen.count,
+        seen.over,
         state is None,
         before,
         a,
@@ -107,7 +107,7 @@ def ranges_of_rows(
         seen.beside,
         seen.tops[0],
         seen.unit,
-        seen.count,
+        seen.over,
         state is None,
         before,
         a,

@@ -16,7 +16,6 @@ import torch
 
 from ndtorch.navigation import (
     Command,
-    CompiledNavigator,
     FeatureParams,
     GridMap,
     Navigator,
@@ -145,14 +144,10 @@ def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
         ),
         "whole step, ranging controller": Navigator(rig, DT, controller="ranging"),
         "whole step, 7 features at edges": Navigator(rig, DT, controller="published", features=EDGES),
-        "whole step, compiled": CompiledNavigator(Navigator(rig, DT, controller="published")),
-        "whole step, ranging controller, compiled": CompiledNavigator(Navigator(rig, DT, controller="ranging")),
-        "what `robot drive` does, compiled": CompiledNavigator(
-            Navigator(rig, DT, controller="ranging", features=EDGES, grid_map=GridMap(rig))
-        ),
+        "what `ndtorch drive` does": Navigator(rig, DT, features=EDGES, grid_map=GridMap(rig)),
     }.items():
         _, state = navigator(left, right)
-        _, state = navigator(left, right, state)  # compiles what is to be compiled
+        _, state = navigator(left, right, state)
         call = lambda n=navigator, s=state: n(next_left, next_right, s)  # noqa: E731
         result.append(Timed(name, median_time(call), "two 640x480 RGB frames, uint8"))
     return result

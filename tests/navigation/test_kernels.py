@@ -58,9 +58,7 @@ def test_layouts_of_memory_and_strips_do_not_matter() -> None:
         _, state = look(left[:1], right[:1])
         wanted, _ = look(left[1:2], right[1:2], state)
         beside = [eye[1:2].permute(0, 2, 3, 1).contiguous().permute(0, 3, 1, 2) for eye in (left, right)]
-        cut = [
-            eye[1:2, :, r.top : r.bottom, r.left : r.right] for eye, r in zip((left, right), rects, strict=True)
-        ]
+        cut = [eye[1:2, :, r.top : r.bottom, r.left : r.right] for eye, r in zip((left, right), rects, strict=True)]
         assert torch.equal(look(*beside, state)[0], wanted)
         assert torch.equal(look(*cut, state)[0], wanted)
 

@@ -77,9 +77,7 @@ class SubfieldMotion(nn.Module):
         check_unit_range(sides, left)
         return sides * SPEED_SCALE, state
 
-    def by_kernels(
-        self, left: Tensor, right: Tensor, state: FilterState | None
-    ) -> tuple[Tensor, FilterState] | None:
+    def by_kernels(self, left: Tensor, right: Tensor, state: FilterState | None) -> tuple[Tensor, FilterState] | None:
         """One frame by kernels; None where torch is to do it."""
         rect = self.fields[0]
         shape = (2, rect.bottom - rect.top, rect.right - rect.left)
@@ -181,10 +179,7 @@ def avoidance_step(
         state, constants: where the machine is, and its numbers.
     """
     if sides.ndim == 1 and kernels_wanted(sides, *state):
-        (left_side, right_side), numbers = sides.tolist(), tuple(map(float, state))
-        speed, bend, after = avoidance(left_side, right_side, numbers, tuple(map(float, constants)))
-        found = sides.new_tensor((speed, bend, *after)).unbind(0)
-        return Command(*found[:2]), AvoidanceState(*found[2:])
+        return avoidance_of_one(sides, state, constants)
     c = constants
     left, right = sides.unbind(-1)
     now = right - left
@@ -201,6 +196,18 @@ def avoidance_step(
     age = torch.where(turn, c.zero, torch.where(stop, c.stopped, age))
     speed = torch.where(age > c.stopped, c.speed, c.zero)
     return Command(speed, curvature), AvoidanceState(difference, age, curvature)
+
+
+def avoidance_of_one(
+    sides: Tensor, state: AvoidanceState, constants: AvoidanceConstants
+) -> tuple[Command, AvoidanceState]:
+    """`avoidance_step` of one car, in plain numbers."""
+    ours, theirs = sides.tolist()
+    now = (float(state.difference), float(state.age), float(state.curvature))
+    numbers = (constants.smoothing, *(part.item() for part in constants[1:]))
+    speed, bend, after = avoidance(ours, theirs, now, numbers)
+    found = sides.new_tensor((speed, bend, *after)).unbind(0)
+    return Command(found[0], found[1]), AvoidanceState(*found[2:])
 
 
 class SaccadeAvoidance(nn.Module):

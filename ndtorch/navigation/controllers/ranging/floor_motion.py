@@ -55,9 +55,7 @@ class FloorMotion(nn.Module):
         # From the top row down to the bottom one first: the nearest band shall be the first, the outermost block too.
         return torch.stack((ours.flip(-2), theirs.flip((-2, -1))), -3), state
 
-    def by_kernels(
-        self, left: Tensor, right: Tensor, state: FilterState | None
-    ) -> tuple[Tensor, FilterState] | None:
+    def by_kernels(self, left: Tensor, right: Tensor, state: FilterState | None) -> tuple[Tensor, FilterState] | None:
         """One frame by kernels; None where torch is to do it."""
         rect, bands, blocks = self.fields[0], self.params.bands, self.params.blocks
         shape = (2, rect.bottom - rect.top, (rect.right - rect.left) // EVERY)

@@ -54,7 +54,9 @@ class QuickStep:
         self.rest = rest_of(floor)
         self.keep, self.fade, self.stopped = (float(c) for c in (constants.keep, constants.fade, constants.stopped))
         self.limits: tuple[float, ...] = tuple(constants.limits.tolist())
-        self.evidence: list[float] = constants.evidence.tolist()
+        # What a cell at the end of the floor is worth, one of floor, and a range.
+        hidden, floor_worth, ranged = constants.evidence.tolist()
+        self.evidence: tuple[float, float, float] = (hidden, floor_worth, ranged)
         self.tensors = (floor.flow, floor.profile, places, under)
         self.arrays: dict[torch.dtype, Any] = {}
 
@@ -70,7 +72,9 @@ class QuickStep:
         drove, machine = (float(driven.speed), float(driven.curvature)), Machine(*map(float, state[2:]))
         age = float(state.floor.age) + 1
         level, marks, noise = self.see(seen, drove, age, state.floor)
-        patch, ways = self.remember(marks, ranges, pose, self.fade if machine.mode == self.stopped else self.keep, state)
+        patch, ways = self.remember(
+            marks, ranges, pose, self.fade if machine.mode == self.stopped else self.keep, state
+        )
         speed, bend, after = decision(ways, drove[0], (age, self.rest[5], self.rest[6]), machine, self.tables)
         found = torch.tensor((speed, bend, noise, age, *after), dtype=seen.dtype).unbind(0)
         return Command(found[0], found[1]), RangingState(FloorState(level, found[2], found[3]), patch, *found[4:])
@@ -78,8 +82,8 @@ class QuickStep:
     def see(self, seen: Tensor, drove: tuple[float, float], age: float, state: FloorState) -> tuple[Tensor, Any, float]:
         """The level of floor after, evidence of every cell and under the car, and the noise after."""
         cells, level = seen.contiguous().numpy(), torch.empty_like(state.level)
-        free, ends = np.empty((2, *cells.shape), cells.dtype)
         flow, profile, _, under = self.fixed(seen.dtype)
+        marks = np.concatenate((cells.ravel(), under))
         noise = kernel("floor_cells", cells.dtype).run(
             cells,
             drove,
@@ -90,12 +94,10 @@ class QuickStep:
             profile,
             self.rest,
             level.numpy(),
-            free,
-            ends,
-            np.empty(len(flow), np.bool_),
+            self.evidence[:2],
+            marks[: cells.size].reshape(cells.shape),
         )
-        hidden, floor, _ = (cells.dtype.type(weight) for weight in self.evidence)
-        return level, np.concatenate(((ends * hidden - free * floor).ravel(), under)), noise
+        return level, marks, noise
 
     def remember(
         self, marks: Any, ranges: Ranges, pose: Pose, keep: float, state: RangingState
@@ -103,7 +105,7 @@ class QuickStep:
         """The patch after, and how far the car can go along the arcs."""
         p, size = self.params.patch, self.params.patch.size
         evidence, tag = torch.empty_like(state.patch.evidence), torch.empty_like(state.patch.tag)
-        open_steps = np.empty((2, len(self.arcs.curvature), self.arcs.steps), marks.dtype)
+        lengths = np.empty((2, len(self.arcs.curvature)), marks.dtype)
         kernel("patch_arcs", marks.dtype).run(
             state.patch.evidence.numpy().reshape(size, size),
             state.patch.tag.numpy(),
@@ -118,8 +120,10 @@ class QuickStep:
             (-p.least, p.most),
             self.limits,
             self.arcs.leading,
+            self.arcs.steps,
+            self.arcs.step,
             evidence.numpy().reshape(size, size),
             tag.numpy(),
-            open_steps,
+            lengths,
         )
-        return Patch(evidence, tag), (open_steps.sum(-1) * marks.dtype.type(self.arcs.step)).tolist()
+        return Patch(evidence, tag), lengths.tolist()
