@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
-from ndtorch.kernels.strips import Array, grey_row, high_pass
+from ndtorch.kernels.strips import Array, grey_row, high_pass, larger
 
 
 def cell_maxima(
@@ -49,9 +48,3 @@ def cell_maxima(
                 for x in range(block * wide + 1, (block + 1) * wide):
                     largest = larger(peak[x], largest)
                 cells[eye, band, block] = largest
-
-
-@numba.njit(error_model="numpy")
-def larger(one: float, other: float) -> float:
-    """The larger of two; what is no number is larger than all."""
-    return other if one <= other else one

@@ -44,7 +44,8 @@ def edge_place(row: Array, column: int, reach: int) -> float:
         weight = max((row[at + 1] - row[at]) * sign, kind(0))
         total, moment = total + weight, moment + weight * kind(at - edge)
     place = moment / total if total > 0 else kind(0)
-    return min(max(place + kind(edge) + kind(0.5), kind(1)), kind(width - 2))
+    inside: float = min(max(place + kind(edge) + kind(0.5), kind(1)), kind(width - 2))
+    return inside
 
 
 @numba.njit(error_model="numpy")
@@ -54,14 +55,16 @@ def between(row: Array, place: float) -> float:
     place = min(max(place, kind(0)), kind(width - 1))
     low = min(int(place), width - 2)
     share, left, right = place - kind(low), row[low], row[low + 1]
-    return left + share * (right - left) if share < kind(0.5) else right - (right - left) * (kind(1) - share)
+    worth: float = left + share * (right - left) if share < kind(0.5) else right - (right - left) * (kind(1) - share)
+    return worth
 
 
 @numba.njit(error_model="numpy")
 def patch_error(one: Array, other: Array) -> float:
     """Squared difference of two patches."""
     a, b, c = one[0] - other[0], one[1] - other[1], one[2] - other[2]
-    return a * a + b * b + c * c
+    total: float = a * a + b * b + c * c
+    return total
 
 
 @numba.njit(error_model="numpy")
@@ -119,7 +122,7 @@ def match(
             if good[0, i] and good[1, j]:
                 error[i, j] = patch_error(patch[0, i], patch[1, j])
     for i in range(n):
-        j = np.argmin(error[i])
+        j = int(np.argmin(error[i]))
         partner[i] = column[1, j]
         apart = column[0, i] - column[1, j]
         valid[i] = error[i, j] < limit and kind(least) < apart < kind(most)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ndtorch.kernels.row_features import describe, match, strongest
-from ndtorch.kernels.strips import Array, grey_row, high_pass
+from ndtorch.kernels.strips import Array, grey_row, high_pass, larger
 
 
 def row_ranges(
@@ -51,7 +51,7 @@ def row_ranges(
         high_pass(rows[eye], low[eye], settle, a, new_low[eye], motion)
         for x in range(width):
             motion[x] = abs(motion[x])
-            largest = largest if motion[x] <= largest else motion[x]
+            largest = larger(motion[x], largest)
         if border and eye == 0:
             motion[:border] = 0
         elif border:

@@ -55,3 +55,9 @@ def high_pass(grey: Array, low: Array, settle: bool, a: float, after: Array, hig
         mean = before + share * (grey[x] - before) if share < kind(0.5) else grey[x] - rest * (grey[x] - before)
         after[x] = mean
         high[x] = grey[x] - mean
+
+
+@numba.njit(error_model="numpy")
+def larger(one: float, other: float) -> float:
+    """The larger of two; what is no number is larger than all."""
+    return one if one > other or one != one else other

@@ -27,7 +27,8 @@ def drive_step(pose: Pose, speed: Tensor, curvature: Tensor, dt: float) -> Pose:
     points and the arc is that of its middle: chord `2 sin(k s / 2) / k` in the direction half way through.
     """
     if not pose.x.ndim and kernels_wanted(*pose, speed, curvature):
-        return Pose(*pose.x.new_tensor(arc(*map(float, (*pose, speed, curvature)), dt)).unbind(0))
+        driven = arc(float(pose.x), float(pose.y), float(pose.heading), float(speed), float(curvature), dt)
+        return Pose(*pose.x.new_tensor(driven).unbind(0))
     length = speed * dt
     half = curvature * length / 2
     chord = length * torch.sinc(half / math.pi)

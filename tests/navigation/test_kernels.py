@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import FeatureParams, MatchParams, RowRanging, StereoRig
+from ndtorch.navigation import FeatureParams, Grid, GridMap, MatchParams, Navigator, Pose, RowRanging, StereoRig
 from ndtorch.navigation.controllers.published import AvoidanceState, SaccadeAvoidance, SubfieldMotion, avoidance_step
 from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
 
@@ -91,8 +91,9 @@ def test_pixels_that_are_no_numbers_are_refused(module: type) -> None:
     look, (left, right) = module(RIG, DT), pairs(torch.float32, 1, 2)
     with torch.inference_mode():
         _, state = look(left[:1], right[:1])
+        left[1, 0, RIG.row if module is RowRanging else 137, 120] = torch.nan
         with pytest.raises(InputError, match="finite"):
-            look(left[1:] * torch.nan, right[1:], state)
+            look(left[1:], right[1:], state)
 
 
 def test_the_state_machine() -> None:
@@ -109,3 +110,41 @@ def test_the_state_machine() -> None:
         assert tuple(map(float, found)) == pytest.approx(tuple(map(float, wanted)), abs=1e-6)
         modes.add(int(rule.mode(AvoidanceState(*wanted))))
     assert len(modes) == 4
+
+
+@pytest.mark.parametrize("certainty", ["beams", "log-odds"])
+@pytest.mark.parametrize("kind", [torch.float32, torch.float64])
+def test_the_map(kind: torch.dtype, certainty: str) -> None:
+    module, (left, right) = RowRanging(RIG, DT, FeatureParams(7), MatchParams(10, 100)), pairs(kind)
+    grid_map = GridMap(RIG, Grid(-1, 8, -3, 3), certainty=certainty)  # type: ignore[arg-type]
+    with torch.no_grad():
+        ranges, _ = module(left, right)
+    assert ranges.valid.sum() > 3
+    maps = []
+    for mode in (torch.no_grad, torch.inference_mode):
+        state = None
+        with mode():
+            for n in range(len(left)):
+                pose = Pose(*torch.tensor([[0.1 * n], [0.2], [0.3 * n]], dtype=kind))
+                state = grid_map.update(type(ranges)(*(part[n : n + 1] for part in ranges)), pose, state)
+        assert state is not None
+        maps.append(state.cells)
+    # A place at the border of two cells may be rounded into either.
+    moved = (maps[0] - maps[1]).abs().sum() / maps[0].abs().sum()
+    assert moved < (1e-3 if kind == torch.float32 else 1e-9)
+    torch.testing.assert_close(maps[1].sum(), maps[0].sum(), rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("controller", ["ranging", "published"])
+def test_a_drive(controller: str) -> None:
+    navigator, (left, right) = Navigator(RIG, DT, controller=controller), pairs(torch.uint8, 1, 40)
+    runs: list[list[float]] = []
+    for mode in (torch.no_grad, torch.inference_mode):
+        state, run = None, []
+        with mode():
+            for n in range(40):
+                command, state = navigator(left[n : n + 1], right[n : n + 1], state)
+                run += [float(command.speed), float(command.curvature), float(state.difference), float(state.pose.x)]
+        runs.append(run)
+    assert runs[1] == pytest.approx(runs[0], abs=1e-4)
+    assert len({*runs[0][::4], *runs[0][1::4]}) > 1
