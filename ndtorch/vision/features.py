@@ -50,6 +50,7 @@ class VisualFeatures(nn.Module):
         exact: sum the orientation responses at full resolution instead of on a coarse grid (see `OrientedDoG`).
         fused: compile all but the orientation filters, frame by frame (`torch.compile`; on a CPU it needs a C++
             compiler). The first frame takes some seconds more; worth it from minutes of video on.
+        center, surround: deviations of the orientation filters along and across, pixels.
 
     Shapes:
         frames `[..., T, C, H, W]` (C = 3 or 1; float 0..1 or uint8) -> `[..., T, 10]`, in the order of
@@ -68,13 +69,15 @@ class VisualFeatures(nn.Module):
         border: Border = "wrap",
         exact: bool = False,
         fused: bool = False,
+        center: tuple[float, float] = (19.0, 6.0),
+        surround: tuple[float, float] = (22.0, 9.0),
     ) -> None:
         super().__init__()
         if len(size) != 2 or min(size) < 2:
             raise InputError(f"size must be a height and a width of at least 2 pixels, got {size}")
         self.size = (int(size[0]), int(size[1]))
         self.motion = HassensteinReichardt(dt, tau_high, tau_low, border)
-        self.orientation = OrientedDoG(self.size, border=border, exact=exact)
+        self.orientation = OrientedDoG(self.size, center=center, surround=surround, border=border, exact=exact)
         self.front_step = torch.compile(front_step, dynamic=False) if fused else None
         keep_freed_memory()
 

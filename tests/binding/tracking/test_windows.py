@@ -12,7 +12,9 @@ from torch import Tensor
 
 from ndtorch import InputError
 from ndtorch.binding import Windows
-from ndtorch.binding.tracking.windows import WindowParams, WindowState
+from ndtorch.binding.readout.covariances import single_table
+from ndtorch.binding.tracking.params import WindowParams
+from ndtorch.binding.tracking.windows import WindowState
 from ndtorch.vision import FEATURES
 
 GRID = (16, 16)
@@ -53,7 +55,8 @@ def windows() -> Windows:
 
 
 def features_of(module: Windows, state: WindowState) -> list[set[str]]:
-    rows = module.features(state)[module.confirmed(state)]
+    there = module.confirmed(state)
+    rows = single_table(state.covariance, there, torch.zeros(10, 10)).rows.sum(-2)[there]
     return [{name for name, value in zip(FEATURES, row.tolist(), strict=True) if value > 0} for row in rows]
 
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from torch import Tensor
 
-from ndtorch.report.figures import draw_matrix, draw_traces
 from ndtorch.report.palette import STYLES
+from ndtorch.report.panels import draw_matrix, draw_traces
 from ndtorch.vision import FEATURES
 
 if TYPE_CHECKING:
