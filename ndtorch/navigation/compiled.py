@@ -33,7 +33,7 @@ class CompiledNavigator(nn.Module):
     A step of a navigator is some four hundred small operations, and calling them takes longer than what they
     do. Compiled from the very same code they are a few loops. The first frame is not compiled. The second one
     is: that takes a minute or so and a C++ compiler, once for every kind of navigator and shape of frames and for
-    either layout of colours in memory, because the library is kept in `folder`.
+    either layout of colors in memory, because the library is kept in `folder`.
 
     Sums may be rounded in another order than in the `Navigator`, by about 1e-7: commands of the same frames are
     the same nearly always, and two closed-loop drives part ways in the end. A drive repeated is the same.
@@ -207,7 +207,7 @@ def core_parts(navigator: Navigator) -> list[Any]:
 
 
 def dense(pixels: Tensor) -> Tensor:
-    """The same in one of two memory layouts, colour by colour or pixel by pixel: a library serves one of them."""
+    """The same in one of two memory layouts, color by color or pixel by pixel: a library serves one of them."""
     if pixels.stride(-3) == 1 < pixels.shape[-3]:
         return pixels.movedim(-3, -1).contiguous().movedim(-1, -3)
     return pixels.contiguous()

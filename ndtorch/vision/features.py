@@ -1,4 +1,4 @@
-"""The ten features of a frame: motion in four directions, three orientations, three colours."""
+"""The ten features of a frame: motion in four directions, three orientations, three colors."""
 
 from __future__ import annotations
 

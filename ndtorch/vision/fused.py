@@ -13,7 +13,7 @@ def front_step(
 ) -> tuple[Tensor, Tensor, Tensor, MotionState]:
     """Everything that is done to a frame but orientation. Compile it; as it stands it is no faster than the parts.
 
-    Shapes: frame `[..., 3, H, W]` float -> colour sums `[..., 3]`, `signed_sums` `[..., 4]`, grey image
+    Shapes: frame `[..., 3, H, W]` float -> color sums `[..., 3]`, `signed_sums` `[..., 4]`, grey image
     `[..., H, W]`, new state.
     """
     red, green, blue = frame.unbind(-3)

@@ -118,7 +118,7 @@ def test_strips_and_frames_share_a_library(compiled, folder):
 
 @pytest.mark.parametrize("layout", [(0, 2, 3, 1), (0, 1, 2, 3)])
 def test_two_layouts_of_memory(layout):
-    """Pictures of OpenCV have their colours side by side, others one after the other."""
+    """Pictures of OpenCV have their colors side by side, others one after the other."""
     pixels = torch.rand(1, 3, 8, 10).permute(layout).contiguous().permute(*[layout.index(k) for k in range(4)])
     for part in (pixels, pixels[..., 2:7, 1:4], pixels[..., :1, :]):
         torch.testing.assert_close(dense(part), part, rtol=0, atol=0)

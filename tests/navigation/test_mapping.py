@@ -55,10 +55,10 @@ def test_cells_against_fine_sampling_of_the_formula():
     assert float(cells.sum()) == pytest.approx(float(wanted.sum()), rel=0.01)
     assert float((cells - wanted).square().mean().sqrt()) < 0.08 * float(wanted.square().mean().sqrt())
     for k in range(2):
-        # The centre of each blob lies where the feature is seen.
+        # The center of each blob lies where the feature is seen.
         part, _ = GridMap(RIG, grid)(ranges._replace(valid=torch.tensor([[k == 0, k == 1]])), pose)
         row, column = divmod(int(part.argmax()), 300)
-        x, y = to_body(pose, *grid.centre(torch.tensor(row), torch.tensor(column)))
+        x, y = to_body(pose, *grid.center(torch.tensor(row), torch.tensor(column)))
         assert float(x) == pytest.approx(float(ranges.x[0, k]), abs=0.03)
         assert float(y) == pytest.approx(float(ranges.y[0, k]), abs=0.02)
 
@@ -144,7 +144,7 @@ def test_two_views_sharpen_the_map():
     single = single.clone()
     both, _ = mapper(ranges_of(torch.stack(to_body(there, *point), -1).unsqueeze(0)), there, state)
     row, column = divmod(int(both.argmax()), GRID.columns)
-    x, y = GRID.centre(torch.tensor(row), torch.tensor(column))
+    x, y = GRID.center(torch.tensor(row), torch.tensor(column))
     assert math.hypot(float(x) - 1.5, float(y) - 0.5) < 0.02
     assert both.max() > 1.5 * single.max()
 

@@ -91,7 +91,7 @@ def refined_table(
 
 
 def without_lighting(separation: Separation, first_stage: Tensor, criteria: SourceCriteria) -> Separation:
-    """The same without sources that drive all colours and all orientations alike and hardly move."""
+    """The same without sources that drive all colors and all orientations alike and hardly move."""
     mixing = separation.mixing
     eye = torch.eye(10, dtype=mixing.dtype, device=mixing.device)
     raw = mixing @ (eye + first_stage.to(mixing.dtype)).mT

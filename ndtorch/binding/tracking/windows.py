@@ -25,7 +25,7 @@ class WindowState(NamedTuple):
     Attributes:
         low: low-passed signals, `[..., R, C, 10]`.
         peak: largest motion of any field lately, `[...]`.
-        place: row and column in fields, `[..., K, 2]`; 0, 0 is the centre of the first field.
+        place: row and column in fields, `[..., K, 2]`; 0, 0 is the center of the first field.
         velocity: fields a second, `[..., K, 2]`.
         open: windows in use, `[..., K]` bool.
         age, unseen: seconds since the window was opened, and since it last saw its object, `[..., K]`.
@@ -52,7 +52,7 @@ class WindowState(NamedTuple):
 class Windows(nn.Module):
     """Follows objects over retinotopic glomeruli, and learns of each which signals fluctuate together.
 
-    Whole-field sums cannot tell apart bars of one colour, bars that fluctuate in phase, or equal bars [C §5.5.2];
+    Whole-field sums cannot tell apart bars of one color, bars that fluctuate in phase, or equal bars [C §5.5.2];
     sums over small fields can. Lateral competition picks the fields that move most; a *window* is opened there, a
     receptive field of its own that then goes with the object: it is predicted from the velocity, and
     drawn to the motion in the object's own direction, which windows share where their windows overlap. What the
@@ -75,7 +75,7 @@ class Windows(nn.Module):
         InputError: signals of another shape, or parameters out of range.
     """
 
-    centres: Tensor
+    centers: Tensor
     directions: Tensor
 
     def __init__(
@@ -94,7 +94,7 @@ class Windows(nn.Module):
         self.params = params or WindowParams()
         self.every = max(1, round(self.params.period / dt))
         rows, columns = torch.meshgrid(torch.arange(float(grid[0])), torch.arange(float(grid[1])), indexing="ij")
-        self.register_buffer("centres", torch.stack([rows, columns], -1).flatten(0, 1))
+        self.register_buffer("centers", torch.stack([rows, columns], -1).flatten(0, 1))
         self.register_buffer("directions", torch.tensor(DIRECTIONS))
 
     def start(self, first: Tensor) -> WindowState:
@@ -170,7 +170,7 @@ def windows_step(low: Tensor, state: WindowState, windows: Windows) -> WindowSta
 
     # Follow: predict, then move towards the motion in the window's own direction.
     place = predicted(state.place, state.velocity, dt)
-    away = windows.offset(windows.centres - place.unsqueeze(-2))  # [..., K, F, 2]
+    away = windows.offset(windows.centers - place.unsqueeze(-2))  # [..., K, F, 2]
     window = torch.exp(-away.square().sum(-1) / (2 * p.window**2)) * state.open.unsqueeze(-1)
     shared = window * window / (window.sum(-2, keepdim=True) + p.crowd)
     own = (own_direction(state, windows) @ motion.mT).sqrt()  # [..., K, F]
@@ -243,7 +243,7 @@ def closed(state: WindowState, windows: Windows) -> Tensor:
 def opened(state: WindowState, energy: Tensor, windows: Windows) -> WindowState:
     """Open one window where the largest motion is that no window claims; `energy` `[..., F]`."""
     p = windows.params
-    away = windows.offset(windows.centres - state.place.unsqueeze(-2)).norm(dim=-1)
+    away = windows.offset(windows.centers - state.place.unsqueeze(-2)).norm(dim=-1)
     claimed = ((away < p.claim) & state.open.unsqueeze(-1)).any(-2)
     grid = energy.reshape(*energy.shape[:-1], *windows.grid)
     summit = local_maximum(grid, windows.border).flatten(-2)
@@ -254,7 +254,7 @@ def opened(state: WindowState, energy: Tensor, windows: Windows) -> WindowState:
     slot = (~state.open).to(torch.uint8).argmax(-1)
     number = torch.arange(p.most, device=slot.device)
     new = (number == slot.unsqueeze(-1)) & wanted.unsqueeze(-1)
-    place = windows.centres.to(energy.dtype)[where].unsqueeze(-2)
+    place = windows.centers.to(energy.dtype)[where].unsqueeze(-2)
     return state._replace(
         place=torch.where(new.unsqueeze(-1), place, state.place),
         velocity=torch.where(new.unsqueeze(-1), 0.0, state.velocity),

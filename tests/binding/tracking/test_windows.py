@@ -40,8 +40,8 @@ def blob(
     time = torch.arange(len(light)) * DT
     total = []
     for axis in (0, 1):
-        centre = start[axis] + velocity[axis] * time
-        away = torch.arange(grid[axis]) - centre[:, None]
+        center = start[axis] + velocity[axis] * time
+        away = torch.arange(grid[axis]) - center[:, None]
         if wrap:
             away = (away + grid[axis] / 2) % grid[axis] - grid[axis] / 2
         total.append(torch.exp(-away.square() / 0.8))

@@ -112,7 +112,7 @@ CLAIMS: tuple[Claim, ...] = (
         first_stage.orientation_tuning, {"step": 2.5}, {"step": 10.0}, (2, 1), BIND,
     ),
     _claim(
-        "B4", "B fig. 7", "colours of saturation 0.2 become far more saturated", "figure",
+        "B4", "B fig. 7", "colors of saturation 0.2 become far more saturated", "figure",
         "0.6 to 0.8 (one digit) at all hues",
         first_stage.color_tuning, {"saturation": 0.2, "hues": 361, "lights": 201},
         {"saturation": 0.2, "hues": 91, "lights": 51}, (2, 1), BIND,

@@ -45,7 +45,7 @@ class LocalSet:
 SETS = (
     LocalSet("random", Restriction(), (1, 2, 3)),
     LocalSet("four bars", Restriction(), (4,)),
-    LocalSet("same colour", Restriction(same_color=True), (2, 3)),
+    LocalSet("same color", Restriction(same_color=True), (2, 3)),
     LocalSet("same direction", Restriction(same_direction=True), (2, 3)),
     LocalSet("equal bars", Restriction(same_color=True, same_direction=True), (2, 3)),
 )
