@@ -13,7 +13,6 @@ from ndtorch.navigation.certainty import certainty
 from ndtorch.navigation.mapping import LogOdds
 from ndtorch.navigation.observations import Observations, arc_coordinates, free_length, path_is_free
 from ndtorch.navigation.odometry import to_body
-from ndtorch.navigation.tiles import add_at, cell_tables, empty_tiles
 
 RIG = StereoRig()
 GRID = Grid(-1.0, 5.0, -3.0, 3.0)
@@ -93,22 +92,6 @@ def test_an_old_state_stays_as_it_was(certainty):
     tiles = [pair for rows in zip(kept.tiles.rows, after.tiles.rows, strict=True) for pair in zip(*rows, strict=True)]
     assert any(a is b for a, b in tiles)
     assert all(a is b or a.untyped_storage().data_ptr() != b.untyped_storage().data_ptr() for a, b in tiles)
-
-
-def test_tiles_hold_what_was_added_where():
-    """Against a plain tensor, for several maps at once."""
-    generator = torch.Generator().manual_seed(2)
-    rows, columns = 150, 200
-    down, across = cell_tables(rows, columns)
-    tiles, plain = empty_tiles((2, 3), rows, columns, torch.zeros(1)), torch.zeros(2, 3, rows, columns)
-    for _ in range(5):
-        row = torch.randint(0, rows, (2, 3, 40), generator=generator)
-        column = torch.randint(0, columns, (2, 3, 40), generator=generator)
-        weight = torch.randn(2, 3, 40, generator=generator)
-        tiles = add_at(tiles, down[row] + across[column], weight, limit=1.0)
-        plain.flatten(-2).scatter_add_(-1, row * columns + column, weight)
-        plain.clamp_(-1.0, 1.0)
-    torch.testing.assert_close(tiles.cells[..., :rows, :columns], plain)
 
 
 @pytest.mark.parametrize("certainty", ["beams", "log-odds"])

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.binding.feedback import settled
-from ndtorch.binding.normalise import group_max, spread_groups
+from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.owners import features_by_group
 
@@ -25,9 +25,9 @@ def columns(covariances: Tensor, first_stage: Tensor) -> tuple[Tensor, Tensor]:
     """
     deviation = covariances.diagonal(dim1=-2, dim2=-1).clamp_min(0).sqrt()
     # Motion is in other units than color: each group counts by its largest fluctuation.
-    scale = spread_groups(group_max(deviation).clamp_min(torch.finfo(deviation.dtype).tiny))
+    scale = spread_groups(group_max(deviation))
     first = settled(first_stage).to(covariances.dtype)
-    shared = first @ (covariances / (scale.unsqueeze(-1) * scale.unsqueeze(-2))) @ first.mT
+    shared = first @ divide(covariances, scale.unsqueeze(-1) * scale.unsqueeze(-2)) @ first.mT
     owner = shared.diagonal(dim1=-2, dim2=-1).argmax(-1)
     return owner, shared.gather(-1, owner[..., None, None].expand(*shared.shape[:-1], 1)).squeeze(-1)
 

@@ -176,7 +176,7 @@ def test_brightness_and_place_do_not_matter(gain: float, down: int, right: int) 
 
 @pytest.mark.parametrize("name", ["most", "period", "window", "tau_bind"])
 def test_parameters_must_be_positive(name: str) -> None:
-    with pytest.raises(InputError, match=f"{name} = 0: Input should be greater than 0"):
+    with pytest.raises(InputError, match=f"{name} = 0: should be greater than 0"):
         WindowParams(**{name: 0})  # type: ignore[arg-type]
 
 
