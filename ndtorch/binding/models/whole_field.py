@@ -28,7 +28,6 @@ class WholeField(Constants):
     center: tuple[float, float] = Field((19.0, 6.0), description="deviations of the orientation filters, pixels,")
     surround: tuple[float, float] = Field((22.0, 9.0), description="along and across: center less surround")
     exact: bool = Field(False, description="orientation sums at full resolution: slower, differs by < 0.5 %")
-    fused: bool = Field(False, description="compile the motion sums: quicker after some seconds")
 
 
 class Normalise(Constants):
@@ -102,7 +101,7 @@ class WholeFieldModel(BindingModel):
         self.dt, self.settle = dt, c.network.settle
         f, n = c.fields, c.normalise
         self.features = VisualFeatures(
-            c.size, 1 / c.fps, f.tau_motion_high, f.tau_motion_low, c.border, f.exact, f.fused, f.center, f.surround
+            c.size, 1 / c.fps, f.tau_motion_high, f.tau_motion_low, c.border, f.exact, f.center, f.surround
         )
         self.resample = Resample(1 / c.fps, dt)
         self.inputs = BindingInputs(dt, n.order, n.tau_sums, n.window, n.floor)
