@@ -48,6 +48,7 @@ class InhibitoryNetwork(nn.Module):
             weights themselves.
         tau_rough: memory of what `alternation` looks at, seconds: long against a sample, short against learning.
         initial: weights to start from, `[N, N]`; None for zeros.
+        gamma: what was said here in version 0.1 is an option of the rule.
 
     Shapes:
         inputs `[..., T, N]` -> outputs `[..., T, N]`, or `[..., T, F, N]` -> `[..., T, F, N]` with `shared` weights;
@@ -77,8 +78,11 @@ class InhibitoryNetwork(nn.Module):
         tau_mean: float = 2.0,
         tau_rough: float = 0.5,
         initial: Tensor | None = None,
+        gamma: None = None,
     ) -> None:
         super().__init__()
+        if gamma is not None:
+            raise InputError("gamma is an option of the rule now: rule=learning_rule('competitive', gamma=...)")
         if neurons < 2:
             raise InputError(f"a network needs at least 2 neurons, got {neurons}")
         if feedback not in FEEDBACKS:
