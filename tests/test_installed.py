@@ -41,9 +41,8 @@ def test_a_bare_name_is_a_file_that_comes_along(tmp_path: Path, monkeypatch: pyt
 
 def test_one_version_everywhere() -> None:
     root = Path(__file__).parents[1]
-    projects = [
-        tomllib.loads((root / part / "pyproject.toml").read_text())["project"] for part in ("", "robot", "train")
-    ]
+    files = [root / part / "pyproject.toml" for part in ("", "robot", "train")]
+    projects = [tomllib.loads(file.read_text())["project"] for file in files]
     assert {project["version"] for project in projects} == {ndtorch.__version__}
     for project in projects[1:]:
         assert any(need.startswith(f"ndtorch>={ndtorch.__version__},") for need in project["dependencies"])

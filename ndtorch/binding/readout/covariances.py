@@ -14,6 +14,7 @@ from ndtorch.binding.feedback import settled
 from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.owners import features_by_group
+from ndtorch.vision.roots import root
 
 
 def columns(covariances: Tensor, first_stage: Tensor) -> tuple[Tensor, Tensor]:
@@ -23,7 +24,7 @@ def columns(covariances: Tensor, first_stage: Tensor) -> tuple[Tensor, Tensor]:
         covariances: of the high-passed signals, `[..., 10, 10]`.
         first_stage: weights of the first stage, `[10, 10]`.
     """
-    deviation = covariances.diagonal(dim1=-2, dim2=-1).clamp_min(0).sqrt()
+    deviation = root(covariances.diagonal(dim1=-2, dim2=-1))
     # Motion is in other units than color: each group counts by its largest fluctuation.
     scale = spread_groups(group_max(deviation))
     first = settled(first_stage).to(covariances.dtype)

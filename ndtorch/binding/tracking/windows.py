@@ -14,6 +14,7 @@ from ndtorch.errors import InputError
 from ndtorch.vision.alpha_beta import corrected, predicted
 from ndtorch.vision.features import GROUPS
 from ndtorch.vision.motion import Border, check_border
+from ndtorch.vision.roots import root
 
 DIRECTIONS = ((0.0, -1.0), (0.0, 1.0), (1.0, 0.0), (-1.0, 0.0))
 """Rows and columns towards which the motion signals left, right, down and up point."""
@@ -165,7 +166,7 @@ def windows_step(low: Tensor, state: WindowState, windows: Windows) -> WindowSta
     signals = low.flatten(-3, -2)  # [..., F, 10]
     motion = signals[..., GROUPS["motion"]].clamp_min(0)
     # The detectors multiply brightness with brightness; the root is proportional to it again.
-    energy = motion.sum(-1).sqrt()  # [..., F]
+    energy = root(motion.sum(-1))  # [..., F]
     peak = torch.maximum(state.peak * (1 - dt / p.tau_peak), energy.amax(-1))
 
     # Follow: predict, then move towards the motion in the window's own direction.
@@ -173,7 +174,7 @@ def windows_step(low: Tensor, state: WindowState, windows: Windows) -> WindowSta
     away = windows.offset(windows.centers - place.unsqueeze(-2))  # [..., K, F, 2]
     window = torch.exp(-away.square().sum(-1) / (2 * p.window**2)) * state.open.unsqueeze(-1)
     shared = window * window / (window.sum(-2, keepdim=True) + p.crowd)
-    own = (own_direction(state, windows) @ motion.mT).sqrt()  # [..., K, F]
+    own = root(own_direction(state, windows) @ motion.mT)  # [..., K, F]
     weight = shared * own
     seen = state.open & ((window * own).amax(-1) > p.visible * peak.unsqueeze(-1))
     towards = (weight.unsqueeze(-1) * away).sum(-2) / weight.sum(-1, keepdim=True).clamp_min(tiny)
