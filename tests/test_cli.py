@@ -24,12 +24,13 @@ from ndtorch.commands import main
 from ndtorch.scenes import SCENES, two_bars
 from ndtorch.scenes.video_writer import VideoWriter
 
-TRACKED = {"objects.json", "overlay.mp4", "state.safetensors", "timeline.jsonl", "timeline.png"}
+TRACKED = {"objects.json", "overlay.mp4", "report.html", "state.safetensors", "timeline.jsonl", "timeline.png"}
 FILES = {
     "enhanced.mp4",
     "frames.png",
     "objects.json",
     "outputs.png",
+    "report.html",
     "state.safetensors",
     "weights.png",
     "weights_over_time.png",
@@ -300,7 +301,7 @@ def test_scenes_lists_what_render_takes(tmp_path: Path, capsys: pytest.CaptureFi
     assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == 10
     ok, frame = video.read()
     assert ok
-    # Three bars: something in each colour plane.
+    # Three bars: something in each color plane.
     assert (frame.reshape(-1, 3).max(0) > 60).all()
 
 

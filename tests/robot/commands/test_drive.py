@@ -16,7 +16,7 @@ from ndtorch_robot.config import load_config
 from ndtorch_robot.sim import gl
 from tests.robot.support.gl_needed import WHY, needs_gl
 
-FILES = ["map.npz", "map.png", "path.png", "rows.png", "speeds.png", "summary.json"]
+FILES = ["map.npz", "map.png", "path.png", "report.html", "rows.png", "speeds.png", "summary.json"]
 KEYS = {
     "collisions",
     "stopped",

@@ -104,8 +104,8 @@ def test_picture_of_many(tmp_path):
     draw_table(rows_of(drives), tmp_path / "table.png")
     picture = cv2.imread(str(tmp_path / "table.png"))
     assert picture.shape[1] > 1000
-    for colour in ((0xB2, 0x72, 0x00), (0x00, 0x5E, 0xD5)):  # blue and vermilion, as BGR
-        assert (np.abs(picture.astype(int) - colour).sum(-1) < 12).sum() > 300
+    for color in ((0xB2, 0x72, 0x00), (0x00, 0x5E, 0xD5)):  # blue and vermilion, as BGR
+        assert (np.abs(picture.astype(int) - color).sum(-1) < 12).sum() > 300
 
 
 @needs_gl
@@ -120,7 +120,8 @@ def test_command_goes_on_where_it_was(tmp_path, capsys):
     assert len(made) == 2
     lines = [json.loads(line) for line in (tmp_path / "drives.jsonl").read_text().splitlines()]
     assert [line["seed"] for line in lines] == [1000, 1001]
-    assert {p.name for p in tmp_path.iterdir()} == {"drives", "drives.jsonl", "table.csv", "table.md", "table.png"}
+    names = {"drives", "drives.jsonl", "report.html", "table.csv", "table.md", "table.png"}
+    assert {p.name for p in tmp_path.iterdir()} == names
 
     gone = min(made)
     gone.unlink()
