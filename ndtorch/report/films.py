@@ -105,7 +105,7 @@ def even(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def marked(frame: Pixels, things: tuple[BoundObject, ...]) -> Pixels:
-    """The frame `[H, W, 3]` with a circle around each object, in its colour, an arrow where it moves, and its label."""
+    """The frame `[H, W, 3]` with a circle around each object, in its color, an arrow where it moves, and its label."""
     import cv2
 
     image = np.ascontiguousarray(frame).copy()
@@ -139,7 +139,7 @@ def clocked(image: Pixels, seconds: float) -> Pixels:
 
 
 def lettered(image: Pixels, words: str, column: int, baseline: int, color: tuple[int, int, int]) -> None:
-    """Write on the image, in colour on a white rim, inside the picture; not on one that is too small for letters."""
+    """Write on the image, in color on a white rim, inside the picture; not on one that is too small for letters."""
     import cv2
 
     if len(image) < SMALLEST:

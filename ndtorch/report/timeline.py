@@ -29,7 +29,7 @@ def color_of(thing: BoundObject) -> str:
 
 
 def draw_timeline(result: RunResult, path: Path) -> Path:
-    """timeline.png: a lane an object in its colour, arrows for where it moves, and all paths in the picture."""
+    """timeline.png: a lane an object in its color, arrows for where it moves, and all paths in the picture."""
     from matplotlib.figure import Figure
 
     count, aspect = len(result.objects), result.size[1] / result.size[0]

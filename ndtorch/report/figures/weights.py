@@ -98,7 +98,7 @@ def draw_matrix(axes: Axes, values: Floats, top: float, empty: str = "all weight
     Args:
         axes: where to draw.
         values: `[10, 10]`, `values[n, k]` the weight from neuron k to neuron n.
-        top: value of the darkest colour; cells of a third of it and more show their value.
+        top: value of the darkest color; cells of a third of it and more show their value.
         empty: what is written where there is nothing.
     """
     picture = axes.imshow(values, cmap="Blues", vmin=0, vmax=top, aspect="auto")
