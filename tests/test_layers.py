@@ -13,12 +13,12 @@ from pathlib import Path
 
 import pytest
 
-HEAVY = ("cv2", "torchvision", "rerun", "matplotlib", "mujoco", "tyro", "serial")
+HEAVY = ("cv2", "numba", "torchvision", "rerun", "matplotlib", "mujoco", "tyro", "serial")
 
 PACKAGES = ("ndtorch", "ndtorch_robot", "ndtorch_train")
 
 FLOORS = (
-    "code_digest config errors installed lazy memory optional toml tree workers",
+    "code_digest config errors installed kernels lazy memory optional toml tree workers",
     "scenes vision",
     "binding navigation",
     "export loading",

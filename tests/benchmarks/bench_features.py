@@ -19,7 +19,7 @@ def rows(device: str | None = None) -> list[Row]:
     cv2.setNumThreads(1)
     frames = torch.cat(list(two_bars(seconds=0.4).chunks(8)))
     arrays = [frame.numpy() for frame in frames]
-    fast, fused, exact = VisualFeatures(), VisualFeatures(fused=True), VisualFeatures(exact=True)
+    fast, exact = VisualFeatures(), VisualFeatures(exact=True)
     fft, filter2d = NumpyFeatures(500, "fft"), NumpyFeatures(500, "filter2d")
     with torch.inference_mode():
         quick, state = fast(frames)
@@ -35,7 +35,6 @@ def rows(device: str | None = None) -> list[Row]:
         _, files = binding(signals)
         jobs = {
             "fast": lambda: fast(chunk, state),
-            "fused": lambda: fused(chunk, state),
             "exact": lambda: exact(chunk, state),
             "local": lambda: local(chunk, seen),
             "files": lambda: binding(signals, files),
@@ -52,7 +51,7 @@ def rows(device: str | None = None) -> list[Row]:
             f"NumPy + {other} {ms[theirs]}",
             f"{per_frame[theirs] / per_frame[ours]:.1f}x",
         )
-        for ours, name in (("fast", ""), ("fused", ", fused=True"))
+        for ours, name in (("fast", ""), ("bytes", " of uint8"), ("torch", " without kernels"))
         for theirs, other in (("fft", "scipy.fft"), ("filter2d", "cv2.filter2D"))
     ]
     found += [
