@@ -235,9 +235,10 @@ class FiguresModel(BindingModel):
         soft = cv2.blur(grey, (3, 3))
         moved = (np.abs(soft - seen.before.numpy()) > g.moved).astype(np.uint8)
         quiet = np.where(cv2.dilate(moved, square) > 0, 0, seen.quiet.numpy() + self.dt).astype(np.float32)
-        known = np.zeros(began + 2, bool)
-        known[[one.number + 1 for one in open_ if one.known]] = True
-        free = standing.figure & ~known[seen.silhouettes.numpy()]
+        # Plain parts of what moves are still too, and no holes.
+        moving = np.zeros(began + 2, bool)
+        moving[[one.number + 1 for one in open_ if one.known and time - one.moved < t.rests]] = True
+        free = standing.figure & ~moving[seen.silhouettes.numpy()]
         smallest = t.smallest * grey.size
         hole = holes(free, quiet >= t.still, grey, standing.ground.mean(0), smallest)
         if hole.any():

@@ -45,6 +45,7 @@ class FigureParams(Constants):
     larger: float = Field(2.0, ge=1, description="a track of this many times its pixels,")
     beside: float = Field(1.0, ge=0, description="nearer than this share of the other's size,")
     fate: float = Field(0.5, ge=0, description="whose velocity differs by less than this share, is what it is part of")
+    rests: float = Field(1.5, ge=0, description="an object that did not go half its size for this long rests")
     stays: float = Field(60.0, ge=0, description="what stops stays an object for this long")
     doubtful: float = Field(1.0, ge=0, description="what never travelled is learned as ground after this long")
 
@@ -220,8 +221,10 @@ def follow(
         given[r].append(k)
     owners = np.zeros(count + 1, np.int32)
     groups: list[tuple[int, list[Figure]]] = []
+    absorbed: set[int] = set()
     for r in range(count):
-        ones = visible([kept[k] for k in given[r]], regions.areas[r] / height**2)
+        ones, parts = visible([kept[k] for k in given[r]], regions.areas[r] / height**2, p)
+        absorbed |= {one.number for one in parts}
         if len(ones) > 1:
             groups.append((r, ones))
         elif ones:
@@ -245,7 +248,7 @@ def follow(
     for one in kept:
         if not one.known and one.last_seen == time and travels(one, p) and not part_of_another(one, kept, p):
             one.known = True
-    return kept, late, silhouettes
+    return [one for one in kept if one.number not in absorbed], late, silhouettes
 
 
 def travels(one: Figure, p: FigureParams) -> bool:
@@ -269,17 +272,30 @@ def part_of_another(one: Figure, others: Sequence[Figure], p: FigureParams) -> b
     return False
 
 
-def visible(ones: list[Figure], area: float) -> list[Figure]:
-    """Of the tracks whose region is one: a young one that runs into a known one was a piece of it; of young ones the
-    oldest; and of known ones the oldest for as many as there is room for in the region, the others are hidden."""
+def visible(ones: list[Figure], area: float, p: FigureParams) -> tuple[list[Figure], list[Figure]]:
+    """Of the tracks whose region is one: those that are seen in it, and those that were pieces of another one.
+
+    A young track that runs into a known one was a piece of it, and of young ones only the oldest stays. Known tracks
+    that are together much smaller than their region were pieces of one thing, and so was a small one that moves as the
+    largest does. Of the others, the oldest are seen for as many as there is room for; the rest is hidden.
+    """
     known = [one for one in ones if one.known]
     if not known:
-        return sorted(ones, key=lambda one: one.number)[:1]
+        first = sorted(ones, key=lambda one: one.number)
+        return first[:1], first[1:]
+    parts = [one for one in ones if not one.known]
+    known.sort(key=lambda one: one.number)
+    if len(known) > 1 and sum(one.last[PIXELS] for one in known) < area / p.larger:
+        return known[:1], parts + known[1:]
+    largest = max(known, key=lambda one: one.last[PIXELS])
     shown: list[Figure] = []
-    for one in sorted(known, key=lambda one: one.number):
-        if not shown or sum(other.last[PIXELS] for other in shown) + 0.5 * one.last[PIXELS] < area:
+    for one in known:
+        small = one.last[PIXELS] * p.larger < largest.last[PIXELS]
+        if small and float(np.hypot(*(one.velocity - largest.velocity))) < p.fate * float(np.hypot(*largest.velocity)):
+            parts.append(one)
+        elif not shown or sum(other.last[PIXELS] for other in shown) + 0.5 * one.last[PIXELS] < area:
             shown.append(one)
-    return shown
+    return shown or [largest], parts
 
 
 def meeting(

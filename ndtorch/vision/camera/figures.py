@@ -35,10 +35,11 @@ class GroundParams(Constants):
     settle: float = Field(1.0, ge=0, description="the background of the first seconds is the median of what was seen")
     moved: float = Field(0.012, gt=0, description="smallest change from picture to picture that is motion")
     hold: float = Field(0.05, ge=0, description="pace of the background where an object is, as a share")
-    darkest: float = Field(0.3, ge=0, le=1, description="a shadow leaves at least this share of the light,")
+    darkest: float = Field(0.4, ge=0, le=1, description="a shadow leaves at least this share of the light,")
     tint: float = Field(0.12, ge=0, description="changes the colors' shares by at most this,")
     uneven: float = Field(0.06, ge=0, description="and its own share varies by at most this among neighbours")
-    penumbra: int = Field(3, ge=0, description="width of a shadow's edge, pixels of that image")
+    penumbra: int = Field(2, ge=0, description="width of a shadow's edge, pixels of that image")
+    around: float = Field(0.08, ge=0, description="what lies within this between parts that are no shadow is none")
     gain_limit: float = Field(4.0, ge=1, description="largest gain of the exposure, and 1 / the smallest")
     cut: float = Field(0.7, gt=0, le=1, description="share of the picture standing out that makes it a new scene")
 
@@ -127,7 +128,11 @@ def ground_step(
         samples,
         torch.tensor(seen, dtype=torch.int64),
     )
-    figure = (out & ~shaded).astype(np.uint8) * 255
+    core = (out & ~shaded).astype(np.uint8)
+    # A dark coat looks like a shadow, but the rest of its wearer is around it.
+    wide = 2 * round(p.around * core.shape[0] / 2) + 1
+    closed = cv2.morphologyEx(core, cv2.MORPH_CLOSE, np.ones((wide, wide), np.uint8))
+    figure = np.asarray(closed & out.astype(np.uint8), np.uint8) * np.uint8(255)
     # A pixel alone is noise; a gap of a pixel is none.
     figure = np.asarray(cv2.blur(figure, (3, 3)), np.uint8)
     figure = np.asarray(cv2.morphologyEx((figure > 127).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)))
