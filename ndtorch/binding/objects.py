@@ -42,7 +42,7 @@ class BoundObject:
         heading: sum of the directions it was seen to move in, to the right and down, as unit vectors.
         fields: number of receptive fields that show it at its latest sighting.
         path: time, column and row of every sighting, where they are kept.
-        boxes: left, top, right and bottom at every sighting of the path, pixels of the frames, of models that know them.
+        boxes: left, top, right and bottom at every sighting of the path, pixels of the frames; empty of models without.
     """
 
     neuron: str

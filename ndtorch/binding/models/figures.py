@@ -49,12 +49,14 @@ class FiguresSignals(NamedTuple):
         outputs: of the network, likewise.
         silhouettes: number of the track of every pixel of the working image plus one, 0 for none, `[..., T', h, w]`
             int32.
+        mask: 1 where a track is that was known to be an object by then, 0 elsewhere, `[..., T', h, w]` uint8.
         time: seconds since the first frame, `[T']` float64.
     """
 
     inputs: Tensor
     outputs: Tensor
     silhouettes: Tensor
+    mask: Tensor
     time: Tensor
 
 
@@ -157,7 +159,7 @@ class FiguresModel(BindingModel):
         seen, waiting, counted = state.seen, state.waiting, int(state.frames)
         began, time = int(state.began), float(state.time)
         open_, closing = figures_of(state.open), list[Figure]()
-        rows, shapes, times, who = [], [], [], []
+        rows, shapes, masks, times, who = [], [], [], [], []
         for k, frame in enumerate(frames):
             waiting = waiting + torch.from_numpy(self._small(frame))
             if (counted + k + 1) % self.group:
@@ -168,6 +170,8 @@ class FiguresModel(BindingModel):
             closing += [one for one in late if one.known]
             rows.append(signals)
             shapes.append(seen.silhouettes)
+            names = torch.tensor([one.number + 1 for one in open_ if one.known], dtype=torch.int32)
+            masks.append(torch.isin(seen.silhouettes, names).to(torch.uint8))
             times.append(time)
             who.append([one for one in open_ if one.last_seen == time])
         inputs = outputs = torch.zeros(0, self.config.fields.most, 10)
@@ -193,7 +197,8 @@ class FiguresModel(BindingModel):
             torch.tensor(time, dtype=torch.float64),
         )
         pictures = torch.stack(shapes) if shapes else torch.zeros(0, *self.small, dtype=torch.int32)
-        return FiguresSignals(inputs, outputs, pictures, torch.tensor(times, dtype=torch.float64)), after
+        known = torch.stack(masks) if masks else pictures.to(torch.uint8)
+        return FiguresSignals(inputs, outputs, pictures, known, torch.tensor(times, dtype=torch.float64)), after
 
     def _start(self) -> FiguresState:
         """The state before the first frame."""

@@ -381,7 +381,9 @@ def apart(
     return [(lost[i], free[j]) for i, j in zip(rows, columns, strict=True) if cost[i, j] < 1]
 
 
-def share(silhouettes: Labels, labels: Labels, r: int, box: npt.NDArray[np.int64], ones: list[Figure], time: float) -> None:
+def share(
+    silhouettes: Labels, labels: Labels, r: int, box: npt.NDArray[np.int64], ones: list[Figure], time: float
+) -> None:
     """Give each pixel of a region to the nearest of several tracks."""
     height = labels.shape[0]
     top, left, bottom, right = box

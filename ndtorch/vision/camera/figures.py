@@ -35,11 +35,11 @@ class GroundParams(Constants):
     settle: float = Field(1.0, ge=0, description="the background of the first seconds is the median of what was seen")
     moved: float = Field(0.012, gt=0, description="smallest change from picture to picture that is motion")
     hold: float = Field(0.05, ge=0, description="pace of the background where an object is, as a share")
-    darkest: float = Field(0.4, ge=0, le=1, description="a shadow leaves at least this share of the light,")
+    darkest: float = Field(0.3, ge=0, le=1, description="a shadow leaves at least this share of the light,")
     tint: float = Field(0.12, ge=0, description="changes the colors' shares by at most this,")
     uneven: float = Field(0.06, ge=0, description="and its own share varies by at most this among neighbours")
     penumbra: int = Field(2, ge=0, description="width of a shadow's edge, pixels of that image")
-    around: float = Field(0.08, ge=0, description="what lies within this between parts that are no shadow is none")
+    around: float = Field(0.04, ge=0, description="what lies within this between parts that are no shadow is none")
     gain_limit: float = Field(4.0, ge=1, description="largest gain of the exposure, and 1 / the smallest")
     cut: float = Field(0.7, gt=0, le=1, description="share of the picture standing out that makes it a new scene")
 
