@@ -40,6 +40,7 @@ class FigureParams(Constants):
     tau_velocity: float = Field(0.4, ge=0, description="a sighting after t changes the velocity by t / (this + t)")
     tau_size: float = Field(0.4, ge=0, description="memory of the size and of the color")
     coast: float = Field(1.0, ge=0, description="how long a track out of sight is waited for")
+    warm_up: float = Field(1.0, ge=0, description="nothing is called an object before; the ground is not known yet")
     shortest: float = Field(0.3, ge=0, description="smallest time in sight of an object")
     travel: float = Field(0.7, ge=0, description="smallest way gone; 0 reports what does not travel too")
     larger: float = Field(2.0, ge=1, description="a track of this many times its pixels,")
@@ -246,7 +247,13 @@ def follow(
         if seen is not None:
             add(one, time, seen, p)
     for one in kept:
-        if not one.known and one.last_seen == time and travels(one, p) and not part_of_another(one, kept, p):
+        if (
+            time >= p.warm_up
+            and not one.known
+            and one.last_seen == time
+            and travels(one, p)
+            and not part_of_another(one, kept, p)
+        ):
             one.known = True
     return [one for one in kept if one.number not in absorbed], late, silhouettes
 
@@ -435,7 +442,9 @@ def add(one: Figure, time: float, seen: Sighting, p: FigureParams) -> None:
         share_of = p.follow * (0.5 if seen.shared else 1.0)
         place = there + share_of * (seen.place - there) if seen.shared else seen.place
         residual = place - there
-        one.velocity = one.velocity + gap / (p.tau_velocity + gap) * residual / max(gap, 1e-9)
+        # Of a young track the mean of all steps so far.
+        pace = max(gap / (p.tau_velocity + gap), 1 / (len(one.before) + len(one.late)))
+        one.velocity = one.velocity + pace * residual / max(gap, 1e-9)
         if seen.shared:
             pixels = one.last[PIXELS]
         else:

@@ -45,7 +45,7 @@ def regions_of(figure: Bools, smallest: float, gap: int) -> Regions:
     number[keep] = np.arange(1, keep.sum() + 1)
     rows = stats[keep]
     boxes = np.stack([rows[:, 1], rows[:, 0], rows[:, 1] + rows[:, 3], rows[:, 0] + rows[:, 2]], 1)
-    return Regions(number[np.asarray(labels)], boxes, rows[:, 4])
+    return Regions(number[np.asarray(labels)], boxes, np.asarray(rows[:, 4], np.int64))
 
 
 def holes(figure: Bools, still: Bools, picture: Floats, ground: Floats, smallest: float) -> Bools:
@@ -73,7 +73,8 @@ def holes(figure: Bools, still: Bools, picture: Floats, ground: Floats, smallest
     def edges(image: Floats) -> npt.NDArray[np.float64]:
         across, down = cv2.Sobel(image, cv2.CV_32F, 1, 0), cv2.Sobel(image, cv2.CV_32F, 0, 1)
         size = cv2.dilate(np.abs(across) + np.abs(down), np.ones((3, 3), np.uint8))
-        return np.bincount(which, np.asarray(size)[outer], minlength=count + 1)[1:]
+        sums = np.bincount(which, np.asarray(size, np.float64)[outer], minlength=count + 1)
+        return np.asarray(sums[1:], np.float64)
 
     around = np.bincount(which, minlength=count + 1)[1:]
     whole = np.bincount(quiet.labels[rim], minlength=count + 1)[1:]

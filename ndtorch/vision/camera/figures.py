@@ -95,7 +95,7 @@ def ground_step(
     p = params
     ground, deviation = state.mean.numpy(), state.deviation.numpy()
     gain = exposure(picture, ground, p.gain_limit)
-    picture = picture * (1 / gain)[:, None, None]
+    picture = np.asarray(picture / gain[:, None, None], np.float32)
     difference = picture - ground
     size = np.abs(difference)
     middle = np.median(size[:, ::4, ::4].reshape(3, -1), axis=1) / MEDIAN_SIZE
@@ -104,7 +104,7 @@ def ground_step(
     over = size > threshold
     out = over[0] | over[1] | over[2]
     if out.mean() > p.cut:
-        fresh = ground_start(np.ascontiguousarray(picture * gain[:, None, None]), p.least_noise)
+        fresh = ground_start(np.ascontiguousarray(picture * gain[:, None, None], np.float32), p.least_noise)
         whole = fresh.mean.numpy()
         return Standing(whole, whole, np.zeros(out.shape, bool)), fresh
     shaded = shadow(picture, ground, p)
