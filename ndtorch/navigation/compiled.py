@@ -22,6 +22,7 @@ from ndtorch.navigation.fingerprint import code_fingerprint, fingerprint, machin
 from ndtorch.navigation.kept_code import KeptCode, UnusableFolder, cache_folder
 from ndtorch.navigation.mapping import GridMap
 from ndtorch.navigation.model import Navigator, NavigatorState
+from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.strips import Strips, cut_strips
 
 Function = Callable[..., list[Tensor]]
@@ -78,10 +79,11 @@ class CompiledNavigator(nn.Module):
         right: Tensor | Strips,
         state: NavigatorState | None = None,
         driven: Command | None = None,
+        start: Pose | None = None,
     ) -> tuple[Command, NavigatorState]:
         eyes = [self.strips(eye, side) for side, eye in enumerate((left, right))]
         if state is None or self.kept is None:
-            return self.navigator(*eyes, state, driven)  # type: ignore[no-any-return]
+            return self.navigator(*eyes, state, driven, start)  # type: ignore[no-any-return]
         if driven is None:
             driven = Command(*(part.unsqueeze(-1) for part in state.command))
         memory = (state.map, state.observations, state.tracks)

@@ -64,6 +64,7 @@ class Navigator(nn.Module):
             or `Strips` cut out of them.
         driven: what the car really did on the way to each frame, `Command` of `[..., T]`; by default the
             command given at the frame before.
+        start: where the car stands at the first frame, `Pose` of `[...]`; the origin by default.
         command: `Command` of `[..., T]`, what to do from each frame on.
 
     Args:
@@ -111,8 +112,9 @@ class Navigator(nn.Module):
         right: Tensor | Strips,
         state: NavigatorState | None = None,
         driven: Command | None = None,
+        start: Pose | None = None,
     ) -> tuple[Command, NavigatorState]:
-        command, state, ranges, poses = self.see_and_steer(left, right, state, driven)
+        command, state, ranges, poses = self.see_and_steer(left, right, state, driven, start)
         return command, self.remember(state, ranges, poses)
 
     def see_and_steer(
@@ -121,6 +123,7 @@ class Navigator(nn.Module):
         right: Tensor | Strips,
         state: NavigatorState | None = None,
         driven: Command | None = None,
+        start: Pose | None = None,
     ) -> tuple[Command, NavigatorState, Ranges, Pose]:
         """All but the memory: command, state, and the ranges and poses of every frame, which `remember` takes."""
         left_field, left_row = strips(left)
@@ -132,7 +135,7 @@ class Navigator(nn.Module):
                 f"subfields and rows must be of the same frames, "
                 f"got {tuple(left_field.shape)} and {tuple(left_row.shape)}"
             )
-        command, control, poses, pose = self.steer(seen, ranges, state, driven)
+        command, control, poses, pose = self.steer(seen, ranges, state, driven, start)
         sides, difference = self.controller.sides(seen), self.controller.difference(control)
         last = Command(command.speed[..., -1], command.curvature[..., -1])
         now = Ranges(*(part[..., -1, :] for part in ranges))
@@ -156,11 +159,16 @@ class Navigator(nn.Module):
         return self.controller.mode(state.control)
 
     def steer(
-        self, seen: Tensor, ranges: Ranges, state: NavigatorState | None, driven: Command | None
+        self,
+        seen: Tensor,
+        ranges: Ranges,
+        state: NavigatorState | None,
+        driven: Command | None,
+        start: Pose | None = None,
     ) -> tuple[Command, Any, Pose, Pose]:
         """Frame by frame, because what is done at one frame is what was driven on the way to the next."""
         still = torch.zeros_like(ranges.x[..., 0, 0])
-        pose = state.pose if state else Pose(still, still, still)
+        pose = state.pose if state else start or Pose(still, still, still)
         last = state.command if state else Command(still, still)
         dim = ranges.x.ndim - 2
         control = state.control if state else self.controller.start(seen.select(dim, 0), pose)
