@@ -18,6 +18,7 @@ from ndtorch.navigation.odometry import DeadReckoning, Pose
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import AngleModel, StereoRig
 from ndtorch.navigation.row_ranging import RowRanging, RowRangingState
+from ndtorch.navigation.row_search import SearchParams
 from ndtorch.navigation.strips import Strips
 from ndtorch.navigation.tracking import AlphaBetaTracker, Tracks
 from ndtorch.vision.temporal import FilterState
@@ -72,6 +73,7 @@ class Navigator(nn.Module):
         dt: time step, s.
         controller: the name of a controller (`controller_names`), or one that was made for this rig and step.
         params: parameters of the controller that is named, an instance of its `Params`.
+        search: range by searching the right row instead of matching features.
         features, matching: parameters of the ranging. `FeatureParams(7, edge_reach=4, shared=True)` ranges better
             than the published default.
         angles: `"atan"` (exact) or `"linear"` (as published).
@@ -92,6 +94,7 @@ class Navigator(nn.Module):
         features: FeatureParams | None = None,
         matching: MatchParams | None = None,
         angles: AngleModel = "atan",
+        search: SearchParams | None = None,
         grid_map: GridMap | None = None,
         observations: ObservationList | None = None,
         tracker: AlphaBetaTracker | None = None,
@@ -102,7 +105,7 @@ class Navigator(nn.Module):
         elif params is not None:
             raise InputError("params belong to a controller that is named; this one was made already")
         self.controller: Controller = controller
-        self.ranging = RowRanging(rig, dt, features, matching, angles)
+        self.ranging = RowRanging(rig, dt, features, matching, angles, search=search)
         self.reckoning = DeadReckoning(dt)
         self.grid_map, self.observations, self.tracker = grid_map, observations, tracker
 

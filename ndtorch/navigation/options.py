@@ -16,6 +16,7 @@ from ndtorch.navigation.features import FeatureParams
 from ndtorch.navigation.mapping import Certainty, Grid, GridMap
 from ndtorch.navigation.model import Navigator
 from ndtorch.navigation.rig import AngleModel, Rect, StereoRig
+from ndtorch.navigation.row_search import SearchParams
 
 AnyNavigator = Navigator | CompiledNavigator
 
@@ -36,6 +37,9 @@ class NavigatorOptions:
         angle: of a pixel, `"atan"` (exact) or `"linear"` (as published).
         places: features lie at the edge that moved, to a fraction of a pixel (`"edges"`), or where the motion is
             largest (`"motion"`, as published).
+        ranging: match a few features of both rows (`"features"`, as published), or search the right row for many
+            places of the left one (`"search"`), see `row_search`; then `features`, `places` and `prediction` do
+            nothing, and the step cannot be compiled.
         prediction: follow features from frame to frame instead of choosing the strongest anew, as in [§2.1.4].
         compiled: step in one compiled function, see `CompiledNavigator`; 1.7 to 3 times faster, after about a
             minute of compiling the first time. The controller `goal` cannot be compiled.
@@ -54,6 +58,7 @@ class NavigatorOptions:
     features: int = 7
     angle: AngleModel = "atan"
     places: Literal["edges", "motion"] = "edges"
+    ranging: Literal["features", "search"] = "features"
     prediction: bool = False
     compiled: bool = False
     map: Certainty = "beams"
@@ -99,11 +104,19 @@ class NavigatorOptions:
             follow=FOLLOW if self.prediction else 0,
         )
         grid_map = None if grid is None else GridMap(rig, grid, certainty=self.map)
+        search = SearchParams() if self.ranging == "search" else None
         navigator = Navigator(
-            rig, 1 / rate, controller=self.make(rig, 1 / rate), features=features, angles=self.angle, grid_map=grid_map
+            rig,
+            1 / rate,
+            controller=self.make(rig, 1 / rate),
+            features=features,
+            angles=self.angle,
+            search=search,
+            grid_map=grid_map,
         )
-        if self.compiled and not navigator.controller.compiles:
-            raise InputError(f"the {self.controller} controller cannot be compiled: leave compiled away")
+        if self.compiled and not (navigator.controller.compiles and search is None):
+            what = f"the {self.controller} controller" if search is None else 'ranging "search"'
+            raise InputError(f"{what} cannot be compiled: leave compiled away")
         return CompiledNavigator(navigator, say=say) if self.compiled else navigator
 
 
@@ -116,6 +129,7 @@ OPTION_NAMES = tuple(option.name for option in dataclasses.fields(NavigatorOptio
 WORDS: Mapping[str, tuple[str, ...]] = {
     "angle": ("atan", "linear"),
     "places": ("edges", "motion"),
+    "ranging": ("features", "search"),
     "map": ("beams", "log-odds"),
 }
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from ndtorch.errors import InputError
 from ndtorch_robot.sim.plan import Plan, Point, cylinder, ring
 
-AROUND = 2.5
+AROUND = 1.2
 """Metres between the cylinders or the goal and the walls of the hall that they stand in."""
 
 TEST_EVERY = 5
@@ -75,20 +75,18 @@ def read_worlds(file: Path) -> list[World]:
     try:
         found = json.loads(file.read_text(encoding="utf-8"))
         x, y, degrees = found["start"]
-        common = {
-            "radius": float(found["radius_m"]),
-            "height": float(found["height_m"]),
-            "start": (float(x), float(y), math.radians(degrees)),
-            "goal": (float(found["goal"][0]), float(found["goal"][1])),
-            "within": float(found["goal_radius_m"]),
-            "limit": float(found["time_limit_s"]),
-        }
+        start, goal = (float(x), float(y), math.radians(degrees)), (float(found["goal"][0]), float(found["goal"][1]))
         return [
             World(
-                number=int(w["world"]),
-                cylinders=tuple((float(a), float(b)) for a, b in w["cylinders"]),
-                path=float(w["path_m"]),
-                **common,
+                int(w["world"]),
+                tuple((float(a), float(b)) for a, b in w["cylinders"]),
+                float(found["radius_m"]),
+                float(found["height_m"]),
+                start,
+                goal,
+                float(found["goal_radius_m"]),
+                float(found["time_limit_s"]),
+                float(w["path_m"]),
             )
             for w in found["worlds"]
         ]

@@ -63,9 +63,10 @@ def ring(points: list[Point], kind: str = "wall", height: float | None = None, s
     return made.flipped() if (made.area < 0) != solid else made
 
 
-def cylinder(x: float, y: float, radius: float, height: float, corners: int = 12) -> Ring:
-    """A round pillar, drawn as a polygon and bumped into as a cylinder."""
-    return replace(ring(circle(x, y, radius, corners), "pillar", height, solid=True), radius=radius)
+def cylinder(x: float, y: float, radius: float, height: float, corners: int = 8) -> Ring:
+    """A round pillar, bumped into as a cylinder and drawn as a polygon that is as wide on the average."""
+    wide = radius * 2 / (1 + math.cos(math.pi / corners))
+    return replace(ring(circle(x, y, wide, corners), "pillar", height, solid=True), radius=radius)
 
 
 def circle(x: float, y: float, radius: float, corners: int) -> list[Point]:

@@ -29,7 +29,7 @@ from ndtorch.navigation.controllers.goal.planning import Planned, clearance, pla
 from ndtorch.navigation.controllers.goal.speeds import allowed_speeds, speed_towards
 from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.controllers.ranging.decision import RangingState, decide
-from ndtorch.navigation.controllers.ranging.patch import Patch, add_evidence, cell_numbers, empty_patch, move_patch
+from ndtorch.navigation.controllers.ranging.patch import Patch, cell_numbers, move_patch
 from ndtorch.navigation.controllers.registry import register
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.ranging import Ranges
@@ -54,8 +54,8 @@ class GoalState(NamedTuple):
         home: x, y where the drive began, `[..., 2]`, m.
         errand: `TO`, `EXPLORE`, `BACK` or `DONE`.
         way: the way that is followed, `[..., LONGEST, 6]`: x, y, heading, curvature, direction, and the speed that
-            is allowed there, m/s; `count` places of it count.
-        count, at: places of the way, and the one reached.
+            is allowed there, m/s; the first `places` of it count.
+        places, at: how many places the way has, and the one reached.
         due: time steps until the next plan.
         direction: +1 ahead, -1 backward.
         vetoed: time steps in a row in which the reactive controller saw no room for what was planned.
@@ -69,7 +69,7 @@ class GoalState(NamedTuple):
     home: Tensor
     errand: Tensor
     way: Tensor
-    count: Tensor
+    places: Tensor
     at: Tensor
     due: Tensor
     direction: Tensor
@@ -224,9 +224,9 @@ class GoalControl(Controller):
             return reaction, state
         if int(state.due) <= 0:
             state = self.replan(state, here)
-        way = state.way[: int(state.count)].numpy()
+        way = state.way[: int(state.places)].numpy()
         p = self.params
-        aim = follow(way, int(state.at), here, p.ahead, 1.1 / p.way.radius)
+        aim = follow(way, int(state.at), here, p.ahead, p.tightest)
         if aim.direction == 0:
             # The way has ended, or there is none: plan again at the next frame, and let the other drive if that fails.
             tired = int(state.vetoed) >= 2 * self.every
@@ -239,15 +239,15 @@ class GoalControl(Controller):
         safe = math.sqrt(2 * p.braking * max(0.0, free - p.lag))
         speed = min(wanted, safe)
         blocked = safe < 0.1
-        vetoed = int(state.vetoed) + 1 if blocked else 0
+        refused = int(state.vetoed) + 1 if blocked else 0
         new = torch.full_like
-        tired = vetoed >= round(1.0 / self.dt)
+        weary = refused >= round(1.0 / self.dt)
         state = state._replace(
             at=new(state.at, aim.at),
             due=state.due * 0 if blocked else state.due - 1,
             direction=new(state.direction, aim.direction),
-            vetoed=new(state.vetoed, 0.0 if tired else vetoed),
-            lost=new(state.lost, 1 / self.dt if tired else 0.0),
+            vetoed=new(state.vetoed, 0.0 if weary else refused),
+            lost=new(state.lost, 1 / self.dt if weary else 0.0),
             # What the other was about does not matter while it does not drive.
             reactive=state.reactive._replace(mode=new(state.mode, CRUISE), age=state.mode * 0, bold=state.mode * 0),
             mode=new(state.mode, CRUISE if aim.direction > 0 else REVERSE),
@@ -287,8 +287,8 @@ class GoalControl(Controller):
             seed = to_unvisited(around, visited, clear, p.way)
         else:
             seed = to_place(around, place, p.way)
-        at = min(int(state.at) + 1, max(0, int(state.count) - 1))
-        curvature = float(state.way[at, 3]) if int(state.count) else 0.0
+        at = min(int(state.at) + 1, max(0, int(state.places) - 1))
+        curvature = float(state.way[at, 3]) if int(state.places) else 0.0
         made: Planned = plan(around, clear, seed, here, curvature, float(state.direction), p.way)
         way = made.way[:LONGEST]
         speeds = allowed_speeds(way, around, made, p)
@@ -296,7 +296,7 @@ class GoalControl(Controller):
         kept[: len(way), :5], kept[: len(way), 5] = way, speeds
         return state._replace(
             way=torch.from_numpy(kept).to(state.way.dtype),
-            count=torch.full_like(state.count, len(way) if len(way) > 1 else 0),
+            places=torch.full_like(state.places, len(way) if len(way) > 1 else 0),
             at=state.at * 0,
             due=torch.full_like(state.due, self.every),
             cost=torch.full_like(state.cost, made.cost),
@@ -306,13 +306,13 @@ class GoalControl(Controller):
         """How far the reactive controller sees room on the arcs nearest to the one that is wanted, m."""
         arcs = self.reactive.arcs
         bends, ways = arcs.curvature.tolist(), arcs.forward.tolist()
-        free = lengths[0].tolist()
+        free: list[float] = lengths[0].tolist()
         side = sorted(
             (abs(bend - curvature), length)
             for bend, way, length in zip(bends, ways, free, strict=True)
             if way == direction
         )
-        return max(length for _, length in side[:2])
+        return float(max(length for _, length in side[:2]))
 
     def mode(self, state: GoalState) -> Tensor:
         """What the car is doing; `TURN` is the reactive controller at the wheel, `ARRIVED` nothing left to do."""

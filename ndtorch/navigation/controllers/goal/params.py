@@ -70,6 +70,7 @@ class GoalParams:
         slow, creep: m/s where it is tight, and into what was not seen yet.
         braking: deceleration that is counted on, m/s^2.
         lag: distance that is driven before anything is done, m.
+        tightest: largest curvature, 1/m, to come back to a way whose arcs are a little wider.
         ahead: the way is followed by aiming so far ahead, m.
         passed: exploring, places within this of the way driven count as done, m.
         miss: evidence that a range takes away from each cell before it.
@@ -86,6 +87,7 @@ class GoalParams:
     creep: float = 0.3
     braking: float = 1.5
     lag: float = 0.1
+    tightest: float = 2.15
     ahead: float = 0.3
     passed: float = 0.9
     miss: float = 0.15

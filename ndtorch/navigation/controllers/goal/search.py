@@ -17,7 +17,7 @@ HEADINGS = 24
 """Headings that the lattice tells apart."""
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def push(heap: Floats, items: npt.NDArray[np.int32], count: int, key: float, item: int) -> int:
     """Put an item into a binary heap of two arrays; returns how many it holds."""
     k = count
@@ -31,7 +31,7 @@ def push(heap: Floats, items: npt.NDArray[np.int32], count: int, key: float, ite
     return count + 1
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def pop(heap: Floats, items: npt.NDArray[np.int32], count: int) -> int:
     """Take the first item, which the caller has read, out of the heap; returns how many it holds then."""
     count -= 1
@@ -51,7 +51,7 @@ def pop(heap: Floats, items: npt.NDArray[np.int32], count: int) -> int:
     return count
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def cost_to_go(price: Floats, seed: Floats, cell: float, here: int, beyond: float) -> Floats:
     """The least price of a way from every cell to a seed (Dijkstra, eight neighbours).
 
@@ -69,7 +69,7 @@ def cost_to_go(price: Floats, seed: Floats, cell: float, here: int, beyond: floa
     for n in range(rows * columns):
         if ends[n] < np.inf:
             cost[n] = ends[n]
-            count = push(heap, items, count, cost[n], n)
+            count = push(heap, items, count, float(cost[n]), n)
     enough = np.inf
     while count > 0:
         key, n = heap[0], items[0]
@@ -91,14 +91,14 @@ def cost_to_go(price: Floats, seed: Floats, cell: float, here: int, beyond: floa
                 new = np.float32(key + length * 0.5 * (flat[n] + flat[m]))
                 if new < cost[m]:
                     cost[m] = new
-                    count = push(heap, items, count, new, m)
+                    count = push(heap, items, count, float(new), m)
     for n in range(rows * columns):
         if cost[n] > enough:
             cost[n] = np.inf
     return cost.reshape(rows, columns)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def look(grid: Floats, x: float, y: float, left: float, bottom: float, cell: float) -> float:
     """The value of the cell at a place; -1 outside."""
     row, column = int((y - bottom) / cell), int((x - left) / cell)
@@ -107,7 +107,7 @@ def look(grid: Floats, x: float, y: float, left: float, bottom: float, cell: flo
     return float(grid[row, column])
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def room(clear: Floats, x: float, y: float, th: float, discs: Floats, left: float, bottom: float, cell: float) -> float:
     """The least clearance of the discs that stand for the body."""
     cos, sin = math.cos(th), math.sin(th)
@@ -117,7 +117,7 @@ def room(clear: Floats, x: float, y: float, th: float, discs: Floats, left: floa
     return best
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def find_way(
     clear: Floats,
     unknown: Floats,
@@ -223,7 +223,7 @@ def find_way(
                 i, j = int((nx - start[0] + reach) / 0.1), int((ny - start[1] + reach) / 0.1)
                 if i < 0 or j < 0 or i >= side or j >= side:
                     continue
-                t = int(math.floor((nth / (2 * math.pi)) * HEADINGS + 0.5)) % HEADINGS
+                t = math.floor((nth / (2 * math.pi)) * HEADINGS + 0.5) % HEADINGS
                 place = ((j * side + i) * HEADINGS + t) * 2 + backward
                 if g >= seen[place] - 1e-4 or made >= kept:
                     continue

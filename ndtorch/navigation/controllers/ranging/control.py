@@ -81,7 +81,7 @@ class RangingControl(Controller):
     @classmethod
     def params_for(cls, task: Task) -> RangingParams:
         """As `Controller.params_for`; tight turns and reversing are never faster than the rest."""
-        params = super().params_for(task)
+        params: RangingParams = super().params_for(task)
         tight = min(params.tight_speed, 0.8 * task.cruise)
         return replace(params, tight_speed=tight, reverse_speed=min(params.reverse_speed, task.cruise))
 
