@@ -47,7 +47,7 @@ class Barn:
     """What steers; only goal is told where the goal is."""
     ranging: Literal["search", "features"] = "search"
     """As for drive; matching features finds next to nothing between many like posts."""
-    cruise: float = 0.8
+    cruise: float = 0.6
     """Speed where nothing is in the way, m/s."""
     seed: int = 0
     """What the cylinders and the floor look like."""
