@@ -326,7 +326,7 @@ class GoalControl(Controller):
 def take(state: Any, n: int, dims: int) -> Any:
     """The state of one of a batch."""
     if isinstance(state, Tensor):
-        return state.reshape(-1, *state.shape[dims:])[n]
+        return state.flatten(0, dims - 1)[n]
     return type(state)(*(take(part, n, dims) for part in state))
 
 
