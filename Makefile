@@ -19,7 +19,7 @@ setup: $(STAMP)
 $(STAMP): pyproject.toml robot/pyproject.toml train/pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "ndtorch needs Python 3.11 or newer; set PYTHON=...")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[view,dev]' -e 'robot[sim,view]' -e train
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[fast,view,dev]' -e 'robot[sim,view]' -e train
 	touch $@
 
 demo: $(STAMP)

@@ -13,7 +13,7 @@ from ndtorch.binding.models.whole_field import BindingState
 from ndtorch.run.run import run_model
 from ndtorch.run.watchers import Picture, Watcher
 from ndtorch.scenes import equal_bars, one_bar, three_bars, two_bars
-from ndtorch.vision import FEATURES
+from ndtorch.vision import FEATURES, GROUPS
 from ndtorch_train.superposed import Stimuli, film_bars
 from tests.films import Films
 
@@ -58,9 +58,9 @@ def test_two_bars_are_a_red_and_a_green_object(films: Films) -> None:
     red, green = model.objects(state)
     assert (red.neuron, green.neuron) == ("red", "green")
     assert red.features["right"] > red.features["down"] > 0
-    assert {n for n in FEATURES[4:7] if n in red.features} == {"0°", "120°"}
+    assert {n for n in FEATURES[GROUPS["orientation"]] if n in red.features} == {"0°", "120°"}
     assert green.features["left"] > green.features["down"] > 0
-    assert {n for n in FEATURES[4:7] if n in green.features} == {"0°", "60°"}
+    assert {n for n in FEATURES[GROUPS["orientation"]] if n in green.features} == {"0°", "60°"}
     assert 0.75 <= float(state.second.weights.max()) <= 0.95
 
 
@@ -97,7 +97,7 @@ def test_three_bars_are_three_objects(films: Films) -> None:
     model, state = learn(films(three_bars))
     found = model.objects(state)
     assert [thing.neuron for thing in found] == ["red", "green", "blue"]
-    motion = [max(FEATURES[:4], key=lambda n: thing.features.get(n, 0)) for thing in found]
+    motion = [max(FEATURES[GROUPS["motion"]], key=lambda n: thing.features.get(n, 0)) for thing in found]
     assert motion[0] == "right"
     assert motion[2] == "left"
     assert not {"right", "down", "up"} & set(found[2].features)

@@ -88,13 +88,13 @@ class NavigatorOptions:
         return make_controller(self.controller, rig, dt, controller_class(self.controller).params_for(self.task()))
 
     def navigator(
-        self, rig: StereoRig, rate: float, grid: Grid | None = None, say: Callable[[str], None] | None = None
+        self, rig: StereoRig, rate: float, grid: Grid | None = None, report: Callable[[str], None] | None = None
     ) -> AnyNavigator:
         """A navigator for so many frames a second.
 
         Args:
             grid: the part of the world to map, if any.
-            say: told before something is compiled.
+            report: told before something is compiled.
         """
         edges = self.places == "edges"
         features = FeatureParams(
@@ -117,7 +117,7 @@ class NavigatorOptions:
         if self.compiled and not (navigator.controller.compiles and search is None):
             what = f"the {self.controller} controller" if search is None else 'ranging "search"'
             raise InputError(f"{what} cannot be compiled: leave compiled away")
-        return CompiledNavigator(navigator, say=say) if self.compiled else navigator
+        return CompiledNavigator(navigator, report=report) if self.compiled else navigator
 
 
 FASTEST = 1.0

@@ -14,7 +14,9 @@ import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
+from ndtorch.kernels.load import kernel
 from ndtorch.navigation.correspondence import Matches
+from ndtorch.optional import need
 
 
 @dataclass(frozen=True)
@@ -59,13 +61,13 @@ def search_rows(rows: Tensor, params: SearchParams) -> Matches:
         `Matches` of `[..., n]`, the largest steps of brightness first; columns are whole numbers on the left, and
         fractions on the right.
     """
-    from ndtorch.navigation.row_search_kernel import search_row
-
+    need("numba", 'ranging "search"')
+    search = kernel("search_row")
     p, flat = params, rows.detach().reshape(-1, 2, rows.shape[-1]).to(torch.float32).contiguous().numpy()
     found = torch.zeros(len(flat), 3, p.count)
     out = found.numpy()
     for n in range(len(flat)):
-        search_row(
+        search.run(
             flat[n, 0],
             flat[n, 1],
             p.half,

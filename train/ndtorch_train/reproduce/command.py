@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ndtorch.errors import InputError
-from ndtorch.workers import Note, cores, run_tasks
+from ndtorch.workers import Report, cores, run_tasks
 from ndtorch_train.output import prepare
 
 if TYPE_CHECKING:
@@ -147,14 +147,14 @@ def compute(claims: Sequence[Claim], quick: bool, jobs: int, folder: Path) -> di
     return failed
 
 
-def _task(task: tuple[Claim, str], note: Note, *, quick: bool, folder: Path) -> None:
+def _task(task: tuple[Claim, str], report: Report, *, quick: bool, folder: Path) -> None:
     """One experiment and the fingerprint of its code, in a process of its own."""
     from ndtorch.memory import tune_allocator
     from ndtorch_train.reproduce.context import run_claim
 
     tune_allocator()
     try:
-        run_claim(task[0], quick, folder, task[1], note)
+        run_claim(task[0], quick, folder, task[1], report)
     except (BrokenPipeError, ConnectionResetError):
         raise  # nobody is listening any more
     except OSError as error:

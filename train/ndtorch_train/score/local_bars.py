@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from ndtorch.errors import InputError
 from ndtorch.scenes import Bar, BarScene
-from ndtorch.vision import VisualFeatures
+from ndtorch.vision import GROUPS, VisualFeatures
 from ndtorch_train.score.scenes import FPS, SIZE, Scene, moving
 from ndtorch_train.score.single_bars import (
     DIRECTIONS,
@@ -109,9 +109,8 @@ def scene_sums(scene: Scene, steps: Tensor, table: Tensor) -> Tensor:
         color = torch.tensor(bar.color)
         grey, twice = color.mean(), moving(light)[steps][:, None, None, None]
         light = light[steps][:, None, None, None]
-        total[..., :4] += seen[..., :4] * twice * grey**2
-        total[..., 4:7] += seen[..., 4:7] * light * grey
-        total[..., 7:] += seen[..., 7:] * light * color
+        for group, gain in zip(GROUPS.values(), (twice * grey**2, light * grey, light * color), strict=True):
+            total[..., group] += seen[..., group] * gain
     return total
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from ndtorch.errors import InputError
-from ndtorch.workers import Event, Note, cores, run_tasks
+from ndtorch.workers import Event, Report, cores, run_tasks
 
 if TYPE_CHECKING:
     from ndtorch_train.sweep.config import SweepConfig
@@ -142,7 +142,7 @@ def any_block(trials: Sequence[Trial], *, kind: str, device: str) -> list[dict[s
     return binding.run_block(trials, device) if kind == "binding" else driving.run_block(trials, device)
 
 
-def local_block(trials: Sequence[Trial], note: Note, *, kind: str, device: str) -> list[dict[str, Any]]:
+def local_block(trials: Sequence[Trial], report: Report, *, kind: str, device: str) -> list[dict[str, Any]]:
     """The same, as a task of `ndtorch.workers`."""
     return any_block(trials, kind=kind, device=device)
 

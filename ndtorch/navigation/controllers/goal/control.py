@@ -85,7 +85,7 @@ class GoalControl(Controller):
 
     What was seen free or blocked stays in a square of cells around the car, the memory of `RangingControl` with
     other numbers. A few times a second the way to the goal is planned there, ahead and backward, with arcs that the
-    car can drive and an outline that fits (`search.find_way`). In between it is followed. Where the arcs of the
+    car can drive and an outline that fits (`kernels.find_way`). In between it is followed. Where the arcs of the
     reactive controller are blocked it stops the car, and after a while drives by itself.
 
     A batch is planned one car after the other.

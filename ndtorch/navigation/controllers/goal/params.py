@@ -32,7 +32,7 @@ class WayParams:
         step: length of the arcs of the lattice, m.
         horizon: length of a way, m.
         every: time between two plans, s.
-        tight_price, unknown_price, bend_price, swing_price, reverse_price, switch_price: see `search.find_way`.
+        tight_price, unknown_price, bend_price, swing_price, reverse_price, switch_price: see `kernels.find_way`.
         blocked_price: of a metre through what is blocked, where there is no other way to the goal.
         coarse: cells of `step` of the map that make one for the way to the goal.
         most: nodes that a search looks at.

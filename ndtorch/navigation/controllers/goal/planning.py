@@ -7,7 +7,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ndtorch.kernels.load import kernel
 from ndtorch.navigation.controllers.goal.params import WayParams
+from ndtorch.optional import need
 
 Floats = npt.NDArray[np.float32]
 Bools = npt.NDArray[np.bool_]
@@ -129,21 +131,20 @@ def plan(
         pose: x, y, m, and heading, radians, of the car.
         curvature, direction: what it drives, 1/m and +1 or -1.
     """
-    from ndtorch.navigation.controllers.goal import search
-
+    need("numba", "planning a way")
     s, p = surroundings, params
     unknown = ~(s.free | s.blocked)
     row, column = s.cell_of(pose[0], pose[1])
     price = prices(clear, unknown, p)
     rows, columns = price.shape
     here = min(row // p.coarse, rows - 1) * columns + min(column // p.coarse, columns - 1)
-    cost = search.cost_to_go(price, seed, s.cell * p.coarse, here, 2.0 * p.horizon + 2.0)
+    cost = kernel("cost_to_go").run(price, seed, s.cell * p.coarse, here, 2.0 * p.horizon + 2.0)
     tight = 1 / p.radius
     start = np.array((*pose, curvature, direction), np.float32)
     away = unknown.astype(np.float32)
     if not np.isfinite(cost.ravel()[here]):
         return Planned(start[None], float("inf"), clear, away)
-    way = search.find_way(
+    way = kernel("find_way").run(
         clear,
         away,
         cost,

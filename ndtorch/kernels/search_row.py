@@ -1,10 +1,9 @@
-"""The loops of `row_search`, compiled by numba when first called; numba takes half a second to load."""
+"""Where the right row shows the surroundings of a place of the left row."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 Floats = npt.NDArray[np.float32]
 
@@ -12,7 +11,6 @@ NEIGHBOURS = 2
 """Disparities this near to the best one do not count as elsewhere."""
 
 
-@njit(cache=True)
 def search_row(
     left: Floats,
     right: Floats,

@@ -1,123 +1,17 @@
-"""Ways for a car that cannot turn on the spot: the two searches, compiled by numba when first called.
-
-Import this file only where a search is wanted: numba takes half a second to load.
-"""
+"""A way for a car that cannot turn on the spot, on a lattice of arcs."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-import numpy.typing as npt
-from numba import njit
 
-Floats = npt.NDArray[np.float32]
+from ndtorch.kernels.ways import Floats, look, pop, push, room
 
 HEADINGS = 24
 """Headings that the lattice tells apart."""
 
 
-@njit(cache=True)
-def push(heap: Floats, items: npt.NDArray[np.int32], count: int, key: float, item: int) -> int:
-    """Put an item into a binary heap of two arrays; returns how many it holds."""
-    k = count
-    while k > 0:
-        up = (k - 1) >> 1
-        if heap[up] <= key:
-            break
-        heap[k], items[k] = heap[up], items[up]
-        k = up
-    heap[k], items[k] = key, item
-    return count + 1
-
-
-@njit(cache=True)
-def pop(heap: Floats, items: npt.NDArray[np.int32], count: int) -> int:
-    """Take the first item, which the caller has read, out of the heap; returns how many it holds then."""
-    count -= 1
-    key, item = heap[count], items[count]
-    k = 0
-    while True:
-        below = 2 * k + 1
-        if below >= count:
-            break
-        if below + 1 < count and heap[below + 1] < heap[below]:
-            below += 1
-        if heap[below] >= key:
-            break
-        heap[k], items[k] = heap[below], items[below]
-        k = below
-    heap[k], items[k] = key, item
-    return count
-
-
-@njit(cache=True)
-def cost_to_go(price: Floats, seed: Floats, cell: float, here: int, beyond: float) -> Floats:
-    """The least price of a way from every cell to a seed (Dijkstra, eight neighbours).
-
-    Args:
-        price: of a metre in each cell, `[rows, columns]`.
-        seed: what ending in a cell costs; inf where no way may end.
-        cell: side, m.
-        here: number of the cell that asks; cells that cost more than `beyond` more than it stay inf.
-    """
-    rows, columns = price.shape
-    cost = np.full(rows * columns, np.inf, np.float32)
-    heap, items = np.empty(rows * columns * 8 + 8, np.float32), np.empty(rows * columns * 8 + 8, np.int32)
-    flat, ends = price.ravel(), seed.ravel()
-    count = 0
-    for n in range(rows * columns):
-        if ends[n] < np.inf:
-            cost[n] = ends[n]
-            count = push(heap, items, count, float(cost[n]), n)
-    enough = np.inf
-    while count > 0:
-        key, n = heap[0], items[0]
-        count = pop(heap, items, count)
-        if key > cost[n]:
-            continue
-        if key > enough:
-            break
-        if n == here:
-            enough = key + beyond
-        row, column = n // columns, n % columns
-        for down in range(-1, 2):
-            for across in range(-1, 2):
-                r, c = row + down, column + across
-                if (down == 0 and across == 0) or r < 0 or c < 0 or r >= rows or c >= columns:
-                    continue
-                m = r * columns + c
-                length = cell * (1.4142135 if down != 0 and across != 0 else 1.0)
-                new = np.float32(key + length * 0.5 * (flat[n] + flat[m]))
-                if new < cost[m]:
-                    cost[m] = new
-                    count = push(heap, items, count, float(new), m)
-    for n in range(rows * columns):
-        if cost[n] > enough:
-            cost[n] = np.inf
-    return cost.reshape(rows, columns)
-
-
-@njit(cache=True)
-def look(grid: Floats, x: float, y: float, left: float, bottom: float, cell: float) -> float:
-    """The value of the cell at a place; -1 outside."""
-    row, column = int((y - bottom) / cell), int((x - left) / cell)
-    if x < left or y < bottom or row >= grid.shape[0] or column >= grid.shape[1]:
-        return -1.0
-    return float(grid[row, column])
-
-
-@njit(cache=True)
-def room(clear: Floats, x: float, y: float, th: float, discs: Floats, left: float, bottom: float, cell: float) -> float:
-    """The least clearance of the discs that stand for the body."""
-    cos, sin = math.cos(th), math.sin(th)
-    best = 1e9
-    for d in discs:
-        best = min(best, look(clear, x + d * cos, y + d * sin, left, bottom, cell))
-    return best
-
-
-@njit(cache=True)
 def find_way(
     clear: Floats,
     unknown: Floats,
