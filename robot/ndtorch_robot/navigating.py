@@ -50,7 +50,9 @@ def navigator_flags(*left_out: str) -> Callable[[Command], Command]:
                 continue
             kind, flag = kinds[option.name], option.default is False
             text = words[option.name] if flag else f"{words[option.name]} (default {option.default})"
-            wanted = Annotated[kind if flag else kind | None, tyro.conf.arg(help=text)]  # type: ignore[valid-type]
+            also = ["--return"] if option.name == "back" else None  # no name for a variable
+            conf = tyro.conf.arg(help=text, aliases=also)
+            wanted = Annotated[kind if flag else kind | None, conf]  # type: ignore[valid-type]
             command.__annotations__[option.name] = wanted
             setattr(command, option.name, False if flag else None)
         return command

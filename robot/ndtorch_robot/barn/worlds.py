@@ -16,7 +16,7 @@ AROUND = 1.2
 TEST_EVERY = 5
 """Worlds whose number this divides are for reports; nothing is tuned on them."""
 
-WALL_SPEED = 2.0
+OPTIMAL_SPEED = 2.0
 """m/s with which the shortest path becomes the optimal time of the score."""
 
 
@@ -54,7 +54,7 @@ class World:
         """`OT / clip(AT, 2 OT, 8 OT)` for a goal reached after so many seconds, 0 for None; at most 0.5."""
         if seconds is None:
             return 0.0
-        optimal = self.path / WALL_SPEED
+        optimal = self.path / OPTIMAL_SPEED
         return optimal / min(max(seconds, 2 * optimal), 8 * optimal)
 
     def plan(self) -> Plan:

@@ -2,12 +2,14 @@
 
 import json
 import math
+import threading
+from types import SimpleNamespace
 
 import pytest
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import NavigatorOptions
-from ndtorch_robot.barn.attempt import Attempt, Entry, attempt
+from ndtorch_robot.barn.attempt import Attempt, Entry, Referee, attempt
 from ndtorch_robot.barn.results import Kept, comma_separated, draw, table, totals
 from ndtorch_robot.barn.worlds import World, read_worlds
 
@@ -88,12 +90,25 @@ def test_tables_and_the_picture(tmp_path):
     assert (tmp_path / "barn.png").stat().st_size > 5000
 
 
-def test_a_world_is_driven_to_its_goal_and_into_a_wall_that_nobody_looks_for():
+def test_a_world_is_driven_to_its_goal():
     reached = attempt(Entry(small(), NavigatorOptions("goal", ranging="search")))
     assert (reached.success, reached.collided) == (True, False)
     assert reached.path[-1][1] > 1.8
     assert 3.0 < reached.time_s < 12.0
-    # The start is already touching: it counts as a collision at once.
-    wall = small(cylinders=tuple((x / 10, 0.31) for x in range(-3, 4)), limit=3.0)
-    hit = attempt(Entry(wall, NavigatorOptions("goal", ranging="search")))
-    assert (hit.success, hit.collided, hit.score) == (False, True, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("pose", "hits", "now", "verdict"),
+    [
+        ((0.0, 1.0, 0.0), [], 5.0, (False, False, False)),
+        ((0.3, 2.5, 0.0), [], 5.0, (True, False, True)),
+        ((0.3, 2.5, 0.0), ["hit"], 5.0, (False, True, True)),
+        ((0.0, 1.0, 0.0), [], 15.0, (False, False, True)),
+    ],
+)
+def test_the_referee_ends_it_at_the_goal_at_a_collision_and_in_the_end(pose, hits, now, verdict):
+    simulation = SimpleNamespace(pose=pose, collisions=hits, now=lambda: now)
+    car = SimpleNamespace(ended=threading.Event())
+    referee = Referee(small(), simulation, car)
+    referee(SimpleNamespace(standing=None, number=0))
+    assert (referee.success, referee.collided, car.ended.is_set()) == verdict

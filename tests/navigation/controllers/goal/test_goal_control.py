@@ -1,15 +1,20 @@
 """The goal controller: what it is asked to do, and that its state is all it has."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import ARRIVED, CRUISE, Command, NavigatorOptions, Pose, StereoRig
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
+from ndtorch.navigation.controllers.goal.params import reactive_params
+from ndtorch.navigation.controllers.ranging.patch import PatchParams
 from ndtorch.navigation.odometry import drive_step
 from ndtorch.navigation.ranging import Ranges
 
 RIG, DT = StereoRig(forward=0.15), 1 / 30
+SMALL = replace(reactive_params(), patch=PatchParams(cell=0.05, size=128))
 
 
 def nothing(*batch):
@@ -39,11 +44,11 @@ def place(x, y, heading):
 
 
 def test_it_goes_to_the_place_and_back_and_stands():
-    control = GoalControl(RIG, DT, GoalParams(to=(2.0, 1.0), back=True))
+    control = GoalControl(RIG, DT, GoalParams(to=(1.5, 0.5), back=True, reactive=SMALL))
     state, pose, nearest = None, place(0.0, 0.0, 0.0), 9.0
     for _ in range(60):
         pose, state, command = drive(control, 10, pose, state)
-        nearest = min(nearest, float(torch.hypot(pose.x - 2.0, pose.y - 1.0)))
+        nearest = min(nearest, float(torch.hypot(pose.x - 1.5, pose.y - 0.5)))
         if int(control.mode(state)) == ARRIVED:
             break
     assert nearest < 0.5
@@ -52,7 +57,7 @@ def test_it_goes_to_the_place_and_back_and_stands():
 
 
 def test_the_same_state_gives_the_same_step_and_stays_as_it_was():
-    control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0)))
+    control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL))
     pose, state, command = drive(control, 30, place(0.0, 0.0, 0.0))
     kept = [part.clone() for part in state if isinstance(part, torch.Tensor)]
     patch = state.reactive.patch.evidence.clone()
@@ -64,7 +69,7 @@ def test_the_same_state_gives_the_same_step_and_stays_as_it_was():
 
 
 def test_a_batch_is_as_many_cars():
-    control = GoalControl(RIG, DT, GoalParams(to=(2.0, 1.0)))
+    control = GoalControl(RIG, DT, GoalParams(to=(2.0, 1.0), reactive=SMALL))
     poses = [place(0.0, 0.0, 0.0), place(1.0, -1.0, 1.0)]
     both = Pose(*(torch.stack(parts) for parts in zip(*poses, strict=True)))
     _, together, command = drive(control, 25, both)
@@ -75,7 +80,7 @@ def test_a_batch_is_as_many_cars():
 
 
 def test_what_is_ranged_in_the_way_is_driven_around():
-    control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0)))
+    control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL))
     pose, state, command = drive(control, 20, place(0.0, 0.0, 0.0))
     assert int(control.mode(state)) == CRUISE
     straight = state.way[: int(state.places)]
