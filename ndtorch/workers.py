@@ -6,6 +6,7 @@ import contextlib
 import multiprocessing
 import os
 import signal
+import sys
 import traceback
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -150,12 +151,20 @@ class _Pool:
             worker.pipe.close()
 
 
+def one_thread() -> None:
+    """Compute with one thread. Torch takes two seconds to import: a worker whose tasks need none does not wait."""
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(1)
+    else:
+        os.environ["OMP_NUM_THREADS"] = os.environ["MKL_NUM_THREADS"] = "1"
+
+
 def _serve(pipe: Connection, function: Callable[[Any, Report], Any]) -> None:
     """What a worker does: take tasks until there are no more, or until whoever gives them is gone."""
-    import torch
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that gives the tasks
-    torch.set_num_threads(1)
+    for ending in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(ending, signal.SIG_IGN)  # they are for the process that gives the tasks
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # that is how it ends a worker
+    one_thread()
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
         while (item := pipe.recv()) is not None:
             _, task = item

@@ -128,7 +128,7 @@ class VisualFeatures(nn.Module):
         for frame, sums in zip(frames.unbind(0), out.unbind(0), strict=True):
             found, rows = pass_over(frame, state, self.motion, block, margin, into)
             sums[:4] = self.motion.by_direction(found[:4])
-            sums[4:7] = self.orientation.sums_of_rows(rows)
+            sums[GROUPS["orientation"]] = self.orientation.sums_of_rows(rows)
             sums[7:] = found[4:]
             state = into
         check_finite(out)

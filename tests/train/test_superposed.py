@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-import pytest
 import torch
 
 from ndtorch.scenes import FrameSource, three_bars
 from ndtorch.vision import GROUPS, VisualFeatures
-from ndtorch_train.superposed import Bars, Stimuli, film_bars
-
-
-@pytest.fixture(scope="module")
-def bars() -> Bars:
-    return film_bars()
+from ndtorch_train.superposed import Bars, Stimuli
 
 
 def rendered(scene: FrameSource) -> torch.Tensor:

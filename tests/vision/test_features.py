@@ -204,7 +204,7 @@ NEEDS_COMPILER = pytest.mark.skipif(
 )
 
 
-@pytest.mark.slow
+@pytest.mark.compiled
 @NEEDS_COMPILER
 def test_compiled_sums_are_the_same() -> None:
     module = VisualFeatures((32, 32))

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import torch
 from torch import Tensor
-from tqdm import tqdm
 
 from ndtorch.errors import InputError
+from ndtorch.run.progress import progress_bar
 from ndtorch.scenes import Bar, BarScene
 from ndtorch.vision import GROUPS, VisualFeatures
 from ndtorch_train.score.scenes import FPS, SIZE, Scene, moving
@@ -73,10 +73,12 @@ def local_bars(folder: Path) -> Tensor:
         return torch.from_numpy(np.load(file).astype(np.float32))
     table = torch.zeros(DIRECTIONS, ORIENTATIONS, 8, POINTS, POINTS)
     features = VisualFeatures((CANVAS, CANVAS))
-    with torch.inference_mode():
-        for n in tqdm(range(DIRECTIONS * ORIENTATIONS), desc="measuring single bars", unit=" bars", leave=False):
+    bar = progress_bar(DIRECTIONS * ORIENTATIONS, desc="measuring single bars", unit=" bars", leave=False)
+    with torch.inference_mode(), bar:
+        for n in range(DIRECTIONS * ORIENTATIONS):
             direction, orientation = divmod(n, ORIENTATIONS)
             table[direction, orientation] = measure(direction, orientation, features)
+            bar.update()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         np.save(file, table.numpy())

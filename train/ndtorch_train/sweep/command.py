@@ -48,7 +48,7 @@ class Sweep:
         """Do it; returns the exit code."""
         from ndtorch.code_digest import code_digest
         from ndtorch.installed import toml_file
-        from ndtorch_train.output import prepare
+        from ndtorch.run.folder import prepare
         from ndtorch_train.sweep.config import read_sweep, results_of
         from ndtorch_train.sweep.parameters import trial_id
         from ndtorch_train.sweep.results import ResultStore, draw, summary
@@ -99,11 +99,11 @@ class Sweep:
         """Run the trials and keep every block's results as it comes; returns why blocks failed."""
         if not todo:
             return []
-        from tqdm import tqdm
+        from ndtorch.run.progress import progress_bar
 
         blocks = module.blocks(todo, jobs)
         failed: list[str] = []
-        with tqdm(total=len(todo), desc=config.name, unit=" trials", file=sys.stderr) as bar:
+        with progress_bar(len(todo), desc=config.name, unit=" trials") as bar:
             for kind, index, value in self.events(config, blocks, jobs):
                 if kind == "done":
                     store.add(blocks[index], value)
