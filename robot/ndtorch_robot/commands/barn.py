@@ -60,8 +60,8 @@ class Barn:
 
     def run(self) -> int:
         """Drive, show the progress, write the results."""
+        from ndtorch.run.folder import prepare
         from ndtorch_robot.barn.results import Kept
-        from ndtorch_robot.commands.drive import prepare
 
         worlds = self.chosen()
         entries = [self.entry(world) for world in worlds]
