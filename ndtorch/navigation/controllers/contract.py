@@ -92,6 +92,7 @@ class Controller(nn.Module, ABC):
         name: by which it is chosen.
         Params: dataclass of its numbers, all with defaults.
         modes: which of `CRUISE`, `TURN`, ... it can be in.
+        has_goals: whether it can be told where to go.
         compiles: whether its step is all tensors, so that `CompiledNavigator` can take it.
         params: its numbers.
         look: module from what both cameras see of `look.fields` to what the controller steers by.
@@ -109,6 +110,7 @@ class Controller(nn.Module, ABC):
     Params: ClassVar[type[Any]]
     modes: ClassVar[tuple[int, ...]]
     compiles: ClassVar[bool] = True
+    has_goals: ClassVar[bool] = False
     params: Any
     look: nn.Module
 
@@ -127,7 +129,7 @@ class Controller(nn.Module, ABC):
         Raises:
             InputError: something that it cannot do.
         """
-        if task.has_goal:
+        if task.has_goal and not cls.has_goals:
             raise InputError(f"the {cls.name} controller has no goals: to, explore and back belong to controller goal")
         params = cls.Params()
         if task.cruise == Task.cruise:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from ndtorch.errors import InputError
+from ndtorch.navigation.controllers import controller_class
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.barn.worlds import World
 from ndtorch_robot.car import Car
@@ -81,7 +82,8 @@ def attempt(entry: Entry) -> Attempt:
     """
     world = entry.world
     x, y = world.goal
-    options = replace(entry.options, to=f"{x},{y}") if entry.options.controller == "goal" else entry.options
+    told = controller_class(entry.options.controller).has_goals
+    options = replace(entry.options, to=f"{x},{y}") if told else entry.options
     pilot = Pilot(options, RIG, RATE)
     simulation = Simulation(world.plan(), entry.seed, fields=pilot.fields)
     try:

@@ -98,7 +98,7 @@ class GoalControl(Controller):
     """
 
     name, Params, modes = "goal", GoalParams, (CRUISE, TURN, SUPPRESSED, STOPPED, REVERSE, ARRIVED)
-    compiles = False
+    compiles, has_goals = False, True
 
     def __init__(self, rig: StereoRig, dt: float, params: GoalParams | None = None) -> None:
         super().__init__(rig, dt, params)
