@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from ndtorch.errors import InputError
-from ndtorch.navigation.compiled import CompiledNavigator
 from ndtorch.navigation.controllers.contract import Controller, Task
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, controller_class, make_controller
 from ndtorch.navigation.features import FeatureParams
@@ -17,8 +16,6 @@ from ndtorch.navigation.mapping import Certainty, Grid, GridMap
 from ndtorch.navigation.model import Navigator
 from ndtorch.navigation.rig import AngleModel, Rect, StereoRig
 from ndtorch.navigation.row_search import SearchParams
-
-AnyNavigator = Navigator | CompiledNavigator
 
 EDGE_REACH, FOLLOW = 4, 3
 """Pixels within which a feature's edge is looked for, and within which it is followed to the next frame."""
@@ -39,10 +36,8 @@ class NavigatorOptions:
             largest (`"motion"`, as published).
         ranging: match a few features of both rows (`"features"`, as published), or search the right row for many
             places of the left one (`"search"`), see `row_search`; then `features`, `places` and `prediction` do
-            nothing, and the step cannot be compiled.
+            nothing.
         prediction: follow features from frame to frame instead of choosing the strongest anew, as in [§2.1.4].
-        compiled: step in one compiled function, see `CompiledNavigator`; 1.7 to 3 times faster, after about a
-            minute of compiling the first time. The controller `goal` cannot be compiled.
         map: what the cells of a map hold, summed certainty (`"beams"`, as published) or `"log-odds"`, see `GridMap`.
         to: a place that the controller `goal` drives to, `"X,Y"` in m; empty for none. X, Y are where dead reckoning
             has its own origin: where the drive began, heading along X, or the plan of a simulated building.
@@ -60,7 +55,6 @@ class NavigatorOptions:
     places: Literal["edges", "motion"] = "edges"
     ranging: Literal["features", "search"] = "features"
     prediction: bool = False
-    compiled: bool = False
     map: Certainty = "beams"
     to: str = ""
     explore: bool = False
@@ -87,14 +81,11 @@ class NavigatorOptions:
         """
         return make_controller(self.controller, rig, dt, controller_class(self.controller).params_for(self.task()))
 
-    def navigator(
-        self, rig: StereoRig, rate: float, grid: Grid | None = None, report: Callable[[str], None] | None = None
-    ) -> AnyNavigator:
+    def navigator(self, rig: StereoRig, rate: float, grid: Grid | None = None) -> Navigator:
         """A navigator for so many frames a second.
 
         Args:
             grid: the part of the world to map, if any.
-            report: told before something is compiled.
         """
         edges = self.places == "edges"
         features = FeatureParams(
@@ -105,7 +96,7 @@ class NavigatorOptions:
         )
         grid_map = None if grid is None else GridMap(rig, grid, certainty=self.map)
         search = SearchParams() if self.ranging == "search" else None
-        navigator = Navigator(
+        return Navigator(
             rig,
             1 / rate,
             controller=self.make(rig, 1 / rate),
@@ -114,10 +105,6 @@ class NavigatorOptions:
             search=search,
             grid_map=grid_map,
         )
-        if self.compiled and not (navigator.controller.compiles and search is None):
-            what = f"the {self.controller} controller" if search is None else 'ranging "search"'
-            raise InputError(f"{what} cannot be compiled: leave compiled away")
-        return CompiledNavigator(navigator, report=report) if self.compiled else navigator
 
 
 FASTEST = 1.0
@@ -146,7 +133,7 @@ def check_option(name: str, value: Any) -> None:
         place_of(value)
     elif name == "cruise" and not (isinstance(value, int | float) and 0.1 <= value <= FASTEST):
         raise InputError(f"cruise must be a speed from 0.1 to {FASTEST} m/s, got {value!r}")
-    elif name in ("prediction", "compiled", "explore", "back") and not isinstance(value, bool):
+    elif name in ("prediction", "explore", "back") and not isinstance(value, bool):
         raise InputError(f"{name} must be true or false, got {value!r}")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple
 
@@ -93,7 +94,6 @@ class Controller(nn.Module, ABC):
         Params: dataclass of its numbers, all with defaults.
         modes: which of `CRUISE`, `TURN`, ... it can be in.
         has_goals: whether it can be told where to go.
-        compiles: whether its step is all tensors, so that `CompiledNavigator` can take it.
         params: its numbers.
         look: module from what both cameras see of `look.fields` to what the controller steers by.
 
@@ -109,7 +109,6 @@ class Controller(nn.Module, ABC):
     name: ClassVar[str]
     Params: ClassVar[type[Any]]
     modes: ClassVar[tuple[int, ...]]
-    compiles: ClassVar[bool] = True
     has_goals: ClassVar[bool] = False
     params: Any
     look: nn.Module
@@ -176,6 +175,9 @@ class Controller(nn.Module, ABC):
     def difference(self, state: Any) -> Tensor:
         """What it weighs, `[...]`: positive where the car should rather turn left. `trace` says what it is."""
 
+    def warm_up(self) -> None:
+        """Have ready what only later steps need, before a car depends on it."""
+
     def see(self, left: Tensor, right: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
         """What there is to steer by in frames `[..., T, C, H, W]`, and the state of the filters."""
         seen: tuple[Tensor, FilterState] = self.look(left, right, state)
@@ -210,4 +212,9 @@ def ranges_at(ranges: Ranges, t: int) -> Ranges:
 def stack_commands(commands: list[Command]) -> Command:
     """Commands `[...]` of frame after frame as `[..., T]`."""
     speed, curvature = zip(*commands, strict=True)
-    return Command(torch.stack(speed, -1), torch.stack(curvature, -1))
+    return Command(in_time(speed), in_time(curvature))
+
+
+def in_time(values: Sequence[Tensor]) -> Tensor:
+    """Values `[...]` of frame after frame as `[..., T]`. Of one frame they are a view."""
+    return values[0].unsqueeze(-1) if len(values) == 1 else torch.stack(list(values), -1)

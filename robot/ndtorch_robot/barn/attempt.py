@@ -91,7 +91,7 @@ def attempt(entry: Entry) -> Attempt:
         car = Car(pilot, simulation, SafeDrive(simulation, simulation, LIMITS, sight))
         referee = Referee(world, simulation, car)
         car.observers.append(referee)
-        car.warm_up()
+        pilot.warm_up()
         began = time.perf_counter()
         car.run(warm_up=False)
         wall = time.perf_counter() - began

@@ -98,7 +98,7 @@ class GoalControl(Controller):
     """
 
     name, Params, modes = "goal", GoalParams, (CRUISE, TURN, SUPPRESSED, STOPPED, REVERSE, ARRIVED)
-    compiles, has_goals = False, True
+    has_goals = True
 
     def __init__(self, rig: StereoRig, dt: float, params: GoalParams | None = None) -> None:
         super().__init__(rig, dt, params)
@@ -181,6 +181,12 @@ class GoalControl(Controller):
             made.append(self.drive_one(free, here, react, one, bool(learning.reshape(-1)[n])))
         commands, states = zip(*made, strict=True)
         return put_together(list(commands), batch), put_together(list(states), batch)
+
+    def warm_up(self) -> None:
+        """Plan once, so that the searches are compiled."""
+        origin = torch.zeros(())
+        state = self.start(torch.zeros_like(self.look.view.x), Pose(origin, origin, origin))  # type: ignore[union-attr, arg-type]
+        self.replan(state, (0.0, 0.0, 0.0))
 
     def rays(self, ranges: Ranges) -> tuple[Tensor, Tensor]:
         """Places on the lines of sight, and what is taken from each."""

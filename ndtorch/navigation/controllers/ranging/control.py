@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
+from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.navigation.controllers.contract import (
     CRUISE,
     REVERSE,
@@ -26,13 +27,8 @@ from ndtorch.navigation.controllers.ranging.decision import RangingState, decide
 from ndtorch.navigation.controllers.ranging.floor import FloorState, floor_constants, floor_step
 from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
 from ndtorch.navigation.controllers.ranging.params import RangingParams
-from ndtorch.navigation.controllers.ranging.patch import (
-    Patch,
-    add_evidence,
-    cell_numbers,
-    empty_patch,
-    move_patch,
-)
+from ndtorch.navigation.controllers.ranging.patch import Patch, add_evidence, cell_numbers, empty_patch, move_patch
+from ndtorch.navigation.controllers.ranging.quick import QuickStep
 from ndtorch.navigation.controllers.registry import register
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.ranging import Ranges
@@ -77,6 +73,7 @@ class RangingControl(Controller):
         self.under = torch.full((body[0].numel(),), -2.0)
         self.numbers = torch.arange(p.patch.size, dtype=torch.get_default_dtype())
         self.constants = ranging_constants(p, dt)
+        self.quick = QuickStep(p, self.constants, self.floor, self.arcs, self.places, self.under)
 
     @classmethod
     def params_for(cls, task: Task) -> RangingParams:
@@ -119,6 +116,12 @@ class RangingControl(Controller):
             seen: cells `[..., 2, bands, blocks]`.
             ranges, pose, driven, state: as `Controller.step`.
         """
+        if (
+            not pose.x.ndim
+            and seen.dtype == state.floor.level.dtype == ranges.x.dtype
+            and kernels_wanted(seen, *ranges)
+        ):
+            return self.quick(seen, ranges, pose, driven, state)
         lengths, floor, patch = self.sense(seen, ranges, pose, driven, state)
         return decide(lengths, driven, floor, patch, state, self.constants, self.floor)
 

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from ndtorch.errors import InputError
+from ndtorch.kernels.load import kernel
 from ndtorch.navigation import ARRIVED, CRUISE, Command, NavigatorOptions, Pose, StereoRig
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
 from ndtorch.navigation.controllers.goal.params import reactive_params
@@ -96,6 +97,12 @@ def test_what_is_ranged_in_the_way_is_driven_around():
     assert float(beside[:, 1].abs().min()) > 0.3
 
 
+def test_it_is_ready_before_a_car_depends_on_it():
+    control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL))
+    control.warm_up()
+    assert kernel("find_way").run is kernel("find_way").dispatcher
+
+
 def test_what_cannot_be_asked_for_is_said():
     with pytest.raises(InputError, match="controller goal"):
         NavigatorOptions(to="1,2").navigator(RIG, 30.0)
@@ -104,10 +111,6 @@ def test_what_cannot_be_asked_for_is_said():
             NavigatorOptions("goal", to=to)
     with pytest.raises(InputError, match="cruise"):
         NavigatorOptions(cruise=2.0)
-    with pytest.raises(InputError, match="cannot be compiled"):
-        NavigatorOptions("goal", compiled=True).navigator(RIG, 30.0)
-    with pytest.raises(InputError, match="cannot be compiled"):
-        NavigatorOptions(ranging="search", compiled=True).navigator(RIG, 30.0)
 
 
 @pytest.mark.parametrize("name", ["ranging", "published", "goal"])
