@@ -59,7 +59,7 @@ class NavigatorOptions:
     to: str = ""
     explore: bool = False
     back: bool = False
-    cruise: float = Task.cruise
+    cruise: float = 0.5
 
     def __post_init__(self) -> None:
         for option in dataclasses.fields(NavigatorOptions):

@@ -14,7 +14,7 @@ import tyro
 from ndtorch import workers
 from ndtorch.commands import INTERRUPTED
 from ndtorch.errors import InputError
-from ndtorch_robot.navigating import navigator_flags
+from ndtorch_robot.navigator_flags import navigator_flags
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
