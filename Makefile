@@ -1,5 +1,6 @@
 # make demo   install into .venv, find the objects in the two-bars scene, then drive through the simulated hallway
 # make test   install and run every test that needs no special hardware
+# make test-long  the strong forms of some tests, minutes each     make test-variants  the suite as on other machines
 # make check  lint, format and types     make bench  timings side by side
 # make docs    the documentation site, out/docs/index.html, its examples executed
 # make wheels  each distribution alone in an empty environment
@@ -12,23 +13,33 @@ STAMP  := $(VENV)/.installed
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: setup demo test check docs wheels bench reproduce reproduce-quick clean
+.PHONY: setup demo test test-long test-variants check docs wheels bench reproduce reproduce-quick clean
 
 setup: $(STAMP)
 
 $(STAMP): pyproject.toml robot/pyproject.toml train/pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "ndtorch needs Python 3.11 or newer; set PYTHON=...")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[view,dev]' -e 'robot[sim,view]' -e train
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[fast,view,dev]' -e 'robot[sim,view]' -e train
 	touch $@
 
 demo: $(STAMP)
 	$(BIN)/ndtorch bind two-bars --out out
 	$(BIN)/ndtorch drive --out out/drive
 
+# What `.ci/run` replaces by a variant.
+SUITE := tests/variants.py plain
+
 test: $(STAMP)
-	$(BIN)/python -m pytest -n 2 --dist worksteal -q -m 'not bench and not realtime'
-	$(BIN)/python -m pytest -q -m 'realtime and not bench'
+	$(BIN)/python $(SUITE)
+	$(BIN)/python -m pytest -q -m 'realtime and not bench and not long'
+
+test-long: $(STAMP)
+	$(BIN)/python -m pytest -n 2 --dist worksteal -q --durations 10 -m long
+
+# The suite on another machine, so to speak: VARIANT is one of those that `tests/variants.py` lists, all by default.
+test-variants: $(STAMP)
+	$(BIN)/python tests/variants.py $(VARIANT)
 
 check: $(STAMP)
 	$(BIN)/ruff check .

@@ -5,10 +5,12 @@ from __future__ import annotations
 import ast
 import contextlib
 import difflib
+import errno
 import os
+import signal
 import sys
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
 from typing import Protocol
 
@@ -29,8 +31,14 @@ ELSEWHERE = {
 UNUSABLE = 2
 """Exit code for input that cannot be used."""
 
+UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EACCES, errno.EPERM)
+"""Errors of the disk that a user can mend, told in one line."""
+
 INTERRUPTED = 130
-"""Exit code after Ctrl-C."""
+"""Exit code after Ctrl-C; after SIGTERM and SIGHUP it is 143 and 129, as shells have it."""
+
+ENDING = (signal.SIGTERM, *((signal.SIGHUP,) if hasattr(signal, "SIGHUP") else ()))
+"""Signals that end a command as Ctrl-C does."""
 
 UNREAD = 141
 """Exit code when the reader of what is printed has gone, as shells have it."""
@@ -122,13 +130,43 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def program() -> int:
     """`main` as a program: whoever reads what it prints may stop reading, as `head` does."""
     try:
-        code = main()
+        with ended_like_ctrl_c() as came:
+            code = main()
         sys.stdout.flush()
     except BrokenPipeError:
         # Python flushes once more at its end, and would complain.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return UNREAD
-    return code
+    except KeyboardInterrupt:
+        code = INTERRUPTED  # it came before there was a command, or after it
+    return 128 + came[0] if code == INTERRUPTED and came else code
+
+
+@contextlib.contextmanager
+def ended_like_ctrl_c() -> Iterator[list[int]]:
+    """SIGTERM and SIGHUP raise KeyboardInterrupt inside, as Ctrl-C does: what was computed is kept.
+
+    A signal that is ignored stays ignored, as `nohup` wants it.
+
+    Yields:
+        The number of the first of these signals that came, once it has.
+    """
+    came: list[int] = []
+
+    def interrupt(number: int, _: object) -> None:
+        came.append(number)
+        raise KeyboardInterrupt
+
+    old = {number: signal.getsignal(number) for number in ENDING}
+    for number, handler in old.items():
+        if handler == signal.SIG_DFL:
+            signal.signal(number, interrupt)
+    try:
+        yield came
+    finally:
+        for number, handler in old.items():
+            if handler == signal.SIG_DFL:
+                signal.signal(number, handler)
 
 
 def hint(name: str, commands: Iterable[str]) -> str:
@@ -194,15 +232,15 @@ def run_command(prog: str, kind: type[Subcommand], arguments: Sequence[str]) -> 
     Returns:
         The exit code: that of the command, 2 after an `InputError` (one line on stderr), 130 after Ctrl-C.
     """
-    import tyro
-
-    command: Subcommand = tyro.cli(
-        kind,
-        prog=prog,
-        args=arguments,
-        config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
-    )
     try:
+        import tyro
+
+        command: Subcommand = tyro.cli(
+            kind,
+            prog=prog,
+            args=arguments,
+            config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
+        )
         with warnings.catch_warnings():
             # Remarks such as "is grey" are for the user of the command: one line, and no source code.
             warnings.simplefilter("always", UserWarning)
@@ -210,6 +248,15 @@ def run_command(prog: str, kind: type[Subcommand], arguments: Sequence[str]) -> 
             return command.run()
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
+        return UNUSABLE
+    except BrokenPipeError:
+        raise  # for `program`
+    except OSError as error:
+        # A full disk, a folder that became read-only: what could be kept has been.
+        if error.errno not in UNWRITABLE:
+            raise
+        where = "" if error.filename is None else f"{error.filename}: "
+        print(f"error: {where}{error.strerror}", file=sys.stderr)
         return UNUSABLE
     except ModuleNotFoundError as error:
         words = missing(error)

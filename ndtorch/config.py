@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import difflib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from ndtorch.errors import InputError
+from ndtorch.toml import suggestion, what_is_wrong
 
 
 def square(size: Any) -> Any:
@@ -34,21 +34,7 @@ class Constants(BaseModel):
         try:
             super().__init__(**data)
         except ValidationError as error:
-            raise InputError(one_line(type(self), error)) from None
-
-
-def one_line(kind: type[BaseModel], error: ValidationError) -> str:
-    """The first thing that is wrong with a table: the key, what was given and what is wanted."""
-    first = error.errors()[0]
-    key = ".".join(str(part) for part in first["loc"])
-    if first["type"] == "extra_forbidden":
-        return f"unknown key {key!r}; {suggestion(key, kind.model_fields)}"
-    if first["type"] == "missing":
-        return f"key {key!r} is missing"
-    inner = first.get("ctx", {}).get("error")
-    if isinstance(inner, InputError):
-        return f"{key}: {inner}"
-    return f"{key} = {first['input']!r}: {first['msg']}"
+            raise InputError(what_is_wrong(error, type(self))) from None
 
 
 class ModelConfig(Constants):
@@ -68,13 +54,6 @@ def validated(kind: type[Kind], data: Mapping[str, Any], where: str) -> Kind:
         return kind(**data)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
-
-
-def suggestion(name: str, known: Iterable[str]) -> str:
-    """ "did you mean gamma?", or else all that is known."""
-    names = list(known)
-    near = difflib.get_close_matches(name, names, 1, 0.6)
-    return f"did you mean {near[0]}?" if near else f"known: {', '.join(names)}"
 
 
 def option_places(kind: type[BaseModel]) -> dict[str, list[tuple[str, ...]]]:

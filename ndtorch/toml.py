@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,7 +14,7 @@ from ndtorch.errors import InputError
 
 
 class Strict(BaseModel):
-    """A table of a file: unknown keys are errors, and text is no number."""
+    """A table of a file: unknown keys are errors, and so are NaN and infinity."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -57,14 +58,24 @@ def check(values: Mapping[str, object], table: type[Table], source: str) -> Tabl
 
 def what_is_wrong(error: ValidationError, table: type[BaseModel]) -> str:
     """The first thing that is wrong: the key, what was given and what is wanted."""
-    first = error.errors()[0]
+    # A key that is misspelt is also one that is missing: say the former.
+    errors = error.errors()
+    first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
     key = ".".join(str(part) for part in first["loc"])
     if first["type"] == "extra_forbidden":
-        known = f", known keys are {', '.join(table.model_fields)}" if len(first["loc"]) == 1 else ""
-        return f"unknown key {key!r}{known}"
-    reason = str(first["msg"]).removeprefix("Value error, ").removeprefix("Input ")
-    if not key:
-        return reason
+        known = [field.alias or name for name, field in table.model_fields.items()]
+        return f"unknown key {key!r}" + (f"; {suggestion(key, known)}" if len(first["loc"]) == 1 else "")
     if first["type"] == "missing":
         return f"{key} is missing"
-    return f"{key} = {first.get('input')!r}: {reason}"
+    inner = first.get("ctx", {}).get("error")
+    if key and isinstance(inner, InputError):
+        return f"{key}: {inner}"
+    reason = str(first["msg"]).removeprefix("Value error, ").removeprefix("Input ")
+    return f"{key} = {first.get('input')!r}: {reason}" if key else reason
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """ "did you mean gamma?", or else all that is known."""
+    names = list(known)
+    near = difflib.get_close_matches(name, names, 1, 0.6)
+    return f"did you mean {near[0]}?" if near else f"known: {', '.join(names)}"

@@ -6,6 +6,7 @@ import contextlib
 import multiprocessing
 import os
 import signal
+import sys
 import traceback
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -17,7 +18,7 @@ from ndtorch.errors import InputError
 TRIES = 3
 """How often a task is begun before it is given up: one that kills its worker would do so for ever."""
 
-Note = Callable[[float], None]
+Report = Callable[[float], None]
 """Called by a task with the share of it that is done."""
 
 
@@ -48,8 +49,8 @@ def exit_words(code: int | None) -> str:
     return f"exit code {code}"
 
 
-def run_tasks(function: Callable[[Any, Note], Any], tasks: Sequence[Any], jobs: int) -> Generator[Event, None, None]:
-    """Call `function(task, note)` for every task in `jobs` processes, in order, and tell what happens.
+def run_tasks(function: Callable[[Any, Report], Any], tasks: Sequence[Any], jobs: int) -> Generator[Event, None, None]:
+    """Call `function(task, report)` for every task in `jobs` processes, in order, and tell what happens.
 
     The processes are started afresh (spawn), because a fork of a process that has used torch or OpenGL may hang,
     and compute with one thread. They end with the iterator, also when it is left early.
@@ -74,7 +75,7 @@ def run_tasks(function: Callable[[Any, Note], Any], tasks: Sequence[Any], jobs: 
 class _Worker:
     """A process, the pipe to it, and the number of the task it has."""
 
-    def __init__(self, function: Callable[[Any, Note], Any]) -> None:
+    def __init__(self, function: Callable[[Any, Report], Any]) -> None:
         context = multiprocessing.get_context("spawn")
         self.pipe, theirs = context.Pipe()
         self.process = context.Process(target=_serve, args=(theirs, function), daemon=True)
@@ -84,7 +85,7 @@ class _Worker:
 
 
 class _Pool:
-    def __init__(self, function: Callable[[Any, Note], Any], tasks: Sequence[Any]) -> None:
+    def __init__(self, function: Callable[[Any, Report], Any], tasks: Sequence[Any]) -> None:
         self.function, self.tasks = function, tasks
         self.waiting = deque(range(len(tasks)))
         self.begun = [0] * len(tasks)
@@ -150,21 +151,29 @@ class _Pool:
             worker.pipe.close()
 
 
-def _serve(pipe: Connection, function: Callable[[Any, Note], Any]) -> None:
-    """What a worker does: take tasks until there are no more, or until whoever gives them is gone."""
-    import torch
+def one_thread() -> None:
+    """Compute with one thread. Torch takes two seconds to import: a worker whose tasks need none does not wait."""
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(1)
+    else:
+        os.environ["OMP_NUM_THREADS"] = os.environ["MKL_NUM_THREADS"] = "1"
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that gives the tasks
-    torch.set_num_threads(1)
+
+def _serve(pipe: Connection, function: Callable[[Any, Report], Any]) -> None:
+    """What a worker does: take tasks until there are no more, or until whoever gives them is gone."""
+    for ending in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(ending, signal.SIG_IGN)  # they are for the process that gives the tasks
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # that is how it ends a worker
+    one_thread()
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
         while (item := pipe.recv()) is not None:
             _, task = item
 
-            def note(share: float) -> None:
+            def report(share: float) -> None:
                 pipe.send(("progress", share))
 
             try:
-                answer = ("done", function(task, note))
+                answer = ("done", function(task, report))
             except (BrokenPipeError, ConnectionResetError):
                 return
             except InputError as error:

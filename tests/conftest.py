@@ -3,6 +3,7 @@
 Real-time tests are run again when they failed while the machine stalled; see `tests/stalls.py`.
 """
 
+import contextlib
 import os
 import signal
 import tempfile
@@ -13,6 +14,7 @@ import pytest
 import torch
 from _pytest.runner import runtestprotocol
 
+from tests.compilers import inductor_fails
 from tests.films import Films, shared_folder
 from tests.stalls import Again, StallMeter
 
@@ -32,11 +34,19 @@ def films(tmp_path_factory):
     return Films(shared_folder(tmp_path_factory.getbasetemp()))
 
 
+@pytest.fixture(scope="session")
+def bars(films):
+    """Films of three bars, each alone."""
+    return films.bars()
+
+
 def pytest_configure():
     """Nothing that a shell hands down matters: ignored signals, a home that cannot be written to."""
     if threading.current_thread() is threading.main_thread():
         # In the background Ctrl-C is ignored, and children inherit that.
         signal.signal(signal.SIGINT, signal.default_int_handler)
+        # So is SIGHUP below nohup.
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
     for name in ("HOME", "XDG_CACHE_HOME"):
         place = os.environ.get(name)
         if place is not None and not os.access(place, os.W_OK | os.X_OK):
@@ -46,8 +56,36 @@ def pytest_configure():
 
 
 def pytest_collection_modifyitems(items):
-    """Whole runs come last: what is quick fails first."""
-    items.sort(key=lambda item: item.get_closest_marker("slow") is not None)
+    """Whole runs come last, and what is compiled at the very end: what is quick fails first.
+
+    Tests of the marker long run with `-m long` only: see CONTRIBUTING.md.
+    """
+    items.sort(key=lambda item: [item.get_closest_marker(name) is not None for name in ("compiled", "slow")])
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup(item):
+    with compilable(item):
+        return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_pyfunc_call(pyfuncitem):
+    with compilable(pyfuncitem):
+        return (yield)
+
+
+@contextlib.contextmanager
+def compilable(item):
+    """A test of the marker compiled is skipped where it breaks and `torch.compile` cannot compile anything."""
+    try:
+        yield
+    except AssertionError:
+        raise
+    except Exception:
+        if item.get_closest_marker("compiled") is None or not (why := inductor_fails()):
+            raise
+        pytest.skip(why)
 
 
 def meter(config):

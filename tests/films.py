@@ -14,6 +14,7 @@ from torch import Tensor
 
 from ndtorch.scenes import FrameSource
 from ndtorch.vision import VisualFeatures
+from ndtorch_train.superposed import Bars, LoneBar, film_bars
 
 
 class Films:
@@ -34,15 +35,24 @@ class Films:
             options: of the scene.
         """
         name = f"{scene.__name__} {sorted(options.items())}"
+        sums: Tensor = self.keep(name, lambda: sums_of(scene(**options)))
+        return sums
+
+    def bars(self) -> Bars:
+        """Films of the red, the green and the blue bar alone."""
+        red, green, blue = self.keep("lone bars", lambda: tuple(map(tuple, film_bars())))
+        return Bars(LoneBar(*red), LoneBar(*green), LoneBar(*blue))
+
+    def keep(self, name: str, make: Callable[[], Any]) -> Any:
+        """What `make` gives, made once."""
         path = self.folder / f"film-{sha256(name.encode()).hexdigest()[:16]}.pt"
         with path.with_suffix(".lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             if not path.exists():
                 part = path.with_suffix(".part")
-                torch.save(sums_of(scene(**options)), part)
+                torch.save(make(), part)
                 part.replace(path)
-        sums: Tensor = torch.load(path)
-        return sums
+        return torch.load(path)
 
 
 def sums_of(scene: FrameSource) -> Tensor:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -238,32 +239,55 @@ def test_a_folder_with_pictures_of_two_sizes_is_refused(tmp_path: Path, capsys: 
     refused(["bind", str(folder), "--json", "--out", str(tmp_path / "out")], capsys, *words)
 
 
-def test_ctrl_c_keeps_what_was_computed(tmp_path: Path) -> None:
-    command = [
-        sys.executable,
-        "-m",
-        "ndtorch",
-        "bind",
-        "--seconds",
-        "600",
-        "--pictures",
-        "2",
-        "--out",
-        str(tmp_path),
-    ]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, bufsize=0)
-    assert process.stderr is not None
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_ctrl_c_keeps_what_was_computed(number: int, code: int, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "ndtorch", "bind", "--seconds", "600", "--pictures", "2", "--out", str(tmp_path)]
+    # There is a progress bar where stderr is a terminal.
+    ours, theirs = os.openpty()
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=theirs, text=True)
+    os.close(theirs)
     # The first frames have been seen when the progress bar counts them.
-    seen, end = "", time.monotonic() + 60
+    seen, end = "", time.monotonic() + 120
     while " 0/" in seen[-200:] or "/60400" not in seen:
         assert time.monotonic() < end
-        seen += os.read(process.stderr.fileno(), 4096).decode()
-    time.sleep(1)
-    process.send_signal(signal.SIGINT)
-    out, _ = process.communicate(timeout=60)
-    assert process.returncode == 130
+        seen += os.read(ours, 4096).decode()
+    process.send_signal(number)
+    out, _ = process.communicate(timeout=120)
+    os.close(ours)
+    assert process.returncode == code
     assert "stopped early" in out
     assert {path.name for path in (tmp_path / "two-bars").iterdir()} == FILES
+    assert [path.name for path in tmp_path.iterdir()] == ["two-bars"]
+
+
+def test_a_second_run_leaves_the_first_alone(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Also one of another clip that has the same name."""
+    (tmp_path / "elsewhere").mkdir()
+    other = Path(shutil.copy(clip, tmp_path / "elsewhere"))
+    asked = ["--seconds", "0.2", "--pictures", "0", "--out", str(tmp_path / "out")]
+    for source, name in ((clip, "bars"), (other, "bars-2"), (clip, "bars-3")):
+        assert main(["bind", str(source), *asked]) == 0
+        out, err = capsys.readouterr()
+        assert f"written  {tmp_path / 'out' / name}: " in out
+        assert err == ""  # a progress bar is for terminals
+    first = (tmp_path / "out" / "bars" / "objects.json").stat().st_mtime_ns
+    assert main(["bind", str(clip), *asked, "--force"]) == 0
+    assert (tmp_path / "out" / "bars" / "objects.json").stat().st_mtime_ns > first
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["bars", "bars-2", "bars-3"]
+
+
+def test_a_full_disk_leaves_the_state(
+    clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(result: object, path: Path) -> None:
+        path.write_bytes(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("ndtorch.report.folder.draw_timeline", full)
+    assert main(["bind", str(clip), "--seconds", "0.2", "--pictures", "0", "--json", "--out", str(tmp_path)]) == 1
+    assert capsys.readouterr().err == "error: figures cannot be written: No space left on device\n"
+    assert {path.name for path in (tmp_path / "bars").iterdir()} == {"objects.json", "state.safetensors"}
 
 
 def test_scenes_lists_what_render_takes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

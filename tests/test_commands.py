@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 from importlib.metadata import EntryPoint
@@ -21,6 +22,11 @@ MODULES = {
     "bad": "import no_such_module_of_anybody\n",
     "lacking": "import mujoco\n",
     "wrong": "1 / 0\n",
+    "ended": "import os, signal\nfrom dataclasses import dataclass\n@dataclass\nclass Ended:\n"
+    "    '''Is told to end, with a signal by name.'''\n    number: str\n"
+    "    def run(self):\n        os.kill(os.getpid(), getattr(signal, self.number))\n        return 0\n",
+    "full": "from dataclasses import dataclass\n@dataclass\nclass Full:\n    '''Writes to a full disk.'''\n"
+    "    def run(self):\n        raise OSError(28, 'No space left on device', 'run.rrd')\n",
     "later": "from dataclasses import dataclass\n@dataclass\nclass Later:\n    '''Misses something when it runs.'''\n"
     "    def run(self):\n        import mujoco\n",
 }
@@ -59,7 +65,7 @@ def test_broken_commands_leave_the_others(capsys: pytest.CaptureFixture[str]) ->
     assert "registered 2 times" in said(capsys, "twice")
     assert main(["--help"]) == 0
     lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines() if line.startswith("  ")}
-    assert sorted(lines) == ["bad", "good", "lacking", "later", "twice", "wrong"]
+    assert sorted(lines) == ["bad", "ended", "full", "good", "lacking", "later", "twice", "wrong"]
     assert "Does good." in lines["good"]
     assert "does not load" in lines["bad"]
     assert "registered 2 times" in lines["twice"]
@@ -74,9 +80,38 @@ def test_a_missing_extra_is_one_line_that_names_it(name: str, capsys: pytest.Cap
 @pytest.mark.usefixtures("registered")
 def test_commands_that_are_not_there(capsys: pytest.CaptureFixture[str]) -> None:
     assert "did you mean 'good'?" in said(capsys, "godo")
-    assert "there are bad, good" in said(capsys, "xylophone")
+    assert "there are bad, ended, full, good" in said(capsys, "xylophone")
     assert "pip install ndtorch-robot" in said(capsys, "drive")
     assert "pip install ndtorch-train" in said(capsys, "reproduce")
+
+
+@pytest.mark.usefixtures("registered")
+@pytest.mark.parametrize(("name", "code"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)])
+def test_signals_end_a_command_as_ctrl_c_does(
+    name: str, code: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["ndtorch", "ended", "--number", name])
+    number = getattr(signal, name)
+    before = signal.getsignal(number)
+    assert commands.program() == code
+    assert capsys.readouterr().err == "stopped before there was anything to keep\n"
+    assert signal.getsignal(number) is before
+
+
+@pytest.mark.usefixtures("registered")
+def test_a_signal_that_is_ignored_stays_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As `nohup` wants it."""
+    monkeypatch.setattr(sys, "argv", ["ndtorch", "ended", "--number", "SIGHUP"])
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        assert commands.program() == 0
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.usefixtures("registered")
+def test_a_full_disk_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert said(capsys, "full") == "error: run.rrd: No space left on device\n"
 
 
 def test_extras_are_those_that_exist() -> None:

@@ -79,7 +79,7 @@ def test_what_is_not_said_has_its_default() -> None:
         ('[network]\ngamma = "fast"', r"x: network: gamma = 'fast': .*number"),
         ("size = [500]", r"x: .*size"),
         ("fps = -1", r"x: fps = -1: "),
-        ('model = "video"', r"x: model = 'video': Input should be 'published'"),
+        ('model = "video"', r"x: model = 'video': should be 'published'"),
     ],
 )
 def test_errors_name_the_file_the_key_and_the_value(tmp_path: Path, text: str, message: str) -> None:

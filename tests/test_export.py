@@ -81,7 +81,7 @@ def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
         export(model("published"), tmp_path, "tflite")  # type: ignore[arg-type]
 
 
-@pytest.mark.slow
+@pytest.mark.compiled
 @pytest.mark.skipif(shutil.which("g++") is None, reason="AOTInductor needs a C++ compiler")
 def test_a_compiled_package_gives_the_same_on_two_bars(tmp_path: Path) -> None:
     """After a second of settling. Not on white noise: its first group maxima are tiny, and what is divided by them

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Mapping
@@ -12,12 +13,12 @@ from pathlib import Path
 
 import pytest
 
-HEAVY = ("cv2", "torchvision", "rerun", "matplotlib", "mujoco", "tyro", "serial")
+HEAVY = ("cv2", "numba", "torchvision", "rerun", "matplotlib", "mujoco", "tyro", "serial")
 
 PACKAGES = ("ndtorch", "ndtorch_robot", "ndtorch_train")
 
 FLOORS = (
-    "code_digest config errors installed lazy memory optional toml tree workers",
+    "code_digest config errors installed kernels lazy memory optional toml tree workers",
     "scenes vision",
     "binding navigation",
     "export loading",
@@ -100,7 +101,7 @@ def arrows() -> Arrows:
 
 def test_the_scan_sees_all_three_packages(arrows: Arrows) -> None:
     assert {name.split(".")[0] for name in arrows} == set(PACKAGES)
-    assert "ndtorch.errors" in arrows["ndtorch_robot.config"]
+    assert "ndtorch.toml" in arrows["ndtorch_robot.config"]
     assert "ndtorch.workers" in arrows["ndtorch_train.sweep.command"]
     assert any(
         "ndtorch_robot" in room_of(there) for name in arrows if "ndtorch_train" in name for there in arrows[name]
@@ -133,6 +134,13 @@ def test_report_draws_and_writes_what_run_finds(arrows: Arrows) -> None:
     }
     for name in (name for name in arrows if room_of(name) == "ndtorch.run"):
         assert not {there for there in arrows[name] if there.startswith("ndtorch.report")}
+
+
+def test_groups_of_features_go_by_name() -> None:
+    """`GROUPS`, and no slices like 4:7 of the ten."""
+    literal = re.compile(r"\b4 ?: ?7\b|\b7 ?: ?10\b|\bFEATURES\[:?\d")
+    paths = [path for package in PACKAGES for path in folder_of(package).rglob("*.py")]
+    assert [path.name for path in paths if literal.search(path.read_text(encoding="utf-8"))] == []
 
 
 def test_the_library_never_imports_the_programs_or_the_tests() -> None:

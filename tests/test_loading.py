@@ -76,11 +76,16 @@ def test_what_is_saved_loads_back_equal(tmp_path: Path, name: str) -> None:
     )
 
 
-def test_saving_again_keeps_a_card(tmp_path: Path) -> None:
-    model = ndtorch.load("video", size=(32, 48))
-    model.save(tmp_path)
+def test_a_model_that_is_there_is_replaced_only_when_told(tmp_path: Path) -> None:
+    ndtorch.load("published", size=(32, 48)).save(tmp_path)
     (tmp_path / "README.md").write_text("mine")
-    model.save(tmp_path)
+    other = ndtorch.load("video", size=(32, 48))
+    with pytest.raises(InputError, match=r"holds a model; say overwrite=True to replace it"):
+        other.save(tmp_path)
+    assert ndtorch.load(tmp_path).name == "published"
+    other.save(tmp_path, overwrite=True)
+    assert ndtorch.load(tmp_path).name == "video"
+    assert not (tmp_path / "weights.safetensors").exists()
     assert (tmp_path / "README.md").read_text() == "mine"
 
 
@@ -90,7 +95,7 @@ def test_a_trained_first_stage_takes_the_place_of_the_folders() -> None:
     for name in ("published", "scale-free", "retinotopic"):
         weights = ndtorch.load(name, size=(16, 16), first_stage=stage).first_stage()
         assert weights is not None
-        assert torch.equal(weights[7:, 7:], parts[2])
+        assert torch.equal(weights[GROUPS["color"], GROUPS["color"]], parts[2])
     with pytest.raises(InputError, match="video has no option first_stage; published, scale-free, retinotopic have it"):
         ndtorch.load("video", first_stage=stage)
 

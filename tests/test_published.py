@@ -13,8 +13,8 @@ from ndtorch.binding.models.whole_field import BindingState
 from ndtorch.run.run import run_model
 from ndtorch.run.watchers import Picture, Watcher
 from ndtorch.scenes import equal_bars, one_bar, three_bars, two_bars
-from ndtorch.vision import FEATURES
-from ndtorch_train.superposed import Stimuli, film_bars
+from ndtorch.vision import FEATURES, GROUPS
+from ndtorch_train.superposed import Bars, Stimuli
 from tests.films import Films
 
 pytestmark = pytest.mark.slow
@@ -58,22 +58,24 @@ def test_two_bars_are_a_red_and_a_green_object(films: Films) -> None:
     red, green = model.objects(state)
     assert (red.neuron, green.neuron) == ("red", "green")
     assert red.features["right"] > red.features["down"] > 0
-    assert {n for n in FEATURES[4:7] if n in red.features} == {"0°", "120°"}
+    assert {n for n in FEATURES[GROUPS["orientation"]] if n in red.features} == {"0°", "120°"}
     assert green.features["left"] > green.features["down"] > 0
-    assert {n for n in FEATURES[4:7] if n in green.features} == {"0°", "60°"}
+    assert {n for n in FEATURES[GROUPS["orientation"]] if n in green.features} == {"0°", "60°"}
     assert 0.75 <= float(state.second.weights.max()) <= 0.95
 
 
-def test_two_bars_at_every_phase_that_tells_them_apart() -> None:
+def test_two_bars_at_every_phase_that_tells_them_apart(bars: Bars) -> None:
     """Superposed from films of each bar alone, which tests/train/test_superposed.py compares with rendered scenes."""
-    stimuli, phases = Stimuli(film_bars()), [*range(45, 151, 15), *range(210, 316, 15)]
+    stimuli, phases = Stimuli(bars), [*range(45, 151, 15), *range(210, 316, 15)]
     _, state = learn(stimuli.red(19.0) + stimuli.green(phases, 19.0))
     found = {phase: names(weights) for phase, weights in zip(phases, state.second.weights, strict=True)}
     assert found == {phase: ["red", "green"] for phase in phases}
 
 
-@pytest.mark.parametrize("phase", [45, 120, 210, 315])
-def test_rendered_bars_at_the_ends_of_those_phases(films: Films, phase: int) -> None:
+@pytest.mark.parametrize(
+    "phase", [120, 315, pytest.param(45, marks=pytest.mark.long), pytest.param(210, marks=pytest.mark.long)]
+)
+def test_rendered_bars_at_some_of_those_phases(films: Films, phase: int) -> None:
     model, state = learn(films(two_bars, phase=float(phase)))
     assert [thing.neuron for thing in model.objects(state)] == ["red", "green"]
 
@@ -97,7 +99,7 @@ def test_three_bars_are_three_objects(films: Films) -> None:
     model, state = learn(films(three_bars))
     found = model.objects(state)
     assert [thing.neuron for thing in found] == ["red", "green", "blue"]
-    motion = [max(FEATURES[:4], key=lambda n: thing.features.get(n, 0)) for thing in found]
+    motion = [max(FEATURES[GROUPS["motion"]], key=lambda n: thing.features.get(n, 0)) for thing in found]
     assert motion[0] == "right"
     assert motion[2] == "left"
     assert not {"right", "down", "up"} & set(found[2].features)
@@ -116,19 +118,23 @@ def test_distance_fluctuation_works_as_well_as_shadow(films: Films) -> None:
 
 
 def test_bars_that_do_not_fluctuate_are_called_static(films: Films) -> None:
-    model, state = learn(films(two_bars, fluctuation="none"))
+    model, state = learn(films(two_bars, fluctuation="none", seconds=8.0))
     assert model.verdict(state) == "static"
     assert model.objects(state) == []
 
 
-def test_random_shadow_works_for_most_patterns(films: Films, record_property: pytest.RecordProperty) -> None:
-    """[B fig. 11e-f] One pattern was shown; here are seven, and twenty in claim B8 of `ndtorch reproduce`."""
+@pytest.mark.parametrize(("patterns", "enough"), [(2, 1), pytest.param(20, 16, marks=pytest.mark.long)])
+def test_random_shadow_works_for_most_patterns(films: Films, patterns: int, enough: int) -> None:
+    """[B fig. 11e-f] One pattern was shown; claim B8 of `ndtorch reproduce` finds the bars in 19 of 20.
+
+    A model that finds them in 19 of 20 passes each of these with a probability of .997, one that finds them in half
+    with .75 and .006.
+    """
     right = 0
-    for seed in range(7):
+    for seed in range(patterns):
         _, state = learn(films(two_bars, fluctuation="random", seed=seed), gamma=4.0)
         right += names(state.second.weights) == ["red", "green"]
-    record_property("right_of_7", right)
-    assert right > 3
+    assert right >= enough
 
 
 def test_a_weak_first_stage_does_not_find_the_bars(films: Films) -> None:

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from ndtorch.errors import InputError
-from ndtorch.workers import TRIES, Note, cores, run_tasks
+from ndtorch.workers import TRIES, Report, cores, run_tasks
 
 
-def task(item: tuple[str, str], note: Note) -> str:
+def task(item: tuple[str, str], report: Report) -> str:
     """Squares, complains, breaks, or dies until a file says that it has died often enough."""
     kind, value = item
     if kind == "refuse":
@@ -32,7 +32,7 @@ def task(item: tuple[str, str], note: Note) -> str:
         time.sleep(600)
     if kind == "kill":
         os.kill(os.getpid(), signal.SIGKILL)
-    note(0.5)
+    report(0.5)
     return value + value
 
 

@@ -94,11 +94,14 @@ class RunningCovariances(nn.Module):
             raise InputError(f"delays must be seconds >= 0, got {delays}")
         lags = tuple(sorted({max(1, round(delay / dt)) if delay else 0 for delay in delays}))
         self.every = max(1, round(BLOCK_SECONDS / dt))
+        self.low_pass = BlockLowPass(smoothing_factor(tau_high, dt), self.every)
+        filters = tuple(BlockLowPass(smoothing_factor(tau, dt), self.every) for tau in memories)
+        self.memories = nn.ModuleList(filters)
         self.constants = Constants(
             lags=lags,
             longest=max(lags[-1], 1 if differences else 0),
-            low_pass=BlockLowPass(smoothing_factor(tau_high, dt), self.every),
-            memories=tuple(BlockLowPass(smoothing_factor(tau, dt), self.every) for tau in memories),
+            low_pass=self.low_pass,
+            memories=filters,
             differences=differences,
         )
 

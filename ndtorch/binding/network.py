@@ -100,6 +100,8 @@ class InhibitoryNetwork(nn.Module):
         self.a_in, self.a_rough = smoothing_factor(tau_in, dt), smoothing_factor(TAU_ROUGH, dt)
         rule = learning_rule(rule) if isinstance(rule, str) else rule
         self.every = max(1, round(every / dt))
+        self.output_low = BlockLowPass(smoothing_factor(tau_out, dt), self.every)
+        self.mean_square = BlockLowPass(smoothing_factor(tau_power, dt), self.every)
         self.constants = Constants(
             rule=rule if rule is not None and rule.learns else None,
             feedback=feedback,
@@ -109,8 +111,8 @@ class InhibitoryNetwork(nn.Module):
             settle=settle,
             faint=faint,
             when_full=when_full,
-            output_low=BlockLowPass(smoothing_factor(tau_out, dt), self.every),
-            mean_square=BlockLowPass(smoothing_factor(tau_power, dt), self.every),
+            output_low=self.output_low,
+            mean_square=self.mean_square,
             a_mean=smoothing_factor(tau_mean, dt * self.every),
         )
         self.window_changes = max(1, round(window / (dt * self.every)))

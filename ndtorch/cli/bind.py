@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,6 +17,9 @@ from ndtorch.run.options import BindJob
 if TYPE_CHECKING:
     from ndtorch.report.films import EnhancedVideo, Overlay
     from ndtorch.run.opening import Prepared
+
+INCOMPLETE = 1
+"""Exit code when the state is kept, and the figures could not be."""
 
 MOVED = {"on": "--model video", "off": "--model published"}
 """What took the place of --front-end."""
@@ -32,7 +36,9 @@ class Bind(BindJob):
     source: Annotated[str, tyro.conf.Positional] = BindJob.source
     """Scene name (see `ndtorch scenes`), video file, folder of images, camera (`camera:0`, /dev/video0) or address."""
     out: Path = Path("out")
-    """Folder to write to; the run gets a folder named after its source in it."""
+    """Folder to write to; the run gets a new folder in it, named after its source: two-bars, then two-bars-2."""
+    force: bool = False
+    """Write into the folder named after the source even if results are there; files of the same names are replaced."""
     json: bool = False
     """Print one JSON object on stdout and nothing else."""
     rrd: Path | None = None
@@ -45,13 +51,14 @@ class Bind(BindJob):
         if self.front_end is not None:
             raise InputError(f"--front-end {self.front_end} is now {MOVED.get(self.front_end, '--model NAME')}")
         import torch
-        from tqdm import tqdm
 
         from ndtorch.memory import tune_allocator
         from ndtorch.report.films import RunRecording
-        from ndtorch.report.folder import OutputFolder, folder_name, write_result
+        from ndtorch.report.folder import folder_name, write_result
         from ndtorch.report.words import in_words, summary
+        from ndtorch.run.folder import RunFolder
         from ndtorch.run.opening import prepare
+        from ndtorch.run.progress import progress_bar
         from ndtorch.run.run import run_model
         from ndtorch.run.watchers import Watcher
 
@@ -60,7 +67,7 @@ class Bind(BindJob):
         tune_allocator()
         prepared = prepare(self)
         source = prepared.source
-        folder = OutputFolder(self.out, folder_name(source.name))
+        folder = RunFolder(self.out / folder_name(source.name), self.force)
         if not self.json:
             print(f"model  {prepared.chosen}", flush=True)
         try:
@@ -68,7 +75,7 @@ class Bind(BindJob):
             recording = None if self.rrd is None else RunRecording(self.rrd)
             watchers: list[Watcher] = [watcher for watcher in (film, recording) if watcher is not None]
             total = None if source.length is None else source.length - prepared.start
-            with tqdm(total=total, unit=" frames", disable=self.json, leave=False, mininterval=0.5) as bar:
+            with progress_bar(total, self.json, unit=" frames", leave=False, mininterval=0.5) as bar:
 
                 def report(frames: int) -> None:
                     bar.update(frames)
@@ -87,17 +94,19 @@ class Bind(BindJob):
                 film.close()
             if recording is not None:
                 recording.finish(in_words(result))
-            write_result(result, prepared.about, folder.work)
+            trouble = write_result(result, prepared.about, folder.work)
         except BaseException:
             folder.discard()
             raise
-        files = folder.publish()
+        files = folder.publish(whole=not result.interrupted)
         if self.json:
             print(json.dumps(summary(result), ensure_ascii=False))
         else:
             print(in_words(result))
             print(f"written  {folder.final}: {', '.join(path.name for path in files)}")
-        return INTERRUPTED if result.interrupted else 0
+        if trouble is not None:
+            print(f"error: figures cannot be written: {trouble.strerror or trouble}", file=sys.stderr)
+        return INTERRUPTED if result.interrupted else 0 if trouble is None else INCOMPLETE
 
     def film(self, prepared: Prepared, folder: Path) -> EnhancedVideo | Overlay | None:
         """What is written of the pictures: every n-th frame, played at the speed at which it was taken."""

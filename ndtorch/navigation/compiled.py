@@ -45,7 +45,7 @@ class CompiledNavigator(nn.Module):
         navigator: what to compile, on the CPU.
         folder: for the compiled libraries; by default `ndtorch` in `$XDG_CACHE_HOME` or `~/.cache`. Only its owner
             can enter it, and a library is loaded only when its owner and the hash of its content are right.
-        say: told before something is compiled, which is the time to tell the user to wait, and where nothing can be
+        report: told before something is compiled, which is the time to tell the user to wait, and where nothing can be
             kept: then the navigator steps uncompiled. By default both are warnings.
 
     Raises:
@@ -55,16 +55,16 @@ class CompiledNavigator(nn.Module):
     grid_map: GridMap | None
 
     def __init__(
-        self, navigator: Navigator, folder: Path | None = None, say: Callable[[str], None] | None = None
+        self, navigator: Navigator, folder: Path | None = None, report: Callable[[str], None] | None = None
     ) -> None:
         super().__init__()
         self.navigator = navigator
-        self.say = say or warn
+        self.report = report or warn
         self.kept: KeptCode | None = None
         try:
             self.kept = KeptCode(folder or cache_folder())
         except UnusableFolder as trouble:
-            self.say(f"the navigation step cannot be kept compiled: {trouble}; it runs uncompiled")
+            self.report(f"the navigation step cannot be kept compiled: {trouble}; it runs uncompiled")
         self.controller, self.ranging = navigator.controller, navigator.ranging
         self.grid_map = navigator.grid_map
         self.same = fingerprint(
@@ -136,7 +136,7 @@ class CompiledNavigator(nn.Module):
             except RuntimeError as error:
                 wrong = f"{file} cannot be loaded ({str(error).splitlines()[0]})"
                 kept.remove(file)
-        self.say(
+        self.report(
             (f"{wrong}; " if wrong else "")
             + f"compiling the navigation step, once, into {kept.folder}; this takes a minute or so"
         )

@@ -60,13 +60,13 @@ class NavigatorOptions:
         return make_controller(self.controller, rig, 1 / 30).fields
 
     def navigator(
-        self, rig: StereoRig, rate: float, grid: Grid | None = None, say: Callable[[str], None] | None = None
+        self, rig: StereoRig, rate: float, grid: Grid | None = None, report: Callable[[str], None] | None = None
     ) -> AnyNavigator:
         """A navigator for so many frames a second.
 
         Args:
             grid: the part of the world to map, if any.
-            say: told before something is compiled.
+            report: told before something is compiled.
         """
         edges = self.places == "edges"
         features = FeatureParams(
@@ -79,7 +79,7 @@ class NavigatorOptions:
         navigator = Navigator(
             rig, 1 / rate, controller=self.controller, features=features, angles=self.angle, grid_map=grid_map
         )
-        return CompiledNavigator(navigator, say=say) if self.compiled else navigator
+        return CompiledNavigator(navigator, report=report) if self.compiled else navigator
 
 
 OPTION_NAMES = tuple(option.name for option in dataclasses.fields(NavigatorOptions))

@@ -164,12 +164,12 @@ class VideoSource(FrameSource):
             warnings.warn(f"video {self.name} is grey: copied into red, green and blue", stacklevel=4)
             self._grey_told = True
         if self._reduce:
-            image = _reduced(image, self.size)
+            image = reduced(image, self.size)
         rgb = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB)
         return self._resize(torch.from_numpy(rgb).permute(2, 0, 1))
 
 
-def _reduced(image: Image, size: tuple[int, int]) -> Image:
+def reduced(image: Image, size: tuple[int, int]) -> Image:
     """The image at another size: averaged over whole blocks first, then interpolated; a third of the time of areas."""
     import cv2
 

@@ -1,6 +1,7 @@
 """Frames -> signals: temporal filters, motion, orientation and the ten features; speed of image rows."""
 
-from ndtorch.vision.camera.front_end import CameraFrontEnd, CameraParams, CameraState, FieldSignals
+from ndtorch.vision.camera.front_end import CameraFrontEnd, CameraState, FieldSignals
+from ndtorch.vision.camera.params import CameraParams
 from ndtorch.vision.chahl_srinivasan import ChahlSrinivasan, ShiftState, row_shift
 from ndtorch.vision.characterisation import SpeedCurve, judge_speed_curve, speed_response
 from ndtorch.vision.features import FEATURES, GROUPS, VisualFeatures

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 BLOCK = 50
 BLOCK_SECONDS = 0.1
 """Running statistics are brought up to date this often."""
 
 
-class BlockLowPass:
+class BlockLowPass(nn.Module):
     """`l += a (x - l)` over up to `length` samples as `l_j = (1 - a)^(j + 1) l + a sum_i (1 - a)^(j - i) x_i`.
 
     The same numbers as the loop, but for rounding.
@@ -22,36 +22,31 @@ class BlockLowPass:
         length: samples in the longest stretch.
     """
 
+    decay: Tensor
+    matrix: Tensor
+
     def __init__(self, a: float, length: int) -> None:
+        super().__init__()
         self.a, self.length = a, length
         steps = torch.arange(length, dtype=torch.float64)
         late = (steps[:, None] - steps).clamp_min(0)
         keep = 1 - a
-        self.decay = keep ** (steps + 1)
-        self.matrix = (a * keep**late).tril()
-        self._cast: dict[tuple[torch.dtype, torch.device], tuple[Tensor, Tensor]] = {}
+        # In double precision, and rounded where they are used: signals of either precision get all that they can hold.
+        self.register_buffer("decay", keep ** (steps + 1))
+        self.register_buffer("matrix", (a * keep**late).tril())
 
-    def __call__(self, x: Tensor, low: Tensor) -> Tensor:
+    def forward(self, x: Tensor, low: Tensor) -> Tensor:
         """Low-passed `x` `[..., T, N]`, T <= length, from the state `low` `[..., N]` on."""
         if self.length == 1:
             return torch.lerp(low.unsqueeze(-2), x, self.a)
-        decay, matrix = self.parts(x)
         steps = x.shape[-2]
-        return matrix[:steps, :steps] @ x + decay[:steps, None] * low.unsqueeze(-2)
+        decay, matrix = self.decay[:steps, None].to(x.dtype), self.matrix[:steps, :steps].to(x.dtype)
+        return matrix @ x + decay * low.unsqueeze(-2)
 
     def weights(self, x: Tensor) -> tuple[float, Tensor]:
         """What remains of the state after the samples of `x` `[..., T, N]`, and the weight of every sample, `[T]`."""
         steps = x.shape[-2]
-        return (1 - self.a) ** steps, self.parts(x)[1][steps - 1, :steps]
-
-    def parts(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Decay `[length]` and matrix `[length, length]` in the precision and on the device of `x`."""
-        if torch.compiler.is_compiling():  # nothing of a traced program may be kept
-            return self.decay.to(x.device, x.dtype), self.matrix.to(x.device, x.dtype)
-        key = (x.dtype, x.device)
-        if key not in self._cast:
-            self._cast[key] = (self.decay.to(x.device, x.dtype), self.matrix.to(x.device, x.dtype))
-        return self._cast[key]
+        return (1 - self.a) ** steps, self.matrix[steps - 1, :steps].to(x.dtype)
 
 
 class Stretch:

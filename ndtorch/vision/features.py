@@ -10,8 +10,8 @@ from torch import Tensor, nn
 from ndtorch.errors import InputError
 from ndtorch.memory import keep_freed_memory
 from ndtorch.vision.frames import as_float, check_frames, grey
-from ndtorch.vision.fused import front_step
 from ndtorch.vision.motion import Border, HassensteinReichardt, MotionState
+from ndtorch.vision.one_pass import fresh, image_kind, one_pass_fits, pass_over
 from ndtorch.vision.orientation import OrientedDoG
 
 FEATURES: tuple[str, ...] = (
@@ -40,7 +40,8 @@ class VisualFeatures(nn.Module):
     """Ten wide-field signals of a sequence of frames, and the images they are sums of. [B §2.1, fig. 1]
 
     `forward` gives the spatial sums, the input of the binding networks; `images` gives the feature images,
-    the material of attention. Both advance the same state: use one or the other on a stream.
+    the material of attention. Both advance the same state: use one or the other on a stream. Under
+    `torch.inference_mode()` on a CPU the sums are taken by kernels, see `ndtorch.kernels`; without Numba, by torch.
 
     Args:
         size: height and width of the frames in pixels.
@@ -48,8 +49,6 @@ class VisualFeatures(nn.Module):
         tau_high, tau_low: time constants of the motion detectors, seconds.
         border: "wrap" for toroidal scenes, "reflect" for real video.
         exact: sum the orientation responses at full resolution instead of on a coarse grid (see `OrientedDoG`).
-        fused: compile all but the orientation filters, frame by frame (`torch.compile`; on a CPU it needs a C++
-            compiler). The first frame takes some seconds more; worth it from minutes of video on.
 
     Shapes:
         frames `[..., T, C, H, W]` (C = 3 or 1; float 0..1 or uint8) -> `[..., T, 10]`, in the order of
@@ -67,7 +66,6 @@ class VisualFeatures(nn.Module):
         tau_low: float = 0.05,
         border: Border = "wrap",
         exact: bool = False,
-        fused: bool = False,
     ) -> None:
         super().__init__()
         if len(size) != 2 or min(size) < 2:
@@ -75,7 +73,6 @@ class VisualFeatures(nn.Module):
         self.size = (int(size[0]), int(size[1]))
         self.motion = HassensteinReichardt(dt, tau_high, tau_low, border)
         self.orientation = OrientedDoG(self.size, border=border, exact=exact)
-        self.front_step = torch.compile(front_step, dynamic=False) if fused else None
         keep_freed_memory()
 
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
@@ -83,12 +80,10 @@ class VisualFeatures(nn.Module):
         batch = frames.shape[:-4]
         if batch and frames.device.type == "cpu" and frames.shape[-1] * frames.shape[-2] * 2 > CPU_PIXELS:
             return self._each(frames, state)
+        if (self.orientation.paired or self.orientation.exact) and one_pass_fits(frames, state):
+            return self._one_pass(frames, state)
         sums = []
         for block in self._blocks(frames):
-            if self.front_step is not None:
-                out, state = self._fused(block, state)
-                sums.append(out)
-                continue
             # In this order, every plane is used while it is still in the cache.
             color = block.sum((-1, -2))
             image = grey(block)
@@ -97,9 +92,7 @@ class VisualFeatures(nn.Module):
             sums.append(torch.cat([self.motion.sums(high, delayed), orientation, color], -1))
         assert state is not None
         out = sums[0] if len(sums) == 1 else torch.cat(sums, -2)
-        # One look at ten numbers a frame finds a bad pixel anywhere: sums carry NaN and infinity along.
-        if not torch.compiler.is_compiling() and not torch.isfinite(out).all():
-            raise InputError("frames must be finite, got NaN or infinite values")
+        check_finite(out)
         return out, state
 
     def images(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
@@ -128,17 +121,18 @@ class VisualFeatures(nn.Module):
         for start in range(0, frames.shape[-4], length):
             yield as_float(frames[..., start : start + length, :, :, :])
 
-    def _fused(self, block: Tensor, state: MotionState | None) -> tuple[Tensor, MotionState]:
-        """The sums of a block of frames by the compiled step."""
-        assert self.front_step is not None
-        state = self.motion.start(grey(block[..., 0, :, :, :])) if state is None else state
-        sums = []
-        for frame in block.unbind(-4):
-            color, signed, image, state = self.front_step(
-                frame, state, self.motion.a_high, self.motion.a_low, self.motion.border
-            )
-            sums.append(torch.cat([self.motion.by_direction(signed), self.orientation.sums(image), color], -1))
-        return torch.stack(sums, -2), state
+    def _one_pass(self, frames: Tensor, state: MotionState | None) -> tuple[Tensor, MotionState]:
+        """The sums of `[T, 3, H, W]` by kernels."""
+        block, margin = self.orientation.thinning
+        into, out = fresh(frames), torch.empty(len(frames), 10, dtype=image_kind(frames))
+        for frame, sums in zip(frames.unbind(0), out.unbind(0), strict=True):
+            found, rows = pass_over(frame, state, self.motion, block, margin, into)
+            sums[:4] = self.motion.by_direction(found[:4])
+            sums[GROUPS["orientation"]] = self.orientation.sums_of_rows(rows)
+            sums[7:] = found[4:]
+            state = into
+        check_finite(out)
+        return out, into
 
     def _each(self, frames: Tensor, state: MotionState | None) -> tuple[Tensor, MotionState]:
         """One trial after the other: large frames of several trials together would leave the cache."""
@@ -155,3 +149,9 @@ class VisualFeatures(nn.Module):
             ends.append(end)
         final = (torch.stack(part).reshape(*batch, *self.size) for part in zip(*ends, strict=True))
         return torch.stack(sums).reshape(*batch, *sums[0].shape), MotionState(*final)
+
+
+def check_finite(sums: Tensor) -> None:
+    """Raise `InputError` where a pixel was not finite: one look at the sums finds it, they carry NaN and infinity."""
+    if not torch.compiler.is_compiling() and not torch.isfinite(sums).all():
+        raise InputError("frames must be finite, got NaN or infinite values")

@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from ndtorch.errors import InputError
 from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.motion import Border, check_border
+from ndtorch.vision.paired_grids import Pairs, pair_up, responses, weighted_sums
 from ndtorch.vision.thinning import (
     halve_rows,
     halving_gain,
@@ -88,6 +89,9 @@ class OrientedDoG(nn.Module):
     fast_spectrum: Tensor
     row_weights: Tensor
     column_weights: Tensor
+    pair_filters: Tensor
+    pair_rows: Tensor
+    pair_columns: Tensor
 
     def __init__(
         self,
@@ -135,6 +139,11 @@ class OrientedDoG(nn.Module):
         for name, n, g, m in zip(("row_weights", "column_weights"), self.padded, self.grid, self.margin, strict=True):
             weights = torch.stack([inside_weights(n, g, m, o) for o in OFFSETS])
             self.register_buffer(name, weights.float())
+        inside = (self.row_weights, self.column_weights)
+        if border == "wrap":  # nothing lies outside
+            inside = (torch.ones_like(self.row_weights), torch.ones_like(self.column_weights))
+        for name, part in zip(Pairs._fields, pair_up(self.fast_spectrum, *inside), strict=True):
+            self.register_buffer(f"pair_{name}", part, persistent=False)
 
     def extra_repr(self) -> str:
         return f"size={self.size}, border={self.border!r}, exact={self.exact}, grid={self.grid}"
@@ -165,11 +174,34 @@ class OrientedDoG(nn.Module):
         image = self._pad(image)
         for _ in range(self.halvings):
             image = halve_rows(image)
-        columns = torch.fft.rfft(image)[..., : self.grid[1] // 2 + 1]
-        spectrum = low_rows(torch.fft.fft(columns, dim=-2), self.grid[0])[..., None, None, :, :]
+        spectrum = low_rows(self._columns(image), self.grid[0])[..., None, None, :, :]
         # irfft2 divides by the grid's points and a sum has that many fewer terms: the two cancel.
         size: Tensor = torch.fft.irfft2(spectrum * self.fast_spectrum, s=self.grid).abs_()
         return size
+
+    @property
+    def thinning(self) -> tuple[int, int]:
+        """How many rows become one, and how many are mirrored above and below, in what `sums_of_rows` takes."""
+        return (1, 0) if self.exact else (2**self.halvings, self.margin[0])
+
+    @property
+    def paired(self) -> bool:
+        """Whether both grids can be one: on a small one some frequencies are their own mirror images."""
+        return not self.exact and self.grid[0] < self.padded[0] and self.grid[1] < self.padded[1]
+
+    def sums_of_rows(self, rows: Tensor) -> Tensor:
+        """`sums` by kernels of a grey image of which rows are mirrored and halved already, see `thinning`."""
+        if self.exact:
+            return self.images(rows).abs().sum((-1, -2))
+        left = self.margin[1]
+        rows = F.pad(rows[None], (left, left), mode="reflect")[0] if left else rows
+        pairs = Pairs(self.pair_filters, self.pair_rows, self.pair_columns)
+        return weighted_sums(responses(self._columns(rows), pairs), pairs)
+
+    def _columns(self, rows: Tensor) -> Tensor:
+        """The spectrum of halved rows, without high frequencies along rows."""
+        columns: Tensor = torch.fft.fft(torch.fft.rfft(rows)[..., : self.grid[1] // 2 + 1], dim=-2)
+        return columns
 
     def places(self) -> tuple[Tensor, Tensor]:
         """Rows `[2, h]` and columns `[2, w]` of the coarse grids, in pixels of the frame; pixel n is at n + 1/2."""

@@ -14,7 +14,7 @@ PATCH = 20
 FLAT = 0.02
 """Standard deviation, as a share of the mean, below which a patch shows nothing to look for."""
 
-EVERY = 4
+EVERY = 3
 """Frames of which one is compared: it costs as much as all else."""
 
 

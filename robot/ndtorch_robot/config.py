@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
 
-from ndtorch.errors import InputError
 from ndtorch.toml import check, read_toml
 from ndtorch_robot.navigating import NavigatorTable
 
@@ -57,8 +55,4 @@ def load_config(file: Path | None, choices: dict[str, object]) -> DriveConfig:
     if file is not None:
         values = read_toml(file, DriveConfig).model_dump(exclude_unset=True)
     values |= {key: value for key, value in choices.items() if value is not None}
-    unknown = sorted(set(values) - set(DriveConfig.model_fields))
-    if unknown:
-        near = difflib.get_close_matches(unknown[0], DriveConfig.model_fields, 1)
-        raise InputError(f"unknown key {unknown[0]!r}" + (f", did you mean {near[0]!r}?" if near else ""))
     return check(values, DriveConfig, "drive")

@@ -17,7 +17,7 @@ from ndtorch.navigation.controllers import Trace
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.eye import SightLimits
-from ndtorch_robot.navigating import say
+from ndtorch_robot.navigating import print_note
 from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import DriveCommand, Observer, Step
 from ndtorch_robot.record import Record
@@ -169,7 +169,7 @@ def make_recorder(config: DriveConfig, rig: StereoRig) -> Recorder | None:
     if config.record is None:
         return None
     configuration = drive_configuration(config, rig)
-    return Recorder(config.record, configuration, format=config.record_format, when_full="wait", report=say)
+    return Recorder(config.record, configuration, format=config.record_format, when_full="wait", report=print_note)
 
 
 def drive_configuration(config: DriveConfig, rig: StereoRig) -> dict[str, Any]:

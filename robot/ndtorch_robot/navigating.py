@@ -77,6 +77,6 @@ def configuration(options: NavigatorOptions, rig: StereoRig, rate: float) -> dic
     }
 
 
-def say(line: str) -> None:
+def print_note(line: str) -> None:
     """Tell the user, beside the results."""
     print(f"note: {line}", file=sys.stderr)

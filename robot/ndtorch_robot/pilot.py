@@ -8,7 +8,7 @@ import torch
 
 from ndtorch.navigation import Command, CompiledNavigator, Grid, NavigatorState, Pose, StereoRig
 from ndtorch.navigation.options import AnyNavigator, NavigatorOptions
-from ndtorch_robot.navigating import configuration, say
+from ndtorch_robot.navigating import configuration, print_note
 from ndtorch_robot.ports import DriveCommand, Placed, StereoFrames
 
 
@@ -34,7 +34,7 @@ class Pilot:
 
     def __init__(self, options: NavigatorOptions, rig: StereoRig, rate: float, grid: Grid | None = None) -> None:
         self.rig, self.rate, self.fields = rig, rate, options.fields(rig)
-        self.navigator: AnyNavigator = options.navigator(rig, rate, grid, say)
+        self.navigator: AnyNavigator = options.navigator(rig, rate, grid, print_note)
         self.state: NavigatorState | None = None
         self.options, self.grid = options, grid
 

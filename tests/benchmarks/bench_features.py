@@ -8,7 +8,7 @@ import torch
 
 from ndtorch.binding import Windows
 from ndtorch.scenes import two_bars
-from ndtorch.vision import LocalFeatures, VisualFeatures
+from ndtorch.vision import GROUPS, LocalFeatures, VisualFeatures
 from tests.benchmarks.numpy_features import NumpyFeatures
 from tests.benchmarks.timing import Row, in_turn
 
@@ -19,14 +19,14 @@ def rows(device: str | None = None) -> list[Row]:
     cv2.setNumThreads(1)
     frames = torch.cat(list(two_bars(seconds=0.4).chunks(8)))
     arrays = [frame.numpy() for frame in frames]
-    fast, fused, exact = VisualFeatures(), VisualFeatures(fused=True), VisualFeatures(exact=True)
+    fast, exact = VisualFeatures(), VisualFeatures(exact=True)
     fft, filter2d = NumpyFeatures(500, "fft"), NumpyFeatures(500, "filter2d")
     with torch.inference_mode():
         quick, state = fast(frames)
         full, _ = exact(frames)
         reference = torch.from_numpy(np.stack([fft(array) for array in arrays]))
         # Motion is silent on the first frame.
-        error = ((quick - full).abs() / full)[1:, 4:7].max()
+        error = ((quick - full).abs() / full)[1:, GROUPS["orientation"]].max()
         agree = ((full - reference).abs() / reference.abs().clamp_min(1e-3))[5:].max()
         chunk = frames[8:16]
         local = LocalFeatures(fast)
@@ -35,7 +35,6 @@ def rows(device: str | None = None) -> list[Row]:
         _, files = binding(signals)
         jobs = {
             "fast": lambda: fast(chunk, state),
-            "fused": lambda: fused(chunk, state),
             "exact": lambda: exact(chunk, state),
             "local": lambda: local(chunk, seen),
             "files": lambda: binding(signals, files),
@@ -52,7 +51,7 @@ def rows(device: str | None = None) -> list[Row]:
             f"NumPy + {other} {ms[theirs]}",
             f"{per_frame[theirs] / per_frame[ours]:.1f}x",
         )
-        for ours, name in (("fast", ""), ("fused", ", fused=True"))
+        for ours, name in (("fast", ""), ("bytes", " of uint8"), ("torch", " without kernels"))
         for theirs, other in (("fft", "scipy.fft"), ("filter2d", "cv2.filter2D"))
     ]
     found += [

@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 from ndtorch.binding import Attention, object_table
 from ndtorch.binding.attention import attention_mask, feature_weights, winner
 from ndtorch.errors import InputError
+from ndtorch.vision import GROUPS
 
 
 def noise(*shape: int, seed: int = 0) -> torch.Tensor:
@@ -72,7 +73,8 @@ def test_mask_is_the_weighted_sum_of_fluctuations() -> None:
     """[C fig. 5]: motion and orientation into all planes, a colour into its own."""
     f, images, low = noise(10), noise(10, 4, 5, seed=1), noise(10, 4, 5, seed=2)
     change = (f[:, None, None] * (images - low).abs()).numpy()
-    planes = np.stack([change[:7].sum(0) + change[7 + c] for c in range(3)])
+    first = GROUPS["color"].start
+    planes = np.stack([change[:first].sum(0) + change[first + c] for c in range(3)])
     mask = attention_mask(f, images, low)
     assert_allclose(mask, planes / planes.max(), rtol=1e-12)
     assert mask.max() == 1
@@ -81,7 +83,7 @@ def test_mask_is_the_weighted_sum_of_fluctuations() -> None:
 @pytest.mark.parametrize("color", [0, 1, 2])
 def test_a_color_goes_only_into_its_own_plane(color: int) -> None:
     f = torch.zeros(10)
-    f[7 + color] = 0.3
+    f[GROUPS["color"].start + color] = 0.3
     mask = attention_mask(f, torch.rand(10, 4, 5), torch.zeros(10, 4, 5))
     others = [c for c in range(3) if c != color]
     assert mask[color].max() == 1

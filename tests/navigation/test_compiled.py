@@ -1,5 +1,6 @@
 """The compiled step beside the plain one: same commands, same states, same maps."""
 
+import fcntl
 import os
 import shutil
 import subprocess
@@ -22,6 +23,7 @@ from ndtorch.navigation import (
     cut_strips,
 )
 from ndtorch.navigation.compiled import dense, tensors_of
+from tests.films import shared_folder
 
 DT = 1 / 30
 RIG = StereoRig()
@@ -47,7 +49,10 @@ def world(steps=STEPS):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("compiled")
+    """One for all processes of a run: what one has compiled the others load."""
+    folder = shared_folder(tmp_path_factory.getbasetemp()) / "compiled"
+    folder.mkdir(exist_ok=True)
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -56,16 +61,19 @@ def compiled(folder):
     if shutil.which(os.environ.get("CXX", "g++")) is None:
         pytest.skip("needs a C++ compiler")
     said = []
-    made = CompiledNavigator(navigator(), folder, said.append)
-    with torch.inference_mode():
-        made.warm_up(*next(iter(world())))
-    assert len(said) == 1
-    assert "compiling" in said[0]
+    with (folder.parent / "compiled.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        before = len(list(folder.iterdir()))
+        made = CompiledNavigator(navigator(), folder, said.append)
+        with torch.inference_mode():
+            made.warm_up(*next(iter(world())))
+    assert len(said) == 1 - before
+    assert before or "compiling" in said[0]
     assert len(list(folder.iterdir())) == 1
     return made
 
 
-@pytest.mark.slow
+@pytest.mark.compiled
 def test_same_commands_states_and_map(compiled):
     plain, a, b = navigator(), None, None
     modes, found = set(), 0
@@ -88,7 +96,7 @@ def test_same_commands_states_and_map(compiled):
     assert float((a.map.cells - b.map.cells).abs().sum()) < MAP_DISTANCE * mass
 
 
-@pytest.mark.slow
+@pytest.mark.compiled
 def test_what_was_driven_counts(compiled):
     still = Command(torch.zeros(1), torch.zeros(1))
     with torch.inference_mode():
@@ -102,7 +110,7 @@ def test_what_was_driven_counts(compiled):
     assert command.speed.shape == (1,)
 
 
-@pytest.mark.slow
+@pytest.mark.compiled
 def test_strips_and_frames_share_a_library(compiled, folder):
     """Also frames that are a part of larger ones."""
     before = sorted(folder.iterdir())
@@ -125,7 +133,7 @@ def test_two_layouts_of_memory(layout):
         assert dense(part).permute(layout).is_contiguous()
 
 
-@pytest.mark.slow
+@pytest.mark.compiled
 def test_unusable_frames_are_refused(compiled):
     left, right = next(iter(world()))
     with pytest.raises(InputError, match="one frame of uint8"):

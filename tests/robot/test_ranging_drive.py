@@ -21,7 +21,9 @@ def mirrored(command):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("arena", "walls"), [("loop", "textured"), ("room", "blank")])
+@pytest.mark.parametrize(
+    ("arena", "walls"), [("loop", "textured"), pytest.param("room", "blank", marks=pytest.mark.long)]
+)
 def test_a_minute_without_collisions(arena, walls):
     result = drive(DriveConfig(arena=arena, walls=walls, seed=SEED, seconds=60))
     assert result.summary["collisions"] == 0

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-import pytest
 import torch
 
 from ndtorch.scenes import FrameSource, three_bars
-from ndtorch.vision import VisualFeatures
-from ndtorch_train.superposed import Bars, Stimuli, film_bars
-
-
-@pytest.fixture(scope="module")
-def bars() -> Bars:
-    return film_bars()
+from ndtorch.vision import GROUPS, VisualFeatures
+from ndtorch_train.superposed import Bars, Stimuli
 
 
 def rendered(scene: FrameSource) -> torch.Tensor:
@@ -33,8 +27,8 @@ def test_superposed_sums_are_those_of_the_rendered_scene(bars: Bars) -> None:
     by_feature = (got[300:] - want).abs().amax(0) / want.amax(0)
     assert by_feature[[0, 1, 2]].max() < 0.015  # motion to the left, right and down
     assert error[3] < 1e-3  # nothing moves up
-    assert by_feature[4:7].max() < 0.08  # orientation: filters of bars overlap
-    assert by_feature[7:].max() < 0.002
+    assert by_feature[GROUPS["orientation"]].max() < 0.08  # orientation: filters of bars overlap
+    assert by_feature[GROUPS["color"]].max() < 0.002
 
 
 def test_films_repeat_with_the_period_of_the_shadow(bars: Bars) -> None:

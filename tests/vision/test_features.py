@@ -13,7 +13,6 @@ from numpy.testing import assert_allclose
 
 from ndtorch.errors import InputError
 from ndtorch.vision import FEATURES, GROUPS, HassensteinReichardt, OrientedDoG, VisualFeatures
-from ndtorch.vision.fused import front_step
 from ndtorch.vision.motion import BORDERS, Border
 from tests.strategies import chunkings, in_chunks
 
@@ -200,45 +199,12 @@ def test_frames_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
         module.images(torch.zeros(shape))
 
 
-@pytest.mark.parametrize("border", BORDERS)
-@pytest.mark.parametrize("size", [(2, 2), (2, 7), (9, 6)])
-@pytest.mark.parametrize("batch", [(), (2,)])
-def test_the_step_that_can_be_compiled_is_the_same(
-    border: Border, size: tuple[int, int], batch: tuple[int, ...]
-) -> None:
-    motion, frames = HassensteinReichardt(border=border), noise(*batch, 4, 3, *size)
-    state = motion.start(frames[..., 0, :, :, :].mean(-3))
-    high, delayed, end = motion.scan(frames.mean(-3), None)
-    expected = motion.sums(high, delayed)
-    for t in range(4):
-        color, signed, image, state = front_step(frames[..., t, :, :, :], state, motion.a_high, motion.a_low, border)
-        assert_allclose(color, frames[..., t, :, :, :].sum((-1, -2)), atol=1e-12)
-        assert_allclose(image, frames[..., t, :, :, :].mean(-3), atol=1e-12)
-        assert_allclose(motion.by_direction(signed), expected[..., t, :], atol=1e-12)
-    assert_allclose(state.delayed, end.delayed, atol=1e-12)
-
-
 NEEDS_COMPILER = pytest.mark.skipif(
     shutil.which("gcc") is None and shutil.which("g++") is None, reason="needs a C++ compiler"
 )
 
 
-@pytest.mark.slow
-@NEEDS_COMPILER
-@pytest.mark.parametrize("border", BORDERS)
-def test_fused_sums_are_the_same(border: Border) -> None:
-    plain, fused = (VisualFeatures((20, 30), border=border, fused=f) for f in (False, True))
-    frames = noise(2, 6, 3, 20, 30).float()
-    whole, end = plain(frames)
-    first, state = fused(frames[:, :2])
-    last, state = fused(frames[:, 2:], state)
-    assert_allclose(torch.cat([first, last], 1), whole, rtol=1e-4, atol=1e-4)
-    assert_allclose(state.slow, end.slow, atol=1e-6)
-    with pytest.raises(InputError, match="frames must be finite"):
-        fused(torch.full((2, 1, 3, 20, 30), math.nan))
-
-
-@pytest.mark.slow
+@pytest.mark.compiled
 @NEEDS_COMPILER
 def test_compiled_sums_are_the_same() -> None:
     module = VisualFeatures((32, 32))

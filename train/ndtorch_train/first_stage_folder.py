@@ -6,13 +6,13 @@ from pathlib import Path
 
 import torch
 from torch import Tensor
-from tqdm import tqdm
 
 from ndtorch.binding import FirstStage, spectral_radius, train_first_stage
 from ndtorch.binding.first_stage import write_first_stage as write_weights
 from ndtorch.binding.models.published import PublishedConfig
 from ndtorch.config import config_text
 from ndtorch.errors import InputError
+from ndtorch.run.progress import progress_bar
 
 SHARING = ("scale-free", "retinotopic")
 """Models beside published that have the same first stage, as a copy."""
@@ -21,7 +21,7 @@ SHARING = ("scale-free", "retinotopic")
 def write_first_stage(gamma: float, radius: float, folder: Path) -> FirstStage:
     """Train the three networks and write `config.toml`, `weights.safetensors` and `README.md`."""
     torch.set_num_threads(1)
-    with tqdm(desc="rings", unit=" s", bar_format="{desc}: {n:.1f} simulated s {postfix}") as bar:
+    with progress_bar(None, desc="rings", unit=" s", bar_format="{desc}: {n:.1f} simulated s {postfix}") as bar:
 
         def report(seconds: float, largest: list[float]) -> None:
             bar.n = seconds

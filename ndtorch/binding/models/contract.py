@@ -134,15 +134,21 @@ class BindingModel(nn.Module, ABC):
         """Weights of the first stage, `[10, 10]`; None of a model without."""
         return None
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | Path, overwrite: bool = False) -> None:
         """Write a folder (config.toml, weights.safetensors, README.md) that `ndtorch.load` gives back equal.
 
+        Args:
+            path: of the folder.
+            overwrite: replace a model that is there. A card that is there is kept.
+
         Raises:
-            InputError: the folder cannot be written.
+            InputError: the folder holds a model, or cannot be written.
         """
         from ndtorch.binding.first_stage import write_first_stage
 
         folder, weights = Path(path), self.first_stage()
+        if not overwrite and (folder / "config.toml").exists():
+            raise InputError(f"{folder} holds a model; say overwrite=True to replace it, or name another folder")
         try:
             folder.mkdir(parents=True, exist_ok=True)
             (folder / "config.toml").write_text(config_text(self.config), encoding="utf-8")
@@ -151,6 +157,8 @@ class BindingModel(nn.Module, ABC):
                 card.write_text(CARD.format(name=folder.name, model=self.name), encoding="utf-8")
             if weights is not None:
                 write_first_stage(weights, folder / "weights.safetensors")
+            elif overwrite:
+                (folder / "weights.safetensors").unlink(missing_ok=True)
         except OSError as error:
             raise InputError(f"{folder} cannot be written: {error.strerror}") from None
 

@@ -12,9 +12,9 @@ from ndtorch.binding.models.published import PublishedModel
 from ndtorch.binding.models.retinotopic import RetinotopicModel
 from ndtorch.binding.models.scale_free import ScaleFreeModel
 from ndtorch.binding.models.video import VideoModel
-from ndtorch.config import option_places, suggestion, validated, with_options
+from ndtorch.config import option_places, validated, with_options
 from ndtorch.errors import InputError
-from ndtorch.toml import toml_values
+from ndtorch.toml import suggestion, toml_values
 
 KINDS: dict[str, type[BindingModel]] = {
     kind.name: kind for kind in (PublishedModel, ScaleFreeModel, RetinotopicModel, VideoModel)

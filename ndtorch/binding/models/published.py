@@ -87,7 +87,7 @@ class PublishedModel(WholeFieldModel):
         self.second = second_stage(c, gamma, rule)
         self._given_rule, self._given_gamma = None if rule is None else rule.name, gamma is not None
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | Path, overwrite: bool = False) -> None:
         """As in the contract.
 
         Raises:
@@ -102,7 +102,7 @@ class PublishedModel(WholeFieldModel):
             )
         if self._given_gamma:
             raise InputError("gamma was given for every trial, which no config.toml can hold: set it in the config")
-        super().save(path)
+        super().save(path, overwrite)
 
     def refine(self, inputs: Tensor, state: NetworkState | None) -> tuple[Tensor, NetworkState]:
         refined: tuple[Tensor, NetworkState] = self.first(inputs, state)

@@ -21,7 +21,8 @@ from ndtorch.binding.tracking.tracker import Tracker, TrackerState
 from ndtorch.binding.tracking.tracks import Track
 from ndtorch.config import Constants, ModelConfig, Size
 from ndtorch.errors import InputError
-from ndtorch.vision.camera.front_end import CameraFrontEnd, CameraParams, CameraState
+from ndtorch.vision.camera.front_end import CameraFrontEnd, CameraState
+from ndtorch.vision.camera.params import CameraParams
 from ndtorch.vision.features import FEATURES
 
 

@@ -7,6 +7,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ndtorch.vision.camera.params import CameraParams
+
 # Mean magnitude of a normal variable against its standard deviation, and median of its magnitude likewise.
 MEAN_SIZE, MEDIAN_SIZE = 0.798, 0.6745
 
@@ -19,7 +21,7 @@ class BackgroundState(NamedTuple):
     frames: Tensor
 
 
-def background_start(frame: Tensor, deviation: float = 0.01) -> BackgroundState:
+def background_start(frame: Tensor, deviation: float) -> BackgroundState:
     """State settled on one frame `[..., C, H, W]`."""
     return BackgroundState(frame, torch.full_like(frame, deviation), torch.zeros((), dtype=torch.int64))
 
@@ -34,7 +36,7 @@ def measured_noise(difference: Tensor) -> Tensor:
 
 
 def background_step(
-    frame: Tensor, state: BackgroundState, a: float, a_deviation: float, hold: float, spread: float
+    frame: Tensor, state: BackgroundState, a: float, a_deviation: float, params: CameraParams
 ) -> tuple[Tensor, Tensor, BackgroundState]:
     """One step: the difference from the background, the threshold it has to pass, and the new state.
 
@@ -46,23 +48,26 @@ def background_step(
     Args:
         frame: `[..., C, H, W]`, its exposure corrected.
         a, a_deviation: smoothing factors of background and deviation.
-        hold: share of `a` where something stands out.
-        spread: standard deviations that count as standing out.
+        params: the share `hold` of `a` where something stands out, the `spread` that counts as standing out, and what
+            is taken for granted at first.
 
     Returns:
         difference `[..., C, H, W]`, threshold `[..., C, H, W]`, state.
     """
+    p = params
     difference = frame - state.mean
-    noise = measured_noise(difference).clamp_min(1 / 1024)
-    threshold = spread * torch.maximum(noise, state.deviation / MEAN_SIZE)
+    noise = measured_noise(difference).clamp_min(p.quietest)
+    threshold = p.spread * torch.maximum(noise, state.deviation / MEAN_SIZE)
     out = ((difference.abs() > threshold).any(-3, keepdim=True)).to(frame.dtype)
     seen = state.frames + 1
     # In double precision: as numbers, whether this is run or exported.
     pace = (1 / (seen + 1).double()).clamp_min(a)
-    mean = state.mean + (pace * (1 - (1 - hold) * out)) * difference
+    mean = state.mean + (pace * (1 - (1 - p.hold) * out)) * difference
     # What passes by is no noise: its deviation counts as little more than what is known already.
-    size = torch.minimum(difference.abs(), 3 * torch.maximum(noise, state.deviation))
-    deviation = state.deviation + (1 / (seen + 5).double()).clamp_min(a_deviation) * (size - state.deviation)
+    size = torch.minimum(difference.abs(), p.outlier * torch.maximum(noise, state.deviation))
+    deviation = state.deviation + (1 / (seen + p.first_frames).double()).clamp_min(a_deviation) * (
+        size - state.deviation
+    )
     return difference, threshold, BackgroundState(mean, deviation, seen)
 
 

@@ -3,44 +3,21 @@
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F
-from pydantic import Field
 from torch import Tensor, nn
 
-from ndtorch.config import Constants
 from ndtorch.errors import InputError
 from ndtorch.vision.camera.background import BackgroundState, background_start, background_step, core
 from ndtorch.vision.camera.exposure import exposure_gain
+from ndtorch.vision.camera.params import CameraParams
 from ndtorch.vision.camera.scales import LEVELS, ScaleState, scale_start, scale_step
 from ndtorch.vision.fields import field_weights, means, pool
 from ndtorch.vision.frames import as_float, check_frames
 from ndtorch.vision.orientation import OrientedDoG
 from ndtorch.vision.temporal import smoothing_factor
-
-
-class CameraParams(Constants):
-    """What the front end does, and its constants."""
-
-    exposure: bool = Field(True, description="divide every color by its gain against the background")
-    background: bool = Field(True, description="signals from the difference to a slow background, not from the frame")
-    noise_floor: bool = Field(True, description="take nothing from what does not stand out from the measured noise")
-    color_inhibition: bool = Field(True, description="colors of a pixel inhibit one another, so that white has none")
-    scale: int | Literal["auto"] = Field("auto", description="level of the pyramid for motion, 0 to 2, or by the shift")
-    compression: bool = Field(True, description="square root of the signals")
-    grid: tuple[int, int] = Field((6, 10), description="rows and columns of fields; [1, 1] for the whole field")
-    height: int = Field(56, ge=16, description="rows of the small image on which everything is computed")
-    fastest: float = Field(30.5, gt=0, description="frames a second beyond which successive frames are averaged")
-    tau_background: float = Field(10.0, ge=0, description="memory of the background")
-    tau_deviation: float = Field(4.0, ge=0, description="memory of the noise of every pixel")
-    hold: float = Field(0.2, ge=0, description="pace of the background where something stands out, as a share")
-    spread: float = Field(3.5, gt=0, description="standard deviations of the noise that count as standing out")
-    tau_high: float = Field(0.5, ge=0, description="high-pass of the motion detectors")
-    tau_low: float = Field(0.05, ge=0, description="delay filter of the motion detectors")
-    center: tuple[float, float] = Field((2.85, 0.9), description="deviations of the orientation filters, small pixels:")
-    surround: tuple[float, float] = Field((3.3, 1.35), description="those published for 500 pixels, brought to 56")
 
 
 class FieldSignals(NamedTuple):
@@ -175,21 +152,17 @@ class CameraFrontEnd(nn.Module):
     ) -> tuple[tuple[Tensor, Tensor, Tensor, Tensor, Tensor], BackgroundState, ScaleState]:
         """Signals, motion, presence, noise and level of one averaged small frame `[3, h, w]`."""
         p = self.parts
-        background = background_start(frame) if background is None else background
+        background = background_start(frame, p.first_deviation) if background is None else background
         if p.exposure:
-            frame = frame / exposure_gain(frame, background.mean)
-        difference, threshold, after = background_step(
-            frame, background, self.a_background, self.a_deviation, p.hold, p.spread
-        )
+            frame = frame / exposure_gain(frame, background.mean, p.gain_limit, p.darkest, p.lit)
+        difference, threshold, after = background_step(frame, background, self.a_background, self.a_deviation, p)
         shown = ((difference.abs() / threshold).amax(0, keepdim=True) - 1).clamp(0, 1)
         noise = threshold[..., ::2, ::2].median()
         seen = core(difference, threshold) if p.noise_floor else difference
         if not p.background:
             seen = frame
         scales = scale_start(torch.zeros_like(seen) if p.background else seen) if scales is None else scales
-        moved, level, scales = scale_step(
-            seen, scales, self.dt, self.a_high, self.a_low, p.tau_low, None if p.scale == "auto" else p.scale
-        )
+        moved, level, scales = scale_step(seen, scales, self.dt, self.a_high, self.a_low, p)
         fine = [self.orientation.images(seen.abs().amax(0)).abs(), self._colors(frame, background, shown), shown]
         fields = self._pool(torch.cat(fine), 0)
         parts = [self._pool(images, k) for k, images in moved.items()]
@@ -210,7 +183,7 @@ class CameraFrontEnd(nn.Module):
     def _colors(self, frame: Tensor, background: BackgroundState, shown: Tensor) -> Tensor:
         """Colour of what stands out, `[3, h, w]`, under light in which the background is grey on average."""
         p = self.parts
-        white = background.mean.mean((-1, -2), keepdim=True).clamp_min(0.02)
+        white = background.mean.mean((-1, -2), keepdim=True).clamp_min(p.dimmest_white)
         color = frame * (white.mean() / white)
         if p.color_inhibition:
             color = (color - color.mean(0)).clamp_min(0)

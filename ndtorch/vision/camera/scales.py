@@ -10,13 +10,10 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from ndtorch.vision.camera.params import CameraParams
 from ndtorch.vision.motion import MotionState, correlate, motion_step
 
 LEVELS = 3
-BEST_SHIFT = 1.5
-"""Pixels that a pattern should move within a detector's delay: less is weak, more is mistaken for the other way."""
-MEMORY = 1.0
-"""Seconds over which the displacement is measured."""
 
 
 class ScaleState(NamedTuple):
@@ -65,14 +62,17 @@ def shift_per_delay(state: ScaleState, dt: float, tau_low: float) -> Tensor:
     return torch.where(slope > 0, per_frame * (tau_low + dt) / dt, 0.0)
 
 
-def best_level(shift: Tensor) -> Tensor:
-    """The level of the pyramid on which a displacement `[]` comes nearest to `BEST_SHIFT`, in octaves, `[]` int64."""
-    octave = sum((shift > BEST_SHIFT * 2 ** (k + 0.5)).long() for k in range(LEVELS - 1))
+def best_level(shift: Tensor, best: float) -> Tensor:
+    """The level of the pyramid on which a displacement `[]` comes nearest to the `best` one, in octaves, `[]` int64.
+
+    Less is weak, more is mistaken for the other way.
+    """
+    octave = sum((shift > best * 2 ** (k + 0.5)).long() for k in range(LEVELS - 1))
     return torch.where(shift > 0, octave, 1)
 
 
 def scale_step(
-    image: Tensor, state: ScaleState, dt: float, a_high: float, a_low: float, tau_low: float, level: int | None = None
+    image: Tensor, state: ScaleState, dt: float, a_high: float, a_low: float, params: CameraParams
 ) -> tuple[dict[int, Tensor], Tensor, ScaleState]:
     """Opponent motion to the right and downward at the chosen scale. [B eq. 7-8 on a pyramid]
 
@@ -81,18 +81,19 @@ def scale_step(
     Args:
         image: difference from the background, `[C, H, W]`; motion is summed over its colours, so that a green thing
             on a red ground of the same brightness is seen to move.
-        dt, a_high, a_low, tau_low: time step, smoothing factors and delay of the detectors.
-        level: fixed level; None for the one that suits the displacement measured so far.
+        dt, a_high, a_low: time step and smoothing factors of the detectors.
+        params: their delay, and the level, fixed or the one that suits the displacement measured so far.
 
     Returns:
         `[2, H / 2^k, W / 2^k]` by level k, positive to the right and downward, of the chosen one, or of all where this
         is exported; the chosen level `[]` int64; the state.
     """
+    tau_low, level = params.tau_low, None if params.scale == "auto" else params.scale
     images = pyramid(image)
     coarse = images[-1]
     change = (coarse - state.last).square().sum()
     slope = torch.diff(coarse, dim=-1).square().sum() + torch.diff(coarse, dim=-2).square().sum()
-    keep = math.exp(-dt / MEMORY)
+    keep = math.exp(-dt / params.tau_shift)
     measured = state._replace(last=coarse, change=keep * state.change + change, slope=keep * state.slope + slope)
     # What decays for minutes must not become a division of two roundings.
     tiny = measured.slope < 1e-9
@@ -100,7 +101,7 @@ def scale_step(
         change=torch.where(tiny, 0.0, measured.change), slope=torch.where(tiny, 0.0, measured.slope)
     )
     chosen = (
-        best_level(shift_per_delay(measured, dt, tau_low))
+        best_level(shift_per_delay(measured, dt, tau_low), params.best_shift)
         if level is None
         else torch.tensor(level, device=image.device)
     )

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -12,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from ndtorch.commands import INTERRUPTED
-from ndtorch.errors import InputError
 from ndtorch_robot.navigating import navigator_flags
 
 if TYPE_CHECKING:
@@ -47,7 +44,9 @@ class Drive:
     whole: bool = False
     """Draw whole 640x480 frames although only strips of them are read (six times slower)."""
     out: Path | None = None
-    """Folder for the results (default out/drive)."""
+    """Folder for the results (default out/drive). If it holds any, the next free one is taken: out/drive-2."""
+    force: bool = False
+    """Take that folder even if results are there; files of the same names are replaced."""
     rrd: Path | None = None
     """Also record the drive into this file, to look at with rerun; draws whole frames."""
     view: bool = False
@@ -65,27 +64,35 @@ class Drive:
         """Drive, show the progress, write the results and the summary."""
         import torch
 
+        from ndtorch.run.folder import RunFolder
         from ndtorch_robot.config import load_config
 
         choices = asdict(self)
-        del choices["config"], choices["json"]
+        del choices["config"], choices["json"], choices["force"]
         # A flag that is not given leaves the file's value.
         config = load_config(self.config, {k: None if value is False else value for k, value in choices.items()})
-        prepare(config.out)
+        folder = RunFolder(config.out, self.force)
         torch.set_num_threads(1)
-        result = watched(config, quiet=self.json)
-        write_results(result, config.out)
+        try:
+            result = watched(config, quiet=self.json)
+            write_results(result, folder.work)
+        except BaseException:
+            folder.discard()
+            raise
+        files = folder.publish(whole=not result.interrupted)
         if self.json:
             print(json.dumps(result.summary))
         else:
             print(describe(result))
+            print(f"  written to {folder.final}: {' '.join(file.name for file in files)}")
+            if config.rrd:
+                print(f"  recording: rerun {config.rrd}")
         return INTERRUPTED if result.interrupted else 0
 
 
 def watched(config: DriveConfig, quiet: bool) -> Result:
     """Drive with a progress bar on stderr, unless quiet."""
-    from tqdm import tqdm
-
+    from ndtorch.run.progress import progress_bar
     from ndtorch_robot.drive import RATE, drive
 
     if quiet:
@@ -96,7 +103,7 @@ def watched(config: DriveConfig, quiet: bool) -> Result:
         nonlocal bar
         if bar is None:  # only now, so that an error before the first frame stands alone
             total = round(config.seconds * RATE)
-            bar = tqdm(total=total, desc=f"{config.arena} seed {config.seed}", unit=" frames", file=sys.stderr)
+            bar = progress_bar(total, desc=f"{config.arena} seed {config.seed}", unit=" frames")
         bar.update()
 
     try:
@@ -104,16 +111,6 @@ def watched(config: DriveConfig, quiet: bool) -> Result:
     finally:
         if bar is not None:
             bar.close()
-
-
-def prepare(folder: Path) -> None:
-    """Make the folder for the results, before the time of a drive is spent."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"--out {folder}: cannot make this folder ({error.strerror})") from None
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise InputError(f"--out {folder}: cannot write into this folder")
 
 
 def write_results(result: Result, folder: Path) -> None:
@@ -156,7 +153,5 @@ def describe(result: Result) -> str:
         f"visible edges found, position error {value('position_error_cm', 'cm')}, "
         f"door spacing error {value('spacing_error_percent', '%')}",
         f"  navigation step: median {times.get('p50', 0):.2f} ms, 99 % below {times.get('p99', 0):.2f} ms",
-        f"  written to {c.out}: summary.json path.png map.png map.npz speeds.png rows.png"
-        + (f"\n  recording: rerun {c.rrd}" if c.rrd else ""),
     ]
     return "\n".join(lines)

@@ -61,7 +61,7 @@ class Evaluate:
 
     def run(self) -> int:
         """Drive, show the progress, write the table."""
-        from ndtorch_robot.commands.drive import prepare
+        from ndtorch.run.folder import prepare
         from ndtorch_robot.evaluation.drives import Cache
 
         drives = self.drives()
@@ -121,8 +121,7 @@ class Evaluate:
 
 def finish_drives(missing: list[DriveConfig], cache: Cache, processes: int) -> list[str]:
     """Do the drives that are missing, keeping each as soon as it is done; returns what went wrong for good."""
-    from tqdm import tqdm
-
+    from ndtorch.run.progress import progress_bar
     from ndtorch_robot.evaluation.drives import drive_once
 
     if not missing:
@@ -131,7 +130,7 @@ def finish_drives(missing: list[DriveConfig], cache: Cache, processes: int) -> l
     troubles: list[str] = []
     total = sum(d.seconds for d in missing)
     form = "{desc} {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} s, {rate_fmt}, {remaining} left"
-    with tqdm(total=total, unit="x", bar_format=form, file=sys.stderr) as bar:
+    with progress_bar(total, unit="x", bar_format=form) as bar:
         left = len(missing)
         bar.set_description_str(f"{left} drives to go")
         with closing(workers.run_tasks(drive_once, missing, processes)) as events:

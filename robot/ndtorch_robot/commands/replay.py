@@ -71,6 +71,7 @@ class Replay:
 
     def shown(self, recording: Recording) -> Comparison:
         """Replay and show it."""
+        from ndtorch_robot.navigating import print_note
         from ndtorch_robot.recording import make_pilot, replay
         from ndtorch_robot.view import ViewSteps, Where, layout, open_stream, start_view
 
@@ -78,10 +79,7 @@ class Replay:
         where = Where(self.rrd, self.view, self.view_at)
         stream = open_stream(f"replay {self.folder.name}", where, layout())
 
-        def report(line: str) -> None:
-            print(f"note: {line}", file=sys.stderr)
-
-        view = start_view(stream, pilot, report, wait=True)
+        view = start_view(stream, pilot, print_note, wait=True)
         observer = ViewSteps(view, "replay")
         try:
             return replay(recording, pilot, [observer], observer.report)

@@ -1,14 +1,51 @@
-"""What every model refuses at its edge, in one line."""
+"""What every model keeps where, and what it refuses at its edge, in one line."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Any
+
 import pytest
 import torch
+from torch import Tensor
 
 import ndtorch
 from ndtorch.errors import InputError
 
 NAMES = ("published", "scale-free", "retinotopic", "video")
+
+
+def held(thing: Any, place: str, seen: dict[int, Any]) -> Iterator[tuple[str, Tensor]]:
+    """Every tensor that can be reached from a thing, however it is kept there, and where."""
+    if id(thing) in seen:
+        return
+    seen[id(thing)] = thing
+    if isinstance(thing, Tensor):
+        yield place, thing
+        return
+    parts: dict[Any, Any] = {}
+    if isinstance(thing, dict):
+        parts = thing
+    elif isinstance(thing, tuple | list | set | frozenset):
+        parts = dict(enumerate(thing))
+    elif not isinstance(thing, type):
+        closure = getattr(thing, "__closure__", None) or ()
+        parts = {**getattr(thing, "__dict__", {}), **{n: cell.cell_contents for n, cell in enumerate(closure)}}
+    for name, part in parts.items():
+        yield from held(part, f"{place}.{name}", seen)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_all_fixed_tensors_are_in_the_state_dict(name: str) -> None:
+    """Also those that a forward has made and kept."""
+    model = ndtorch.load(name, size=32)
+    model(torch.rand(30, 3, 32, 32, generator=torch.Generator().manual_seed(0)))
+    fixed = model.state_dict(keep_vars=True)
+    known = {id(tensor) for tensor in fixed.values()}
+    assert [place for place, tensor in held(model, name, {}) if id(tensor) not in known] == []
+    assert len(fixed) > 3
+    # And none of them is left behind where a model moves.
+    assert {tensor.device.type for tensor in model.to("meta").state_dict().values()} == {"meta"}
 
 
 @pytest.mark.parametrize("name", NAMES)

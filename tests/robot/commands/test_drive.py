@@ -57,7 +57,8 @@ def test_words_and_file(tmp_path, capsys):
     out, err = capsys.readouterr()
     assert "room, seed 3, ranging" in out
     assert "  2 s and" in out
-    assert "60/60" in err
+    assert err == ""  # a progress bar is for terminals
+    assert "written to " in out
 
 
 @needs_gl
@@ -95,12 +96,12 @@ def test_arenas(capsys):
     ("arguments", "message"),
     [
         (["--arena", "halway"], "no arena 'halway', choose one of hallway"),
-        (["--controller", "pid"], "controller = 'pid'"),
+        (["--controller", "pid"], "got 'pid'"),
         (["--seconds", "-1"], "seconds = -1"),
         (["--seconds", "nan"], "seconds"),
-        (["--features", "0"], "features = 0"),
+        (["--features", "0"], "features must be a whole number"),
         (["nowhere.toml"], "no such file"),
-        (["--out", "/proc/nothing"], "cannot make this folder"),
+        (["--out", "/proc/nothing"], "cannot write there"),
     ],
 )
 def test_bad_arguments(arguments, message, capsys, tmp_path, monkeypatch):
@@ -115,7 +116,7 @@ def test_bad_arguments(arguments, message, capsys, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("secnods = 3", "unknown key 'secnods', known keys are controller, features, angle"),
+        ("secnods = 3", "unknown key 'secnods'; did you mean seconds?"),
         ('seconds = "60 s"', "seconds = '60 s'"),
         ('angle = "degrees"', "angle = 'degrees': should be 'atan' or 'linear'"),
         ("seed = 1.5", "seed = 1.5"),
@@ -133,7 +134,7 @@ def test_bad_files(tmp_path, text, message):
 
 
 def test_unknown_choice():
-    with pytest.raises(InputError, match="did you mean 'seconds'"):
+    with pytest.raises(InputError, match="did you mean seconds"):
         load_config(None, {"second": 3})
 
 

@@ -123,7 +123,7 @@ def test_the_simulated_world_is_a_link(tmp_path):
         ('[link]\nkind = "can"', "no link of the kind 'can', known are .*serial, simulated-board, simulated-world"),
         ('[link]\nkind = "serial"\nbaud = 500', "device"),
         ('[link]\ndevice = "/dev/x"\nbaud = 5', "baud = 5: should be greater"),
-        ('[link]\ndevice = "/dev/x"\nbauds = 9600', "unknown key 'bauds', known keys are device, baud"),
+        ('[link]\ndevice = "/dev/x"\nbauds = 9600', "unknown key 'bauds'; did you mean baud?"),
         ('[link]\nkind = "paper"\npages = "many"', "pages = 'many'"),
         ("", "real cameras need a real board: give link.device"),
     ],

@@ -6,8 +6,9 @@ import pytest
 import torch
 
 from ndtorch.vision.camera.background import background_start, background_step, core, measured_noise
+from ndtorch.vision.camera.params import CameraParams
 
-STEP = {"a": 0.01, "a_deviation": 0.05, "hold": 0.2, "spread": 3.5}
+STEP = {"a": 0.01, "a_deviation": 0.05, "params": CameraParams()}
 
 
 def test_noise_is_measured_beside_something_that_moves() -> None:
@@ -24,7 +25,7 @@ def test_core_takes_the_threshold_off_both_sides() -> None:
 
 def test_static_scene_has_no_difference() -> None:
     frame = torch.rand(3, 20, 20, generator=torch.Generator().manual_seed(0))
-    state = background_start(frame)
+    state = background_start(frame, 0.01)
     for _ in range(5):
         difference, threshold, state = background_step(frame, state, **STEP)
         assert (difference == 0).all()
@@ -35,7 +36,7 @@ def test_static_scene_has_no_difference() -> None:
 def test_what_stands_out_is_held_and_sensor_noise_is_not() -> None:
     generator = torch.Generator().manual_seed(0)
     frame = torch.full((3, 40, 40), 0.5)
-    state = background_start(frame)
+    state = background_start(frame, 0.01)
     for _ in range(200):
         _, _, state = background_step(frame + 0.01 * torch.randn(3, 40, 40, generator=generator), state, **STEP)
     thing = frame.clone()
@@ -52,7 +53,7 @@ def test_what_stands_out_is_held_and_sensor_noise_is_not() -> None:
 
 def test_flickering_pixels_need_more() -> None:
     generator = torch.Generator().manual_seed(0)
-    state = background_start(torch.full((3, 20, 20), 0.5))
+    state = background_start(torch.full((3, 20, 20), 0.5), 0.01)
     for _ in range(300):
         frame = torch.full((3, 20, 20), 0.5) + 0.003 * torch.randn(3, 20, 20, generator=generator)
         frame[:, :5, :5] += 0.05 * torch.randn(3, 5, 5, generator=generator)

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch.vision.camera.front_end import CameraFrontEnd, CameraParams, FieldSignals, small_size
+from ndtorch.vision.camera.front_end import CameraFrontEnd, FieldSignals, small_size
+from ndtorch.vision.camera.params import CameraParams
 from tests.strategies import chunkings
 from tests.vision.camera.passing_scenes import SIZE, ground, passing
 

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.binding import PublishedModel, object_table, train_first_stage
-from ndtorch.vision import FEATURES
+from ndtorch.vision import FEATURES, GROUPS
 from ndtorch_train.reproduce.context import Context, judged
 from ndtorch_train.reproduce.outcome import Outcome
 from ndtorch_train.reproduce.plots import (
@@ -87,10 +87,10 @@ def two_bars(context: Context, seconds: float, phase_step: int, rendered_phases:
         a, b = (thing.features for thing in found)
         parts["red: right > down, 0° and 120°"] = a.get("right", 0) > a.get("down", 0) > 0 and features_of(
             w, "red"
-        ) & set(FEATURES[4:7]) == {"0°", "120°"}
+        ) & set(FEATURES[GROUPS["orientation"]]) == {"0°", "120°"}
         parts["green: left > down, 0° and 60°"] = b.get("left", 0) > b.get("down", 0) > 0 and features_of(
             w, "green"
-        ) & set(FEATURES[4:7]) == {"0°", "60°"}
+        ) & set(FEATURES[GROUPS["orientation"]]) == {"0°", "60°"}
     parts["largest weight .85 within .10"] = abs(float(w.max()) - 0.85) <= 0.10
     good = [int(p) for p, r in zip(phases, right, strict=True) if r]
     ours = f"{' and '.join(numbers['owners']) or 'none'}, largest weight {float(w.max()):.2f}"
@@ -145,7 +145,7 @@ def number_of_bars(context: Context, seconds: float, phase_step: int, offset_ste
         words = name.replace("-", " ")
         output_panel(axes[2 * k], run.time, run.outputs, f"outputs, {words}", owners(run.final), 10.0, 0.0)
         matrix_panel(axes[2 * k + 1], run.final, f"weights, {words}", simplified=True)
-        context.note(0.3 * (k + 1))
+        context.report(0.3 * (k + 1))
     letters(axes)
     feature_legend(figure)
     caption = "One, two and three bars: outputs of the second stage, and weights over their largest."
@@ -195,7 +195,7 @@ def fluctuations(context: Context, seconds: float, patterns: int, gamma: float) 
         sums = rendered(context, "two-bars-random", 1 / (patterns + 2), seed=seed, seconds=4.0 + seconds)
         runs.append(learn(sums, gamma=torch.tensor(gamma)))
         right.append(owners(runs[-1].final) == PAIR)
-        context.note((seed + 1) / (patterns + 2))
+        context.report((seed + 1) / (patterns + 2))
     shown = [
         ("sine shadow", learn(rendered(context, "two-bars", seconds=4.0 + seconds))),
         ("distance", learn(rendered(context, "two-bars-distance", seconds=4.0 + seconds))),

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ndtorch.errors import InputError
-from ndtorch.workers import Note, cores, run_tasks
-from ndtorch_train.output import prepare
+from ndtorch.run.folder import prepare
+from ndtorch.workers import Report, cores, run_tasks
 
 if TYPE_CHECKING:
     from ndtorch_train.reproduce.outcome import Claim
@@ -116,8 +116,7 @@ def compute(claims: Sequence[Claim], quick: bool, jobs: int, folder: Path) -> di
     """Run experiments in `jobs` processes with a progress bar; returns why claims failed, by claim."""
     if not claims:
         return {}
-    from tqdm import tqdm
-
+    from ndtorch.run.progress import progress_bar
     from ndtorch_train.reproduce.context import code_of
 
     def cost(claim: Claim) -> float:
@@ -127,7 +126,7 @@ def compute(claims: Sequence[Claim], quick: bool, jobs: int, folder: Path) -> di
     shares = [0.0] * len(ordered)
     failed: dict[str, str] = {}
     form = "{desc} {percentage:3.0f}% |{bar}| {elapsed} gone, {remaining} left{postfix}"
-    with tqdm(total=sum(map(cost, ordered)), desc="claims", bar_format=form, file=sys.stderr) as bar:
+    with progress_bar(sum(map(cost, ordered)), desc="claims", bar_format=form) as bar:
         tasks = [(claim, code_of(claim.uses)) for claim in ordered]
         for kind, index, value in run_tasks(functools.partial(_task, quick=quick, folder=folder), tasks, jobs):
             claim = ordered[index]
@@ -147,14 +146,14 @@ def compute(claims: Sequence[Claim], quick: bool, jobs: int, folder: Path) -> di
     return failed
 
 
-def _task(task: tuple[Claim, str], note: Note, *, quick: bool, folder: Path) -> None:
+def _task(task: tuple[Claim, str], report: Report, *, quick: bool, folder: Path) -> None:
     """One experiment and the fingerprint of its code, in a process of its own."""
     from ndtorch.memory import tune_allocator
     from ndtorch_train.reproduce.context import run_claim
 
     tune_allocator()
     try:
-        run_claim(task[0], quick, folder, task[1], note)
+        run_claim(task[0], quick, folder, task[1], report)
     except (BrokenPipeError, ConnectionResetError):
         raise  # nobody is listening any more
     except OSError as error:

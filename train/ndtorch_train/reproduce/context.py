@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ndtorch.code_digest import code_digest
-from ndtorch.workers import Note
+from ndtorch.workers import Report
 from ndtorch_train.reproduce.outcome import Claim, Drawing, Outcome, verdict_of
 
 if TYPE_CHECKING:
@@ -47,14 +47,14 @@ class Context:
         drawings: figures made so far.
     """
 
-    def __init__(self, folder: Path, store: Path, quick: bool, note: Note) -> None:
+    def __init__(self, folder: Path, store: Path, quick: bool, report: Report) -> None:
         self.folder, self.store, self.quick = folder, store, quick
-        self._note = note
+        self._report = report
         self.drawings: list[Drawing] = []
 
-    def note(self, share: float) -> None:
+    def report(self, share: float) -> None:
         """Tell how much of the experiment is done, 0..1."""
-        self._note(share)
+        self._report(share)
 
     def draw(self, name: str, figure: Figure, title: str, caption: str, **parameters: Any) -> None:
         """Keep a figure as SVG and PNG."""
@@ -141,7 +141,7 @@ class ResultCache:
         return (result, False) if complete else (None, False)
 
 
-def run_claim(claim: Claim, quick: bool, cache_folder: Path, code: str, note: Note) -> None:
+def run_claim(claim: Claim, quick: bool, cache_folder: Path, code: str, report: Report) -> None:
     """Run one experiment and keep its result in the cache; a run that is killed leaves nothing half done.
 
     Args:
@@ -155,7 +155,7 @@ def run_claim(claim: Claim, quick: bool, cache_folder: Path, code: str, note: No
     store.mkdir(exist_ok=True)
     lock = lock_folder(work, fcntl.LOCK_EX)
     try:
-        context = Context(work, store, quick, note)
+        context = Context(work, store, quick, report)
         parameters = claim.parameters(quick)
         assert parameters is not None
         outcome = claim.run(context, **parameters)

@@ -27,7 +27,7 @@ def recorded(
 
     def report(made: int, total: int) -> None:
         if made % 30 == 0:
-            context.note(share[0] + (share[1] - share[0]) * made / total)
+            context.report(share[0] + (share[1] - share[0]) * made / total)
 
     def make() -> Arrays:
         return record_drive(key, report)

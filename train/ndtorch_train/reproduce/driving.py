@@ -171,7 +171,7 @@ def speed(context: Context, seconds: float) -> Outcome:
                 step()
                 times.append((time.process_time() - start) / 8)
             rates[name] = 1 / float(np.median(times))
-            context.note(0.5)
+            context.report(0.5)
     figure, (one,) = panels(1, 1, 7, 2.6)
     one.barh(list(rates), list(rates.values()), color=[BLUE, GREEN])
     one.axvline(1000, color=BLACK, ls="--", lw=1)

@@ -38,7 +38,7 @@ def weights(context: Context, gamma: float, radius: float) -> Outcome:
 
     def report(seconds: float, largest: list[float]) -> None:
         seen.append((seconds, largest))
-        context.note(min(0.95, seconds / 8))
+        context.report(min(0.95, seconds / 8))
 
     stage = train_first_stage(gamma, radius, report=report)
     found = {"motion": stage.motion, "orientation": stage.orientation, "color": stage.color}
@@ -86,7 +86,7 @@ def motion_sums(directions: list[float], orientations: list[float] | None, secon
             state, last = None, []
             for frames in moving_bar(direction, tilt, seconds=seconds).chunks(25):
                 out, state = features(frames, state)
-                last.append(out[..., :4])
+                last.append(out[..., GROUPS["motion"]])
             # The mean over half a second: the shadowless bar's sums ripple with its place between the pixels.
             sums.append(torch.cat(last)[-50:].mean(0).double())
     found = torch.stack(sums)
@@ -115,7 +115,7 @@ def motion_tuning(context: Context, step: float, seconds: float) -> Outcome:
     network = shipped("motion")
     directions = [step * k for k in range(round(360 / step))]
     inputs = motion_sums(directions, None, seconds)
-    context.note(0.6)
+    context.report(0.6)
     outputs = settled(network, inputs).clamp_min(0)
     angles = torch.tensor(directions, dtype=torch.float64)
     tilts = [-85.0 + step * k for k in range(round(170 / step) + 1)]
@@ -180,17 +180,16 @@ def orientation_tuning(context: Context, step: float) -> Outcome:
     tilts = torch.arange(0, 180, step, dtype=torch.float64)
     features = VisualFeatures((100, 100), exact=True)
     with torch.inference_mode():
-        inputs = torch.stack([features(static_bar(float(t))[None])[0][0, 4:7].double() for t in tilts])
+        sums = torch.stack([features(static_bar(float(t))[None])[0][0] for t in tilts])
+    inputs = sums[:, GROUPS["orientation"]].double()
     inputs = inputs / inputs.max()
     outputs = settled(network, inputs)
-    context.note(0.8)
+    context.report(0.8)
     figure, axes = panels(1, 2, 10, 5.2, subplot_kw={"projection": "polar"})
     around = torch.cat([tilts, tilts + 180, tilts[:1]]).deg2rad()
     for one, values, title in zip(axes, (inputs, outputs), ("network inputs", "network outputs"), strict=True):
-        for j in range(3):
-            color = STYLES[FEATURES[4 + j]].color
-            y = values[:, j].clamp_min(0)
-            one.plot(around, torch.cat([y, y, y[:1]]), color=color, lw=2.2, label=FEATURES[4 + j])
+        for name, y in zip(FEATURES[GROUPS["orientation"]], values.clamp_min(0).unbind(1), strict=True):
+            one.plot(around, torch.cat([y, y, y[:1]]), color=STYLES[name].color, lw=2.2, label=name)
         one.set(title=title)
     axes[1].legend(loc="upper left", bbox_to_anchor=(0.95, 1.1), frameon=False)
     letters(axes)
@@ -218,7 +217,7 @@ def color_tuning(context: Context, saturation: float, hues: int, lights: int) ->
     # Sums of a lone bar are its colour times its area: one bar shows it, the rest follows.
     features, one_color = VisualFeatures((100, 100)), (0.5, 0.4, 0.6)
     with torch.inference_mode():
-        seen = features(static_bar(0.0, one_color)[None])[0][0, 7:10].double()
+        seen = features(static_bar(0.0, one_color)[None])[0][0, GROUPS["color"]].double()
     area_error = float((seen / seen.sum() - torch.tensor(one_color).double() / sum(one_color)).abs().max())
     outputs = settled(network, colors)
     top = outputs.max()
@@ -231,10 +230,10 @@ def color_tuning(context: Context, saturation: float, hues: int, lights: int) ->
         one.imshow(image, origin="lower", aspect="auto", extent=(0, 360, 0, 1))
         one.set(title=title, xlabel="hue (degrees)", ylabel="lightness", xticks=range(0, 361, 60))
     inputs = hsl_color(hue, torch.tensor(saturation), torch.tensor(0.5))
-    for j in range(3):
-        color = STYLES[FEATURES[7 + j]].color
+    for j, name in enumerate(FEATURES[GROUPS["color"]]):
+        color = STYLES[name].color
         axes[2].fill_between(hue, 0, middle[:, j] / middle.max(), color=color, alpha=0.25, lw=0)
-        axes[2].plot(hue, middle[:, j] / middle.max(), color=color, lw=1, label=f"{FEATURES[7 + j]}, output")
+        axes[2].plot(hue, middle[:, j] / middle.max(), color=color, lw=1, label=f"{name}, output")
         axes[2].plot(hue, inputs[:, j], color=color, lw=2.6, label="input")
     axes[2].set(title="at lightness 0.5: inputs bold", xlabel="hue (degrees)", ylabel="value", ylim=(0, 1.05))
     axes[2].set_xticks(range(0, 361, 60))

@@ -253,7 +253,7 @@ def feature_count(context: Context, seeds: list[int], seconds: float, counts: li
         for j, count in enumerate(counts):
             score = score_of(seen, map_of(seen, ranges_of(seen, FeatureParams(count=count)), 3.0))
             found[i, j] = score["precision"] or 0, score["recall"] or 0, quality(score)
-            context.note((i + 0.5 + 0.5 * j / len(counts)) / len(seeds))
+            context.report((i + 0.5 + 0.5 * j / len(counts)) / len(seeds))
     mean = found.mean(0)
     figure, (one,) = panels(1, 1, 8, 4.4)
     for k, (name, color, style) in enumerate(

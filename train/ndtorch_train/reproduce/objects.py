@@ -125,7 +125,7 @@ def watch(context: Context, seconds: float, since: float, shift: tuple[float, fl
                 a, b, c = (image.permute(1, 2, 0).clone() for image in (frames[-1], mask, enhanced))
                 found.append(Look(time, int(k), a, b, c, f, float(frame[0] / frame[1]), ratio))
             if n % 5 == 0:
-                context.note(share * 20 * n / (source.length or 1))
+                context.report(share * 20 * n / (source.length or 1))
     return found
 
 
@@ -207,7 +207,7 @@ def equal_bars(context: Context, seconds: float, kinds: list[str]) -> Outcome:
         found[kind] = owners(run.final)
         output_panel(axes[2 * k], run.time, run.outputs, f"outputs, {kind}", found[kind], None, 0.0)
         matrix_panel(axes[2 * k + 1], run.final, f"weights, {kind}", simplified=True)
-        context.note((k + 1) / len(kinds))
+        context.report((k + 1) / len(kinds))
     letters(axes)
     feature_legend(figure)
     caption = "Three green bars alike in all but their fluctuation; the paper claims three objects and shows none."

@@ -38,7 +38,7 @@ def film(scene: FrameSource, context: Context, share: float = 1.0) -> Tensor:
             out, state = features(frames, state)
             sums.append(out)
             if n % 20 == 0:
-                context.note(share * 8 * n / (scene.length or 1))
+                context.report(share * 8 * n / (scene.length or 1))
     return torch.cat(sums)
 
 

@@ -66,7 +66,7 @@ def learn(context: Context, rule: str, inputs: Tensor, start: Tensor, onset: flo
             outputs.append(out[0])
             weights.append(state.weights)
             if n % 100 == 0:
-                context.note(share * n / len(parts))
+                context.report(share * n / len(parts))
     times = torch.arange(1, len(weights) + 1) * (EVERY * DT)
     return Learned(torch.cat(outputs), times, torch.stack(weights))
 
@@ -281,7 +281,7 @@ def theory(context: Context, largest: int, mixtures: int, seed: int) -> Outcome:
         row |= {"found": found / mixtures, "stable": stable / mixtures}
         row |= {"all separate": separate == found, "stability right": agree, "of": tried}
         rows.append(row)
-        context.note(0.8 * (at + 1) / len(sizes))
+        context.report(0.8 * (at + 1) / len(sizes))
     bounds = [bound_error(generator, n) for n in (2, 3, 4) for _ in range(4)]
 
     figure, axes = panels(1, 2, 12, 4.6)

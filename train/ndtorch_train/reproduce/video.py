@@ -99,7 +99,7 @@ class Watched:
                 times.append(int(state.second.steps) * model.dt - settle)
                 if shown is None and times[-1] >= show_at:
                     shown = frames[-1]
-                context.note(share[0] + (share[1] - share[0]) * seen / (source.length or seen))
+                context.report(share[0] + (share[1] - share[0]) * seen / (source.length or seen))
         assert state is not None
         assert shown is not None
         self.frame, self.outputs, self.weights = shown, torch.cat(outputs), torch.stack(weights)

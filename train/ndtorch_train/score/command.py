@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ndtorch.errors import InputError
-from ndtorch_train.score.choices import LONGEST, METHODS, RATES, SETTLE, Split
+from ndtorch_train.score.choices import LABELLED, LONGEST, METHODS, RATES, SETTLE, Split
 
 
 @dataclass(frozen=True)
@@ -50,12 +50,25 @@ class ScoreOptions:
     """Video: a file to run on too; its timeline is drawn."""
     keep: Path | None = None
     """Video: folder in which generated clips are kept, and looked for."""
+    labelled: Path | None = None
+    """Folder of clips with others' truth (clip.mp4 with gt.txt or masks.mkv): score on them instead (labelled.csv)."""
+    methods: tuple[str, ...] = LABELLED
+    """Labelled: what to compare, or folders of models."""
+    rows: int = 0
+    """Labelled: height of the frames that all methods get; 0 for their own."""
 
     def run(self) -> int:
         """Do it; returns the exit code."""
         import torch
 
         from ndtorch.memory import tune_allocator
+
+        if self.labelled is not None:
+            from ndtorch_train.score.labelled.command import run
+
+            if self.rows != 0 and self.rows < 32:
+                raise InputError(f"rows must be 0 or at least 32, got {self.rows}")
+            return run(self.labelled, self.methods, self.rows, self.out)
         from ndtorch_train.score.benchmark import bar_rows, random_rows, rendered_rows, stress_rows
         from ndtorch_train.score.figure import draw
         from ndtorch_train.score.leaderboard import Row, markdown, write_csv

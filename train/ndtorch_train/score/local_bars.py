@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import torch
 from torch import Tensor
-from tqdm import tqdm
 
 from ndtorch.errors import InputError
+from ndtorch.run.progress import progress_bar
 from ndtorch.scenes import Bar, BarScene
-from ndtorch.vision import VisualFeatures
+from ndtorch.vision import GROUPS, VisualFeatures
 from ndtorch_train.score.scenes import FPS, SIZE, Scene, moving
 from ndtorch_train.score.single_bars import (
     DIRECTIONS,
@@ -73,10 +73,12 @@ def local_bars(folder: Path) -> Tensor:
         return torch.from_numpy(np.load(file).astype(np.float32))
     table = torch.zeros(DIRECTIONS, ORIENTATIONS, 8, POINTS, POINTS)
     features = VisualFeatures((CANVAS, CANVAS))
-    with torch.inference_mode():
-        for n in tqdm(range(DIRECTIONS * ORIENTATIONS), desc="measuring single bars", unit=" bars", leave=False):
+    bar = progress_bar(DIRECTIONS * ORIENTATIONS, desc="measuring single bars", unit=" bars", leave=False)
+    with torch.inference_mode(), bar:
+        for n in range(DIRECTIONS * ORIENTATIONS):
             direction, orientation = divmod(n, ORIENTATIONS)
             table[direction, orientation] = measure(direction, orientation, features)
+            bar.update()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         np.save(file, table.numpy())
@@ -109,9 +111,8 @@ def scene_sums(scene: Scene, steps: Tensor, table: Tensor) -> Tensor:
         color = torch.tensor(bar.color)
         grey, twice = color.mean(), moving(light)[steps][:, None, None, None]
         light = light[steps][:, None, None, None]
-        total[..., :4] += seen[..., :4] * twice * grey**2
-        total[..., 4:7] += seen[..., 4:7] * light * grey
-        total[..., 7:] += seen[..., 7:] * light * color
+        for group, gain in zip(GROUPS.values(), (twice * grey**2, light * grey, light * color), strict=True):
+            total[..., group] += seen[..., group] * gain
     return total
 
 

@@ -16,6 +16,7 @@ from torch import Tensor
 from ndtorch.errors import InputError
 from ndtorch.scenes import Bar, BarScene
 from ndtorch.scenes.rendered import RenderedScene
+from ndtorch.vision import GROUPS
 from ndtorch.vision.blocks import BLOCK, BlockLowPass, low_pass
 from ndtorch.vision.temporal import smoothing_factor
 from ndtorch_train.score.choices import LONGEST, Split
@@ -169,7 +170,8 @@ def gains(bar: RandomBar) -> Tensor:
     white = single_bars()[bar.direction, bar.orientation]
     color = torch.tensor(bar.color)
     grey = color.mean()
-    return torch.cat([white[:4] * grey**2, white[4:7] * grey, white[7:] * color])
+    motion, orientation, colors = (white[group] for group in GROUPS.values())
+    return torch.cat([motion * grey**2, orientation * grey, colors * color])
 
 
 def moving(light: Tensor) -> Tensor:
@@ -181,13 +183,14 @@ def moving(light: Tensor) -> Tensor:
 def superposed(scenes: Sequence[Scene], seconds: float) -> Tensor:
     """The ten sums of every scene at 100 samples a second, `[B, T, 10]`."""
     steps = round(seconds * FPS)
-    total = torch.zeros(len(scenes), steps, 10)
+    total, motion = torch.zeros(len(scenes), steps, 10), GROUPS["motion"]
+    others = slice(motion.stop, None)
     # Scenes with equally many bars go through the filter together.
     for count in {len(scene.bars) for scene in scenes}:
         at = [n for n, scene in enumerate(scenes) if len(scene.bars) == count]
         light = torch.from_numpy(np.stack([[bar.light[:steps] for bar in scenes[n].bars] for n in at]))
         strength = torch.stack([torch.stack([gains(bar) for bar in scenes[n].bars]) for n in at])
-        total[at] = torch.cat([moving(light).mT @ strength[..., :4], light.mT @ strength[..., 4:]], -1)
+        total[at] = torch.cat([moving(light).mT @ strength[..., motion], light.mT @ strength[..., others]], -1)
     return total
 
 

@@ -11,7 +11,7 @@ from torch import Tensor
 from ndtorch.binding import BoundObject, InhibitoryNetwork
 from ndtorch.binding.readout.owners import owner_table, signal_statistics
 from ndtorch.run.watchers import Watcher
-from ndtorch.vision import FEATURES, HighPass
+from ndtorch.vision import FEATURES, GROUPS, HighPass
 
 EVERY = 0.5
 """Seconds between read-outs."""
@@ -67,8 +67,9 @@ def whole_field_objects(inputs: Tensor, times: Tensor, dt: float, size: tuple[in
         deviation = statistics.covariances[0, 0].diagonal().clamp_min(0).sqrt()
         for k in table.owners.nonzero().flatten().tolist():
             row = table.rows[k]
-            if row[:4].max() > 0:
-                key = (int(row[:4].argmax()), int(row[7:].argmax()) if row[7:].max() > 0 else -1)
+            motion, color = row[GROUPS["motion"]], row[GROUPS["color"]]
+            if motion.max() > 0:
+                key = (int(motion.argmax()), int(color.argmax()) if color.max() > 0 else -1)
                 seen.setdefault(key, []).append((float(when[-1]), row * deviation))
     return [as_object(key, sights, size) for key, sights in seen.items() if len(sights) > 1]
 
@@ -77,7 +78,7 @@ def as_object(key: tuple[int, int], sights: list[tuple[float, Tensor]], size: tu
     """An object of the whole field as one of those that have places."""
     height, width = size
     values = torch.stack([row for _, row in sights]).sum(0).double().numpy()
-    index = key[0] if key[1] < 0 else 7 + key[1]
+    index = GROUPS["motion"].start + key[0] if key[1] < 0 else GROUPS["color"].start + key[1]
     right, down = (float(part) * len(sights) for part in np.array(HEADINGS[key[0]]))
     return BoundObject(
         FEATURES[index],

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from ndtorch.errors import InputError
-from ndtorch.workers import Event, Note, cores, run_tasks
+from ndtorch.workers import Event, Report, cores, run_tasks
 
 if TYPE_CHECKING:
     from ndtorch_train.sweep.config import SweepConfig
@@ -48,7 +48,7 @@ class Sweep:
         """Do it; returns the exit code."""
         from ndtorch.code_digest import code_digest
         from ndtorch.installed import toml_file
-        from ndtorch_train.output import prepare
+        from ndtorch.run.folder import prepare
         from ndtorch_train.sweep.config import read_sweep, results_of
         from ndtorch_train.sweep.parameters import trial_id
         from ndtorch_train.sweep.results import ResultStore, draw, summary
@@ -99,11 +99,11 @@ class Sweep:
         """Run the trials and keep every block's results as it comes; returns why blocks failed."""
         if not todo:
             return []
-        from tqdm import tqdm
+        from ndtorch.run.progress import progress_bar
 
         blocks = module.blocks(todo, jobs)
         failed: list[str] = []
-        with tqdm(total=len(todo), desc=config.name, unit=" trials", file=sys.stderr) as bar:
+        with progress_bar(len(todo), desc=config.name, unit=" trials") as bar:
             for kind, index, value in self.events(config, blocks, jobs):
                 if kind == "done":
                     store.add(blocks[index], value)
@@ -142,7 +142,7 @@ def any_block(trials: Sequence[Trial], *, kind: str, device: str) -> list[dict[s
     return binding.run_block(trials, device) if kind == "binding" else driving.run_block(trials, device)
 
 
-def local_block(trials: Sequence[Trial], note: Note, *, kind: str, device: str) -> list[dict[str, Any]]:
+def local_block(trials: Sequence[Trial], report: Report, *, kind: str, device: str) -> list[dict[str, Any]]:
     """The same, as a task of `ndtorch.workers`."""
     return any_block(trials, kind=kind, device=device)
 

@@ -2,26 +2,55 @@
 
 from __future__ import annotations
 
-import difflib
 import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
 from ndtorch.errors import InputError
-from ndtorch.toml import toml_values
+from ndtorch.toml import Strict, check, suggestion, toml_values
 from ndtorch_train.sweep.parameters import Parameter, Trial, Value, trial_id
 
 Kind = Literal["binding", "driving"]
 
-TOP = ("kind", "method", "trials", "seed", "device", "vary", "fixed", "show")
-RANGE = ("from", "to", "steps", "scale")
 MOST = 1_000_000
 """Trials of one sweep at most: more is a mistake."""
+
+
+class Show(Strict):
+    """Table [show]: what to draw."""
+
+    x: str | None = None
+    y: str | None = None
+    panels: str | None = None
+    values: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
+
+
+class Span(Strict):
+    """A range of values; `steps` of a grid."""
+
+    low: float = Field(alias="from")
+    high: float = Field(alias="to")
+    steps: Annotated[int, Field(ge=0)] | None = None
+    scale: Literal["linear", "log"] = "linear"
+
+
+class SweepFile(Strict):
+    """What the file of a sweep says."""
+
+    kind: Kind = "binding"
+    method: Literal["grid", "random"] = "grid"
+    trials: Annotated[int, Field(ge=0)] = 0
+    seed: int = 0
+    device: str = "cpu"
+    vary: dict[str, Any] = Field(default_factory=dict)
+    fixed: dict[str, Any] = Field(default_factory=dict)
+    show: Show = Show()
 
 
 @dataclass(frozen=True)
@@ -71,118 +100,88 @@ def read_sweep(path: Path) -> SweepConfig:
 
 def parse(data: Mapping[str, Any], where: str, name: str) -> SweepConfig:
     """A sweep from plain data; errors as `read_sweep`."""
-    known_keys(data, TOP, where)
-    kind = data.get("kind", "binding")
-    if kind not in ("binding", "driving"):
-        raise InputError(f"{where}: kind must be binding or driving, got {kind!r}")
-    method = data.get("method", "grid")
-    if method not in ("grid", "random"):
-        raise InputError(f"{where}: method must be grid or random, got {method!r}")
-    parameters = parameters_of(kind)
-    vary, fixed = table(data, "vary", where), table(data, "fixed", where)
-    for part in (vary, fixed):
-        known_keys(part, parameters, where)
-    twice = sorted(set(vary) & set(fixed))
+    file = check(data, SweepFile, where)
+    parameters = parameters_of(file.kind)
+    for key in (*file.vary, *file.fixed):
+        if key not in parameters:
+            raise InputError(f"{where}: unknown key {key!r}; {suggestion(key, parameters)}")
+    twice = sorted(set(file.vary) & set(file.fixed))
     if twice:
         raise InputError(f"{where}: {twice[0]} is both in [vary] and in [fixed]")
     base: Trial = {key: p.default for key, p in parameters.items()}
-    base |= {key: parameters[key].check(key, value, where) for key, value in fixed.items()}
-    if method == "grid":
-        axes = {key: grid_values(key, spec, parameters[key], where) for key, spec in vary.items()}
+    base |= {key: parameters[key].check(key, value, where) for key, value in file.fixed.items()}
+    choices = {key: spec if isinstance(spec, list) else span(key, spec, where) for key, spec in file.vary.items()}
+    if file.method == "grid":
+        axes = {key: grid_values(key, spec, parameters[key], where) for key, spec in choices.items()}
         count = math.prod(len(values) for values in axes.values()) if axes else 0
     else:
-        count = data.get("trials", 0)
-        if isinstance(count, bool) or not isinstance(count, int) or count < 0:
-            raise InputError(f"{where}: trials must be a whole number, got {count!r}")
-    if count == 0 or not vary:
-        missing = "an empty list in [vary]" if vary else "nothing in [vary]"
-        raise InputError(f"{where}: this sweep has no trial ({'trials = 0' if method == 'random' else missing})")
+        count = file.trials if all(choices.values()) else 0
+    if count == 0 or not file.vary:
+        missing = "an empty list in [vary]" if file.vary else "nothing in [vary]"
+        if file.method == "random" and not file.trials:
+            missing = "trials = 0"
+        raise InputError(f"{where}: this sweep has no trial ({missing})")
     if count > MOST:
         raise InputError(f"{where}: {count} trials; at most {MOST}")
-    if method == "grid":
+    if file.method == "grid":
         found = [base | dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
     else:
-        rng = np.random.default_rng(int(data.get("seed", 0)))
+        rng = np.random.default_rng(file.seed)
         found = [
-            base | {key: drawn(key, spec, parameters[key], rng, where) for key, spec in vary.items()}
+            base | {key: drawn(key, spec, parameters[key], rng, where) for key, spec in choices.items()}
             for _ in range(count)
         ]
     unique = {trial_id(trial): trial for trial in found}
-    show = read_show(table(data, "show", where), tuple(vary), results_of(kind), where)
-    return SweepConfig(name, kind, list(unique.values()), tuple(vary), str(data.get("device", "cpu")), show)
+    show = shown(file.show, tuple(file.vary), results_of(file.kind), where)
+    return SweepConfig(name, file.kind, list(unique.values()), tuple(file.vary), file.device, show)
 
 
-def known_keys(data: Mapping[str, Any], known: Any, where: str) -> None:
-    """Raise `InputError` for the first unknown key, naming the nearest known one."""
-    for key in data:
-        if key not in known:
-            near = difflib.get_close_matches(key, known, 1, 0.4)
-            hint = f", did you mean {near[0]!r}?" if near else ""
-            raise InputError(f"{where}: unknown key {key!r}{hint} Known: {', '.join(known)}")
-
-
-def table(data: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
-    """A table of the file, empty where it is missing."""
-    value = data.get(key, {})
-    if not isinstance(value, dict):
-        raise InputError(f"{where}: {key} must be a table, got {value!r}")
-    return value
-
-
-def span(name: str, spec: Mapping[str, Any], where: str) -> tuple[float, float, bool]:
-    """Ends of a range, and whether it is logarithmic."""
-    known_keys(spec, RANGE, f"{where}: {name}")
-    try:
-        low, high, log = float(spec["from"]), float(spec["to"]), spec.get("scale", "linear") == "log"
-    except (KeyError, TypeError, ValueError):
-        raise InputError(f"{where}: {name} must be a list or {{ from = .., to = .., steps = .. }}") from None
-    if log and not (low > 0 and high > 0):
-        raise InputError(f"{where}: {name} must be positive on a logarithmic scale, got {low:g} to {high:g}")
-    return low, high, log
-
-
-def grid_values(name: str, spec: Any, parameter: Parameter, where: str) -> list[Value]:
-    """Values of a parameter on a grid, from a list or from `from`, `to`, `steps`."""
-    if isinstance(spec, list):
-        return [parameter.check(name, value, where) for value in spec]
+def span(name: str, spec: Any, where: str) -> Span:
+    """A range of a parameter."""
     if not isinstance(spec, dict):
         raise InputError(f"{where}: {name} must be a list or {{ from = .., to = .., steps = .. }}, got {spec!r}")
-    low, high, log = span(name, spec, where)
-    steps = spec.get("steps")
-    if isinstance(steps, bool) or not isinstance(steps, int) or steps < 0:
-        raise InputError(f"{where}: {name} needs steps, a whole number, got {steps!r}")
-    values = np.geomspace(low, high, steps) if log else np.linspace(low, high, steps)
+    found = check(spec, Span, f"{where}: {name}")
+    if found.scale == "log" and not (found.low > 0 and found.high > 0):
+        raise InputError(
+            f"{where}: {name} must be positive on a logarithmic scale, got {found.low:g} to {found.high:g}"
+        )
+    return found
+
+
+def grid_values(name: str, spec: list[Any] | Span, parameter: Parameter, where: str) -> list[Value]:
+    """Values of a parameter on a grid, from a list or a range."""
+    if isinstance(spec, list):
+        return [parameter.check(name, value, where) for value in spec]
+    if spec.steps is None:
+        raise InputError(f"{where}: {name} needs steps, a whole number")
+    spaced = np.geomspace if spec.scale == "log" else np.linspace
     # Rounded, so that 0.1 is 0.1 in names of trials and on axes.
-    return [parameter.check(name, float(f"{value:.9g}"), where) for value in values]
+    return [parameter.check(name, float(f"{value:.9g}"), where) for value in spaced(spec.low, spec.high, spec.steps)]
 
 
-def drawn(name: str, spec: Any, parameter: Parameter, rng: np.random.Generator, where: str) -> Value:
+def drawn(name: str, spec: list[Any] | Span, parameter: Parameter, rng: np.random.Generator, where: str) -> Value:
     """One random value of a parameter."""
     if isinstance(spec, list):
-        if not spec:
-            raise InputError(f"{where}: this sweep has no trial ({name} is an empty list)")
         return parameter.check(name, spec[int(rng.integers(len(spec)))], where)
-    if not isinstance(spec, dict):
-        raise InputError(f"{where}: {name} must be a list or {{ from = .., to = .. }}, got {spec!r}")
-    low, high, log = span(name, spec, where)
     if isinstance(parameter.default, int):
-        return parameter.check(name, int(rng.integers(math.ceil(low), math.floor(high) + 1)), where)
-    value = math.exp(rng.uniform(math.log(low), math.log(high))) if log else float(rng.uniform(low, high))
-    return parameter.check(name, value, where)
+        return parameter.check(name, int(rng.integers(math.ceil(spec.low), math.floor(spec.high) + 1)), where)
+    if spec.scale == "log":
+        return parameter.check(name, math.exp(rng.uniform(math.log(spec.low), math.log(spec.high))), where)
+    return parameter.check(name, float(rng.uniform(spec.low, spec.high)), where)
 
 
-def read_show(
-    spec: dict[str, Any], varied: tuple[str, ...], results: tuple[str, ...], where: str
+def shown(
+    show: Show, varied: tuple[str, ...], results: tuple[str, ...], where: str
 ) -> tuple[str, str, str, tuple[str, ...]]:
     """What to draw; by default the first two varied parameters and a panel for each value of the third."""
-    known_keys(spec, ("x", "y", "panels", "values"), f"{where}: [show]")
     rest = [*varied, "", "", ""]
-    x, y = str(spec.get("x", rest[0])), str(spec.get("y", rest[1]))
-    panels = str(spec.get("panels", rest[2] if "x" not in spec else ""))
+    x = rest[0] if show.x is None else show.x
+    y = rest[1] if show.y is None else show.y
+    panels = (rest[2] if show.x is None else "") if show.panels is None else show.panels
     for key in (x, y, panels):
         if key and key not in varied:
             raise InputError(f"{where}: [show] names {key!r}, which does not vary; {', '.join(varied)} do")
-    values = spec.get("values", [results[0]])
-    if not isinstance(values, list) or not values or not set(values) <= set(results):
-        raise InputError(f"{where}: [show] values must be some of {', '.join(results)}, got {values!r}")
-    return x, y, panels, tuple(values)
+    values = show.values or results[:1]
+    if not set(values) <= set(results):
+        raise InputError(f"{where}: [show] values must be some of {', '.join(results)}, got {list(values)!r}")
+    return x, y, panels, values

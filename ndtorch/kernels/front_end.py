@@ -1,0 +1,92 @@
+"""One pass over a frame: grey, colour sums, both filters of the motion detectors, their four sums, halved rows."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from ndtorch.kernels.filters import Array, add_weighted, correlate, filter_row, grey_pixels, grey_planes
+from ndtorch.kernels.load import FAST
+
+
+def front_end(
+    frame: Array,
+    beside: bool,
+    unit: float,
+    settle: bool,
+    slow: Array,
+    delayed: Array,
+    a_high: float,
+    a_low: float,
+    wrap: bool,
+    block: int,
+    margin: int,
+    new_slow: Array,
+    new_delayed: Array,
+    rows: Array,
+    sums: Array,
+) -> None:
+    """`front_step` and the first steps of `OrientedDoG.sums`, row by row, so that a row is read once.
+
+    Args:
+        frame: `[3, H, W]`, or `[H, W, 3]` where colours lie `beside` each other.
+        unit: factor that scales it to 0..1.
+        settle: the state before is that of filters settled on this frame, whatever is given.
+        slow, delayed, new_slow, new_delayed: `MotionState` before and after, `[H, W]`; they may be the same.
+        a_high, a_low: shares of the filters.
+        wrap: correlate across the border as well.
+        block: rows that become one, a power of two.
+        margin: mirrored rows above and below.
+        rows: the grey image with its margins, rows halved as by `halve_rows`, `[(H + 2 margin) / block, W]`.
+        sums: across, its magnitude, along, its magnitude, red, green, blue; `[7]` float64.
+    """
+    height, width = slow.shape
+    kind = slow.dtype.type
+    a_high, a_low, third = kind(a_high), kind(a_low), kind(unit / 3)
+    image, low = np.empty(width, slow.dtype), np.empty(width, slow.dtype)
+    # The first row is kept for where the torus closes; the others take turns.
+    highs, lates = np.empty((3, width), slow.dtype), np.empty((3, width), slow.dtype)
+    rows[:] = 0
+    across = across_size = along = along_size = red = green = blue = 0.0
+    for y in range(height):
+        now = 1 + y % 2 if y else 0
+        before = 2 - y % 2 if y > 1 else 0
+        if beside:
+            r, g, b = grey_pixels(frame[y], third, image)
+        else:
+            r, g, b = grey_planes(frame[0, y], frame[1, y], frame[2, y], third, image)
+        red, green, blue = red + r, green + g, blue + b
+        high, late = highs[now], lates[now]
+        if settle:
+            slow[y], delayed[y] = image, kind(0)
+        filter_row(image, slow[y], delayed[y], a_high, a_low, low, high, late)
+        new_slow[y], new_delayed[y] = low, late
+        total, size = correlate(high[1:], late[1:], high[:-1], late[:-1])
+        across, across_size = across + total, across_size + size
+        if y:
+            total, size = correlate(high, late, highs[before], lates[before])
+            along, along_size = along + total, along_size + size
+        if wrap:
+            signed = high[0] * late[width - 1] - high[width - 1] * late[0]
+            across, across_size = across + signed, across_size + abs(signed)
+        add_halved(image, y + margin, block, rows)
+        if 0 < y <= margin:
+            add_halved(image, margin - y, block, rows)
+        if 0 < height - 1 - y <= margin:
+            add_halved(image, margin + 2 * (height - 1) - y, block, rows)
+    if wrap:
+        end = 1 + (height - 1) % 2
+        total, size = correlate(highs[0], lates[0], highs[end], lates[end])
+        along, along_size = along + total, along_size + size
+    sums[0], sums[1], sums[2], sums[3] = across, across_size, along, along_size
+    sums[4], sums[5], sums[6] = red * unit, green * unit, blue * unit
+
+
+@numba.njit(fastmath=FAST, error_model="numpy")
+def add_halved(row: Array, place: int, block: int, rows: Array) -> None:
+    """Add the row at `place` to what its block and the next become: a triangle of weights, as of `halve_rows`."""
+    here, there = place // block, (place // block + 1) % rows.shape[0]
+    share = (place % block) / block
+    add_weighted(row, rows.dtype.type(1 - share), rows[here])
+    if share > 0:
+        add_weighted(row, rows.dtype.type(share), rows[there])

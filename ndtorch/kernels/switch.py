@@ -1,0 +1,29 @@
+"""When kernels take the place of operations in torch."""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+from importlib.util import find_spec
+
+import torch
+from torch import Tensor
+
+SWITCH = "NDTORCH_KERNELS"
+"""Environment variable: 0 leaves everything to torch."""
+
+
+def kernels_wanted(*tensors: Tensor) -> bool:
+    """Whether kernels are to be used: under `torch.inference_mode()`, on the CPU, where Numba is installed.
+
+    Gradients, other devices, and programs that are traced or compiled keep torch. So does `NDTORCH_KERNELS=0`.
+    """
+    if not torch.is_inference_mode_enabled() or torch.compiler.is_compiling():
+        return False
+    return os.environ.get(SWITCH, "1") != "0" and installed() and all(t.device.type == "cpu" for t in tensors)
+
+
+@cache
+def installed() -> bool:
+    """Whether there is Numba."""
+    return find_spec("numba") is not None

@@ -1,0 +1,76 @@
+"""The ten sums of frames on the CPU by kernels: the numbers of `VisualFeatures`, with one pass over the pixels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ndtorch.kernels.load import kernel
+from ndtorch.kernels.switch import kernels_wanted
+from ndtorch.vision.motion import HassensteinReichardt, MotionState
+
+KINDS = (torch.uint8, torch.float32, torch.float64)
+
+
+def one_pass_fits(frames: Tensor, state: MotionState | None) -> bool:
+    """Whether frames `[T, 3, H, W]` and the state after the frame before them can go to the kernels."""
+    if frames.ndim != 4 or frames.dtype not in KINDS or not kernels_wanted(frames, *(state or ())):
+        return False
+    return state is None or all(s.shape == frames.shape[-2:] and s.dtype == image_kind(frames) for s in state)
+
+
+def image_kind(frames: Tensor) -> torch.dtype:
+    """Precision of the grey images of frames."""
+    return torch.float64 if frames.dtype == torch.float64 else torch.float32
+
+
+def pixels(frame: Tensor) -> tuple[Any, bool]:
+    """A frame `[3, H, W]` as an array without gaps, and whether that is `[H, W, 3]`: colours beside each other."""
+    last = frame.permute(1, 2, 0)
+    if frame.shape[-1] > 1 and last.is_contiguous() and not frame.is_contiguous():
+        return last.numpy(), True
+    return frame.contiguous().numpy(), False
+
+
+def pass_over(
+    frame: Tensor, state: MotionState | None, motion: HassensteinReichardt, block: int, margin: int, into: MotionState
+) -> tuple[Tensor, Tensor]:
+    """Motion and colour sums, `[7]` as of the kernel, and grey rows `[(H + 2 margin) / block, W]` of one frame.
+
+    Args:
+        frame: `[3, H, W]`.
+        state, into: before and after it; `into` is written, and may be `state`. None is settled on the frame.
+        motion: the detectors.
+        block, margin: see the kernel.
+    """
+    given, beside = pixels(frame)
+    unit = 1 / 255 if frame.dtype == torch.uint8 else 1.0
+    slow, delayed = (s.contiguous().numpy() for s in state or into)
+    rows = np.empty(((slow.shape[0] + 2 * margin) // block, slow.shape[1]), slow.dtype)
+    sums = np.empty(7)
+    kernel("front_end", (given.dtype, slow.dtype)).run(
+        given,
+        beside,
+        unit,
+        state is None,
+        slow,
+        delayed,
+        motion.a_high,
+        motion.a_low,
+        motion.border == "wrap",
+        block,
+        margin,
+        into.slow.numpy(),
+        into.delayed.numpy(),
+        rows,
+        sums,
+    )
+    return torch.from_numpy(sums), torch.from_numpy(rows)
+
+
+def fresh(frames: Tensor) -> MotionState:
+    """Memory for the state after frames `[T, 3, H, W]`, without anything in it."""
+    return MotionState(*(torch.empty(frames.shape[-2:], dtype=image_kind(frames)) for _ in range(2)))

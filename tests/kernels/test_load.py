@@ -1,0 +1,67 @@
+"""When kernels are used, and where they are kept."""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+
+import pytest
+import torch
+
+from ndtorch.kernels import load, switch
+from ndtorch.kernels.folder import UnusableFolder, cache_folder, private_folder
+
+
+@pytest.fixture
+def fresh(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing was looked up so far."""
+    monkeypatch.setattr(load.code_folder, "cache_clear", load.code_folder.cache_clear)
+    load.code_folder.cache_clear()
+    yield
+    load.code_folder.cache_clear()
+
+
+def test_kernels_are_for_inference_on_the_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(switch, "installed", lambda: True)
+    assert not switch.kernels_wanted(torch.zeros(1))
+    with torch.no_grad():
+        assert not switch.kernels_wanted(torch.zeros(1))
+    with torch.inference_mode():
+        assert switch.kernels_wanted(torch.zeros(1))
+        assert not switch.kernels_wanted(torch.zeros(1), torch.zeros(1, device="meta"))
+        monkeypatch.setenv("NDTORCH_KERNELS", "0")
+        assert not switch.kernels_wanted(torch.zeros(1))
+
+
+def test_without_numba_torch_does_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(switch, "installed", lambda: False)
+    with torch.inference_mode():
+        assert not switch.kernels_wanted(torch.zeros(1))
+
+
+def test_only_the_owner_can_enter_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fresh: None) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    folder = load.code_folder("1.0")
+    assert folder is not None
+    assert folder.is_relative_to(tmp_path / "ndtorch")
+    for place in (folder, folder.parent):
+        assert stat.S_IMODE(place.stat().st_mode) == 0o700
+    folder.chmod(0o777)
+    assert stat.S_IMODE(private_folder(folder).stat().st_mode) == 0o700
+
+
+def test_other_versions_have_other_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fresh: None) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert load.code_folder("1.0") != load.code_folder("1.1")
+
+
+def test_a_folder_that_cannot_be_used_is_done_without(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fresh: None
+) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    assert load.code_folder("1.0") is None
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setattr(Path, "home", lambda: (_ for _ in ()).throw(RuntimeError))
+    with pytest.raises(UnusableFolder, match="no home"):
+        cache_folder()

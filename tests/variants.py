@@ -1,0 +1,99 @@
+"""The suite as on other machines: `python tests/variants.py [NAME] [ARGUMENTS FOR PYTEST]`.
+
+CI runs one variant in place of the plain suite, another with every commit: `--turn` picks it by the number of commits.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PLAIN = ("-n", "2", "--dist", "worksteal", "-q", "--durations", "10", "-m", "not bench and not realtime and not long")
+"""What `make test` runs first."""
+
+VARIANTS = {
+    "plain": "as `make test` does",
+    "random-order": "the tests in an order of chance; the seed is that of the commit's number and is printed",
+    "no-vectors": "ATEN_CPU_CAPABILITY=default: a processor without vector instructions",
+    "avx2": "ATEN_CPU_CAPABILITY=avx2: a processor without AVX-512",
+    "old-blas": "OPENBLAS_CORETYPE=Prescott: NumPy as on a processor with SSE3 alone",
+    "no-interrupt": "SIGINT ignored, as for a program in the background",
+    "busy": "beside two processes that compute all the time",
+    "no-home": "as a user who cannot write to HOME",
+}
+"""Name and what it is like."""
+
+TURNS = tuple(name for name in VARIANTS if name != "busy")
+"""Those that CI runs by turns; beside two busy processes the suite takes twice as long."""
+
+
+def environment(name: str, home: Path) -> dict[str, str]:
+    """The variables of a variant that differ."""
+    return {
+        "no-vectors": {"ATEN_CPU_CAPABILITY": "default"},
+        "avx2": {"ATEN_CPU_CAPABILITY": "avx2"},
+        "old-blas": {"OPENBLAS_CORETYPE": "Prescott"},
+        "no-home": {"HOME": str(home)},
+    }.get(name, {})
+
+
+def options(name: str, seed: int) -> list[str]:
+    """What pytest is told besides."""
+    return ["-p", "tests.shuffle", "--shuffle", str(seed)] if name == "random-order" else []
+
+
+def run(name: str, arguments: Sequence[str]) -> int:
+    """Run the suite under one variant; gives pytest's exit code."""
+    print(f"variant {name}: {VARIANTS[name]}", flush=True)
+    seed = commits()
+    with tempfile.TemporaryDirectory() as folder:
+        home = Path(folder) / "home"
+        home.mkdir(mode=0o500)
+        if name == "no-home" and os.access(home, os.W_OK):
+            # Root may write anywhere, but not below a file.
+            home = Path(folder) / "file" / "home"
+            home.parent.write_text("")
+        command = [sys.executable, "-m", "pytest", *options(name, seed), *(arguments or PLAIN)]
+        busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2 * (name == "busy"))]
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN) if name == "no-interrupt" else None
+        try:
+            return subprocess.run(command, cwd=ROOT, env=os.environ | environment(name, home), check=False).returncode
+        finally:
+            if before is not None:
+                signal.signal(signal.SIGINT, before)
+            for process in busy:
+                process.kill()
+                process.wait()
+
+
+def commits() -> int:
+    """The number of commits up to here; 0 outside of a repository."""
+    command = ["git", "rev-list", "--count", "HEAD"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    return int(done.stdout) if done.returncode == 0 else 0
+
+
+def main(arguments: Sequence[str]) -> int:
+    names, rest = list(VARIANTS), list(arguments)
+    if rest[:1] == ["--turn"]:
+        names, rest = [TURNS[commits() % len(TURNS)]], rest[1:]
+    elif rest and rest[0] in VARIANTS:
+        names = [rest.pop(0)]
+    elif rest and not rest[0].startswith("-") and not Path(ROOT, rest[0].split("::")[0]).exists():
+        print(f"error: no variant {rest[0]!r}; there are {', '.join(VARIANTS)}", file=sys.stderr)
+        return 2
+    codes = {name: run(name, rest) for name in names}
+    failed = [name for name, code in codes.items() if code != 0]
+    if failed:
+        print(f"failed under {', '.join(failed)}", file=sys.stderr)
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

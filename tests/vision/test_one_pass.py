@@ -1,0 +1,89 @@
+"""The ten sums by kernels are those of the step functions in torch."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from torch import Tensor
+
+from ndtorch.errors import InputError
+from ndtorch.vision import VisualFeatures
+from ndtorch.vision.motion import BORDERS, Border, MotionState
+
+pytest.importorskip("numba")
+
+# Long enough for two grids to be thinned out and rows to be halved, and narrow enough to be quick.
+SIZE = (400, 40)
+KINDS = (torch.uint8, torch.float32, torch.float64)
+
+
+def noise(dtype: torch.dtype, frames: int = 4, size: tuple[int, int] = SIZE) -> Tensor:
+    pixels = torch.randint(0, 256, (frames, 3, *size), dtype=torch.uint8)
+    return pixels if dtype == torch.uint8 else pixels.to(dtype) / 255
+
+
+def same(found: Tensor, wanted: Tensor) -> None:
+    # Sums of magnitudes cancel in the difference of two directions: errors are measured by the largest of them.
+    scale = float(wanted[:, :4].max())
+    tolerance = 1e-6 if found.dtype == torch.float64 else 2e-5
+    torch.testing.assert_close(found[:, :4], wanted[:, :4], rtol=0, atol=tolerance * scale)
+    torch.testing.assert_close(found[:, 4:], wanted[:, 4:], rtol=tolerance, atol=0)
+
+
+def by_torch(module: VisualFeatures, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
+    with torch.no_grad():
+        out: tuple[Tensor, MotionState] = module(frames, state)
+    return out
+
+
+@pytest.mark.parametrize("border", BORDERS)
+@pytest.mark.parametrize("exact", [False, True])
+@pytest.mark.parametrize("kind", KINDS)
+def test_sums_and_state(kind: torch.dtype, exact: bool, border: Border) -> None:
+    module, frames = VisualFeatures(SIZE, border=border, exact=exact), noise(kind)
+    wanted, end = by_torch(module, frames)
+    with torch.inference_mode():
+        first, state = module(frames[:1])
+        before = [part.clone() for part in state]
+        rest, last = module(frames[1:], state)
+        whole, _ = module(frames)
+    assert first[0, :4].tolist() == [0, 0, 0, 0]
+    same(torch.cat([first, rest]), wanted)
+    assert torch.equal(whole, torch.cat([first, rest]))
+    for part, then in zip(state, before, strict=True):
+        assert torch.equal(part, then)  # a state that is given is never written
+    for part, other in zip(last, end, strict=True):
+        torch.testing.assert_close(part, other, rtol=0, atol=1e-6)
+
+
+def test_colors_beside_each_other_in_memory() -> None:
+    module, frames = VisualFeatures(SIZE), noise(torch.uint8)
+    beside = frames.permute(0, 2, 3, 1).contiguous().permute(0, 3, 1, 2)
+    with torch.inference_mode():
+        torch.testing.assert_close(module(beside)[0], module(frames)[0], rtol=1e-6, atol=1e-3)
+
+
+def test_every_trial_of_a_batch_is_as_by_itself() -> None:
+    module, frames = VisualFeatures((400, 400)), noise(torch.uint8, 4, (400, 400)).view(2, 2, 3, 400, 400)
+    with torch.inference_mode():
+        both, state = module(frames)
+        one, end = module(frames[1])
+    assert torch.equal(both[1], one)
+    assert torch.equal(state.slow[1], end.slow)
+
+
+def test_what_has_died_away_is_zero() -> None:
+    module = VisualFeatures(SIZE)
+    tiny = MotionState(*torch.full((2, *SIZE), 1e-38))
+    with torch.inference_mode():
+        _, state = module(torch.zeros(1, 3, *SIZE, dtype=torch.uint8), tiny)
+    assert not any(part.any() for part in state)
+
+
+def test_bad_pixels_are_found() -> None:
+    frames = noise(torch.float32, 1)
+    frames[0, 1, 3, 5] = math.nan
+    with torch.inference_mode(), pytest.raises(InputError, match="finite"):
+        VisualFeatures(SIZE)(frames)
