@@ -12,6 +12,7 @@ import tyro
 
 from ndtorch.commands import INTERRUPTED
 from ndtorch.errors import InputError
+from ndtorch.run.arguments import choices
 from ndtorch.run.options import BindJob
 
 if TYPE_CHECKING:
@@ -25,6 +26,12 @@ MOVED = {"on": "--model video", "off": "--model published"}
 """What took the place of --front-end."""
 
 
+@choices(
+    model=("published", "retinotopic", "scale-free", "video", "FOLDER"),
+    rule=("competitive", "cooperative", "hebbian"),
+    order=("filter-first", "printed"),
+    fit=("crop", "stretch"),
+)
 @dataclass(frozen=True)
 class Bind(BindJob):
     """Find the objects in a scene or a video: their number and their features.
@@ -56,7 +63,7 @@ class Bind(BindJob):
         from ndtorch.report.films import RunRecording
         from ndtorch.report.folder import folder_name, write_result
         from ndtorch.report.words import in_words, summary
-        from ndtorch.run.folder import RunFolder
+        from ndtorch.run.folder import RunFolder, new_file
         from ndtorch.run.opening import prepare
         from ndtorch.run.progress import progress_bar
         from ndtorch.run.run import run_model
@@ -67,6 +74,8 @@ class Bind(BindJob):
         tune_allocator()
         prepared = prepare(self)
         source = prepared.source
+        if self.rrd is not None:
+            new_file(self.rrd, self.force)
         folder = RunFolder(self.out / folder_name(source.name), self.force)
         if not self.json:
             print(f"model  {prepared.chosen}", flush=True)

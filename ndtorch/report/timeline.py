@@ -56,6 +56,9 @@ def draw_timeline(result: RunResult, path: Path) -> Path:
             arrowprops={"arrowstyle": "-|>", "color": color, "lw": 2},
         )
         picture.annotate(str(lane + 1), (columns[0], rows[0]), color=color, weight="bold", ha="right", va="bottom")
+    for time in result.cuts:
+        lanes.axvline(time, color="0.5", lw=1, ls=":")
+        lanes.text(time, -0.55, " new scene", color="0.4", fontsize=8, va="top")
     names = [f"{n}: {thing.color}, {thing.direction or 'no direction'}" for n, thing in enumerate(result.objects, 1)]
     lanes.set_yticks(range(count), names)
     lanes.set_xlim(0, end)

@@ -30,6 +30,7 @@ def summary(result: RunResult) -> dict[str, Any]:
         "source": result.source,
         "model": result.model,
         "objects": [record(number, thing, result.size) for number, thing in enumerate(result.objects, 1)],
+        "cuts": [round(time, 3) for time in result.cuts],
         "verdict": result.verdict,
         "max_weight": float(weights.max()),
         "spectral_radius": float(spectral_radius(weights)),
@@ -71,6 +72,7 @@ def in_words(result: RunResult) -> str:
             lines += ["", *table(result.objects)]
         untaught = result.verdict == "learning" and not result.objects
         lines += ["", f"verdict  {NOTHING_LEARNED if untaught else VERDICTS[result.verdict]}"]
+    lines += [f"new scene at {time:.1f} s" for time in result.cuts]
     if result.interrupted:
         lines.append(f"stopped early, after {result.simulated_seconds:g} s; what was computed so far is kept")
     return "\n".join(lines)

@@ -99,6 +99,19 @@ class RunFolder:
                 self.final.rmdir()
 
 
+def new_file(file: Path, force: bool = False) -> None:
+    """See that a file that was named for a result is not there yet.
+
+    Args:
+        force: it may be there.
+
+    Raises:
+        InputError: it is there, and is not to be replaced.
+    """
+    if file.exists() and not force:
+        raise InputError(f"{file} exists; --force replaces it")
+
+
 def prepare(folder: Path) -> None:
     """Make a folder that a command goes on in when it is started again, and see that files can be written.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -158,7 +159,11 @@ def open_place(job: BindJob, about: dict[str, Any], rows: int | None) -> FrameSo
     for key in given(job, ("phase", "seed")):
         raise InputError(f"{key} is an option of simulated scenes, and {name} is none")
     if not is_known_place(name):
-        raise InputError(f"source must be a file, a folder, a camera or one of {', '.join(SCENES)}; got {name!r}")
+        raise InputError(
+            f"source must be a file, a folder, a camera or one of {', '.join(SCENES)}; got {name!r}{meant(name)}"
+        )
+    if not is_live(name) and not Path(name).exists():
+        raise InputError(f"video {name} does not exist{meant(name)}")
     # What a camera showed before is gone: it goes on where it is.
     first = None if is_live(name) and about["frames"] else about["first"] + about["frames"] or None
     if rows is None:
@@ -167,6 +172,14 @@ def open_place(job: BindJob, about: dict[str, Any], rows: int | None) -> FrameSo
         video = open_video(name, (rows, rows), about["fps"], first, job.stop, "reduce")
     seconds = job.seconds if job.seconds is not None else (None if video.length is not None else CAMERA_SECONDS)
     return video if seconds is None else Limited(video, seconds)
+
+
+def meant(name: str) -> str:
+    """A question for the source that was meant: a scene, or a file or folder beside the one that is not there."""
+    place = Path(name)
+    beside = [] if not place.parent.is_dir() else [str(place.with_name(other.name)) for other in place.parent.iterdir()]
+    near = difflib.get_close_matches(name, [*SCENES, *beside], 1, 0.75)
+    return f"; did you mean {near[0]}?" if near else ""
 
 
 def is_live(name: str) -> bool:

@@ -92,6 +92,7 @@ class RunResult:
         final_weights: at the end, `[10, 10]`.
         moments: the clearest recent moment of each winning neuron.
         interrupted: whether Ctrl-C ended the run early.
+        cuts: when a new scene began, seconds; of models that notice.
     """
 
     source: str
@@ -110,6 +111,7 @@ class RunResult:
     final_weights: Floats
     moments: dict[int, Moment] = field(default_factory=dict)
     interrupted: bool = False
+    cuts: tuple[float, ...] = ()
 
 
 def over_fields(outputs: Tensor) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -54,6 +55,7 @@ def run_model(
     every = 8 if pictures_per_second <= 0 else max(1, round(source.fps / pictures_per_second))
     length = next(n for n in range(min(every, 12), 0, -1) if every % n == 0)
     outputs, weights = Trace((10,)), Trace((10, 10))
+    cuts: list[float] = []
     frames_seen, now, interrupted, diverged, fresh = 0, 0.0, False, False, state is None
     maker = PictureMaker(model, every / source.fps, watchers)
     began = time.perf_counter()
@@ -71,6 +73,7 @@ def run_model(
                 now = float(signals.time[-1]) if len(signals.time) else now
                 learned = one_matrix(model.weights(state))
                 trace(outputs, weights, signals, learned)
+                cuts += signals.time[signals.cut].tolist() if hasattr(signals, "cut") else []
                 for watcher in watchers:
                     watcher.signals(signals, learned)
                 # Enhanced images need outputs of this very chunk; tracks do not.
@@ -113,7 +116,13 @@ def run_model(
         final_weights=final,
         moments={k: moment for k, moment in maker.moments.items() if k in owners},
         interrupted=interrupted,
+        cuts=tuple(apart(cuts)),
     )
+
+
+def apart(times: Sequence[float], least: float = 1.0) -> list[float]:
+    """Times in order, less those that follow the one before within `least` seconds: a fade is many new scenes."""
+    return [now for before, now in zip([-math.inf, *times], times, strict=False) if now - before > least]
 
 
 def trace(outputs: Trace, weights: Trace, signals: Any, learned: Tensor) -> None:

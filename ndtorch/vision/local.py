@@ -32,6 +32,8 @@ class LocalFeatures(nn.Module):
 
     rows: Tensor
     columns: Tensor
+    rows_between: Tensor
+    columns_between: Tensor
     dog_rows: Tensor
     dog_columns: Tensor
 
@@ -45,8 +47,10 @@ class LocalFeatures(nn.Module):
         self.grid = (round(height / self.spacing), round(width / self.spacing))
         self.border = features.motion.border
         for name, length, count in zip(("rows", "columns"), features.size, self.grid, strict=True):
-            weights = field_weights(torch.arange(length) + 0.5, length, count, self.border)
-            self.register_buffer(name, weights)
+            # A pixel lies at n + 1/2, and what two neighbours make of a motion between them.
+            self.register_buffer(name, field_weights(torch.arange(length) + 0.5, length, count, self.border))
+            weights = field_weights(torch.arange(length) + 1.0, length, count, self.border)
+            self.register_buffer(f"{name}_between", weights)
         # Where the coarse responses of the orientation filters lie, and how much of each counts.
         for name, length, count, places, inside in zip(
             ("dog_rows", "dog_columns"),
@@ -78,9 +82,11 @@ class LocalFeatures(nn.Module):
             raise InputError("frames must be finite, got NaN or infinite values")
         return out, state
 
-    def _pool(self, images: Tensor) -> Tensor:
-        """Sums over every field, `[..., H, W]` -> `[..., R, C']`."""
-        return self.rows.to(images.dtype) @ (images @ self.columns.to(images.dtype).T)
+    def _pool(self, images: Tensor, between: int = 0) -> Tensor:
+        """Sums over every field, `[..., H, W]` -> `[..., R, C']`, of pixels or of what lies between two of them."""
+        rows = self.rows_between if between == -2 else self.rows
+        columns = self.columns_between if between == -1 else self.columns
+        return rows.to(images.dtype) @ (images @ columns.to(images.dtype).T)
 
     def _motion(self, high: Tensor, delayed: Tensor) -> Tensor:
         """Left, right, down and up in every field, `[..., 4, R, C']`."""
@@ -92,7 +98,7 @@ class LocalFeatures(nn.Module):
             else:
                 edge = torch.zeros_like(high.select(dim, 0))
             signed = torch.cat([inner, edge.unsqueeze(dim)], dim)
-            total, size = self._pool(signed), self._pool(signed.abs_())
+            total, size = self._pool(signed, dim), self._pool(signed.abs_(), dim)
             # The positive part of a signed image is half of magnitude plus value.
             pooled += [(size - total) / 2, (size + total) / 2]
         left, right, up, down = pooled

@@ -64,6 +64,11 @@ def dog_spectrum(
     return gaussian(center) - gaussian(surround)
 
 
+def highest_up(frequencies: Tensor) -> Tensor:
+    """Frequencies in cycles a pixel with 1/2 for -1/2."""
+    return frequencies.where(frequencies > -0.5, -frequencies)
+
+
 class OrientedDoG(nn.Module):
     """Responses of three oriented DoG filters (0, 60 and 120 degrees) and the sums of their magnitudes.
 
@@ -116,7 +121,11 @@ class OrientedDoG(nn.Module):
         self.padded = tuple(n + 2 * m for n, m in zip(size, self.margin, strict=True))
         radians = [math.radians(a) for a in angles]
         rows, columns = torch.fft.fftfreq(self.padded[0]), torch.fft.rfftfreq(self.padded[1])
-        full = torch.stack([dog_spectrum(rows[:, None], columns, a, center, surround) for a in radians])
+        # The highest frequency is its own mirror image: what a tilted filter does to it is the mean over both signs.
+        signs = [(r[:, None], c) for r in (rows, highest_up(rows)) for c in (columns, -highest_up(-columns))]
+        full = torch.stack(
+            [torch.stack([dog_spectrum(*s, a, center, surround) for s in signs]).mean(0) for a in radians]
+        )
         self.register_buffer("spectrum", full)
 
         spacing = min(sigmas) / 1.08

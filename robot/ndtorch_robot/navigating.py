@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import logging
 import re
-import sys
 from collections.abc import Callable
 from typing import Annotated, Any, TypeVar, get_type_hints
 
@@ -79,4 +79,4 @@ def configuration(options: NavigatorOptions, rig: StereoRig, rate: float) -> dic
 
 def print_note(line: str) -> None:
     """Tell the user, beside the results."""
-    print(f"note: {line}", file=sys.stderr)
+    logging.getLogger(__name__).info(line)

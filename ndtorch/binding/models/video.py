@@ -90,6 +90,7 @@ class VideoSignals(NamedTuple):
         noise: the threshold that a pixel's difference had to pass, median over the picture, `[..., T']`.
         level: level of the pyramid that motion was taken from, `[..., T']` int64.
         time: seconds since the first frame, `[T']` float64.
+        cut: whether a new scene begins, `[..., T']` bool.
     """
 
     inputs: Tensor
@@ -99,6 +100,7 @@ class VideoSignals(NamedTuple):
     noise: Tensor
     level: Tensor
     time: Tensor
+    cut: Tensor
 
 
 class VideoState(NamedTuple):
@@ -178,7 +180,7 @@ class VideoModel(BindingModel):
             inputs, level = self.normalise(seen.signals.flatten(1, 2), level)
             outputs, network = self.network(inputs, network)
             inputs, outputs = inputs.view(seen.signals.shape), outputs.view(seen.signals.shape)
-        signals = VideoSignals(inputs, outputs, seen.motion, seen.presence, seen.noise, seen.level, seen.time)
+        signals = VideoSignals(inputs, outputs, *seen[1:])
         return signals, VideoState(camera, level, network, tracker)
 
     def _each(self, frames: Tensor, state: Any) -> tuple[VideoSignals, Any]:

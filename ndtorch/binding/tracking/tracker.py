@@ -28,6 +28,8 @@ class Tracked(Protocol):
     def noise(self) -> Tensor: ...
     @property
     def time(self) -> Tensor: ...
+    @property
+    def cut(self) -> Tensor: ...
 
 
 class TrackerState(NamedTuple):
@@ -37,6 +39,7 @@ class TrackerState(NamedTuple):
         motion: averaged motion, `[R, C, 2]`.
         strongest: the largest strength lately, float64 scalar.
         time: of the latest step, seconds, float64 scalar.
+        scene: when the latest scene began, float64 scalar.
         began: tracks begun so far, int64 scalar.
         open: tracks that may be in sight.
         closed: tracks of objects that are gone.
@@ -45,6 +48,7 @@ class TrackerState(NamedTuple):
     motion: Tensor
     strongest: Tensor
     time: Tensor
+    scene: Tensor
     began: Tensor
     open: TrackTable
     closed: TrackTable
@@ -67,18 +71,24 @@ class Tracker:
         size = fields.motion.shape[1] * fields.motion.shape[2]
         if state is None:
             zero, none = torch.zeros((), dtype=torch.float64), table_of([], size)
-            state = TrackerState(fields.motion[0].cpu(), zero, zero, torch.zeros((), dtype=torch.int64), none, none)
+            state = TrackerState(
+                fields.motion[0].cpu(), zero, zero, zero, torch.zeros((), dtype=torch.int64), none, none
+            )
         motion, strongest = state.motion, float(state.strongest)
-        began, time = int(state.began), float(state.time)
+        began, time, scene = int(state.began), float(state.time), float(state.scene)
         open_, closing = tracks_of(state.open), list[Track]()
         share = self.dt / (self.params.tau_motion + self.dt)
         keep = math.exp(-self.dt / self.params.tau_strongest)
-        numbers = zip(fields.noise.tolist(), fields.time.tolist(), strict=True)
+        numbers = zip(fields.noise.tolist(), fields.time.tolist(), fields.cut.tolist(), strict=True)
         inputs, outputs = fields.inputs.flatten(1, 2), fields.outputs.flatten(1, 2)
         parts = (part.cpu() for part in (fields.motion, inputs, outputs, fields.presence))
-        for moved, y, o, presence, (noise, time) in zip(*parts, numbers, strict=True):
+        for moved, y, o, presence, (noise, time, cut) in zip(*parts, numbers, strict=True):
             motion = torch.lerp(motion, moved, share)
-            if time < self.params.warm_up:
+            if cut:
+                # Nothing goes on from one scene to the next.
+                closing += [track for track in open_ if stands(track, self.dt, self.aspect, self.params)]
+                open_, motion, strongest, scene = [], moved, 0.0, time
+            if time - scene < self.params.warm_up:
                 continue
             strongest = max(strongest * keep, float(strengths(motion.double().numpy()).max()))
             seen = detections(motion, y, o, presence, noise, strongest, self.params)
@@ -91,6 +101,7 @@ class Tracker:
             motion,
             torch.tensor(strongest, dtype=torch.float64),
             torch.tensor(time, dtype=torch.float64),
+            torch.tensor(scene, dtype=torch.float64),
             torch.tensor(began, dtype=torch.int64),
             table_of(open_, size),
             closed,

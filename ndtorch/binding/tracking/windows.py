@@ -17,6 +17,7 @@ from ndtorch.errors import InputError
 from ndtorch.vision.alpha_beta import corrected, predicted
 from ndtorch.vision.features import GROUPS
 from ndtorch.vision.motion import Border, check_border
+from ndtorch.vision.roots import root
 
 DIRECTIONS = ((0.0, -1.0), (0.0, 1.0), (1.0, 0.0), (-1.0, 0.0))
 """Rows and columns towards which the motion signals left, right, down and up point."""
@@ -199,7 +200,7 @@ class Windows(nn.Module):
     def columns(self, state: WindowState) -> tuple[Tensor, Tensor]:
         """The neuron that owns each window, `[..., K]`, and its column, `<h_n h_k>`, `[..., K, 10]`."""
         covariance = state.covariance
-        deviation = covariance.diagonal(dim1=-2, dim2=-1).clamp_min(0).sqrt()
+        deviation = root(covariance.diagonal(dim1=-2, dim2=-1))
         # Motion is in other units than color: each group counts by its largest fluctuation.
         scale = torch.cat([group_scale(deviation[..., g]) for g in GROUPS.values()], -1)
         first = self.first_gain.to(covariance.dtype)
@@ -222,9 +223,9 @@ class Windows(nn.Module):
 
 
 def group_scale(deviation: Tensor) -> Tensor:
-    """The largest of a group, for every member of it, `[..., n]`."""
-    largest = deviation.amax(-1, keepdim=True).clamp_min(torch.finfo(deviation.dtype).tiny)
-    return largest.expand_as(deviation)
+    """The largest of a group, for every member of it, 1 where all are zero, `[..., n]`."""
+    largest = deviation.amax(-1, keepdim=True)
+    return largest.where(largest > 0, 1.0).expand_as(deviation)
 
 
 def windows_step(low: Tensor, state: WindowState, windows: Windows) -> WindowState:
@@ -234,7 +235,7 @@ def windows_step(low: Tensor, state: WindowState, windows: Windows) -> WindowSta
     signals = low.flatten(-3, -2)  # [..., F, 10]
     motion = signals[..., GROUPS["motion"]].clamp_min(0)
     # The detectors multiply brightness with brightness; the root is proportional to it again.
-    energy = motion.sum(-1).sqrt()  # [..., F]
+    energy = root(motion.sum(-1))  # [..., F]
     peak = torch.maximum(state.peak * (1 - dt / p.tau_peak), energy.amax(-1))
 
     # Follow: predict, then move towards the motion in the window's own direction.
@@ -242,7 +243,7 @@ def windows_step(low: Tensor, state: WindowState, windows: Windows) -> WindowSta
     away = windows.offset(windows.centres - place.unsqueeze(-2))  # [..., K, F, 2]
     window = torch.exp(-away.square().sum(-1) / (2 * p.window**2)) * state.open.unsqueeze(-1)
     shared = window * window / (window.sum(-2, keepdim=True) + p.crowd)
-    own = (own_direction(state, windows) @ motion.mT).sqrt()  # [..., K, F]
+    own = root(own_direction(state, windows) @ motion.mT)  # [..., K, F]
     weight = shared * own
     seen = state.open & ((window * own).amax(-1) > p.visible * peak.unsqueeze(-1))
     towards = (weight.unsqueeze(-1) * away).sum(-2) / weight.sum(-1, keepdim=True).clamp_min(tiny)

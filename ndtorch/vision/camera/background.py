@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.vision.camera.params import CameraParams
+from ndtorch.vision.camera.sampling import every_other
 
 # Mean magnitude of a normal variable against its standard deviation, and median of its magnitude likewise.
 MEAN_SIZE, MEDIAN_SIZE = 0.798, 0.6745
@@ -31,33 +32,43 @@ def measured_noise(difference: Tensor) -> Tensor:
 
     The median of the magnitude over space: what moves covers less than half of the picture and does not count.
     """
+    return middle(difference.abs()) / MEDIAN_SIZE
+
+
+def middle(image: Tensor) -> Tensor:
+    """Median over space, `[..., C, H, W]` -> `[..., C, 1, 1]`."""
     # Every fourth pixel tells as much, and a median is the dearest thing done here.
-    return (difference[..., ::2, ::2].abs().flatten(-2).median(-1).values / MEDIAN_SIZE)[..., None, None]
+    return every_other(image).flatten(-2).median(-1).values[..., None, None]
 
 
 def background_step(
     frame: Tensor, state: BackgroundState, a: float, a_deviation: float, params: CameraParams
-) -> tuple[Tensor, Tensor, BackgroundState]:
-    """One step: the difference from the background, the threshold it has to pass, and the new state.
+) -> tuple[Tensor, Tensor, Tensor, BackgroundState]:
+    """One step: the difference from the background, the threshold it has to pass, a new scene or not, the new state.
 
     The background follows with share `a` of the difference, but at least with 1 / (frames seen), which makes it the
     mean of the first frames; where something stands out it follows `hold` times as fast. The threshold is `spread`
     standard deviations of the noise: of the picture (see `measured_noise`), or of the pixel itself where that is
     larger, as leaves, screens and water flicker.
 
+    The noise of a picture may be `growth` times the median over its pixels of what is known of theirs, and no more.
+    Otherwise a cut would pass for noise, and for as long as the noise is remembered nothing would stand out from it.
+    As it is, a cut stands out nearly everywhere, and by that it is told.
+
     Args:
         frame: `[..., C, H, W]`, its exposure corrected.
         a, a_deviation: smoothing factors of background and deviation.
-        params: the share `hold` of `a` where something stands out, the `spread` that counts as standing out, and what
-            is taken for granted at first.
+        params: the share `hold` of `a` where something stands out, the `spread` that counts as standing out, the share
+            of the picture that makes a `cut`, and what is taken for granted at first.
 
     Returns:
-        difference `[..., C, H, W]`, threshold `[..., C, H, W]`, state.
+        difference `[..., C, H, W]`, threshold `[..., C, H, W]`, whether this is a new scene `[..., 1, 1, 1]`, state.
     """
     p = params
     difference = frame - state.mean
-    noise = measured_noise(difference).clamp_min(p.quietest)
-    threshold = p.spread * torch.maximum(noise, state.deviation / MEAN_SIZE)
+    known = state.deviation / MEAN_SIZE
+    noise = torch.minimum(measured_noise(difference), p.growth * middle(known)).clamp_min(p.quietest)
+    threshold = p.spread * torch.maximum(noise, known)
     out = ((difference.abs() > threshold).any(-3, keepdim=True)).to(frame.dtype)
     seen = state.frames + 1
     # In double precision: as numbers, whether this is run or exported.
@@ -65,10 +76,10 @@ def background_step(
     mean = state.mean + (pace * (1 - (1 - p.hold) * out)) * difference
     # What passes by is no noise: its deviation counts as little more than what is known already.
     size = torch.minimum(difference.abs(), p.outlier * torch.maximum(noise, state.deviation))
-    deviation = state.deviation + (1 / (seen + p.first_frames).double()).clamp_min(a_deviation) * (
-        size - state.deviation
-    )
-    return difference, threshold, BackgroundState(mean, deviation, seen)
+    pace = (1 / (seen + p.first_frames).double()).clamp_min(a_deviation)
+    deviation = state.deviation + pace * (size - state.deviation)
+    cut = out.mean((-1, -2), keepdim=True) > p.cut
+    return difference, threshold, cut, BackgroundState(mean, deviation, seen)
 
 
 def core(difference: Tensor, threshold: Tensor) -> Tensor:

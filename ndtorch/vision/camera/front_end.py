@@ -3,21 +3,35 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
 from ndtorch.errors import InputError
+from ndtorch.tree import leaves, mapped
 from ndtorch.vision.camera.background import BackgroundState, background_start, background_step, core
 from ndtorch.vision.camera.exposure import exposure_gain
 from ndtorch.vision.camera.params import CameraParams
+from ndtorch.vision.camera.sampling import every_other
 from ndtorch.vision.camera.scales import LEVELS, ScaleState, scale_start, scale_step
 from ndtorch.vision.fields import field_weights, means, pool
 from ndtorch.vision.frames import as_float, check_frames
 from ndtorch.vision.orientation import OrientedDoG
+from ndtorch.vision.roots import root
 from ndtorch.vision.temporal import smoothing_factor
+
+Row = tuple[Tensor, ...]
+"""Of one time step what `FieldSignals` has of many, but for the time."""
+
+State = TypeVar("State", BackgroundState, ScaleState)
+
+
+def replaced(where: Tensor, new: State, old: State) -> State:
+    """The new state where a single number says so, the old one otherwise."""
+    fresh = leaves(new)
+    return mapped(old, lambda name, part: torch.where(where.view(()), fresh[name], part))
 
 
 class FieldSignals(NamedTuple):
@@ -30,6 +44,7 @@ class FieldSignals(NamedTuple):
         noise: the threshold that a pixel's difference had to pass, median over the picture, `[T']`.
         level: level of the pyramid that motion was taken from, `[T']` int64.
         time: seconds since the first frame, `[T']` float64.
+        cut: whether a new scene begins, `[T']` bool: nothing of it is known yet, and nothing stands out.
     """
 
     signals: Tensor
@@ -38,6 +53,7 @@ class FieldSignals(NamedTuple):
     noise: Tensor
     level: Tensor
     time: Tensor
+    cut: Tensor
 
 
 class CameraState(NamedTuple):
@@ -99,6 +115,7 @@ class CameraFrontEnd(nn.Module):
                 tents = means(field_weights(torch.arange(n) + 0.5, n, fields, "open", "tent"))
                 weights = tents.reshape(fields, -1, 2**level).sum(-1)
                 self.register_buffer(f"{side}_{level}", weights)
+        self.a_exposure = smoothing_factor(p.tau_exposure, self.dt)
         self.a_background = smoothing_factor(p.tau_background, self.dt)
         self.a_deviation = smoothing_factor(p.tau_deviation, self.dt)
         self.a_high, self.a_low = smoothing_factor(p.tau_high, self.dt), smoothing_factor(p.tau_low, self.dt)
@@ -111,7 +128,7 @@ class CameraFrontEnd(nn.Module):
             waiting = torch.zeros(3, *self.small, device=frames.device)
             state = CameraState(None, None, waiting, torch.zeros((), dtype=torch.int64))
         background, scales, waiting = state.background, state.scales, state.waiting
-        rows: list[tuple[Tensor, Tensor, Tensor, Tensor, Tensor]] = []
+        rows: list[Row] = []
         last: list[int] = []
         # Frames that wait are counted only where there can be some: a number cannot be read where this is exported.
         counted = int(state.frames) if self.group > 1 else 0
@@ -135,6 +152,7 @@ class CameraFrontEnd(nn.Module):
                 none,
                 none.long(),
                 none.to(torch.float64),
+                none.bool(),
             )
             return empty, end
         out = FieldSignals(
@@ -144,20 +162,33 @@ class CameraFrontEnd(nn.Module):
             torch.stack([row[3] for row in rows]),
             torch.stack([row[4] for row in rows]),
             (state.frames + torch.tensor(last)).double() / self.fps,
+            torch.stack([row[5] for row in rows]),
         )
         return out, end
 
     def _step(
         self, frame: Tensor, background: BackgroundState | None, scales: ScaleState | None
-    ) -> tuple[tuple[Tensor, Tensor, Tensor, Tensor, Tensor], BackgroundState, ScaleState]:
-        """Signals, motion, presence, noise and level of one averaged small frame `[3, h, w]`."""
-        p = self.parts
-        background = background_start(frame, p.first_deviation) if background is None else background
+    ) -> tuple[Row, BackgroundState, ScaleState]:
+        """Signals, motion, presence, noise, level and cut of one averaged small frame `[3, h, w]`."""
+        p, given = self.parts, frame
+        start = background_start(frame, p.first_deviation)
+        background = start if background is None else background
+        gain, other = frame.new_ones(3, 1, 1), torch.zeros(1, 1, 1, dtype=torch.bool, device=frame.device)
         if p.exposure:
-            frame = frame / exposure_gain(frame, background.mean, p.gain_limit, p.darkest, p.lit)
-        difference, threshold, after = background_step(frame, background, self.a_background, self.a_deviation, p)
+            gain, other = exposure_gain(frame, background.mean, p.gain_limit, p.darkest, p.lit)
+            frame = frame / gain
+        difference, threshold, cut, after = background_step(frame, background, self.a_background, self.a_deviation, p)
+        cut = cut | other
+        after = after._replace(mean=after.mean * gain**self.a_exposure)
+        if torch.compiler.is_compiling() or cut:
+            # A new scene starts as a film does, but for the clock.
+            difference, frame = torch.where(cut, 0.0, difference), torch.where(cut, given, frame)
+            after = replaced(cut, start, after)
+            background = replaced(cut, start, background)
+            if scales is not None:
+                scales = replaced(cut, scale_start(torch.zeros_like(frame) if p.background else frame), scales)
         shown = ((difference.abs() / threshold).amax(0, keepdim=True) - 1).clamp(0, 1)
-        noise = threshold[..., ::2, ::2].median()
+        noise = every_other(threshold).median()
         seen = core(difference, threshold) if p.noise_floor else difference
         if not p.background:
             seen = frame
@@ -173,8 +204,9 @@ class CameraFrontEnd(nn.Module):
         tilted = fields[:3] - fields[:3].amin(0)
         signals = torch.cat([directed, tilted, fields[3:6]])
         if p.compression:
-            signals = signals.sqrt()
-        return (signals.movedim(0, -1), motion.movedim(0, -1), fields[6], noise, level), after, scales
+            signals = root(signals)
+        row = (signals.movedim(0, -1), motion.movedim(0, -1), fields[6], noise, level, cut.view(()))
+        return row, after, scales
 
     def _pool(self, images: Tensor, level: int) -> Tensor:
         """Means over the fields of images on one level of the pyramid."""

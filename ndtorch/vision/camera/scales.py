@@ -71,6 +71,15 @@ def best_level(shift: Tensor, best: float) -> Tensor:
     return torch.where(shift > 0, octave, 1)
 
 
+def halfway(between: Tensor, dim: int) -> Tensor:
+    """What lies between neighbours along `dim`, half on each of them: one longer than the input.
+
+    So the motion of a mirror image is the mirror image of the motion, in its place too.
+    """
+    before, after = ((1, 0), (0, 1)) if dim == -1 else ((0, 0, 1, 0), (0, 0, 0, 1))
+    return 0.5 * (F.pad(between, before) + F.pad(between, after))
+
+
 def scale_step(
     image: Tensor, state: ScaleState, dt: float, a_high: float, a_low: float, params: CameraParams
 ) -> tuple[dict[int, Tensor], Tensor, ScaleState]:
@@ -113,7 +122,5 @@ def scale_step(
     for k, img in enumerate(images):
         high, delayed, filters[k] = motion_step(img, filters[k], a_high, a_low)
         if k in wanted:
-            across = F.pad(correlate(high, delayed, -1), (0, 1)).sum(-3)
-            along = F.pad(correlate(high, delayed, -2), (0, 0, 0, 1)).sum(-3)
-            moved[k] = torch.stack([across, along])
+            moved[k] = torch.stack([halfway(correlate(high, delayed, dim).sum(-3), dim) for dim in (-1, -2)])
     return moved, chosen, measured._replace(fine=filters[0], middle=filters[1], coarse=filters[2])

@@ -59,7 +59,7 @@ class Recording:
             with (self.folder / STEPS).open("rb") as lines:
                 for line in lines:
                     if not line.endswith(b"\n"):
-                        self.trouble = "the last line was not written to its end"
+                        self.trouble = self.trouble or "the last line was not written to its end"
                         return
                     step = self.step(line)
                     if self.complete:

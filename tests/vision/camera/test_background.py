@@ -27,7 +27,7 @@ def test_static_scene_has_no_difference() -> None:
     frame = torch.rand(3, 20, 20, generator=torch.Generator().manual_seed(0))
     state = background_start(frame, 0.01)
     for _ in range(5):
-        difference, threshold, state = background_step(frame, state, **STEP)
+        difference, threshold, _, state = background_step(frame, state, **STEP)
         assert (difference == 0).all()
         assert (threshold > 0).all()
     assert int(state.frames) == 5
@@ -38,10 +38,10 @@ def test_what_stands_out_is_held_and_sensor_noise_is_not() -> None:
     frame = torch.full((3, 40, 40), 0.5)
     state = background_start(frame, 0.01)
     for _ in range(200):
-        _, _, state = background_step(frame + 0.01 * torch.randn(3, 40, 40, generator=generator), state, **STEP)
+        _, _, _, state = background_step(frame + 0.01 * torch.randn(3, 40, 40, generator=generator), state, **STEP)
     thing = frame.clone()
     thing[:, 10:20, 10:20] = 0.9
-    difference, threshold, after = background_step(thing, state, **STEP)
+    difference, threshold, _, after = background_step(thing, state, **STEP)
     outside = torch.ones(40, 40, dtype=torch.bool)
     outside[10:20, 10:20] = False
     assert (difference.abs() > threshold)[:, ~outside].all()
@@ -57,5 +57,5 @@ def test_flickering_pixels_need_more() -> None:
     for _ in range(300):
         frame = torch.full((3, 20, 20), 0.5) + 0.003 * torch.randn(3, 20, 20, generator=generator)
         frame[:, :5, :5] += 0.05 * torch.randn(3, 5, 5, generator=generator)
-        _, threshold, state = background_step(frame, state, **STEP)
+        _, threshold, _, state = background_step(frame, state, **STEP)
     assert threshold[:, :5, :5].mean() > 2 * threshold[:, 5:, 5:].mean()

@@ -19,16 +19,25 @@ def test_gain_is_found_while_a_third_is_covered(gains: tuple[float, float, float
     background = ground()
     frame = background * torch.tensor(gains)[:, None, None]
     frame[:, :, :60] = torch.tensor([0.9, 0.1, 0.3])[:, None, None]
-    found = exposure_gain(frame, background, *LIMITS).flatten()
+    found = exposure_gain(frame, background, *LIMITS)[0].flatten()
     # Covered pixels shift a median of equal values not at all, but for rounding.
     assert found.tolist() == pytest.approx(gains, rel=1e-3)
 
 
 def test_darkness_tells_nothing() -> None:
     dark = torch.full((3, 20, 20), 0.01)
-    assert exposure_gain(dark * 2, dark, *LIMITS).flatten().tolist() == [1.0, 1.0, 1.0]
+    assert exposure_gain(dark * 2, dark, *LIMITS)[0].flatten().tolist() == [1.0, 1.0, 1.0]
 
 
 def test_gain_is_limited() -> None:
     background = ground()
-    assert exposure_gain(background * 10, background, 3.0, *LIMITS[1:]).max() == 3.0
+    gain, other = exposure_gain(background * 10, background, 3.0, *LIMITS[1:])
+    assert gain.max() == 3.0
+    assert bool(other)
+
+
+def test_what_comes_out_of_darkness_is_another_picture() -> None:
+    dark = torch.full_like(ground(), 0.01)
+    assert bool(exposure_gain(ground(), dark, *LIMITS)[1])
+    assert not bool(exposure_gain(dark * 2, dark, *LIMITS)[1])
+    assert not bool(exposure_gain(ground() * 0.6, ground(), *LIMITS)[1])

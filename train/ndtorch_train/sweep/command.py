@@ -44,6 +44,8 @@ class Sweep:
     """Afterwards run so many of the trials one at a time, and tell how much faster together was."""
     fresh: bool = False
     """Begin anew: forget earlier results in the folder."""
+    json: bool = False
+    """Print what summary.json holds and nothing else."""
 
     def run(self) -> int:
         """Do it; returns the exit code."""
@@ -73,7 +75,8 @@ class Sweep:
                 print(f"note: {store.outdated} trials in {out} are of other code and not used", file=sys.stderr)
             todo = [trial for trial in config.trials if trial_id(trial) not in done]
             if len(todo) < len(config.trials):
-                print(f"{len(config.trials) - len(todo)} of {len(config.trials)} trials were finished before")
+                before = f"{len(config.trials) - len(todo)} of {len(config.trials)} trials were finished before"
+                print(before, file=sys.stderr if self.json else sys.stdout)
             began = time.perf_counter()
             failed = self.work(config, todo, module, jobs, store)
             seconds = time.perf_counter() - began
@@ -90,8 +93,11 @@ class Sweep:
                 draw(config, rows, out)
         except OSError as error:
             raise InputError(f"{error.filename or out} cannot be written: {error.strerror or error}") from None
-        print(", ".join(f"{key} {value}" for key, value in report.items()))
-        print(f"written to {out}: results.parquet summary.md summary.json heatmap-*.svg heatmap-*.png")
+        if self.json:
+            print(json.dumps(report))
+        else:
+            print(", ".join(f"{key} {value}" for key, value in report.items()))
+            print(f"written to {out}: results.parquet summary.md summary.json heatmap-*.svg heatmap-*.png")
         for why in sorted(set(failed)):
             print(f"error: {failed.count(why)} blocks of trials failed: {why.strip()}", file=sys.stderr)
         return 1 if failed else 0

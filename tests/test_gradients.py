@@ -1,0 +1,76 @@
+"""Gradients with respect to frames: numbers everywhere, and those of finite differences."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+
+import ndtorch
+from ndtorch.vision.camera.front_end import CameraFrontEnd
+from ndtorch.vision.camera.params import CameraParams
+from ndtorch.vision.roots import root
+
+
+def film(frames: int, size: tuple[int, int]) -> Tensor:
+    """A red patch that comes in and goes to the right, `[T, 3, H, W]` double."""
+    still = 0.3 + 0.2 * torch.rand(3, *size, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    video = still.repeat(frames, 1, 1, 1)
+    for n in range(1, frames):
+        video[n, 0, 4:10, 2 * n : 2 * n + 6] = 0.8
+    return video.requires_grad_()
+
+
+def front_end() -> CameraFrontEnd:
+    return CameraFrontEnd((16, 24), 25.0, CameraParams(grid=(2, 3), height=16)).double()
+
+
+def test_root_is_flat_at_zero() -> None:
+    x = torch.tensor([0.0, 4.0, -1.0], requires_grad=True)
+    (slope,) = torch.autograd.grad(root(x).sum(), x)
+    assert root(x).tolist() == [0.0, 2.0, 0.0]
+    assert slope.tolist() == [0.0, 0.25, 0.0]
+
+
+@pytest.mark.parametrize("name", ["signals", "motion", "presence", "noise"])
+def test_frames_of_the_camera_front_end_have_gradients(name: str) -> None:
+    frames = film(6, (16, 24))
+    signals, _ = front_end()(frames)
+    (slope,) = torch.autograd.grad(getattr(signals, name).square().sum(), frames)
+    assert torch.isfinite(slope).all()
+    assert slope.abs().sum() > 0 or name == "noise"
+
+
+def test_gradients_of_the_camera_front_end_are_right() -> None:
+    module = front_end()
+    assert torch.autograd.gradcheck(
+        lambda x: module(x)[0][:2], (film(3, (16, 24)),), eps=1e-7, atol=1e-4, fast_mode=True
+    )
+
+
+def retinotopic() -> Any:
+    return ndtorch.load("retinotopic", size=(24, 24), along=4).double()
+
+
+def test_frames_of_the_retinotopic_model_have_gradients() -> None:
+    model, frames = retinotopic(), film(12, (24, 24))
+    signals, state = model(frames)
+    windows = state.windows
+    parts = (signals.fields, signals.outputs, windows.place, windows.velocity, windows.covariance, windows.peak)
+    for part in (*parts, model.weights(state), model.windows.features(windows)):
+        (slope,) = torch.autograd.grad(part.square().sum(), frames, retain_graph=True)
+        assert torch.isfinite(slope).all()
+
+
+def test_gradients_of_the_retinotopic_model_are_right() -> None:
+    model = ndtorch.load("retinotopic", size=(24, 24), along=3).double()
+    # Some motion everywhere: at zero a root has no slope that finite differences could find.
+    fields = 0.5 + torch.rand(7, 3, 3, 10, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+
+    def followed(x: Tensor) -> tuple[Tensor, ...]:
+        windows = model.from_fields(x)[1].windows
+        return windows.place, windows.velocity, windows.peak, windows.mean
+
+    assert torch.autograd.gradcheck(followed, (fields.requires_grad_(),), eps=1e-6, atol=1e-4, fast_mode=True)
