@@ -3,7 +3,6 @@
 Here are the names that people start with; the rest comes from its file.
 """
 
-from ndtorch.navigation.compiled import CompiledNavigator
 from ndtorch.navigation.controllers import (
     CRUISE,
     REVERSE,
@@ -39,7 +38,6 @@ __all__ = [
     "AlphaBetaTracker",
     "AvoidanceParams",
     "Command",
-    "CompiledNavigator",
     "Controller",
     "DeadReckoning",
     "FeatureParams",

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from ndtorch.errors import InputError
-from ndtorch.navigation.controllers.contract import Command, Controller, ranges_at, stack_commands
+from ndtorch.navigation.controllers.contract import Command, Controller, in_time, ranges_at, stack_commands
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, make_controller
 from ndtorch.navigation.correspondence import MatchParams
 from ndtorch.navigation.features import FeatureParams
@@ -151,6 +151,16 @@ class Navigator(nn.Module):
             _, tracks = self.tracker(ranges, poses, tracks)
         return state._replace(map=grid, observations=seen, tracks=tracks)
 
+    def warm_up(self) -> None:
+        """Have the kernels ready that steps under `torch.inference_mode()` use, before a car depends on them.
+
+        The first time they are compiled, which takes some seconds; later they are loaded.
+        """
+        blank = torch.zeros(1, 1, self.ranging.rig.height, self.ranging.rig.width, dtype=torch.uint8)
+        with torch.inference_mode():
+            _, state = self(blank, blank)
+            self(blank, blank, state)
+
     def mode(self, state: NavigatorState) -> Tensor:
         """What the controller is doing, `[...]`: one of its `modes`, `CRUISE`, `TURN`, ..."""
         return self.controller.mode(state.control)
@@ -175,7 +185,7 @@ class Navigator(nn.Module):
         return (
             stack_commands(commands),
             control,
-            Pose(*(torch.stack(parts, -1) for parts in zip(*poses, strict=True))),
+            Pose(*(in_time(parts) for parts in zip(*poses, strict=True))),
             pose,
         )
 

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from ndtorch.errors import InputError
-from ndtorch.navigation.compiled import CompiledNavigator
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, controller_class, make_controller
 from ndtorch.navigation.features import FeatureParams
 from ndtorch.navigation.mapping import Certainty, Grid, GridMap
 from ndtorch.navigation.model import Navigator
 from ndtorch.navigation.rig import AngleModel, Rect, StereoRig
-
-AnyNavigator = Navigator | CompiledNavigator
 
 EDGE_REACH, FOLLOW = 4, 3
 """Pixels within which a feature's edge is looked for, and within which it is followed to the next frame."""
@@ -35,8 +32,6 @@ class NavigatorOptions:
         places: features lie at the edge that moved, to a fraction of a pixel (`"edges"`), or where the motion is
             largest (`"motion"`, as published).
         prediction: follow features from frame to frame instead of choosing the strongest anew, as in [§2.1.4].
-        compiled: step in one compiled function, see `CompiledNavigator`; 1.7 to 3 times faster, after about a
-            minute of compiling the first time.
         map: what the cells of a map hold, summed certainty (`"beams"`, as published) or `"log-odds"`, see `GridMap`.
 
     Raises:
@@ -48,7 +43,6 @@ class NavigatorOptions:
     angle: AngleModel = "atan"
     places: Literal["edges", "motion"] = "edges"
     prediction: bool = False
-    compiled: bool = False
     map: Certainty = "beams"
 
     def __post_init__(self) -> None:
@@ -59,14 +53,11 @@ class NavigatorOptions:
         """The rectangles that the controller looks at."""
         return make_controller(self.controller, rig, 1 / 30).fields
 
-    def navigator(
-        self, rig: StereoRig, rate: float, grid: Grid | None = None, report: Callable[[str], None] | None = None
-    ) -> AnyNavigator:
+    def navigator(self, rig: StereoRig, rate: float, grid: Grid | None = None) -> Navigator:
         """A navigator for so many frames a second.
 
         Args:
             grid: the part of the world to map, if any.
-            report: told before something is compiled.
         """
         edges = self.places == "edges"
         features = FeatureParams(
@@ -76,10 +67,9 @@ class NavigatorOptions:
             follow=FOLLOW if self.prediction else 0,
         )
         grid_map = None if grid is None else GridMap(rig, grid, certainty=self.map)
-        navigator = Navigator(
+        return Navigator(
             rig, 1 / rate, controller=self.controller, features=features, angles=self.angle, grid_map=grid_map
         )
-        return CompiledNavigator(navigator, report=report) if self.compiled else navigator
 
 
 OPTION_NAMES = tuple(option.name for option in dataclasses.fields(NavigatorOptions))
@@ -100,7 +90,7 @@ def check_option(name: str, value: Any) -> None:
         raise InputError(f"features must be a whole number from 1 to {MOST_FEATURES}, got {value!r}")
     elif name in WORDS and value not in WORDS[name]:
         raise InputError(f"{name} must be {' or '.join(map(repr, WORDS[name]))}, got {value!r}")
-    elif name in ("prediction", "compiled") and not isinstance(value, bool):
+    elif name == "prediction" and not isinstance(value, bool):
         raise InputError(f"{name} must be true or false, got {value!r}")
 
 

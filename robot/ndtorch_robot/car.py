@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import gc
 import threading
-import time
 from collections.abc import Callable, Iterable
 
 import numpy as np
@@ -64,10 +63,10 @@ class Car:
         """Step until `ended` is set, so many seconds are over, or the steps are used up; returns how many were made.
 
         Args:
-            warm_up: have the navigator compiled before, while the car stands, if it is to be compiled.
+            warm_up: have the navigator's kernels ready before, while the car stands.
         """
         if warm_up:
-            self.warm_up()
+            self.pilot.warm_up()
         if self.go is not None:
             self.safe.fault(NOT_YET, passes=False)
         end = None if seconds is None else self.loop.clock.now() + seconds
@@ -85,17 +84,6 @@ class Car:
                 return self.loop.run(step, self.safe)
         finally:
             gc.unfreeze()
-
-    def warm_up(self) -> None:
-        """Compile the navigator's step while the car stands."""
-        while self.pilot.compiles and not self.ended.is_set():
-            try:
-                frames = self.cameras.read()
-            except InputError:  # the loop will say so
-                time.sleep(0.1)
-                continue
-            self.pilot.warm_up(frames)
-            return
 
     def step(self, number: int, now: float) -> None:
         """See, navigate, drive, tell."""

@@ -114,7 +114,7 @@ def drive(
         car.observers += [put_back, end_when_it_stands, *observers]
         began, interrupted = time.perf_counter(), False
         try:
-            car.warm_up()  # before the time is taken
+            pilot.warm_up()  # before the time is taken
             began = time.perf_counter()
             car.run(warm_up=False)
         except KeyboardInterrupt:

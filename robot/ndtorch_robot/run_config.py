@@ -94,8 +94,6 @@ class SightTable(Strict):
 class NavigationTable(NavigatorTable):
     """`[navigation]`; beside this key those of `NavigatorOptions`.
 
-    A step that is to be compiled is made before the car may drive.
-
     Args:
         map_half_size_m: the map reaches so far from the start, m; 0 makes none.
     """

@@ -9,16 +9,29 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import torch
 
 
 class Row(NamedTuple):
-    """One line of a table: what was measured, the figure, what it is compared with, and the ratio."""
+    """One line of a table: what was measured, the figure, what it is compared with, and the ratio.
+
+    `cost` is the time over that of something that does not change, taken in turn in the same process: to compare runs.
+    """
 
     what: str
     figure: str
     against: str
     ratio: str
+    cost: float | None = None
+
+
+FIXED = np.random.default_rng(0).random((128, 128))
+
+
+def reference() -> object:
+    """What times are compared with between runs: some hundred microseconds of NumPy."""
+    return np.fft.rfft2(FIXED)
 
 
 def in_turn(jobs: dict[str, Callable[[], object]], rounds: int = 30, repeat: int = 5) -> dict[str, float]:

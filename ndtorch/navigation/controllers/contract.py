@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
@@ -168,4 +169,9 @@ def ranges_at(ranges: Ranges, t: int) -> Ranges:
 def stack_commands(commands: list[Command]) -> Command:
     """Commands `[...]` of frame after frame as `[..., T]`."""
     speed, curvature = zip(*commands, strict=True)
-    return Command(torch.stack(speed, -1), torch.stack(curvature, -1))
+    return Command(in_time(speed), in_time(curvature))
+
+
+def in_time(values: Sequence[Tensor]) -> Tensor:
+    """Values `[...]` of frame after frame as `[..., T]`. Of one frame they are a view."""
+    return values[0].unsqueeze(-1) if len(values) == 1 else torch.stack(list(values), -1)

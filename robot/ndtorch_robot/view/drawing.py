@@ -10,8 +10,7 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from ndtorch.navigation import Grid, Rect, StereoRig, Strips
-from ndtorch.navigation.options import AnyNavigator
+from ndtorch.navigation import Grid, Navigator, Rect, StereoRig, Strips
 from ndtorch_robot.record import range_columns
 
 TIMELINE = "time"
@@ -48,9 +47,10 @@ THICK = 4
 """A row that is read alone is drawn with so many more rows above and below, to be seen at all."""
 
 
-def levels(navigator: AnyNavigator) -> dict[str, float]:
+def levels(navigator: Navigator) -> dict[str, float]:
     """Lines to draw beside the speeds: the controller's thresholds."""
-    return navigator.controller.trace.lines()
+    lines: dict[str, float] = navigator.controller.trace.lines()
+    return lines
 
 
 def field_box(rr: Any, field: Rect, eye: str) -> Any:

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
+from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.navigation.controllers.contract import (
     CRUISE,
     REVERSE,
@@ -25,6 +26,7 @@ from ndtorch.navigation.controllers.ranging.floor import FloorState, floor_const
 from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
 from ndtorch.navigation.controllers.ranging.params import RangingParams
 from ndtorch.navigation.controllers.ranging.patch import add_evidence, cell_numbers, empty_patch, move_patch
+from ndtorch.navigation.controllers.ranging.quick import QuickStep
 from ndtorch.navigation.controllers.registry import register
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.ranging import Ranges
@@ -69,6 +71,7 @@ class RangingControl(Controller):
         self.under = torch.full((body[0].numel(),), -2.0)
         self.numbers = torch.arange(p.patch.size, dtype=torch.get_default_dtype())
         self.constants = ranging_constants(p, dt)
+        self.quick = QuickStep(p, self.constants, self.floor, self.arcs, self.places, self.under)
 
     @property
     def trace(self) -> Trace:
@@ -105,6 +108,8 @@ class RangingControl(Controller):
             ranges, pose, driven, state: as `Controller.step`.
         """
         c, batch = self.constants, pose.x.shape
+        if not batch and seen.dtype == state.floor.level.dtype == ranges.x.dtype and kernels_wanted(seen, *ranges):
+            return self.quick(seen, ranges, pose, driven, state)
         cells, floor = floor_step(seen, driven.speed, driven.curvature, state.floor, self.floor)
         keep = torch.where(state.mode == c.stopped, c.fade, c.keep)
         patch = move_patch(state.patch, pose, self.numbers, keep, self.params.patch)
