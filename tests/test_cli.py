@@ -301,7 +301,7 @@ def test_scenes_lists_what_render_takes(tmp_path: Path, capsys: pytest.CaptureFi
     assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == 10
     ok, frame = video.read()
     assert ok
-    # Three bars: something in each colour plane.
+    # Three bars: something in each color plane.
     assert (frame.reshape(-1, 3).max(0) > 60).all()
 
 

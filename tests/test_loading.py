@@ -156,6 +156,7 @@ def test_negative_weights_are_refused(folder: Path) -> None:
     ("options", "message"),
     [
         ({"gama": 1.0}, r"options: unknown key 'gama'; did you mean gamma\?"),
+        ({"fused": True}, "options: fused is gone: the sums are compiled without it"),
         ({"gamma": -1.0}, r"options: network: gamma = -1\.0"),
         ({"radius_limit": 2.0}, r"options: network: radius_limit = 2\.0"),
         ({"rule": "oja"}, "rule must be one of competitive"),

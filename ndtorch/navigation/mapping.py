@@ -67,7 +67,7 @@ class Grid:
         row = ((y - (self.bottom - self.cell)) * scale).clamp(0, self.rows + 1).to(torch.int64)
         return row, column
 
-    def centre(self, row: Tensor, column: Tensor) -> tuple[Tensor, Tensor]:
+    def center(self, row: Tensor, column: Tensor) -> tuple[Tensor, Tensor]:
         """x and y of the middle of a cell, m."""
         return self.left + (column + 0.5) * self.cell, self.bottom + (row + 0.5) * self.cell
 

@@ -78,7 +78,7 @@ class Navigator(nn.Module):
 
     Raises:
         InputError: an unknown controller, or parameters of the other one; frames that cannot be used: two sizes,
-            grey beside colour, NaN or infinity.
+            grey beside color, NaN or infinity.
     """
 
     def __init__(

@@ -25,7 +25,7 @@ SIZE = (48, 64)
 
 
 def pattern(number: int) -> Tensor:
-    """A frame whose corners differ in colour and whose brightness tells its number."""
+    """A frame whose corners differ in color and whose brightness tells its number."""
     frame = torch.zeros(3, *SIZE, dtype=torch.uint8)
     frame[0, :24, :32] = 200
     frame[1, :24, 32:] = 200
@@ -120,7 +120,7 @@ def test_crop_keeps_the_middle_and_stretch_keeps_all(clip: Path, size: tuple[int
     for frames in (crop, stretch):
         corners = frames[0, :, [2, 2, -3], [2, -3, 2]]
         assert torch.equal(corners > 100, torch.eye(3, dtype=torch.bool))
-    # What is square stays square when cropped: the top left colour fills half of the image either way.
+    # What is square stays square when cropped: the top left color fills half of the image either way.
     assert int((crop[0, 0, 2] > 100).sum()) == pytest.approx(size[1] / 2, abs=1)
 
 

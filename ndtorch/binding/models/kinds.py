@@ -21,6 +21,9 @@ KINDS: dict[str, type[BindingModel]] = {
 }
 """Put a kind of your own in to load folders whose config.toml names it."""
 
+GONE = {"fused": "the sums are compiled without it where Numba is installed"}
+"""Options of version 0.1 that are no more, and why."""
+
 
 def load_folder(path: str | Path, options: Mapping[str, Any]) -> BindingModel:
     """The model that a folder describes, with other values for some of its constants.
@@ -70,6 +73,8 @@ def having(option: str) -> str:
 
 def unknown(option: str, name: str, known: list[str]) -> str:
     """The error of an option that a kind does not have."""
+    if option in GONE:
+        return f"options: {option} is gone: {GONE[option]}"
     others = having(option)
     if others:
         return f"{name} has no option {option}; {others} {'has' if ',' not in others else 'have'} it"

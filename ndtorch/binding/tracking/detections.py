@@ -139,7 +139,7 @@ def neighbours(i: int, rows: int, columns: int) -> list[int]:
 
 
 def likeness(a: Floats, b: Floats) -> float:
-    """Cosine of two things' colours, as the network puts them out.
+    """Cosine of two things' colors, as the network puts them out.
 
     Motion is compared by itself, and things as small as a field have every orientation.
     """

@@ -24,7 +24,7 @@ class Lens(Strict):
 
     Args:
         fx_px, fy_px: focal lengths in pixels.
-        cx_px, cy_px: where the optical axis meets the picture; pixel centres are at whole numbers.
+        cx_px, cy_px: where the optical axis meets the picture; pixel centers are at whole numbers.
         distortion: k1, k2, p1, p2, k3, without unit.
     """
 

@@ -42,7 +42,7 @@ def pictures(left: Tensor | Strips, right: Tensor | Strips) -> dict[str, Tensor]
     """The pictures of a step by the name of their stream: whole frames, or the strips of both eyes.
 
     Raises:
-        InputError: frames that are not one uint8 picture each, grey or in colour.
+        InputError: frames that are not one uint8 picture each, grey or in color.
     """
     found: dict[str, Tensor] = {}
     for side, eye in (("left", left), ("right", right)):

@@ -169,7 +169,7 @@ def test_a_full_disk_does_not_stop_the_drive(tmp_path, capsys, monkeypatch):
         ({"program": "juggle"}, "made by 'juggle', which cannot be replayed"),
         ({"program": "navigator", "rig": {}}, "cannot be used: KeyError"),
         ({"program": "navigator", "rig": {"width": -1}, "rate_hz": 30, "features": 5, "angle": "atan"}, "width"),
-        ({"program": "drive", "drive": {"colour": 3}, "rig": {}, "rate_hz": 30}, "unknown key 'colour'"),
+        ({"program": "drive", "drive": {"hue": 3}, "rig": {}, "rate_hz": 30}, "unknown key 'hue'"),
         ({"program": "drive", "drive": {}, "rig": {}}, "cannot be used: KeyError"),
     ],
 )

@@ -19,7 +19,7 @@ COLORS = {
     "does not hold": ("#c0392b", "✗"),
     "not run in quick": ("#777777", "○"),
 }
-"""Colour and mark of every verdict; the mark tells it without the colour."""
+"""Color and mark of every verdict; the mark tells it without the color."""
 
 BEGIN, END = "<!-- claims: begin -->", "<!-- claims: end -->"
 
