@@ -71,6 +71,26 @@ class Overlay(Watcher):
         self.writer.close()
 
 
+class MaskFilm(Watcher):
+    """mask.mp4: white where an object is, of models with silhouettes; a frame a time step."""
+
+    def __init__(self, path: Path, fps: float, size: tuple[int, int]) -> None:
+        self.size = even(size)
+        self.writer = VideoWriter(path, fps, self.size)
+
+    def signals(self, signals: Any, weights: Tensor) -> None:
+        import cv2
+
+        for mask in signals.mask.cpu().numpy():
+            wide = np.asarray(cv2.resize(mask * np.uint8(255), self.size[::-1], interpolation=cv2.INTER_LINEAR))
+            image = np.where(wide > 127, np.uint8(255), np.uint8(0))
+            self.writer.write(torch.from_numpy(image).expand(3, *self.size))
+
+    def close(self) -> None:
+        """Finish the file."""
+        self.writer.close()
+
+
 class RunRecording(Watcher):
     """Shows a run to a rerun recording."""
 
@@ -105,7 +125,7 @@ def even(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def marked(frame: Pixels, things: tuple[BoundObject, ...]) -> Pixels:
-    """The frame `[H, W, 3]` with a circle around each object, in its color, an arrow where it moves, and its label."""
+    """The frame `[H, W, 3]` with each object in its color: its box, or a circle and an arrow; and its label."""
     import cv2
 
     image = np.ascontiguousarray(frame).copy()
@@ -113,7 +133,14 @@ def marked(frame: Pixels, things: tuple[BoundObject, ...]) -> Pixels:
         if thing.place is None or (thing.last_seen or 0.0) - (thing.first_seen or 0.0) < YOUNG:
             continue
         color = rgb(thing.color) if thing.color in STYLES else GREY_RGB
+        label = thing.color if thing.track is None else f"{mark_of(thing)} {thing.color}"
         column, row = (round(side) for side in thing.place)
+        if thing.box is not None:
+            corners = [(round(thing.box[0]), round(thing.box[1])), (round(thing.box[2]), round(thing.box[3]))]
+            for ink, width in (((255, 255, 255), 3), (color, 1)):
+                cv2.rectangle(image, corners[0], corners[1], ink, width, cv2.LINE_AA)
+            lettered(image, label, corners[0][0], corners[0][1] - 4, color)
+            continue
         radius = round(0.08 * len(image) * max(1.0, (thing.fields or 1) ** 0.5 / 2))
         down, right = STEP.get(thing.direction or "", (0, 0))
         tip = (column + right * 2 * radius, row + down * 2 * radius)
@@ -121,7 +148,6 @@ def marked(frame: Pixels, things: tuple[BoundObject, ...]) -> Pixels:
             cv2.circle(image, (column, row), radius, ink, width, cv2.LINE_AA)
         for ink, width in (((255, 255, 255), 4), (color, 2)):
             cv2.arrowedLine(image, (column, row), tip, ink, width, cv2.LINE_AA, tipLength=0.35)
-        label = thing.color if thing.track is None else f"{mark_of(thing)} {thing.color}"
         lettered(image, label, column - radius, row - radius - 4, color)
     return image
 

@@ -15,6 +15,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ndtorch.files import write_text
+
 KINDS = {".png": "image/png", ".svg": "image/svg+xml", ".mp4": "video/mp4"}
 """What is embedded, by suffix."""
 
@@ -82,7 +84,7 @@ class Page:
             media=media,
         )
         path = folder / NAME
-        path.write_text(text, encoding="utf-8")
+        write_text(path, text)
         return path
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,8 +32,27 @@ from ndtorch.scenes import SCENES, FrameSource, make_scene
 from ndtorch.scenes.video import open_video
 
 STATE = "state.safetensors"
+CAMERA_MODELS = ("video", "figures")
+"""Kinds of models for video of a camera, which get whole pictures."""
 ROWS = 224
-"""Height to which the model video gets its frames, as soon as they are decoded: four pixels for one of its own."""
+"""Height to which those models get their frames, as soon as they are decoded: four pixels for one of its own."""
+
+
+def is_number(value: Any, least: float, most: float) -> bool:
+    """Whether a value of a file is a number in a range, and no bool."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most
+
+
+WANTED: dict[str, Callable[[Any], bool]] = {
+    "model": lambda value: isinstance(value, str),
+    "source": lambda value: isinstance(value, str),
+    "frames": lambda value: isinstance(value, int) and is_number(value, 0, 1e12),
+    "fps": lambda value: is_number(value, 1e-3, 1e6),
+    "options": lambda value: isinstance(value, dict),
+    "scene": lambda value: isinstance(value, dict),
+    "without": lambda value: isinstance(value, list) and all(isinstance(name, str) for name in value),
+}
+"""What the description of an earlier run must hold: it may come from anywhere."""
 
 
 @dataclass
@@ -72,8 +91,8 @@ def prepare(job: BindJob) -> Prepared:
     if job.resume is not None:
         check_resume(job, name, asked, model_name)
     check_options(job, kind)
-    if kind == "video" and device.type != "cpu":
-        raise InputError(f"device must be cpu with the model video, which is quickest there; got {job.device}")
+    if kind in CAMERA_MODELS and device.type != "cpu":
+        raise InputError(f"device must be cpu with the model {kind}, which is quickest there; got {job.device}")
     start = {
         "scene": given(job, ("phase", "seed", "fps")) if name in SCENES else {},
         "fps": job.fps,
@@ -92,7 +111,7 @@ def prepare(job: BindJob) -> Prepared:
         model = make_model(about, source.size, source.fps, "wrap")
         source, first = open_scene(job, about, model.settle), about["frames"]
     else:
-        source = open_place(job, about, ROWS if kind == "video" else None)
+        source = open_place(job, about, ROWS if kind in CAMERA_MODELS else None)
         model = make_model(about, source.size, source.fps, "reflect")
     about["fps"] = source.fps
     state = None
@@ -106,7 +125,7 @@ def make_model(about: dict[str, Any], size: tuple[int, int], fps: float, border:
     options = dict(about["options"]) | switched_off(about["without"])
     if about["first_stage_radius"] is not None:
         options["first_stage"] = train_first_stage(radius=about["first_stage_radius"])
-    if model_kind(about["model"]) != "video":
+    if model_kind(about["model"]) not in CAMERA_MODELS:
         options["border"] = border
     return load(about["model"], size=size, fps=fps, **options)
 
@@ -212,7 +231,9 @@ def described(folder: Path) -> dict[str, Any]:
     """
     try:
         about: dict[str, Any] = json.loads(read_about(folder / STATE)["run"])
-        about["model"], about["source"], about["frames"]
-    except (KeyError, json.JSONDecodeError):
-        raise InputError(f"{folder}/{STATE} was not written by this version of ndtorch bind") from None
+        right = all(is_usable(about[key]) for key, is_usable in WANTED.items())
+    except (KeyError, TypeError, RecursionError, json.JSONDecodeError):
+        right = False
+    if not right:
+        raise InputError(f"{folder}/{STATE} was not written by this version of ndtorch bind")
     return about

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ndtorch.errors import InputError
+from ndtorch.files import write_text
 from ndtorch_train.score.choices import LABELLED, LONGEST, METHODS, RATES, SETTLE, Split
 
 
@@ -107,7 +108,7 @@ class ScoreOptions:
         text = heading(self, time.perf_counter() - began) + markdown(rows)
         try:
             self.out.mkdir(parents=True, exist_ok=True)
-            (self.out / "leaderboard.md").write_text(text, encoding="utf-8")
+            write_text(self.out / "leaderboard.md", text)
             write_csv(rows, self.out / "leaderboard.csv")
             picture = draw(rows, self.out / "leaderboard.png", f"split {self.split}, {self.scenes} random scenes")
             shown = [Shown(picture, "The same as a picture", "Bars: two standard errors.")]
