@@ -73,6 +73,7 @@ class OwnerReadout(Constants):
     gap: float = Field(0.02, ge=0, description="difference of delay profiles that tells two sources apart")
     even: float = Field(0.65, ge=0, description="evenness of colors and orientations of light that changes everywhere,")
     moving: float = Field(0.35, ge=0, description="if it has less than this share of the largest motion")
+    absent: float = Field(0.1, ge=0, description="and no color or orientation is one below this share of its largest")
     stable_window: float = Field(1.0, gt=0, description="tau_s of the stability criterion")
     stable_mean: float = Field(2.0, ge=0, description="time constant of the mean weights it looks at")
     stable_change: float = Field(0.5, gt=0, description="S_thr of the stability criterion, weight per window")
@@ -166,7 +167,7 @@ class ScaleFreeStage(nn.Module):
         table = owner_table(state.weights, state.statistics, owners, dt=self.dt)
         if r.readout == "owners":
             return table
-        join = JoinCriteria(r.smallest_source, r.gap, r.even, r.moving)
+        join = JoinCriteria(r.smallest_source, r.gap, r.even, r.moving, r.absent)
         return refined_table(table, state.weights, state.delays, self.first_stage, join)
 
 

@@ -58,13 +58,15 @@ class JoinCriteria:
         gap: difference of delay profiles under which two sources are not told apart by delays.
         even: a source whose weakest colour is more than this share of its strongest, and its orientations likewise, is
             light that changes everywhere, if it
-        moving: has less than this share of the largest motion.
+        moving: has less than this share of the largest motion, or moves every way as evenly.
+        absent: share of a source's largest signal under which colours or orientations count as none.
     """
 
     smallest: float = 0.03
     gap: float = 0.02
     even: float = 0.65
     moving: float = 0.35
+    absent: float = 0.1
 
 
 def refined_table(
@@ -77,20 +79,23 @@ def refined_table(
     """The owners' table, or a better one from the delays where they tell the sources apart.
 
     The long memory is used, unless the short one says that fewer sources are left: then the scene has changed. The
-    network's table stays where it finds nothing, where delays see a single source, and where two sources have the
-    same delay profile (equal frequencies) and the network counts the same number.
+    network's table stays where it finds nothing, where delays see a single source and no light that changes everywhere,
+    and where two sources have the same delay profile (equal frequencies) and the network counts the same number. Where
+    there are more sources than can be told apart, every signal goes its own way and there is nothing to bind.
     """
     c = criteria or JoinCriteria()
-    fast, slow = (
-        without_lighting(separate(covariances, c.smallest), first_stage, c)
-        for covariances in delays.covariances.unbind(-4)
-    )
+    parts = [separate(covariances, c.smallest) for covariances in delays.covariances.unbind(-4)]
+    fast, slow = (without_lighting(part, first_stage, c) for part in parts)
     changed = slow.sources > fast.sources
     mixing = torch.where(changed[..., None, None], fast.mixing, slow.mixing)
     count = torch.where(changed, fast.sources, slow.sources)
     gap = torch.where(changed, fast.gap, slow.gap)
+    lit = count < torch.where(changed, parts[0].sources, parts[1].sources)
+    noise = parts[0].full & parts[1].full
+    count = torch.where(noise, 0, count)
     by_network = owners.owners.sum(-1)
-    keep = (by_network == 0) | (count <= 1) | ((gap < c.gap) & (by_network == count))
+    keep = (by_network == 0) | ((count <= 1) & ~lit) | ((gap < c.gap) & (by_network == count))
+    keep = keep & ~noise
     found = assigned(mixing, count, weights)
     return ObjectTable(
         torch.where(keep[..., None], owners.owners, found.owners),
@@ -99,16 +104,21 @@ def refined_table(
 
 
 def without_lighting(separation: Separation, first_stage: Tensor, criteria: JoinCriteria) -> Separation:
-    """The same without sources that drive all colours and all orientations alike and hardly move."""
+    """The same without sources that drive all colours and all orientations alike, or none, and hardly move or move
+    every way alike."""
     mixing = separation.mixing
     eye = torch.eye(10, dtype=mixing.dtype, device=mixing.device)
     raw = mixing @ (eye + first_stage.to(mixing.dtype)).mT
     there = torch.arange(mixing.shape[-2], device=mixing.device) < separation.sources.unsqueeze(-1)
     even = there
     for group in (raw[..., GROUPS["orientation"]], raw[..., GROUPS["color"]]):
-        even = even & (group.amin(-1) >= criteria.even * group.amax(-1))
-    motion = mixing[..., GROUPS["motion"]].amax(-1).clamp_min(0)
-    even = even & (motion < criteria.moving * motion.amax(-1, keepdim=True))
+        nothing = group.amax(-1) < criteria.absent * raw.amax(-1)
+        even = even & (nothing | (group.amin(-1) >= criteria.even * group.amax(-1)))
+    directed = mixing[..., GROUPS["motion"]]
+    motion = directed.amax(-1).clamp_min(0)
+    # Alone, it has the largest motion there is: what flickers moves every way alike, or its motion is noise.
+    everywhere = (directed.amin(-1) >= criteria.even * motion) | (motion < criteria.absent * raw.amax(-1))
+    even = even & (everywhere | (motion < criteria.moving * motion.amax(-1, keepdim=True)))
     # What is left moves to the front.
     order = torch.argsort((even | ~there).long(), dim=-1, stable=True)
     mixing = mixing.gather(-2, order.unsqueeze(-1).expand_as(mixing))
@@ -144,6 +154,7 @@ class Separation(NamedTuple):
     Attributes:
         sources: how many there are, `[...]`, int64.
         mixing: `[..., S, N]`, one row a source, strongest last, the largest entry positive; zeros beyond `sources`.
+        full: whether there are more than that, `[...]` bool: noise of each signal by itself.
         gap: smallest difference between the delay profiles of two sources, `[...]`: the sum over delays of the squared
             difference of their correlations with their own past. Near zero, those two are not identified. Infinite
             with fewer than two.
@@ -151,6 +162,7 @@ class Separation(NamedTuple):
 
     sources: Tensor
     mixing: Tensor
+    full: Tensor
     gap: Tensor
 
 
@@ -170,7 +182,8 @@ def separate(covariances: Tensor, smallest: float = 0.03, faint: float = 0.02, m
     flat = covariances.reshape(-1, *covariances.shape[-3:]).double()
     values, vectors = torch.linalg.eigh(flat[:, 0])
     top = values[:, -1:]
-    count = ((values >= smallest * top) & (top > faint)).sum(-1).clamp_max(most)
+    rank = ((values >= smallest * top) & (top > faint)).sum(-1)
+    full, count = rank > most, rank.clamp_max(most)
     mixing = flat.new_zeros(len(flat), most, n)
     gap = flat.new_full((len(flat),), torch.inf)
     for m in range(1, most + 1):
@@ -192,6 +205,7 @@ def separate(covariances: Tensor, smallest: float = 0.03, faint: float = 0.02, m
     return Separation(
         count.reshape(batch),
         mixing.to(dtype).reshape(*batch, most, n),
+        full.reshape(batch),
         gap.to(dtype).reshape(batch),
     )
 
