@@ -1,7 +1,8 @@
 # make demo   install into .venv, find the objects in the two-bars scene, then drive through the simulated hallway
 # make test   install and run every test that needs no special hardware
 # make test-long  the strong forms of some tests, minutes each     make test-variants  the suite as on other machines
-# make check  lint, format and types     make bench  timings side by side
+# make check  lint, format and types     make bench  timings side by side, out/bench.json
+# make bench-compare OLD=... NEW=...  fails where something costs over 10 % more
 # make docs    the documentation site, out/docs/index.html, its examples executed
 # make wheels  each distribution alone in an empty environment
 # make reproduce        every published claim again      make reproduce-quick  the same in under two minutes
@@ -13,7 +14,7 @@ STAMP  := $(VENV)/.installed
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: setup demo test test-long test-variants check docs wheels bench reproduce reproduce-quick clean
+.PHONY: setup demo test test-long test-variants check docs wheels bench bench-compare reproduce reproduce-quick clean
 
 setup: $(STAMP)
 
@@ -55,7 +56,11 @@ wheels: $(STAMP)
 	$(BIN)/python tests/wheels.py
 
 bench: $(STAMP)
-	$(BIN)/python -m tests.benchmarks
+	$(BIN)/python -m tests.benchmarks --json out/bench.json
+
+# make bench-compare OLD=before.json NEW=out/bench.json
+bench-compare: $(STAMP)
+	$(BIN)/python -m tests.benchmarks.compare $(OLD) $(NEW)
 
 # A video of a road camera that B9 looks at, where there is one.
 CLIP := $(wildcard ../shared/data/car-detection.mp4)

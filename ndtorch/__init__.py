@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ndtorch.navigation import Navigator, StereoRig
     from ndtorch.vision import FEATURES, HassensteinReichardt, NDMin, OrientedDoG, VisualFeatures
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "FEATURES",

@@ -6,18 +6,21 @@ import ast
 import contextlib
 import difflib
 import errno
+import logging
 import os
 import signal
 import sys
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
+from pathlib import Path
 from typing import Protocol
 
 import ndtorch
 from ndtorch.code_digest import module_places
 from ndtorch.errors import InputError
 from ndtorch.optional import OURS, remedy
+from ndtorch.run.arguments import EVERY
 
 GROUP = "ndtorch.commands"
 """Entry points that are commands: `name = "module:Class"`, the class a `Subcommand`."""
@@ -173,7 +176,7 @@ def hint(name: str, commands: Iterable[str]) -> str:
     """What to do about a command that is not there."""
     for distribution, names in ELSEWHERE.items():
         if name in names:
-            return f"it comes with {distribution}: pip install {distribution}"
+            return f"it comes with {distribution}; in a checkout: pip install ./{distribution.removeprefix('ndtorch-')}"
     near = difflib.get_close_matches(name, commands, 1)
     if near:
         return f"did you mean {near[0]!r}?"
@@ -199,7 +202,8 @@ def overview(commands: Mapping[str, Sequence[EntryPoint]]) -> str:
         except CommandError as error:
             text = f"({error})"
         lines.append(f"  {name:14}{next(iter(text.strip().splitlines()), '')}")
-    lines += ["", "`ndtorch COMMAND --help` says what each takes, `ndtorch --version` what is installed."]
+    lines += ["", EVERY]
+    lines += ["`ndtorch COMMAND --help` says what each takes, `ndtorch --version` what is installed."]
     return "\n".join(lines)
 
 
@@ -233,18 +237,11 @@ def run_command(prog: str, kind: type[Subcommand], arguments: Sequence[str]) -> 
         The exit code: that of the command, 2 after an `InputError` (one line on stderr), 130 after Ctrl-C.
     """
     try:
-        import tyro
+        from ndtorch.run.arguments import QUIET, parse
 
-        command: Subcommand = tyro.cli(
-            kind,
-            prog=prog,
-            args=arguments,
-            config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
-        )
-        with warnings.catch_warnings():
-            # Remarks such as "is grey" are for the user of the command: one line, and no source code.
-            warnings.simplefilter("always", UserWarning)
-            warnings.showwarning = note
+        quiet = any(word in QUIET for word in arguments)
+        command: Subcommand = parse(kind, prog, [word for word in arguments if word not in QUIET])
+        with told(quiet, muted=quiet and not getattr(command, "json", False)):
             return command.run()
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -267,6 +264,36 @@ def run_command(prog: str, kind: type[Subcommand], arguments: Sequence[str]) -> 
     except KeyboardInterrupt:
         print("stopped before there was anything to keep", file=sys.stderr)
         return INTERRUPTED
+
+
+@contextlib.contextmanager
+def told(quiet: bool, muted: bool) -> Iterator[None]:
+    """What a command has to say goes to stderr, a line each: what it logs, and remarks such as "is grey".
+
+    Args:
+        quiet: say nothing of that.
+        muted: print nothing on stdout either.
+    """
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(logging.Formatter("note: %(message)s"))
+    loggers = [logging.getLogger(name.replace("-", "_")) for name in OURS]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.addHandler(handler)
+        logger.setLevel(logging.ERROR if quiet else logging.INFO)
+    try:
+        with contextlib.ExitStack() as stack:
+            stack.enter_context(warnings.catch_warnings())
+            warnings.simplefilter("ignore" if quiet else "always", UserWarning)
+            warnings.showwarning = note
+            if muted:
+                nowhere = stack.enter_context(Path(os.devnull).open("w", encoding="utf-8"))
+                stack.enter_context(contextlib.redirect_stdout(nowhere))
+            yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.removeHandler(handler)
+            logger.setLevel(level)
 
 
 def note(message: Warning | str, *_: object, **__: object) -> None:

@@ -16,11 +16,13 @@ import numpy as np
 import pytest
 import torch
 from safetensors import safe_open
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file
 
 import ndtorch
+from ndtorch.binding.rules import RULES
+from ndtorch.binding.saving import CHECKSUM, save_tensors
 from ndtorch.commands import main
-from ndtorch.scenes import two_bars
+from ndtorch.scenes import SCENES, two_bars
 from ndtorch.scenes.video_writer import VideoWriter
 
 TRACKED = {"objects.json", "overlay.mp4", "state.safetensors", "timeline.jsonl", "timeline.png"}
@@ -166,7 +168,7 @@ def test_a_state_with_a_number_that_is_none_is_refused(
         about = file.metadata()
     state = kept(tmp_path / "bars")
     state["second.weights"][0, 1] = torch.nan
-    save_file(state, path, about)
+    save_tensors(state, path, {key: text for key, text in about.items() if key != CHECKSUM})
     refused(["bind", "--resume", str(path.parent), "--out", str(tmp_path)], capsys, str(path), "second.weights", "NaN")
 
 
@@ -299,8 +301,51 @@ def test_scenes_lists_what_render_takes(tmp_path: Path, capsys: pytest.CaptureFi
     assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == 10
     ok, frame = video.read()
     assert ok
-    # Three bars: something in each colour plane.
+    # Three bars: something in each color plane.
     assert (frame.reshape(-1, 3).max(0) > 60).all()
+
+
+def test_lists_and_files_are_one_json_object(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["scenes", "--json"]) == 0
+    assert set(json.loads(capsys.readouterr().out)) == set(SCENES)
+    file = tmp_path / "bar.avi"
+    render = ["render", "one-bar", str(file), "--seconds", "0.1", "--json"]
+    assert main(render) == 0
+    about = {"file": str(file), "frames": 10, "width": 500, "height": 500, "fps": 100.0}
+    assert json.loads(capsys.readouterr().out) == about
+    refused(render, capsys, str(file), "--force")
+    assert main([*render, "--force"]) == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["bar.avi"]
+
+
+def test_quiet_prints_errors_alone(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    asked = ["bind", str(clip), "--seconds", "0.2", "--pictures", "0", "--out", str(tmp_path)]
+    assert main([*asked, "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert main([*asked, "-q", "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["model"] == "video"
+    assert err == ""
+    refused(["bind", "four-bars", "-q", "--out", str(tmp_path)], capsys, "four-bars")
+
+
+def test_a_source_that_was_probably_meant(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    refused(["bind", "two-bar", "--out", str(tmp_path)], capsys, "did you mean two-bars?")
+    mistyped = str(clip.with_name("bras.avi"))
+    refused(["bind", mistyped, "--out", str(tmp_path)], capsys, mistyped, f"did you mean {clip}?")
+
+
+def test_help_shows_what_options_take(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["bind", "--help"])
+    assert ended.value.code == 0
+    text = capsys.readouterr().out
+    assert f"--model {{{','.join([*ndtorch.model_names(), 'FOLDER'])}}}" in text
+    assert "--rule {competitive,cooperative,hebbian}" in text
+    assert {"competitive", "cooperative", "hebbian"} <= set(RULES)
+    assert "--quiet" in text
+    assert "default: None" not in text
+    assert "(default: two-bars)" in " ".join(text.replace("│", " ").split())
 
 
 def test_unknown_scene_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -41,7 +41,7 @@ def feature_weights(outputs: Tensor, table: ObjectTable, scale: Tensor) -> tuple
 def attention_mask(weights: Tensor, images: Tensor, low: Tensor) -> Tensor:
     """Weighted sum of the magnitudes of high-passed feature images, normalised to a maximum of 1. [C fig. 5]
 
-    Motion and orientation go into all three colour planes, each colour only into its own.
+    Motion and orientation go into all three color planes, each color only into its own.
 
     Shapes: weights `[..., 10]`, images and their low-passed copies `[..., 10, H, W]` -> `[..., 3, H, W]`.
     """

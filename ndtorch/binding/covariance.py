@@ -17,7 +17,7 @@ import torch
 from torch import Tensor, nn
 
 from ndtorch.errors import InputError
-from ndtorch.vision.blocks import BLOCK_SECONDS, BlockLowPass, Stretch
+from ndtorch.vision.blocks import BlockLowPass, Stretch
 from ndtorch.vision.temporal import smoothing_factor, time_dim
 
 
@@ -71,9 +71,10 @@ class RunningCovariances(nn.Module):
             not 0.
         tau_high: high-pass on the signals, seconds.
         differences: also keep the covariances of differences from sample to sample.
+        every: time between updates, seconds.
 
     Shapes:
-        signals `[..., T, N]` -> state, up to the last whole tenth of a second. `None` starts at rest, with zeros.
+        signals `[..., T, N]` -> state, up to the last update. `None` starts at rest, with zeros.
 
     Raises:
         InputError: no memory, no delay, or a negative delay.
@@ -86,6 +87,7 @@ class RunningCovariances(nn.Module):
         delays: tuple[float, ...] = (0.0,),
         tau_high: float = 2.0,
         differences: bool = False,
+        every: float = 0.1,
     ) -> None:
         super().__init__()
         if not memories:
@@ -93,7 +95,7 @@ class RunningCovariances(nn.Module):
         if not delays or not all(delay >= 0 for delay in delays):
             raise InputError(f"delays must be seconds >= 0, got {delays}")
         lags = tuple(sorted({max(1, round(delay / dt)) if delay else 0 for delay in delays}))
-        self.every = max(1, round(BLOCK_SECONDS / dt))
+        self.every = max(1, round(every / dt))
         self.low_pass = BlockLowPass(smoothing_factor(tau_high, dt), self.every)
         filters = tuple(BlockLowPass(smoothing_factor(tau, dt), self.every) for tau in memories)
         self.memories = nn.ModuleList(filters)

@@ -16,9 +16,6 @@ from ndtorch.errors import InputError
 from ndtorch.vision.blocks import BlockLowPass, Stretch
 from ndtorch.vision.temporal import low_pass_step, smoothing_factor
 
-# Alternation is judged over half a second: long against a sample, short against learning.
-TAU_ROUGH = 0.5
-
 
 class InhibitoryNetwork(nn.Module):
     """Neurons that inhibit one another; the weights W are learned from common fluctuations. [B eq. 22-24]
@@ -49,7 +46,9 @@ class InhibitoryNetwork(nn.Module):
         window: seconds over which `weight_change` sums, tau_s of [C eq. 5].
         tau_mean: time constant of the mean of the weights that `weight_change` looks at, seconds; 0 for the
             weights themselves.
+        tau_rough: memory of what `alternation` looks at, seconds: long against a sample, short against learning.
         initial: weights to start from, `[N, N]`; None for zeros.
+        gamma: what was said here in version 0.1 is an option of the rule.
 
     Shapes:
         inputs `[..., T, N]` -> outputs `[..., T, N]`, or `[..., T, F, N]` -> `[..., T, F, N]` with `shared` weights;
@@ -77,9 +76,13 @@ class InhibitoryNetwork(nn.Module):
         when_full: WhenFull = "rescale",
         window: float = 1.0,
         tau_mean: float = 2.0,
+        tau_rough: float = 0.5,
         initial: Tensor | None = None,
+        gamma: None = None,
     ) -> None:
         super().__init__()
+        if gamma is not None:
+            raise InputError("gamma is an option of the rule now: rule=learning_rule('competitive', gamma=...)")
         if neurons < 2:
             raise InputError(f"a network needs at least 2 neurons, got {neurons}")
         if feedback not in FEEDBACKS:
@@ -97,7 +100,7 @@ class InhibitoryNetwork(nn.Module):
         if feedback == "delayed" and every > dt:
             raise InputError(f"with delayed feedback the weights change at every step of {dt} s, got every={every}")
         self.neurons, self.dt, self.shared = neurons, dt, shared
-        self.a_in, self.a_rough = smoothing_factor(tau_in, dt), smoothing_factor(TAU_ROUGH, dt)
+        self.a_in, self.a_rough = smoothing_factor(tau_in, dt), smoothing_factor(tau_rough, dt)
         rule = learning_rule(rule) if isinstance(rule, str) else rule
         self.every = max(1, round(every / dt))
         self.output_low = BlockLowPass(smoothing_factor(tau_out, dt), self.every)

@@ -76,14 +76,14 @@ class BindingInputs(nn.Module):
         raw_max, raw_history = self.recent_max(group_max(sums), raw_history)
         scale = spread_groups(raw_max)
         if self.order == "printed":
-            inputs, low = self.high_pass(divide(sums, scale), low)
+            inputs, low = self.high_pass(over_groups(sums, raw_max), low)
             _, filtered_history = self.recent_max(group_max((inputs * scale).abs()), filtered_history)
             return (inputs, scale), InputState(low.low, raw_history.history, filtered_history.history)
         filtered, low = self.high_pass(sums, low)
         largest, filtered_history = self.recent_max(group_max(filtered.abs()), filtered_history)
-        divisor = spread_groups(torch.maximum(largest, self.floor * raw_max))
+        inputs = over_groups(filtered, torch.maximum(largest, self.floor * raw_max))
         end = InputState(low.low, raw_history.history, filtered_history.history)
-        return (divide(filtered, divisor), scale), end
+        return (inputs, scale), end
 
 
 class FieldInputs(nn.Module):
@@ -114,8 +114,7 @@ class FieldInputs(nn.Module):
             level = largest if level is None else torch.maximum(self.keep * level, largest)
             levels.append(level)
         assert level is not None
-        divisor = spread_groups(torch.stack(levels, -2).clamp_min(self.floor))
-        return signals / divisor.unsqueeze(-2), level
+        return over_groups(signals, torch.stack(levels, -2).clamp_min(self.floor).unsqueeze(-2)), level
 
 
 def group_max(signals: Tensor) -> Tensor:
@@ -130,6 +129,11 @@ def spread_groups(values: Tensor) -> Tensor:
         for i, group in enumerate(GROUPS.values())
     ]
     return torch.cat(parts, -1)
+
+
+def over_groups(signals: Tensor, levels: Tensor) -> Tensor:
+    """The group normalisation: signals `[..., 10]` over the levels of their groups `[..., 3]`."""
+    return divide(signals, spread_groups(levels))
 
 
 def divide(signals: Tensor, divisor: Tensor) -> Tensor:

@@ -43,6 +43,7 @@ class BoundObject:
         fields: number of receptive fields that show it at its latest sighting.
         path: time, column and row of every sighting, where they are kept.
         shade: "white", "grey" or "black" of what has no hue; None of what has one, or where nobody knows.
+        boxes: left, top, right and bottom at every sighting of the path, pixels of the frames; empty of models without.
     """
 
     neuron: str
@@ -57,6 +58,12 @@ class BoundObject:
     fields: int | None = None
     path: tuple[tuple[float, float, float], ...] = ()
     shade: str | None = None
+    boxes: tuple[tuple[float, float, float, float], ...] = ()
+
+    @property
+    def box(self) -> tuple[float, float, float, float] | None:
+        """Left, top, right and bottom at its latest sighting, pixels of the frames; None of models without."""
+        return self.boxes[-1] if self.boxes else None
 
     @property
     def color(self) -> str:

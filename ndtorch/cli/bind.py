@@ -12,10 +12,11 @@ import tyro
 
 from ndtorch.commands import INTERRUPTED
 from ndtorch.errors import InputError
+from ndtorch.run.arguments import choices
 from ndtorch.run.options import BindJob
 
 if TYPE_CHECKING:
-    from ndtorch.report.films import EnhancedVideo, Overlay
+    from ndtorch.report.films import EnhancedVideo, MaskFilm, Overlay
     from ndtorch.run.opening import Prepared
 
 INCOMPLETE = 1
@@ -25,6 +26,12 @@ MOVED = {"on": "--model video", "off": "--model published"}
 """What took the place of --front-end."""
 
 
+@choices(
+    model=("published", "retinotopic", "scale-free", "video", "FOLDER"),
+    rule=("competitive", "cooperative", "hebbian"),
+    order=("filter-first", "printed"),
+    fit=("crop", "stretch"),
+)
 @dataclass(frozen=True)
 class Bind(BindJob):
     """Find the objects in a scene or a video: their number and their features.
@@ -43,6 +50,8 @@ class Bind(BindJob):
     """Print one JSON object on stdout and nothing else."""
     rrd: Path | None = None
     """Also write a recording for the rerun viewer."""
+    mask: bool = False
+    """Also write mask.mp4, white where an object is: of the model figures, frame by frame."""
     front_end: str | None = None
     """What it was is now --model: video (on) or published (off)."""
 
@@ -56,7 +65,7 @@ class Bind(BindJob):
         from ndtorch.report.films import RunRecording
         from ndtorch.report.folder import folder_name, write_result
         from ndtorch.report.words import in_words, summary
-        from ndtorch.run.folder import RunFolder
+        from ndtorch.run.folder import RunFolder, new_file
         from ndtorch.run.opening import prepare
         from ndtorch.run.progress import progress_bar
         from ndtorch.run.run import run_model
@@ -66,14 +75,19 @@ class Bind(BindJob):
         torch.set_num_threads(1)
         tune_allocator()
         prepared = prepare(self)
+        if self.mask and prepared.model.name != "figures":
+            raise InputError(f"--mask is an option of figures; the model is {prepared.model.name}")
         source = prepared.source
+        if self.rrd is not None:
+            new_file(self.rrd, self.force)
         folder = RunFolder(self.out / folder_name(source.name), self.force)
         if not self.json:
             print(f"model  {prepared.chosen}", flush=True)
         try:
             film = self.film(prepared, folder.work)
             recording = None if self.rrd is None else RunRecording(self.rrd)
-            watchers: list[Watcher] = [watcher for watcher in (film, recording) if watcher is not None]
+            mask = self.mask_film(prepared, folder.work)
+            watchers: list[Watcher] = [watcher for watcher in (film, recording, mask) if watcher is not None]
             total = None if source.length is None else source.length - prepared.start
             with progress_bar(total, self.json, unit=" frames", leave=False, mininterval=0.5) as bar:
 
@@ -92,6 +106,8 @@ class Bind(BindJob):
                 )
             if film is not None:
                 film.close()
+            if mask is not None:
+                mask.close()
             if recording is not None:
                 recording.finish(in_words(result))
             trouble = write_result(result, prepared.about, folder.work)
@@ -107,6 +123,14 @@ class Bind(BindJob):
         if trouble is not None:
             print(f"error: figures cannot be written: {trouble.strerror or trouble}", file=sys.stderr)
         return INTERRUPTED if result.interrupted else 0 if trouble is None else INCOMPLETE
+
+    def mask_film(self, prepared: Prepared, folder: Path) -> MaskFilm | None:
+        """What is written of the silhouettes, if that was asked for."""
+        from ndtorch.report.films import MaskFilm
+
+        if not self.mask:
+            return None
+        return MaskFilm(folder / "mask.mp4", 1 / prepared.model.dt, prepared.source.size)
 
     def film(self, prepared: Prepared, folder: Path) -> EnhancedVideo | Overlay | None:
         """What is written of the pictures: every n-th frame, played at the speed at which it was taken."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -25,23 +26,34 @@ class Render:
     """Pattern of the random shadow."""
     fps: float = 100.0
     """Frames per second."""
+    force: bool = False
+    """Replace the file if it exists."""
+    json: bool = False
+    """Print one JSON object and nothing else."""
 
     def run(self) -> int:
         """Do it; returns the exit code."""
+        from ndtorch.run.folder import new_file
         from ndtorch.scenes import make_scene
         from ndtorch.scenes.video_writer import VideoWriter
 
         given = {"seconds": self.seconds, "fps": self.fps, "phase": self.phase, "seed": self.seed}
         source = make_scene(self.scene, **{name: value for name, value in given.items() if value is not None})
-        done = False
+        new_file(self.file, self.force)
+        # What is there stays until the new file is whole.
+        part = self.file.with_name(f"{self.file.stem}.unfinished{self.file.suffix}")
         try:
-            with VideoWriter(self.file, source.fps, source.size) as writer:
+            with VideoWriter(part, source.fps, source.size) as writer:
                 for chunk in source.chunks():
                     for frame in chunk:
                         writer.write(frame)
-            done = True
+            part.replace(self.file)
         finally:
-            if not done:
-                self.file.unlink(missing_ok=True)
-        print(f"{self.file}: {source.length} frames, {source.size[1]} x {source.size[0]}, {source.fps:g} a second")
+            part.unlink(missing_ok=True)
+        height, width = source.size
+        if self.json:
+            about = {"frames": source.length, "width": width, "height": height, "fps": source.fps}
+            print(json.dumps({"file": str(self.file), **about}))
+        else:
+            print(f"{self.file}: {source.length} frames, {width} x {height}, {source.fps:g} a second")
         return 0

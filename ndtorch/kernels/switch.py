@@ -20,7 +20,18 @@ def kernels_wanted(*tensors: Tensor) -> bool:
     """
     if not torch.is_inference_mode_enabled() or torch.compiler.is_compiling():
         return False
-    return os.environ.get(SWITCH, "1") != "0" and installed() and all(t.device.type == "cpu" for t in tensors)
+    return switched_on() and installed() and not any(map(elsewhere, tensors))
+
+
+def elsewhere(tensor: Tensor) -> bool:
+    """Whether a tensor is not on the CPU."""
+    return not tensor.is_cpu
+
+
+@cache
+def switched_on() -> bool:
+    """What the environment says; it is asked once."""
+    return os.environ.get(SWITCH, "1") != "0"
 
 
 @cache

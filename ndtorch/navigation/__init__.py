@@ -3,8 +3,8 @@
 Here are the names that people start with; the rest comes from its file.
 """
 
-from ndtorch.navigation.compiled import CompiledNavigator
 from ndtorch.navigation.controllers import (
+    ARRIVED,
     CRUISE,
     REVERSE,
     STOPPED,
@@ -31,6 +31,7 @@ from ndtorch.navigation.strips import Strips, cut_strips
 from ndtorch.navigation.tracking import AlphaBetaTracker
 
 __all__ = [
+    "ARRIVED",
     "CRUISE",
     "REVERSE",
     "STOPPED",
@@ -39,7 +40,6 @@ __all__ = [
     "AlphaBetaTracker",
     "AvoidanceParams",
     "Command",
-    "CompiledNavigator",
     "Controller",
     "DeadReckoning",
     "FeatureParams",

@@ -10,6 +10,8 @@ import torch
 from torch import Tensor, nn
 
 from ndtorch.errors import InputError
+from ndtorch.kernels.load import kernel
+from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.navigation.certainty import REACH, BeamTable, beam_table, sample_certainty
 from ndtorch.navigation.odometry import Pose, to_world
 from ndtorch.navigation.ranging import Ranges
@@ -65,7 +67,7 @@ class Grid:
         row = ((y - (self.bottom - self.cell)) * scale).clamp(0, self.rows + 1).to(torch.int64)
         return row, column
 
-    def centre(self, row: Tensor, column: Tensor) -> tuple[Tensor, Tensor]:
+    def center(self, row: Tensor, column: Tensor) -> tuple[Tensor, Tensor]:
         """x and y of the middle of a cell, m."""
         return self.left + (column + 0.5) * self.cell, self.bottom + (row + 0.5) * self.cell
 
@@ -181,6 +183,8 @@ class GridMap(nn.Module):
         batch, size = check_observations(ranges, pose), (self.grid.rows + 2, self.grid.columns + 2)
         tiles = empty_tiles(batch, *size, ranges.x) if state is None else state.tiles
         check_tiles(tiles, batch, *size)
+        if self.certainty == "beams" and not batch and len(ranges.x) == 1 and kernels_wanted(*ranges, *pose):
+            return GridMapState(add_at(tiles, *self.beams(ranges, pose)))
         pose = Pose(*(part.unsqueeze(-1).unsqueeze(-1) for part in pose))
         if self.certainty == "beams":
             x, y, weight = sample_certainty(ranges, self.rig, BeamTable(self.tangent, self.weight), self.reach)
@@ -192,6 +196,28 @@ class GridMap(nn.Module):
             at, now = number[..., t, :, :].flatten(-2), change[..., t, :, :].flatten(-2)
             tiles = add_at(tiles, at, now, self.odds.limit)
         return GridMapState(tiles)
+
+    def beams(self, ranges: Ranges, pose: Pose) -> tuple[Tensor, Tensor]:
+        """Numbers of cells and their weights, `[k]`, of one frame `[1, n]` by a kernel."""
+        kind, grid, rig = ranges.x.dtype, self.grid, self.rig
+        most = ranges.x.numel() * len(self.weight)
+        number, weight = torch.empty(most, dtype=torch.int64), torch.empty(most, dtype=kind)
+        count = kernel("beam_cells", kind).run(
+            ranges.left_angle[0].numpy(),
+            ranges.right_angle[0].numpy(),
+            ranges.valid[0].numpy(),
+            self.tangent.to(kind).numpy(),
+            self.weight.to(kind).numpy(),
+            (rig.baseline, rig.forward, self.reach),
+            (float(pose.x), float(pose.y), float(pose.heading)),
+            (grid.left - grid.cell, grid.bottom - grid.cell, grid.cell),
+            1 / grid.cell**2,
+            self.down.numpy(),
+            self.across.numpy(),
+            number.numpy(),
+            weight.numpy(),
+        )
+        return number[:count], weight[:count]
 
     def numbers(self, x: Tensor, y: Tensor) -> Tensor:
         """Numbers of the cells that hold points of the world, as `add_at` wants them."""

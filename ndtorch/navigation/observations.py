@@ -116,7 +116,7 @@ def arc_coordinates(x: Tensor, y: Tensor, curvature: Tensor) -> tuple[Tensor, Te
     Straight lines are the limit of small curvatures, without a division by zero.
     """
     square = x.square() + y.square()
-    # 1 - k y and k x are the legs from the arc's centre to the point, in radii.
+    # 1 - k y and k x are the legs from the arc's center to the point, in radii.
     legs = 1 - curvature * y, curvature * x
     radii = torch.hypot(*legs)
     aside = ((curvature * square - 2 * y) / (1 + radii)).abs()

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from ndtorch.errors import InputError
+from ndtorch.kernels.switch import kernels_wanted
 
 
 class Pose(NamedTuple):
@@ -25,11 +26,23 @@ def drive_step(pose: Pose, speed: Tensor, curvature: Tensor, dt: float) -> Pose:
     Front and rear wheels counter-steer by equal angles, so the middle of the body moves the way the body
     points and the arc is that of its middle: chord `2 sin(k s / 2) / k` in the direction half way through.
     """
+    if not pose.x.ndim and kernels_wanted(*pose, speed, curvature):
+        driven = arc(float(pose.x), float(pose.y), float(pose.heading), float(speed), float(curvature), dt)
+        return Pose(*pose.x.new_tensor(driven).unbind(0))
     length = speed * dt
     half = curvature * length / 2
     chord = length * torch.sinc(half / math.pi)
     direction = pose.heading + half
     return Pose(pose.x + chord * direction.cos(), pose.y + chord * direction.sin(), direction + half)
+
+
+def arc(x: float, y: float, heading: float, speed: float, curvature: float, dt: float) -> tuple[float, float, float]:
+    """`drive_step` of one car in plain numbers."""
+    length = speed * dt
+    half = curvature * length / 2
+    chord = length * (math.sin(half) / half if half else 1.0)
+    direction = heading + half
+    return x + chord * math.cos(direction), y + chord * math.sin(direction), direction + half
 
 
 class DeadReckoning(nn.Module):

@@ -67,7 +67,7 @@ class StereoRig:
 
     @property
     def row(self) -> int:
-        """The row that sees the horizontal plane through the cameras: the centre row where pitch is 0."""
+        """The row that sees the horizontal plane through the cameras: the center row where pitch is 0."""
         return math.floor(self.height / 2 - self.focal * math.tan(self.pitch))
 
     @cached_property
@@ -77,9 +77,9 @@ class StereoRig:
         return float((p * self.angle(p, "atan")).sum() / p.square().sum())
 
     def pixel_position(self, column: Tensor) -> Tensor:
-        """Columns (0 is the leftmost) to positions p in pixels from the centre, growing to the left.
+        """Columns (0 is the leftmost) to positions p in pixels from the center, growing to the left.
 
-        The centre lies between the two middle pixels of a row of even width.
+        The center lies between the two middle pixels of a row of even width.
         """
         return (self.width - 1) / 2 - column
 
@@ -96,7 +96,7 @@ class StereoRig:
         return torch.atan(position * (math.cos(self.pitch) / self.focal))
 
     def project(self, x: Tensor, y: Tensor, z: Tensor | float = 0.0) -> tuple[Tensor, Tensor]:
-        """Column and row (pixel centres at whole numbers) at which one camera sees a point.
+        """Column and row (pixel centers at whole numbers) at which one camera sees a point.
 
         Args:
             x, y, z: metres ahead of, to the left of and above that camera. Points not in front of it give
@@ -129,7 +129,7 @@ class StereoRig:
         x = torch.tensor([near, near, far, far], dtype=torch.float64)
         bearing = torch.tensor([inner, outer, inner, outer], dtype=torch.float64)
         column, row = self.project(x, x * bearing.tan(), -self.camera_height)
-        # Pixel n reaches from n - 1/2 to n + 1/2: every pixel whose centre lies inside belongs to the box.
+        # Pixel n reaches from n - 1/2 to n + 1/2: every pixel whose center lies inside belongs to the box.
         top, left = math.ceil(float(row.min())), math.ceil(float(column.min()))
         bottom, right = math.floor(float(row.max())) + 1, math.floor(float(column.max())) + 1
         visible = 0 <= top < bottom <= self.height and 0 <= left < right <= self.width

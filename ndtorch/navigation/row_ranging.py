@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import torch
 from torch import Tensor, nn
 
 from ndtorch.errors import InputError
@@ -13,6 +14,8 @@ from ndtorch.navigation.features import FeatureParams, Features, find_features
 from ndtorch.navigation.prediction import PredictedFeatures, PredictionState
 from ndtorch.navigation.ranging import Ranges, triangulate
 from ndtorch.navigation.rig import AngleModel, StereoRig
+from ndtorch.navigation.row_search import SearchParams, search_rows
+from ndtorch.navigation.strip_kernels import eyes, ranges_of_rows, state_fits
 from ndtorch.navigation.strips import check_unit_range, grey_pair, row_rect
 from ndtorch.vision.nondirectional import NDMin, spatial_maximum
 from ndtorch.vision.temporal import FilterState
@@ -39,6 +42,7 @@ class RowRanging(nn.Module):
         features, matching: parameters of the steps.
         angles: `"atan"` (exact) or `"linear"` (as published).
         tau_high: time constant of the high-pass, s.
+        search: search the right row instead of matching features, see `row_search`; on the CPU only.
 
     Raises:
         InputError: frames that cannot be used, or NaN, infinity or values far beyond 1 in their rows.
@@ -52,25 +56,36 @@ class RowRanging(nn.Module):
         matching: MatchParams | None = None,
         angles: AngleModel = "atan",
         tau_high: float = 0.005,
+        search: SearchParams | None = None,
     ) -> None:
         super().__init__()
         if angles not in ("atan", "linear"):
             raise InputError(f"angles must be 'atan' or 'linear', got {angles!r}")
         self.rig, self.angles = rig, angles
         self.features, self.matching = features or FeatureParams(), matching or MatchParams()
+        self.search = search
         self.row = row_rect(rig)
         self.nd_min = NDMin(tau_high, dt)
         self.follow = PredictedFeatures(self.features, self.features.follow) if self.features.follow else None
+        exact = angles == "atan"
+        factor = math.cos(rig.pitch) / rig.focal if exact else rig.pixel_angle
+        self.geometry = (factor, rig.baseline, rig.forward, exact)
         # Nearer the border, a partner with the smallest disparity would lie outside the other row.
         self.border = math.ceil(self.matching.min_disparity) if self.features.shared else 0
 
     def forward(
         self, left: Tensor, right: Tensor, state: RowRangingState | None = None
     ) -> tuple[Ranges, RowRangingState]:
+        quick = self.by_kernels(left, right, state)
+        if quick is not None:
+            return quick
         rows = grey_pair(left, right, self.row, self.row, (self.rig.height, self.rig.width))
         motion, filters = self.nd_min(rows, state.rows if state else None)
         if left.is_floating_point():
             check_unit_range(spatial_maximum(motion), left)
+        if self.search is not None:
+            matches = search_rows(rows.squeeze(-2), self.search)
+            return triangulate(matches, self.rig, self.angles), RowRangingState(filters, None)
         if self.border:
             motion = self.without_borders(motion)
         found, followed = self.find(rows.squeeze(-2), motion.squeeze(-2), state.followed if state else None)
@@ -84,6 +99,27 @@ class RowRanging(nn.Module):
         ours, theirs = (Features(*eye) for eye in eyes)
         ranges = triangulate(match_features(ours, theirs, self.matching), self.rig, self.angles)
         return ranges, RowRangingState(filters, followed)
+
+    def by_kernels(
+        self, left: Tensor, right: Tensor, state: RowRangingState | None
+    ) -> tuple[Ranges, RowRangingState] | None:
+        """One frame by kernels; None where torch is to do it."""
+        before, width = state.rows if state else None, self.rig.width
+        if self.search is not None or self.follow is not None or not state_fits(before, left, (2, 1, width)):
+            return None
+        seen = eyes(left, right, (self.row, self.row), (self.rig.height, width))
+        if seen is None:
+            return None
+        f, m = self.features, self.matching
+        finding = (f.count, f.spacing, f.min_motion, f.min_difference, f.edge_reach, self.border)
+        matching = (m.min_disparity, m.max_disparity, m.one_to_one, m.max_error)
+        out, valid, largest, rows = ranges_of_rows(
+            seen, before, left, width, self.nd_min.a, finding, matching, self.geometry
+        )
+        if left.is_floating_point():
+            check_unit_range(torch.tensor(largest), left)
+        distance, left_angle, right_angle, x, y = out.unbind(0)
+        return Ranges(distance, left_angle, right_angle, x, y, valid), RowRangingState(rows, None)
 
     def without_borders(self, motion: Tensor) -> Tensor:
         """Motion `[..., 2, 1, W]` less the columns that have no partner: left of the left row, right of the right."""

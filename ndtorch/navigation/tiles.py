@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
+from ndtorch.kernels.load import kernel
+from ndtorch.kernels.switch import kernels_wanted
 
 BITS = 6
 SIDE = 1 << BITS
@@ -70,6 +73,8 @@ def add_at(tiles: Tiles, number: Tensor, weight: Tensor, limit: float | None = N
         limit: then let no cell be larger than this, or less than minus this.
     """
     across, batch = len(tiles.rows[0]), number.shape[:-1]
+    if not batch and weight.dtype == tiles.rows[0][0].dtype and kernels_wanted(number, weight, tiles.rows[0][0]):
+        return add_by_kernel(tiles, number, weight, limit)
     tile = (number >> 2 * BITS).flatten()
     touched = tile.new_zeros(len(tiles.rows) * across).index_fill_(0, tile, 1)
     numbers = touched.nonzero().flatten().tolist()
@@ -83,6 +88,29 @@ def add_at(tiles: Tiles, number: Tensor, weight: Tensor, limit: float | None = N
     sums.view(-1).index_add_(0, place.flatten(), weight.flatten())
     if limit is not None:
         sums.clamp_(-limit, limit)
+    return replaced(tiles, numbers, sums)
+
+
+def add_by_kernel(tiles: Tiles, number: Tensor, weight: Tensor, limit: float | None) -> Tiles:
+    """`add_at` of one grid, `[k]`."""
+    across, at = len(tiles.rows[0]), number.numpy()
+    slots = np.zeros(len(tiles.rows) * across, np.int64)
+    slots[at >> 2 * BITS] = 1
+    touched = np.flatnonzero(slots)
+    slots[touched] = np.arange(len(touched))
+    numbers = touched.tolist()
+    if not numbers:
+        return tiles
+    sums = torch.stack([tiles.rows[n // across][n % across] for n in numbers])
+    kernel("tile_sums", weight.dtype).run(at, weight.numpy(), slots, sums.flatten(1).numpy())
+    if limit is not None:
+        sums.clamp_(-limit, limit)
+    return replaced(tiles, numbers, sums)
+
+
+def replaced(tiles: Tiles, numbers: list[int], sums: Tensor) -> Tiles:
+    """Tiles with others, `[k, ..., SIDE, SIDE]`, in the place of those of k numbers."""
+    across = len(tiles.rows[0])
     changed: dict[int, list[Tensor]] = {}
     for n, new in zip(numbers, sums.unbind(0), strict=True):
         parts = changed.setdefault(n // across, list(tiles.rows[n // across]))

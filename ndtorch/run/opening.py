@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,8 +32,27 @@ from ndtorch.scenes import SCENES, FrameSource, make_scene
 from ndtorch.scenes.video import open_video
 
 STATE = "state.safetensors"
+CAMERA_MODELS = ("video", "figures")
+"""Kinds of models for video of a camera, which get whole pictures."""
 ROWS = 224
-"""Height to which the model video gets its frames, as soon as they are decoded: four pixels for one of its own."""
+"""Height to which those models get their frames, as soon as they are decoded: four pixels for one of its own."""
+
+
+def is_number(value: Any, least: float, most: float) -> bool:
+    """Whether a value of a file is a number in a range, and no bool."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most
+
+
+WANTED: dict[str, Callable[[Any], bool]] = {
+    "model": lambda value: isinstance(value, str),
+    "source": lambda value: isinstance(value, str),
+    "frames": lambda value: isinstance(value, int) and is_number(value, 0, 1e12),
+    "fps": lambda value: is_number(value, 1e-3, 1e6),
+    "options": lambda value: isinstance(value, dict),
+    "scene": lambda value: isinstance(value, dict),
+    "without": lambda value: isinstance(value, list) and all(isinstance(name, str) for name in value),
+}
+"""What the description of an earlier run must hold: it may come from anywhere."""
 
 
 @dataclass
@@ -71,8 +91,8 @@ def prepare(job: BindJob) -> Prepared:
     if job.resume is not None:
         check_resume(job, name, asked, model_name)
     check_options(job, kind)
-    if kind == "video" and device.type != "cpu":
-        raise InputError(f"device must be cpu with the model video, which is quickest there; got {job.device}")
+    if kind in CAMERA_MODELS and device.type != "cpu":
+        raise InputError(f"device must be cpu with the model {kind}, which is quickest there; got {job.device}")
     start = {
         "scene": given(job, ("phase", "seed", "fps")) if name in SCENES else {},
         "fps": job.fps,
@@ -91,7 +111,7 @@ def prepare(job: BindJob) -> Prepared:
         model = make_model(about, source.size, source.fps, "wrap")
         source, first = open_scene(job, about, model.settle), about["frames"]
     else:
-        source = open_place(job, about, ROWS if kind == "video" else None)
+        source = open_place(job, about, ROWS if kind in CAMERA_MODELS else None)
         model = make_model(about, source.size, source.fps, "reflect")
     about["fps"] = source.fps
     state = None
@@ -105,7 +125,7 @@ def make_model(about: dict[str, Any], size: tuple[int, int], fps: float, border:
     options = dict(about["options"]) | switched_off(about["without"])
     if about["first_stage_radius"] is not None:
         options["first_stage"] = train_first_stage(radius=about["first_stage_radius"])
-    if model_kind(about["model"]) != "video":
+    if model_kind(about["model"]) not in CAMERA_MODELS:
         options["border"] = border
     return load(about["model"], size=size, fps=fps, **options)
 
@@ -141,7 +161,11 @@ def open_place(job: BindJob, about: dict[str, Any], rows: int | None) -> FrameSo
     for key in given(job, ("phase", "seed")):
         raise InputError(f"{key} is an option of simulated scenes, and {name} is none")
     if not is_known_place(name):
-        raise InputError(f"source must be a file, a folder, a camera or one of {', '.join(SCENES)}; got {name!r}")
+        raise InputError(
+            f"source must be a file, a folder, a camera or one of {', '.join(SCENES)}; got {name!r}{meant(name)}"
+        )
+    if not is_live(name) and not Path(name).exists():
+        raise InputError(f"video {name} does not exist{meant(name)}")
     # What a camera showed before is gone: it goes on where it is.
     first = None if is_live(name) and about["frames"] else about["first"] + about["frames"] or None
     if rows is None:
@@ -150,6 +174,14 @@ def open_place(job: BindJob, about: dict[str, Any], rows: int | None) -> FrameSo
         video = open_video(name, (rows, rows), about["fps"], first, job.stop, "reduce")
     seconds = job.seconds if job.seconds is not None else (None if video.length is not None else CAMERA_SECONDS)
     return video if seconds is None else Limited(video, seconds)
+
+
+def meant(name: str) -> str:
+    """A question for the source that was meant: a scene, or a file or folder beside the one that is not there."""
+    place = Path(name)
+    beside = [] if not place.parent.is_dir() else [str(place.with_name(other.name)) for other in place.parent.iterdir()]
+    near = difflib.get_close_matches(name, [*SCENES, *beside], 1, 0.75)
+    return f"; did you mean {near[0]}?" if near else ""
 
 
 def is_live(name: str) -> bool:
@@ -199,7 +231,9 @@ def described(folder: Path) -> dict[str, Any]:
     """
     try:
         about: dict[str, Any] = json.loads(read_about(folder / STATE)["run"])
-        about["model"], about["source"], about["frames"]
-    except (KeyError, json.JSONDecodeError):
-        raise InputError(f"{folder}/{STATE} was not written by this version of ndtorch bind") from None
+        right = all(is_usable(about[key]) for key, is_usable in WANTED.items())
+    except (KeyError, TypeError, RecursionError, json.JSONDecodeError):
+        right = False
+    if not right:
+        raise InputError(f"{folder}/{STATE} was not written by this version of ndtorch bind")
     return about

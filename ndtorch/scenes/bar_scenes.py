@@ -158,7 +158,7 @@ def equal_bars(
     fps: float = 100.0,
     device: torch.device | str = "cpu",
 ) -> BarScene:
-    """Three bars alike in colour, direction and orientation that fluctuate differently. [C §5.5.2]
+    """Three bars alike in color, direction and orientation that fluctuate differently. [C §5.5.2]
 
     With "shadow" every bar goes through a sine shadow of its own (`EQUAL_PERIODS`), with "distance" each
     comes and goes at its own rate (`EQUAL_RATES`), with "random" they are in different places of one pattern.

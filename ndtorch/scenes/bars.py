@@ -23,15 +23,15 @@ class Bar:
     Attributes:
         color: red, green and blue in 0..1.
         direction: of motion, in degrees counter-clockwise as seen: 0 right, 90 up.
-        start: column and row of the centre in the first frame; rows point down, whole numbers are pixel
-            centres.
+        start: column and row of the center in the first frame; rows point down, whole numbers are pixel
+            centers.
         orientation: degrees counter-clockwise as seen, 0 = long axis vertical. None: equal to the direction,
             which is to say that the bar moves across its long axis.
         speed: pixels a second.
         length, width: pixels.
 
     Raises:
-        InputError: a colour outside 0..1, a size that is not positive, or a number that is not finite.
+        InputError: a color outside 0..1, a size that is not positive, or a number that is not finite.
     """
 
     color: tuple[float, float, float]
@@ -166,11 +166,11 @@ class BarScene(RenderedScene):
         Returns the pixel numbers (not yet wrapped) and the parts of u (across the bar) and v (along it), all
         `[*batch, T, P]`.
         """
-        centre = at[..., k, None] + velocity[..., k, None] * seconds
-        first = torch.ceil(centre - reach)
+        center = at[..., k, None] + velocity[..., k, None] * seconds
+        first = torch.ceil(center - reach)
         steps = torch.arange(math.floor(2 * reach) + 1, device=self.device)
         pixels = first.long()[..., None] + steps
-        offset = (first - centre)[..., None] + steps
+        offset = (first - center)[..., None] + steps
         return (
             pixels,
             (offset * u[..., k, None, None]).float(),
@@ -190,7 +190,7 @@ def _ramp(distance: Tensor, extent: Tensor) -> Tensor:
 
 
 def _reach(bars: Sequence[Bar], size: tuple[int, int]) -> tuple[float, float]:
-    """How far from its centre, in columns and in rows, the widest of `bars` may touch a pixel centre."""
+    """How far from its center, in columns and in rows, the widest of `bars` may touch a pixel center."""
     reach_x = reach_y = 0.0
     for bar in bars:
         tilt = math.radians(bar.tilt)

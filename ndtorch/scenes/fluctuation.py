@@ -20,7 +20,7 @@ class Fluctuation:
     """
 
     def light(self, size: tuple[int, int]) -> Tensor:
-        """Factor on the colour at each pixel centre, `[*batch, bars, H or 1, W]` float32."""
+        """Factor on the color at each pixel center, `[*batch, bars, H or 1, W]` float32."""
         return torch.ones(1, 1, size[1])
 
     def scale(self, seconds: Tensor) -> Tensor:

@@ -16,7 +16,7 @@ class Rings(RenderedScene):
 
     `exp(-r² / (2 sigma²)) · (1 + sin Θ) / 2 · (1 + cos Ψ) / 2` with `Θ = 2 pi flicker t`,
     `Ψ = 2 pi (ring_frequency r + ring_rate t)`, r the distance in pixels from the middle of the image and
-    t = frame number / fps. It drives all directions, orientations and colours alike.
+    t = frame number / fps. It drives all directions, orientations and colors alike.
 
     Shapes:
         frames `[T, 3, H, W]` float32 in 0..1.

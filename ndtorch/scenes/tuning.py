@@ -1,4 +1,4 @@
-"""Single bars and colours for tuning curves. [B §3.1-3.3]"""
+"""Single bars and colors for tuning curves. [B §3.1-3.3]"""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def static_bar(
     color: Color = WHITE,
     size: tuple[int, int] = (100, 100),
     *,
-    centre: tuple[float, float] | None = None,
+    center: tuple[float, float] | None = None,
     length: float = 50.0,
     width: float = 12.0,
     device: torch.device | str = "cpu",
@@ -70,7 +70,7 @@ def static_bar(
         orientation: degrees counter-clockwise as seen, 0 = long axis vertical.
         color: red, green and blue in 0..1.
         size: height and width in pixels.
-        centre: column and row of the bar's centre; None is the middle of the image.
+        center: column and row of the bar's center; None is the middle of the image.
         length, width: pixels.
         device: where the frame is rendered.
 
@@ -82,7 +82,7 @@ def static_bar(
         orientation,
         color=color,
         seconds=1.0,
-        start=centre,
+        start=center,
         size=size,
         length=length,
         width=width,
@@ -92,7 +92,7 @@ def static_bar(
 
 
 def hsl_color(hue: float | Tensor, saturation: float | Tensor, lightness: float | Tensor) -> Tensor:
-    """Red, green and blue in 0..1 of a colour given by hue, saturation and lightness: `[..., 3]`.
+    """Red, green and blue in 0..1 of a color given by hue, saturation and lightness: `[..., 3]`.
 
     Args:
         hue: degrees, 0 red, 120 green, 240 blue; any turn.

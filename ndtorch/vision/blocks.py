@@ -8,8 +8,6 @@ import torch
 from torch import Tensor, nn
 
 BLOCK = 50
-BLOCK_SECONDS = 0.1
-"""Running statistics are brought up to date this often."""
 
 
 class BlockLowPass(nn.Module):

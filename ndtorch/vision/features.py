@@ -1,4 +1,4 @@
-"""The ten features of a frame: motion in four directions, three orientations, three colours."""
+"""The ten features of a frame: motion in four directions, three orientations, three colors."""
 
 from __future__ import annotations
 
@@ -49,6 +49,7 @@ class VisualFeatures(nn.Module):
         tau_high, tau_low: time constants of the motion detectors, seconds.
         border: "wrap" for toroidal scenes, "reflect" for real video.
         exact: sum the orientation responses at full resolution instead of on a coarse grid (see `OrientedDoG`).
+        center, surround: deviations of the orientation filters along and across, pixels.
 
     Shapes:
         frames `[..., T, C, H, W]` (C = 3 or 1; float 0..1 or uint8) -> `[..., T, 10]`, in the order of
@@ -66,13 +67,15 @@ class VisualFeatures(nn.Module):
         tau_low: float = 0.05,
         border: Border = "wrap",
         exact: bool = False,
+        center: tuple[float, float] = (19.0, 6.0),
+        surround: tuple[float, float] = (22.0, 9.0),
     ) -> None:
         super().__init__()
         if len(size) != 2 or min(size) < 2:
             raise InputError(f"size must be a height and a width of at least 2 pixels, got {size}")
         self.size = (int(size[0]), int(size[1]))
         self.motion = HassensteinReichardt(dt, tau_high, tau_low, border)
-        self.orientation = OrientedDoG(self.size, border=border, exact=exact)
+        self.orientation = OrientedDoG(self.size, center=center, surround=surround, border=border, exact=exact)
         keep_freed_memory()
 
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:

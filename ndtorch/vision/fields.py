@@ -19,8 +19,8 @@ EDGES: tuple[Edge, ...] = ("wrap", "reflect", "open")
 def field_weights(points: Tensor, length: float, fields: int, border: Edge = "wrap", shape: Shape = "cosine") -> Tensor:
     """How much each point of a line belongs to each of `fields` overlapping fields, `[fields, points]`.
 
-    Fields are two spacings wide and centred on `(f + 1/2) length / fields`, so that something small that moves along
-    leaves one as it enters the next. Between the first and the last centre they add up to one, beyond them with
+    Fields are two spacings wide and centered on `(f + 1/2) length / fields`, so that something small that moves along
+    leaves one as it enters the next. Between the first and the last center they add up to one, beyond them with
     "wrap" and "reflect". A single field weighs all points alike: the whole field of the papers.
 
     Args:
@@ -28,7 +28,7 @@ def field_weights(points: Tensor, length: float, fields: int, border: Edge = "wr
         length: of the line, in the same unit.
         fields: how many.
         border: "wrap" for a line that is closed, "reflect" where the first and the last field keep what lies beyond
-            their centres, "open" where they fall off there too.
+            their centers, "open" where they fall off there too.
         shape: raised "cosine", or a "tent" that falls off linearly.
 
     Raises:
@@ -43,8 +43,8 @@ def field_weights(points: Tensor, length: float, fields: int, border: Edge = "wr
     if fields == 1:
         return torch.ones_like(points).unsqueeze(0)
     spacing = length / fields
-    centres = (torch.arange(fields, dtype=points.dtype) + 0.5) * spacing
-    offset = (points - centres[:, None]) / spacing
+    centers = (torch.arange(fields, dtype=points.dtype) + 0.5) * spacing
+    offset = (points - centers[:, None]) / spacing
     if border == "wrap":
         offset = (offset + fields / 2) % fields - fields / 2
     elif border == "reflect":

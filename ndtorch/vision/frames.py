@@ -63,7 +63,7 @@ def as_float(frames: Tensor) -> Tensor:
 
 
 def grey(frames: Tensor) -> Tensor:
-    """Mean of the three colour planes, `[..., 3, H, W]` -> `[..., H, W]`. [B §2.1]"""
+    """Mean of the three color planes, `[..., 3, H, W]` -> `[..., H, W]`. [B §2.1]"""
     red, green, blue = frames.unbind(-3)
     # Three passes over planes: faster on a CPU than a mean over a strided dimension.
     return (red + green).add_(blue).mul_(1 / 3)

@@ -77,7 +77,7 @@ def signed_sums(high: Tensor, delayed: Tensor, border: Border) -> Tensor:
 class HassensteinReichardt(nn.Module):
     """Four images of directional motion: left, right, down, up. [B eq. 7-13]
 
-    Grey = mean of the colour planes; PH = high-pass of 0.5 s, PHL = PH low-passed at 50 ms; neighbouring
+    Grey = mean of the color planes; PH = high-pass of 0.5 s, PHL = PH low-passed at 50 ms; neighbouring
     pixels are cross-correlated along rows and columns and split by sign. `down` is what a falling bar drives.
 
     Args:

@@ -29,10 +29,10 @@ def image_kind(frames: Tensor) -> torch.dtype:
 
 def pixels(frame: Tensor) -> tuple[Any, bool]:
     """A frame `[3, H, W]` as an array without gaps, and whether that is `[H, W, 3]`: colours beside each other."""
+    if frame.is_contiguous():
+        return frame.numpy(), False
     last = frame.permute(1, 2, 0)
-    if frame.shape[-1] > 1 and last.is_contiguous() and not frame.is_contiguous():
-        return last.numpy(), True
-    return frame.contiguous().numpy(), False
+    return (last.numpy(), True) if last.is_contiguous() else (frame.contiguous().numpy(), False)
 
 
 def pass_over(

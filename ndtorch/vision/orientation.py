@@ -152,7 +152,7 @@ class OrientedDoG(nn.Module):
         if border == "wrap":  # nothing lies outside
             inside = (torch.ones_like(self.row_weights), torch.ones_like(self.column_weights))
         for name, part in zip(Pairs._fields, pair_up(self.fast_spectrum, *inside), strict=True):
-            self.register_buffer(f"pair_{name}", part, persistent=False)
+            self.register_buffer(f"pair_{name}", part)
 
     def extra_repr(self) -> str:
         return f"size={self.size}, border={self.border!r}, exact={self.exact}, grid={self.grid}"

@@ -74,7 +74,7 @@ def low_rows(spectrum: Tensor, rows: int) -> Tensor:
 def inside_weights(length: int, points: int, margin: int, offset: float) -> Tensor:
     """Share of each of `points` equal cells over `length` that lies inside the margins, `[points]`.
 
-    Pixel n covers n - 1/2 to n + 1/2 and a cell is centred on its sample; `offset` shifts samples, in cells.
+    Pixel n covers n - 1/2 to n + 1/2 and a cell is centered on its sample; `offset` shifts samples, in cells.
     """
     cell = length / points
     middle = (torch.arange(points, dtype=torch.float64) + offset) * cell

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import gc
 import threading
-import time
 from collections.abc import Callable, Iterable
 
 import numpy as np
@@ -64,10 +63,10 @@ class Car:
         """Step until `ended` is set, so many seconds are over, or the steps are used up; returns how many were made.
 
         Args:
-            warm_up: have the navigator compiled before, while the car stands, if it is to be compiled.
+            warm_up: have the navigator's kernels ready before, while the car stands.
         """
         if warm_up:
-            self.warm_up()
+            self.pilot.warm_up()
         if self.go is not None:
             self.safe.fault(NOT_YET, passes=False)
         end = None if seconds is None else self.loop.clock.now() + seconds
@@ -86,17 +85,6 @@ class Car:
         finally:
             gc.unfreeze()
 
-    def warm_up(self) -> None:
-        """Compile the navigator's step while the car stands."""
-        while self.pilot.compiles and not self.ended.is_set():
-            try:
-                frames = self.cameras.read()
-            except InputError:  # the loop will say so
-                time.sleep(0.1)
-                continue
-            self.pilot.warm_up(frames)
-            return
-
     def step(self, number: int, now: float) -> None:
         """See, navigate, drive, tell."""
         timing, clock = self.loop.timing, self.loop.clock
@@ -104,7 +92,7 @@ class Car:
         # A step that waits for its cameras begins when they have answered.
         self.note_start(clock.now() if isinstance(clock, CameraClock) else now)
         wanted, restarted, placed = STAND, False, None
-        good = frames is not None and self.safe.see(frames, driven.speed)
+        good = frames is not None and self.safe.see(frames, driven.speed, driven.curvature)
         if good and frames is not None:
             placed, anew = self.drive.take_placed(), self.safe.take_interruption()
             restarted = anew and self.pilot.state is not None

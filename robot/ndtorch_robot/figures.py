@@ -53,10 +53,10 @@ def plan_figure(plt: Any, plan: Plan, title: str, faint: bool = False) -> tuple[
         if shape is not plan.outline:
             axes.fill(*corners.T, color="#e8d9bd" if shape.kinds[0] == "furniture" else "0.85", zorder=0.5)
         for k, kind in enumerate(shape.kinds):
-            colour, thick = LOOKS[kind]
+            color, thick = LOOKS[kind]
             a, b = corners[k], corners[(k + 1) % len(corners)]
             width = thick * (0.5 if faint else 1.0)
-            axes.plot(*zip(a, b, strict=True), color=colour, lw=width, zorder=1, solid_capstyle="round")
+            axes.plot(*zip(a, b, strict=True), color=color, lw=width, zorder=1, solid_capstyle="round")
     axes.set(aspect="equal", xlim=(left - 0.5, right + 0.5), ylim=(bottom - 0.5, top + 0.5))
     axes.set(xlabel="x (m)", ylabel="y (m)")
     axes.set_title(title, fontsize=11)

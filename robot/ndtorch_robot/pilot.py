@@ -6,9 +6,9 @@ from typing import Any
 
 import torch
 
-from ndtorch.navigation import Command, CompiledNavigator, Grid, NavigatorState, Pose, StereoRig
-from ndtorch.navigation.options import AnyNavigator, NavigatorOptions
-from ndtorch_robot.navigating import configuration, print_note
+from ndtorch.navigation import Command, Grid, Navigator, NavigatorState, Pose, StereoRig
+from ndtorch.navigation.options import NavigatorOptions
+from ndtorch_robot.navigating import configuration
 from ndtorch_robot.ports import DriveCommand, Placed, StereoFrames
 
 
@@ -34,7 +34,7 @@ class Pilot:
 
     def __init__(self, options: NavigatorOptions, rig: StereoRig, rate: float, grid: Grid | None = None) -> None:
         self.rig, self.rate, self.fields = rig, rate, options.fields(rig)
-        self.navigator: AnyNavigator = options.navigator(rig, rate, grid, print_note)
+        self.navigator: Navigator = options.navigator(rig, rate, grid)
         self.state: NavigatorState | None = None
         self.options, self.grid = options, grid
 
@@ -43,16 +43,9 @@ class Pilot:
         half = 0.0 if self.grid is None else self.grid.right
         return configuration(self.options, self.rig, self.rate) | {"map_half_size_m": half}
 
-    @property
-    def compiles(self) -> bool:
-        """Whether there is anything to be done before the first step."""
-        return isinstance(self.navigator, CompiledNavigator)
-
-    def warm_up(self, frames: StereoFrames) -> None:
-        """Have the navigator's step compiled for frames like these, if it is to be compiled."""
-        if isinstance(self.navigator, CompiledNavigator):
-            with torch.inference_mode():
-                self.navigator.warm_up(frames.left, frames.right)
+    def warm_up(self) -> None:
+        """Have the navigator's kernels compiled or loaded."""
+        self.navigator.warm_up()
 
     def step(
         self, frames: StereoFrames, driven: DriveCommand, placed: Placed = None, anew: bool = False
@@ -67,11 +60,12 @@ class Pilot:
         """
         before = self.state
         if before is None or anew or placed is not None:
-            command, state = self.navigator(frames.left, frames.right)
-            if before is not None:
-                state = state._replace(pose=before.pose, map=before.map)
+            at = before.pose if before is not None else None
             if placed is not None:
-                state = state._replace(pose=Pose(*(torch.tensor(float(value)) for value in placed)))
+                at = Pose(*(torch.tensor(float(value)) for value in placed))
+            command, state = self.navigator(frames.left, frames.right, start=at)
+            if before is not None:
+                state = state._replace(map=before.map)
         else:
             moved = Command(*(torch.tensor([value]) for value in driven))
             command, state = self.navigator(frames.left, frames.right, before, moved)

@@ -117,7 +117,7 @@ def peaks(cells: torch.Tensor, grid: Grid) -> Floats:
     largest = torch.nn.functional.max_pool2d(pooled, (1, 15), 1, (0, 7))
     largest = torch.nn.functional.max_pool2d(largest, (15, 1), 1, (7, 0))
     row, column = torch.nonzero(((pooled == largest) & (pooled > FAINTEST * pooled.max()))[0, 0], as_tuple=True)
-    return torch.stack(grid.centre(row, column), -1).double().numpy()
+    return torch.stack(grid.center(row, column), -1).double().numpy()
 
 
 def score_map(
@@ -134,7 +134,7 @@ def score_map(
         return MapScore(None, None, None, None)
     row, column = torch.nonzero(cells, as_tuple=True)
     mass = cells[row, column].double().numpy()
-    places = torch.stack(grid.centre(row, column), -1).double().numpy()
+    places = torch.stack(grid.center(row, column), -1).double().numpy()
     precision = float(mass[nearest(places, edges.places) <= NEAR].sum() / mass.sum())
     seen = edges.places[visible(plan, edges, poses, rig)]
     tops = peaks(cells, grid)

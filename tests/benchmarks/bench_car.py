@@ -3,7 +3,7 @@
 The real loop, link and firmware, the latter on a simulated processor; the cameras are two films. Everything runs with
 the priority that `ndtorch run` asks for.
 
-`python -m tests.benchmarks.bench_car [--seconds 20] [--controller published] [--compiled]`
+`python -m tests.benchmarks.bench_car [--seconds 20] [--controller published]`
 """
 
 from __future__ import annotations
@@ -19,15 +19,13 @@ import cv2
 import numpy as np
 import torch
 
-from ndtorch.navigation import CompiledNavigator
 from ndtorch.navigation.controllers import DEFAULT_CONTROLLER, controller_names
 from ndtorch_robot.car import percentiles
 from ndtorch_robot.link import SerialDrive
 from ndtorch_robot.run import open_car, real_time_priority
-from ndtorch_robot.run_config import NavigationTable, RigTable, RunConfig
+from ndtorch_robot.run_config import NavigationTable, RunConfig
 from ndtorch_robot.sim.board import SimulatedBoard
 from tests.benchmarks.bench_cameras import films
-from tests.benchmarks.bench_navigation import stereo_pair
 from tests.benchmarks.timing import Row, table
 from tests.robot.support.peer import Peer, board
 
@@ -46,7 +44,7 @@ def bare_line(seconds: float) -> dict[str, float]:
     return percentiles(trips)
 
 
-def car(seconds: float, controller: str, compiled: bool) -> dict[str, object]:
+def car(seconds: float, controller: str) -> dict[str, object]:
     """The summary of a run: see `ndtorch_robot.car.Car.summary`."""
     lines: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
@@ -54,9 +52,7 @@ def car(seconds: float, controller: str, compiled: bool) -> dict[str, object]:
         simulated = SimulatedBoard()
         try:
             link = {"device": simulated.device}
-            navigation = NavigationTable(controller=controller, compiled=compiled)
-            if compiled:  # before the films begin
-                warm_up(navigation)
+            navigation = NavigationTable(controller=controller)
             config = RunConfig(
                 robot="maxston8", cameras={"left": left, "right": right}, link=link, navigation=navigation
             )
@@ -67,22 +63,13 @@ def car(seconds: float, controller: str, compiled: bool) -> dict[str, object]:
             simulated.close()
 
 
-def warm_up(navigation: NavigationTable) -> None:
-    """Have the navigation step compiled and the compiler's modules imported."""
-    navigator = navigation.options().navigator(RigTable().rig(), 30.0)
-    assert isinstance(navigator, CompiledNavigator)
-    left, right = (torch.from_numpy(eye).permute(2, 0, 1).unsqueeze(0) for eye in stereo_pair(0))
-    with torch.inference_mode():
-        navigator.warm_up(left, right)
-
-
-def rows(seconds: float = SECONDS, controller: str = DEFAULT_CONTROLLER, compiled: bool = False) -> list[Row]:
+def rows(seconds: float = SECONDS, controller: str = DEFAULT_CONTROLLER) -> list[Row]:
     """The table."""
     cv2.setNumThreads(1)
     said: list[str] = []
     real_time_priority(said.append)
     try:
-        bare, summary = bare_line(min(seconds, 10.0)), car(seconds, controller, compiled)
+        bare, summary = bare_line(min(seconds, 10.0)), car(seconds, controller)
     finally:
         with suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
@@ -110,7 +97,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=SECONDS)
     parser.add_argument("--controller", choices=controller_names(), default=DEFAULT_CONTROLLER)
-    parser.add_argument("--compiled", action="store_true")
     asked = parser.parse_args()
     torch.set_num_threads(1)
-    print(table(TITLE, rows(asked.seconds, asked.controller, asked.compiled)))
+    print(table(TITLE, rows(asked.seconds, asked.controller)))

@@ -7,8 +7,10 @@ import numpy as np
 import torch
 
 from ndtorch.binding import Windows
+from ndtorch.kernels import switch
 from ndtorch.scenes import two_bars
 from ndtorch.vision import GROUPS, LocalFeatures, VisualFeatures
+from ndtorch.vision.motion import MotionState
 from tests.benchmarks.numpy_features import NumpyFeatures
 from tests.benchmarks.timing import Row, in_turn
 
@@ -29,12 +31,15 @@ def rows(device: str | None = None) -> list[Row]:
         error = ((quick - full).abs() / full)[1:, GROUPS["orientation"]].max()
         agree = ((full - reference).abs() / reference.abs().clamp_min(1e-3))[5:].max()
         chunk = frames[8:16]
+        as_bytes = (chunk * 255).round().to(torch.uint8)
         local = LocalFeatures(fast)
         binding = Windows(local.grid, local.spacing)
         signals, seen = local(chunk, state)
         _, files = binding(signals)
         jobs = {
             "fast": lambda: fast(chunk, state),
+            "bytes": lambda: fast(as_bytes, state),
+            "torch": lambda: without_kernels(fast, chunk, state),
             "exact": lambda: exact(chunk, state),
             "local": lambda: local(chunk, seen),
             "files": lambda: binding(signals, files),
@@ -50,6 +55,7 @@ def rows(device: str | None = None) -> list[Row]:
             ms[ours],
             f"NumPy + {other} {ms[theirs]}",
             f"{per_frame[theirs] / per_frame[ours]:.1f}x",
+            per_frame[ours] / per_frame["fft"] if theirs == "fft" else None,
         )
         for ours, name in (("fast", ""), ("bytes", " of uint8"), ("torch", " without kernels"))
         for theirs, other in (("fft", "scipy.fft"), ("filter2d", "cv2.filter2D"))
@@ -76,6 +82,16 @@ def rows(device: str | None = None) -> list[Row]:
     if device is not None:
         found.append(on_device(device))
     return found
+
+
+def without_kernels(features: VisualFeatures, frames: torch.Tensor, state: MotionState) -> object:
+    """The features by torch."""
+    before = switch.switched_on
+    switch.switched_on = lambda: False
+    try:
+        return features(frames, state)
+    finally:
+        switch.switched_on = before
 
 
 def on_device(device: str) -> Row:

@@ -16,7 +16,6 @@ import torch
 
 from ndtorch.navigation import (
     Command,
-    CompiledNavigator,
     FeatureParams,
     GridMap,
     Navigator,
@@ -28,7 +27,7 @@ from ndtorch.navigation import (
 from ndtorch.navigation.controllers.published import SaccadeAvoidance, SubfieldMotion
 from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
-from tests.benchmarks.timing import Row, table
+from tests.benchmarks.timing import Row, reference, table
 
 DT = 1 / 30
 WHOLE = "whole navigation step"
@@ -44,20 +43,24 @@ class Timed(NamedTuple):
 
     name: str
     microseconds: float
+    cost: float
     note: str
 
 
-def median_time(call: Callable[[], object], seconds: float = 1.0, most: int = 2000) -> float:
-    """Median duration of single calls, in microseconds, after a short warm-up."""
+def median_time(call: Callable[[], object], seconds: float = 0.2, most: int = 2000) -> tuple[float, float]:
+    """Median duration of single calls, in microseconds and over that of `reference`, after a short warm-up."""
     for _ in range(5):
         call()
     times: list[float] = []
-    end = time.perf_counter() + seconds
-    while len(times) < 5 or (time.perf_counter() < end and len(times) < most):
-        start = time.perf_counter()
-        call()
-        times.append(time.perf_counter() - start)
-    return 1e6 * statistics.median(times)
+    others: list[float] = []
+    end = time.thread_time() + seconds
+    while len(times) < 5 or (time.thread_time() < end and len(times) < most):
+        for job, taken in ((call, times), (reference, others)):
+            start = time.thread_time()
+            job()
+            taken.append(time.thread_time() - start)
+    middle = statistics.median(times)
+    return 1e6 * middle, middle / statistics.median(others)
 
 
 def stereo_pair(step: int) -> tuple[np.ndarray, np.ndarray]:
@@ -82,6 +85,7 @@ def rows(device: str | None = None) -> list[Row]:
             f"{timed.microseconds:.0f} us, {1e6 / timed.microseconds:.0f}/s",
             "whole navigation step",
             f"{timed.microseconds / whole:.2f}x",
+            timed.cost,
         )
         for timed in found
     ]
@@ -133,9 +137,9 @@ def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
         return control(look(next_left, next_right, floor)[0], ranges, here, moved, start)
 
     result = [
-        Timed("ranging controller", median_time(drive), "floor cells, patch, free arcs, state machine"),
-        Timed("avoidance step", median_time(avoid), "subfields, ND-min, maxima, state machine"),
-        Timed("features, ranges and grid map", median_time(range_and_map), f"5 features, {found} ranges"),
+        Timed("ranging controller", *median_time(drive), "floor cells, patch, free arcs, state machine"),
+        Timed("avoidance step", *median_time(avoid), "subfields, ND-min, maxima, state machine"),
+        Timed("features, ranges and grid map", *median_time(range_and_map), f"5 features, {found} ranges"),
     ]
     for name, navigator in {
         WHOLE: Navigator(rig, DT, controller="published"),
@@ -145,16 +149,12 @@ def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
         ),
         "whole step, ranging controller": Navigator(rig, DT, controller="ranging"),
         "whole step, 7 features at edges": Navigator(rig, DT, controller="published", features=EDGES),
-        "whole step, compiled": CompiledNavigator(Navigator(rig, DT, controller="published")),
-        "whole step, ranging controller, compiled": CompiledNavigator(Navigator(rig, DT, controller="ranging")),
-        "what `robot drive` does, compiled": CompiledNavigator(
-            Navigator(rig, DT, controller="ranging", features=EDGES, grid_map=GridMap(rig))
-        ),
+        "what `ndtorch drive` does": Navigator(rig, DT, features=EDGES, grid_map=GridMap(rig)),
     }.items():
         _, state = navigator(left, right)
-        _, state = navigator(left, right, state)  # compiles what is to be compiled
+        _, state = navigator(left, right, state)
         call = lambda n=navigator, s=state: n(next_left, next_right, s)  # noqa: E731
-        result.append(Timed(name, median_time(call), "two 640x480 RGB frames, uint8"))
+        result.append(Timed(name, *median_time(call), "two 640x480 RGB frames, uint8"))
     return result
 
 
@@ -164,8 +164,8 @@ def opencv_rows(grey: list[tuple[np.ndarray, ...]]) -> list[Timed]:
     sgbm = cv2.StereoSGBM.create(minDisparity=0, numDisparities=208, blockSize=5, P1=8 * 25, P2=32 * 25)
     bm = cv2.StereoBM.create(numDisparities=208, blockSize=15)
     result = [
-        Timed("cv2.StereoSGBM", median_time(lambda: sgbm.compute(left, right), 3.0), "208 disparities, block 5"),
-        Timed("cv2.StereoBM", median_time(lambda: bm.compute(left, right), 2.0), "208 disparities, block 15"),
+        Timed("cv2.StereoSGBM", *median_time(lambda: sgbm.compute(left, right), 0.2), "208 disparities, block 5"),
+        Timed("cv2.StereoBM", *median_time(lambda: bm.compute(left, right), 0.2), "208 disparities, block 15"),
     ]
     presets = {
         "ultrafast": cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST,
@@ -175,7 +175,7 @@ def opencv_rows(grey: list[tuple[np.ndarray, ...]]) -> list[Timed]:
     for name, preset in presets.items():
         dis = cv2.DISOpticalFlow.create(preset)
         call = lambda d=dis: d.calc(left, next_left, None)  # noqa: E731
-        result.append(Timed(f"cv2.DISOpticalFlow {name}", median_time(call, 2.0), "one camera"))
+        result.append(Timed(f"cv2.DISOpticalFlow {name}", *median_time(call, 0.2), "one camera"))
     return result
 
 

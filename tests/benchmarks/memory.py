@@ -1,4 +1,4 @@
-"""Memory of the loop of a car over an hour of driving: `python -m tests.benchmarks.memory [--minutes 60] [--compiled]`.
+"""Memory of the loop of a car over an hour of driving: `python -m tests.benchmarks.memory [--minutes 60]`.
 
 The very loop of `ndtorch run` (navigator with its map, safety layer, timing) drives through the simulated
 building as fast as it can, on simulated time. Only the serial link and its board are left out, which keep real time.
@@ -31,14 +31,14 @@ def resident() -> float:
     return pages * 4096 / 1e6
 
 
-def measure(minutes: float, compiled: bool) -> list[tuple[float, float]]:
+def measure(minutes: float) -> list[tuple[float, float]]:
     """Drive, and give the simulated minutes and the memory ten times on the way."""
     torch.set_num_threads(1)
     tune_allocator()
     config = RunConfig(
         robot="memory",
         simulation=SimulationTable(arena="curve", seed=11),
-        navigation=NavigationTable(map_half_size_m=10.0, compiled=compiled),
+        navigation=NavigationTable(map_half_size_m=10.0),
     )
     choice, rig = config.navigation.options(), config.rig.rig()
     simulation = Simulation(load_arena("curve", 11), 11, rig=rig, fields=choice.fields(rig))
@@ -68,9 +68,8 @@ def main() -> int:
     """Measure and judge."""
     parser = argparse.ArgumentParser(description="Memory of the loop of a car")
     parser.add_argument("--minutes", type=float, default=60.0, help="simulated minutes (default 60)")
-    parser.add_argument("--compiled", action="store_true", help="compile the navigation step")
     asked = parser.parse_args()
-    measured = measure(asked.minutes, asked.compiled)
+    measured = measure(asked.minutes)
     grown = max(megabytes for _, megabytes in measured[2:]) - measured[2][1]
     print(f"grown by {grown:.1f} MB after the first quarter")
     return int(grown > GROWTH)

@@ -1,4 +1,7 @@
-"""Timing things in turn, so that whatever else the machine does hits all of them alike."""
+"""Timing things in turn, so that whatever else the machine does hits all of them alike.
+
+Times are those of the processor in this thread: waiting for it does not count.
+"""
 
 from __future__ import annotations
 
@@ -9,16 +12,29 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import torch
 
 
 class Row(NamedTuple):
-    """One line of a table: what was measured, the figure, what it is compared with, and the ratio."""
+    """One line of a table: what was measured, the figure, what it is compared with, and the ratio.
+
+    `cost` is the time over that of something that does not change, taken in turn in the same process: to compare runs.
+    """
 
     what: str
     figure: str
     against: str
     ratio: str
+    cost: float | None = None
+
+
+FIXED = np.random.default_rng(0).random((128, 128))
+
+
+def reference() -> object:
+    """What times are compared with between runs: some hundred microseconds of NumPy."""
+    return np.fft.rfft2(FIXED)
 
 
 def in_turn(jobs: dict[str, Callable[[], object]], rounds: int = 30, repeat: int = 5) -> dict[str, float]:
@@ -29,10 +45,10 @@ def in_turn(jobs: dict[str, Callable[[], object]], rounds: int = 30, repeat: int
         job()
     for _ in range(rounds):
         for name, job in jobs.items():
-            start = time.perf_counter()
+            start = time.thread_time()
             for _ in range(repeat):
                 job()
-            samples[name].append((time.perf_counter() - start) / repeat)
+            samples[name].append((time.thread_time() - start) / repeat)
     return {name: statistics.median(times) for name, times in samples.items()}
 
 

@@ -70,7 +70,7 @@ def test_feature_weights_of_a_batch() -> None:
 
 
 def test_mask_is_the_weighted_sum_of_fluctuations() -> None:
-    """[C fig. 5]: motion and orientation into all planes, a colour into its own."""
+    """[C fig. 5]: motion and orientation into all planes, a color into its own."""
     f, images, low = noise(10), noise(10, 4, 5, seed=1), noise(10, 4, 5, seed=2)
     change = (f[:, None, None] * (images - low).abs()).numpy()
     first = GROUPS["color"].start

@@ -315,6 +315,11 @@ def test_the_callers_state_is_left_alone() -> None:
         assert torch.equal(a, b)
 
 
+def test_the_learning_rate_of_version_0_1_is_told_where_it_went() -> None:
+    with pytest.raises(InputError, match=r"gamma is an option of the rule now: rule=learning_rule\("):
+        InhibitoryNetwork(10, gamma=torch.tensor([0.5]))  # type: ignore[arg-type]
+
+
 def test_inputs_of_another_shape_are_refused() -> None:
     with pytest.raises(InputError, match=r"inputs must be \[\.\.\., T, 3\], got \(5, 4\)"):
         InhibitoryNetwork(3)(torch.zeros(5, 4))

@@ -13,7 +13,6 @@ from ndtorch.navigation.certainty import certainty
 from ndtorch.navigation.mapping import LogOdds
 from ndtorch.navigation.observations import Observations, arc_coordinates, free_length, path_is_free
 from ndtorch.navigation.odometry import to_body
-from ndtorch.navigation.tiles import add_at, cell_tables, empty_tiles
 
 RIG = StereoRig()
 GRID = Grid(-1.0, 5.0, -3.0, 3.0)
@@ -55,10 +54,10 @@ def test_cells_against_fine_sampling_of_the_formula():
     assert float(cells.sum()) == pytest.approx(float(wanted.sum()), rel=0.01)
     assert float((cells - wanted).square().mean().sqrt()) < 0.08 * float(wanted.square().mean().sqrt())
     for k in range(2):
-        # The centre of each blob lies where the feature is seen.
+        # The center of each blob lies where the feature is seen.
         part, _ = GridMap(RIG, grid)(ranges._replace(valid=torch.tensor([[k == 0, k == 1]])), pose)
         row, column = divmod(int(part.argmax()), 300)
-        x, y = to_body(pose, *grid.centre(torch.tensor(row), torch.tensor(column)))
+        x, y = to_body(pose, *grid.center(torch.tensor(row), torch.tensor(column)))
         assert float(x) == pytest.approx(float(ranges.x[0, k]), abs=0.03)
         assert float(y) == pytest.approx(float(ranges.y[0, k]), abs=0.02)
 
@@ -95,22 +94,6 @@ def test_an_old_state_stays_as_it_was(certainty):
     assert all(a is b or a.untyped_storage().data_ptr() != b.untyped_storage().data_ptr() for a, b in tiles)
 
 
-def test_tiles_hold_what_was_added_where():
-    """Against a plain tensor, for several maps at once."""
-    generator = torch.Generator().manual_seed(2)
-    rows, columns = 150, 200
-    down, across = cell_tables(rows, columns)
-    tiles, plain = empty_tiles((2, 3), rows, columns, torch.zeros(1)), torch.zeros(2, 3, rows, columns)
-    for _ in range(5):
-        row = torch.randint(0, rows, (2, 3, 40), generator=generator)
-        column = torch.randint(0, columns, (2, 3, 40), generator=generator)
-        weight = torch.randn(2, 3, 40, generator=generator)
-        tiles = add_at(tiles, down[row] + across[column], weight, limit=1.0)
-        plain.flatten(-2).scatter_add_(-1, row * columns + column, weight)
-        plain.clamp_(-1.0, 1.0)
-    torch.testing.assert_close(tiles.cells[..., :rows, :columns], plain)
-
-
 @pytest.mark.parametrize("certainty", ["beams", "log-odds"])
 def test_chunks_and_batches(certainty):
     ranges, pose = random_run(1, 2, 2)
@@ -144,7 +127,7 @@ def test_two_views_sharpen_the_map():
     single = single.clone()
     both, _ = mapper(ranges_of(torch.stack(to_body(there, *point), -1).unsqueeze(0)), there, state)
     row, column = divmod(int(both.argmax()), GRID.columns)
-    x, y = GRID.centre(torch.tensor(row), torch.tensor(column))
+    x, y = GRID.center(torch.tensor(row), torch.tensor(column))
     assert math.hypot(float(x) - 1.5, float(y) - 0.5) < 0.02
     assert both.max() > 1.5 * single.max()
 

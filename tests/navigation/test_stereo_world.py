@@ -136,7 +136,7 @@ def test_map_of_a_hallway():
     # Peaks: cells that are the largest within 15 cm and of at least a fifth of the map's maximum.
     window = torch.nn.functional.max_pool2d(cells[None], 31, 1, 15)[0]
     row, column = torch.nonzero((cells == window) & (cells > 0.2), as_tuple=True)
-    x, y = (part.numpy() for part in grid.centre(row, column))
+    x, y = (part.numpy() for part in grid.center(row, column))
     distance = np.array([np.hypot(edges[:, 0] - a, edges[:, 1] - b).min() for a, b in zip(x, y, strict=True)])
     assert len(distance) >= 10
     assert np.median(distance) < 0.02

@@ -14,7 +14,7 @@ import torch
 
 import ndtorch
 from ndtorch.binding import bound_objects, object_table
-from ndtorch.report import figures
+from ndtorch.report import figures, panels
 from ndtorch.report.palette import STYLES, rgb
 from ndtorch.run.result import Moment, RunResult, Trace
 
@@ -174,8 +174,8 @@ def test_thinned_keeps_every_peak() -> None:
     times = np.arange(10_007) / 100
     values = np.zeros(10_007, dtype=np.float32)
     values[[3, 5000, 10_006]] = [1, -2, 3]
-    x, y = figures.thinned(times, values)
-    assert len(x) <= figures.POINTS + 20
+    x, y = panels.thinned(times, values)
+    assert len(x) <= panels.POINTS + 20
     assert sorted(y[y != 0].tolist()) == [-2, 1, 3]
     assert (np.diff(x) > 0).all()
     assert x[0] == times[0]

@@ -31,7 +31,7 @@ def doors():
 def blob(grid, places, spread=0.01):
     """A map with a small round blob at each place."""
     row, column = torch.meshgrid(torch.arange(grid.rows), torch.arange(grid.columns), indexing="ij")
-    x, y = grid.centre(row, column)
+    x, y = grid.center(row, column)
     return sum(torch.exp(-((x - a) ** 2 + (y - b) ** 2) / (2 * spread**2)) for a, b in places)
 
 

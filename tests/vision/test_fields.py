@@ -41,7 +41,7 @@ def test_a_window_is_a_tent() -> None:
 def test_fields_are_means_and_overlap_by_half() -> None:
     weights = tents(12, 3)
     assert torch.allclose(weights.sum(1), torch.ones(3))
-    # Where the first falls off, the second rises: both see the pixels between their centres.
+    # Where the first falls off, the second rises: both see the pixels between their centers.
     assert ((weights[0] > 0) & (weights[1] > 0)).sum() == 4
     assert weights[1].argmax() in (5, 6)
     assert torch.equal(tents(5, 1), torch.full((1, 5), 0.2))

@@ -38,7 +38,6 @@ def write_first_stage(gamma: float, radius: float, folder: Path) -> FirstStage:
         (folder / "README.md").write_text(card(gamma, radius, stage), encoding="utf-8")
     except OSError as error:
         raise InputError(f"{folder} cannot be written: {error.strerror}") from None
-    print(f"wrote {folder}")
     return stage
 
 

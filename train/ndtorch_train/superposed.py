@@ -1,7 +1,7 @@
 """Features of bars in the sine shadow, superposed from films of each bar alone.
 
 A lone bar's sums repeat with every period of the shadow. One period is filmed for each bar in a small image; starting
-phases shift it in time, and scenes add bars up. Against rendered scenes colours agree within 0.1 % of their largest
+phases shift it in time, and scenes add bars up. Against rendered scenes colors agree within 0.1 % of their largest
 and motion within 1 %, for the bars' places between the pixels. Orientation differs by up to 5 %, because the wide
 filters of bars that pass each other overlap, and |a + b| is not |a| + |b|. Bars that touch would differ more.
 """

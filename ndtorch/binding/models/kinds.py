@@ -8,6 +8,7 @@ from typing import Any
 
 from ndtorch.binding.first_stage import FirstStage, first_stage_weights, read_first_stage
 from ndtorch.binding.models.contract import BindingModel
+from ndtorch.binding.models.figures import FiguresModel
 from ndtorch.binding.models.published import PublishedModel
 from ndtorch.binding.models.retinotopic import RetinotopicModel
 from ndtorch.binding.models.scale_free import ScaleFreeModel
@@ -17,9 +18,12 @@ from ndtorch.errors import InputError
 from ndtorch.toml import suggestion, toml_values
 
 KINDS: dict[str, type[BindingModel]] = {
-    kind.name: kind for kind in (PublishedModel, ScaleFreeModel, RetinotopicModel, VideoModel)
+    kind.name: kind for kind in (PublishedModel, ScaleFreeModel, RetinotopicModel, VideoModel, FiguresModel)
 }
 """Put a kind of your own in to load folders whose config.toml names it."""
+
+GONE = {"fused": "the sums are compiled without it where Numba is installed"}
+"""Options of version 0.1 that are no more, and why."""
 
 
 def load_folder(path: str | Path, options: Mapping[str, Any]) -> BindingModel:
@@ -70,6 +74,8 @@ def having(option: str) -> str:
 
 def unknown(option: str, name: str, known: list[str]) -> str:
     """The error of an option that a kind does not have."""
+    if option in GONE:
+        return f"options: {option} is gone: {GONE[option]}"
     others = having(option)
     if others:
         return f"{name} has no option {option}; {others} {'has' if ',' not in others else 'have'} it"

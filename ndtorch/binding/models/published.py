@@ -44,6 +44,7 @@ class WeightReadout(Constants):
     stable_window: float = Field(1.0, gt=0, description="tau_s of the stability criterion")
     stable_mean: float = Field(2.0, ge=0, description="time constant of the mean weights it looks at")
     stable_change: float = Field(0.5, gt=0, description="S_thr of the stability criterion, weight per window")
+    tau_alternation: float = Field(0.5, gt=0, description="memory of the outputs' power and of its alternating share")
     # Smooth signals have 0.001, white noise 0.5, a locked network 0.96 and more.
     alternating: float = Field(0.25, gt=0, description="share of alternating power that the delay makes, not the scene")
 
@@ -153,6 +154,7 @@ def second_stage(
         settle=n.settle,
         window=r.stable_window,
         tau_mean=r.stable_mean,
+        tau_rough=r.tau_alternation,
     )
 
 

@@ -8,10 +8,13 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
+from ndtorch.binding.feedback import settled
 from ndtorch.binding.first_stage import FirstStage, first_stage_weights
 from ndtorch.binding.models.contract import BindingModel, Nested, Verdict, by_trial
 from ndtorch.binding.objects import BoundObject
-from ndtorch.binding.tracking.windows import WindowParams, Windows, WindowState
+from ndtorch.binding.readout.covariances import single_table, single_weights
+from ndtorch.binding.tracking.params import WindowParams
+from ndtorch.binding.tracking.windows import Windows, WindowState
 from ndtorch.config import Constants, ModelConfig, Size
 from ndtorch.errors import InputError
 from ndtorch.vision.features import FEATURES, VisualFeatures
@@ -25,7 +28,15 @@ class LocalFields(Constants):
     along: int = Field(16, ge=3, description="fields along the shorter side of the frame")
     tau_motion_high: float = Field(0.5, ge=0, description="high-pass of the motion detectors")
     tau_motion_low: float = Field(0.05, ge=0, description="delay filter of the motion detectors")
+    center: tuple[float, float] = Field((19.0, 6.0), description="deviations of the orientation filters, pixels,")
+    surround: tuple[float, float] = Field((22.0, 9.0), description="along and across: center less surround")
     exact: bool = Field(False, description="orientation sums at full resolution: slower, differs by < 0.5 %")
+
+
+class SingleReadout(Constants):
+    """What each window holds, from the covariances of what it sees."""
+
+    smallest: float = Field(1 / 3, ge=0, description="share of its group's largest that makes a feature")
 
 
 class RetinotopicConfig(ModelConfig):
@@ -36,6 +47,7 @@ class RetinotopicConfig(ModelConfig):
     fps: float = Field(100.0, gt=0, le=100_000, description="frames a second")
     border: Border = Field("wrap", description="wrap for the toroidal scenes, reflect for video")
     fields: LocalFields = Field(default_factory=LocalFields)
+    readout: SingleReadout = Field(default_factory=SingleReadout)
     tracking: WindowParams = Field(default_factory=WindowParams)
 
 
@@ -84,11 +96,20 @@ class RetinotopicModel(BindingModel):
         c = self.config = config or RetinotopicConfig()
         self.dt, self.settle = 1 / c.fps, 0.0
         f = c.fields
-        features = VisualFeatures(c.size, self.dt, f.tau_motion_high, f.tau_motion_low, c.border, f.exact)
+        features = VisualFeatures(
+            c.size,
+            self.dt,
+            f.tau_motion_high,
+            f.tau_motion_low,
+            c.border,
+            f.exact,
+            center=f.center,
+            surround=f.surround,
+        )
         self.eyes = LocalFeatures(features, f.along)
         weights = torch.zeros(10, 10) if first_stage is None else first_stage_weights(first_stage)
         self.register_buffer("first_weights", weights)
-        self.windows = Windows(self.eyes.grid, self.eyes.spacing, self.dt, c.border, weights, c.tracking)
+        self.windows = Windows(self.eyes.grid, self.eyes.spacing, self.dt, c.border, c.tracking)
 
     @classmethod
     def build(cls, config: RetinotopicConfig, first_stage: Tensor | None) -> RetinotopicModel:
@@ -111,7 +132,7 @@ class RetinotopicModel(BindingModel):
     ) -> tuple[RetinotopicSignals, RetinotopicState]:
         """The model from the signals of its fields on, `[..., T, R, C, 10]`."""
         number, windows = self.windows(fields, state.windows if state is not None else None)
-        outputs = fields @ self.windows.first_gain.to(fields.dtype).mT
+        outputs = fields @ settled(self.first_weights).to(fields.dtype).mT
         steps = fields.shape[-4]
         time = (torch.arange(steps, dtype=torch.float64) + (windows.steps - steps)) * self.dt
         motion = state.motion if state is not None else None
@@ -120,9 +141,10 @@ class RetinotopicModel(BindingModel):
     def objects(self, state: RetinotopicState) -> Nested:
         """The objects in view, those followed longest first; `track` is the number of the window."""
         w = state.windows
-        owner, _ = self.windows.columns(w)
+        there = self.windows.confirmed(w)
+        table = single_table(w.covariance, there, self.first_weights, self.config.readout.smallest)
         place, velocity = self.windows.places(w)
-        parts = (self.windows.confirmed(w), self.windows.features(w), owner, place, velocity, w.age, w.unseen)
+        parts = (there, table.rows.sum(-2), table.owners.int().argmax(-1), place, velocity, w.age, w.unseen)
         batch = w.age.shape[:-1]
         flat = [part.reshape(-1, *part.shape[len(batch) :]) for part in parts]
         now = (int(w.steps) - 1) * self.dt
@@ -139,15 +161,8 @@ class RetinotopicModel(BindingModel):
 
     def weights(self, state: RetinotopicState) -> Tensor:
         """Of every window, `[..., K, 10, 10]`: the column of its owner, relative to the owner; zero elsewhere."""
-        owner, column = self.windows.columns(state.windows)
-        own = column.gather(-1, owner.unsqueeze(-1))
-        # A window that is not in use, or saw nothing fluctuate, has nothing to divide by.
-        there = self.windows.confirmed(state.windows).unsqueeze(-1) & (own > 0)
-        share = torch.where(there, column / torch.where(there, own, 1.0), 0.0)
-        here = torch.nn.functional.one_hot(owner, 10).to(column.dtype)
-        return (share.unsqueeze(-1) * here.unsqueeze(-2)) * (
-            1 - torch.eye(10, dtype=column.dtype, device=column.device)
-        )
+        w = state.windows
+        return single_weights(w.covariance, self.windows.confirmed(w), self.first_weights)
 
 
 def located(*trial: Any) -> list[BoundObject]:

@@ -16,8 +16,9 @@ from ndtorch.binding.learning import NetworkState
 from ndtorch.binding.models.whole_field import BindingState, WholeFieldConfig, WholeFieldModel
 from ndtorch.binding.network import InhibitoryNetwork, weight_change
 from ndtorch.binding.objects import ObjectTable
-from ndtorch.binding.readout.delays import DELAYS, JoinCriteria, delay_statistics, refined_table
-from ndtorch.binding.readout.owners import OwnerCriteria, owner_table, signal_statistics
+from ndtorch.binding.readout.delays import DELAYS, delay_statistics, refined_table
+from ndtorch.binding.readout.owners import owner_table, signal_statistics
+from ndtorch.binding.readout.params import OwnerCriteria, SourceCriteria
 from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.config import Constants
 from ndtorch.vision.temporal import FilterState, LowPass
@@ -54,26 +55,16 @@ class ScaleFreeTable(RuleConstants):
     tau_smooth: float = Field(0.05, ge=0, description="low-pass on the second stage's inputs")
 
 
-class OwnerReadout(Constants):
+class OwnerReadout(SourceCriteria, OwnerCriteria):
     """Objects from owners and, better, from delays; and what they are worth."""
 
     readout: Literal["owners", "delays"] = Field("delays", description="from owners alone, or also from delays")
-    tau_owners: float = Field(5.0, gt=0, description="memory of the covariances of inputs")
-    tau_high: float = Field(2.0, ge=0, description="high-pass on the signals of all covariances")
-    strength: float = Field(0.35, ge=0, description="owner: its deviation as a share of the largest,")
-    kept: float = Field(0.55, ge=0, description="and of its own input's,")
-    faint: float = Field(0.05, ge=0, description="and its smallest,")
-    rough: float = Field(0.15, ge=0, description="its largest roughness (of samples 10 ms apart),")
-    alike: float = Field(0.6, description="and largest correlation with a stronger owner")
-    smallest: float = Field(1 / 3, ge=0, description="share of its group's largest that makes a feature")
-    delays: tuple[float, ...] = Field(DELAYS, min_length=1, description="delays of the covariances")
+    update: float = Field(0.1, gt=0, description="time between updates of all covariances")
+    tau_high: float = Field(2.0, ge=0, description="high-pass on their signals")
+    tau_owners: float = Field(5.0, gt=0, description="memory of those of inputs")
+    delays: tuple[float, ...] = Field(DELAYS, min_length=1, description="delays of the others,")
     tau_fast: float = Field(3.5, gt=0, description="their short")
     tau_slow: float = Field(12.0, gt=0, description="and long memory")
-    smallest_source: float = Field(0.03, ge=0, description="share of the largest eigenvalue of a further source")
-    gap: float = Field(0.02, ge=0, description="difference of delay profiles that tells two sources apart")
-    even: float = Field(0.65, ge=0, description="evenness of colors and orientations of light that changes everywhere,")
-    moving: float = Field(0.35, ge=0, description="if it has less than this share of the largest motion")
-    absent: float = Field(0.1, ge=0, description="and no color or orientation is one below this share of its largest")
     stable_window: float = Field(1.0, gt=0, description="tau_s of the stability criterion")
     stable_mean: float = Field(2.0, ge=0, description="time constant of the mean weights it looks at")
     stable_change: float = Field(0.5, gt=0, description="S_thr of the stability criterion, weight per window")
@@ -149,8 +140,8 @@ class ScaleFreeStage(nn.Module):
             window=r.stable_window,
             tau_mean=r.stable_mean,
         )
-        self.statistics = signal_statistics(dt, r.tau_owners, r.tau_high)
-        self.delays = delay_statistics(dt, r.delays, r.tau_fast, r.tau_slow, r.tau_high)
+        self.statistics = signal_statistics(dt, r.tau_owners, r.tau_high, r.update)
+        self.delays = delay_statistics(dt, r.delays, r.tau_fast, r.tau_slow, r.tau_high, r.update)
         self.register_buffer("first_stage", first_stage)
 
     def forward(self, refined: Tensor, state: StageState | None = None) -> tuple[Tensor, StageState]:
@@ -163,12 +154,10 @@ class ScaleFreeStage(nn.Module):
     def table(self, state: StageState) -> ObjectTable:
         """The objects at this moment, of one trial or a batch."""
         r = self.constants
-        owners = OwnerCriteria(r.strength, r.kept, r.faint, r.rough, r.alike, r.smallest)
-        table = owner_table(state.weights, state.statistics, owners, dt=self.dt)
+        table = owner_table(state.weights, state.statistics, r, dt=self.dt)
         if r.readout == "owners":
             return table
-        join = JoinCriteria(r.smallest_source, r.gap, r.even, r.moving, r.absent)
-        return refined_table(table, state.weights, state.delays, self.first_stage, join)
+        return refined_table(table, state.weights, state.delays, self.first_stage, r, r.smallest)
 
 
 class ScaleFreeModel(WholeFieldModel):

@@ -231,7 +231,7 @@ class VideoModel(BindingModel):
         return BoundObject(
             FEATURES[track.index],
             track.index,
-            track.features,
+            track.features(self.config.tracking.smallest),
             place=(place[0], place[1]),
             velocity=(right * width, down * height),
             first_seen=track.first_seen,

@@ -25,6 +25,8 @@ class WholeField(Constants):
 
     tau_motion_high: float = Field(0.5, ge=0, description="high-pass of the motion detectors")
     tau_motion_low: float = Field(0.05, ge=0, description="delay filter of the motion detectors")
+    center: tuple[float, float] = Field((19.0, 6.0), description="deviations of the orientation filters, pixels,")
+    surround: tuple[float, float] = Field((22.0, 9.0), description="along and across: center less surround")
     exact: bool = Field(False, description="orientation sums at full resolution: slower, differs by < 0.5 %")
 
 
@@ -98,7 +100,9 @@ class WholeFieldModel(BindingModel):
         c = self.config = config
         self.dt, self.settle = dt, c.network.settle
         f, n = c.fields, c.normalise
-        self.features = VisualFeatures(c.size, 1 / c.fps, f.tau_motion_high, f.tau_motion_low, c.border, f.exact)
+        self.features = VisualFeatures(
+            c.size, 1 / c.fps, f.tau_motion_high, f.tau_motion_low, c.border, f.exact, f.center, f.surround
+        )
         self.resample = Resample(1 / c.fps, dt)
         self.inputs = BindingInputs(dt, n.order, n.tau_sums, n.window, n.floor)
         weights = torch.zeros(10, 10) if first_stage is None else first_stage_weights(first_stage)

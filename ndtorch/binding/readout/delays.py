@@ -9,7 +9,6 @@ diagonal: one A makes all of them diagonal, unless two sources have the same cor
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
@@ -19,6 +18,7 @@ from ndtorch.binding.covariance import CovarianceState, RunningCovariances
 from ndtorch.binding.feedback import settled
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.owners import features_by_group
+from ndtorch.binding.readout.params import SourceCriteria
 from ndtorch.errors import InputError
 from ndtorch.vision.features import GROUPS
 
@@ -32,6 +32,7 @@ def delay_statistics(
     tau_fast: float = 3.5,
     tau_slow: float = 12.0,
     tau_high: float = 2.0,
+    every: float = 0.1,
 ) -> RunningCovariances:
     """What `refined_table` looks at: covariances of signals with their own past, in a short and in a long memory.
 
@@ -40,33 +41,14 @@ def delay_statistics(
         delays: seconds, ascending.
         tau_fast, tau_slow: the two memories, seconds.
         tau_high: high-pass on the signals, seconds.
+        every: time between updates, seconds.
 
     Raises:
         InputError: no delay, or one that is not positive.
     """
     if not delays or not all(delay > 0 for delay in delays):
         raise InputError(f"delays must be positive seconds, got {delays}")
-    return RunningCovariances(dt, (tau_fast, tau_slow), delays, tau_high)
-
-
-@dataclass(frozen=True)
-class JoinCriteria:
-    """When sources found by delays are believed.
-
-    Attributes:
-        smallest: share of the largest eigenvalue that a further source must have.
-        gap: difference of delay profiles under which two sources are not told apart by delays.
-        even: a source whose weakest colour is more than this share of its strongest, and its orientations likewise, is
-            light that changes everywhere, if it
-        moving: has less than this share of the largest motion, or moves every way as evenly.
-        absent: share of a source's largest signal under which colours or orientations count as none.
-    """
-
-    smallest: float = 0.03
-    gap: float = 0.02
-    even: float = 0.65
-    moving: float = 0.35
-    absent: float = 0.1
+    return RunningCovariances(dt, (tau_fast, tau_slow), delays, tau_high, every=every)
 
 
 def refined_table(
@@ -74,7 +56,8 @@ def refined_table(
     weights: Tensor,
     delays: CovarianceState,
     first_stage: Tensor,
-    criteria: JoinCriteria | None = None,
+    criteria: SourceCriteria | None = None,
+    smallest: float = 1 / 3,
 ) -> ObjectTable:
     """The owners' table, or a better one from the delays where they tell the sources apart.
 
@@ -82,9 +65,17 @@ def refined_table(
     network's table stays where it finds nothing, where delays see a single source and no light that changes everywhere,
     and where two sources have the same delay profile (equal frequencies) and the network counts the same number. Where
     there are more sources than can be told apart, every signal goes its own way and there is nothing to bind.
+
+    Args:
+        owners: the owners' table.
+        weights: of the network, `[..., 10, 10]`.
+        delays: state of `delay_statistics`.
+        first_stage: weights of the first stage, `[10, 10]`.
+        criteria: see there.
+        smallest: share of its group's largest that makes a feature.
     """
-    c = criteria or JoinCriteria()
-    parts = [separate(covariances, c.smallest) for covariances in delays.covariances.unbind(-4)]
+    c = criteria or SourceCriteria()
+    parts = [separate(covariances, c) for covariances in delays.covariances.unbind(-4)]
     fast, slow = (without_lighting(part, first_stage, c) for part in parts)
     changed = slow.sources > fast.sources
     mixing = torch.where(changed[..., None, None], fast.mixing, slow.mixing)
@@ -96,15 +87,15 @@ def refined_table(
     by_network = owners.owners.sum(-1)
     keep = (by_network == 0) | ((count <= 1) & ~lit) | ((gap < c.gap) & (by_network == count))
     keep = keep & ~noise
-    found = assigned(mixing, count, weights)
+    found = assigned(mixing, count, weights, smallest)
     return ObjectTable(
         torch.where(keep[..., None], owners.owners, found.owners),
         torch.where(keep[..., None, None], owners.rows, found.rows),
     )
 
 
-def without_lighting(separation: Separation, first_stage: Tensor, criteria: JoinCriteria) -> Separation:
-    """The same without sources that drive all colours and all orientations alike, or none, and hardly move or move
+def without_lighting(separation: Separation, first_stage: Tensor, criteria: SourceCriteria) -> Separation:
+    """The same without sources that drive all colors and all orientations alike, or none, and hardly move or move
     every way alike."""
     mixing = separation.mixing
     eye = torch.eye(10, dtype=mixing.dtype, device=mixing.device)
@@ -128,12 +119,12 @@ def without_lighting(separation: Separation, first_stage: Tensor, criteria: Join
     return separation._replace(mixing=mixing, sources=sources)
 
 
-def assigned(mixing: Tensor, count: Tensor, weights: Tensor) -> ObjectTable:
+def assigned(mixing: Tensor, count: Tensor, weights: Tensor, smallest: float = 1 / 3) -> ObjectTable:
     """Give every source the neuron whose output is most purely that source, among the features it has.
 
     Shapes: mixing `[..., S, N]`, count `[...]`, weights T `[..., N, N]`.
     """
-    rows = features_by_group(mixing)
+    rows = features_by_group(mixing, smallest)
     gain = (mixing @ settled(weights).mT).square()
     total = gain.sum(-2, keepdim=True).clamp_min(torch.finfo(gain.dtype).tiny)
     purity = torch.where(rows > 0, gain * gain / total, -1.0)
@@ -166,23 +157,23 @@ class Separation(NamedTuple):
     gap: Tensor
 
 
-def separate(covariances: Tensor, smallest: float = 0.03, faint: float = 0.02, most: int = 6) -> Separation:
+def separate(covariances: Tensor, criteria: SourceCriteria | None = None) -> Separation:
     """Number of sources and their mixing from covariances at several delays.
 
-    The covariance at the shortest delay tells how many there are (eigenvalues over `smallest` of the largest) and
-    whitens the signals; a rotation then makes all others as diagonal as they get.
+    The covariance at the shortest delay tells how many there are (eigenvalues over `smallest_source` of the largest)
+    and whitens the signals; a rotation then makes all others as diagonal as they get.
 
     Args:
         covariances: `[..., L, N, N]`, L >= 2, symmetric.
-        smallest: share of the largest eigenvalue that a further source must have.
-        faint: eigenvalue under which there is nothing, where signals fluctuate around 1.
-        most: largest number of sources.
+        criteria: what a source must have, where signals fluctuate around 1.
     """
+    c = criteria or SourceCriteria()
+    most = c.most_sources
     batch, n = covariances.shape[:-3], covariances.shape[-1]
     flat = covariances.reshape(-1, *covariances.shape[-3:]).double()
     values, vectors = torch.linalg.eigh(flat[:, 0])
     top = values[:, -1:]
-    rank = ((values >= smallest * top) & (top > faint)).sum(-1)
+    rank = ((values >= c.smallest_source * top) & (top > c.faint_source)).sum(-1)
     full, count = rank > most, rank.clamp_max(most)
     mixing = flat.new_zeros(len(flat), most, n)
     gap = flat.new_full((len(flat),), torch.inf)
@@ -192,7 +183,7 @@ def separate(covariances: Tensor, smallest: float = 0.03, faint: float = 0.02, m
             continue
         basis, size = vectors[at][..., n - m :], values[at][:, None, n - m :].sqrt()
         whiten = (basis / size).unsqueeze(1)
-        rotation, rotated = diagonalise(whiten.mT @ flat[at, 1:] @ whiten)
+        rotation, rotated = diagonalise(whiten.mT @ flat[at, 1:] @ whiten, c.sweeps, c.enough)
         mixed = ((basis * size) @ rotation).mT
         sign = mixed.gather(-1, mixed.abs().argmax(-1, keepdim=True)).sign()
         mixing[at, :m] = mixed * sign

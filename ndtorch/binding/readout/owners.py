@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import torch
 from torch import Tensor
 
 from ndtorch.binding.covariance import CovarianceState, RunningCovariances
 from ndtorch.binding.feedback import settled
-from ndtorch.binding.normalise import divide, group_max, spread_groups
+from ndtorch.binding.normalise import group_max, over_groups
 from ndtorch.binding.objects import ObjectTable
+from ndtorch.binding.readout.params import OwnerCriteria
 from ndtorch.errors import InputError
 
+REFERENCE = 0.01
+"""Seconds between samples at which roughness is stated; it grows with the time between samples."""
 
-def signal_statistics(dt: float = 0.01, tau: float = 5.0, tau_high: float = 2.0) -> RunningCovariances:
+
+def signal_statistics(
+    dt: float = 0.01, tau: float = 5.0, tau_high: float = 2.0, every: float = 0.1
+) -> RunningCovariances:
     """What `owner_table` looks at: covariances of signals and of their differences from sample to sample.
 
     Everything that the read-out wants to know of outputs `o = X y` follows from that of y: their covariance is
@@ -24,30 +28,9 @@ def signal_statistics(dt: float = 0.01, tau: float = 5.0, tau_high: float = 2.0)
         dt: time step in seconds.
         tau: memory, seconds.
         tau_high: high-pass on the signals, seconds.
+        every: time between updates, seconds.
     """
-    return RunningCovariances(dt, (tau,), (0.0,), tau_high, differences=True)
-
-
-@dataclass(frozen=True)
-class OwnerCriteria:
-    """What an owner must be.
-
-    Attributes:
-        strength: its output's deviation, as a share of the largest of all outputs.
-        kept: the same, as a share of its own input's deviation.
-        faint: smallest deviation, where fluctuations of a group are around 1.
-        rough: largest mean square of its output's differences from sample to sample, as a share of its power,
-            for samples 10 ms apart; it grows with the time between samples.
-        alike: largest correlation with a stronger owner.
-        smallest: share of its group's largest from which on a feature belongs to it.
-    """
-
-    strength: float = 0.35
-    kept: float = 0.55
-    faint: float = 0.05
-    rough: float = 0.15
-    alike: float = 0.6
-    smallest: float = 1 / 3
+    return RunningCovariances(dt, (tau,), (0.0,), tau_high, differences=True, every=every)
 
 
 def owner_table(
@@ -68,7 +51,7 @@ def owner_table(
     deviation = power.sqrt()
     given = inputs.diagonal(dim1=-2, dim2=-1).sqrt()
     candidates = (deviation >= c.strength * deviation.amax(-1, keepdim=True)) & (deviation >= c.kept * given)
-    candidates &= (deviation >= c.faint) & (rough < c.rough * max(1.0, dt / 0.01) * power)
+    candidates &= (deviation >= c.faint) & (rough < c.rough * max(1.0, dt / REFERENCE) * power)
     # Sources in opposite phase stay two: only what goes along with a stronger owner is a copy of it.
     correlation = covariance / (deviation.unsqueeze(-1) * deviation.unsqueeze(-2))
     owners = distinct(candidates, deviation, correlation >= c.alike)
@@ -91,5 +74,5 @@ def distinct(candidates: Tensor, strength: Tensor, alike: Tensor) -> Tensor:
 def features_by_group(values: Tensor, smallest: float = 1 / 3) -> Tensor:
     """Each group of features over its own largest, negative and small ones removed, `[..., 10]`."""
     positive = values.clamp_min(0)
-    shares = divide(positive, spread_groups(group_max(positive)))
+    shares = over_groups(positive, group_max(positive))
     return torch.where(shares >= smallest, shares, 0.0)

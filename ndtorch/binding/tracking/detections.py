@@ -143,7 +143,7 @@ def neighbours(i: int, rows: int, columns: int) -> list[int]:
 
 
 def likeness(a: Floats, b: Floats) -> float:
-    """Cosine of two things' colours, as the network puts them out, or of shades of grey where neither has a hue.
+    """Cosine of two things' colors, as the network puts them out, or of shades of grey where neither has a hue.
 
     Motion is compared by itself, and things as small as a field have every orientation.
     """

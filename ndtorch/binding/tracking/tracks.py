@@ -97,10 +97,9 @@ class Track:
         """Number of the neuron that stood for it most of the time."""
         return int(self.winners.argmax())
 
-    @property
-    def features(self) -> dict[str, float]:
-        """Features over the largest of their group, small ones left out, and hues where it has a shade."""
-        row = features_by_group(torch.from_numpy(self.inputs[: len(FEATURES)]))
+    def features(self, smallest: float) -> dict[str, float]:
+        """Features over the largest of their group, those under `smallest` left out, and hues where it has a shade."""
+        row = features_by_group(torch.from_numpy(self.inputs[: len(FEATURES)]), smallest)
         if self.shade is not None:
             row[GROUPS["color"]] = 0.0
         return {name: value for name, value in zip(FEATURES, row.tolist(), strict=True) if value > 0}
@@ -186,7 +185,7 @@ def follow(
     kept = [track for track in open_ if time - track.last_seen <= c.coast]
     pairs = []
     for i, track in enumerate(kept):
-        gate = c.gate + c.reach * min(time - track.last_seen, 1.0)
+        gate = c.gate + c.reach * min(time - track.last_seen, c.widest)
         for j, sight in enumerate(seen):
             unlike = 1 - likeness(track.outputs, sight.outputs)
             turned = (1 - cosine(track.heading, sight.motion)) / 2
@@ -230,10 +229,10 @@ def standing(tracks: Sequence[Track], dt: float, aspect: float, criteria: TrackP
     return sorted(kept, key=lambda track: track.first_seen)
 
 
-def way(track: Track, aspect: float) -> Floats:
-    """From the first fifth of its path to the last, down and right, heights."""
+def way(track: Track, aspect: float, ends: float) -> Floats:
+    """From the first end of its path to the last, each a share `ends` of it, down and right, heights."""
     places = track.path[:, 1:3] * np.array([1.0, aspect])
-    k = max(1, len(places) // 5)
+    k = max(1, int(ends * len(places)))
     return np.asarray(places[-k:].mean(0) - places[:k].mean(0))
 
 
@@ -241,24 +240,26 @@ def stands(track: Track, dt: float, aspect: float, criteria: TrackParams) -> boo
     """Whether a track is one of an object."""
     c, n = criteria, len(track.path)
     straight = float(np.hypot(*track.heading)) / n
-    far = float(np.hypot(*way(track, aspect))) >= c.travel
+    far = float(np.hypot(*way(track, aspect, c.ends))) >= c.travel
     return n * dt >= c.shortest and far and straight >= c.straight
 
 
 def is_same(one: Track, other: Track, aspect: float, criteria: TrackParams) -> bool:
     """Whether two tracks are of parts of one object, or of one before and after it was hidden."""
     c = criteria
-    if likeness(one.outputs, other.outputs) < c.alike or cosine(way(one, aspect), way(other, aspect)) < c.along:
+    ways = way(one, aspect, c.ends), way(other, aspect, c.ends)
+    if likeness(one.outputs, other.outputs) < c.alike or cosine(*ways) < c.along:
         return False
     places = {time: (row, column) for time, row, column, _ in one.path.tolist()}
     there = other.path.tolist()
     apart = [distance(places[t], (row, column), aspect) for t, row, column, _ in there if t in places]
     if len(apart) > c.together * len(there):
         return float(np.median(apart)) < c.beside
-    first, second = (one, other) if one.first_seen < other.first_seen else (other, one)
+    earlier = one.first_seen < other.first_seen
+    first, second = (one, other) if earlier else (other, one)
     gap = second.first_seen - first.last_seen
-    seconds = max(first.last_seen - first.first_seen, 0.3)
-    down, right = way(first, aspect) / seconds * max(gap, 0.0)
+    seconds = max(first.last_seen - first.first_seen, c.steady)
+    down, right = ways[0 if earlier else 1] / seconds * max(gap, 0.0)
     _, row, column, _ = first.last
     heading_for = (row + down, column + right / aspect)
     return gap < c.behind and distance(heading_for, second.path[0, 1:3], aspect) < c.comes_back

@@ -6,13 +6,10 @@ from typing import NamedTuple
 
 import torch
 import torch.nn.functional as F
-from pydantic import Field
 from torch import Tensor, nn
 
 from ndtorch.binding.covariance import sample_step
-from ndtorch.binding.feedback import settled
-from ndtorch.binding.readout.owners import features_by_group
-from ndtorch.config import Constants
+from ndtorch.binding.tracking.params import WindowParams
 from ndtorch.errors import InputError
 from ndtorch.vision.alpha_beta import corrected, predicted
 from ndtorch.vision.features import GROUPS
@@ -23,50 +20,13 @@ DIRECTIONS = ((0.0, -1.0), (0.0, 1.0), (1.0, 0.0), (-1.0, 0.0))
 """Rows and columns towards which the motion signals left, right, down and up point."""
 
 
-class WindowParams(Constants):
-    """Constants of `Windows`; lengths in fields (spacings of the grid), times in seconds."""
-
-    most: int = Field(8, gt=0, description="objects at a time")
-    period: float = Field(0.05, gt=0, description="time between updates")
-    tau_low: float = Field(0.05, gt=0, description="low-pass on the signals")
-    window: float = Field(0.96, gt=0, description="standard deviation of a window's receptive field, fields")
-    crowd: float = Field(0.05, gt=0, description="keeps a window's share from being decided by its far ends")
-    visible: float = Field(0.12, gt=0, description="share of the recent largest motion above which an object is seen")
-    birth: float = Field(0.22, gt=0, description="share of it above which unclaimed motion opens a window")
-    contrast: float = Field(2.5, gt=0, description="and this many times the median over all fields")
-    claim: float = Field(1.66, gt=0, description="radius within which a window claims all motion, fields")
-    tau_peak: float = Field(10.0, gt=0, description="memory of the recent largest motion")
-    gain: float = Field(0.5, gt=0, description="alpha of the alpha-beta filter that follows the object")
-    drift: float = Field(0.15, gt=0, description="beta of it")
-    young: float = Field(1.0, gt=0, description="age up to which a window follows faster:")
-    young_gain: float = Field(0.6, gt=0, description="with at least this alpha")
-    young_drift: float = Field(0.3, gt=0, description="and at least this beta")
-    updates: float = Field(4.0, gt=0, description="updates over which a residual comes about")
-    reach: float = Field(0.8, gt=0, description="largest residual, fields")
-    fastest: float = Field(4.0, gt=0, description="speed limit, fields a second")
-    aim: float = Field(0.3, gt=0, description="age at which a window begins to prefer motion in its own direction,")
-    aimed: float = Field(0.5, gt=0, description="and time until it does so fully")
-    slow: float = Field(0.125, gt=0, description="share of the speed limit below which it has no direction")
-    confirm: float = Field(0.8, gt=0, description="age at which a window counts as an object")
-    blind: float = Field(0.15, gt=0, description="time without sight after which a younger one is closed")
-    lost: float = Field(2.0, gt=0, description="time without sight after which any window is closed")
-    same: float = Field(0.7, gt=0, description="windows nearer than this that move alike are one, fields")
-    near: float = Field(2.1, gt=0, description="and nearer than this if they fluctuate alike")
-    known: float = Field(0.7, gt=0, description="age of both from which on that counts")
-    alike: float = Field(0.8, gt=0, description="correlation of fluctuations that are alike")
-    alike_speed: float = Field(0.8, gt=0, description="difference of velocities that are alike, fields a second")
-    tau_high: float = Field(1.0, gt=0, description="high-pass on a window's signals")
-    tau_bind: float = Field(3.0, gt=0, description="memory of a window's covariances")
-    tau_light: float = Field(2.0, gt=0, description="memory of the covariances between windows")
-
-
 class WindowState(NamedTuple):
     """State of `Windows`: K windows a trial.
 
     Attributes:
         low: low-passed signals, `[..., R, C, 10]`.
         peak: largest motion of any field lately, `[...]`.
-        place: row and column in fields, `[..., K, 2]`; 0, 0 is the centre of the first field.
+        place: row and column in fields, `[..., K, 2]`; 0, 0 is the center of the first field.
         velocity: fields a second, `[..., K, 2]`.
         open: windows in use, `[..., K]` bool.
         age, unseen: seconds since the window was opened, and since it last saw its object, `[..., K]`.
@@ -93,22 +53,20 @@ class WindowState(NamedTuple):
 class Windows(nn.Module):
     """Follows objects over retinotopic glomeruli, and learns of each which signals fluctuate together.
 
-    Whole-field sums cannot tell apart bars of one colour, bars that fluctuate in phase, or equal bars [C §5.5.2];
+    Whole-field sums cannot tell apart bars of one color, bars that fluctuate in phase, or equal bars [C §5.5.2];
     sums over small fields can. Lateral competition picks the fields that move most; a *window* is opened there, a
     receptive field of its own that then goes with the object: it is predicted from the velocity, and
     drawn to the motion in the object's own direction, which windows share where their windows overlap. What the
     window sees is the object alone most of the time, and its fluctuations are the object's own.
 
-    Binding is what the competitive rule converges to where one object dominates: the strongest neuron k owns the
-    window, its column of weights is `<h_n h_k>` (h: high-passed signals through the settled first stage). Two
-    windows side by side that fluctuate together are one object.
+    What each of these is, is read from its covariances (`ndtorch.binding.readout.covariances`). Two windows side by
+    side that fluctuate together are one object.
 
     Args:
         grid: rows and columns of fields.
         spacing: pixels from field to field.
         dt: time step, s.
         border: "wrap" where the scene is a torus.
-        first_stage: weights of the first stage, `[10, 10]`; None for none.
         params: constants.
 
     Shapes:
@@ -118,8 +76,7 @@ class Windows(nn.Module):
         InputError: signals of another shape, or parameters out of range.
     """
 
-    centres: Tensor
-    first_gain: Tensor
+    centers: Tensor
     directions: Tensor
 
     def __init__(
@@ -128,7 +85,6 @@ class Windows(nn.Module):
         spacing: float,
         dt: float = 0.01,
         border: Border = "wrap",
-        first_stage: Tensor | None = None,
         params: WindowParams | None = None,
     ) -> None:
         super().__init__()
@@ -139,9 +95,7 @@ class Windows(nn.Module):
         self.params = params or WindowParams()
         self.every = max(1, round(self.params.period / dt))
         rows, columns = torch.meshgrid(torch.arange(float(grid[0])), torch.arange(float(grid[1])), indexing="ij")
-        weights = torch.zeros(10, 10) if first_stage is None else first_stage
-        self.register_buffer("centres", torch.stack([rows, columns], -1).flatten(0, 1))
-        self.register_buffer("first_gain", settled(weights))
+        self.register_buffer("centers", torch.stack([rows, columns], -1).flatten(0, 1))
         self.register_buffer("directions", torch.tensor(DIRECTIONS))
 
     def start(self, first: Tensor) -> WindowState:
@@ -197,35 +151,12 @@ class Windows(nn.Module):
         """Windows that hold an object, `[..., K]` bool."""
         return state.open & (state.age >= self.params.confirm)
 
-    def columns(self, state: WindowState) -> tuple[Tensor, Tensor]:
-        """The neuron that owns each window, `[..., K]`, and its column, `<h_n h_k>`, `[..., K, 10]`."""
-        covariance = state.covariance
-        deviation = root(covariance.diagonal(dim1=-2, dim2=-1))
-        # Motion is in other units than color: each group counts by its largest fluctuation.
-        scale = torch.cat([group_scale(deviation[..., g]) for g in GROUPS.values()], -1)
-        first = self.first_gain.to(covariance.dtype)
-        shared = first @ (covariance / (scale.unsqueeze(-1) * scale.unsqueeze(-2))) @ first.mT
-        owner = shared.diagonal(dim1=-2, dim2=-1).argmax(-1)
-        column = shared.gather(-1, owner[..., None, None].expand(*shared.shape[:-1], 1)).squeeze(-1)
-        return owner, column
-
-    def features(self, state: WindowState) -> Tensor:
-        """Features of every window, each group over its largest, small ones zero, `[..., K, 10]`."""
-        column = self.columns(state)[1]
-        return torch.where(self.confirmed(state).unsqueeze(-1), features_by_group(column), 0.0)
-
     def places(self, state: WindowState) -> tuple[Tensor, Tensor]:
         """Column and row in pixels, and velocity in pixels a second to the right and down, `[..., K, 2]` each."""
         place = (state.place + 0.5) * self.spacing
         if self.border == "wrap":
             place = torch.remainder(place, place.new_tensor(self.grid) * self.spacing)
         return place.flip(-1), (state.velocity * self.spacing).flip(-1)
-
-
-def group_scale(deviation: Tensor) -> Tensor:
-    """The largest of a group, for every member of it, 1 where all are zero, `[..., n]`."""
-    largest = deviation.amax(-1, keepdim=True)
-    return largest.where(largest > 0, 1.0).expand_as(deviation)
 
 
 def windows_step(low: Tensor, state: WindowState, windows: Windows) -> WindowState:
@@ -240,7 +171,7 @@ def windows_step(low: Tensor, state: WindowState, windows: Windows) -> WindowSta
 
     # Follow: predict, then move towards the motion in the window's own direction.
     place = predicted(state.place, state.velocity, dt)
-    away = windows.offset(windows.centres - place.unsqueeze(-2))  # [..., K, F, 2]
+    away = windows.offset(windows.centers - place.unsqueeze(-2))  # [..., K, F, 2]
     window = torch.exp(-away.square().sum(-1) / (2 * p.window**2)) * state.open.unsqueeze(-1)
     shared = window * window / (window.sum(-2, keepdim=True) + p.crowd)
     own = root(own_direction(state, windows) @ motion.mT)  # [..., K, F]
@@ -313,7 +244,7 @@ def closed(state: WindowState, windows: Windows) -> Tensor:
 def opened(state: WindowState, energy: Tensor, windows: Windows) -> WindowState:
     """Open one window where the largest motion is that no window claims; `energy` `[..., F]`."""
     p = windows.params
-    away = windows.offset(windows.centres - state.place.unsqueeze(-2)).norm(dim=-1)
+    away = windows.offset(windows.centers - state.place.unsqueeze(-2)).norm(dim=-1)
     claimed = ((away < p.claim) & state.open.unsqueeze(-1)).any(-2)
     grid = energy.reshape(*energy.shape[:-1], *windows.grid)
     summit = local_maximum(grid, windows.border).flatten(-2)
@@ -324,7 +255,7 @@ def opened(state: WindowState, energy: Tensor, windows: Windows) -> WindowState:
     slot = (~state.open).to(torch.uint8).argmax(-1)
     number = torch.arange(p.most, device=slot.device)
     new = (number == slot.unsqueeze(-1)) & wanted.unsqueeze(-1)
-    place = windows.centres.to(energy.dtype)[where].unsqueeze(-2)
+    place = windows.centers.to(energy.dtype)[where].unsqueeze(-2)
     return state._replace(
         place=torch.where(new.unsqueeze(-1), place, state.place),
         velocity=torch.where(new.unsqueeze(-1), 0.0, state.velocity),

@@ -10,6 +10,8 @@ import torch
 from torch import Tensor, nn
 
 from ndtorch.errors import InputError
+from ndtorch.kernels.avoidance import avoidance
+from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.navigation.controllers.contract import (
     CRUISE,
     STOPPED,
@@ -24,8 +26,10 @@ from ndtorch.navigation.controllers.registry import register
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import Rect, StereoRig
+from ndtorch.navigation.strip_kernels import eyes, largest_of_cells, state_fits
 from ndtorch.navigation.strips import check_unit_range, grey_pair
 from ndtorch.vision.nondirectional import SPEED_SCALE, NDMin, spatial_maximum
+from ndtorch.vision.one_pass import image_kind
 from ndtorch.vision.temporal import FilterState, low_pass_step, smoothing_factor, time_dim
 
 
@@ -65,10 +69,25 @@ class SubfieldMotion(nn.Module):
             raise InputError(f"subfields must be of one size and inside {self.size}, got {self.fields}")
 
     def forward(self, left: Tensor, right: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
+        quick = self.by_kernels(left, right, state)
+        if quick is not None:
+            return quick
         motion, state = self.nd_min(grey_pair(left, right, *self.fields, self.size), state)
         sides = spatial_maximum(motion)
         check_unit_range(sides, left)
         return sides * SPEED_SCALE, state
+
+    def by_kernels(self, left: Tensor, right: Tensor, state: FilterState | None) -> tuple[Tensor, FilterState] | None:
+        """One frame by kernels; None where torch is to do it."""
+        rect = self.fields[0]
+        shape = (2, rect.bottom - rect.top, rect.right - rect.left)
+        seen = eyes(left, right, self.fields, self.size) if state_fits(state, left, shape) else None
+        if seen is None:
+            return None
+        sides = torch.empty(1, 2, dtype=image_kind(left))
+        state = largest_of_cells(seen, state, left, shape, 1, self.nd_min.a, sides.numpy().reshape(2, 1, 1))
+        check_unit_range(sides, left)
+        return sides.mul_(SPEED_SCALE), state
 
 
 @dataclass(frozen=True)
@@ -159,6 +178,8 @@ def avoidance_step(
         sides: speed estimates `[..., 2]` of the left and the right side, scaled.
         state, constants: where the machine is, and its numbers.
     """
+    if sides.ndim == 1 and kernels_wanted(sides, *state):
+        return avoidance_of_one(sides, state, constants)
     c = constants
     left, right = sides.unbind(-1)
     now = right - left
@@ -175,6 +196,18 @@ def avoidance_step(
     age = torch.where(turn, c.zero, torch.where(stop, c.stopped, age))
     speed = torch.where(age > c.stopped, c.speed, c.zero)
     return Command(speed, curvature), AvoidanceState(difference, age, curvature)
+
+
+def avoidance_of_one(
+    sides: Tensor, state: AvoidanceState, constants: AvoidanceConstants
+) -> tuple[Command, AvoidanceState]:
+    """`avoidance_step` of one car, in plain numbers."""
+    ours, theirs = sides.tolist()
+    now = (float(state.difference), float(state.age), float(state.curvature))
+    numbers = (constants.smoothing, *(part.item() for part in constants[1:]))
+    speed, bend, after = avoidance(ours, theirs, now, numbers)
+    found = sides.new_tensor((speed, bend, *after)).unbind(0)
+    return Command(found[0], found[1]), AvoidanceState(*found[2:])
 
 
 class SaccadeAvoidance(nn.Module):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 
 
@@ -9,12 +10,22 @@ from dataclasses import dataclass
 class Arenas:
     """List the arenas."""
 
+    json: bool = False
+    """Print them as one JSON object and nothing else."""
+
     def run(self) -> int:
         """Print name, size and description of every arena."""
         from ndtorch_robot.sim.arenas import ARENAS
 
+        found = {}
         for name, make in ARENAS.items():
             left, right, bottom, top = make(0).bounds
-            print(f"{name:9s} {right - left:4.0f} x {top - bottom:<3.0f} m  {(make.__doc__ or '').splitlines()[0]}")
+            words = (make.__doc__ or "").splitlines()[0]
+            found[name] = {"width_m": right - left, "depth_m": top - bottom, "description": words}
+        if self.json:
+            print(json.dumps(found))
+            return 0
+        for name, arena in found.items():
+            print(f"{name:9s} {arena['width_m']:4.0f} x {arena['depth_m']:<3.0f} m  {arena['description']}")
         print("\nOr a .toml file; its keys are described in robot/ndtorch_robot/sim/arena_file.py.")
         return 0

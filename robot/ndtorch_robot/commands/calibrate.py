@@ -40,6 +40,8 @@ class Calibrate:
     """Side of a square, mm, as measured on the print."""
     out: Path = Path("calibration.toml")
     """File to write."""
+    force: bool = False
+    """Replace the file if it exists."""
     focal_px: float | None = None
     """Focal length of the corrected pictures, pixels (default: as the cameras have it)."""
     views: int = 20
@@ -57,8 +59,10 @@ class Calibrate:
 
     def run(self) -> int:
         """Find the boards, calibrate, judge, write."""
+        from ndtorch.run.folder import new_file
         from ndtorch_robot.calibration import Board, calibrate, faults, write_calibration
 
+        new_file(self.out, self.force)
         board = Board(self.columns, self.rows, self.square_mm / 1000)
         views, size, looked = self.look(board)
         calibration = calibrate(views, board, size, self.focal_px)

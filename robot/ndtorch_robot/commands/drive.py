@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from ndtorch.commands import INTERRUPTED
-from ndtorch_robot.navigating import navigator_flags
+from ndtorch_robot.navigator_flags import navigator_flags
 
 if TYPE_CHECKING:
     from ndtorch_robot.config import DriveConfig
@@ -64,13 +64,15 @@ class Drive:
         """Drive, show the progress, write the results and the summary."""
         import torch
 
-        from ndtorch.run.folder import RunFolder
+        from ndtorch.run.folder import RunFolder, new_file
         from ndtorch_robot.config import load_config
 
         choices = asdict(self)
         del choices["config"], choices["json"], choices["force"]
         # A flag that is not given leaves the file's value.
         config = load_config(self.config, {k: None if value is False else value for k, value in choices.items()})
+        if config.rrd is not None:
+            new_file(config.rrd, self.force)
         folder = RunFolder(config.out, self.force)
         torch.set_num_threads(1)
         try:

@@ -10,7 +10,7 @@ import numpy as np
 from ndtorch_robot.evaluation.table import Row, number
 
 STYLES = (("#0072b2", "o"), ("#d55e00", "s"), ("#009e73", "^"), ("#cc79a7", "D"), ("#e69f00", "v"), ("#56b4e9", "P"))
-"""Colour and marker of each controller: told apart by shape as well."""
+"""Color and marker of each controller: told apart by shape as well."""
 
 
 def draw_table(rows: list[Row], file: Path) -> None:
@@ -28,17 +28,17 @@ def draw_table(rows: list[Row], file: Path) -> None:
         place = places.index((row.arena, row.walls))
         which = controllers.index(row.controller)
         y = place + (which - (len(controllers) - 1) / 2) * min(0.3, 0.8 / len(controllers))
-        colour, marker = STYLES[which % len(STYLES)]
+        color, marker = STYLES[which % len(STYLES)]
         hits = [number(d["collisions"]) / number(d["simulated_seconds"]) * 3600 for d in row.drives]
         passed = [100 * number(d["free_area_passed"]) for d in row.drives]
         for axes, each, mean in ((left, hits, row.collisions_h), (right, passed, 100 * row.passed)):
-            axes.plot([min(each), max(each)], [y, y], color=colour, lw=1.5, alpha=0.6, zorder=2)
-            axes.plot(each, np.full(len(each), y), marker, color=colour, ms=5, alpha=0.7, ls="none", zorder=3, mew=0)
-            axes.plot([mean], [y], marker, color=colour, ms=9, mec="white", ls="none", zorder=4)
+            axes.plot([min(each), max(each)], [y, y], color=color, lw=1.5, alpha=0.6, zorder=2)
+            axes.plot(each, np.full(len(each), y), marker, color=color, ms=5, alpha=0.7, ls="none", zorder=3, mew=0)
+            axes.plot([mean], [y], marker, color=color, ms=9, mec="white", ls="none", zorder=4)
     finish(left, right, places)
     for which, controller in enumerate(controllers):
-        colour, marker = STYLES[which % len(STYLES)]
-        left.plot([], [], marker, color=colour, ms=9, mec="white", ls="none", label=controller)
+        color, marker = STYLES[which % len(STYLES)]
+        left.plot([], [], marker, color=color, ms=9, mec="white", ls="none", label=controller)
     left.plot([], [], "o", color="0.4", ms=5, alpha=0.7, mew=0, ls="none", label="a single drive")
     figure.legend(loc="outside lower center", ncols=len(controllers) + 1, frameon=False)
     figure.savefig(file, dpi=110)

@@ -19,6 +19,9 @@ COMMAND_BODY = struct.Struct("<hh")
 WELCOME_BODY = struct.Struct("<H8s")
 TELEMETRY_BODY = struct.Struct("<HBBhhHHHHHH")
 
+WIDEST = 32.0
+"""Largest number that fits into a command, m/s and 1/m."""
+
 
 class Type(IntEnum):
     """Kinds of message; those from 0x80 on come from the board."""
@@ -155,6 +158,12 @@ def decode_frame(coded: bytes) -> Frame | None:
         return None
     version, kind, sequence = HEADER.unpack_from(checked)
     return Frame(version, kind, sequence, checked[HEADER.size :])
+
+
+def sendable(command: DriveCommand) -> DriveCommand:
+    """The command as it goes over the line: in thousandths, and no larger than fits."""
+    speed, curvature = (round(min(max(value, -WIDEST), WIDEST), 3) for value in command)
+    return DriveCommand(speed, curvature)
 
 
 def command_body(command: DriveCommand) -> bytes:

@@ -11,18 +11,9 @@ from pydantic import Field
 
 from ndtorch.errors import InputError
 from ndtorch.toml import Strict
-from ndtorch_robot.link.line import GONE, Noise, SerialLine
-from ndtorch_robot.link.messages import (
-    VERSION,
-    Fault,
-    Frame,
-    Telemetry,
-    Type,
-    command_body,
-    read_telemetry,
-    read_welcome,
-)
-from ndtorch_robot.link.parser import Parser
+from ndtorch_robot.link.hearing import Hearing, news
+from ndtorch_robot.link.line import GONE, SerialLine
+from ndtorch_robot.link.messages import Frame, Telemetry, Type, command_body, read_welcome, sendable
 from ndtorch_robot.link.port import read_some
 from ndtorch_robot.link.registry import SERIAL, Opening, link
 from ndtorch_robot.ports import STAND, Drive, DriveCommand, Report, SafeCommand, unseal
@@ -45,9 +36,6 @@ GREETING = 3.0
 
 BACK_OFF = (0.1, 2.0)
 """Shortest and longest pause between attempts to connect anew, s."""
-
-WIDEST = 32.0
-"""Largest number that fits into a command, m/s and 1/m."""
 
 NOT_YET = "not yet told to drive"
 
@@ -95,17 +83,13 @@ class SerialDrive(Drive):
         self.lock = threading.Lock()
         self.welcomed = threading.Event()
         self.closing = threading.Event()
-        self.parser = Parser()
-        self.heard: Telemetry | None = None
+        self.hearing = Hearing()
         self.armed = False
         self.asked_to_arm = -1.0
         self.standing = True
         self.fault: str | None = NOT_YET
         self.refusal: str | None = None
-        self.last_command = self.last_heard = 0.0
-        self.heard_sequence: int | None = None
-        self.noise = Noise()
-        self.applied: list[DriveCommand] = []
+        self.last_command = 0.0
         self.line = SerialLine(device, baud)
         works = (self.listen, self.supervise)
         self.threads = [threading.Thread(target=work, name=work.__name__, daemon=True) for work in works]
@@ -124,12 +108,12 @@ class SerialDrive(Drive):
             if self.refusal is not None:
                 raise InputError(f"{self.device}: {self.refusal}")
             if time.monotonic() > end:
-                count = self.parser.received
-                raise InputError(
-                    f"{self.device}: no answer from the board; is the firmware on it? (make -C robot/firmware flash)"
-                    if count == 0
-                    else f"{self.device}: {count} bytes came but no valid frame; is {self.baud} baud right?"
-                )
+                raise InputError(f"{self.device}: {self.hearing.silence(self.baud)}")
+
+    @property
+    def heard(self) -> Telemetry | None:
+        """The latest telemetry."""
+        return self.hearing.telemetry
 
     # What the loop calls.
 
@@ -144,9 +128,7 @@ class SerialDrive(Drive):
         self.last_command = now
         if not self.armed or now - command.time > OLDEST_COMMAND:
             return STAND
-        most = WIDEST
-        speed, curvature = (round(min(max(value, -most), most), 3) for value in wanted)
-        sent = DriveCommand(speed, curvature)
+        sent = sendable(wanted)
         return sent if self.line.write(Type.COMMAND, command_body(sent)) else STAND
 
     def stop(self) -> None:
@@ -163,7 +145,7 @@ class SerialDrive(Drive):
         with self.lock:
             self.fault, self.standing, self.armed = None, False, False
             self.asked_to_arm = self.last_command = now
-            self.noise.count = 0
+            self.hearing.noise.count = 0
         return self.line.write(Type.ARM)
 
     def trouble(self) -> str | None:
@@ -172,12 +154,10 @@ class SerialDrive(Drive):
 
     def driven(self) -> DriveCommand:
         """Mean of the speeds and curvatures that the board has applied since this was last asked."""
-        with self.lock:
-            applied, self.applied = self.applied, []
-        if not applied:
-            return self.heard.applied if self.heard is not None and self.welcomed.is_set() else STAND
-        count = len(applied)
-        return DriveCommand(sum(a.speed for a in applied) / count, sum(a.curvature for a in applied) / count)
+        driven = self.hearing.driven()
+        if driven is not None:
+            return driven
+        return self.heard.applied if self.heard is not None and self.welcomed.is_set() else STAND
 
     def telemetry(self) -> dict[str, Any]:
         """What the board says of itself; `link` is why it cannot be commanded, or None."""
@@ -218,9 +198,9 @@ class SerialDrive(Drive):
                 continue
             if not self.standing and now - self.last_command > LOOP_PATIENCE:
                 self.disarm(f"the loop has sent nothing for {now - self.last_command:.2f} s", tell=True)
-            if now - self.last_heard > LINK_PATIENCE:
+            if now - self.hearing.last > LINK_PATIENCE:
                 self.welcomed.clear()
-                self.disarm(f"lost: no valid telemetry for {now - self.last_heard:.2f} s", tell=True)
+                self.disarm(f"lost: no valid telemetry for {now - self.hearing.last:.2f} s", tell=True)
                 continue
             self.line.write(Type.HEARTBEAT)
 
@@ -252,11 +232,11 @@ class SerialDrive(Drive):
         while not self.closing.is_set():
             now = time.monotonic()
             if not self.welcomed.is_set():
-                if now - max(opened, self.last_heard) > 2 * GREETING:
+                if now - max(opened, self.hearing.last) > 2 * GREETING:
                     return "no answer from the board"
                 if now - greeted > HELLO_EVERY:
                     greeted = now
-                    self.heard_sequence = None
+                    self.hearing.begin()
                     self.line.write(Type.HELLO)
             try:
                 data = read_some(port)
@@ -267,14 +247,9 @@ class SerialDrive(Drive):
 
     def handle(self, data: bytes) -> None:
         """Bytes from the board."""
-        frames = self.parser.feed(data)
-        other = self.parser.other_version
-        if other is not None:
-            self.parser.other_version = None
-            self.refusal = (
-                f"the board speaks version {other} of the protocol, this program {VERSION}: "
-                "flash it with make -C robot/firmware flash"
-            )
+        frames = self.hearing.parser.feed(data)
+        if (other := self.hearing.other_version()) is not None:
+            self.refusal = other
             self.welcomed.clear()
             self.disarm(self.refusal, tell=True)
         for frame in frames:
@@ -282,7 +257,7 @@ class SerialDrive(Drive):
                 self.on_welcome(frame)
             elif frame.type == Type.TELEMETRY and self.welcomed.is_set():
                 self.on_telemetry(frame)
-        if self.noise.bad(self.parser.refused, time.monotonic()) and not self.standing:
+        if self.hearing.bad(time.monotonic()) and not self.standing:
             self.disarm("bad line: many frames from the board are refused", tell=True)
 
     def on_welcome(self, frame: Frame) -> None:
@@ -291,32 +266,22 @@ class SerialDrive(Drive):
         if self.robot is not None and welcome.robot != self.robot:
             self.refusal = f"the board is that of the robot {welcome.robot!r}, the configuration is for {self.robot!r}"
             return
-        self.last_heard = time.monotonic()
-        self.heard_sequence = frame.sequence
         again = self.heard is not None and not self.welcomed.is_set()
-        self.refusal, self.noise.count = None, 0
+        self.refusal = None
+        self.hearing.welcome(frame, time.monotonic())
         self.welcomed.set()
         if again:
             self.report("link: connected again; the car stands until it is told to resume")
 
     def on_telemetry(self, frame: Frame) -> None:
         """What the board does."""
-        if self.heard_sequence is not None and not 0 < (frame.sequence - self.heard_sequence) & 0xFFFF < 0x8000:
-            self.parser.refused += 1  # seen already, or older
+        now, before = time.monotonic(), self.heard
+        telemetry = self.hearing.take(frame, now)
+        if telemetry is None:
             return
-        now = time.monotonic()
-        telemetry = read_telemetry(frame.body)
-        before, self.heard = self.heard, telemetry
-        self.heard_sequence, self.last_heard = frame.sequence, now
         self.line.echoed(telemetry.echo, now)
-        with self.lock:
-            self.applied.append(telemetry.applied)
-            del self.applied[:-30]
-        new = telemetry.faults & ~(before.faults if before is not None else Fault(0))
-        if Fault.BATTERY in new:
-            self.report(f"link: battery low, {telemetry.battery:.1f} V")
-        if Fault.WATCHDOG in new:
-            self.report("link: the board was reset by its watchdog timer")
+        for line in news(before, telemetry):
+            self.report(f"link: {line}")
         if self.standing:
             return
         if telemetry.armed:

@@ -20,7 +20,7 @@ ALONG, UPWARD = 256, 64
 FLOOR = 128
 """Texels per metre of floor."""
 
-COLOURS = {
+COLORS = {
     "wall": (0.80, 0.77, 0.70),
     "blank": (0.78, 0.77, 0.74),
     "door": (0.42, 0.29, 0.20),
@@ -41,7 +41,7 @@ def paint_ring(shape: Ring, ceiling: float, rng: np.random.Generator, walls: Wal
     """The surfaces of a ring, one for each edge.
 
     Walls have panels up to 1 m with a rail above, uneven light, paper on them here and there, and some
-    stretches without any texture. `walls="blank"` leaves all but the colour away.
+    stretches without any texture. `walls="blank"` leaves all but the color away.
     """
     height = min(shape.height or ceiling, ceiling)
     corners = shape.array
@@ -58,8 +58,8 @@ def paint_ring(shape: Ring, ceiling: float, rng: np.random.Generator, walls: Wal
         lit = 0.9 + 0.1 * math.cos(math.atan2(dx, -dy) - 0.7)
         plain = walls == "blank" or kind == "blank"
         light = np.ones((rows, columns)) if plain else style.light(kind, s, begin, length, z, rng)
-        colour = np.array(COLOURS[kind])
-        texels = light[..., None] * lit * colour
+        color = np.array(COLORS[kind])
+        texels = light[..., None] * lit * color
         if not plain and kind == "wall":
             style.paper(texels, begin + s, z)
         painted.append(Painted(to_bytes(texels), height))
@@ -88,10 +88,10 @@ class RingStyle:
             -1,
         )
         self.tone = float(rng.uniform(0.85, 1.1))
-        self.paper_colours = rng.uniform(0.25, 0.95, (count, 3))
+        self.paper_colors = rng.uniform(0.25, 0.95, (count, 3))
 
     def light(self, kind: str, s: Floats, begin: float, length: float, z: Floats, rng: np.random.Generator) -> Floats:
-        """Brightness `[rows, columns]` as a factor on the colour."""
+        """Brightness `[rows, columns]` as a factor on the color."""
         along = begin + s
         uneven = np.interp(along, np.arange(len(self.knots)) * 0.7, self.knots)
         grain = rng.normal(0, 1, (len(z), len(s)))
@@ -117,8 +117,8 @@ class RingStyle:
 
     def paper(self, texels: Floats, along: Floats, z: Floats) -> None:
         """Put the papers that hang here on the wall, in place."""
-        for (place, width, low, high), colour in zip(self.papers, self.paper_colours, strict=True):
-            texels[(np.abs(along - place) < width / 2) & (z > low) & (z < low + high)] = colour
+        for (place, width, low, high), color in zip(self.papers, self.paper_colors, strict=True):
+            texels[(np.abs(along - place) < width / 2) & (z > low) & (z < low + high)] = color
 
 
 def paint_floor(plan: Plan, rng: np.random.Generator, spread: float = 0.03) -> tuple[Image, tuple[float, ...]]:

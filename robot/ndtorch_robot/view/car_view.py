@@ -114,9 +114,9 @@ class CarView:
         for eye, field in zip(("left", "right"), self.fields, strict=True):
             log(f"cameras/{eye}/fields", field_box(rr, field, eye), static=True)
         log("speeds", speed_lines(rr, self.levels), static=True)
-        names, colours = list(COMMAND_LINES), list(COMMAND_LINES.values())
+        names, colors = list(COMMAND_LINES), list(COMMAND_LINES.values())
         for entity in ("command/speed", "command/curvature"):
-            log(entity, rr.SeriesLines(colors=colours, names=names, widths=[1.0, 2.0, 1.5]), static=True)
+            log(entity, rr.SeriesLines(colors=colors, names=names, widths=[1.0, 2.0, 1.5]), static=True)
         log("board/battery", rr.SeriesLines(colors=[CAR], names=["battery, V"]), static=True)
 
     def show(self, seen: Seen) -> None:

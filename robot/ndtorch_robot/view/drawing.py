@@ -10,8 +10,7 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from ndtorch.navigation import Grid, Rect, StereoRig, Strips
-from ndtorch.navigation.options import AnyNavigator
+from ndtorch.navigation import Grid, Navigator, Rect, StereoRig, Strips
 from ndtorch_robot.record import range_columns
 
 TIMELINE = "time"
@@ -39,7 +38,7 @@ LEFT, RIGHT, OTHER, FEATURE, PATH, BELIEVED, CAR = (
 MAP_LOW, MAP_HIGH = np.array([250.0, 190.0, 120.0]), np.array([170.0, 20.0, 20.0])
 WHITE = (255, 255, 255)
 SPEEDS = ("left", "right", "difference")
-SPEED_COLOURS = [LEFT, RIGHT, (230, 159, 0)]
+SPEED_COLORS = [LEFT, RIGHT, (230, 159, 0)]
 
 UNREAD = 40
 """Grey of what is not in the strips."""
@@ -48,9 +47,10 @@ THICK = 4
 """A row that is read alone is drawn with so many more rows above and below, to be seen at all."""
 
 
-def levels(navigator: AnyNavigator) -> dict[str, float]:
+def levels(navigator: Navigator) -> dict[str, float]:
     """Lines to draw beside the speeds: the controller's thresholds."""
-    return navigator.controller.trace.lines()
+    lines: dict[str, float] = navigator.controller.trace.lines()
+    return lines
 
 
 def field_box(rr: Any, field: Rect, eye: str) -> Any:
@@ -67,7 +67,7 @@ def field_box(rr: Any, field: Rect, eye: str) -> Any:
 def speed_lines(rr: Any, lines: dict[str, float]) -> Any:
     """How both speeds, their difference and the levels are drawn."""
     widths = [1.5, 1.5, 2.0] + [0.8] * len(lines)
-    return rr.SeriesLines(colors=SPEED_COLOURS + [OTHER] * len(lines), names=[*SPEEDS, *lines], widths=widths)
+    return rr.SeriesLines(colors=SPEED_COLORS + [OTHER] * len(lines), names=[*SPEEDS, *lines], widths=widths)
 
 
 def feature_points(rr: Any, ranges: npt.NDArray[np.float32], rig: StereoRig) -> tuple[Any, Any]:
@@ -124,10 +124,10 @@ def map_points(rr: Any, grid: Grid, cells: Tensor, radius: float) -> Any:
         value, strongest = value.topk(CELLS)
         row, column = row[strongest], column[strongest]
     share = (value / largest).clamp(0, 1).sqrt().numpy()[:, None]
-    x, y = grid.centre(row, column)
+    x, y = grid.center(row, column)
     points = np.stack((x.numpy(), -y.numpy()), -1)
-    colours = (MAP_LOW + share * (MAP_HIGH - MAP_LOW)).astype(np.uint8)
-    return rr.Points2D(points, colors=colours, radii=radius)
+    colors = (MAP_LOW + share * (MAP_HIGH - MAP_LOW)).astype(np.uint8)
+    return rr.Points2D(points, colors=colors, radii=radius)
 
 
 def flipped(points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

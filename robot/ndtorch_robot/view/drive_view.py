@@ -135,9 +135,9 @@ class DriveView:
         self._stream.log("plan/car", car_arrow(self._rr, record.pose[-1]))
 
     def _paths(self, record: Record) -> None:
-        for name, list_, colour in (("path", "pose", PATH), ("believed", "believed", BELIEVED)):
+        for name, list_, color in (("path", "pose", PATH), ("believed", "believed", BELIEVED)):
             strips = [flipped(part) for part in pieces(record.track(list_))]
-            line = self._rr.LineStrips2D(strips, colors=[colour], radii=0.03 if name == "path" else 0.015)
+            line = self._rr.LineStrips2D(strips, colors=[color], radii=0.03 if name == "path" else 0.015)
             self._stream.log(f"plan/{name}", line)
 
     def _map(self, grid: Grid, cells: Tensor) -> None:

@@ -109,5 +109,5 @@ def test_a_batch_of_models_is_that_many_models() -> None:
 
 
 def test_bad_options_are_refused() -> None:
-    with pytest.raises(InputError, match="readout = 'both': Input should be 'owners' or 'delays'"):
+    with pytest.raises(InputError, match="readout = 'both': should be 'owners' or 'delays'"):
         ndtorch.load("scale-free", readout="both")

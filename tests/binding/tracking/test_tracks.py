@@ -24,7 +24,7 @@ def blank(steps: int) -> tuple[Tensor, Tensor, Tensor]:
 
 
 def paint(things: list[Thing], steps: int = 100) -> tuple[VideoSignals, Tensor]:
-    """Fields of things, each a path (row and column in fields by time, or None), a motion and a colour."""
+    """Fields of things, each a path (row and column in fields by time, or None), a motion and a color."""
     motion, presence, outputs = blank(steps)
     r, c = torch.meshgrid(torch.arange(ROWS), torch.arange(COLUMNS), indexing="ij")
     for n in range(steps):

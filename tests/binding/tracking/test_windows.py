@@ -12,7 +12,9 @@ from torch import Tensor
 
 from ndtorch import InputError
 from ndtorch.binding import Windows
-from ndtorch.binding.tracking.windows import WindowParams, WindowState
+from ndtorch.binding.readout.covariances import single_table
+from ndtorch.binding.tracking.params import WindowParams
+from ndtorch.binding.tracking.windows import WindowState
 from ndtorch.vision import FEATURES
 
 GRID = (16, 16)
@@ -38,8 +40,8 @@ def blob(
     time = torch.arange(len(light)) * DT
     total = []
     for axis in (0, 1):
-        centre = start[axis] + velocity[axis] * time
-        away = torch.arange(grid[axis]) - centre[:, None]
+        center = start[axis] + velocity[axis] * time
+        away = torch.arange(grid[axis]) - center[:, None]
         if wrap:
             away = (away + grid[axis] / 2) % grid[axis] - grid[axis] / 2
         total.append(torch.exp(-away.square() / 0.8))
@@ -53,7 +55,8 @@ def windows() -> Windows:
 
 
 def features_of(module: Windows, state: WindowState) -> list[set[str]]:
-    rows = module.features(state)[module.confirmed(state)]
+    there = module.confirmed(state)
+    rows = single_table(state.covariance, there, torch.zeros(10, 10)).rows.sum(-2)[there]
     return [{name for name, value in zip(FEATURES, row.tolist(), strict=True) if value > 0} for row in rows]
 
 
@@ -173,7 +176,7 @@ def test_brightness_and_place_do_not_matter(gain: float, down: int, right: int) 
 
 @pytest.mark.parametrize("name", ["most", "period", "window", "tau_bind"])
 def test_parameters_must_be_positive(name: str) -> None:
-    with pytest.raises(InputError, match=f"{name} = 0: Input should be greater than 0"):
+    with pytest.raises(InputError, match=f"{name} = 0: should be greater than 0"):
         WindowParams(**{name: 0})  # type: ignore[arg-type]
 
 

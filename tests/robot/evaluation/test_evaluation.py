@@ -104,8 +104,8 @@ def test_picture_of_many(tmp_path):
     draw_table(rows_of(drives), tmp_path / "table.png")
     picture = cv2.imread(str(tmp_path / "table.png"))
     assert picture.shape[1] > 1000
-    for colour in ((0xB2, 0x72, 0x00), (0x00, 0x5E, 0xD5)):  # blue and vermilion, as BGR
-        assert (np.abs(picture.astype(int) - colour).sum(-1) < 12).sum() > 300
+    for color in ((0xB2, 0x72, 0x00), (0x00, 0x5E, 0xD5)):  # blue and vermilion, as BGR
+        assert (np.abs(picture.astype(int) - color).sum(-1) < 12).sum() > 300
 
 
 @needs_gl

@@ -123,7 +123,7 @@ def test_arena_file(tmp_path):
     ("text", "message"),
     [
         ('name = "x"\nwalls = [[0,0,4,0],[4,0.3,4,4],[4,4,0,0]]', r"gap of 0.30 m .* end of wall 0"),
-        (GOOD + "colour = 3", "unknown key 'colour'; known: name, rooms"),
+        (GOOD + "hue = 3", "unknown key 'hue'; known: name, rooms"),
         (GOOD + "[[pillar]]\nx=1", "unknown key 'pillar'"),
         (GOOD.replace("width = 0.4", "width = -1"), r"pillars.0.width = -1: should be greater"),
         (GOOD.replace("width = 0.4", 'width = "40 cm"'), "pillars.0.width = '40 cm'"),

@@ -90,6 +90,6 @@ def poses(count, columns, rows, square, seed=0):
         distance = rng.uniform(0.65, 1.2)
         across = (n % 4 - 1.5) / 1.5 * 0.28 + rng.uniform(-0.04, 0.04)
         down = (n // 4 % 3 - 1) * 0.27 + rng.uniform(-0.04, 0.04)
-        centre = np.array([across * distance + 0.15, down * distance, distance])
-        found.append((rotation, centre - rotation @ middle))
+        center = np.array([across * distance + 0.15, down * distance, distance])
+        found.append((rotation, center - rotation @ middle))
     return found

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ndtorch.errors import InputError
-from ndtorch_train.reproduce import bars, driving, first_stage, mapping, objects, sensors, two_neurons, video
+from ndtorch_train.reproduce import bars, driving, first_stage, mapping, mixtures, objects, sensors, two_neurons, video
 from ndtorch_train.reproduce.drives import DRIVES
 from ndtorch_train.reproduce.outcome import Claim
 from ndtorch_train.reproduce.signals import BINDING, HOUSE
@@ -112,7 +112,7 @@ CLAIMS: tuple[Claim, ...] = (
         first_stage.orientation_tuning, {"step": 2.5}, {"step": 10.0}, (2, 1), BIND,
     ),
     _claim(
-        "B4", "B fig. 7", "colours of saturation 0.2 become far more saturated", "figure",
+        "B4", "B fig. 7", "colors of saturation 0.2 become far more saturated", "figure",
         "0.6 to 0.8 (one digit) at all hues",
         first_stage.color_tuning, {"saturation": 0.2, "hues": 361, "lights": 201},
         {"saturation": 0.2, "hues": 91, "lights": 51}, (2, 1), BIND,
@@ -182,7 +182,7 @@ CLAIMS: tuple[Claim, ...] = (
     _claim(
         "C7", "C §5.3, eq. 21-36", "which weights solve a mixture, and which are stable",
         "N! and (N!/(N-m)!)² solutions; limits on the weights", "all of them; limits within 1 %",
-        two_neurons.theory, {"largest": 4, "mixtures": 4, "seed": 0}, {"largest": 3, "mixtures": 2, "seed": 0},
+        mixtures.theory, {"largest": 4, "mixtures": 4, "seed": 0}, {"largest": 3, "mixtures": 2, "seed": 0},
         (6, 2), BIND,
     ),
     _claim(

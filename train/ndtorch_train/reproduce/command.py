@@ -44,6 +44,8 @@ class Reproduce:
     """Video of a road camera that B9 looks at too."""
     fresh: bool = False
     """Use no result of an earlier run."""
+    json: bool = False
+    """Print what claims.json holds and nothing else."""
 
     def run(self) -> int:
         """Do it; returns the exit code."""
@@ -66,9 +68,12 @@ class Reproduce:
                 put_table(self.table, markdown(entries, self.quick, self.words()))
         except OSError as error:
             raise InputError(f"{error.filename or self.out} cannot be written: {error.strerror}") from None
-        for entry in entries:
-            print(f"{entry.claim.id:4}{entry.outcome.verdict:17}{entry.outcome.ours}")
-        print(f"{tally(entries)}; written to {self.out / 'index.html'}")
+        if self.json:
+            print((self.out / "claims.json").read_text(encoding="utf-8").strip())
+        else:
+            for entry in entries:
+                print(f"{entry.claim.id:4}{entry.outcome.verdict:17}{entry.outcome.ours}")
+            print(f"{tally(entries)}; written to {self.out / 'index.html'}")
         for name, why in failed.items():
             print(f"error: {name} could not be tried: {why.strip()}", file=sys.stderr)
         return 1 if failed else 0

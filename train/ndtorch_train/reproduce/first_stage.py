@@ -93,9 +93,9 @@ def motion_sums(directions: list[float], orientations: list[float] | None, secon
     return found / found.max()
 
 
-def half_width(angles: Tensor, response: Tensor, centre: float) -> float:
-    """Half the width at half the maximum of a lobe around `centre`, degrees; by interpolation."""
-    offset = (angles - centre + 180) % 360 - 180
+def half_width(angles: Tensor, response: Tensor, center: float) -> float:
+    """Half the width at half the maximum of a lobe around `center`, degrees; by interpolation."""
+    offset = (angles - center + 180) % 360 - 180
     order = offset.argsort()
     x, y = offset[order], response[order] / response.max()
     middle = int(x.abs().argmin())
@@ -146,9 +146,9 @@ def motion_tuning(context: Context, step: float, seconds: float) -> Outcome:
     caption = "First-stage motion processing of the aperture problem: a bar that always moves right, at any tilt."
     context.draw("B5-aperture", figure, "B fig. 5", caption, step=step, seconds=seconds)
 
-    centres = {"left": 180.0, "right": 0.0, "down": 270.0, "up": 90.0}
+    centers = {"left": 180.0, "right": 0.0, "down": 270.0, "up": 90.0}
     before, after = (
-        [half_width(angles, values[:, FEATURES.index(name)], at) for name, at in centres.items()]
+        [half_width(angles, values[:, FEATURES.index(name)], at) for name, at in centers.items()]
         for values in (inputs, outputs)
     )
     three = (slanted > 0.05).sum(1) == 3
@@ -209,12 +209,12 @@ def orientation_tuning(context: Context, step: float) -> Outcome:
 
 
 def color_tuning(context: Context, saturation: float, hues: int, lights: int) -> Outcome:
-    """Colours of little saturation, all hues and lightnesses."""
+    """Colors of little saturation, all hues and lightnesses."""
     network = shipped("color")
     hue = torch.linspace(0, 360, hues)
     light = torch.linspace(0, 1, lights)
     colors = hsl_color(hue[None, :], torch.tensor(saturation), light[:, None]).double()
-    # Sums of a lone bar are its colour times its area: one bar shows it, the rest follows.
+    # Sums of a lone bar are its color times its area: one bar shows it, the rest follows.
     features, one_color = VisualFeatures((100, 100)), (0.5, 0.4, 0.6)
     with torch.inference_mode():
         seen = features(static_bar(0.0, one_color)[None])[0][0, GROUPS["color"]].double()
@@ -226,7 +226,7 @@ def color_tuning(context: Context, saturation: float, hues: int, lights: int) ->
     found = (high - low) / (high + low)
 
     figure, axes = panels(1, 3, 14, 4)
-    for one, image, title in ((axes[0], colors, "input colours"), (axes[1], (outputs / top).clamp(0, 1), "outputs")):
+    for one, image, title in ((axes[0], colors, "input colors"), (axes[1], (outputs / top).clamp(0, 1), "outputs")):
         one.imshow(image, origin="lower", aspect="auto", extent=(0, 360, 0, 1))
         one.set(title=title, xlabel="hue (degrees)", ylabel="lightness", xticks=range(0, 361, 60))
     inputs = hsl_color(hue, torch.tensor(saturation), torch.tensor(0.5))
@@ -239,11 +239,11 @@ def color_tuning(context: Context, saturation: float, hues: int, lights: int) ->
     axes[2].set_xticks(range(0, 361, 60))
     axes[2].legend(fontsize=7.5, ncols=3, frameon=False, loc="upper center")
     letters(axes)
-    caption = f"First-stage colour refinement of colours of saturation {saturation:g}; outputs over the largest of all."
+    caption = f"First-stage color refinement of colors of saturation {saturation:g}; outputs over the largest of all."
     context.draw("B7-color-tuning", figure, "B fig. 7", caption, saturation=saturation)
     numbers = {
         "saturation of outputs, least, mean, most": [float(found.min()), float(found.mean()), float(found.max())],
-        "largest error of 'sums are colour times area'": area_error,
+        "largest error of 'sums are color times area'": area_error,
     }
     # .6 to .8 are known to one digit.
     parts = {

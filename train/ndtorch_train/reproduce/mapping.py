@@ -21,7 +21,7 @@ from ndtorch_train.reproduce.outcome import Outcome
 from ndtorch_train.reproduce.plots import BLUE, GREEN, ORANGE, PURPLE, letters, panels
 
 TOP_THREE = ("#d55e00", "#009e73", "#0072b2")
-"""Red, green and blue of the paper's marks, in tones the colour-blind tell apart."""
+"""Red, green and blue of the paper's marks, in tones the color-blind tell apart."""
 
 
 def hops(features: Features) -> float:
@@ -82,7 +82,7 @@ def space_time(context: Context, seen: Recorded, rows: Tensor) -> None:
         one.set(title=name, xlabel="column (px)")
     axes[0].set_ylabel("time (s)")
     letters(axes)
-    words = f"{end:.0f} s of the centre rows of both cameras along the {seen.arena}."
+    words = f"{end:.0f} s of the center rows of both cameras along the {seen.arena}."
     context.draw("ch2-8-rows", figure, "chapter 2 fig. 8", words, arena=seen.arena, seed=seen.seed)
 
 

@@ -1,4 +1,4 @@
-"""What the figures share: sizes, colours, panels of outputs and of weight matrices."""
+"""What the figures share: sizes, colors, panels of outputs and of weight matrices."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from torch import Tensor
 
-from ndtorch.report.figures import draw_matrix, draw_traces
 from ndtorch.report.palette import STYLES
+from ndtorch.report.panels import draw_matrix, draw_traces
 from ndtorch.vision import FEATURES
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ BLUE, ORANGE, GREEN, PURPLE, SKY, YELLOW, BLACK = (
     "#e69f00",
     "#222222",
 )
-"""Okabe & Ito's colours, told apart by the colour-blind."""
+"""Okabe & Ito's colors, told apart by the color-blind."""
 
 
 def panels(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, list[Axes]]:

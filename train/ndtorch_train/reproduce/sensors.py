@@ -139,11 +139,11 @@ def pixel_angle(context: Context) -> Outcome:
     figure, axes = panels(1, 2, 11, 4)
     axes[0].plot(p, exact, color=BLUE, lw=2, label="atan(p / f)")
     axes[0].plot(p, line, color=ORANGE, lw=2, ls="--", label=f"{slope:.4f}° p")
-    axes[0].set(title="angle of a pixel", xlabel="pixels from the centre", ylabel="angle (degrees)")
+    axes[0].set(title="angle of a pixel", xlabel="pixels from the center", ylabel="angle (degrees)")
     axes[0].legend(frameon=False)
     axes[1].plot(p, line - exact, color=ORANGE, lw=2)
     axes[1].axhline(0, color="0.6", lw=0.8)
-    axes[1].set(title="error of the line", xlabel="pixels from the centre", ylabel="error (degrees)")
+    axes[1].set(title="error of the line", xlabel="pixels from the center", ylabel="error (degrees)")
     letters(axes)
     caption = "The exact angle of a pixel and its least-squares line."
     context.draw("A-pixel-angle", figure, "A eq. A.3-A.4", caption, focal=430, width=640)

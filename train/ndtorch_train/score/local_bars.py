@@ -38,7 +38,7 @@ EVERY = 5
 
 
 def measure(direction: int, orientation: int, features: VisualFeatures) -> Tensor:
-    """What a field sees of a white bar at every offset from its centre, `[8, POINTS, POINTS]`.
+    """What a field sees of a white bar at every offset from its center, `[8, POINTS, POINTS]`.
 
     Four motions, three orientations, and the bar's area. Rows and columns of offsets run from 0 to the canvas.
     """
@@ -58,7 +58,7 @@ def measure(direction: int, orientation: int, features: VisualFeatures) -> Tenso
         _, _, state = features.motion.scan(frames.mean(-3), state)
     assert state is not None
     images = features.images_at(frames[-1], state)[:8].roll((-CANVAS // 2, -CANVAS // 2), (-2, -1))
-    # One field of the real width, centred on pixel 0.
+    # One field of the real width, centered on pixel 0.
     places = (torch.arange(CANVAS) + CANVAS / 2) % CANVAS - CANVAS / 2
     line = torch.where(places.abs() < SPACING, 0.5 + 0.5 * torch.cos(math.pi * places / SPACING), torch.zeros(()))
     window = torch.fft.rfft2(line[:, None] * line)
@@ -99,14 +99,14 @@ def local_sums(scenes: Sequence[Scene], seconds: float, table: Tensor, chunk: in
 
 def scene_sums(scene: Scene, steps: Tensor, table: Tensor) -> Tensor:
     """Signals of one scene at those frame numbers, `[T, FIELDS, FIELDS, 10]`."""
-    centres = (torch.arange(FIELDS) + 0.5) * SPACING - 0.5
+    centers = (torch.arange(FIELDS) + 0.5) * SPACING - 0.5
     total = torch.zeros(len(steps), FIELDS, FIELDS, 10)
     for bar in scene.bars:
         heading = math.radians(direction_degrees(bar.direction))
         seconds = steps / FPS
         columns = bar.start[0] + SPEED * math.cos(heading) * seconds
         rows = bar.start[1] - SPEED * math.sin(heading) * seconds
-        seen = at_offsets(table[bar.direction, bar.orientation], rows, columns, centres)
+        seen = at_offsets(table[bar.direction, bar.orientation], rows, columns, centers)
         light = torch.from_numpy(bar.light)
         color = torch.tensor(bar.color)
         grey, twice = color.mean(), moving(light)[steps][:, None, None, None]
@@ -116,12 +116,12 @@ def scene_sums(scene: Scene, steps: Tensor, table: Tensor) -> Tensor:
     return total
 
 
-def at_offsets(responses: Tensor, rows: Tensor, columns: Tensor, centres: Tensor) -> Tensor:
+def at_offsets(responses: Tensor, rows: Tensor, columns: Tensor, centers: Tensor) -> Tensor:
     """Responses `[8, POINTS, POINTS]` at the offsets of a bar from every field, `[T, FIELDS, FIELDS, 8]`."""
     line = responses.permute(1, 2, 0).reshape(-1, responses.shape[0])
     places = []
     for at, length in ((rows, SIZE[0]), (columns, SIZE[1])):
-        away = (at[:, None] - centres + length / 2) % length - length / 2
+        away = (at[:, None] - centers + length / 2) % length - length / 2
         # Beyond half the canvas nothing is felt.
         within = away.abs() < CANVAS / 2 - STEP
         grid = torch.where(within, away, CANVAS / 2) % CANVAS / STEP
@@ -129,7 +129,7 @@ def at_offsets(responses: Tensor, rows: Tensor, columns: Tensor, centres: Tensor
         share = grid - low
         low = low.long()
         places.append([(low % POINTS, (1 - share) * within), ((low + 1) % POINTS, share * within)])
-    total = torch.zeros(len(rows), len(centres), len(centres), responses.shape[0])
+    total = torch.zeros(len(rows), len(centers), len(centers), responses.shape[0])
     for row, row_share in places[0]:
         for column, column_share in places[1]:
             index = row[:, :, None] * POINTS + column[:, None, :]

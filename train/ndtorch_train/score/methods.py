@@ -162,15 +162,15 @@ class Ica(Offline):
 
     def separate(self, signals: Tensor) -> Tensor:
         fast_ica = decomposition().FastICA
-        centred = (signals - signals.mean(0)).double()
-        values = torch.linalg.eigvalsh(centred.mT @ centred)
-        if float(values[-1]) < EMPTY * len(centred):
+        centered = (signals - signals.mean(0)).double()
+        values = torch.linalg.eigvalsh(centered.mT @ centered)
+        if float(values[-1]) < EMPTY * len(centered):
             return torch.zeros(0, 10)
         rank = int((values >= self.rank_threshold * values[-1]).sum())
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             ica = fast_ica(rank, whiten="unit-variance", random_state=0, max_iter=400)
-            ica.fit(centred.numpy())
+            ica.fit(centered.numpy())
         mixing = torch.from_numpy(ica.mixing_).float().T
         # The sign of a component is free: its largest feature is positive.
         largest = mixing.gather(-1, mixing.abs().argmax(-1, keepdim=True))
@@ -188,8 +188,8 @@ class Greedy(Offline):
         self.strength = strength
 
     def separate(self, signals: Tensor) -> Tensor:
-        centred = (signals - signals.mean(0)).double()
-        left = centred.mT @ centred / max(1, len(centred))
+        centered = (signals - signals.mean(0)).double()
+        left = centered.mT @ centered / max(1, len(centered))
         first = left.diagonal().amax()
         found: list[Tensor] = []
         while len(found) < len(left):

@@ -10,7 +10,9 @@ import torch
 from torch import Tensor
 
 from ndtorch.binding import Windows
-from ndtorch.binding.tracking.windows import WindowParams
+from ndtorch.binding.readout.covariances import single_table
+from ndtorch.binding.tracking.params import WindowParams
+from ndtorch.binding.tracking.windows import WindowState
 from ndtorch.vision import LocalFeatures, VisualFeatures
 from ndtorch_train.score.choices import SETTLE, Split
 from ndtorch_train.score.leaderboard import Row
@@ -43,7 +45,7 @@ class LocalSet:
 SETS = (
     LocalSet("random", Restriction(), (1, 2, 3)),
     LocalSet("four bars", Restriction(), (4,)),
-    LocalSet("same colour", Restriction(same_color=True), (2, 3)),
+    LocalSet("same color", Restriction(same_color=True), (2, 3)),
     LocalSet("same direction", Restriction(same_direction=True), (2, 3)),
     LocalSet("equal bars", Restriction(same_color=True, same_direction=True), (2, 3)),
 )
@@ -66,9 +68,15 @@ def found(windows: Windows, signals: Iterator[Tensor], moments: Sequence[int]) -
             _, state = windows(part, state)
             taken += 1
             if taken in moments:
-                features, open_ = windows.features(state) > 0, windows.confirmed(state)
-                readings.append([f[o] for f, o in zip(features, open_, strict=True)])
+                readings.append(features(windows, state))
     return readings
+
+
+def features(windows: Windows, state: WindowState) -> list[Tensor]:
+    """Features of the objects of every scene of a batch, `[objects, 10]` bool."""
+    there = windows.confirmed(state)
+    rows = single_table(state.covariance, there, first_stage()).rows.sum(-2) > 0
+    return [row[seen] for row, seen in zip(rows, there, strict=True)]
 
 
 def retinotopic_rows(
@@ -76,7 +84,7 @@ def retinotopic_rows(
 ) -> Iterator[Row]:
     """All sets; the random one at every wanted time, the others at the first."""
     table = local_bars(folder)
-    windows = Windows((FIELDS, FIELDS), SPACING, EVERY / FPS, first_stage=first_stage(), params=params)
+    windows = Windows((FIELDS, FIELDS), SPACING, EVERY / FPS, params=params)
     for chosen in SETS:
         times = sorted(seconds) if chosen.name == "random" else [min(seconds)]
         every = drawn(chosen, split, scenes)
@@ -101,12 +109,12 @@ def rendered_row(split: Split, scenes: int, seconds: float) -> Row:
     for scene, true in zip(every, truth, strict=True):
         source = RenderedBars(scene, SETTLE + seconds)
         eyes = LocalFeatures(VisualFeatures(source.size, 1 / source.fps), FIELDS)
-        windows = Windows(eyes.grid, eyes.spacing, 1 / source.fps, first_stage=first_stage())
+        windows = Windows(eyes.grid, eyes.spacing, 1 / source.fps)
         seen = state = None
         with torch.inference_mode():
             for frames in source.chunks(8):
                 signals, seen = eyes(frames, seen)
-                _, state = windows(signals, state)
+                _, state = windows(signals.unsqueeze(0), state)
             assert state is not None
-            judged.append(score_scene(windows.features(state)[windows.confirmed(state)] > 0, true))
+            judged.append(score_scene(features(windows, state)[0], true))
     return Row("random, rendered", NAME, True, seconds, judged)

@@ -58,7 +58,7 @@ class RandomBar:
     Attributes:
         direction, orientation: numbers, see `single_bars`.
         color: red, green and blue in 0..1.
-        start: column and row of the centre in the first frame (for rendering; sums do not depend on it).
+        start: column and row of the center in the first frame (for rendering; sums do not depend on it).
         light: brightness over time at 100 samples a second, `[LONGEST * 100]`.
     """
 
@@ -83,7 +83,7 @@ class Restriction:
 
     Attributes:
         bars: how many; None takes 1, 2, 3 in turn with the seed.
-        same_color, same_direction: all bars take the first one's colour, or its direction and orientation.
+        same_color, same_direction: all bars take the first one's color, or its direction and orientation.
         steady: nothing fluctuates.
     """
 
@@ -103,9 +103,9 @@ def seeds(split: Split, scenes: int) -> range:
 
 
 def draw_scene(seed: int, restriction: Restriction | None = None) -> Scene:
-    """The scene of that seed: 1-3 bars of random direction, orientation, colour and brightness over time.
+    """The scene of that seed: 1-3 bars of random direction, orientation, color and brightness over time.
 
-    16 directions; half of the bars move across their long axis, the others have one of 8 orientations. Colours are
+    16 directions; half of the bars move across their long axis, the others have one of 8 orientations. Colors are
     fully bright, of saturation .5-.95 and hues at least 60° apart. Brightness is a sinusoid (period .5-2.5 s), smoothed
     noise (Gaussian of .08-.3 s) or on-off (.4-1.5 s each), around one half.
     """

@@ -30,7 +30,7 @@ class Stress:
         restriction: what their bars have in common.
         noise: white noise on every sum and sample, as a share of the standard deviation of its group's strongest sum
             (of its level, where nothing fluctuates).
-        flicker: background that drives all colours and all orientations alike (see `FLICKER`).
+        flicker: background that drives all colors and all orientations alike (see `FLICKER`).
         every: samples between frames: 3 is a frame each 30 ms.
         change: the scene gives way to another one half-way, and that one is scored.
     """
@@ -49,14 +49,14 @@ STRESS: tuple[Stress, ...] = (
     Stress("noise .03", "white noise on the sums, 3 % of each group's strongest", noise=0.03),
     Stress("noise .1", "10 %", noise=0.1),
     Stress("noise .3", "30 %", noise=0.3),
-    Stress("flicker", "a background that brightens and darkens, in all colours and orientations", flicker=FLICKER),
+    Stress("flicker", "a background that brightens and darkens, in all colors and orientations", flicker=FLICKER),
     Stress("30 ms", "a frame every 30 ms", every=3),
     Stress("80 ms", "a frame every 80 ms", every=8),
     Stress("change", "other bars half-way", change=True),
     Stress("static", "nothing fluctuates", Restriction(steady=True)),
     Stress("static, noise .01", "nothing but white noise, 1 % of the level", Restriction(steady=True), noise=0.01),
     Stress("same direction", "2 or 3 bars alike in direction and orientation", Restriction(same_direction=True)),
-    Stress("same colour", "2 or 3 bars alike in colour", Restriction(same_color=True)),
+    Stress("same color", "2 or 3 bars alike in color", Restriction(same_color=True)),
     Stress("four bars", "four bars", Restriction(bars=4)),
 )
 
@@ -107,7 +107,7 @@ def drawn(stress: Stress, split: Split, scenes: int) -> list[Scene]:
 
 
 def flickering(scenes: Sequence[Scene], size: Tensor) -> Tensor:
-    """Smoothed noise of unit deviation times `size` `[B, 1, 10]` in all colours and orientations, `[B, T, 10]`."""
+    """Smoothed noise of unit deviation times `size` `[B, 1, 10]` in all colors and orientations, `[B, T, 10]`."""
     total = torch.zeros(len(scenes), round((SETTLE + SECONDS) * FPS), 10)
     for n, scene in enumerate(scenes):
         light = torch.from_numpy(draw_light(np.random.default_rng(scene.seed + 250_000), "noise"))

@@ -33,7 +33,7 @@ class Mover:
 
     Attributes:
         color: mean red, green and blue, 0..1.
-        hue: of that colour, degrees.
+        hue: of that color, degrees.
         direction: the main one of `DIRECTIONS`.
         shape: "ellipse" or "box" (rounded).
         size: height and width.
@@ -63,7 +63,7 @@ class Mover:
     seed: int
 
     def position(self, time: float) -> tuple[float, float]:
-        """Row and column of its centre, heights from the top left corner."""
+        """Row and column of its center, heights from the top left corner."""
         ahead = time - self.at
         return self.middle[0] + self.velocity[0] * ahead, self.middle[1] + self.velocity[1] * ahead
 
@@ -77,9 +77,9 @@ class Clip:
         movers: the objects.
         occluders: row, column, height, width of things in front of them, heights.
         shade: number of soft shadow bands over the scene, and their strength.
-        ground: mean colour of the background.
+        ground: mean color of the background.
         ground_contrast: of its texture.
-        drift: slow swing of the exposure (share), its period, and the swing of each colour by itself.
+        drift: slow swing of the exposure (share), its period, and the swing of each color by itself.
         steps: times, log gains and time constants of auto-exposure steps.
         reaction: how much the automatic exposure answers to the mean brightness, 0..1.
         flicker: row, column, radius (heights), strength and time constant of patches of flickering light.
@@ -246,7 +246,7 @@ def apart(movers: tuple[Mover, ...], width: float, seconds: float) -> bool:
 
 
 def truth(clip: Clip) -> dict[str, Any]:
-    """What a clip shows, as plain data: every object's colour, main direction, and when and where it is seen.
+    """What a clip shows, as plain data: every object's color, main direction, and when and where it is seen.
 
     Places are row and column as shares of the height and width of the frame.
     """

@@ -35,7 +35,7 @@ class ClipScore:
         name: of the clip; count, fps: what it holds and at what rate.
         found: number of objects reported.
         right: the number is right, and every object has one reported that was in sight when it was and moves its way.
-        colored: and the strongest colour of each is the one its colour has most of.
+        colored: and the strongest color of each is the one its color has most of.
         away: mean distance of the reported places from the true ones, heights of the picture; NaN unless `right`.
         cost: seconds of wall time a second of video, decoding included.
     """
@@ -105,7 +105,7 @@ def matches(thing: BoundObject, real: dict[str, Any]) -> bool:
 
 
 def is_colored(thing: BoundObject, real: dict[str, Any]) -> bool:
-    """Whether its strongest colour is the largest of the real one's red, green and blue, or nearly."""
+    """Whether its strongest color is the largest of the real one's red, green and blue, or nearly."""
     color = dict(zip(("red", "green", "blue"), real["color"], strict=True))
     return bool(color.get(thing.color, 0.0) >= 0.9 * max(color.values()))
 
@@ -149,7 +149,7 @@ def score_clips(
 def table(scores: Sequence[ClipScore]) -> str:
     """Markdown: share of clips right (count and directions) by number of objects and rate, ± standard error."""
     rates = sorted({s.fps for s in scores})
-    head = "| objects | " + " | ".join(f"{fps:g} fps" for fps in rates) + " | all | count alone | colours too | away |"
+    head = "| objects | " + " | ".join(f"{fps:g} fps" for fps in rates) + " | all | count alone | colors too | away |"
     lines = [head, "|" + "---|" * (len(rates) + 5)]
     for count in sorted({s.count for s in scores}):
         rows = [s for s in scores if s.count == count]

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from ndtorch.errors import InputError
+from ndtorch.files import write_text
 from ndtorch.workers import Event, Report, cores, run_tasks
 
 if TYPE_CHECKING:
@@ -43,6 +44,8 @@ class Sweep:
     """Afterwards run so many of the trials one at a time, and tell how much faster together was."""
     fresh: bool = False
     """Begin anew: forget earlier results in the folder."""
+    json: bool = False
+    """Print what summary.json holds and nothing else."""
 
     def run(self) -> int:
         """Do it; returns the exit code."""
@@ -72,7 +75,8 @@ class Sweep:
                 print(f"note: {store.outdated} trials in {out} are of other code and not used", file=sys.stderr)
             todo = [trial for trial in config.trials if trial_id(trial) not in done]
             if len(todo) < len(config.trials):
-                print(f"{len(config.trials) - len(todo)} of {len(config.trials)} trials were finished before")
+                before = f"{len(config.trials) - len(todo)} of {len(config.trials)} trials were finished before"
+                print(before, file=sys.stderr if self.json else sys.stdout)
             began = time.perf_counter()
             failed = self.work(config, todo, module, jobs, store)
             seconds = time.perf_counter() - began
@@ -83,14 +87,17 @@ class Sweep:
             if self.compare:
                 report |= one_at_a_time(config, module, min(self.compare, len(config.trials)))
             results = results_of(config.kind)
-            (out / "summary.md").write_text(summary(config, rows, results), encoding="utf-8")
-            (out / "summary.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+            write_text(out / "summary.md", summary(config, rows, results))
+            write_text(out / "summary.json", json.dumps(report, indent=1) + "\n")
             if rows:
                 draw(config, rows, out)
         except OSError as error:
             raise InputError(f"{error.filename or out} cannot be written: {error.strerror or error}") from None
-        print(", ".join(f"{key} {value}" for key, value in report.items()))
-        print(f"written to {out}: results.parquet summary.md summary.json heatmap-*.svg heatmap-*.png")
+        if self.json:
+            print(json.dumps(report))
+        else:
+            print(", ".join(f"{key} {value}" for key, value in report.items()))
+            print(f"written to {out}: results.parquet summary.md summary.json heatmap-*.svg heatmap-*.png")
         for why in sorted(set(failed)):
             print(f"error: {failed.count(why)} blocks of trials failed: {why.strip()}", file=sys.stderr)
         return 1 if failed else 0

@@ -7,8 +7,10 @@ from torch import Tensor, nn
 
 from ndtorch.navigation.controllers.ranging.floor_view import EVERY, FloorParams, floor_view
 from ndtorch.navigation.rig import StereoRig
+from ndtorch.navigation.strip_kernels import eyes, largest_of_cells, state_fits
 from ndtorch.navigation.strips import check_unit_range, grey_pair
 from ndtorch.vision.nondirectional import SPEED_SCALE, NDMin
+from ndtorch.vision.one_pass import image_kind
 from ndtorch.vision.temporal import FilterState
 
 
@@ -40,6 +42,9 @@ class FloorMotion(nn.Module):
         self.nd_min = NDMin(tau_high, dt)
 
     def forward(self, left: Tensor, right: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
+        quick = self.by_kernels(left, right, state)
+        if quick is not None:
+            return quick
         pair = grey_pair(left, right, *self.fields, self.size, EVERY)
         motion, state = self.nd_min(pair, state)
         bands, blocks = self.params.bands, self.params.blocks
@@ -49,3 +54,16 @@ class FloorMotion(nn.Module):
         ours, theirs = cells.mul(SPEED_SCALE).unbind(-3)
         # From the top row down to the bottom one first: the nearest band shall be the first, the outermost block too.
         return torch.stack((ours.flip(-2), theirs.flip((-2, -1))), -3), state
+
+    def by_kernels(self, left: Tensor, right: Tensor, state: FilterState | None) -> tuple[Tensor, FilterState] | None:
+        """One frame by kernels; None where torch is to do it."""
+        rect, bands, blocks = self.fields[0], self.params.bands, self.params.blocks
+        shape = (2, rect.bottom - rect.top, (rect.right - rect.left) // EVERY)
+        seen = eyes(left, right, self.fields, self.size) if state_fits(state, left, shape) else None
+        if seen is None:
+            return None
+        cells = torch.empty(2, bands, blocks, dtype=image_kind(left))
+        state = largest_of_cells(seen, state, left, shape, EVERY, self.nd_min.a, cells.numpy())
+        check_unit_range(cells, left)
+        cells.mul_(SPEED_SCALE)
+        return torch.stack((cells[0].flip(-2), cells[1].flip((-2, -1)))).unsqueeze(0), state

@@ -43,7 +43,7 @@ def test_the_cells_lie_where_their_pixels_see_the_floor():
     # The middle of the nearest band is row 369, 129.5 pixels below the middle of the image: 86 / 129.5 m.
     assert float(VIEW.depth[0]) == pytest.approx(86 / 129.5, rel=1e-6)
     assert float(VIEW.depth[-1]) == pytest.approx(86 / 64.5, rel=1e-6)
-    # The outermost block of the left image is centred at column 99.5, 220 pixels to the left of the middle.
+    # The outermost block of the left image is centered at column 99.5, 220 pixels to the left of the middle.
     assert float(VIEW.x[0, 0, 0]) == pytest.approx(0.15 + 86 / 129.5, rel=1e-6)
     assert float(VIEW.y[0, 0, 0]) == pytest.approx(0.15 + 86 / 129.5 * 220 / 430, rel=1e-5)
     torch.testing.assert_close(VIEW.y[1], -VIEW.y[0])

@@ -11,7 +11,7 @@ import cv2
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch_train.output import prepare
+from ndtorch.run.folder import prepare
 from ndtorch_train.score.choices import LABELLED
 from ndtorch_train.score.labelled.methods import see, shrunk
 from ndtorch_train.score.labelled.metrics import score

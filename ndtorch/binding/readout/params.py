@@ -1,0 +1,32 @@
+"""Constants of the read-outs of the scale-free network."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from ndtorch.config import Constants
+
+
+class OwnerCriteria(Constants):
+    """What an owner must be."""
+
+    strength: float = Field(0.35, ge=0, description="owner: its deviation as a share of the largest,")
+    kept: float = Field(0.55, ge=0, description="and of its own input's,")
+    faint: float = Field(0.05, ge=0, description="and its smallest, where fluctuations of a group are around 1,")
+    rough: float = Field(0.15, ge=0, description="its largest roughness (of samples 10 ms apart),")
+    alike: float = Field(0.6, description="and largest correlation with a stronger owner")
+    smallest: float = Field(1 / 3, ge=0, description="share of its group's largest that makes a feature")
+
+
+class SourceCriteria(Constants):
+    """When sources found by delays are believed, and how they are looked for."""
+
+    smallest_source: float = Field(0.03, ge=0, description="share of the largest eigenvalue of a further source")
+    faint_source: float = Field(0.02, ge=0, description="eigenvalue under which there is no source")
+    most_sources: int = Field(6, gt=0, le=10, description="largest number of sources")
+    gap: float = Field(0.02, ge=0, description="difference of delay profiles that tells two sources apart")
+    even: float = Field(0.65, ge=0, description="evenness of colors and orientations of light that changes everywhere,")
+    moving: float = Field(0.35, ge=0, description="if it has less than this share of the largest motion")
+    absent: float = Field(0.1, ge=0, description="and no color or orientation is one below this share of its largest")
+    sweeps: int = Field(12, gt=0, description="rounds of rotations at most,")
+    enough: float = Field(1e-6, ge=0, description="and their largest angle in radians that ends them")

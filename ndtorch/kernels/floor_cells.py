@@ -1,0 +1,93 @@
+"""Which cells look like floor that moves past, and what floor looks like."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numba
+import numpy as np
+
+Array = Any
+
+
+def floor_cells(
+    cells: Array,
+    driven: tuple[float, float],
+    level: Array,
+    noise: float,
+    age: float,
+    flow: Array,
+    profile: Array,
+    numbers: tuple[float, ...],
+    new_level: Array,
+    worth: tuple[float, float],
+    evidence: Array,
+) -> float:
+    """`floor_step` of one car.
+
+    Args:
+        cells: `[2, bands, blocks]`, as `evidence`.
+        driven: speed and curvature.
+        level, noise, age: of `FloorState` before; `new_level` after, `[bands]`; `age` is that of this step.
+        flow, profile: of `FloorConstants`, `[bands]`.
+        numbers: the rest of `FloorConstants`, in order.
+        worth: evidence of something at the end of what is seen free, and of floor.
+        evidence: that every cell gives.
+
+    Returns:
+        The noise after.
+    """
+    yaw, saturation, least, tolerance, clear, standing, learns, learn_share, share = numbers[:9]
+    moving, still, noise_share = numbers[9:12]
+    _, bands, blocks = cells.shape
+    kind = cells.dtype.type
+    speed, turning = abs(kind(driven[0])), kind(driven[1]) * kind(yaw)
+    learning = age <= learns
+    shape, known = np.empty(bands, cells.dtype), np.empty(bands, np.bool_)
+    for b in range(bands):
+        passing = kind(math.sqrt(flow[b] + turning * turning)) * speed
+        shape[b] = -math.expm1(passing * kind(saturation))
+        known[b] = level[b] * shape[b] > kind(noise) * kind(clear) and not learning
+    gained = np.zeros(bands, cells.dtype)
+    for eye in range(2):
+        for k in range(blocks):
+            reached = True
+            for b in range(bands):
+                excess = kind(0)
+                floor = False
+                if known[b]:
+                    expected = max(level[b] * shape[b], kind(least))
+                    excess = kind(math.log(max(cells[eye, b, k], kind(least)) / expected))
+                    floor = abs(excess) < kind(tolerance)
+                seen = reached and floor
+                ends = reached and known[b] and not floor
+                evidence[eye, b, k] = kind(worth[0]) if ends else -kind(worth[1]) if seen else kind(0)
+                if seen:
+                    gained[b] += excess
+                reached = seen
+    for b in range(bands):
+        new_level[b] = level[b] * kind(math.exp(gained[b] * kind(share)))
+    if learning:
+        new_level[:] = level
+        if age > standing and speed > kind(moving):
+            learn(cells, shape, level, profile, kind(moving), kind(learn_share), new_level)
+    if speed < kind(still):
+        middle = np.sort(cells.ravel())[(cells.size - 1) // 2]
+        return float(kind(noise) + kind(noise_share) * (middle - kind(noise)))
+    return noise
+
+
+@numba.njit(error_model="numpy")
+def learn(
+    cells: Array, shape: Array, level: Array, profile: Array, moving: float, share: float, new_level: Array
+) -> None:
+    """At the start most of the nearest cells are floor: their median is its level."""
+    near = max(1, cells.shape[1] * 2 // 5)
+    steady = cells[:, :near].copy()
+    for b in range(near):
+        steady[:, b] /= max(shape[b], moving)
+    middle = np.sort(steady.ravel())[(steady.size - 1) // 2]
+    for b in range(len(level)):
+        guess = middle * profile[b]
+        new_level[b] = level[b] + share * (guess - level[b]) if level[b] > 0 else guess

@@ -1,0 +1,121 @@
+"""What is remembered around the car, and how far it can go along its arcs."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numba
+import numpy as np
+
+Array = Any
+
+
+def patch_arcs(
+    evidence: Array,
+    tag: Array,
+    pose: tuple[float, float, float],
+    keep: float,
+    ranges: tuple[Array, Array, Array],
+    reach: float,
+    weight: float,
+    places: Array,
+    weights: Array,
+    cell: float,
+    bounds: tuple[float, float],
+    limits: tuple[float, float],
+    leading: int,
+    steps: int,
+    step: float,
+    new_evidence: Array,
+    new_tag: Array,
+    lengths: Array,
+) -> None:
+    """`move_patch`, `add_evidence` and `free_travel` of one car.
+
+    Args:
+        evidence, tag: of `Patch` before, `[size, size]` and `[2, size]`; `new_` after.
+        keep: share of the evidence that is not forgotten.
+        ranges: x, y and valid, `[n]`; those nearer than `reach` count `weight`.
+        places: body frame, `[2, K]`: first those of `weights`, then those along the arcs.
+        cell: side of a cell, m.
+        bounds: least and most evidence of a cell.
+        limits: evidence that blocks, and that is not known to be floor.
+        leading, steps, step: of `ArcTable`.
+        lengths: of the arcs up to what blocks, and up to what is not known, `[2, arcs]`.
+    """
+    kind, size = evidence.dtype.type, evidence.shape[0]
+    move(evidence, tag, pose, kind(keep), kind(cell), new_evidence, new_tag)
+    turn = turning(pose, cell, evidence)
+    for i in range(ranges[0].shape[0]):
+        x, y = ranges[0][i], ranges[1][i]
+        if ranges[2][i] and max(abs(x), abs(y)) < kind(reach):
+            row, column = find(x, y, turn, size)
+            new_evidence[row, column] += kind(weight)
+    marked = weights.shape[0]
+    for i in range(marked):
+        if weights[i] != 0:
+            row, column = find(places[0, i], places[1, i], turn, size)
+            new_evidence[row, column] += weights[i]
+    least, most = kind(bounds[0]), kind(bounds[1])
+    for row in range(size):
+        for column in range(size):
+            new_evidence[row, column] = min(max(new_evidence[row, column], least), most)
+    arcs = lengths.shape[1]
+    across = (places.shape[1] - marked) // (arcs * steps)
+    for arc in range(arcs):
+        free, seen, blocked, unknown = 0, 0, False, False
+        for s in range(steps):
+            start = marked + (arc * steps + s) * across
+            for k in range(across):
+                if blocked and (unknown or k >= leading):
+                    break
+                row, column = find(places[0, start + k], places[1, start + k], turn, size)
+                worth = new_evidence[row, column]
+                blocked = blocked or worth >= kind(limits[0])
+                unknown = unknown or (k < leading and worth >= kind(limits[1]))
+            free, seen = free + (not blocked), seen + (not unknown)
+            if blocked and unknown:
+                break
+        lengths[0, arc], lengths[1, arc] = kind(free) * kind(step), kind(seen) * kind(step)
+
+
+@numba.njit(error_model="numpy")
+def turning(pose: tuple[float, float, float], cell: float, like: Array) -> tuple[float, float, float, float]:
+    """Cosine and sine of the heading, and the place, in cells."""
+    kind = like.dtype.type
+    cos, sin = kind(math.cos(kind(pose[2]))) / kind(cell), kind(math.sin(kind(pose[2]))) / kind(cell)
+    return cos, sin, kind(pose[0]) / kind(cell), kind(pose[1]) / kind(cell)
+
+
+@numba.njit(error_model="numpy")
+def find(x: float, y: float, turn: tuple[float, float, float, float], size: int) -> tuple[int, int]:
+    """The cell that holds a place of the body frame."""
+    cos, sin, ahead, aside = turn
+    row, column = math.floor(cos * x - sin * y + ahead), math.floor(sin * x + cos * y + aside)
+    return int(row) & (size - 1), int(column) & (size - 1)
+
+
+@numba.njit(error_model="numpy")
+def move(
+    evidence: Array,
+    tag: Array,
+    pose: tuple[float, float, float],
+    keep: float,
+    cell: float,
+    new_evidence: Array,
+    new_tag: Array,
+) -> None:
+    """`move_patch`."""
+    kind, size = evidence.dtype.type, evidence.shape[0]
+    for axis in range(2):
+        here = math.floor(kind(pose[axis]) / cell)
+        for n in range(size):
+            new_tag[axis, n] = math.floor((kind(here) - kind(n)) / kind(size) + kind(0.5))
+    same = np.empty(size, evidence.dtype)
+    for n in range(size):
+        same[n] = kind(new_tag[1, n] == tag[1, n])
+    for row in range(size):
+        kept = keep if new_tag[0, row] == tag[0, row] else kind(0)
+        for column in range(size):
+            new_evidence[row, column] = evidence[row, column] * (kept * same[column])

@@ -1,0 +1,130 @@
+"""Features of a row and their partners in the other one, as `find_features` and `match_features` have them."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from ndtorch.kernels.strips import Array
+
+EDGE_SIDE, SAME_EDGE, BLUR = 1.5, 1.5, 2
+"""As in `ndtorch.navigation.features`."""
+
+
+@numba.njit(error_model="numpy")
+def strongest(motion: Array, spacing: int, column: Array, strength: Array) -> None:
+    """The largest of `motion` `[W]`, one after the other; it is spoiled."""
+    width = motion.shape[0]
+    motion[0] = motion[width - 1] = -1
+    for k in range(column.shape[0]):
+        best = 0
+        for x in range(width):
+            if motion[x] > motion[best] or motion[x] != motion[x]:
+                best = x
+        column[k], strength[k] = best, motion[best]
+        motion[max(0, best - spacing) : best + spacing + 1] = -1
+
+
+@numba.njit(error_model="numpy")
+def edge_place(row: Array, column: int, reach: int) -> float:
+    """Where the edge is that made the motion at a column, see `edge_places`."""
+    kind, width = row.dtype.type, row.shape[0]
+    edge, size = 0, kind(-1)
+    for k in range(column - reach - 1, column + reach + 1):
+        at = min(max(k, 0), width - 2)
+        step = abs(row[at + 1] - row[at])
+        if step > size:
+            edge, size = at, step
+    sign = np.sign(row[edge + 1] - row[edge])
+    total, moment = kind(0), kind(0)
+    for k in range(edge - BLUR, edge + BLUR + 1):
+        at = min(max(k, 0), width - 2)
+        weight = max((row[at + 1] - row[at]) * sign, kind(0))
+        total, moment = total + weight, moment + weight * kind(at - edge)
+    place = moment / total if total > 0 else kind(0)
+    inside: float = min(max(place + kind(edge) + kind(0.5), kind(1)), kind(width - 2))
+    return inside
+
+
+@numba.njit(error_model="numpy")
+def between(row: Array, place: float) -> float:
+    """The row at a fraction of a pixel."""
+    kind, width = row.dtype.type, row.shape[0]
+    place = min(max(place, kind(0)), kind(width - 1))
+    low = min(int(place), width - 2)
+    share, left, right = place - kind(low), row[low], row[low + 1]
+    worth: float = left + share * (right - left) if share < kind(0.5) else right - (right - left) * (kind(1) - share)
+    return worth
+
+
+@numba.njit(error_model="numpy")
+def patch_error(one: Array, other: Array) -> float:
+    """Squared difference of two patches."""
+    a, b, c = one[0] - other[0], one[1] - other[1], one[2] - other[2]
+    total: float = a * a + b * b + c * c
+    return total
+
+
+@numba.njit(error_model="numpy")
+def describe(
+    row: Array,
+    column: Array,
+    strength: Array,
+    spacing: int,
+    weakest: float,
+    difference: float,
+    reach: int,
+    patch: Array,
+    good: Array,
+) -> None:
+    """`describe` of `ndtorch.navigation.features`: places, patches `[n, 3]`, and which features are good."""
+    kind, n, width = row.dtype.type, column.shape[0], row.shape[0]
+    crowded = width - 2 < n * (2 * spacing + 1)
+    for i in range(n):
+        if crowded:
+            column[i] = min(max(column[i], kind(1)), kind(width - 2))
+        if reach:
+            column[i] = edge_place(row, int(column[i]), reach)
+            for k in range(3):
+                patch[i, k] = between(row, column[i] + kind(EDGE_SIDE * (k - 1)))
+        else:
+            patch[i] = row[int(column[i]) - 1 : int(column[i]) + 2]
+        good[i] = strength[i] >= kind(weakest)
+    if n == 1:
+        return
+    twin = np.zeros(n, np.bool_)
+    if reach:
+        for i in range(n):
+            for j in range(n):
+                less = strength[i] < strength[j] or (strength[i] == strength[j] and j < i)
+                if less and abs(column[i] - column[j]) < kind(SAME_EDGE):
+                    twin[i] = True
+    for i in range(n):
+        for j in range(n):
+            counts = i != j and not twin[j] and not (crowded and strength[j] < 0)
+            if counts and not patch_error(patch[i], patch[j]) >= kind(difference):
+                good[i] = False
+        good[i] = good[i] and not twin[i]
+
+
+@numba.njit(error_model="numpy")
+def match(
+    column: Array, patch: Array, good: Array, params: tuple[float, float, bool, float], partner: Array, valid: Array
+) -> None:
+    """`match_features` of both rows, `[2, n]`: the partner's column of every left feature, and whether it is one."""
+    kind, n = column.dtype.type, column.shape[1]
+    least, most, one_to_one, limit = params
+    error = np.full((n, n), kind(math.inf))
+    for i in range(n):
+        for j in range(n):
+            if good[0, i] and good[1, j]:
+                error[i, j] = patch_error(patch[0, i], patch[1, j])
+    for i in range(n):
+        j = int(np.argmin(error[i]))
+        partner[i] = column[1, j]
+        apart = column[0, i] - column[1, j]
+        valid[i] = error[i, j] < limit and kind(least) < apart < kind(most)
+        if one_to_one:
+            valid[i] = valid[i] and np.argmin(error[:, j]) == i

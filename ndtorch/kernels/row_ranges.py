@@ -1,0 +1,77 @@
+"""Ranges from two rows of pixels: ND-min, features, correspondence, triangulation."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ndtorch.kernels.row_features import describe, match, strongest
+from ndtorch.kernels.strips import Array, grey_row, high_pass, larger
+
+
+def row_ranges(
+    frames: tuple[Array, Array],
+    beside: bool,
+    top: int,
+    unit: float,
+    count: int,
+    settle: bool,
+    low: Array,
+    a: float,
+    new_low: Array,
+    finding: tuple[int, int, float, float, int, int],
+    matching: tuple[float, float, bool, float],
+    rig: tuple[float, float, float, bool],
+    out: Array,
+    valid: Array,
+) -> float:
+    """The step of `RowRanging` without prediction.
+
+    Args:
+        frames, beside, unit, count: of each eye, see `grey_row`; `top` is the number of their row.
+        settle, a, low, new_low: see `high_pass`; `[2, W]`.
+        finding: number of features, spacing, weakest motion, least difference, reach of edges, border without features.
+        matching: least and largest disparity, one to one, largest error.
+        rig: factor to angles, baseline, forward, and whether angles are exact.
+        out: range, left and right angle, x, y: `[5, n]`; `valid`: `[n]`.
+
+    Returns:
+        The largest magnitude of motion.
+    """
+    n, spacing, weakest, difference, reach, border = finding
+    width = low.shape[1]
+    kind = low.dtype.type
+    rows, motion = np.empty((2, width), low.dtype), np.empty(width, low.dtype)
+    column, strength = np.empty((2, n), low.dtype), np.empty((2, n), low.dtype)
+    patch, good = np.empty((2, n, 3), low.dtype), np.empty((2, n), np.bool_)
+    largest = kind(0)
+    for eye in range(2):
+        grey_row(frames[eye], beside, top, 0, 1, unit, count, rows[eye])
+        high_pass(rows[eye], low[eye], settle, a, new_low[eye], motion)
+        for x in range(width):
+            motion[x] = abs(motion[x])
+            largest = larger(motion[x], largest)
+        if border and eye == 0:
+            motion[:border] = 0
+        elif border:
+            motion[width - border :] = 0
+        strongest(motion, spacing, column[eye], strength[eye])
+        describe(rows[eye], column[eye], strength[eye], spacing, weakest, difference, reach, patch[eye], good[eye])
+    match(column, patch, good, matching, out[0], valid)
+    factor, baseline, forward, exact = rig
+    middle = kind((width - 1) / 2)
+    for i in range(n):
+        left, right = middle - column[0, i], middle - out[0, i]
+        left, right = left * kind(factor), right * kind(factor)
+        if exact:
+            left, right = kind(math.atan(left)), kind(math.atan(right))
+        valid[i] = valid[i] and right > left
+        if valid[i]:
+            distance = kind(baseline) * math.cos(right) / math.sin(right - left)
+            out[0, i], out[1, i], out[2, i] = distance, left, right
+            out[3, i] = kind(forward) + distance * math.cos(left)
+            out[4, i] = kind(baseline / 2) + distance * math.sin(left)
+        else:
+            out[:, i] = 0
+    return float(largest)

@@ -1,0 +1,121 @@
+"""What navigation sees in one frame of each camera, by kernels: the numbers of `FloorMotion` and `RowRanging`."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ndtorch.kernels.load import kernel
+from ndtorch.kernels.switch import kernels_wanted
+from ndtorch.navigation.rig import Rect
+from ndtorch.vision.one_pass import KINDS, image_kind, pixels
+from ndtorch.vision.temporal import FilterState
+
+
+class Eyes(NamedTuple):
+    """One rectangle of each of two frames, as kernels take them.
+
+    Attributes:
+        frames: arrays `[C, H, W]`, or `[H, W, C]` where colours lie `beside` each other.
+        tops, lefts: where the rectangles begin.
+        unit, over: a grey value is a sum of colours times `unit`, divided by `over`.
+    """
+
+    frames: tuple[Any, Any]
+    beside: bool
+    tops: tuple[int, int]
+    lefts: tuple[int, int]
+    unit: float
+    over: int
+
+
+def eyes(left: Tensor, right: Tensor, rects: tuple[Rect, Rect], size: tuple[int, int]) -> Eyes | None:
+    """The pixels for the kernels; None where torch is to do it: several frames at once, gradients, other types.
+
+    Args:
+        left, right: frames `[1, C, H, W]`, whole or cut to the rectangles.
+        size: of whole frames.
+    """
+    if left.ndim != 4 or len(left) != 1 or left.shape != right.shape or left.dtype != right.dtype:
+        return None
+    channels, given = left.shape[1], tuple(left.shape[2:])
+    cut_size = (rects[0].bottom - rects[0].top, rects[0].right - rects[0].left)
+    if channels not in (1, 3) or left.dtype not in KINDS or given not in (size, cut_size):
+        return None
+    if not kernels_wanted(left, right):
+        return None
+    (ours, beside), (theirs, also) = pixels(left[0]), pixels(right[0])
+    if beside != also:
+        return None
+    whole = given == size
+    tops, lefts = ((rects[0].top, rects[1].top), (rects[0].left, rects[1].left)) if whole else ((0, 0), (0, 0))
+    unit, count = (1 / (255 * channels), 1) if left.dtype == torch.uint8 else (1.0, channels)
+    return Eyes((ours, theirs), beside, tops, lefts, unit, count)
+
+
+def state_fits(state: FilterState | None, frames: Tensor, shape: tuple[int, ...]) -> bool:
+    """Whether the state of the filters is one that the kernels can go on from."""
+    return state is None or (
+        state.low.dtype == image_kind(frames) and state.low.shape == shape and state.low.device.type == "cpu"
+    )
+
+
+def largest_of_cells(
+    seen: Eyes, state: FilterState | None, like: Tensor, shape: tuple[int, int, int], every: int, a: float, cells: Any
+) -> FilterState:
+    """The largest |ND-min| of every cell into `cells` `[2, bands, blocks]`, and the state `[2, h, w]` after."""
+    low = torch.empty(shape, dtype=image_kind(like))
+    after = low.numpy()
+    before = after if state is None else state.low.contiguous().numpy()
+    kernel("cell_maxima", (seen.frames[0].dtype, after.dtype, seen.beside)).run(
+        seen.frames,
+        seen.beside,
+        seen.tops,
+        seen.lefts,
+        every,
+        seen.unit,
+        seen.over,
+        state is None,
+        before,
+        a,
+        after,
+        cells,
+    )
+    return FilterState(low)
+
+
+def ranges_of_rows(
+    seen: Eyes,
+    state: FilterState | None,
+    like: Tensor,
+    width: int,
+    a: float,
+    finding: tuple[int, int, float, float, int, int],
+    matching: tuple[float, float, bool, float],
+    rig: tuple[float, float, float, bool],
+) -> tuple[Tensor, Tensor, float, FilterState]:
+    """Ranges `[5, 1, n]`, which are valid `[1, n]`, the largest motion, and the state `[2, 1, W]` after."""
+    low = torch.empty((2, 1, width), dtype=image_kind(like))
+    after = low.numpy()[:, 0]
+    before = after if state is None else state.low.contiguous().numpy()[:, 0]
+    out, valid = np.empty((5, finding[0]), after.dtype), np.empty(finding[0], np.bool_)
+    largest = kernel("row_ranges", (seen.frames[0].dtype, after.dtype)).run(
+        seen.frames,
+        seen.beside,
+        seen.tops[0],
+        seen.unit,
+        seen.over,
+        state is None,
+        before,
+        a,
+        after,
+        finding,
+        matching,
+        rig,
+        out,
+        valid,
+    )
+    return torch.from_numpy(out).unsqueeze(1), torch.from_numpy(valid).unsqueeze(0), largest, FilterState(low)

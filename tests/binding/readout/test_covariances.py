@@ -1,0 +1,56 @@
+"""Read-out of single objects from the covariances of what is seen of them."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ndtorch.binding.feedback import settled
+from ndtorch.binding.readout.covariances import columns, single_table, single_weights
+from ndtorch.vision import FEATURES, GROUPS
+
+NONE = torch.zeros(10, 10)
+
+
+def seen(**features: float) -> Tensor:
+    """Covariances of signals that all go with one light."""
+    strength = torch.zeros(10)
+    for name, value in features.items():
+        strength[FEATURES.index(name)] = value
+    return strength[:, None] * strength
+
+
+def test_the_strongest_owns_and_its_column_is_what_fluctuates_with_it() -> None:
+    # Motion is in other units, and counts by its own largest.
+    covariances = seen(right=500.0, down=300.0, red=2.0, green=0.2)
+    owner, column = columns(covariances, NONE)
+    assert FEATURES[int(owner)] == "right"
+    table = single_table(covariances, torch.tensor(True), NONE)
+    assert table.owners.nonzero().tolist() == [[FEATURES.index("right")]]
+    features = {name: round(v, 3) for name, v in zip(FEATURES, table.rows[owner].tolist(), strict=True) if v > 0}
+    assert features == {"right": 1.0, "down": 0.6, "red": 1.0}
+    assert single_table(covariances, torch.tensor(True), NONE, 0.05).rows[owner, FEATURES.index("green")] > 0
+    assert column[FEATURES.index("down")] < column[owner]
+
+
+def test_the_first_stage_is_taken_into_account() -> None:
+    first = torch.zeros(10, 10)
+    first[GROUPS["color"], GROUPS["color"]] = 0.4 - 0.4 * torch.eye(3)
+    covariances = seen(right=1.0, red=1.0, green=0.9)
+    gain = settled(first)
+    owner, column = columns(covariances, first)
+    expected = (gain @ covariances @ gain.mT)[:, int(owner)]
+    assert torch.allclose(column, expected, atol=1e-6)
+
+
+def test_batches_and_windows_without_an_object() -> None:
+    covariances = torch.stack([seen(left=1.0, blue=0.5), NONE, seen(up=1.0)]).expand(2, 3, 10, 10)
+    there = torch.tensor([[True, True, False], [False, True, True]])
+    table, weights = single_table(covariances, there, NONE), single_weights(covariances, there, NONE)
+    assert table.owners.sum(-1).tolist() == [[1, 1, 0], [0, 1, 1]]
+    assert table.rows[0, 0].sum(0).nonzero().flatten().tolist() == [FEATURES.index("left"), FEATURES.index("blue")]
+    assert not table.rows[1, 0].any()
+    assert not weights[0, 1:].any()
+    k = FEATURES.index("left")
+    assert weights[0, 0, FEATURES.index("blue"), k] > 0
+    assert not weights.diagonal(dim1=-2, dim2=-1).any()

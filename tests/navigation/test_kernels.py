@@ -1,0 +1,150 @@
+"""What navigation does by kernels is what its step functions do in torch."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+
+from ndtorch.errors import InputError
+from ndtorch.navigation import FeatureParams, Grid, GridMap, MatchParams, Navigator, Pose, RowRanging, StereoRig
+from ndtorch.navigation.controllers.published import AvoidanceState, SaccadeAvoidance, SubfieldMotion, avoidance_step
+from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
+
+pytest.importorskip("numba")
+
+DT = 1 / 30
+RIG = StereoRig(width=320, height=240, focal=215.0, pitch=0.1, forward=0.15)
+KINDS = (torch.uint8, torch.float32, torch.float64)
+
+
+def pairs(dtype: torch.dtype, channels: int = 3, frames: int = 5) -> tuple[Tensor, Tensor]:
+    """A random texture that moves, seen twice with a disparity."""
+    coarse = torch.rand(1, channels, 60, 160)
+    wide = torch.nn.functional.interpolate(coarse, scale_factor=4, mode="bilinear")[0]
+    eyes = []
+    for shift in (0, 40):
+        views = [wide[:, :, shift + 3 * n : shift + 3 * n + 320] for n in range(frames)]
+        eyes.append(torch.stack(views))
+    made = [eye.mul(255).round().to(torch.uint8) if dtype == torch.uint8 else eye.to(dtype) for eye in eyes]
+    return made[0], made[1]
+
+
+def both(module: torch.nn.Module, left: Tensor, right: Tensor) -> tuple[list[tuple], list[tuple]]:
+    """Output and state of every frame, by torch and by kernels."""
+    runs = []
+    for mode in (torch.no_grad, torch.inference_mode):
+        state, run = None, []
+        with mode():
+            for n in range(len(left)):
+                out, state = module(left[n : n + 1], right[n : n + 1], state)
+                run.append((out, state))
+        runs.append(run)
+    return runs[0], runs[1]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("look", [SubfieldMotion, FloorMotion])
+def test_motion_beside_the_path(look: type, kind: torch.dtype) -> None:
+    for wanted, found in zip(*both(look(RIG, DT), *pairs(kind)), strict=True):
+        torch.testing.assert_close(found[0], wanted[0], rtol=1e-5, atol=1e-5)
+        torch.testing.assert_close(found[1].low, wanted[1].low, rtol=0, atol=1e-6)
+
+
+def test_layouts_of_memory_and_strips_do_not_matter() -> None:
+    look, (left, right) = FloorMotion(RIG, DT), pairs(torch.uint8)
+    rects = look.fields
+    with torch.inference_mode():
+        _, state = look(left[:1], right[:1])
+        wanted, _ = look(left[1:2], right[1:2], state)
+        beside = [eye[1:2].permute(0, 2, 3, 1).contiguous().permute(0, 3, 1, 2) for eye in (left, right)]
+        cut = [eye[1:2, :, r.top : r.bottom, r.left : r.right] for eye, r in zip((left, right), rects, strict=True)]
+        assert torch.equal(look(*beside, state)[0], wanted)
+        assert torch.equal(look(*cut, state)[0], wanted)
+
+
+@pytest.mark.parametrize(
+    ("features", "matching"),
+    [
+        (FeatureParams(), MatchParams(10, 100)),
+        (FeatureParams(7, edge_reach=4, shared=True), MatchParams(10, 100)),
+        (FeatureParams(40, spacing=5, edge_reach=2), MatchParams(0, 300, one_to_one=False, max_error=0.01)),
+        (FeatureParams(1), MatchParams(0, 300)),
+    ],
+)
+@pytest.mark.parametrize("kind", KINDS)
+def test_ranges(kind: torch.dtype, features: FeatureParams, matching: MatchParams) -> None:
+    for angles in ("atan", "linear"):
+        module = RowRanging(RIG, DT, features, matching, angles)  # type: ignore[arg-type]
+        some = 0
+        for wanted, found in zip(*both(module, *pairs(kind, frames=4)), strict=True):
+            assert torch.equal(found[0].valid, wanted[0].valid)
+            some += int(wanted[0].valid.sum())
+            for part, other in zip(found[0][:5], wanted[0][:5], strict=True):
+                torch.testing.assert_close(part, other, rtol=2e-5, atol=1e-5)
+            torch.testing.assert_close(found[1].rows.low, wanted[1].rows.low, rtol=0, atol=1e-6)
+        assert some or features.count == 1
+
+
+@pytest.mark.parametrize("module", [SubfieldMotion, FloorMotion, RowRanging])
+def test_pixels_that_are_no_numbers_are_refused(module: type) -> None:
+    look, (left, right) = module(RIG, DT), pairs(torch.float32, 1, 2)
+    with torch.inference_mode():
+        _, state = look(left[:1], right[:1])
+        left[1, 0, RIG.row if module is RowRanging else 137, 120] = torch.nan
+        with pytest.raises(InputError, match="finite"):
+            look(left[1:], right[1:], state)
+
+
+def test_the_state_machine() -> None:
+    rule = SaccadeAvoidance(DT)
+    sides = torch.rand(400, 2) * torch.tensor([2.4, 2.2])
+    sides[350:] = 0.01
+    found = wanted = rule.start(sides[0])
+    modes = set()
+    for now in sides:
+        with torch.inference_mode():
+            command, found = avoidance_step(now, found, rule.constants)
+        expected, wanted = avoidance_step(now, wanted, rule.constants)
+        assert tuple(map(float, command)) == pytest.approx(tuple(map(float, expected)), abs=1e-6)
+        assert tuple(map(float, found)) == pytest.approx(tuple(map(float, wanted)), abs=1e-6)
+        modes.add(int(rule.mode(AvoidanceState(*wanted))))
+    assert len(modes) == 4
+
+
+@pytest.mark.parametrize("certainty", ["beams", "log-odds"])
+@pytest.mark.parametrize("kind", [torch.float32, torch.float64])
+def test_the_map(kind: torch.dtype, certainty: str) -> None:
+    module, (left, right) = RowRanging(RIG, DT, FeatureParams(7), MatchParams(10, 100)), pairs(kind)
+    grid_map = GridMap(RIG, Grid(-1, 8, -3, 3), certainty=certainty)  # type: ignore[arg-type]
+    with torch.no_grad():
+        ranges, _ = module(left, right)
+    assert ranges.valid.sum() > 3
+    maps = []
+    for mode in (torch.no_grad, torch.inference_mode):
+        state = None
+        with mode():
+            for n in range(len(left)):
+                pose = Pose(*torch.tensor([[0.1 * n], [0.2], [0.3 * n]], dtype=kind))
+                state = grid_map.update(type(ranges)(*(part[n : n + 1] for part in ranges)), pose, state)
+        assert state is not None
+        maps.append(state.cells)
+    # A place at the border of two cells may be rounded into either.
+    moved = (maps[0] - maps[1]).abs().sum() / maps[0].abs().sum()
+    assert moved < (1e-3 if kind == torch.float32 else 1e-9)
+    torch.testing.assert_close(maps[1].sum(), maps[0].sum(), rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("controller", ["ranging", "published"])
+def test_a_drive(controller: str) -> None:
+    navigator, (left, right) = Navigator(RIG, DT, controller=controller), pairs(torch.uint8, 1, 40)
+    runs: list[list[float]] = []
+    for mode in (torch.no_grad, torch.inference_mode):
+        state, run = None, []
+        with mode():
+            for n in range(40):
+                command, state = navigator(left[n : n + 1], right[n : n + 1], state)
+                run += [float(command.speed), float(command.curvature), float(state.difference), float(state.pose.x)]
+        runs.append(run)
+    assert runs[1] == pytest.approx(runs[0], abs=1e-4)
+    assert len({*runs[0][::4], *runs[0][1::4]}) > 1
