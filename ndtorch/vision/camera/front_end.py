@@ -215,8 +215,9 @@ class CameraFrontEnd(nn.Module):
         tilted = fields[:3] - fields[:3].amin(0)
         signals = torch.cat([directed, tilted, fields[3:6]])
         # Beside a hue, a shade is a shadow or an edge.
-        share = (fields[7:10].sum(0) / fields[6].clamp_min(p.palest)).clamp_max(1)
-        shades = fields[7:] * torch.stack([share, share, share, 1 - share]).square()
+        shades = fields[7:]
+        share = (shades[:-1].sum(0) / fields[6].clamp_min(p.palest)).clamp_max(1)
+        shades = shades * torch.stack([share, share, share, 1 - share]).square()
         if p.compression:
             signals, shades = root(signals), root(shades)
         planes = (part.movedim(0, -1) for part in (signals, motion))
