@@ -176,7 +176,7 @@ def hint(name: str, commands: Iterable[str]) -> str:
     """What to do about a command that is not there."""
     for distribution, names in ELSEWHERE.items():
         if name in names:
-            return f"it comes with {distribution}: pip install {distribution}"
+            return f"it comes with {distribution}; in a checkout: pip install ./{distribution.removeprefix('ndtorch-')}"
     near = difflib.get_close_matches(name, commands, 1)
     if near:
         return f"did you mean {near[0]!r}?"

@@ -52,23 +52,25 @@ def need(module: str, what: str) -> Any:
 
 
 def remedy(module: str) -> str | None:
-    """The command that installs a module: an extra of ours that has it. None for modules that we do not ask for.
+    """The command that installs a module, and which of our extras has it. None for modules that we do not ask for.
+
+    The command names the package itself: that can be had from an index, wherever our own distributions came from.
 
     Args:
         module: top-level name, as it is imported.
     """
     wanted = NAMES.get(module, module)
     extras = sorted(
-        (extra != "", OURS.index(ours), f"{ours}[{extra}]" if extra else ours)
+        (extra != "", OURS.index(ours), f"{ours}[{extra}]" if extra else ours, asked)
         for ours in OURS
-        for name, extra in dependencies(ours)
+        for name, extra, asked in dependencies(ours)
         if name == wanted and extra != "dev"
     )
-    return f"pip install '{extras[0][2]}'" if extras else None
+    return f"pip install '{extras[0][3]}' (of {extras[0][2]})" if extras else None
 
 
-def dependencies(distribution: str) -> Iterator[tuple[str, str]]:
-    """Name and extra ("" for none) of everything that an installed distribution asks for; nothing where it is not."""
+def dependencies(distribution: str) -> Iterator[tuple[str, str, str]]:
+    """What an installed distribution asks for: name, extra ("" for none), name with versions. Nothing if it is not."""
     try:
         lines = requires(distribution) or []
     except PackageNotFoundError:
@@ -76,4 +78,4 @@ def dependencies(distribution: str) -> Iterator[tuple[str, str]]:
     for line in lines:
         found = fullmatch(r"([\w.-]+).*?(?:extra\s*==\s*['\"]([\w-]+)['\"].*)?", line)
         if found is not None:
-            yield found[1].lower().replace("_", "-"), found[2] or ""
+            yield found[1].lower().replace("_", "-"), found[2] or "", line.split(";")[0].strip()

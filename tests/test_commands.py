@@ -74,15 +74,15 @@ def test_broken_commands_leave_the_others(capsys: pytest.CaptureFixture[str]) ->
 @pytest.mark.usefixtures("registered")
 @pytest.mark.parametrize("name", ["lacking", "later"])
 def test_a_missing_extra_is_one_line_that_names_it(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert "mujoco is not installed: pip install 'ndtorch-robot[sim]'" in said(capsys, name)
+    assert "mujoco is not installed: pip install 'mujoco>=3.2' (of ndtorch-robot[sim])" in said(capsys, name)
 
 
 @pytest.mark.usefixtures("registered")
 def test_commands_that_are_not_there(capsys: pytest.CaptureFixture[str]) -> None:
     assert "did you mean 'good'?" in said(capsys, "godo")
     assert "there are bad, ended, full, good" in said(capsys, "xylophone")
-    assert "pip install ndtorch-robot" in said(capsys, "drive")
-    assert "pip install ndtorch-train" in said(capsys, "reproduce")
+    assert "pip install ./robot" in said(capsys, "drive")
+    assert "pip install ./train" in said(capsys, "reproduce")
 
 
 @pytest.mark.usefixtures("registered")
@@ -115,17 +115,17 @@ def test_a_full_disk_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_extras_are_those_that_exist() -> None:
-    assert remedy("mujoco") == "pip install 'ndtorch-robot[sim]'"
-    assert remedy("rerun") == "pip install 'ndtorch[view]'"
-    assert remedy("ray") == "pip install 'ndtorch-train[cluster]'"
-    assert remedy("serial") == "pip install 'ndtorch-robot'"
+    assert remedy("mujoco") == "pip install 'mujoco>=3.2' (of ndtorch-robot[sim])"
+    assert remedy("rerun") == "pip install 'rerun-sdk<0.42,>=0.41' (of ndtorch[view])"
+    assert remedy("ray") == "pip install 'ray>=2.40' (of ndtorch-train[cluster])"
+    assert remedy("serial") == "pip install 'pyserial>=3.5' (of ndtorch-robot)"
     assert remedy("no_such_module_of_anybody") is None
 
 
 def test_need(monkeypatch: pytest.MonkeyPatch) -> None:
     assert need("json.decoder", "this").__name__ == "json.decoder"
     monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(InputError, match=r"a view needs rerun, which is not installed: pip install 'ndtorch\[view\]'"):
+    with pytest.raises(InputError, match=r"a view needs rerun, which is not installed: pip install 'rerun-sdk"):
         need("rerun", "a view")
 
 

@@ -50,17 +50,17 @@ TRIALS = (
             ("python", "-c", LOAD),
         ),
         (
-            (("ndtorch", "bind", "--seconds", "1", "--rrd", "run.rrd"), "pip install 'ndtorch[view]'"),
-            (("ndtorch", "drive"), "pip install ndtorch-robot"),
-            (("ndtorch", "score"), "pip install ndtorch-train"),
+            (("ndtorch", "bind", "--seconds", "1", "--rrd", "run.rrd"), "(of ndtorch[view])"),
+            (("ndtorch", "drive"), "pip install ./robot"),
+            (("ndtorch", "score"), "pip install ./train"),
         ),
     ),
     Trial(
         "ndtorch-robot",
         (("ndtorch", "--help"), ("ndtorch", "arenas"), ("ndtorch", "cameras")),
         (
-            (("ndtorch", "drive", "--seconds", "2"), "pip install 'ndtorch-robot[sim]'"),
-            (("ndtorch", "evaluate", "--arenas", "room", "--seconds", "1"), "pip install 'ndtorch-robot[sim]'"),
+            (("ndtorch", "drive", "--seconds", "2"), "(of ndtorch-robot[sim])"),
+            (("ndtorch", "evaluate", "--arenas", "room", "--seconds", "1"), "(of ndtorch-robot[sim])"),
         ),
         "sim",
         (
@@ -77,7 +77,7 @@ TRIALS = (
             ("ndtorch", "first-stage", "--radius", "0.2"),
             ("ndtorch", "sweep", "small.toml"),
         ),
-        ((("ndtorch", "sweep", "small.toml", "--fresh", "--cluster"), "pip install 'ndtorch-train[cluster]'"),),
+        ((("ndtorch", "sweep", "small.toml", "--fresh", "--cluster"), "(of ndtorch-train[cluster])"),),
     ),
 )
 

@@ -14,6 +14,7 @@ from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.normalise import BindingInputs
 from ndtorch.binding.rules import learning_rule
 from ndtorch.errors import InputError
+from ndtorch.files import replacing
 from ndtorch.scenes.ring_scene import rings
 from ndtorch.vision.features import GROUPS, VisualFeatures
 
@@ -90,7 +91,8 @@ def write_first_stage(stage: FirstStage | Tensor, path: Path) -> None:
     from safetensors.torch import save_file
 
     weights = first_stage_weights(stage).detach().cpu().float()
-    save_file({name: weights[group, group].contiguous() for name, group in GROUPS.items()}, path)
+    with replacing(path) as beside:
+        save_file({name: weights[group, group].contiguous() for name, group in GROUPS.items()}, beside)
 
 
 def train_first_stage(

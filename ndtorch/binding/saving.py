@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,17 +15,47 @@ from torch import Tensor
 from ndtorch.binding.models.contract import BindingModel
 from ndtorch.binding.tracking.tracks import TrackTable
 from ndtorch.errors import InputError
+from ndtorch.files import replacing
 from ndtorch.tree import leaves, mapped, parts
 
 State = TypeVar("State")
 
+CHECKSUM = "checksum"
+"""The string beside a state that says whether all the rest is as it was written."""
+
 
 def save_state(state: Any, path: str | Path, about: Mapping[str, str] | None = None) -> None:
-    """Write a state of any model, and strings that say what it belongs to, as safetensors."""
+    """Write a state of any model, and strings that say what it belongs to, as safetensors with a checksum.
+
+    A file that was there stays until the new one is whole.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    save_tensors({name: part.contiguous().clone() for name, part in leaves(state).items()}, path, about)
+
+
+def save_tensors(flat: Mapping[str, Tensor], path: str | Path, about: Mapping[str, str] | None = None) -> None:
+    """Write tensors by name, with strings and a checksum over both."""
+    from safetensors import SafetensorError
     from safetensors.torch import save_file
 
-    flat = {name: part.contiguous().clone() for name, part in leaves(state).items()}
-    save_file(flat, str(path), metadata=dict(about or {}))
+    strings = dict(about or {})
+    try:
+        with replacing(path) as beside:
+            save_file(dict(flat), str(beside), metadata=strings | {CHECKSUM: checksum(flat, strings)})
+    except SafetensorError as error:
+        raise OSError(f"{path} cannot be written: {error}") from None
+
+
+def checksum(flat: Mapping[str, Tensor], about: Mapping[str, str]) -> str:
+    """SHA-256 over names, types, shapes, values and strings."""
+    digest = hashlib.sha256(json.dumps(sorted(about.items())).encode())
+    for name in sorted(flat):
+        part = flat[name].detach().cpu().contiguous()
+        digest.update(f"{name} {part.dtype} {list(part.shape)}".encode())
+        digest.update(part.reshape(-1).view(torch.uint8).numpy().tobytes())
+    return digest.hexdigest()
 
 
 def read_about(path: str | Path) -> dict[str, str]:
@@ -73,11 +105,20 @@ def read(path: str | Path) -> tuple[dict[str, Tensor], dict[str, str]]:
 
     try:
         with safe_open(str(path), framework="pt") as file:
-            return {name: file.get_tensor(name) for name in file.keys()}, file.metadata() or {}  # noqa: SIM118
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+            about = dict(file.metadata() or {})
     except FileNotFoundError:
         raise InputError(f"{path} is missing") from None
     except (SafetensorError, OSError) as error:
         raise InputError(f"{path} is not a saved state: {error}") from None
+    except (ValueError, OverflowError, RuntimeError, MemoryError) as error:
+        raise InputError(f"{path} is damaged: {str(error).splitlines()[0]}") from None
+    given = about.pop(CHECKSUM, None)
+    if given is None:
+        raise InputError(f"{path} has no checksum: it was not written by this version of ndtorch")
+    if given != checksum(tensors, about):
+        raise InputError(f"{path} is damaged: its checksum does not fit")
+    return tensors, about
 
 
 def rebuilt(example: Any, tensors: Mapping[str, Tensor], prefix: str) -> Any:

@@ -10,6 +10,7 @@ from itertools import count
 from pathlib import Path
 
 from ndtorch.errors import InputError
+from ndtorch.files import sync
 
 UNFINISHED = "unfinished"
 """Where files are until a run has ended. It is no hidden name: what a killed run leaves can be seen."""
@@ -83,7 +84,10 @@ class RunFolder:
                 shutil.move(file, self.work / file.name)
             old.rmdir()
             files = sorted(self.work.iterdir())
+        for file in files:
+            sync(file)
         moved = [file.replace(self.final / file.name) for file in files]
+        sync(self.final)
         self.work.rmdir()
         return moved
 

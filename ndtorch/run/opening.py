@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,23 @@ from ndtorch.scenes.video import open_video
 STATE = "state.safetensors"
 ROWS = 224
 """Height to which the model video gets its frames, as soon as they are decoded: four pixels for one of its own."""
+
+
+def is_number(value: Any, least: float, most: float) -> bool:
+    """Whether a value of a file is a number in a range, and no bool."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most
+
+
+WANTED: dict[str, Callable[[Any], bool]] = {
+    "model": lambda value: isinstance(value, str),
+    "source": lambda value: isinstance(value, str),
+    "frames": lambda value: isinstance(value, int) and is_number(value, 0, 1e12),
+    "fps": lambda value: is_number(value, 1e-3, 1e6),
+    "options": lambda value: isinstance(value, dict),
+    "scene": lambda value: isinstance(value, dict),
+    "without": lambda value: isinstance(value, list) and all(isinstance(name, str) for name in value),
+}
+"""What the description of an earlier run must hold: it may come from anywhere."""
 
 
 @dataclass
@@ -212,7 +229,9 @@ def described(folder: Path) -> dict[str, Any]:
     """
     try:
         about: dict[str, Any] = json.loads(read_about(folder / STATE)["run"])
-        about["model"], about["source"], about["frames"]
-    except (KeyError, json.JSONDecodeError):
-        raise InputError(f"{folder}/{STATE} was not written by this version of ndtorch bind") from None
+        right = all(is_usable(about[key]) for key, is_usable in WANTED.items())
+    except (KeyError, TypeError, RecursionError, json.JSONDecodeError):
+        right = False
+    if not right:
+        raise InputError(f"{folder}/{STATE} was not written by this version of ndtorch bind")
     return about

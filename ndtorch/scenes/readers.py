@@ -20,6 +20,15 @@ Image = np.ndarray[Any, np.dtype[np.uint8]]
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm")
 FOLDER_FPS = 30.0
 
+MOST_PIXELS = 2**26
+"""Pixels of the largest picture that is decoded, 8192 x 8192: a file of some bytes may claim any size."""
+
+LONGEST = 2**15
+"""Pixels of the longest side of a picture."""
+
+LISTS = (b"ffconcat", b"#EXTM3U", b"<?xml", b"<MPD", b"[playlist]", b"[reference]", b"v=0")
+"""How files begin that make FFmpeg open others: a video is one file, and opens none."""
+
 
 class Reader(ABC):
     """Where frames come from.
@@ -52,6 +61,8 @@ class FileReader(Reader):
 
         if path.stat().st_size == 0:
             raise InputError(f"video {path} is empty (0 bytes)")
+        if is_text(path):
+            raise InputError(f"video {path} cannot be used: it is text, or a list of other files")
         self.path = path
         with quiet_opencv():
             capture = _capture(str(path))
@@ -59,6 +70,7 @@ class FileReader(Reader):
                 raise InputError(f"video {path} cannot be opened: not a video, damaged or cut off at its start")
             self.fps, self.count = _declared(capture)
             self.size = _declared_size(capture)
+            check_pixels(f"video {path}", *self.size)
             # FFmpeg plays any text file as the screen of a terminal.
             decodes = capture.get(cv2.CAP_PROP_FOURCC) != cv2.VideoWriter.fourcc(*"ansi") and capture.grab()
             capture.release()
@@ -122,6 +134,8 @@ class FolderReader(Reader):
         self.fps, self.count = FOLDER_FPS, len(self.files)
         with quiet_opencv():
             for path in self.files:
+                if not path.is_file():
+                    raise InputError(f"image {path} cannot be read: it is no regular file")
                 if not cv2.haveImageReader(str(path)):
                     raise InputError(f"image {path} cannot be read: empty, damaged or not an image")
             first = _image(self.files[0])
@@ -137,6 +151,53 @@ class FolderReader(Reader):
                     f"{path} {own_width} x {own_height}"
                 )
             yield image
+
+
+def is_text(path: Path) -> bool:
+    """Whether a file is text, or begins as those do that name other files to be opened."""
+    with path.open("rb") as file:
+        head = file.read(4096)
+    if head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(LISTS):
+        return True
+    return (
+        not head.startswith(b"YUV4MPEG2")
+        and all(byte >= 32 or byte in b"\t\n\r\f\x1b" for byte in head[:512])
+        and (_decodes(head))
+    )
+
+
+def _decodes(head: bytes) -> bool:
+    """Whether bytes are UTF-8, but for a letter that is cut at the end."""
+    try:
+        head.decode()
+    except UnicodeDecodeError as error:
+        return error.start >= len(head) - 3
+    return True
+
+
+def claimed_size(path: Path) -> tuple[int, int]:
+    """Height and width of an image as its header has them; nothing is decoded.
+
+    Raises:
+        InputError: no image, or one so large that not even its header is believed.
+    """
+    from PIL import Image as Headers
+
+    try:
+        with Headers.open(path) as image:
+            return image.height, image.width
+    except Headers.DecompressionBombError:
+        raise InputError(f"image {path} cannot be used: it claims more than {MOST_PIXELS} pixels") from None
+    except Exception:
+        raise InputError(f"image {path} cannot be read: empty, damaged or not an image") from None
+
+
+def check_pixels(what: str, height: int, width: int) -> None:
+    """Raise `InputError` for pictures larger than `MOST_PIXELS`, or longer than `LONGEST`."""
+    if height * width > MOST_PIXELS or max(height, width) > LONGEST:
+        raise InputError(
+            f"{what} cannot be used: {width} x {height} pixels, {MOST_PIXELS} in all and {LONGEST} a side are the most"
+        )
 
 
 @contextmanager
@@ -200,8 +261,12 @@ def _image(path: Path) -> Image:
     """Eight bits a channel, turned upright as the file says, without transparency; grey stays `[H, W]`."""
     import cv2
 
-    with quiet_opencv():
-        image = cv2.imread(str(path), cv2.IMREAD_ANYCOLOR)
+    check_pixels(f"image {path}", *claimed_size(path))
+    try:
+        with quiet_opencv():
+            image = cv2.imread(str(path), cv2.IMREAD_ANYCOLOR)
+    except cv2.error:
+        image = None
     if image is None:
         raise InputError(f"image {path} cannot be read: empty, damaged or not an image")
     return np.asarray(image, dtype=np.uint8)

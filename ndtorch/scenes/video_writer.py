@@ -51,7 +51,7 @@ class VideoWriter:
             self._writer = cv2.VideoWriter(str(self.path), fourcc, fps, (self.size[1], self.size[0]))
         if not self._writer.isOpened():
             raise InputError(f"video {self.path} cannot be written: no permission, or no {codec} encoder")
-        self._open = True
+        self._open, self._written = True, 0
 
     def write(self, frame: Tensor) -> None:
         """Append a frame `[3, H, W]`, red, green and blue: float in 0..1 (clipped) or uint8.
@@ -71,11 +71,30 @@ class VideoWriter:
             raise InputError(f"frame must be float or uint8, got {frame.dtype}")
         rgb = np.ascontiguousarray(frame.cpu().permute(1, 2, 0).numpy())
         self._writer.write(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
+        self._written += 1
 
     def close(self) -> None:
-        """Finish the file. Closing twice does nothing."""
-        self._open = False
+        """Finish the file. Closing twice does nothing.
+
+        Raises:
+            InputError: what was written cannot be read again, as on a full disk, of which the encoders say nothing.
+        """
+        was, self._open = self._open, False
         self._writer.release()
+        if was and self._written and not self.is_whole():
+            raise InputError(f"video {self.path} is not whole: the disk may be full")
+
+    def is_whole(self) -> bool:
+        """Whether the file that was closed opens, and promises all frames."""
+        import cv2
+
+        with quiet_opencv():
+            capture = cv2.VideoCapture(str(self.path))
+            # Some containers count a frame less or more than were given.
+            promised = capture.get(cv2.CAP_PROP_FRAME_COUNT) if capture.isOpened() else 0
+            whole = promised >= self._written - 1 and bool(capture.grab())
+            capture.release()
+        return whole
 
     def __enter__(self) -> Self:
         return self

@@ -92,7 +92,7 @@ class Car:
         # A step that waits for its cameras begins when they have answered.
         self.note_start(clock.now() if isinstance(clock, CameraClock) else now)
         wanted, restarted, placed = STAND, False, None
-        good = frames is not None and self.safe.see(frames, driven.speed)
+        good = frames is not None and self.safe.see(frames, driven.speed, driven.curvature)
         if good and frames is not None:
             placed, anew = self.drive.take_placed(), self.safe.take_interruption()
             restarted = anew and self.pilot.state is not None

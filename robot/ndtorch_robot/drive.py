@@ -16,6 +16,7 @@ from ndtorch.navigation import Grid, GridMap, StereoRig
 from ndtorch.navigation.controllers import Trace
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import DriveConfig
+from ndtorch_robot.eye import SightLimits
 from ndtorch_robot.navigating import print_note
 from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import DriveCommand, Observer, Step
@@ -35,6 +36,9 @@ RATE = 30.0
 
 LIMITS = SafetyLimits(speed=0.6, curvature=2.2, silence=0.1, age=0.1)
 """Those of a car, but for how fast speed and steering may change: the simulated car has limits of its own for that."""
+
+DRAWN = SightLimits(patience_s=2.0)
+"""Walls that are drawn blank have no marks at all: a car that turns away from one may see nothing for a second."""
 
 NOT_RECORDED = {"out", "record", "record_format", "rrd", "view", "view_at"}
 """Where results go is no part of what was driven."""
@@ -96,7 +100,7 @@ def drive(
             fields=pilot.fields,
         )
         stack.callback(simulation.close)
-        sight = Sight(simulation.rig, RATE, LIMITS.age, PATIENCE, together=False)
+        sight = Sight(simulation.rig, RATE, LIMITS.age, PATIENCE, together=False, limits=DRAWN)
         steps = max(1, round(config.seconds * RATE))
         car = Car(pilot, simulation, SafeDrive(simulation, simulation, LIMITS, sight), steer=steer, max_steps=steps)
         record, put_back = Record(), PutBack(simulation, pilot)

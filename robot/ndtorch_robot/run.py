@@ -64,7 +64,8 @@ def make_car(
     limits, half = config.limits.limits(), config.navigation.map_half_size_m
     grid = Grid(-half, half, -half, half) if half else None
     pilot = Pilot(config.navigation.options(), rig, config.rate_hz, grid)
-    safe = SafeDrive(drive, clock, limits, Sight(rig, config.rate_hz, limits.age), report)
+    sight = Sight(rig, config.rate_hz, limits.age, limits=config.sight.limits())
+    safe = SafeDrive(drive, clock, limits, sight, report)
     return Car(pilot, cameras, safe, observers=observers, go=go)
 
 

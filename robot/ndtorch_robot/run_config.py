@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from ndtorch.navigation import StereoRig
 from ndtorch.toml import Strict
+from ndtorch_robot.eye import SightLimits
 from ndtorch_robot.link.registry import SERIAL, SIMULATED_BOARD, check_link
 from ndtorch_robot.navigating import NavigatorTable
 from ndtorch_robot.safety import SafetyLimits
@@ -65,6 +66,31 @@ class LimitsTable(Strict):
         )
 
 
+class SightTable(Strict):
+    """`[sight]`: when a camera counts as blind, stuck or wrongly mounted; see `robot.eye.SightLimits`."""
+
+    patience_s: Annotated[float, Field(ge=0.05, le=0.4)] = 0.25
+    row_contrast: Positive = 1.2
+    field_contrast: Positive = 0.6
+    row_relative: Annotated[float, Field(ge=0, le=1)] = 0.05
+    field_relative: Annotated[float, Field(ge=0, le=1)] = 0.012
+    sharpness: Annotated[float, Field(ge=0, le=1)] = 0.2
+    sharp_range: Positive = 20.0
+    moved_m: Positive = 0.04
+    turned_rad: Positive = 0.05
+    row_change: Positive = 1.0
+    field_change: Positive = 0.45
+    still: Annotated[float, Field(ge=-1, le=1)] = 0.5
+    swapped: Annotated[float, Field(ge=0, le=2)] = 0.03
+    mirrored: Annotated[float, Field(ge=0, le=2)] = 0.1
+    agreement_patches: Positive = 20.0
+    agreement_s: Positive = 2.0
+
+    def limits(self) -> SightLimits:
+        """For the safety layer."""
+        return SightLimits(**self.model_dump())
+
+
 class NavigationTable(NavigatorTable):
     """`[navigation]`; beside this key those of `NavigatorOptions`.
 
@@ -105,6 +131,7 @@ class RunConfig(Strict):
     link: Mapping[str, str | int | float | bool] = Field(default_factory=dict)
     rig: RigTable = RigTable()
     limits: LimitsTable = LimitsTable()
+    sight: SightTable = SightTable()
     navigation: NavigationTable = NavigationTable()
     cameras: dict[str, str | int | float] | None = None
     simulation: SimulationTable | None = None

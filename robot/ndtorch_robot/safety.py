@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
+from ndtorch_robot.eye import SightLimits
 from ndtorch_robot.ports import _SEAL, STAND, Clock, Drive, DriveCommand, Report, SafeCommand, StereoFrames
 from ndtorch_robot.watch import CameraWatch
 
@@ -56,22 +57,31 @@ class Sight:
         patience: frames in a row that must look wrong before black or frozen is said: 4 are 0.13 s.
         together: both pictures standing still together is a fault as well. Not where pictures are drawn: they have no
             noise, and before a blank wall they may stay the same to the bit.
+        limits: what the pictures are judged by.
     """
 
     SLOW = 1.6
     """Periods between two frames from which the second is late; two late ones in a row are a camera too slow."""
 
-    def __init__(self, rig: StereoRig, rate: float, age: float, patience: int = 4, together: bool = True) -> None:
+    def __init__(
+        self,
+        rig: StereoRig,
+        rate: float,
+        age: float,
+        patience: int = 4,
+        together: bool = True,
+        limits: SightLimits | None = None,
+    ) -> None:
         self.rate, self.age = rate, age
-        self.watch = CameraWatch(rig, patience, together)
+        self.watch = CameraWatch(rig, patience, together, rate, limits)
         self.time = -math.inf
         self.late = 0
 
-    def judge(self, frames: StereoFrames, speed: float, now: float) -> str | None:
+    def judge(self, frames: StereoFrames, speed: float, now: float, curvature: float = 0.0) -> str | None:
         """Look at new frames; returns what is wrong with them.
 
         Args:
-            speed: of the car since the last ones, m/s.
+            speed, curvature: of the car since the last ones, m/s and 1/m.
             now: on the clock of the frames.
         """
         if not math.isfinite(frames.time) or frames.time > now + 0.01:
@@ -83,7 +93,7 @@ class Sight:
         gap, self.time = frames.time - self.time, frames.time
         self.late = self.late + 1 if self.SLOW / self.rate < gap < math.inf else 0
         try:
-            self.watch.check(frames, speed)
+            self.watch.check(frames, speed, curvature)
         except InputError as error:
             return str(error)
         if self.late >= 2:
@@ -137,17 +147,18 @@ class SafeDrive:
         self.wish_ends: float | None = None  # told to go, but has not moved yet
         self.tried = -math.inf
 
-    def see(self, frames: StereoFrames, speed: float) -> bool:
+    def see(self, frames: StereoFrames, speed: float, curvature: float = 0.0) -> bool:
         """Judge new frames; True when they may be steered by.
 
         Args:
-            speed: of the car since the last ones, m/s.
+            speed, curvature: of the car since the last ones, m/s and 1/m.
         """
         assert self.sight is not None
-        why = self.sight.judge(frames, speed, self.clock.now())
+        why = self.sight.judge(frames, speed, self.clock.now(), curvature)
         if why is not None:
-            # A picture that stands still cannot be seen to move again by a car that stands.
-            self.blind(why, passes="same picture" not in why)
+            # A picture that stands still cannot be seen to move again by a car that stands, and cameras that are
+            # swapped do not change back.
+            self.blind(why, passes=not any(word in why for word in ("same picture", "swapped", "upside down")))
             return False
         self.seen, self.blindness = frames.time, None
         return True

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 
 import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig, Strips, cut_strips
+from ndtorch_robot.agreement import Agreement
+from ndtorch_robot.eye import Eye, SightLimits, blindness, change, likeness, look
 from ndtorch_robot.ports import StereoFrames
 
 NAMES = ("left", "right")
@@ -22,38 +25,67 @@ DARK = 0.012
 MOVING = 0.1
 """Speed from which the picture must change, m/s."""
 
+EVERY = 2
+"""Frames of which one is looked into: half the work, and soon enough."""
+
+KEPT = 6
+"""Pictures that are kept to compare with: 0.4 s at 30 frames a second."""
+
 
 class CameraWatch:
     """Raises `InputError` when frames cannot be trusted; the loop then stops the car.
 
     Noticed at once: a camera without a frame, times that do not increase, cameras that give frames of two
-    sizes or kinds. After `PATIENCE` frames: a camera that sees black, and a camera whose picture stays the same
+    sizes or kinds. After `patience` frames: a camera that sees black, and a camera whose picture stays the same
     to the bit while the car drives and the other camera's changes. Black is judged by the horizon row. The same
     is judged by the subfield, because floor that is seen must move; where a blank wall hides it nobody can say.
+
+    After `limits.patience_s` of pictures that look wrong (one that looks right takes one back): a camera that
+    shows nothing or is blurred, one whose picture hardly changes on a way on which it must, both pictures moving
+    while the wheels stand. After `limits.agreement_s`: cameras that are swapped, upside down or turned.
 
     Args:
         rig: the camera pair.
         patience: frames in a row that must look wrong.
         together: two pictures that stay the same together are a fault as well. Not in a world that may stop.
+        rate: frames a second.
+        limits: what the pictures are judged by.
     """
 
-    def __init__(self, rig: StereoRig, patience: int = PATIENCE, together: bool = False) -> None:
+    def __init__(
+        self,
+        rig: StereoRig,
+        patience: int = PATIENCE,
+        together: bool = False,
+        rate: float = 30.0,
+        limits: SightLimits | None = None,
+    ) -> None:
         self.rig, self.patience, self.fields = rig, patience, rig.subfields()
-        self.together = together
+        self.together, self.rate, self.limits = together, rate, limits or SightLimits()
+        self.wrong_for = max(2, round(self.limits.patience_s * rate / EVERY))
+        self.agreement = Agreement(rate / EVERY, self.limits)
         self.time = -math.inf
         self.last: list[Tensor | None] = [None, None]
         self.dark = [0, 0]
         self.frozen = [0, 0]
+        self.blind = [0, 0]
+        self.stuck = [0, 0]
+        self.carried = self.seen = 0
+        self.driven = self.turned = 0.0
+        self.before: deque[tuple[float, float, tuple[Eye, Eye]]] = deque(maxlen=KEPT)
 
-    def check(self, frames: StereoFrames, speed: float) -> None:
+    def check(self, frames: StereoFrames, speed: float, curvature: float = 0.0) -> None:
         """Look at new frames.
 
         Args:
-            speed: of the car since the last ones, m/s.
+            speed, curvature: of the car since the last ones, m/s and 1/m.
         """
         if not frames.time > self.time:
             raise InputError(f"times of frames must increase, got {frames.time:.3f} s after {self.time:.3f} s")
+        passed = min(frames.time - self.time, 0.5) if self.time > -math.inf else 0.0
         self.time = frames.time
+        self.driven += abs(speed) * passed
+        self.turned += speed * curvature * passed
         eyes = [self.strips(frames.left, 0), self.strips(frames.right, 1)]
         left, right = (eye.row for eye in eyes)
         if left.shape != right.shape or left.dtype != right.dtype:
@@ -61,10 +93,17 @@ class CameraWatch:
                 f"left and right frames must be alike, got rows of {left.dtype} {tuple(left.shape)} "
                 f"and {right.dtype} {tuple(right.shape)}"
             )
+        self.check_exactly(eyes, speed)
+        self.seen += 1
+        if self.seen % EVERY == 0:
+            self.check_pictures((look(eyes[0]), look(eyes[1])))
+
+    def check_exactly(self, eyes: list[Strips], speed: float) -> None:
+        """Black, and the same to the bit: told soonest."""
         same = [old is not None and torch.equal(old, eye.field) for old, eye in zip(self.last, eyes, strict=True)]
         self.last = [eye.field for eye in eyes]
         for k, name in enumerate(NAMES):
-            darkest = DARK * 255 if left.dtype == torch.uint8 else DARK
+            darkest = DARK * 255 if eyes[k].row.dtype == torch.uint8 else DARK
             floor = eyes[k].field
             alone = self.together or not same[1 - k]
             # Something must be in it: a blank wall that fills the subfield looks the same from everywhere.
@@ -76,6 +115,70 @@ class CameraWatch:
                 raise InputError(f"the {name} camera has seen nothing but black for {self.patience} frames")
             if self.frozen[k] >= self.patience:
                 raise InputError(f"the {name} camera has given the same picture for {self.patience} frames")
+
+    def check_pictures(self, eyes: tuple[Eye, Eye]) -> None:
+        """What is in the pictures, against the way that the wheels say was driven."""
+        reasons = [blindness(eye, self.limits) for eye in eyes]
+        away = next((b for b in reversed(self.before) if self.far_from(b)), None)
+        same = [away is not None and self.unchanged(eyes[k], away[2][k]) for k in (0, 1)]
+        if all(same) and not self.together:
+            same = [False, False]
+        for k, name in enumerate(NAMES):
+            self.blind[k] = self.count(self.blind[k], reasons[k] is not None)
+            self.stuck[k] = self.count(self.stuck[k], same[k] and reasons[k] is None)
+            if self.blind[k] >= self.wrong_for and reasons[k] is not None:
+                raise InputError(f"the {name} camera {reasons[k]}")
+            if self.stuck[k] >= self.wrong_for and away is not None:
+                way = f"{1e3 * (self.driven - away[0]):.0f} mm driven"
+                raise InputError(f"the {name} camera shows the same picture after {way}, but for noise")
+        self.carried = self.count(self.carried, self.moved_by_others(eyes))
+        self.before.append((self.driven, self.turned, eyes))
+        if self.carried >= self.wrong_for:
+            raise InputError("both pictures move although the wheels stand")
+        wrong = self.agreement.compare(*eyes) if reasons == [None, None] else None
+        if wrong is not None:
+            raise InputError(wrong)
+
+    def check_mounting(self, frames: StereoFrames) -> None:
+        """Only whether both cameras show something, and lie the right way round, however the car is moved.
+
+        Raises:
+            InputError: what is wrong.
+        """
+        left, right = look(self.strips(frames.left, 0)), look(self.strips(frames.right, 1))
+        for k, eye in enumerate((left, right)):
+            reason = blindness(eye, self.limits)
+            self.blind[k] = self.count(self.blind[k], reason is not None)
+            if self.blind[k] >= self.wrong_for:
+                raise InputError(f"the {NAMES[k]} camera {reason}")
+        wrong = self.agreement.compare(left, right)
+        if wrong is not None:
+            raise InputError(wrong)
+
+    def count(self, before: int, wrong: bool) -> int:
+        """Pictures that look wrong, less those that look right."""
+        return min(before + 1, self.wrong_for) if wrong else max(before - 1, 0)
+
+    def far_from(self, before: tuple[float, float, tuple[Eye, Eye]]) -> bool:
+        """Whether the car has since gone so far that every picture must have changed."""
+        way, turn = self.driven - before[0], abs(self.turned - before[1])
+        return way >= self.limits.moved_m or turn >= self.limits.turned_rad
+
+    def unchanged(self, now: Eye, before: Eye) -> bool:
+        """Nothing but noise is different."""
+        limits = self.limits
+        return change(now.field, before.field) < limits.field_change and change(now.row, before.row) < limits.row_change
+
+    def moved_by_others(self, eyes: tuple[Eye, Eye]) -> bool:
+        """Whether everything in both pictures has moved since the oldest of them, with the wheels at rest."""
+        if len(self.before) < KEPT or self.driven != self.before[0][0]:
+            return False
+        old = self.before[0][2]
+        return all(
+            likeness(new.row_shape, was.row_shape) < self.limits.still
+            and likeness(new.field_shape, was.field_shape) < self.limits.still
+            for new, was in zip(eyes, old, strict=True)
+        )
 
     def strips(self, eye: Tensor | Strips | None, k: int) -> Strips:
         """The subfield and the horizon row of one camera."""

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import errno
 import math
+import random
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file
 
 import ndtorch
 from ndtorch.binding import BindingModel, load_state, save_state, to_device
-from ndtorch.binding.saving import read_about
+from ndtorch.binding.saving import read_about, save_tensors
 from ndtorch.errors import InputError
 from ndtorch.tree import leaves
 
@@ -77,7 +79,7 @@ def test_a_file_without_one_part_is_refused(tmp_path: Path, name: str) -> None:
         save_state(state, path)
         tensors = load_file(path)
         del tensors[part]
-        save_file(tensors, path)
+        save_tensors(tensors, path)
         with pytest.raises(InputError, match=f"{part} missing"):
             load_state(path, module)
 
@@ -86,7 +88,7 @@ def broken(tmp_path: Path, part: str, value: torch.Tensor, module: BindingModel)
     """A saved state one part of which is another."""
     _, state = module(noise(4, 3, 32, 33))
     save_state(state, tmp_path / "state")
-    save_file({**load_file(tmp_path / "state"), part: value}, tmp_path / "state")
+    save_tensors({**load_file(tmp_path / "state"), part: value}, tmp_path / "state")
     return tmp_path / "state"
 
 
@@ -139,6 +141,44 @@ def test_other_files_and_folders_are_refused(tmp_path: Path) -> None:
     for path in (tmp_path / "text", tmp_path / "empty", tmp_path):
         with pytest.raises(InputError, match="is not a saved state"):
             load_state(path, model())
+
+
+def test_no_flipped_byte_is_believed(tmp_path: Path) -> None:
+    """Wherever a byte of a saved state changes, it is refused in one line, or nothing that is read has changed."""
+    module = model()
+    _, state = module(noise(3, 3, 32, 33))
+    path = tmp_path / "state"
+    save_state(state, path, {"run": "{}"})
+    data, chance, refused = path.read_bytes(), random.Random(1), 0
+    header = 8 + int.from_bytes(data[:8], "little")
+    for n in range(200):
+        at = chance.randrange(header if n % 2 else len(data))
+        path.write_bytes(data[:at] + bytes([data[at] ^ 1 << chance.randrange(8)]) + data[at + 1 :])
+        try:
+            loaded, about = load_state(path, module)
+        except InputError as error:
+            refused += "\n" not in str(error)
+        else:
+            assert same(loaded, state)
+            assert about == {"run": "{}"}
+    assert refused > 190
+
+
+def test_a_write_that_fails_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    module = model()
+    _, state = module(noise(3, 3, 32, 33))
+    path = tmp_path / "state"
+    save_state(state, path)
+    old = path.read_bytes()
+
+    def full(handle: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        save_state(state, path, {"new": "yes"})
+    assert path.read_bytes() == old
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_saving_does_not_change_the_state(tmp_path: Path) -> None:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+import os
+import struct
 import subprocess
 import sys
 import warnings
+import zlib
 from pathlib import Path
 
 import cv2
@@ -325,3 +328,56 @@ def test_a_real_road_camera() -> None:
     assert sum(len(chunk) for chunk in video.chunks(16)) == 377
     part = next(iter(open_video(DATA / "car-detection.mp4", start=170, stop=172).chunks()))
     assert part.shape == (2, 3, 500, 500)
+
+
+LISTS = {
+    "ffconcat": "ffconcat version 1.0\nfile '{clip}'\n",
+    "m3u8": "#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\n{clip}\n#EXT-X-ENDLIST\n",
+    "mpd": '<?xml version="1.0"?><MPD><BaseURL>{clip}</BaseURL></MPD>',
+}
+
+
+@pytest.mark.parametrize("kind", LISTS)
+@pytest.mark.parametrize("tail", [b"", b"\n#\x00\xff"])
+def test_a_list_of_other_files_is_no_video(tmp_path, kind, tail):
+    with VideoWriter(tmp_path / "clip.avi", 25, SIZE) as video:
+        for _ in range(3):
+            video.write(torch.rand(3, *SIZE))
+    path = tmp_path / "list.mp4"
+    path.write_bytes(LISTS[kind].format(clip=tmp_path / "clip.avi").encode() + tail)
+    with pytest.raises(InputError, match="it is text, or a list of other files"):
+        open_video(path)
+
+
+def png(width, height):
+    """The beginning of a PNG that claims a size."""
+    data = b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    chunks = [data, b"IDAT" + zlib.compress(bytes(64))]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(chunk) - 4) + chunk + struct.pack(">I", zlib.crc32(chunk)) for chunk in chunks
+    )
+
+
+@pytest.mark.parametrize(("width", "height"), [(65000, 65000), (100_000, 1), (9000, 9000)])
+def test_an_image_that_claims_to_be_huge_is_not_decoded(tmp_path, width, height):
+    (tmp_path / "1.png").write_bytes(png(width, height))
+    with pytest.raises(InputError, match=r"cannot be used: .*pixels") as error:
+        open_video(tmp_path)
+    assert "\n" not in str(error.value)
+
+
+def test_a_pipe_among_images_is_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "1.png")
+    with pytest.raises(InputError, match="no regular file"):
+        open_video(tmp_path)
+
+
+def test_a_video_that_was_not_written_to_its_end_is_told(tmp_path):
+    """Encoders say nothing of a full disk."""
+    video = VideoWriter(tmp_path / "clip.mp4", 25, SIZE)
+    for _ in range(5):
+        video.write(torch.rand(3, *SIZE))
+    video._writer.release()
+    os.truncate(tmp_path / "clip.mp4", 100)
+    with pytest.raises(InputError, match="not whole: the disk may be full"):
+        video.close()

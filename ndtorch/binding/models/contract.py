@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from ndtorch.binding.objects import BoundObject, ObjectTable
 from ndtorch.config import ModelConfig, config_text
 from ndtorch.errors import InputError
+from ndtorch.files import write_text
 
 Verdict = Literal["stable", "learning", "alternating", "static"]
 """What the objects are worth. `static`: nothing fluctuates, or nothing moved, so there is nothing to bind.
@@ -151,10 +152,10 @@ class BindingModel(nn.Module, ABC):
             raise InputError(f"{folder} holds a model; say overwrite=True to replace it, or name another folder")
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            (folder / "config.toml").write_text(config_text(self.config), encoding="utf-8")
+            write_text(folder / "config.toml", config_text(self.config))
             card = folder / "README.md"
             if not card.exists():
-                card.write_text(CARD.format(name=folder.name, model=self.name), encoding="utf-8")
+                write_text(card, CARD.format(name=folder.name, model=self.name))
             if weights is not None:
                 write_first_stage(weights, folder / "weights.safetensors")
             elif overwrite:

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from ndtorch.errors import InputError
+from ndtorch.files import write_text
 from ndtorch.toml import Strict, read_toml
 
 Matrix = np.ndarray[Any, np.dtype[np.float64]]
@@ -154,6 +155,6 @@ def write_calibration(calibration: Calibration, path: Path) -> None:
     )
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
+        write_text(path, text)
     except OSError as error:
         raise InputError(f"{path}: cannot write the calibration ({error.strerror})") from None

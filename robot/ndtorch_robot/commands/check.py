@@ -81,7 +81,7 @@ class Check:
             return False
 
     def cameras(self, config: RunConfig) -> bool:
-        """Read a second of pairs."""
+        """Read some seconds of pairs: the rate, whether both show something, and the right way round."""
         if config.cameras is None:
             print("   simulated, nothing to check")
             return True
@@ -89,18 +89,26 @@ class Check:
 
         try:
             import_module("ndtorch_robot.cameras")
-            pair, _, _ = make_real_cameras(config)
+            pair, rig, _ = make_real_cameras(config)
         except (InputError, ModuleNotFoundError) as error:
             print(f"   not right: {error}")
             return False
+        from ndtorch_robot.watch import CameraWatch
+
+        watch = CameraWatch(rig, rate=config.rate_hz, limits=config.sight.limits())
+        print("   for five seconds move the car about by hand: what both cameras see is compared")
         try:
-            times = [pair.read().time for _ in range(30)]
+            times = []
+            for _ in range(round(5 * config.rate_hz)):
+                frames = pair.read()
+                times.append(frames.time)
+                watch.check_mounting(frames)
         except InputError as error:
             print(f"   not right: {error}")
             return False
         finally:
             pair.close()
-        rate = 29 / (times[-1] - times[0])
+        rate = (len(times) - 1) / (times[-1] - times[0])
         print(f"   {rate:.1f} pairs a second, {config.rate_hz:.0f} are wanted")
         return abs(rate / config.rate_hz - 1) < 0.1
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from ndtorch.commands import INTERRUPTED
-from ndtorch_robot.navigating import navigator_flags
+from ndtorch_robot.navigator_flags import navigator_flags
 
 if TYPE_CHECKING:
     from ndtorch_robot.config import DriveConfig

@@ -14,8 +14,7 @@ import tyro
 from ndtorch import workers
 from ndtorch.commands import INTERRUPTED
 from ndtorch.errors import InputError
-from ndtorch.navigation.options import OPTION_NAMES
-from ndtorch_robot.navigating import navigator_flags
+from ndtorch_robot.navigator_flags import navigator_flags
 
 if TYPE_CHECKING:
     from ndtorch_robot.config import DriveConfig
@@ -83,6 +82,7 @@ class Evaluate:
     def drives(self) -> list[DriveConfig]:
         """The configurations of all drives, checked before the first begins."""
         from ndtorch.navigation import controller_names
+        from ndtorch.navigation.options import OPTION_NAMES
         from ndtorch_robot.config import load_config
         from ndtorch_robot.evaluation.drives import all_drives
         from ndtorch_robot.sim.arenas import ARENAS, load_arena

@@ -18,14 +18,17 @@ if TYPE_CHECKING:
 DIFFERENT = 1
 """Exit code when lossless frames give other commands than were recorded."""
 
+NOT_ALL = 3
+"""Exit code when the commands are the same as far as they could be compared, and not all could be."""
+
 
 @dataclass(frozen=True)
 class Replay:
     """Drive a recording again and compare the commands.
 
     The same program runs on the recorded frames and odometry. From lossless frames it must want the same to the
-    bit, or the exit code is 1; from JPEG it is said how much it differs. A recording that was cut short is
-    replayed as far as it goes.
+    bit, or the exit code is 1; from JPEG it is said how much it differs. A recording that was cut short or is
+    damaged is replayed as far as it can be; it is said what was not, and the exit code is 3.
     """
 
     folder: Annotated[Path, tyro.conf.Positional]
@@ -52,6 +55,7 @@ class Replay:
             "frames": recording.kind,
             "complete": recording.complete,
             "missing": recording.missing,
+            "damaged": recording.damaged,
             "trouble": recording.trouble,
         }
         if self.json:
@@ -60,8 +64,10 @@ class Replay:
             print(describe(recording, result))
         if self.view_at:
             self.serve()
-        gaps = comparison.skipped or recording.missing
-        return DIFFERENT if recording.lossless and not gaps and comparison.same < comparison.steps else 0
+        gaps = bool(comparison.skipped or recording.missing or recording.damaged)
+        if recording.lossless and not gaps and comparison.same < comparison.steps:
+            return DIFFERENT
+        return NOT_ALL if gaps or not recording.complete or not comparison.steps else 0
 
     def plain(self, recording: Recording) -> Comparison:
         """Replay without showing anything."""
@@ -98,11 +104,15 @@ def describe(recording: Recording, r: dict[str, Any]) -> str:
     lines = [f"{r['steps']} steps of {recording.folder} replayed from {r['frames']} frames"]
     if not r["complete"]:
         lines.append("  the recording was cut short" + (f": {r['trouble']}" if r["trouble"] else ""))
+    if r["damaged"]:
+        lines.append(f"  {r['damaged']} lines or their frames are damaged and were left out: {r['trouble']}")
     if r["skipped"] or r["missing"]:
         lines.append(
             f"  {r['skipped']} steps without frames and {r['missing']} lost ones: the navigator saw other things"
         )
-    if r["same"] == r["steps"]:
+    if not r["steps"]:
+        lines.append("  nothing was compared")
+    elif r["same"] == r["steps"]:
         lines.append("  the same commands, bit for bit")
     else:
         lines.append(

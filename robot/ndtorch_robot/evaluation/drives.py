@@ -10,6 +10,7 @@ from itertools import product
 from pathlib import Path
 
 from ndtorch.code_digest import code_digest
+from ndtorch.files import write_text
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.ports import Step
 
@@ -67,9 +68,7 @@ class Cache:
         """Keep a summary. Written beside and moved, so that there is never half a file."""
         file = self.file(config)
         file.parent.mkdir(parents=True, exist_ok=True)
-        draft = file.with_suffix(".part")
-        draft.write_text(json.dumps(summary) + "\n")
-        draft.replace(file)
+        write_text(file, json.dumps(summary) + "\n")
 
 
 def drive_once(config: DriveConfig, report: Callable[[float], None]) -> Summary:

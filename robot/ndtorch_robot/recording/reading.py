@@ -7,13 +7,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any, cast
+from zlib import crc32
 
 from torch import Tensor
 
 from ndtorch.errors import InputError
 from ndtorch_robot.ports import DriveCommand, Placed, Step, StereoFrames
 from ndtorch_robot.recording.recorder import HEADER, STEPS, VERSION
-from ndtorch_robot.recording.streams import SUFFIXES, Format, decode, eyes
+from ndtorch_robot.recording.streams import SUFFIXES, Format, crc_of, decode, eyes, is_intact
+
+LARGEST = 2**28
+"""Bytes of the largest picture that is read: more is no picture of a camera."""
 
 
 @dataclass
@@ -26,6 +30,7 @@ class Recording:
         complete: whether the last line says that the recording was closed; known after reading.
         trouble: why reading ended before the last line, or nothing; known after reading.
         missing: steps that were dropped, from gaps in their numbers; known after reading.
+        damaged: lines that are not as they were written, or whose frames are not; known after reading.
     """
 
     folder: Path
@@ -34,6 +39,7 @@ class Recording:
     complete: bool = False
     trouble: str = ""
     missing: int = 0
+    damaged: int = 0
     files: dict[str, IO[bytes]] = field(default_factory=dict)
 
     @property
@@ -42,22 +48,26 @@ class Recording:
         return self.kind != "jpeg"
 
     def steps(self) -> Iterator[Step]:
-        """All steps, up to the first that is damaged or not wholly there.
+        """All steps but those that are damaged or not wholly there.
 
         They are as `Recorder` was given them, without the state of the navigator; `frames` is None where they were
         not kept, and `sent` is what was wanted where nothing else was written down.
         """
-        self.complete, self.trouble, self.missing = False, "", 0
+        self.complete, self.trouble, self.missing, self.damaged = False, "", 0, 0
         expected = 0
         try:
             with (self.folder / STEPS).open("rb") as lines:
                 for line in lines:
                     if not line.endswith(b"\n"):
-                        self.trouble = "the last line was not written to its end"
+                        self.trouble = self.trouble or "the last line was not written to its end"
                         return
                     step = self.step(line)
-                    if step is None:
+                    if self.complete:
                         return
+                    if step is None:
+                        self.damaged += 1
+                        expected += 1
+                        continue
                     self.missing += step.number - expected
                     expected = step.number + 1
                     yield step
@@ -70,6 +80,9 @@ class Recording:
 
     def step(self, line: bytes) -> Step | None:
         """A line as a step; None at the end, or for one that cannot be used."""
+        if not is_intact(line):
+            self.trouble = self.trouble or "a line is damaged"
+            return None
         try:
             values = json.loads(line)
             if values.get("end"):
@@ -81,11 +94,11 @@ class Recording:
             where = values.get("frames")
             frames = None if where is None else self.frames(where, time)
             if where is not None and frames is None:
-                self.trouble = f"the frames of step {number} are not wholly there"
+                self.trouble = self.trouble or f"the frames of step {number} are damaged, or not wholly there"
                 return None
             placed = tuple(values["placed"]) if "placed" in values else None
-        except (ValueError, KeyError, TypeError):
-            self.trouble = "a line is damaged"
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
+            self.trouble = self.trouble or "a line is damaged"
             return None
         telemetry = dict(values.get("telemetry") or {})
         return Step(
@@ -107,7 +120,12 @@ class Recording:
         found: dict[str, Tensor] = {}
         for name, place in where.items():
             channels, height, width = place["shape"]
-            picture = decode(self.bytes_of(name, place["at"], place["bytes"]), (channels, height, width), self.kind)
+            if not 0 <= place["bytes"] <= LARGEST or channels not in (1, 3) or not 0 < height * width <= LARGEST:
+                return None
+            data = self.bytes_of(name, place["at"], place["bytes"])
+            if crc32(data) != place["crc"]:
+                return None
+            picture = decode(data, (channels, height, width), self.kind)
             if picture is None:
                 return None
             found[name] = picture
@@ -137,14 +155,17 @@ def open_recording(folder: Path) -> Recording:
         if header["format"] != "ndtorch recording":
             raise KeyError
         version, kind, configuration = header["version"], header["frames"], header["configuration"]
+        intact = header.pop("crc", None) == crc_of(header)
     except FileNotFoundError:
         raise InputError(f"{folder}: not a recording ({HEADER} is missing)") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise InputError(f"{path}: not the beginning of a recording") from None
     if version != VERSION or kind not in SUFFIXES:
         raise InputError(f"{path}: version {version} with {kind!r} frames, this program reads version {VERSION}")
+    if not intact:
+        raise InputError(f"{path}: damaged, its checksum does not fit")
     if not (folder / STEPS).exists():
         raise InputError(f"{folder}: the recording holds no steps ({STEPS} is missing)")
     return Recording(folder, configuration, kind)

@@ -88,7 +88,7 @@ class RecordedSafety(SafeDrive):
         super().__init__(world, world)
         self.world = world
 
-    def see(self, frames: StereoFrames, speed: float) -> bool:
+    def see(self, frames: StereoFrames, speed: float, curvature: float = 0.0) -> bool:
         """Whether these frames were steered by then."""
         return self.world.recorded.used
 

@@ -10,14 +10,15 @@ from pathlib import Path
 from time import monotonic
 from types import TracebackType
 from typing import IO, Any, Literal, NamedTuple, Self
+from zlib import crc32
 
 from torch import Tensor
 
 from ndtorch.errors import InputError
 from ndtorch_robot.ports import DriveCommand, Placed, Report, StereoFrames
-from ndtorch_robot.recording.streams import JPEG_QUALITY, SUFFIXES, Format, encode, pictures
+from ndtorch_robot.recording.streams import JPEG_QUALITY, SUFFIXES, Format, checked_line, crc_of, encode, pictures
 
-VERSION = 1
+VERSION = 2
 HEADER, STEPS = "recording.json", "steps.jsonl"
 
 SYNC = 1.0
@@ -100,7 +101,8 @@ class Recorder:
             folder.mkdir(parents=True, exist_ok=True)
             if (folder / HEADER).exists() or (folder / STEPS).exists():
                 raise InputError(f"{folder} holds a recording already: choose another folder")
-            (folder / HEADER).write_text(json.dumps(header, indent=1) + "\n", encoding="utf-8")
+            text = json.dumps(header | {"crc": crc_of(header)}, indent=1)
+            (folder / HEADER).write_text(text + "\n", encoding="utf-8")
             self.open(STEPS)
         except OSError as error:
             raise InputError(f"{folder}: cannot record into this folder ({error.strerror})") from None
@@ -191,10 +193,11 @@ class Recorder:
         for name, picture in (step.frames or {}).items():
             data = encode(picture, self.kind, self.quality)
             file = f"{name}.{SUFFIXES[self.kind]}"
-            where[name] = {"at": self.ends.get(file, 0), "bytes": len(data), "shape": list(picture.shape[1:])}
+            size, shape = len(data), list(picture.shape[1:])
+            where[name] = {"at": self.ends.get(file, 0), "bytes": size, "shape": shape, "crc": crc32(data)}
             self.append(file, data)
         line = step.line | ({"frames": where} if where else {})
-        self.append(STEPS, json.dumps(line, separators=(",", ":")).encode() + b"\n")
+        self.append(STEPS, checked_line(line))
         self.steps += 1
         self.without_frames += step.frames is None
         if monotonic() - self.synced >= SYNC:
@@ -263,7 +266,7 @@ class Recorder:
             return
         try:
             last = {"end": True, "steps": self.steps, "without_frames": self.without_frames, "dropped": self.dropped}
-            self.append(STEPS, json.dumps(last).encode() + b"\n")
+            self.append(STEPS, checked_line(last))
             if self.forcing is not None:
                 self.forcing.join()
             for file in self.files.values():

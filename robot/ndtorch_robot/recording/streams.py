@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any, Literal
+from zlib import crc32
 
 import numpy as np
 import torch
@@ -17,6 +19,23 @@ SUFFIXES: dict[str, str] = {"png": "pngs", "jpeg": "mjpeg", "raw": "rgb"}
 """Suffix of a stream's file by format."""
 
 JPEG_QUALITY = 95
+
+
+def checked_line(line: dict[str, Any]) -> bytes:
+    """A line of JSON that ends in `"crc"`: the CRC-32 of what stands before it."""
+    text = json.dumps(line, separators=(",", ":")).encode()[:-1]
+    return text + f',"crc":{crc32(text)}}}\n'.encode()
+
+
+def is_intact(line: bytes) -> bool:
+    """Whether a line is as `checked_line` made it."""
+    text, mark, crc = line.rstrip(b"\n").rpartition(b',"crc":')
+    return bool(mark) and crc == f"{crc32(text)}}}".encode()
+
+
+def crc_of(values: dict[str, Any]) -> int:
+    """The CRC-32 of values, whatever their order."""
+    return crc32(json.dumps(values, sort_keys=True).encode())
 
 
 def pictures(left: Tensor | Strips, right: Tensor | Strips) -> dict[str, Tensor]:

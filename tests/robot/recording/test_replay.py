@@ -23,6 +23,7 @@ from ndtorch_robot.recording import (
     open_recording,
     replay,
 )
+from ndtorch_robot.recording.streams import checked_line
 from tests.robot.support.bare_car import FilmCar, bare_loop
 from tests.robot.support.gl_needed import needs_gl
 from tests.robot.support.moving_world import RIG, moving_world
@@ -64,7 +65,8 @@ def test_another_program_is_noticed(tmp_path, capsys):
     for n in range(5, 35):  # the left eye stands still
         values = json.loads(lines[n])
         values["frames"]["left"] = first
-        swapped[n] = json.dumps(values)
+        del values["crc"]
+        swapped[n] = checked_line(values).decode().strip()
     assert first != later
     assert stream.exists()
     (tmp_path / "r" / "steps.jsonl").write_text("\n".join(swapped) + "\n")
@@ -84,7 +86,7 @@ def test_command(tmp_path, capsys):
     assert "the same commands, bit for bit" in out
     lines = tmp_path / "r" / "steps.jsonl"
     os.truncate(lines, lines.stat().st_size - 500)
-    assert main(["replay", str(tmp_path / "r")]) == 0
+    assert main(["replay", str(tmp_path / "r")]) == 3
     out = capsys.readouterr().out
     assert "cut short: the last line was not written to its end" in out
     assert "the same commands, bit for bit" in out
@@ -94,10 +96,26 @@ def test_gaps_are_told(tmp_path, capsys):
     record(tmp_path / "r")
     lines = tmp_path / "r" / "steps.jsonl"
     text = lines.read_text().splitlines()
-    bare = {key: value for key, value in json.loads(text[20]).items() if key != "frames"}
-    lines.write_text("\n".join([*text[:10], *text[12:20], json.dumps(bare), *text[21:]]) + "\n")
-    assert main(["replay", str(tmp_path / "r")]) == 0
+    bare = {key: value for key, value in json.loads(text[20]).items() if key not in ("frames", "crc")}
+    lines.write_text("\n".join([*text[:10], *text[12:20], checked_line(bare).decode().strip(), *text[21:]]) + "\n")
+    assert main(["replay", str(tmp_path / "r")]) == 3
     assert "1 steps without frames and 2 lost ones" in capsys.readouterr().out
+
+
+def test_damage_leaves_the_rest_checked(tmp_path, capsys):
+    record(tmp_path / "r")
+    lines = tmp_path / "r" / "steps.jsonl"
+    text = lines.read_bytes().splitlines(keepends=True)
+    lines.write_bytes(b"".join([*text[:30], text[30].replace(b"0", b"1", 1), *text[31:]]))
+    assert main(["replay", str(tmp_path / "r"), "--json"]) == 3
+    told = json.loads(capsys.readouterr().out)
+    assert (told["steps"], told["damaged"], told["complete"]) == (59, 1, True)
+    assert told["same"] >= 30
+    lines.write_bytes(b"{}\n" + text[-1])
+    assert main(["replay", str(tmp_path / "r")]) == 3
+    out = capsys.readouterr().out
+    assert "nothing was compared" in out
+    assert "bit for bit" not in out
 
 
 @needs_gl

@@ -129,8 +129,8 @@ HOLD = {"A1", "A2", "A3", "B2", "B3", "B4", "B5", "B6", "C1", "C2", "C4", "C7"}
 FAIL = {"A4", "B1", "B10", "C6", "C8", "C9"}
 """Claims that do not hold or hold in part, and that are shown so."""
 
-CHEAP = tuple(claim.id for claim in CLAIMS if claim.quick is not None and claim.seconds[1] <= 3)
-"""Claims that take three seconds at most."""
+CHEAP = ("B1", *(claim.id for claim in CLAIMS if claim.quick is not None and claim.seconds[1] <= 2))
+"""Claims that take two seconds or so, and one that is known not to hold."""
 
 
 @pytest.mark.slow

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ndtorch.code_digest import code_digest
+from ndtorch.files import replacing
 from ndtorch.workers import Report
 from ndtorch_train.reproduce.outcome import Claim, Drawing, Outcome, verdict_of
 
@@ -83,12 +84,10 @@ class Context:
                 with np.load(path, allow_pickle=False) as file:
                     return {name: file[name] for name in file.files}
             arrays = make()
-            part = path.with_suffix(".part.npz")
-            np.savez(part, **arrays)  # type: ignore[arg-type]
-            for old in self.store.glob(f"{begin}-*.npz"):
-                if old != part:
+            with replacing(path) as beside:
+                np.savez(beside, **arrays)  # type: ignore[arg-type]
+                for old in self.store.glob(f"{begin}-*.npz"):
                     old.unlink()
-            part.replace(path)
             return arrays
 
 

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ndtorch.files import write_text
 from ndtorch_train.reproduce.outcome import Claim, Outcome
 
 COLORS = {
@@ -49,15 +50,8 @@ def publish(entries: Sequence[Entry], out: Path, quick: bool, command: str) -> N
                 assert entry.place is not None
                 shutil.copyfile(entry.place / f"{drawing['name']}.{kind}", figures / f"{drawing['name']}.{kind}")
     data = {"quick": quick, "command": command, "claims": [as_json(entry) for entry in entries]}
-    write(out / "claims.json", json.dumps(data, indent=1, ensure_ascii=False) + "\n")
-    write(out / "index.html", page(entries, quick, command))
-
-
-def write(path: Path, text: str) -> None:
-    """Replace a file at once, so that a full disk leaves the old one."""
-    part = path.with_name(path.name + ".part")
-    part.write_text(text, encoding="utf-8")
-    part.replace(path)
+    write_text(out / "claims.json", json.dumps(data, indent=1, ensure_ascii=False) + "\n")
+    write_text(out / "index.html", page(entries, quick, command))
 
 
 def as_json(entry: Entry) -> dict[str, Any]:
@@ -111,7 +105,7 @@ def put_table(path: Path, table: str) -> None:
         text = f"{before}{BEGIN}\n{table}{END}{rest.split(END, 1)[1]}"
     else:
         text = f"{text.rstrip()}\n\n{BEGIN}\n{table}{END}\n".lstrip()
-    write(path, text)
+    write_text(path, text)
 
 
 def page(entries: Sequence[Entry], quick: bool, command: str) -> str:

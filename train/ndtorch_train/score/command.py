@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ndtorch.errors import InputError
+from ndtorch.files import write_text
 from ndtorch_train.score.choices import LABELLED, LONGEST, METHODS, RATES, SETTLE, Split
 
 
@@ -100,7 +101,7 @@ class ScoreOptions:
         text = heading(self, time.perf_counter() - began) + markdown(rows)
         try:
             self.out.mkdir(parents=True, exist_ok=True)
-            (self.out / "leaderboard.md").write_text(text, encoding="utf-8")
+            write_text(self.out / "leaderboard.md", text)
             write_csv(rows, self.out / "leaderboard.csv")
             draw(rows, self.out / "leaderboard.png", f"split {self.split}, {self.scenes} random scenes")
         except OSError as error:

@@ -11,6 +11,7 @@ import torch
 
 from ndtorch.binding.models.video import SWITCHES as PARTS
 from ndtorch.errors import InputError
+from ndtorch.files import write_text
 from ndtorch.memory import tune_allocator
 from ndtorch.report.timeline import draw_timeline
 from ndtorch.report.words import in_words
@@ -68,7 +69,7 @@ class VideoScore:
             result = run_video(file)
             draw_timeline(result, out / "timeline.png")
             text += f"\n```\n{in_words(result)}\n```\n"
-        (out / "scores.md").write_text(text, encoding="utf-8")
+        write_text(out / "scores.md", text)
         write_csv(rows, out / "scores.csv")
         print(text)
         return 0

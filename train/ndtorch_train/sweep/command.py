@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from ndtorch.errors import InputError
+from ndtorch.files import write_text
 from ndtorch.workers import Event, Report, cores, run_tasks
 
 if TYPE_CHECKING:
@@ -86,8 +87,8 @@ class Sweep:
             if self.compare:
                 report |= one_at_a_time(config, module, min(self.compare, len(config.trials)))
             results = results_of(config.kind)
-            (out / "summary.md").write_text(summary(config, rows, results), encoding="utf-8")
-            (out / "summary.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+            write_text(out / "summary.md", summary(config, rows, results))
+            write_text(out / "summary.json", json.dumps(report, indent=1) + "\n")
             if rows:
                 draw(config, rows, out)
         except OSError as error:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ndtorch.files import replacing
 from ndtorch_train.sweep.config import SweepConfig
 from ndtorch_train.sweep.parameters import Trial, trial_id
 
@@ -84,9 +85,8 @@ def write(path: Path, rows: Sequence[Row]) -> None:
     import pyarrow
     import pyarrow.parquet
 
-    part = path.with_name(f"{path.name}.{secrets.token_hex(4)}.part")
-    pyarrow.parquet.write_table(pyarrow.Table.from_pylist(list(rows)), part)
-    part.replace(path)
+    with replacing(path) as beside:
+        pyarrow.parquet.write_table(pyarrow.Table.from_pylist(list(rows)), beside)
 
 
 def means(rows: Sequence[Row], keys: Sequence[str], value: str) -> dict[tuple[Any, ...], tuple[float, int]]:

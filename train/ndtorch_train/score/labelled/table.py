@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ndtorch.files import write_text
 from ndtorch_train.score.labelled.metrics import Score
 
 COLUMNS = {
@@ -48,8 +49,8 @@ def write(rows: Sequence[Row], note: str, out: Path) -> str:
         for row in rows:
             values = [getattr(row.score, name) for name in COLUMNS]
             writer.writerow([row.method, row.clip, *("" if v is None else f"{v:.6g}" for v in (*values, row.ratio))])
-    (out / "labelled.md").write_text(f"{note}\n\n{text}", encoding="utf-8")
-    (out / "index.html").write_text(page(rows, note), encoding="utf-8")
+    write_text(out / "labelled.md", f"{note}\n\n{text}")
+    write_text(out / "index.html", page(rows, note))
     return text
 
 

@@ -1,0 +1,84 @@
+"""Do both cameras see the same thing, the right way round?"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ndtorch_robot.eye import BLOCK, Eye, Floats, SightLimits
+
+PATCH = 20
+"""Blocks of a patch that is looked for in the other row: 80 pixels."""
+
+FLAT = 0.02
+"""Standard deviation, as a share of the mean, below which a patch shows nothing to look for."""
+
+EVERY = 3
+"""Frames of which one is compared: it costs as much as all else."""
+
+
+class Agreement:
+    """Looks for patches of the left row in the right one, where they may be and where they may not.
+
+    What parallel cameras see lies further to the right in the left row. Where partners lie on the other side, the
+    cameras are swapped, both are upside down, or one looks outward; where they fit when mirrored, one is upside down.
+
+    Args:
+        rate: frames a second.
+        limits: see `SightLimits`.
+        reach: largest disparity, pixels.
+    """
+
+    def __init__(self, rate: float, limits: SightLimits, reach: int = 200) -> None:
+        self.limits, self.reach = limits, reach // BLOCK
+        self.keep = math.exp(-EVERY / (rate * max(limits.agreement_s, 1e-6)))
+        self.seen = 0
+        self.patches = self.swapped = self.flipped = 0.0
+
+    def compare(self, left: Eye, right: Eye) -> str | None:
+        """Look at two rows; returns what is wrong with them, in words."""
+        self.seen += 1
+        if self.seen % EVERY == 1 and len(right.row) > PATCH + self.reach:
+            self.add(partners(left.row, right.row, self.reach, self.limits))
+        if self.patches < self.limits.agreement_patches:
+            return None
+        if self.flipped > self.limits.mirrored * self.patches:
+            return "one of the cameras is upside down: the rows fit when one is mirrored"
+        if self.swapped > self.limits.swapped * self.patches:
+            return "the cameras are swapped, upside down or turned: things lie on the wrong side of each other"
+        return None
+
+    def add(self, found: tuple[Floats, Floats, Floats]) -> None:
+        """Take the correlations of patches into the means: as they should lie, on the wrong side, mirrored."""
+        right, wrong, mirrored = found
+        self.patches = self.patches * self.keep + len(right)
+        self.swapped = self.swapped * self.keep + float((wrong - right).sum())
+        self.flipped = self.flipped * self.keep + float((mirrored - np.maximum(right, wrong)).sum())
+
+
+def partners(left: Floats, right: Floats, reach: int, limits: SightLimits) -> tuple[Floats, Floats, Floats]:
+    """Best correlations of the patches of a left row of block means, for those that show something.
+
+    Returns:
+        With a partner up to `reach` blocks to the left, to the right, and anywhere when mirrored.
+    """
+    windows = np.lib.stride_tricks.sliding_window_view(right, PATCH)
+    theirs = windows - windows.mean(1, keepdims=True)
+    theirs /= np.sqrt(np.einsum("ij,ij->i", theirs, theirs))[:, None] + 0.3 * PATCH**0.5
+    starts = np.arange(0, len(left) - PATCH + 1, PATCH // 2)
+    ours = left[starts[:, None] + np.arange(PATCH)]
+    ours = ours - ours.mean(1, keepdims=True)
+    size = np.sqrt(np.einsum("ij,ij->i", ours, ours))
+    shown = size > PATCH**0.5 * max(limits.row_contrast, FLAT * float(left.mean()))
+    # Both sides must be as likely by chance: only patches from where both reach as far.
+    shown &= (starts >= reach // 2) & (starts < len(windows) - reach // 2)
+    ours, starts = ours[shown] / size[shown, None], starts[shown]
+    scores, mirrored = ours @ theirs.T, ours[:, ::-1] @ theirs.T
+    away = starts[:, None] - np.arange(len(windows))
+    low = np.float32(-1)
+    return (
+        np.where((away >= 1) & (away <= reach), scores, low).max(1, initial=-1),
+        np.where((away <= -2) & (away >= -reach), scores, low).max(1, initial=-1),
+        np.where(abs(away) <= reach, mirrored, low).max(1, initial=-1),
+    )

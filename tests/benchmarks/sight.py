@@ -1,0 +1,89 @@
+"""`python -m tests.benchmarks.sight --minutes 480`: good cameras must never stop a car, in no arena and at no light.
+
+Drives through all arenas with textured and with blank walls. What is seen is made darker or brighter and noisy, and
+judged as on a car. Prints every false stop, and how long was driven; the exit code is 1 when there was one. Before a
+wall without any mark that fills row and subfield a car does stop; this is counted by itself.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import sys
+
+import torch
+
+from ndtorch.navigation import Strips
+from ndtorch_robot.config import DriveConfig
+from ndtorch_robot.drive import RATE, drive
+from ndtorch_robot.ports import Step, StereoFrames
+from ndtorch_robot.safety import Sight
+from ndtorch_robot.sim.arenas import ARENAS
+from ndtorch_robot.sim.simulation import RIG
+
+LIGHTS = ((1.0, 0.0), (1.0, 2.0), (0.25, 1.0), (1.4, 1.0))
+"""Factor on the light, and standard deviation of the noise in levels of 255."""
+
+
+class Judge:
+    """An observer: the same drive at all lights."""
+
+    def __init__(self, name: str) -> None:
+        self.name, self.noise = name, torch.Generator().manual_seed(1)
+        self.sights = {light: Sight(RIG, RATE, 0.1) for light in LIGHTS}
+        self.stops: list[str] = []
+        self.steps = self.blank = 0
+
+    def __call__(self, step: Step) -> None:
+        assert step.frames is not None
+        self.steps += 1
+        for light, sight in self.sights.items():
+            frames = StereoFrames(*(self.lit(eye, *light) for eye in step.frames[:2]), step.frames.time)
+            why = sight.judge(frames, step.driven.speed, frames.time, step.driven.curvature)
+            if why is None:
+                continue
+            self.sights[light] = Sight(RIG, RATE, 0.1)
+            if "shows nothing" in why and "blank" in self.name:
+                self.blank += 1
+            else:
+                self.stops.append(f"{self.name} light {light} at {step.time:.1f} s: {why}")
+
+    def lit(self, eye: torch.Tensor | Strips, factor: float, noise: float) -> Strips:
+        """Strips as they would be at another light."""
+        assert isinstance(eye, Strips)
+        return Strips(*(self.part(part, factor, noise) for part in eye))
+
+    def part(self, part: torch.Tensor, factor: float, noise: float) -> torch.Tensor:
+        """One picture."""
+        levels = part * factor + noise * torch.randn(part.shape, generator=self.noise)
+        return levels.round().clamp(0, 255).to(torch.uint8)
+
+
+def main() -> int:
+    """Drive, judge, tell."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=12.0, help="of simulated driving, each judged at every light")
+    parser.add_argument("--seconds", type=float, default=60.0, help="of one drive")
+    chosen = parser.parse_args()
+    torch.set_num_threads(1)
+    driven = blank = 0
+    stops: list[str] = []
+    for seed in itertools.count(100):
+        for arena, walls in itertools.product(ARENAS, ("textured", "blank")):
+            judge = Judge(f"{arena} {walls} seed {seed}")
+            drive(
+                DriveConfig.model_validate({"arena": arena, "walls": walls, "seed": seed, "seconds": chosen.seconds}),
+                [judge],
+            )
+            driven, blank = driven + judge.steps, blank + judge.blank
+            stops += judge.stops
+            print("\n".join([f"{judge.name}: {len(judge.stops)} false stops", *judge.stops]), flush=True)
+            if driven / RATE / 60 >= chosen.minutes:
+                told = f"{len(stops)} false stops, {blank} before blank walls"
+                print(f"{driven / RATE / 60:.0f} minutes at each of {len(LIGHTS)} lights: {told}")
+                return bool(stops)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,187 @@
+"""Cameras that are blind or stuck stop the car in half a second, swapped ones soon; good ones do not, in any light."""
+
+import functools
+import itertools
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from ndtorch.errors import InputError
+from ndtorch.navigation import StereoRig, Strips
+from ndtorch_robot.eye import SightLimits
+from ndtorch_robot.ports import StereoFrames
+from ndtorch_robot.run_config import SightTable
+from ndtorch_robot.safety import Sight
+from ndtorch_robot.watch import CameraWatch
+
+RIG, RATE, SPEED = StereoRig(), 30.0, 0.5
+ROW, FIELD = 640, (29, 85)
+
+
+@functools.cache
+def world(seed):
+    """A wall with panels and grain, and a carpet, both longer than any drive."""
+    rng = np.random.default_rng(seed)
+    ends = np.cumsum(rng.integers(30, 150, 80))
+    wall = 150 + rng.normal(0, 25, 81)[np.searchsorted(ends, np.arange(4000))] + rng.normal(0, 2, 4000)
+    fine, coarse = rng.normal(0, 1, (29, 4000)), rng.normal(0, 1, (29, 4000))
+    carpet = 115 + 3.4 * fine + 60 * cv2.GaussianBlur(coarse, (0, 0), 6)
+    return wall, carpet
+
+
+def drive(seconds, moving=True, seed=0, light=1.0, noise=1.0, disparity=60):
+    """Left row, right row, left field, right field, step by step: what two cameras see of a wall that slides past."""
+    rng = np.random.default_rng(seed + 1)
+    wall, carpet = world(seed)
+    for n in range(round(seconds * RATE)):
+        at = 400 + (6 * n if moving else 0)
+        parts = [
+            wall[at : at + ROW][None],
+            wall[at + disparity : at + disparity + ROW][None],
+            carpet[:, at : at + FIELD[1]],
+            carpet[:, at + 900 : at + 900 + FIELD[1]],
+        ]
+        yield [light * part + rng.normal(0, noise, part.shape) for part in parts]
+
+
+def frames(parts, n):
+    """Of four pictures in levels."""
+    row_l, row_r, field_l, field_r = (
+        torch.from_numpy(np.clip(np.round(part), 0, 255).astype(np.uint8))[None, None] for part in parts
+    )
+    return StereoFrames(Strips(field_l, row_l), Strips(field_r, row_r), n / RATE)
+
+
+def stopped(parts, speed=SPEED, curvature=0.0):
+    """Step at which something is said, and what; (None, "") when nothing is."""
+    sight = Sight(RIG, RATE, 0.1)
+    for n, part in enumerate(parts):
+        why = sight.judge(frames(part, n), speed, n / RATE, curvature)
+        if why is not None:
+            return n, why
+    return None, ""
+
+
+RANDOM = np.random.default_rng(5)
+SHADE = {
+    "level 4 to 7": lambda a: RANDOM.integers(4, 8, a.shape).astype(float),
+    "white": lambda a: 254 + RANDOM.normal(0, 1, a.shape),
+    "grey": lambda a: 128.0 + RANDOM.integers(-1, 2, a.shape),
+    "fog": lambda a: 0.1 * a + 0.9 * 190,
+    "blur": lambda a: cv2.GaussianBlur(a, (0, 0), 14) + RANDOM.normal(0, 1, a.shape),
+    "hand": lambda a: 25 + 35 * np.linspace(0, 1, a.shape[1])[None] ** 2 + RANDOM.normal(0, 1.5, a.shape),
+}
+BEFORE = 30
+
+
+def spoil(change, eyes, light=1.0):
+    for n, part in enumerate(drive(2.0, light=light)):
+        yield [change(p) if n >= BEFORE and k % 2 in eyes else p for k, p in enumerate(part)]
+
+
+@pytest.mark.parametrize("light", [0.25, 1.0, 1.5])
+@pytest.mark.parametrize("eyes", [(0,), (1,), (0, 1)])
+@pytest.mark.parametrize("name", SHADE)
+def test_a_blind_camera_stops_the_car(name, eyes, light):
+    if name == "blur" and light < 1:
+        pytest.skip("in the dark noise has edges as sharp as those of the picture")
+    n, why = stopped(spoil(SHADE[name], eyes, light))
+    assert n is not None
+    assert BEFORE < n <= BEFORE + 0.4 * RATE
+    assert ("right" if eyes == (1,) else "left") in why
+
+
+@pytest.mark.parametrize("light", [0.25, 1.0])
+@pytest.mark.parametrize("eyes", [(0,), (1,), (0, 1)])
+def test_a_frozen_picture_with_noise(eyes, light):
+    def parts():
+        kept: list[np.ndarray] = []
+        for n, part in enumerate(drive(2.0, light=light)):
+            kept = part if n <= BEFORE else kept
+            noisy = [np.round(p) + RANDOM.integers(-1, 2, p.shape) for p in kept]
+            yield [noisy[k] if n > BEFORE and k % 2 in eyes else p for k, p in enumerate(part)]
+
+    n, why = stopped(parts())
+    assert n is not None
+    assert n <= BEFORE + 0.5 * RATE
+    assert "same picture" in why
+
+
+def test_a_frozen_picture_while_turning_on_the_spot():
+    still = (
+        [np.round(p) + RANDOM.integers(-1, 2, p.shape) for p in part] for part in drive(2.0, moving=False, noise=0)
+    )
+    n, why = stopped(still, speed=0.05, curvature=10.0)
+    assert n is not None
+    assert n < 0.7 * RATE
+    assert "same picture" in why
+
+
+def test_carried_while_the_wheels_stand():
+    n, why = stopped(drive(2.0), speed=0.0)
+    assert n is not None
+    assert n < RATE
+    assert "wheels stand" in why
+
+
+MOUNTS = {
+    "swapped": (lambda a, b: (b, a), "swapped"),
+    "both upside down": (lambda a, b: (a[:, ::-1], b[:, ::-1]), "swapped"),
+    "left upside down": (lambda a, b: (a[:, ::-1], b), "upside down"),
+    "right upside down": (lambda a, b: (a, b[:, ::-1]), "upside down"),
+    "one turned outward": (lambda a, b: (a, np.roll(b, 110, 1)), "turned"),
+}
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("name", MOUNTS)
+def test_wrongly_mounted_cameras_are_told(name, seed):
+    mount, words = MOUNTS[name]
+    parts = ([*mount(part[0], part[1]), *part[2:]] for part in drive(12.0, seed=seed))
+    n, why = stopped(parts)
+    assert n is not None
+    assert words in why or "upside down" in why
+
+
+@pytest.mark.parametrize(
+    ("seed", "light", "noise"), [*itertools.product((0, 1), (0.25, 1.0, 1.4), (0.0, 1.0)), (2, 1.0, 2.0)]
+)
+def test_good_cameras_drive_on(seed, light, noise):
+    assert stopped(drive(12.0, seed=seed, light=light, noise=noise)) == (None, "")
+
+
+def test_good_cameras_stand():
+    assert stopped(drive(4.0, moving=False), speed=0.0) == (None, "")
+
+
+def test_a_wall_without_marks_is_no_fault_where_a_floor_is_seen():
+    blank = ([p * 0 + 180 if k < 2 else p for k, p in enumerate(part)] for part in drive(4.0))
+    assert stopped(blank) == (None, "")
+
+
+def test_single_bad_pictures_are_no_fault():
+    parts = ([p * 0 + 128 if n % 3 == 0 else p for p in part] for n, part in enumerate(drive(3.0)))
+    assert stopped(parts) == (None, "")
+
+
+def test_the_table_of_a_car_says_what_the_defaults_say():
+    assert SightTable().limits() == SightLimits()
+    with pytest.raises(InputError, match="row_contrast must be a number of 0 or more"):
+        SightLimits(row_contrast=float("nan"))
+
+
+def test_float_frames_are_judged_alike():
+    watch, said = CameraWatch(RIG), None
+    for n, part in enumerate(spoil(SHADE["grey"], (0,))):
+        one = frames(part, n)
+        eyes = (Strips(*(p.float() / 255 for p in eye)) for eye in one[:2])
+        try:
+            watch.check(StereoFrames(*eyes, one.time), SPEED)
+        except InputError as error:
+            said = (n, str(error))
+            break
+    assert said is not None
+    assert said[0] <= BEFORE + 0.4 * RATE
+    assert "left camera shows nothing" in said[1]
