@@ -4,6 +4,7 @@ Here are the names that people start with; the rest comes from its file.
 """
 
 from ndtorch.navigation.controllers import (
+    ARRIVED,
     CRUISE,
     REVERSE,
     STOPPED,
@@ -30,6 +31,7 @@ from ndtorch.navigation.strips import Strips, cut_strips
 from ndtorch.navigation.tracking import AlphaBetaTracker
 
 __all__ = [
+    "ARRIVED",
     "CRUISE",
     "REVERSE",
     "STOPPED",

@@ -18,6 +18,7 @@ from ndtorch.navigation.odometry import DeadReckoning, Pose
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import AngleModel, StereoRig
 from ndtorch.navigation.row_ranging import RowRanging, RowRangingState
+from ndtorch.navigation.row_search import SearchParams
 from ndtorch.navigation.strips import Strips
 from ndtorch.navigation.tracking import AlphaBetaTracker, Tracks
 from ndtorch.vision.temporal import FilterState
@@ -64,6 +65,7 @@ class Navigator(nn.Module):
             or `Strips` cut out of them.
         driven: what the car really did on the way to each frame, `Command` of `[..., T]`; by default the
             command given at the frame before.
+        start: where the car stands at the first frame, `Pose` of `[...]`; the origin by default.
         command: `Command` of `[..., T]`, what to do from each frame on.
 
     Args:
@@ -71,6 +73,7 @@ class Navigator(nn.Module):
         dt: time step, s.
         controller: the name of a controller (`controller_names`), or one that was made for this rig and step.
         params: parameters of the controller that is named, an instance of its `Params`.
+        search: range by searching the right row instead of matching features.
         features, matching: parameters of the ranging. `FeatureParams(7, edge_reach=4, shared=True)` ranges better
             than the published default.
         angles: `"atan"` (exact) or `"linear"` (as published).
@@ -91,6 +94,7 @@ class Navigator(nn.Module):
         features: FeatureParams | None = None,
         matching: MatchParams | None = None,
         angles: AngleModel = "atan",
+        search: SearchParams | None = None,
         grid_map: GridMap | None = None,
         observations: ObservationList | None = None,
         tracker: AlphaBetaTracker | None = None,
@@ -101,7 +105,7 @@ class Navigator(nn.Module):
         elif params is not None:
             raise InputError("params belong to a controller that is named; this one was made already")
         self.controller: Controller = controller
-        self.ranging = RowRanging(rig, dt, features, matching, angles)
+        self.ranging = RowRanging(rig, dt, features, matching, angles, search=search)
         self.reckoning = DeadReckoning(dt)
         self.grid_map, self.observations, self.tracker = grid_map, observations, tracker
 
@@ -111,8 +115,9 @@ class Navigator(nn.Module):
         right: Tensor | Strips,
         state: NavigatorState | None = None,
         driven: Command | None = None,
+        start: Pose | None = None,
     ) -> tuple[Command, NavigatorState]:
-        command, state, ranges, poses = self.see_and_steer(left, right, state, driven)
+        command, state, ranges, poses = self.see_and_steer(left, right, state, driven, start)
         return command, self.remember(state, ranges, poses)
 
     def see_and_steer(
@@ -121,6 +126,7 @@ class Navigator(nn.Module):
         right: Tensor | Strips,
         state: NavigatorState | None = None,
         driven: Command | None = None,
+        start: Pose | None = None,
     ) -> tuple[Command, NavigatorState, Ranges, Pose]:
         """All but the memory: command, state, and the ranges and poses of every frame, which `remember` takes."""
         left_field, left_row = strips(left)
@@ -132,7 +138,7 @@ class Navigator(nn.Module):
                 f"subfields and rows must be of the same frames, "
                 f"got {tuple(left_field.shape)} and {tuple(left_row.shape)}"
             )
-        command, control, poses, pose = self.steer(seen, ranges, state, driven)
+        command, control, poses, pose = self.steer(seen, ranges, state, driven, start)
         sides, difference = self.controller.sides(seen), self.controller.difference(control)
         last = Command(command.speed[..., -1], command.curvature[..., -1])
         now = Ranges(*(part[..., -1, :] for part in ranges))
@@ -160,17 +166,23 @@ class Navigator(nn.Module):
         with torch.inference_mode():
             _, state = self(blank, blank)
             self(blank, blank, state)
+            self.controller.warm_up()
 
     def mode(self, state: NavigatorState) -> Tensor:
         """What the controller is doing, `[...]`: one of its `modes`, `CRUISE`, `TURN`, ..."""
         return self.controller.mode(state.control)
 
     def steer(
-        self, seen: Tensor, ranges: Ranges, state: NavigatorState | None, driven: Command | None
+        self,
+        seen: Tensor,
+        ranges: Ranges,
+        state: NavigatorState | None,
+        driven: Command | None,
+        start: Pose | None = None,
     ) -> tuple[Command, Any, Pose, Pose]:
         """Frame by frame, because what is done at one frame is what was driven on the way to the next."""
         still = torch.zeros_like(ranges.x[..., 0, 0])
-        pose = state.pose if state else Pose(still, still, still)
+        pose = state.pose if state else start or Pose(still, still, still)
         last = state.command if state else Command(still, still)
         dim = ranges.x.ndim - 2
         control = state.control if state else self.controller.start(seen.select(dim, 0), pose)

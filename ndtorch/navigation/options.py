@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from ndtorch.errors import InputError
+from ndtorch.navigation.controllers.contract import Controller, Task
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, controller_class, make_controller
 from ndtorch.navigation.features import FeatureParams
 from ndtorch.navigation.mapping import Certainty, Grid, GridMap
 from ndtorch.navigation.model import Navigator
 from ndtorch.navigation.rig import AngleModel, Rect, StereoRig
+from ndtorch.navigation.row_search import SearchParams
 
 EDGE_REACH, FOLLOW = 4, 3
 """Pixels within which a feature's edge is looked for, and within which it is followed to the next frame."""
@@ -31,8 +34,16 @@ class NavigatorOptions:
         angle: of a pixel, `"atan"` (exact) or `"linear"` (as published).
         places: features lie at the edge that moved, to a fraction of a pixel (`"edges"`), or where the motion is
             largest (`"motion"`, as published).
+        ranging: match a few features of both rows (`"features"`, as published), or search the right row for many
+            places of the left one (`"search"`), see `row_search`; then `features`, `places` and `prediction` do
+            nothing.
         prediction: follow features from frame to frame instead of choosing the strongest anew, as in [§2.1.4].
         map: what the cells of a map hold, summed certainty (`"beams"`, as published) or `"log-odds"`, see `GridMap`.
+        to: a place that the controller `goal` drives to, `"X,Y"` in m; empty for none. X, Y are where dead reckoning
+            has its own origin: where the drive began, heading along X, or the plan of a simulated building.
+        explore: the controller `goal` then drives wherever it was not yet.
+        back: the controller `goal` then goes back to where the drive began.
+        cruise: speed where nothing is in the way, m/s.
 
     Raises:
         InputError: an unknown controller or word, or a number of features that cannot be.
@@ -42,8 +53,13 @@ class NavigatorOptions:
     features: int = 7
     angle: AngleModel = "atan"
     places: Literal["edges", "motion"] = "edges"
+    ranging: Literal["features", "search"] = "features"
     prediction: bool = False
     map: Certainty = "beams"
+    to: str = ""
+    explore: bool = False
+    back: bool = False
+    cruise: float = 0.5
 
     def __post_init__(self) -> None:
         for option in dataclasses.fields(NavigatorOptions):
@@ -51,7 +67,19 @@ class NavigatorOptions:
 
     def fields(self, rig: StereoRig) -> tuple[Rect, Rect]:
         """The rectangles that the controller looks at."""
-        return make_controller(self.controller, rig, 1 / 30).fields
+        return self.make(rig, 1 / 30).fields
+
+    def task(self) -> Task:
+        """What the controller is asked to do."""
+        return Task(place_of(self.to), self.explore, self.back, self.cruise)
+
+    def make(self, rig: StereoRig, dt: float) -> Controller:
+        """The controller.
+
+        Raises:
+            InputError: it cannot do what it is asked to.
+        """
+        return make_controller(self.controller, rig, dt, controller_class(self.controller).params_for(self.task()))
 
     def navigator(self, rig: StereoRig, rate: float, grid: Grid | None = None) -> Navigator:
         """A navigator for so many frames a second.
@@ -67,10 +95,20 @@ class NavigatorOptions:
             follow=FOLLOW if self.prediction else 0,
         )
         grid_map = None if grid is None else GridMap(rig, grid, certainty=self.map)
+        search = SearchParams() if self.ranging == "search" else None
         return Navigator(
-            rig, 1 / rate, controller=self.controller, features=features, angles=self.angle, grid_map=grid_map
+            rig,
+            1 / rate,
+            controller=self.make(rig, 1 / rate),
+            features=features,
+            angles=self.angle,
+            search=search,
+            grid_map=grid_map,
         )
 
+
+FASTEST = 1.0
+"""m/s: what [A] gives for the car."""
 
 OPTION_NAMES = tuple(option.name for option in dataclasses.fields(NavigatorOptions))
 """The names of all options, in order."""
@@ -78,6 +116,7 @@ OPTION_NAMES = tuple(option.name for option in dataclasses.fields(NavigatorOptio
 WORDS: Mapping[str, tuple[str, ...]] = {
     "angle": ("atan", "linear"),
     "places": ("edges", "motion"),
+    "ranging": ("features", "search"),
     "map": ("beams", "log-odds"),
 }
 
@@ -90,8 +129,29 @@ def check_option(name: str, value: Any) -> None:
         raise InputError(f"features must be a whole number from 1 to {MOST_FEATURES}, got {value!r}")
     elif name in WORDS and value not in WORDS[name]:
         raise InputError(f"{name} must be {' or '.join(map(repr, WORDS[name]))}, got {value!r}")
-    elif name == "prediction" and not isinstance(value, bool):
+    elif name == "to":
+        place_of(value)
+    elif name == "cruise" and not (isinstance(value, int | float) and 0.1 <= value <= FASTEST):
+        raise InputError(f"cruise must be a speed from 0.1 to {FASTEST} m/s, got {value!r}")
+    elif name in ("prediction", "explore", "back") and not isinstance(value, bool):
         raise InputError(f"{name} must be true or false, got {value!r}")
+
+
+def place_of(text: Any) -> tuple[float, float] | None:
+    """The place in "X,Y"; None for an empty text.
+
+    Raises:
+        InputError: anything else.
+    """
+    if text == "":
+        return None
+    try:
+        x, y = (float(part) for part in text.split(","))
+    except (ValueError, AttributeError):
+        x = y = math.nan
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise InputError(f'to must be "X,Y" in m, for instance "3,-1.5", got {text!r}')
+    return x, y
 
 
 def options_of(values: Mapping[str, Any]) -> NavigatorOptions:

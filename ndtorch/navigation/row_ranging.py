@@ -14,6 +14,7 @@ from ndtorch.navigation.features import FeatureParams, Features, find_features
 from ndtorch.navigation.prediction import PredictedFeatures, PredictionState
 from ndtorch.navigation.ranging import Ranges, triangulate
 from ndtorch.navigation.rig import AngleModel, StereoRig
+from ndtorch.navigation.row_search import SearchParams, search_rows
 from ndtorch.navigation.strip_kernels import eyes, ranges_of_rows, state_fits
 from ndtorch.navigation.strips import check_unit_range, grey_pair, row_rect
 from ndtorch.vision.nondirectional import NDMin, spatial_maximum
@@ -41,6 +42,7 @@ class RowRanging(nn.Module):
         features, matching: parameters of the steps.
         angles: `"atan"` (exact) or `"linear"` (as published).
         tau_high: time constant of the high-pass, s.
+        search: search the right row instead of matching features, see `row_search`; on the CPU only.
 
     Raises:
         InputError: frames that cannot be used, or NaN, infinity or values far beyond 1 in their rows.
@@ -54,12 +56,14 @@ class RowRanging(nn.Module):
         matching: MatchParams | None = None,
         angles: AngleModel = "atan",
         tau_high: float = 0.005,
+        search: SearchParams | None = None,
     ) -> None:
         super().__init__()
         if angles not in ("atan", "linear"):
             raise InputError(f"angles must be 'atan' or 'linear', got {angles!r}")
         self.rig, self.angles = rig, angles
         self.features, self.matching = features or FeatureParams(), matching or MatchParams()
+        self.search = search
         self.row = row_rect(rig)
         self.nd_min = NDMin(tau_high, dt)
         self.follow = PredictedFeatures(self.features, self.features.follow) if self.features.follow else None
@@ -79,6 +83,9 @@ class RowRanging(nn.Module):
         motion, filters = self.nd_min(rows, state.rows if state else None)
         if left.is_floating_point():
             check_unit_range(spatial_maximum(motion), left)
+        if self.search is not None:
+            matches = search_rows(rows.squeeze(-2), self.search)
+            return triangulate(matches, self.rig, self.angles), RowRangingState(filters, None)
         if self.border:
             motion = self.without_borders(motion)
         found, followed = self.find(rows.squeeze(-2), motion.squeeze(-2), state.followed if state else None)
@@ -98,7 +105,7 @@ class RowRanging(nn.Module):
     ) -> tuple[Ranges, RowRangingState] | None:
         """One frame by kernels; None where torch is to do it."""
         before, width = state.rows if state else None, self.rig.width
-        if self.follow is not None or not state_fits(before, left, (2, 1, width)):
+        if self.search is not None or self.follow is not None or not state_fits(before, left, (2, 1, width)):
             return None
         seen = eyes(left, right, (self.row, self.row), (self.rig.height, width))
         if seen is None:

@@ -19,6 +19,9 @@ from ndtorch.code_digest import module_places
 
 Command = TypeVar("Command", bound=type)
 
+ALSO = {"back": ["--return"]}
+"""Further words for options: Python has none of its own for some."""
+
 MODULE, CLASS = "ndtorch.navigation.options", "NavigatorOptions"
 
 
@@ -47,7 +50,8 @@ def navigator_flags(*left_out: str) -> Callable[[Command], Command]:
             flag = option.default is False
             text = option.words if flag or option.default == "" else f"{option.words} (default {option.default})"
             kind: Any = option.kind if flag else option.kind | None
-            command.__annotations__[option.name] = Annotated[kind, tyro.conf.arg(help=text)]
+            conf = tyro.conf.arg(help=text, aliases=ALSO.get(option.name))
+            command.__annotations__[option.name] = Annotated[kind, conf]
             setattr(command, option.name, False if flag else None)
         return command
 

@@ -60,11 +60,12 @@ class Pilot:
         """
         before = self.state
         if before is None or anew or placed is not None:
-            command, state = self.navigator(frames.left, frames.right)
-            if before is not None:
-                state = state._replace(pose=before.pose, map=before.map)
+            at = before.pose if before is not None else None
             if placed is not None:
-                state = state._replace(pose=Pose(*(torch.tensor(float(value)) for value in placed)))
+                at = Pose(*(torch.tensor(float(value)) for value in placed))
+            command, state = self.navigator(frames.left, frames.right, start=at)
+            if before is not None:
+                state = state._replace(map=before.map)
         else:
             moved = Command(*(torch.tensor([value]) for value in driven))
             command, state = self.navigator(frames.left, frames.right, before, moved)

@@ -1,6 +1,7 @@
 """What can sit at the wheel of a `Navigator`: one file or folder a controller, the contract, and the names."""
 
 from ndtorch.navigation.controllers.contract import (
+    ARRIVED,
     CRUISE,
     REVERSE,
     STOPPED,
@@ -8,6 +9,7 @@ from ndtorch.navigation.controllers.contract import (
     TURN,
     Command,
     Controller,
+    Task,
     Trace,
 )
 from ndtorch.navigation.controllers.registry import (
@@ -19,6 +21,7 @@ from ndtorch.navigation.controllers.registry import (
 )
 
 __all__ = [
+    "ARRIVED",
     "CRUISE",
     "DEFAULT_CONTROLLER",
     "REVERSE",
@@ -27,6 +30,7 @@ __all__ = [
     "TURN",
     "Command",
     "Controller",
+    "Task",
     "Trace",
     "controller_class",
     "controller_names",

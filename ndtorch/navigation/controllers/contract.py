@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple
 
 import torch
@@ -16,7 +16,7 @@ from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import Rect, StereoRig
 from ndtorch.vision.temporal import FilterState
 
-CRUISE, TURN, SUPPRESSED, STOPPED, REVERSE = 0, 1, 2, 3, 4
+CRUISE, TURN, SUPPRESSED, STOPPED, REVERSE, ARRIVED = 0, 1, 2, 3, 4, 5
 """What a controller can be doing, the numbers of `Controller.mode`."""
 
 
@@ -25,6 +25,28 @@ class Command(NamedTuple):
 
     speed: Tensor
     curvature: Tensor
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a controller is asked to do.
+
+    Args:
+        to: a place to go to, x, y in m; None for none.
+        explore: drive wherever it was not yet.
+        back: then go back to where the drive began.
+        cruise: speed where nothing is in the way, m/s.
+    """
+
+    to: tuple[float, float] | None = None
+    explore: bool = False
+    back: bool = False
+    cruise: float = 0.5
+
+    @property
+    def has_goal(self) -> bool:
+        """Whether it says where to go."""
+        return self.to is not None or self.explore or self.back
 
 
 @dataclass(frozen=True)
@@ -71,6 +93,7 @@ class Controller(nn.Module, ABC):
         name: by which it is chosen.
         Params: dataclass of its numbers, all with defaults.
         modes: which of `CRUISE`, `TURN`, ... it can be in.
+        has_goals: whether it can be told where to go.
         params: its numbers.
         look: module from what both cameras see of `look.fields` to what the controller steers by.
 
@@ -86,6 +109,7 @@ class Controller(nn.Module, ABC):
     name: ClassVar[str]
     Params: ClassVar[type[Any]]
     modes: ClassVar[tuple[int, ...]]
+    has_goals: ClassVar[bool] = False
     params: Any
     look: nn.Module
 
@@ -96,6 +120,22 @@ class Controller(nn.Module, ABC):
             raise InputError(
                 f"params must be {self.Params.__name__} for the {self.name} controller, got {type(params).__name__}"
             )
+
+    @classmethod
+    def params_for(cls, task: Task) -> Any:
+        """The numbers with which the controller does what it is asked to.
+
+        Raises:
+            InputError: something that it cannot do.
+        """
+        if task.has_goal and not cls.has_goals:
+            raise InputError(f"the {cls.name} controller has no goals: to, explore and back belong to controller goal")
+        params = cls.Params()
+        if task.cruise == Task.cruise:
+            return params
+        if not hasattr(params, "speed"):
+            raise InputError(f"the {cls.name} controller has no cruise speed to choose")
+        return replace(params, speed=task.cruise)
 
     @property
     def fields(self) -> tuple[Rect, Rect]:
@@ -134,6 +174,9 @@ class Controller(nn.Module, ABC):
     @abstractmethod
     def difference(self, state: Any) -> Tensor:
         """What it weighs, `[...]`: positive where the car should rather turn left. `trace` says what it is."""
+
+    def warm_up(self) -> None:
+        """Have ready what only later steps need, before a car depends on it."""
 
     def see(self, left: Tensor, right: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
         """What there is to steer by in frames `[..., T, C, H, W]`, and the state of the filters."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from ndtorch_robot.sim.mesh import Mesh
 from ndtorch_robot.sim.paint import Image, Walls, pack, paint_ceiling, paint_floor, paint_ring, to_bytes
-from ndtorch_robot.sim.plan import Floats, Plan
+from ndtorch_robot.sim.plan import Floats, Plan, Ring
 from ndtorch_robot.sim.profiles import profile
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def build(plan: Plan, seed: int = 0, walls: Walls = "textured", moving: bool = F
     tiles = (right - left) / 9.6, (top - bottom) / 9.6
     ceiling_mesh.level(ground, plan.height, (0.0, tiles[0], 0.0, tiles[1]), facing_down=True)
     for solid in plan.solids:
-        if solid.height is not None and solid.height < plan.height:
+        if solid.height is not None and solid.height < plan.height and not solid.radius:
             add_lid(spec, solid.array, solid.height)
     add_textures(spec, images)
     for name, mesh in (("walls", wall_mesh), ("floor", floor_mesh), ("ceiling", ceiling_mesh)):
@@ -159,19 +159,39 @@ def add_lid(spec: Any, corners: Floats, height: float) -> None:
 
 
 def add_collisions(spec: Any, plan: Plan) -> None:
-    """An invisible box behind the face of every wall."""
+    """An invisible box behind the face of every wall, and a cylinder for what is round."""
     import mujoco
 
-    for (ax, ay), (bx, by) in plan.segments:
+    for shape in plan.rings:
+        if shape.radius:
+            middle, half = shape.array.mean(0), (shape.height or plan.height) / 2
+            spec.worldbody.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+                pos=[middle[0], middle[1], half],
+                size=[shape.radius, half, 0],
+                contype=1,
+                conaffinity=0,
+                group=3,
+            )
+            continue
+        add_faces(spec, shape, plan.height)
+
+
+def add_faces(spec: Any, shape: Ring, high: float) -> None:
+    """A box behind the face of every wall of a ring."""
+    import mujoco
+
+    corners = shape.array
+    for (ax, ay), (bx, by) in zip(corners, np.roll(corners, -1, 0), strict=True):
         length = math.hypot(bx - ax, by - ay)
         nx, ny = -(by - ay) / length, (bx - ax) / length
         angle = math.atan2(by - ay, bx - ax)
         # Thin solids are thinner than two such boxes, which may overlap or stick out by a little.
         spec.worldbody.add_geom(
             type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=[(ax + bx) / 2 - nx * THICKNESS, (ay + by) / 2 - ny * THICKNESS, plan.height / 2],
+            pos=[(ax + bx) / 2 - nx * THICKNESS, (ay + by) / 2 - ny * THICKNESS, high / 2],
             quat=[math.cos(angle / 2), 0, 0, math.sin(angle / 2)],
-            size=[length / 2, THICKNESS, plan.height / 2],
+            size=[length / 2, THICKNESS, high / 2],
             contype=1,
             conaffinity=0,
             group=3,

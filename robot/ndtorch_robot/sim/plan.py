@@ -31,11 +31,13 @@ class Ring:
             that the free side is always on the left; `ring` turns them round where needed.
         kinds: one of `KINDS` for the surface from each corner to the next.
         height: m; None is up to the ceiling.
+        radius: the ring stands for a cylinder of this radius about the middle of its corners, m; 0 is the polygon.
     """
 
     points: tuple[Point, ...]
     kinds: tuple[str, ...]
     height: float | None = None
+    radius: float = 0.0
 
     @cached_property
     def array(self) -> Floats:
@@ -59,6 +61,12 @@ def ring(points: list[Point], kind: str = "wall", height: float | None = None, s
     """A ring of one kind of surface, turned to have its free side on the left."""
     made = Ring(tuple(points), (kind,) * len(points), height)
     return made.flipped() if (made.area < 0) != solid else made
+
+
+def cylinder(x: float, y: float, radius: float, height: float, corners: int = 8) -> Ring:
+    """A round pillar, bumped into as a cylinder and drawn as a polygon that is as wide on the average."""
+    wide = radius * 2 / (1 + math.cos(math.pi / corners))
+    return replace(ring(circle(x, y, wide, corners), "pillar", height, solid=True), radius=radius)
 
 
 def circle(x: float, y: float, radius: float, corners: int) -> list[Point]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -75,7 +76,6 @@ class Simulation(Drive):
 
         self.plan, self.rig, self.odometry = plan, rig, odometry
         rng = np.random.default_rng((seed, 200))
-        self.places = Places(plan)
         self.world = build(plan, seed, walls, moving, rig.camera_height)
         self.data = mujoco.MjData(self.world.model)
         self.car = Car()
@@ -87,6 +87,11 @@ class Simulation(Drive):
         self.move_obstacle()
         self.place(*start)
         self.cameras = Cameras(self.world.model, rig, fields, whole=whole)
+
+    @cached_property
+    def places(self) -> Places:
+        """Where the car fits; found when first asked for, which takes seconds in a plan of thousands of walls."""
+        return Places(self.plan)
 
     @property
     def pose(self) -> tuple[float, float, float]:

@@ -37,7 +37,7 @@ def frames(steps=12):
 
 def test_the_default_comes_first_and_sits_at_the_wheel_everywhere():
     assert NAMES[0] == DEFAULT_CONTROLLER == NavigatorOptions().controller == "ranging"
-    assert set(NAMES) >= {"ranging", "published"}
+    assert set(NAMES) >= {"ranging", "published", "goal"}
     assert Navigator(RIG, DT).controller.name == DEFAULT_CONTROLLER
 
 
@@ -108,7 +108,7 @@ class Slow(Controller):
 def test_another_controller_is_one_class(monkeypatch):
     monkeypatch.setattr(registry, "_kinds", dict(registry._kinds))
     assert register(Slow) is Slow
-    assert controller_names() == (DEFAULT_CONTROLLER, "published", "slow")
+    assert controller_names() == (DEFAULT_CONTROLLER, "goal", "published", "slow")
     navigator = NavigatorOptions("slow").navigator(RIG, 30.0)
     command, state = navigator(*frames(5))
     assert (command.speed == 0.1).all()

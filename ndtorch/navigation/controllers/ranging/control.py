@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -18,6 +19,7 @@ from ndtorch.navigation.controllers.contract import (
     TURN,
     Command,
     Controller,
+    Task,
     Trace,
 )
 from ndtorch.navigation.controllers.ranging.arcs import arc_table, free_travel
@@ -25,7 +27,7 @@ from ndtorch.navigation.controllers.ranging.decision import RangingState, decide
 from ndtorch.navigation.controllers.ranging.floor import FloorState, floor_constants, floor_step
 from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
 from ndtorch.navigation.controllers.ranging.params import RangingParams
-from ndtorch.navigation.controllers.ranging.patch import add_evidence, cell_numbers, empty_patch, move_patch
+from ndtorch.navigation.controllers.ranging.patch import Patch, add_evidence, cell_numbers, empty_patch, move_patch
 from ndtorch.navigation.controllers.ranging.quick import QuickStep
 from ndtorch.navigation.controllers.registry import register
 from ndtorch.navigation.odometry import Pose
@@ -73,6 +75,13 @@ class RangingControl(Controller):
         self.constants = ranging_constants(p, dt)
         self.quick = QuickStep(p, self.constants, self.floor, self.arcs, self.places, self.under)
 
+    @classmethod
+    def params_for(cls, task: Task) -> RangingParams:
+        """As `Controller.params_for`; tight turns and reversing are never faster than the rest."""
+        params: RangingParams = super().params_for(task)
+        tight = min(params.tight_speed, 0.8 * task.cruise)
+        return replace(params, tight_speed=tight, reverse_speed=min(params.reverse_speed, task.cruise))
+
     @property
     def trace(self) -> Trace:
         """How the free ways to both sides compare."""
@@ -107,24 +116,50 @@ class RangingControl(Controller):
             seen: cells `[..., 2, bands, blocks]`.
             ranges, pose, driven, state: as `Controller.step`.
         """
-        c, batch = self.constants, pose.x.shape
-        if not batch and seen.dtype == state.floor.level.dtype == ranges.x.dtype and kernels_wanted(seen, *ranges):
+        if (
+            not pose.x.ndim
+            and seen.dtype == state.floor.level.dtype == ranges.x.dtype
+            and kernels_wanted(seen, *ranges)
+        ):
             return self.quick(seen, ranges, pose, driven, state)
+        lengths, floor, patch = self.sense(seen, ranges, pose, driven, state)
+        return decide(lengths, driven, floor, patch, state, self.constants, self.floor)
+
+    def sense(
+        self,
+        seen: Tensor,
+        ranges: Ranges,
+        pose: Pose,
+        driven: Command,
+        state: RangingState,
+        more: tuple[Tensor, Tensor] | None = None,
+    ) -> tuple[Tensor, FloorState, Patch]:
+        """Remember what is seen and measure the free arcs.
+
+        Args:
+            more: further places `[..., 2, m]` of the body frame, and the evidence `[..., m]` that each adds.
+
+        Returns:
+            Lengths of the arcs as `decide` takes them, and the new states of floor and patch.
+        """
+        c, batch = self.constants, pose.x.shape
         cells, floor = floor_step(seen, driven.speed, driven.curvature, state.floor, self.floor)
         keep = torch.where(state.mode == c.stopped, c.fade, c.keep)
         patch = move_patch(state.patch, pose, self.numbers, keep, self.params.patch)
         weights = c.evidence
         ranged = torch.stack((ranges.x, ranges.y), -2)
         inside = ranges.valid & (ranged.abs().amax(-2) < c.reach)
+        found = inside * weights[2]
+        if more is not None:
+            ranged, found = torch.cat((more[0], ranged), -1), torch.cat((more[1], found), -1)
         places = torch.cat((ranged, self.places.expand(*batch, *self.places.shape)), -1)
         number = cell_numbers(places, pose, self.params.patch)
-        found = inside * weights[2]
         cell = (cells.ends * weights[0] - cells.free * weights[1]).flatten(-3)
         weight = torch.cat((found, cell, self.under.expand(*batch, -1)), -1)
         marked = found.shape[-1] + self.marked
         patch = add_evidence(patch, number[..., :marked], weight, self.params.patch)
         lengths = free_travel(patch.evidence.gather(-1, number[..., marked:]), self.arcs, c.limits)
-        return decide(lengths, driven, floor, patch, state, c, self.floor)
+        return lengths, floor, patch
 
     def mode(self, state: RangingState) -> Tensor:
         """What the car is doing; `SUPPRESSED` is the start, `STOPPED` boxed in."""

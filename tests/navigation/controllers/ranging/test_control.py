@@ -301,7 +301,7 @@ def test_bad_parameters():
         RangingParams(speed=float("nan"))
     with pytest.raises(InputError, match="dt"):
         RangingControl(RIG, 0.0)
-    with pytest.raises(InputError, match="controller must be one of 'ranging', 'published', got 'blind'"):
+    with pytest.raises(InputError, match="controller must be one of 'ranging', 'goal', 'published', got 'blind'"):
         Navigator(RIG, DT, controller="blind")
     with pytest.raises(InputError, match="params must be AvoidanceParams"):
         Navigator(RIG, DT, controller="published", params=RangingParams())

@@ -1,0 +1,345 @@
+"""The controller that is told where to go."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ndtorch.navigation.controllers.contract import (
+    ARRIVED,
+    CRUISE,
+    REVERSE,
+    STOPPED,
+    SUPPRESSED,
+    TURN,
+    Command,
+    Controller,
+    Task,
+    Trace,
+)
+from ndtorch.navigation.controllers.goal.following import follow
+from ndtorch.navigation.controllers.goal.memory import disc_cells, surroundings, visited_cells
+from ndtorch.navigation.controllers.goal.params import GoalParams
+from ndtorch.navigation.controllers.goal.planning import Planned, clearance, plan, to_place, to_unvisited
+from ndtorch.navigation.controllers.goal.speeds import allowed_speeds, speed_towards
+from ndtorch.navigation.controllers.ranging.control import RangingControl
+from ndtorch.navigation.controllers.ranging.decision import RangingState, decide
+from ndtorch.navigation.controllers.ranging.patch import Patch, cell_numbers, move_patch
+from ndtorch.navigation.controllers.registry import register
+from ndtorch.navigation.odometry import Pose
+from ndtorch.navigation.ranging import Ranges
+from ndtorch.navigation.rig import StereoRig
+
+LONGEST = 40
+"""Places of a way that are kept: more than its horizon has arcs."""
+
+RAY = 24
+"""Places on the line of sight before a range that count as seen free."""
+
+TO, EXPLORE, BACK, DONE = 0, 1, 2, 3
+"""Errands, one after the other; those that were not asked for are left out."""
+
+
+class GoalState(NamedTuple):
+    """State of `GoalControl`, `[...]` where nothing else is said.
+
+    Attributes:
+        reactive: of the controller that keeps the last word, with all that is remembered of the surroundings.
+        visited: `[..., size * size]`, 1 in cells that were passed; no cells where nothing is to be explored.
+        home: x, y where the drive began, `[..., 2]`, m.
+        errand: `TO`, `EXPLORE`, `BACK` or `DONE`.
+        way: the way that is followed, `[..., LONGEST, 6]`: x, y, heading, curvature, direction, and the speed that
+            is allowed there, m/s; the first `places` of it count.
+        places, at: how many places the way has, and the one reached.
+        due: time steps until the next plan.
+        direction: +1 ahead, -1 backward.
+        vetoed: time steps in a row in which the reactive controller saw no room for what was planned.
+        lost: time steps for which the reactive controller drives alone.
+        cost: of the way to the end of the errand, as last planned; inf where there is none.
+        mode: what the car is doing.
+    """
+
+    reactive: RangingState
+    visited: Tensor
+    home: Tensor
+    errand: Tensor
+    way: Tensor
+    places: Tensor
+    at: Tensor
+    due: Tensor
+    direction: Tensor
+    vetoed: Tensor
+    lost: Tensor
+    cost: Tensor
+    mode: Tensor
+
+
+@register
+class GoalControl(Controller):
+    """Drives to a place, explores, and comes back, by ways planned on what it has seen.
+
+    What was seen free or blocked stays in a square of cells around the car, the memory of `RangingControl` with
+    other numbers. A few times a second the way to the goal is planned there, ahead and backward, with arcs that the
+    car can drive and an outline that fits (`kernels.find_way`). In between it is followed. Where the arcs of the
+    reactive controller are blocked it stops the car, and after a while drives by itself.
+
+    A batch is planned one car after the other.
+
+    Args:
+        rig, dt, params: as `Controller`.
+
+    Raises:
+        InputError: numbers out of range, or inputs that do not belong together.
+    """
+
+    name, Params, modes = "goal", GoalParams, (CRUISE, TURN, SUPPRESSED, STOPPED, REVERSE, ARRIVED)
+    has_goals = True
+
+    def __init__(self, rig: StereoRig, dt: float, params: GoalParams | None = None) -> None:
+        super().__init__(rig, dt, params)
+        p: GoalParams = self.params
+        self.reactive = RangingControl(rig, dt, p.reactive)
+        self.look = self.reactive.look
+        self.dt, self.forward_of_axis = dt, rig.forward
+        self.every = max(1, round(p.way.every / dt))
+        self.line = torch.linspace(0.15, 0.88, RAY)
+        self.disc = disc_cells(p.passed, p.reactive.patch)
+        self.ones = torch.ones(self.disc.shape[-1])
+        wanted = [(TO, p.to is not None), (EXPLORE, p.explore or not (p.to or p.back)), (BACK, p.back), (DONE, True)]
+        self.errands = [errand for errand, asked in wanted if asked]
+        self.explores = EXPLORE in self.errands
+
+    @classmethod
+    def params_for(cls, task: Task) -> GoalParams:
+        """As `Controller.params_for`."""
+        d = GoalParams()
+        slow, creep = min(d.slow, task.cruise), min(d.creep, task.cruise)
+        reactive = replace(
+            d.reactive,
+            speed=min(d.reactive.speed, task.cruise),
+            tight_speed=min(d.reactive.tight_speed, 0.8 * task.cruise),
+            reverse_speed=min(d.reactive.reverse_speed, task.cruise),
+        )
+        return GoalParams(
+            task.to, task.explore, task.back, speed=task.cruise, slow=slow, creep=creep, reactive=reactive
+        )
+
+    @property
+    def trace(self) -> Trace:
+        """How the free ways to both sides compare."""
+        return self.reactive.trace
+
+    def sides(self, seen: Tensor) -> Tensor:
+        """As `RangingControl.sides`."""
+        return self.reactive.sides(seen)
+
+    def start(self, seen: Tensor, pose: Pose) -> GoalState:
+        """The state of a car that stands at a pose, its home, and knows nothing."""
+        blank, p = torch.zeros_like(pose.x), self.params.reactive.patch
+        size = p.size**2 if self.explores else 0
+        return GoalState(
+            self.reactive.start(seen, pose),
+            blank.new_zeros(*blank.shape, size),
+            torch.stack((pose.x, pose.y), -1),
+            blank + self.errands[0],
+            blank.new_zeros(*blank.shape, LONGEST, 6),
+            blank,
+            blank,
+            blank,
+            blank + 1,
+            blank,
+            blank,
+            blank,
+            blank + SUPPRESSED,
+        )
+
+    def step(
+        self, seen: Tensor, ranges: Ranges, pose: Pose, driven: Command, state: GoalState
+    ) -> tuple[Command, GoalState]:
+        """Remember what is seen, plan where it is time to, follow the way, and listen to the reactive controller."""
+        c = self.reactive.constants
+        before = state.reactive
+        lengths, floor, patch = self.reactive.sense(seen, ranges, pose, driven, before, self.rays(ranges))
+        reaction, reactive = decide(lengths, driven, floor, patch, before, c, self.reactive.floor)
+        learning = floor.age < self.reactive.floor.learning
+        visited = self.visit(state, patch, pose) if self.explores else state.visited
+        state = state._replace(reactive=reactive, visited=visited)
+        if pose.x.ndim == 0:
+            return self.drive_one(lengths, pose, reaction, state, bool(learning))
+        made = []
+        batch, flat = pose.x.shape, pose.x.numel()
+        for n in range(flat):
+            one = take(state, n, len(batch))
+            here = Pose(*(part.reshape(-1)[n] for part in pose))
+            react = Command(*(part.reshape(-1)[n] for part in reaction))
+            free = lengths.reshape(flat, *lengths.shape[len(batch) :])[n]
+            made.append(self.drive_one(free, here, react, one, bool(learning.reshape(-1)[n])))
+        commands, states = zip(*made, strict=True)
+        return put_together(list(commands), batch), put_together(list(states), batch)
+
+    def warm_up(self) -> None:
+        """Plan once, so that the searches are compiled."""
+        origin = torch.zeros(())
+        state = self.start(torch.zeros_like(self.look.view.x), Pose(origin, origin, origin))  # type: ignore[union-attr, arg-type]
+        self.replan(state, (0.0, 0.0, 0.0))
+
+    def rays(self, ranges: Ranges) -> tuple[Tensor, Tensor]:
+        """Places on the lines of sight, and what is taken from each."""
+        ahead, aside = ranges.x - self.forward_of_axis, ranges.y
+        x = self.forward_of_axis + ahead.unsqueeze(-1) * self.line
+        y = aside.unsqueeze(-1) * self.line
+        # Several places of a line may lie in one cell: together they take `miss`.
+        apart = torch.hypot(ahead, aside) * float(self.line[1] - self.line[0]) / self.params.reactive.patch.cell
+        weight = (-self.params.miss * apart.clamp(max=1.0) * ranges.valid).unsqueeze(-1).expand(x.shape)
+        return torch.stack((x.flatten(-2), y.flatten(-2)), -2), weight.flatten(-2)
+
+    def visit(self, state: GoalState, patch: Patch, pose: Pose) -> Tensor:
+        """The cells around the car are visited."""
+        p = self.params.reactive.patch
+        kept = move_patch(
+            Patch(state.visited, state.reactive.patch.tag), pose, self.reactive.numbers, torch.ones_like(pose.x), p
+        )
+        number = cell_numbers(self.disc.expand(*pose.x.shape, *self.disc.shape), pose, p)
+        return kept.evidence.scatter(-1, number, 1.0)
+
+    def drive_one(
+        self, lengths: Tensor, pose: Pose, reaction: Command, state: GoalState, learning: bool
+    ) -> tuple[Command, GoalState]:
+        """The command of one car.
+
+        Args:
+            lengths: of the reactive arcs, `[2, 8]`, m.
+            pose, reaction: where the car is, and what the reactive controller would do, without dimensions.
+            learning: the floor is not known yet.
+        """
+        here = (float(pose.x), float(pose.y), float(pose.heading))
+        if learning:
+            return reaction, state
+        state = self.next_errand(state, here)
+        if int(state.errand) == DONE:
+            still = torch.zeros_like(pose.x)
+            return Command(still, still), state._replace(mode=still + ARRIVED)
+        lost = int(state.lost)
+        if lost > 0:
+            state = state._replace(lost=state.lost - 1, due=state.due * 0, mode=state.reactive.mode)
+            return reaction, state
+        if int(state.due) <= 0:
+            state = self.replan(state, here)
+        way = state.way[: int(state.places)].numpy()
+        p = self.params
+        aim = follow(way, int(state.at), here, p.ahead, p.tightest)
+        if aim.direction == 0:
+            # The way has ended, or there is none: plan again at the next frame, and let the other drive if that fails.
+            tired = int(state.vetoed) >= 2 * self.every
+            lost_for = torch.full_like(state.lost, 1 / self.dt if tired else 0.0)
+            vetoed = state.vetoed * 0 if tired else state.vetoed + 1
+            still = torch.zeros_like(pose.x)
+            return Command(still, still), state._replace(due=still, vetoed=vetoed, lost=lost_for, mode=still + TURN)
+        wanted = speed_towards(way, aim.at, here, p.braking)
+        free = self.free_ahead(lengths, aim.direction, aim.curvature)
+        safe = math.sqrt(2 * p.braking * max(0.0, free - p.lag))
+        speed = min(wanted, safe)
+        blocked = safe < 0.1
+        refused = int(state.vetoed) + 1 if blocked else 0
+        new = torch.full_like
+        weary = refused >= round(1.0 / self.dt)
+        state = state._replace(
+            at=new(state.at, aim.at),
+            due=state.due * 0 if blocked else state.due - 1,
+            direction=new(state.direction, aim.direction),
+            vetoed=new(state.vetoed, 0.0 if weary else refused),
+            lost=new(state.lost, 1 / self.dt if weary else 0.0),
+            # What the other was about does not matter while it does not drive.
+            reactive=state.reactive._replace(mode=new(state.mode, CRUISE), age=state.mode * 0, bold=state.mode * 0),
+            mode=new(state.mode, CRUISE if aim.direction > 0 else REVERSE),
+        )
+        if blocked:
+            speed = 0.0
+        return Command(new(pose.x, speed * aim.direction), new(pose.x, aim.curvature)), state
+
+    def next_errand(self, state: GoalState, here: tuple[float, float, float]) -> GoalState:
+        """The errand after this one, when this one is done."""
+        errand = int(state.errand)
+        place = self.place(state)
+        done = place is not None and math.hypot(place[0] - here[0], place[1] - here[1]) <= self.params.arrived
+        # Nothing left to explore: no way to anywhere new was found.
+        done = done or (errand == EXPLORE and math.isinf(float(state.cost)))
+        if not done or errand == DONE:
+            return state
+        after = self.errands[self.errands.index(errand) + 1]
+        return state._replace(errand=torch.full_like(state.errand, after), due=state.due * 0, cost=state.cost * 0)
+
+    def place(self, state: GoalState) -> tuple[float, float] | None:
+        """Where the errand ends, if that is one place."""
+        errand = int(state.errand)
+        if errand == TO:
+            return self.params.to  # type: ignore[no-any-return]
+        return (float(state.home[0]), float(state.home[1])) if errand == BACK else None
+
+    def replan(self, state: GoalState, here: tuple[float, float, float]) -> GoalState:
+        """A new way from here."""
+        p, patch = self.params, self.params.reactive.patch
+        blocked = p.reactive.blocked
+        around = surroundings(state.reactive.patch.evidence, here[0], here[1], patch, blocked, -0.1 * blocked)
+        clear = clearance(around.blocked, around.cell)
+        place = self.place(state)
+        if place is None:
+            visited = visited_cells(state.visited, here[0], here[1], patch)
+            seed = to_unvisited(around, visited, clear, p.way)
+        else:
+            seed = to_place(around, place, p.way)
+        at = min(int(state.at) + 1, max(0, int(state.places) - 1))
+        curvature = float(state.way[at, 3]) if int(state.places) else 0.0
+        made: Planned = plan(around, clear, seed, here, curvature, float(state.direction), p.way)
+        way = made.way[:LONGEST]
+        speeds = allowed_speeds(way, around, made, p)
+        kept = np.zeros((LONGEST, 6), np.float32)
+        kept[: len(way), :5], kept[: len(way), 5] = way, speeds
+        return state._replace(
+            way=torch.from_numpy(kept).to(state.way.dtype),
+            places=torch.full_like(state.places, len(way) if len(way) > 1 else 0),
+            at=state.at * 0,
+            due=torch.full_like(state.due, self.every),
+            cost=torch.full_like(state.cost, made.cost),
+        )
+
+    def free_ahead(self, lengths: Tensor, direction: float, curvature: float) -> float:
+        """How far the reactive controller sees room on the arcs nearest to the one that is wanted, m."""
+        arcs = self.reactive.arcs
+        bends, ways = arcs.curvature.tolist(), arcs.forward.tolist()
+        free: list[float] = lengths[0].tolist()
+        side = sorted(
+            (abs(bend - curvature), length)
+            for bend, way, length in zip(bends, ways, free, strict=True)
+            if way == direction
+        )
+        return float(max(length for _, length in side[:2]))
+
+    def mode(self, state: GoalState) -> Tensor:
+        """What the car is doing; `TURN` is the reactive controller at the wheel, `ARRIVED` nothing left to do."""
+        return state.mode
+
+    def difference(self, state: GoalState) -> Tensor:
+        """Length of the free arcs on the left minus the right, m."""
+        return state.reactive.difference
+
+
+def take(state: Any, n: int, dims: int) -> Any:
+    """The state of one of a batch."""
+    if isinstance(state, Tensor):
+        return state.flatten(0, dims - 1)[n]
+    return type(state)(*(take(part, n, dims) for part in state))
+
+
+def put_together(states: list[Any], batch: torch.Size) -> Any:
+    """The opposite of `take`."""
+    first = states[0]
+    if isinstance(first, Tensor):
+        return torch.stack(states).reshape(*batch, *first.shape)
+    parts = zip(*states, strict=True)
+    return type(first)(*(put_together(list(part), batch) for part in parts))

@@ -1,0 +1,102 @@
+"""All numbers of the goal controller."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from ndtorch.errors import InputError
+from ndtorch.navigation.controllers.ranging.arcs import Body
+from ndtorch.navigation.controllers.ranging.params import RangingParams
+from ndtorch.navigation.controllers.ranging.patch import PatchParams
+
+
+def reactive_params() -> RangingParams:
+    """The reactive controller's numbers where a planner leads it: a large memory that lasts, and less room."""
+    return RangingParams(
+        body=Body(room=0.03),
+        patch=PatchParams(cell=0.05, size=512, lifetime=120.0),
+        least=0.15,
+    )
+
+
+@dataclass(frozen=True)
+class WayParams:
+    """How ways are planned.
+
+    Args:
+        radius: of the tightest arc, m.
+        disc: radius of the discs that stand for the body, m, and `discs` the places of their middles along it.
+        margin: kept free around them, m.
+        soft: clearance of the discs from which on a way costs nothing more, m.
+        step: length of the arcs of the lattice, m.
+        horizon: length of a way, m.
+        every: time between two plans, s.
+        tight_price, unknown_price, bend_price, swing_price, reverse_price, switch_price: see `kernels.find_way`.
+        blocked_price: of a metre through what is blocked, where there is no other way to the goal.
+        coarse: cells of `step` of the map that make one for the way to the goal.
+        most: nodes that a search looks at.
+    """
+
+    radius: float = 0.5
+    disc: float = 0.19
+    discs: tuple[float, ...] = (-0.1875, -0.0625, 0.0625, 0.1875)
+    margin: float = 0.05
+    soft: float = 0.45
+    step: float = 0.2
+    horizon: float = 2.6
+    every: float = 0.2
+    tight_price: float = 1.5
+    unknown_price: float = 0.3
+    bend_price: float = 0.05
+    swing_price: float = 0.05
+    reverse_price: float = 2.5
+    switch_price: float = 0.8
+    blocked_price: float = 40.0
+    coarse: int = 2
+    most: int = 12000
+
+
+@dataclass(frozen=True)
+class GoalParams:
+    """The numbers of the goal controller.
+
+    Args:
+        to: the goal, x, y in m, where dead reckoning has its own origin; None for no goal.
+        explore: then drive wherever it was not yet; the errand where no other is given.
+        back: then go back to where the drive began.
+        arrived: a goal is reached this near to it, m.
+        speed: cruise speed, m/s.
+        slow, creep: m/s where it is tight, and into what was not seen yet.
+        braking: deceleration that is counted on, m/s^2.
+        lag: distance that is driven before anything is done, m.
+        tightest: largest curvature, 1/m, to come back to a way whose arcs are a little wider.
+        ahead: the way is followed by aiming so far ahead, m.
+        passed: exploring, places within this of the way driven count as done, m.
+        miss: evidence that a range takes away from each cell before it.
+        reactive: numbers of the controller that keeps the last word.
+        way: how ways are planned.
+    """
+
+    to: tuple[float, float] | None = None
+    explore: bool = False
+    back: bool = False
+    arrived: float = 0.3
+    speed: float = 0.5
+    slow: float = 0.35
+    creep: float = 0.3
+    braking: float = 1.5
+    lag: float = 0.1
+    tightest: float = 2.15
+    ahead: float = 0.3
+    passed: float = 0.9
+    miss: float = 0.15
+    reactive: RangingParams = field(default_factory=reactive_params)
+    way: WayParams = field(default_factory=WayParams)
+
+    def __post_init__(self) -> None:
+        if self.to is not None and not all(math.isfinite(v) for v in self.to):
+            raise InputError(f"to must be x, y in m, got {self.to}")
+        for name in ("arrived", "speed", "slow", "creep", "braking", "lag", "ahead", "passed"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise InputError(f"{name} must be a number > 0, got {getattr(self, name)}")

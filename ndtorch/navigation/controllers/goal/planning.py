@@ -1,0 +1,170 @@
+"""From what is remembered of the surroundings to a way: a picture of the cells, their prices, and the two searches."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ndtorch.kernels.load import kernel
+from ndtorch.navigation.controllers.goal.params import WayParams
+from ndtorch.optional import need
+
+Floats = npt.NDArray[np.float32]
+Bools = npt.NDArray[np.bool_]
+
+
+class Surroundings(NamedTuple):
+    """A rectangle of the world in cells, row after row from the smallest y.
+
+    Attributes:
+        blocked, free: what something was seen in, and what was seen to be floor, `[rows, columns]`.
+        left, bottom: the world's x and y of the lower left corner, m.
+        cell: side, m.
+    """
+
+    blocked: Bools
+    free: Bools
+    left: float
+    bottom: float
+    cell: float
+
+    def cell_of(self, x: float, y: float) -> tuple[int, int]:
+        """Row and column of the cell that holds a place, or of the nearest one."""
+        rows, columns = self.blocked.shape
+        row, column = int((y - self.bottom) // self.cell), int((x - self.left) // self.cell)
+        return min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)
+
+
+def clearance(blocked: Bools, cell: float) -> Floats:
+    """Distance from each cell to the middle of the nearest blocked one, m."""
+    import cv2
+
+    if not blocked.any():
+        return np.full(blocked.shape, 99.0, np.float32)
+    return np.asarray(cv2.distanceTransform((~blocked).astype(np.uint8), cv2.DIST_L2, 5), np.float32) * np.float32(cell)
+
+
+def coarser(values: npt.NDArray[np.generic], by: int) -> Floats:
+    """The least of each square of cells."""
+    rows, columns = values.shape[0] // by * by, values.shape[1] // by * by
+    squares = values[:rows, :columns].reshape(rows // by, by, columns // by, by)
+    return np.asarray(squares.min((1, 3)), np.float32)
+
+
+def prices(clear: Floats, unknown: Bools, params: WayParams) -> Floats:
+    """What a metre costs in each coarse cell."""
+    p = params
+    near, inner = coarser(clear, p.coarse), p.disc + p.margin
+    price = 1.0 + p.tight_price * np.clip((p.soft - near) / (p.soft - inner), 0.0, 1.0)
+    price += p.unknown_price * (coarser(~unknown, p.coarse) < 0.5)
+    # Half a coarse cell is forgiven: a passage that just admits the car need not lie on the cells.
+    price += p.blocked_price * (near < inner - 0.03)
+    return np.asarray(price, np.float32)
+
+
+def to_place(surroundings: Surroundings, place: tuple[float, float], params: WayParams) -> Floats:
+    """Where a way may end and what that costs: at a place, or on the border towards it when it is outside."""
+    s, by = surroundings, params.coarse
+    rows, columns = (n // by for n in s.blocked.shape)
+    seed = np.full((rows, columns), np.inf, np.float32)
+    side = s.cell * by
+    row, column = int((place[1] - s.bottom) // side), int((place[0] - s.left) // side)
+    if 0 <= row < rows and 0 <= column < columns:
+        seed[row, column] = 0.0
+        return seed
+    border = np.zeros(seed.shape, bool)
+    border[[0, -1]], border[:, [0, -1]] = True, True
+    r, c = np.nonzero(border)
+    seed[r, c] = np.hypot(s.left + (c + 0.5) * side - place[0], s.bottom + (r + 0.5) * side - place[1])
+    return seed
+
+
+def to_unvisited(surroundings: Surroundings, visited: Bools, clear: Floats, params: WayParams) -> Floats:
+    """Where a way may end when exploring: free cells never passed, and those where the unknown begins.
+
+    Args:
+        visited: cells that count as passed, `[rows, columns]`.
+        clear: `clearance`.
+    """
+    import cv2
+
+    s, p = surroundings, params
+    unknown = ~(s.free | s.blocked)
+    beside = cv2.dilate(unknown.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    ends = s.free & ((~visited) | (beside & ~visited)) & (clear > p.disc + p.margin)
+    ends = cv2.erode(ends.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    few = -coarser(-ends.astype(np.float32), p.coarse) > 0.5
+    return np.where(few, np.float32(0.0), np.float32(np.inf)).astype(np.float32)
+
+
+class Planned(NamedTuple):
+    """What planning gave.
+
+    Attributes:
+        way: `[n, 5]`: x, y, heading, curvature driven to there, direction; the first row is the start. One row: none.
+        cost: of the way from the start to an end of the seeds; inf where no end can be reached.
+        clear, unknown: of the surroundings.
+    """
+
+    way: Floats
+    cost: float
+    clear: Floats
+    unknown: Floats
+
+
+def plan(
+    surroundings: Surroundings,
+    clear: Floats,
+    seed: Floats,
+    pose: tuple[float, float, float],
+    curvature: float,
+    direction: float,
+    params: WayParams,
+) -> Planned:
+    """The way of the next metres towards one of the ends.
+
+    Args:
+        clear: `clearance` of the surroundings.
+        seed: `to_place` or `to_unvisited`.
+        pose: x, y, m, and heading, radians, of the car.
+        curvature, direction: what it drives, 1/m and +1 or -1.
+    """
+    need("numba", "planning a way")
+    s, p = surroundings, params
+    unknown = ~(s.free | s.blocked)
+    row, column = s.cell_of(pose[0], pose[1])
+    price = prices(clear, unknown, p)
+    rows, columns = price.shape
+    here = min(row // p.coarse, rows - 1) * columns + min(column // p.coarse, columns - 1)
+    cost = kernel("cost_to_go").run(price, seed, s.cell * p.coarse, here, 2.0 * p.horizon + 2.0)
+    tight = 1 / p.radius
+    start = np.array((*pose, curvature, direction), np.float32)
+    away = unknown.astype(np.float32)
+    if not np.isfinite(cost.ravel()[here]):
+        return Planned(start[None], float("inf"), clear, away)
+    way = kernel("find_way").run(
+        clear,
+        away,
+        cost,
+        s.left,
+        s.bottom,
+        s.cell,
+        s.cell * p.coarse,
+        start,
+        np.array((0.0, tight / 2, -tight / 2, tight, -tight), np.float32),
+        np.array(p.discs, np.float32),
+        p.step,
+        p.horizon,
+        p.disc + p.margin,
+        p.soft,
+        p.tight_price,
+        p.unknown_price,
+        p.bend_price,
+        p.swing_price,
+        p.reverse_price,
+        p.switch_price,
+        p.most,
+    )
+    return Planned(way, float(cost.ravel()[here]), clear, away)

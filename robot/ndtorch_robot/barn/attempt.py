@@ -1,0 +1,112 @@
+"""One world of the BARN challenge, driven once."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from ndtorch.errors import InputError
+from ndtorch.navigation.controllers import controller_class
+from ndtorch.navigation.options import NavigatorOptions
+from ndtorch_robot.barn.worlds import World
+from ndtorch_robot.car import Car
+from ndtorch_robot.drive import RATE
+from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.ports import Step
+from ndtorch_robot.safety import SafeDrive, SafetyLimits, Sight
+from ndtorch_robot.sim.simulation import RIG, Simulation
+from ndtorch_robot.watch import PATIENCE
+
+LIMITS = SafetyLimits(speed=1.0, curvature=2.2, silence=0.1, age=0.1)
+"""Those of a car; the simulated one has limits of its own for how fast speed and steering may change."""
+
+
+class Attempt(NamedTuple):
+    """What came of it.
+
+    Attributes:
+        world: its number.
+        success, collided: the goal was reached in time and untouched; the car touched something.
+        time_s: until the goal, the collision or the end of the time.
+        score: of the challenge.
+        path: true x and y ten times a second, m.
+        wall_s: real time it took.
+        step_ms: median of a navigation step.
+    """
+
+    world: int
+    success: bool
+    collided: bool
+    time_s: float
+    score: float
+    path: list[tuple[float, float]]
+    wall_s: float
+    step_ms: float
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A world and who drives it."""
+
+    world: World
+    options: NavigatorOptions
+    seed: int = 0
+
+
+class Referee:
+    """An observer that ends the drive at the goal, at a collision and when the time is over."""
+
+    def __init__(self, world: World, simulation: Simulation, car: Car) -> None:
+        self.world, self.simulation, self.car = world, simulation, car
+        self.path: list[tuple[float, float]] = []
+        self.success = self.collided = False
+
+    def __call__(self, step: Step) -> None:
+        if step.standing is not None:
+            raise InputError(step.standing)
+        x, y, _ = self.simulation.pose
+        if step.number % 3 == 0 and not self.simulation.collisions:
+            self.path.append((round(x, 3), round(y, 3)))
+        self.collided = bool(self.simulation.collisions)
+        self.success = not self.collided and math.dist((x, y), self.world.goal) <= self.world.within
+        if self.success or self.collided or self.simulation.now() >= self.world.limit:
+            self.car.ended.set()
+
+
+def attempt(entry: Entry) -> Attempt:
+    """Drive through a world once, by the loop and the safety layer of every other drive.
+
+    The car is told where the goal is, and knows where it starts; of the cylinders it knows what it sees.
+    """
+    world = entry.world
+    x, y = world.goal
+    told = controller_class(entry.options.controller).has_goals
+    options = replace(entry.options, to=f"{x},{y}") if told else entry.options
+    pilot = Pilot(options, RIG, RATE)
+    simulation = Simulation(world.plan(), entry.seed, fields=pilot.fields)
+    try:
+        sight = Sight(simulation.rig, RATE, LIMITS.age, PATIENCE, together=False)
+        car = Car(pilot, simulation, SafeDrive(simulation, simulation, LIMITS, sight))
+        referee = Referee(world, simulation, car)
+        car.observers.append(referee)
+        pilot.warm_up()
+        began = time.perf_counter()
+        car.run(warm_up=False)
+        wall = time.perf_counter() - began
+        seconds = simulation.collisions[0].time if simulation.collisions else simulation.now()
+        score = world.score(seconds if referee.success else None)
+        step = car.loop.timing.summary().get("navigate", {}).get("p50", 0.0)
+        return Attempt(
+            world.number,
+            referee.success,
+            referee.collided,
+            round(seconds, 2),
+            round(score, 4),
+            referee.path,
+            round(wall, 1),
+            round(step, 2),
+        )
+    finally:
+        simulation.close()

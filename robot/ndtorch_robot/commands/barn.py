@@ -1,0 +1,152 @@
+"""`ndtorch barn`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from ndtorch import workers
+from ndtorch.commands import INTERRUPTED
+from ndtorch.errors import InputError
+from ndtorch_robot.navigator_flags import navigator_flags
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from ndtorch_robot.barn.attempt import Attempt, Entry
+    from ndtorch_robot.barn.results import Kept
+    from ndtorch_robot.barn.worlds import World
+
+FAILED = 1
+"""Exit code when some world could not be driven."""
+
+
+@dataclass(frozen=True)
+@navigator_flags("controller", "ranging", "cruise", "to", "explore", "back")
+class Barn:
+    """Drive through every world of the BARN challenge once: fields of cylinders, the goal 10 m ahead.
+
+    Success is to come within 1 m of the goal in 100 s without touching anything; the score is success x OT /
+    clip(AT, 2 OT, 8 OT), OT the shortest path at 2 m/s and AT the time it took. Writes barn.csv, barn.md and barn.png,
+    and keeps every finished world in DIR/worlds: stopped and started again it goes on where it was.
+    """
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """The worlds: barn.json."""
+    split: Literal["all", "tuning", "test"] = "all"
+    """All worlds, those for tuning, or those for reports: their numbers are multiples of 5."""
+    worlds: tuple[int, ...] = ()
+    """Only these numbers."""
+    controller: str = "goal"
+    """What steers; only goal is told where the goal is."""
+    ranging: Literal["search", "features"] = "search"
+    """As for drive; matching features finds next to nothing between many like posts."""
+    cruise: float = 0.6
+    """Speed where nothing is in the way, m/s."""
+    seed: int = 0
+    """What the cylinders and the floor look like."""
+    jobs: int = 0
+    """Worlds at a time (default one a core)."""
+    out: Path = Path("out/barn")
+    """Folder for the results."""
+    json: bool = False
+    """Print the totals as JSON instead."""
+
+    def run(self) -> int:
+        """Drive, show the progress, write the results."""
+        from ndtorch.run.folder import prepare
+        from ndtorch_robot.barn.results import Kept
+
+        worlds = self.chosen()
+        entries = [self.entry(world) for world in worlds]
+        prepare(self.out)
+        kept = Kept(self.out / "worlds")
+        troubles: list[str] = []
+        interrupted = False
+        try:
+            if self.jobs < 0:
+                raise InputError(f"--jobs must be 1 or more, got {self.jobs}")
+            missing = [e for e in entries if kept.get(e) is None]
+            troubles = finish(missing, kept, self.jobs or workers.cores())
+        except KeyboardInterrupt:
+            interrupted = True
+        made = [found for e in entries if (found := kept.get(e)) is not None]
+        print(self.write(worlds, made))
+        for trouble in troubles:
+            print(f"failed: {trouble}", file=sys.stderr)
+        return INTERRUPTED if interrupted else FAILED if troubles else 0
+
+    def chosen(self) -> list[World]:
+        """The worlds to drive."""
+        from ndtorch_robot.barn.worlds import read_worlds
+
+        worlds = [w for w in read_worlds(self.file) if self.split == "all" or w.is_test == (self.split == "test")]
+        missing = sorted(set(self.worlds) - {w.number for w in worlds})
+        if missing:
+            raise InputError(f"{self.file} has no world {missing[0]} among those of --split {self.split}")
+        worlds = [w for w in worlds if not self.worlds or w.number in self.worlds]
+        if not worlds:
+            raise InputError(f"{self.file} has no worlds")
+        return worlds
+
+    def entry(self, world: World) -> Entry:
+        """A world and who drives it."""
+        from ndtorch.navigation.options import OPTION_NAMES, options_of
+        from ndtorch_robot.barn.attempt import Entry
+
+        given = {k: v for k, v in asdict(self).items() if k in OPTION_NAMES and v is not None and v is not False}
+        return Entry(world, options_of(given), self.seed)
+
+    def write(self, worlds: Sequence[World], made: Sequence[Attempt]) -> str:
+        """All files; returns what to print."""
+        from ndtorch_robot.barn.results import comma_separated, draw, table, totals
+
+        missing = f"; {len(worlds) - len(made)} of {len(worlds)} worlds are missing" * (len(made) < len(worlds))
+        note = f"Controller {self.controller}, {self.split} worlds, seed {self.seed}{missing}."
+        text = table(made, note)
+        (self.out / "barn.csv").write_text(comma_separated(made), encoding="utf-8")
+        (self.out / "barn.md").write_text(text, encoding="utf-8")
+        if made:
+            draw(worlds, made, self.out / "barn.png")
+        if self.json:
+            return json.dumps(totals(made))
+        return text + f"\nwritten to {self.out}: barn.csv barn.md" + " barn.png" * bool(made)
+
+
+def drive_world(entry: Entry, note: Callable[[float], None]) -> Attempt:
+    """One world, in one thread."""
+    import torch
+
+    from ndtorch_robot.barn.attempt import attempt
+
+    torch.set_num_threads(1)
+    return attempt(entry)
+
+
+def finish(missing: list[Entry], kept: Kept, processes: int) -> list[str]:
+    """Drive through the worlds that are missing, keeping each as soon as it is done; returns what went wrong."""
+    from tqdm import tqdm
+
+    if not missing:
+        return []
+    troubles: list[str] = []
+    with (
+        tqdm(total=len(missing), unit="world", file=sys.stderr) as bar,
+        closing(workers.run_tasks(drive_world, missing, processes)) as events,
+    ):
+        for kind, task, value in events:
+            entry = missing[task]
+            if kind == "done":
+                kept.put(entry, value)
+                result = "goal" if value.success else "collision" if value.collided else "out of time"
+                bar.set_description_str(f"world {entry.world.number}: {result}, {value.time_s:.0f} s")
+            elif kind == "failed":
+                troubles.append(f"world {entry.world.number}: {str(value).strip().splitlines()[-1]}")
+            bar.update(kind in ("done", "failed"))
+    return troubles

@@ -1,0 +1,123 @@
+"""The goal controller: what it is asked to do, and that its state is all it has."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from ndtorch.errors import InputError
+from ndtorch.kernels.load import kernel
+from ndtorch.navigation import ARRIVED, CRUISE, Command, NavigatorOptions, Pose, StereoRig
+from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
+from ndtorch.navigation.controllers.goal.params import reactive_params
+from ndtorch.navigation.controllers.ranging.patch import PatchParams
+from ndtorch.navigation.odometry import drive_step
+from ndtorch.navigation.ranging import Ranges
+
+RIG, DT = StereoRig(forward=0.15), 1 / 30
+SMALL = replace(reactive_params(), patch=PatchParams(cell=0.05, size=128))
+
+
+def nothing(*batch):
+    blank = torch.zeros(*batch, 4)
+    return Ranges(blank, blank, blank, blank, blank, blank.bool())
+
+
+def floor(*batch):
+    """What open floor gives while the car moves at a steady speed, roughly: every cell alike."""
+    return torch.full((*batch, 2, 14, 8), 0.5)
+
+
+def drive(control, steps, pose, state=None):
+    """Through open floor: the commands are obeyed at once."""
+    command = Command(torch.zeros_like(pose.x), torch.zeros_like(pose.x))
+    batch = pose.x.shape
+    for _ in range(steps):
+        if state is None:
+            state = control.start(floor(*batch), pose)
+        command, state = control.step(floor(*batch), nothing(*batch), pose, command, state)
+        pose = drive_step(pose, command.speed, command.curvature, DT)
+    return pose, state, command
+
+
+def place(x, y, heading):
+    return Pose(torch.tensor(x), torch.tensor(y), torch.tensor(heading))
+
+
+def test_it_goes_to_the_place_and_back_and_stands():
+    control = GoalControl(RIG, DT, GoalParams(to=(1.5, 0.5), back=True, reactive=SMALL))
+    state, pose, nearest = None, place(0.0, 0.0, 0.0), 9.0
+    for _ in range(60):
+        pose, state, command = drive(control, 10, pose, state)
+        nearest = min(nearest, float(torch.hypot(pose.x - 1.5, pose.y - 0.5)))
+        if int(control.mode(state)) == ARRIVED:
+            break
+    assert nearest < 0.5
+    assert float(torch.hypot(pose.x, pose.y)) < 0.35
+    assert float(command.speed) == 0
+
+
+def test_the_same_state_gives_the_same_step_and_stays_as_it_was():
+    control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL))
+    pose, state, command = drive(control, 30, place(0.0, 0.0, 0.0))
+    kept = [part.clone() for part in state if isinstance(part, torch.Tensor)]
+    patch = state.reactive.patch.evidence.clone()
+    one, two = (control.step(floor(), nothing(), pose, command, state) for _ in range(2))
+    assert torch.equal(torch.stack(one[0]), torch.stack(two[0]))
+    assert torch.equal(one[1].way, two[1].way)
+    assert all(torch.equal(a, b) for a, b in zip(kept, (p for p in state if isinstance(p, torch.Tensor)), strict=True))
+    assert torch.equal(patch, state.reactive.patch.evidence)
+
+
+def test_a_batch_is_as_many_cars():
+    control = GoalControl(RIG, DT, GoalParams(to=(2.0, 1.0), reactive=SMALL))
+    poses = [place(0.0, 0.0, 0.0), place(1.0, -1.0, 1.0)]
+    both = Pose(*(torch.stack(parts) for parts in zip(*poses, strict=True)))
+    _, together, command = drive(control, 25, both)
+    for n, pose in enumerate(poses):
+        _, alone, single = drive(control, 25, pose)
+        assert float(single.curvature) == pytest.approx(float(command.curvature[n]))
+        torch.testing.assert_close(together.way[n], alone.way)
+
+
+def test_what_is_ranged_in_the_way_is_driven_around():
+    control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL))
+    pose, state, command = drive(control, 20, place(0.0, 0.0, 0.0))
+    assert int(control.mode(state)) == CRUISE
+    straight = state.way[: int(state.places)]
+    assert float(straight[:, 1].abs().max()) < 0.05
+    x = 1.6 - pose.x
+    across = torch.tensor([-0.1, -0.03, 0.03, 0.1]) - pose.y
+    wall = Ranges(x.expand(4), across * 0, across * 0, x.expand(4), across, torch.ones(4, dtype=torch.bool))
+    for _ in range(10):
+        command, state = control.step(floor(), wall, pose, command, state)
+    way = state.way[: int(state.places)]
+    beside = way[(way[:, 0] - 1.6).abs() < 0.2]
+    assert len(beside)
+    assert float(beside[:, 1].abs().min()) > 0.3
+
+
+def test_it_is_ready_before_a_car_depends_on_it():
+    control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL))
+    control.warm_up()
+    assert kernel("find_way").run is kernel("find_way").dispatcher
+
+
+def test_what_cannot_be_asked_for_is_said():
+    with pytest.raises(InputError, match="controller goal"):
+        NavigatorOptions(to="1,2").navigator(RIG, 30.0)
+    for to in ("1", "a,b", "1,2,3", "nan,1"):
+        with pytest.raises(InputError, match="X,Y"):
+            NavigatorOptions("goal", to=to)
+    with pytest.raises(InputError, match="cruise"):
+        NavigatorOptions(cruise=2.0)
+
+
+@pytest.mark.parametrize("name", ["ranging", "published", "goal"])
+def test_no_controller_is_told_to_go_faster_than_its_cruise_speed(name):
+    params = NavigatorOptions(name, cruise=0.25).make(RIG, DT).params
+    assert params.speed == 0.25
+    reactive = getattr(params, "reactive", params)
+    for key in ("tight_speed", "reverse_speed", "slow", "creep"):
+        assert getattr(params, key, 0) <= 0.25
+        assert getattr(reactive, key, 0) <= 0.25

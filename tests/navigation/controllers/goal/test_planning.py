@@ -1,0 +1,99 @@
+"""Planning on a map that is given: ways fit the outline, keep to the turning circle, and lead to the goal."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ndtorch.navigation.controllers.goal.following import follow
+from ndtorch.navigation.controllers.goal.params import WayParams
+from ndtorch.navigation.controllers.goal.planning import Surroundings, clearance, plan, to_place, to_unvisited
+
+CELL, SIDE = 0.05, 160
+PARAMS = WayParams()
+
+
+def world(*boxes, free=True):
+    """8 x 8 m around the origin with blocked boxes (left, right, bottom, top)."""
+    blocked = np.zeros((SIDE, SIDE), bool)
+    for left, right, bottom, top in boxes:
+        a, b, c, d = (round((v + 4) / CELL) for v in (left, right, bottom, top))
+        blocked[c:d, a:b] = True
+    return Surroundings(blocked, ~blocked & free, -4.0, -4.0, CELL)
+
+
+def planned(around, goal, pose=(-2.0, 0.0, 0.0), direction=1.0):
+    clear = clearance(around.blocked, CELL)
+    return plan(around, clear, to_place(around, goal, PARAMS), pose, 0.0, direction, PARAMS)
+
+
+def test_in_the_open_it_goes_straight():
+    made = planned(world(), (2.0, 0.0))
+    assert made.cost == pytest.approx(4.0, abs=0.15)
+    assert abs(made.way[:, 1]).max() < 0.02
+    assert made.way[-1, 0] >= -2.0 + PARAMS.horizon - 0.01
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_it_goes_through_the_gap_and_no_part_of_the_body_is_in_the_wall(side):
+    bottom, top = sorted((side * 0.4, side * 1.1))
+    around = world((-0.5, -0.35, -4, bottom), (-0.5, -0.35, top, 4))
+    made = planned(around, (2.0, 0.0))
+    x, y, heading, curvature, _ = made.way.T
+    assert made.way[-1, 0] > -0.3
+    assert abs(curvature).max() <= 1 / PARAMS.radius + 1e-6
+    for along in (-0.25, 0.0, 0.25):
+        for aside in (-0.18, 0.18):
+            px, py = x + along * np.cos(heading) - aside * np.sin(heading), y + along * np.sin(heading)
+            py += aside * np.cos(heading)
+            cells = [around.blocked[around.cell_of(*place)] for place in zip(px, py, strict=True)]
+            assert not any(cells)
+
+
+def test_a_gap_narrower_than_the_body_is_no_way():
+    around = world((-0.5, -0.35, -4, -0.15), (-0.5, -0.35, 0.15, 4))
+    assert planned(around, (2.0, 0.0)).way[:, 0].max() < -0.6
+
+
+def test_out_of_a_dead_end_it_backs_where_floor_was_seen_and_not_into_what_was_not():
+    walls = ((-1.55, -1.4, -0.5, 0.5), (-2.4, -1.4, 0.35, 0.5), (-2.4, -1.4, -0.5, -0.35))
+    seen = planned(world(*walls), (2.0, 0.0))
+    assert seen.way[1, 4] == -1
+    around = world(*walls)
+    unseen = around._replace(free=np.zeros_like(around.free))
+    assert (planned(unseen, (2.0, 0.0)).way[:, 4] == 1).all()
+
+
+def test_a_goal_outside_is_approached_over_the_nearest_border():
+    made = planned(world(), (20.0, 0.0))
+    assert made.way[-1, 0] > 0.5
+    assert made.cost == pytest.approx(22.0, rel=0.03)
+
+
+def test_exploring_ends_where_nothing_is_left():
+    around = world()
+    clear = clearance(around.blocked, CELL)
+    visited = np.zeros((SIDE, SIDE), bool)
+    assert np.isfinite(to_unvisited(around, visited, clear, PARAMS)).any()
+    assert not np.isfinite(to_unvisited(around, ~visited, clear, PARAMS)).any()
+    shut = world((-1.0, -0.8, -4, 4))
+    visited[:, : round(3.2 / CELL)] = True
+    seed = to_unvisited(shut, visited, clearance(shut.blocked, CELL), PARAMS)
+    # All that is left lies behind a wall: there is a price for it, but no way that the body fits through.
+    made = plan(shut, clearance(shut.blocked, CELL), seed, (-2.0, 0.0, 0.0), 0.0, 1.0, PARAMS)
+    assert made.way[:, 0].max() < -1.2
+
+
+def test_following_steers_back_and_ends_with_the_stretch():
+    way = np.array([[0.2 * n, 0, 0, 0, 1] for n in range(6)] + [[0.8, 0, 0, 0, -1], [0.6, 0, 0, 0, -1]], np.float32)
+    aim = follow(way, 0, (0.0, 0.1, 0.0), 0.3, 2.0)
+    assert aim.direction == 1
+    assert aim.curvature < -0.5
+    assert aim.left == pytest.approx(1.0, abs=0.03)
+    assert follow(way, 0, (0.0, -0.1, 0.0), 0.3, 2.0).curvature == pytest.approx(-aim.curvature)
+    back = follow(way, aim.at, (1.0, 0.0, 0.0), 0.3, 2.0)
+    assert back.direction == -1
+    assert back.left == pytest.approx(0.4, abs=0.03)
+    assert follow(way, back.at, (0.6, 0.0, 0.0), 0.3, 2.0).direction == 0
+    # Driving backward the same error is steered back with the opposite curvature of the way that lies behind.
+    assert follow(way, 5, (1.0, 0.1, 0.0), 0.3, 2.0).curvature * math.copysign(1, aim.curvature) > 0

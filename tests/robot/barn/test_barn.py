@@ -1,0 +1,114 @@
+"""Worlds of the BARN challenge: read, scored, driven once and kept."""
+
+import json
+import math
+import threading
+from types import SimpleNamespace
+
+import pytest
+
+from ndtorch.errors import InputError
+from ndtorch.navigation import NavigatorOptions
+from ndtorch_robot.barn.attempt import Attempt, Entry, Referee, attempt
+from ndtorch_robot.barn.results import Kept, comma_separated, draw, table, totals
+from ndtorch_robot.barn.worlds import World, read_worlds
+
+FILE = {
+    "radius_m": 0.075,
+    "height_m": 1.0,
+    "goal_radius_m": 1.0,
+    "time_limit_s": 100.0,
+    "start": [0.0, 0.0, 90.0],
+    "goal": [0.0, 10.0],
+    "worlds": [
+        {"world": 5, "path_m": 12.0, "cylinders": [[0.3, 4.0], [-0.9, 5.0]]},
+        {"world": 6, "path_m": 10.0, "cylinders": [[2.0, 4.0]]},
+    ],
+}
+
+
+def made(number, success=True, collided=False, time=20.0, score=0.3):
+    return Attempt(number, success, collided, time, score, [(0.0, 0.0), (0.1, 1.0)], 1.0, 2.0)
+
+
+def small(**changes):
+    """A post beside the way, and a goal three metres ahead."""
+    values = {"number": 7, "cylinders": ((0.6, 1.5), (-0.7, 2.5)), "radius": 0.075, "height": 1.0}
+    values |= {"start": (0.0, 0.0, math.pi / 2), "goal": (0.0, 3.0), "within": 1.0, "limit": 15.0, "path": 3.0}
+    return World(**(values | changes))
+
+
+def test_a_file_is_read_and_worlds_are_split_by_their_numbers(tmp_path):
+    file = tmp_path / "worlds.json"
+    file.write_text(json.dumps(FILE))
+    first, second = read_worlds(file)
+    assert (first.number, first.is_test, second.is_test) == (5, True, False)
+    assert first.cylinders == ((0.3, 4.0), (-0.9, 5.0))
+    assert first.start == (0.0, 0.0, pytest.approx(math.pi / 2))
+    plan = first.plan()
+    assert len(plan.solids) == 2
+    assert plan.solids[0].radius == 0.075
+    file.write_text(json.dumps({**FILE, "worlds": [{"world": 1}]}))
+    with pytest.raises(InputError, match="not a file of BARN worlds"):
+        read_worlds(file)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_worlds(tmp_path / "none.json")
+
+
+def test_the_score_is_that_of_the_challenge():
+    world = small(path=12.0)  # optimal time 6 s
+    assert world.score(None) == 0
+    assert world.score(3.0) == world.score(12.0) == pytest.approx(0.5)
+    assert world.score(24.0) == pytest.approx(0.25)
+    assert world.score(99.0) == pytest.approx(1 / 8)
+
+
+def test_results_are_kept_by_world_driver_and_seed(tmp_path):
+    kept, entry = Kept(tmp_path), Entry(small(), NavigatorOptions("goal"))
+    assert kept.get(entry) is None
+    kept.put(entry, made(7))
+    assert kept.get(entry) == made(7)
+    assert kept.get(Entry(small(), NavigatorOptions("goal", cruise=0.4))) is None
+    assert kept.get(Entry(small(), NavigatorOptions("goal"), seed=1)) is None
+    assert kept.get(Entry(small(cylinders=((1.0, 1.0),)), NavigatorOptions("goal"))) is None
+
+
+def test_tables_and_the_picture(tmp_path):
+    some = [made(1), made(2, False, True, 8.0, 0.0), made(3, False, False, 100.0, 0.0)]
+    assert comma_separated(some).splitlines() == [
+        "world,success,collided,time_s,score",
+        "1,1,0,20.00,0.3000",
+        "2,0,1,8.00,0.0000",
+        "3,0,0,100.00,0.0000",
+    ]
+    sums = totals(some)
+    assert (sums["success"], sums["collisions"], sums["score"]) == pytest.approx((1 / 3, 1 / 3, 0.1))
+    text = table(some, "note")
+    assert "Collided: 2 (8 s)." in text
+    assert "Out of time: 3 (100 s)." in text
+    draw([small(number=n) for n in (1, 2, 3)], some, tmp_path / "barn.png")
+    assert (tmp_path / "barn.png").stat().st_size > 5000
+
+
+def test_a_world_is_driven_to_its_goal():
+    reached = attempt(Entry(small(), NavigatorOptions("goal", ranging="search")))
+    assert (reached.success, reached.collided) == (True, False)
+    assert reached.path[-1][1] > 1.8
+    assert 3.0 < reached.time_s < 12.0
+
+
+@pytest.mark.parametrize(
+    ("pose", "hits", "now", "verdict"),
+    [
+        ((0.0, 1.0, 0.0), [], 5.0, (False, False, False)),
+        ((0.3, 2.5, 0.0), [], 5.0, (True, False, True)),
+        ((0.3, 2.5, 0.0), ["hit"], 5.0, (False, True, True)),
+        ((0.0, 1.0, 0.0), [], 15.0, (False, False, True)),
+    ],
+)
+def test_the_referee_ends_it_at_the_goal_at_a_collision_and_in_the_end(pose, hits, now, verdict):
+    simulation = SimpleNamespace(pose=pose, collisions=hits, now=lambda: now)
+    car = SimpleNamespace(ended=threading.Event())
+    referee = Referee(small(), simulation, car)
+    referee(SimpleNamespace(standing=None, number=0))
+    assert (referee.success, referee.collided, car.ended.is_set()) == verdict
