@@ -16,7 +16,7 @@ from ndtorch.loading import model_folders, model_kind
 from ndtorch.tree import leaves
 from ndtorch.vision import GROUPS
 
-NAMES = ("published", "scale-free", "retinotopic", "video")
+NAMES = ("published", "scale-free", "retinotopic", "video", "figures")
 
 
 @pytest.fixture
@@ -72,7 +72,7 @@ def test_what_is_saved_loads_back_equal(tmp_path: Path, name: str) -> None:
     assert all(torch.equal(a, b) for a, b in zip(one, other, strict=True))
     assert all(torch.equal(a, b) for a, b in zip(leaves(end).values(), leaves(other_end).values(), strict=True))
     assert {path.name for path in (tmp_path / "mine").iterdir()} == {"config.toml", "README.md"} | (
-        set() if name == "video" else {"weights.safetensors"}
+        set() if name in ("video", "figures") else {"weights.safetensors"}
     )
 
 

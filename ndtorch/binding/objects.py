@@ -42,6 +42,7 @@ class BoundObject:
         heading: sum of the directions it was seen to move in, to the right and down, as unit vectors.
         fields: number of receptive fields that show it at its latest sighting.
         path: time, column and row of every sighting, where they are kept.
+        boxes: left, top, right and bottom at every sighting of the path, pixels of the frames; empty of models without.
     """
 
     neuron: str
@@ -55,6 +56,12 @@ class BoundObject:
     heading: tuple[float, float] | None = None
     fields: int | None = None
     path: tuple[tuple[float, float, float], ...] = ()
+    boxes: tuple[tuple[float, float, float, float], ...] = ()
+
+    @property
+    def box(self) -> tuple[float, float, float, float] | None:
+        """Left, top, right and bottom at its latest sighting, pixels of the frames; None of models without."""
+        return self.boxes[-1] if self.boxes else None
 
     @property
     def color(self) -> str:

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.binding.models.contract import BindingModel
+from ndtorch.binding.tracking.figures import FigureTable
 from ndtorch.binding.tracking.tracks import TrackTable
 from ndtorch.errors import InputError
 from ndtorch.files import replacing
@@ -123,7 +124,7 @@ def read(path: str | Path) -> tuple[dict[str, Tensor], dict[str, str]]:
 
 def rebuilt(example: Any, tensors: Mapping[str, Tensor], prefix: str) -> Any:
     """A tuple like the example, of the tensors whose names begin with the prefix."""
-    ragged, values = isinstance(example, TrackTable), list[Any]()
+    ragged, values = isinstance(example, TrackTable | FigureTable), list[Any]()
     for name, part in parts(example):
         whole = prefix + name
         if isinstance(part, Tensor):

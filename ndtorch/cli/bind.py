@@ -16,7 +16,7 @@ from ndtorch.run.arguments import choices
 from ndtorch.run.options import BindJob
 
 if TYPE_CHECKING:
-    from ndtorch.report.films import EnhancedVideo, Overlay
+    from ndtorch.report.films import EnhancedVideo, MaskFilm, Overlay
     from ndtorch.run.opening import Prepared
 
 INCOMPLETE = 1
@@ -50,6 +50,8 @@ class Bind(BindJob):
     """Print one JSON object on stdout and nothing else."""
     rrd: Path | None = None
     """Also write a recording for the rerun viewer."""
+    mask: bool = False
+    """Also write mask.mp4, white where an object is: of the model figures, frame by frame."""
     front_end: str | None = None
     """What it was is now --model: video (on) or published (off)."""
 
@@ -73,6 +75,8 @@ class Bind(BindJob):
         torch.set_num_threads(1)
         tune_allocator()
         prepared = prepare(self)
+        if self.mask and prepared.model.name != "figures":
+            raise InputError(f"--mask is an option of figures; the model is {prepared.model.name}")
         source = prepared.source
         if self.rrd is not None:
             new_file(self.rrd, self.force)
@@ -82,7 +86,8 @@ class Bind(BindJob):
         try:
             film = self.film(prepared, folder.work)
             recording = None if self.rrd is None else RunRecording(self.rrd)
-            watchers: list[Watcher] = [watcher for watcher in (film, recording) if watcher is not None]
+            mask = self.mask_film(prepared, folder.work)
+            watchers: list[Watcher] = [watcher for watcher in (film, recording, mask) if watcher is not None]
             total = None if source.length is None else source.length - prepared.start
             with progress_bar(total, self.json, unit=" frames", leave=False, mininterval=0.5) as bar:
 
@@ -101,6 +106,8 @@ class Bind(BindJob):
                 )
             if film is not None:
                 film.close()
+            if mask is not None:
+                mask.close()
             if recording is not None:
                 recording.finish(in_words(result))
             trouble = write_result(result, prepared.about, folder.work)
@@ -116,6 +123,14 @@ class Bind(BindJob):
         if trouble is not None:
             print(f"error: figures cannot be written: {trouble.strerror or trouble}", file=sys.stderr)
         return INTERRUPTED if result.interrupted else 0 if trouble is None else INCOMPLETE
+
+    def mask_film(self, prepared: Prepared, folder: Path) -> MaskFilm | None:
+        """What is written of the silhouettes, if that was asked for."""
+        from ndtorch.report.films import MaskFilm
+
+        if not self.mask:
+            return None
+        return MaskFilm(folder / "mask.mp4", 1 / prepared.model.dt, prepared.source.size)
 
     def film(self, prepared: Prepared, folder: Path) -> EnhancedVideo | Overlay | None:
         """What is written of the pictures: every n-th frame, played at the speed at which it was taken."""

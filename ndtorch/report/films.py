@@ -58,6 +58,26 @@ class Overlay(Watcher):
         self.writer.close()
 
 
+class MaskFilm(Watcher):
+    """mask.mp4: white where an object is, of models with silhouettes; a frame a time step."""
+
+    def __init__(self, path: Path, fps: float, size: tuple[int, int]) -> None:
+        self.size = even(size)
+        self.writer = VideoWriter(path, fps, self.size)
+
+    def signals(self, signals: Any, weights: Tensor) -> None:
+        import cv2
+
+        for mask in signals.mask.cpu().numpy():
+            wide = np.asarray(cv2.resize(mask * np.uint8(255), self.size[::-1], interpolation=cv2.INTER_LINEAR))
+            image = np.where(wide > 127, np.uint8(255), np.uint8(0))
+            self.writer.write(torch.from_numpy(image).expand(3, *self.size))
+
+    def close(self) -> None:
+        """Finish the file."""
+        self.writer.close()
+
+
 class RunRecording(Watcher):
     """Shows a run to a rerun recording."""
 
@@ -92,7 +112,7 @@ def even(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def marked(frame: Pixels, things: tuple[BoundObject, ...]) -> Pixels:
-    """The frame `[H, W, 3]` with a circle around each object, in its colour, and an arrow where it moves."""
+    """The frame `[H, W, 3]` with each object in its colour: its box, or a circle and an arrow where it moves."""
     import cv2
 
     image = np.ascontiguousarray(frame).copy()
@@ -101,6 +121,11 @@ def marked(frame: Pixels, things: tuple[BoundObject, ...]) -> Pixels:
             continue
         color = rgb(thing.color) if thing.color in STYLES else GREY_RGB
         column, row = (round(side) for side in thing.place)
+        if thing.box is not None:
+            corners = [(round(thing.box[0]), round(thing.box[1])), (round(thing.box[2]), round(thing.box[3]))]
+            for ink, width in (((255, 255, 255), 3), (color, 1)):
+                cv2.rectangle(image, corners[0], corners[1], ink, width, cv2.LINE_AA)
+            continue
         radius = round(0.08 * len(image) * max(1.0, (thing.fields or 1) ** 0.5 / 2))
         down, right = STEP.get(thing.direction or "", (0, 0))
         tip = (column + right * 2 * radius, row + down * 2 * radius)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ndtorch.binding import save_state
+from ndtorch.report.exports import write_exports
 from ndtorch.report.figures import draw_all
 from ndtorch.report.timeline import draw_timeline, write_timeline
 from ndtorch.report.words import summary
@@ -43,6 +44,7 @@ def write_result(result: RunResult, about: Mapping[str, Any], folder: Path) -> O
     try:
         if result.table is None:
             write_timeline(result, folder / "timeline.jsonl")
+            write_exports(result, folder)
             draw_timeline(result, folder / "timeline.png")
         else:
             draw_all(result, folder)

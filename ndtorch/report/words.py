@@ -46,10 +46,15 @@ def record(number: int, thing: BoundObject, size: tuple[int, int]) -> dict[str, 
     if thing.place is None or thing.first_seen is None or thing.last_seen is None:
         return {"neuron": thing.neuron, "features": thing.features}
     path: list[list[float]] = []
-    for time, column, row in thing.path:
+    boxes: list[list[float]] = []
+    for n, (time, column, row) in enumerate(thing.path):
         if not path or time - path[-1][0] >= 1 / PATH_HZ - 1e-6:
             path.append([round(time, 3), round(row / size[0], 3), round(column / size[1], 3)])
-    return {
+            if thing.boxes:
+                left, top, right, bottom = thing.boxes[n]
+                sides = (top / size[0], left / size[1], bottom / size[0], right / size[1])
+                boxes.append([round(side, 3) for side in sides])
+    found: dict[str, Any] = {
         "object": number,
         "color": thing.color,
         "direction": thing.direction,
@@ -59,6 +64,10 @@ def record(number: int, thing: BoundObject, size: tuple[int, int]) -> dict[str, 
         "features": {name: round(value, 3) for name, value in thing.features.items()},
         "path": path,
     }
+    if boxes:
+        # Top, left, bottom and right at every place of the path, as shares of the picture.
+        found["boxes"] = boxes
+    return found
 
 
 def in_words(result: RunResult) -> str:

@@ -32,8 +32,10 @@ from ndtorch.scenes import SCENES, FrameSource, make_scene
 from ndtorch.scenes.video import open_video
 
 STATE = "state.safetensors"
+CAMERA_MODELS = ("video", "figures")
+"""Kinds of models for video of a camera, which get whole pictures."""
 ROWS = 224
-"""Height to which the model video gets its frames, as soon as they are decoded: four pixels for one of its own."""
+"""Height to which those models get their frames, as soon as they are decoded: four pixels for one of its own."""
 
 
 def is_number(value: Any, least: float, most: float) -> bool:
@@ -89,8 +91,8 @@ def prepare(job: BindJob) -> Prepared:
     if job.resume is not None:
         check_resume(job, name, asked, model_name)
     check_options(job, kind)
-    if kind == "video" and device.type != "cpu":
-        raise InputError(f"device must be cpu with the model video, which is quickest there; got {job.device}")
+    if kind in CAMERA_MODELS and device.type != "cpu":
+        raise InputError(f"device must be cpu with the model {kind}, which is quickest there; got {job.device}")
     start = {
         "scene": given(job, ("phase", "seed", "fps")) if name in SCENES else {},
         "fps": job.fps,
@@ -109,7 +111,7 @@ def prepare(job: BindJob) -> Prepared:
         model = make_model(about, source.size, source.fps, "wrap")
         source, first = open_scene(job, about, model.settle), about["frames"]
     else:
-        source = open_place(job, about, ROWS if kind == "video" else None)
+        source = open_place(job, about, ROWS if kind in CAMERA_MODELS else None)
         model = make_model(about, source.size, source.fps, "reflect")
     about["fps"] = source.fps
     state = None
@@ -123,7 +125,7 @@ def make_model(about: dict[str, Any], size: tuple[int, int], fps: float, border:
     options = dict(about["options"]) | switched_off(about["without"])
     if about["first_stage_radius"] is not None:
         options["first_stage"] = train_first_stage(radius=about["first_stage_radius"])
-    if model_kind(about["model"]) != "video":
+    if model_kind(about["model"]) not in CAMERA_MODELS:
         options["border"] = border
     return load(about["model"], size=size, fps=fps, **options)
 

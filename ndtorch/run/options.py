@@ -21,8 +21,8 @@ class BindJob:
     source: str = DEFAULT_SOURCE
     """Scene, file, folder, camera or address."""
     model: str | None = None
-    """Name of a model (published, scale-free, retinotopic, video) or a folder of your own. The default is published for
-    scenes and video for files, folders, cameras and streams; no other option changes it."""
+    """Name of a model (published, scale-free, retinotopic, video, figures) or a folder of your own. The default is
+    published for scenes and video for files, folders, cameras and streams; no other option changes it."""
     seconds: float | None = None
     """Seconds to learn from a scene (default 15, the settling time comes on top), or to take of a video (all)."""
     phase: float | None = None

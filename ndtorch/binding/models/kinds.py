@@ -8,6 +8,7 @@ from typing import Any
 
 from ndtorch.binding.first_stage import FirstStage, first_stage_weights, read_first_stage
 from ndtorch.binding.models.contract import BindingModel
+from ndtorch.binding.models.figures import FiguresModel
 from ndtorch.binding.models.published import PublishedModel
 from ndtorch.binding.models.retinotopic import RetinotopicModel
 from ndtorch.binding.models.scale_free import ScaleFreeModel
@@ -17,7 +18,7 @@ from ndtorch.errors import InputError
 from ndtorch.toml import suggestion, toml_values
 
 KINDS: dict[str, type[BindingModel]] = {
-    kind.name: kind for kind in (PublishedModel, ScaleFreeModel, RetinotopicModel, VideoModel)
+    kind.name: kind for kind in (PublishedModel, ScaleFreeModel, RetinotopicModel, VideoModel, FiguresModel)
 }
 """Put a kind of your own in to load folders whose config.toml names it."""
 

@@ -7,8 +7,8 @@ from typing import Literal
 METHODS = ("published", "cooperative", "hebbian", "scale-free, owners", "scale-free", "greedy", "ica", "nmf")
 """Names for `ndtorch_train.score.methods.method`."""
 
-LABELLED = ("video", "mog2-norfair", "mog2-bytetrack", "knn-norfair", "knn-bytetrack")
-"""What labelled video can be scored with: the model video, and background subtraction with a tracker of boxes."""
+LABELLED = ("figures", "video", "mog2-norfair", "mog2-bytetrack", "knn-norfair", "knn-bytetrack")
+"""What labelled video can be scored with: the models for video, and background subtraction with a tracker of boxes."""
 
 Split = Literal["tune", "test"]
 """Tune on the one, report the other."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import zlib
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -77,18 +78,28 @@ def see_model(name: str, clip: Clip, rows: int) -> Seen:
     frames = list(shrunk(clip, min(rows or clip.size[0], WORKING_ROWS)))
     height, width = frames[0].shape[:2]
     model, state = ndtorch.load(name, size=(height, width), fps=clip.fps), None
+    shapes: list[Any] = []
     with torch.inference_mode():
         for start in range(0, len(frames), 8):
             chunk = np.stack([frame[..., ::-1] for frame in frames[start : start + 8]])
             began = time.process_time()
-            _, state = model(torch.from_numpy(chunk).permute(0, 3, 1, 2), state)
+            signals, state = model(torch.from_numpy(chunk).permute(0, 3, 1, 2), state)
             seen.seconds += time.process_time() - began
+            if hasattr(signals, "silhouettes"):
+                shapes += [zlib.compress(one.numpy().tobytes(), 1) for one in signals.silhouettes]
+                form = tuple(signals.silhouettes.shape[1:])
         things = model.objects(state)
     across, down = clip.size[1] / width, clip.size[0] / height
     seen.sights = [[] for _ in frames]
     for thing in things:
-        for at, column, row in thing.path:
+        for k, (at, column, row) in enumerate(thing.path):
             number = round(at * clip.fps)
-            box = Box(column, row, column, row)
+            box = Box(*thing.boxes[k]) if thing.boxes else Box(column, row, column, row)
             seen.sights[number].append(scaled(Sight(thing.track or 0, (column, row), box), across, down))
+    known = [(thing.track or 0) + 1 for thing in things]
+    for one in shapes:
+        names = np.frombuffer(zlib.decompress(one), np.int32).reshape(form)
+        image = np.isin(names, known).astype(np.uint8) * 255
+        wide = cv2.resize(image, clip.size[::-1], interpolation=cv2.INTER_LINEAR)
+        seen.masks.append(Packed(np.asarray(wide) > 127))
     return seen

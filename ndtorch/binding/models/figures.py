@@ -1,0 +1,331 @@
+"""The model figures: what stands out from the ground becomes a receptive field of its own, followed as one object."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import torch
+from pydantic import Field
+from torch import Tensor
+
+from ndtorch.binding.learning import NetworkState
+from ndtorch.binding.models.contract import BindingModel, Nested, Verdict
+from ndtorch.binding.models.video import FieldNormalise, SharedNetwork
+from ndtorch.binding.network import InhibitoryNetwork
+from ndtorch.binding.normalise import FieldInputs
+from ndtorch.binding.objects import BoundObject
+from ndtorch.binding.readout.owners import features_by_group
+from ndtorch.binding.tracking.figures import Figure, FigureParams, FigureTable, figures_of, follow, table_of
+from ndtorch.binding.tracking.regions import holes, regions_of
+from ndtorch.config import ModelConfig, Size
+from ndtorch.errors import InputError
+from ndtorch.vision.camera.figure_signals import FieldsState, FigureSignals, SignalParams
+from ndtorch.vision.camera.figures import GroundParams, GroundState, ground_start, ground_step
+from ndtorch.vision.features import FEATURES
+from ndtorch.vision.frames import as_float, check_frames
+
+
+class FiguresConfig(ModelConfig):
+    """Constants of the model."""
+
+    model: Literal["figures"] = Field("figures", description="kind of the model")
+    size: Size = Field((224, 398), description="height and width of the frames, pixels")
+    fps: float = Field(30.0, gt=0, le=100_000, description="frames a second")
+    fastest: float = Field(30.5, gt=0, description="frames a second beyond which successive frames are averaged")
+    ground: GroundParams = Field(default_factory=GroundParams)
+    fields: SignalParams = Field(default_factory=SignalParams)
+    normalise: FieldNormalise = Field(default_factory=FieldNormalise)
+    network: SharedNetwork = Field(default_factory=SharedNetwork)
+    tracking: FigureParams = Field(default_factory=FigureParams)
+
+
+class FiguresSignals(NamedTuple):
+    """What the model computed, one row a time step.
+
+    Attributes:
+        inputs: normalised signals of every receptive field, that of track n in field n % K, `[..., T', K, 10]`.
+        outputs: of the network, likewise.
+        silhouettes: number of the track of every pixel of the working image plus one, 0 for none, `[..., T', h, w]`
+            int32.
+        mask: 1 where a track is that was known to be an object by then, 0 elsewhere, `[..., T', h, w]` uint8.
+        time: seconds since the first frame, `[T']` float64.
+    """
+
+    inputs: Tensor
+    outputs: Tensor
+    silhouettes: Tensor
+    mask: Tensor
+    time: Tensor
+
+
+class SeenState(NamedTuple):
+    """What the eye remembers.
+
+    Attributes:
+        ground: background and noise.
+        before: the picture before, grey and blurred, `[h, w]`.
+        quiet: seconds since something moved at a pixel, `[h, w]`.
+        silhouettes: of the step before, `[h, w]` int32.
+        kept: where the ground is not learned, `[h, w]`.
+        fields: of the motion detectors.
+    """
+
+    ground: GroundState
+    before: Tensor
+    quiet: Tensor
+    silhouettes: Tensor
+    kept: Tensor
+    fields: FieldsState | None
+
+
+class FiguresState(NamedTuple):
+    """State of the model.
+
+    Attributes:
+        seen: None before the first time step.
+        waiting: sum of the frames of an unfinished group, `[3, h, w]`.
+        frames: frames seen, and began: tracks begun, int64 scalars.
+        level: group maxima `[3]`.
+        network: of all fields, None before the first time step.
+        open, closed: tracks that may be in sight, and objects that are gone.
+        time: of the latest step, seconds, float64 scalar.
+    """
+
+    seen: SeenState | None
+    waiting: Tensor
+    frames: Tensor
+    began: Tensor
+    level: Tensor
+    network: NetworkState | None
+    open: FigureTable
+    closed: FigureTable
+    time: Tensor
+
+
+class FiguresModel(BindingModel):
+    """Objects over time, with places, boxes and silhouettes, in video of a camera that does not move.
+
+    A batch of films goes through one after the other; its state is a tuple of their states.
+
+    Args:
+        config: constants.
+
+    Shapes:
+        frames `[..., T, C, H, W]` -> `FiguresSignals`, `FiguresState`.
+    """
+
+    name = "figures"
+    config_type = FiguresConfig
+    tracks = True
+    trained = False
+    config: FiguresConfig
+
+    def __init__(self, config: FiguresConfig | None = None) -> None:
+        super().__init__()
+        c = self.config = config or FiguresConfig()
+        n = c.network
+        self.group = max(1, math.ceil(c.fps / c.fastest))
+        self.dt, self.settle = self.group / c.fps, 0.0
+        rows = min(c.ground.height, c.size[0]) // 4 * 4
+        self.small = (rows, max(16, round(rows * c.size[1] / c.size[0] / 4) * 4))
+        self.fields = FigureSignals(self.small, self.dt, c.fields)
+        self.normalise = FieldInputs(self.dt, c.normalise.memory, c.normalise.floor)
+        self.network = InhibitoryNetwork(
+            10,
+            self.dt,
+            n.learning_rule() if n.learn else None,
+            "settled",
+            shared=True,
+            tau_in=math.inf,
+            tau_out=n.tau_out,
+            tau_power=n.tau_power,
+            settle=self.settle,
+            faint=n.quiet,
+        )
+
+    @classmethod
+    def build(cls, config: FiguresConfig, first_stage: Tensor | None) -> FiguresModel:
+        return cls(config)
+
+    def forward(self, frames: Tensor, state: Any = None) -> tuple[FiguresSignals, Any]:
+        if frames.ndim > 4:
+            return self._each(frames, state)
+        if frames.ndim != 4:
+            raise InputError(f"frames must have shape [T, C, H, W], got {tuple(frames.shape)}")
+        frames = check_frames(frames, self.size)
+        state = self._start() if state is None else state
+        seen, waiting, counted = state.seen, state.waiting, int(state.frames)
+        began, time = int(state.began), float(state.time)
+        open_, closing = figures_of(state.open), list[Figure]()
+        rows, shapes, masks, times, who = [], [], [], [], []
+        for k, frame in enumerate(frames):
+            waiting = waiting + torch.from_numpy(self._small(frame))
+            if (counted + k + 1) % self.group:
+                continue
+            time = (counted + k) / self.fps
+            signals, seen, open_, late, began = self._step((waiting / self.group).numpy(), seen, open_, time, began)
+            waiting = torch.zeros_like(waiting)
+            closing += [one for one in late if one.known]
+            rows.append(signals)
+            shapes.append(seen.silhouettes)
+            names = torch.tensor([one.number + 1 for one in open_ if one.known], dtype=torch.int32)
+            masks.append(torch.isin(seen.silhouettes, names).to(torch.uint8))
+            times.append(time)
+            who.append([one for one in open_ if one.last_seen == time])
+        inputs = outputs = torch.zeros(0, self.config.fields.most, 10)
+        level, network = state.level, state.network
+        if rows:
+            inputs, level = self.normalise(torch.stack(rows), level)
+            outputs, network = self.network(inputs, network)
+            own, through = inputs.double().numpy(), outputs.double().numpy()
+            for k, ones in enumerate(who):
+                for one in ones:
+                    slot = one.number % self.config.fields.most
+                    one.inputs, one.outputs = one.inputs + own[k, slot], one.outputs + through[k, slot]
+        closed = table_of([*figures_of(state.closed), *closing]) if closing else state.closed
+        after = FiguresState(
+            seen,
+            waiting,
+            state.frames + len(frames),
+            torch.tensor(began, dtype=torch.int64),
+            level,
+            network,
+            table_of(open_),
+            closed,
+            torch.tensor(time, dtype=torch.float64),
+        )
+        pictures = torch.stack(shapes) if shapes else torch.zeros(0, *self.small, dtype=torch.int32)
+        known = torch.stack(masks) if masks else pictures.to(torch.uint8)
+        return FiguresSignals(inputs, outputs, pictures, known, torch.tensor(times, dtype=torch.float64)), after
+
+    def _start(self) -> FiguresState:
+        """The state before the first frame."""
+        zero, none = torch.zeros((), dtype=torch.int64), table_of([])
+        waiting = torch.zeros(3, *self.small)
+        return FiguresState(
+            None, waiting, zero, zero.clone(), torch.zeros(3), None, none, none, torch.zeros((), dtype=torch.float64)
+        )
+
+    def _small(self, frame: Tensor) -> Any:
+        """A frame `[3, H, W]` as a small picture `[3, h, w]`, 0..1."""
+        import cv2
+
+        pixels = frame.permute(1, 2, 0).contiguous()
+        if pixels.dtype != torch.uint8:
+            pixels = as_float(pixels).float()
+            if not torch.isfinite(pixels.sum()):
+                raise InputError("frames must be finite, got NaN or infinite values")
+        shrunk = cv2.resize(pixels.cpu().numpy(), self.small[::-1], interpolation=cv2.INTER_AREA)
+        planes = np.stack(cv2.split(shrunk))
+        return planes * np.float32(1 / 255) if planes.dtype == np.uint8 else planes
+
+    def _step(
+        self, picture: Any, seen: SeenState | None, open_: list[Figure], time: float, began: int
+    ) -> tuple[Tensor, SeenState, list[Figure], list[Figure], int]:
+        """Signals, memory, tracks, tracks that are gone, and tracks begun, after one picture `[3, h, w]`."""
+        import cv2
+
+        g, t = self.config.ground, self.config.tracking
+        shape = picture.shape[1:]
+        square = np.ones((3, 3), np.uint8)
+        if seen is None:
+            blank = torch.zeros(shape)
+            ground = ground_start(picture, g.least_noise)
+            before = torch.from_numpy(cv2.blur(picture.mean(0), (3, 3)))
+            seen = SeenState(ground, before, blank, blank.to(torch.int32), blank.clone(), None)
+        standing, ground = ground_step(picture, seen.ground, seen.kept.numpy(), self.dt, g)
+        grey = standing.picture.mean(0)
+        soft = cv2.blur(grey, (3, 3))
+        moved = (np.abs(soft - seen.before.numpy()) > g.moved).astype(np.uint8)
+        quiet = np.where(cv2.dilate(moved, square) > 0, 0, seen.quiet.numpy() + self.dt).astype(np.float32)
+        # Plain parts of what moves are still too, and no holes.
+        moving = np.zeros(began + 2, bool)
+        moving[[one.number + 1 for one in open_ if one.known and time - one.moved < t.rests]] = True
+        free = standing.figure & ~moving[seen.silhouettes.numpy()]
+        smallest = t.smallest * grey.size
+        hole = holes(free, quiet >= t.still, grey, standing.ground.mean(0), smallest)
+        if hole.any():
+            wide = cv2.dilate(hole.astype(np.uint8), square) > 0
+            mean = torch.where(torch.from_numpy(wide), torch.from_numpy(standing.picture), ground.mean)
+            ground = ground._replace(mean=mean)
+        figure = standing.figure & ~hole
+        regions = regions_of(figure, smallest, round(t.gap * shape[0]))
+        open_, late, silhouettes = follow(open_, time, regions, standing.picture, began, t)
+        began = max([began, *(one.number + 1 for one in open_)])
+        keep = np.zeros(began + 2, np.float32)
+        for one in open_:
+            since, patience = (one.moved, t.stays) if one.known else (one.first_seen, t.doubtful)
+            keep[one.number + 1] = time - since < patience
+        kept = cv2.dilate(keep[silhouettes], square)
+        shape_of = torch.from_numpy(silhouettes)
+        difference = torch.from_numpy((standing.picture - standing.ground) * (silhouettes > 0))
+        signals, fields = self.fields(difference, torch.from_numpy(standing.picture), shape_of, seen.fields)
+        after = SeenState(
+            ground, torch.from_numpy(soft), torch.from_numpy(quiet), shape_of, torch.from_numpy(kept), fields
+        )
+        return signals, after, open_, late, began
+
+    def _each(self, frames: Tensor, state: Any) -> tuple[FiguresSignals, Any]:
+        """One film after the other."""
+        states = [None] * len(frames) if state is None else state
+        parts = [self(film, own) for film, own in zip(frames, states, strict=True)]
+        columns = zip(*(signals for signals, _ in parts), strict=True)
+        stacked = FiguresSignals(*(torch.stack(column) for column in columns))
+        return stacked._replace(time=stacked.time[0]), tuple(own for _, own in parts)
+
+    def objects(self, state: Any) -> Nested:
+        """The objects so far, in the order in which they appeared."""
+        if not isinstance(state, FiguresState):
+            return [self.objects(own) for own in state]
+        every = [*figures_of(state.closed), *figures_of(state.open)]
+        return [self._bound(one) for one in sorted(every, key=lambda one: one.number) if one.known]
+
+    def in_sight(self, state: Any) -> Nested:
+        """The objects seen at the latest time step."""
+        if not isinstance(state, FiguresState):
+            return [self.in_sight(own) for own in state]
+        now = float(state.time)
+        return [self._bound(one) for one in figures_of(state.open) if one.known and one.last_seen == now]
+
+    def verdict(self, state: Any) -> Nested:
+        """`static` before anything stood out, `learning` while the network learns fast, `stable` then."""
+        if not isinstance(state, FiguresState):
+            return [self.verdict(own) for own in state]
+        word: Verdict = "stable"
+        if state.network is None or int(state.began) == 0:
+            word = "static"
+        elif self.config.network.learn and float(state.network.clock) * self.dt < self.config.network.tau_boost:
+            word = "learning"
+        return word
+
+    def weights(self, state: Any) -> Tensor:
+        if not isinstance(state, FiguresState):
+            return torch.stack([self.weights(own) for own in state])
+        return torch.zeros(10, 10) if state.network is None else state.network.weights
+
+    def _bound(self, one: Figure) -> BoundObject:
+        """A track as an object, in pixels of the frames."""
+        height = self.size[0]
+        across = self.size[1] / (height * self.small[1] / self.small[0])
+        path, boxes = [], []
+        for time, row, column, top, left, bottom, right, *_ in one.path.tolist():
+            path.append((time, column * height * across, row * height))
+            boxes.append((left * height * across, top * height, right * height * across, bottom * height))
+        _, x, y = path[-1]
+        index = int(one.outputs.argmax())
+        row = features_by_group(torch.from_numpy(one.inputs)).tolist()
+        return BoundObject(
+            FEATURES[index],
+            index,
+            {name: value for name, value in zip(FEATURES, row, strict=True) if value > 0},
+            place=(x, y),
+            velocity=(float(one.velocity[1]) * height * across, float(one.velocity[0]) * height),
+            first_seen=one.first_seen,
+            last_seen=one.last_seen,
+            track=one.number,
+            heading=(x - path[0][1], y - path[0][2]),
+            path=tuple(path),
+            boxes=tuple(boxes),
+        )

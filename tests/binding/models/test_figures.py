@@ -1,0 +1,160 @@
+"""The model figures: silhouettes and boxes of what moves, chunks of any length, states that come back, crossings."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+
+import ndtorch
+from ndtorch.binding import load_state, save_state
+from ndtorch.binding.models.figures import FiguresModel
+from ndtorch.errors import InputError
+from ndtorch.tree import leaves
+from tests.vision.camera.passing_scenes import SIZE, ground, passing
+
+STEPS = 50
+FPS = 25.0
+
+
+@cache
+def film() -> Tensor:
+    return (passing(STEPS, 4.0, first=6) * 255).round().to(torch.uint8)
+
+
+def model(fps: float = FPS, **options: Any) -> FiguresModel:
+    loaded = ndtorch.load("figures", size=SIZE, fps=fps, **options)
+    assert isinstance(loaded, FiguresModel)
+    return loaded
+
+
+def run(frames: Tensor, lengths: list[int] | None = None, **options: Any) -> tuple[list[Any], Any]:
+    module, state, signals = model(**options), None, []
+    with torch.inference_mode():
+        for part in frames.split(lengths or [len(frames)]):
+            out, state = module(part, state)
+            signals.append(out)
+    return signals, state
+
+
+@cache
+def whole() -> Any:
+    return run(film())
+
+
+def same(a: Any, b: Any) -> bool:
+    one, other = leaves(a), leaves(b)
+    return one.keys() == other.keys() and all(torch.equal(one[name], other[name]) for name in one)
+
+
+def squares(frames: int, *things: tuple[int, float, int, tuple[float, float, float]]) -> Tensor:
+    """Squares of 24 pixels, each with its first left edge, step a frame, top and colour."""
+    video = ground().repeat(frames, 1, 1, 1)
+    for left, step, top, color in things:
+        for n in range(8, frames):
+            at = round(left + step * (n - 8))
+            first, last = max(0, at), min(SIZE[1], at + 24)
+            if first < last:
+                video[n, :, top : top + 24, first:last] = torch.tensor(color)[:, None, None]
+    return video
+
+
+def test_what_passes_has_a_box_and_a_silhouette_at_every_frame() -> None:
+    signals, state = whole()
+    (thing,) = model().objects(state)
+    assert (thing.color, thing.direction) == ("red", "right")
+    assert len(thing.path) == len(thing.boxes)
+    for (time, column, row), (left, top, right, bottom) in zip(thing.path, thing.boxes, strict=True):
+        true = 4.0 * (round(time * FPS) - 6)
+        if 1 <= true <= SIZE[1] - 25:
+            assert (left, top, right, bottom) == pytest.approx((true, 44, true + 24, 68), abs=6)
+            assert true - 1 <= column <= true + 25
+            assert 44 <= row <= 68
+    assert thing.velocity == pytest.approx((100.0, 0.0), abs=25)
+    n = 30
+    shape = signals[0].silhouettes[n] == thing.track + 1
+    true_shape = torch.zeros(SIZE, dtype=torch.bool)
+    true_shape[44:68, 96:120] = True
+    assert shape.shape == SIZE
+    both = (shape & true_shape).sum() / (shape | true_shape).sum()
+    assert float(both) > 0.75
+    assert signals[0].inputs[n, thing.track].max() > 0.1
+
+
+@pytest.mark.parametrize("lengths", [[1] * STEPS, [7, 30, 13]])
+def test_chunks_of_any_length_give_the_same_to_the_last_bit(lengths: list[int]) -> None:
+    signals, state = run(film(), lengths)
+    assert same(state, whole()[1])
+    assert torch.equal(torch.cat([part.silhouettes for part in signals]), whole()[0][0].silhouettes)
+
+
+@pytest.mark.parametrize("at", [1, 30])
+def test_a_state_is_saved_and_goes_on_bit_for_bit(tmp_path: Path, at: int) -> None:
+    module = model()
+    _, state = run(film()[:at])
+    before = {name: part.clone() for name, part in leaves(state).items()}
+    save_state(state, tmp_path / "state", {"source": "film"})
+    again, _ = load_state(tmp_path / "state", module)
+    assert same(again, state)
+    with torch.inference_mode():
+        assert same(module(film()[at:], again)[1], whole()[1])
+        module(film()[at:], state)
+    # A state that was used is as it was.
+    assert all(torch.equal(part, before[name]) for name, part in leaves(state).items())
+
+
+def test_a_state_before_the_first_time_step_too(tmp_path: Path) -> None:
+    module = model(fps=90.0)
+    signals, state = module(film()[:2])
+    assert len(signals.time) == 0
+    assert (module.objects(state), module.verdict(state)) == ([], "static")
+    save_state(state, tmp_path / "state")
+    again, _ = load_state(tmp_path / "state", module)
+    assert same(module(film()[2:], again)[1], module(film())[1])
+
+
+def test_two_that_cross_keep_who_they_are() -> None:
+    frames = squares(60, (0, 3.5, 40, (0.85, 0.2, 0.2)), (176, -3.5, 46, (0.2, 0.75, 0.2)))
+    _, state = run(frames)
+    things = model().objects(state)
+    assert sorted((thing.color, thing.direction) for thing in things) == [("green", "left"), ("red", "right")]
+    for thing in things:
+        assert abs(thing.path[-1][1] - thing.path[0][1]) > 100
+
+
+def test_what_stops_stays_an_object_and_what_does_not_travel_is_none() -> None:
+    frames = squares(80, (0, 4.0, 44, (0.85, 0.2, 0.2)))
+    frames[40:] = frames[40]
+    # Something that appears and stays where it is.
+    frames[20:, :, 80:104, 150:170] = 0.9
+    _, state = run(frames)
+    (thing,) = model().objects(state)
+    assert thing.last_seen == pytest.approx(79 / FPS)
+    assert [other.track for other in model().in_sight(state)] == [thing.track]
+    _, state = run(frames, travel=0.0)
+    assert len(model().objects(state)) == 2
+
+
+def test_light_and_noise_are_no_objects() -> None:
+    generator = torch.Generator().manual_seed(4)
+    frames = ground().repeat(60, 1, 1, 1)
+    frames[20:] *= torch.linspace(1, 1.5, 40)[:, None, None, None]
+    frames = (frames + 0.03 * torch.randn(frames.shape, generator=generator)).clamp(0, 1)
+    _, state = run(frames)
+    assert model().objects(state) == []
+
+
+def test_batches_and_bad_frames() -> None:
+    module, films = model(), torch.stack([film(), film().flip(-1)])
+    _, state = module(films)
+    assert same(state[0], whole()[1])
+    assert [[thing.direction for thing in trial] for trial in module.objects(state)] == [["right"], ["left"]]
+    assert module.weights(state).shape == (2, 10, 10)
+    with pytest.raises(InputError, match="finite"):
+        module(torch.full((2, 3, *SIZE), torch.nan))
+    with pytest.raises(InputError, match=r"\[T, C, H, W\]"):
+        module(torch.zeros(3, *SIZE))
