@@ -67,6 +67,7 @@ def test_json_is_one_object_and_nothing_else(tmp_path: Path, capsys: pytest.Capt
         "source",
         "model",
         "objects",
+        "cuts",
         "verdict",
         "max_weight",
         "spectral_radius",

@@ -50,8 +50,8 @@ def options(name: str, seed: int) -> list[str]:
 
 def run(name: str, arguments: Sequence[str]) -> int:
     """Run the suite under one variant; gives pytest's exit code."""
-    print(f"variant {name}: {VARIANTS[name]}", flush=True)
     seed = commits()
+    print(f"variant {name}: {VARIANTS[name]}", *options(name, seed), flush=True)
     with tempfile.TemporaryDirectory() as folder:
         home = Path(folder) / "home"
         home.mkdir(mode=0o500)

@@ -18,7 +18,8 @@ def kernels_wanted(*tensors: Tensor) -> bool:
 
     Gradients, other devices, and programs that are traced or compiled keep torch. So does `NDTORCH_KERNELS=0`.
     """
-    if not torch.is_inference_mode_enabled() or torch.compiler.is_compiling():
+    # In this order: what is traced may not ask for the mode.
+    if torch.compiler.is_compiling() or not torch.is_inference_mode_enabled():
         return False
     return switched_on() and installed() and not any(map(elsewhere, tensors))
 

@@ -1,7 +1,7 @@
 """How each of the ten features is drawn, in every figure and recording.
 
-Colours come from the colour-blind safe palettes of Okabe & Ito and of Paul Tol. The colour features are solid
-lines in their own colour, motion is dashed and orientation dotted, each with a pattern of its own.
+Colors come from the color-blind safe palettes of Okabe & Ito and of Paul Tol. The color features are solid
+lines in their own color, motion is dashed and orientation dotted, each with a pattern of its own.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ Dashes = Literal["solid"] | tuple[float, tuple[float, ...]]
 
 
 class Style(NamedTuple):
-    """One feature's line: colour as "#rrggbb", and matplotlib's (offset, on-off lengths in line widths)."""
+    """One feature's line: color as "#rrggbb", and matplotlib's (offset, on-off lengths in line widths)."""
 
     color: str
     dashes: Dashes
@@ -35,12 +35,12 @@ STYLES: dict[str, Style] = {
 """Style of every feature, in the order of `FEATURES`."""
 
 GREY = "#888888"
-"""What has no colour of its own."""
+"""What has no color of its own."""
 GREY_RGB = (136, 136, 136)
 
 
 def rgb(feature: str | int) -> tuple[int, int, int]:
-    """Colour of a feature, by name or number, as three values in 0..255."""
+    """Color of a feature, by name or number, as three values in 0..255."""
     name = FEATURES[feature] if isinstance(feature, int) else feature
     red, green, blue = bytes.fromhex(STYLES[name].color[1:])
     return red, green, blue
