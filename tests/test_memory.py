@@ -97,7 +97,7 @@ class Noise(FrameSource):
 
 
 def growth(source: Noise) -> float:
-    """What is held after 300 frames more than after 100, in frames of one byte a pixel and colour."""
+    """What is held after 300 frames more than after 100, in frames of one byte a pixel and color."""
     marks: list[int] = []
     seen = 0
 

@@ -42,6 +42,7 @@ class BoundObject:
         heading: sum of the directions it was seen to move in, to the right and down, as unit vectors.
         fields: number of receptive fields that show it at its latest sighting.
         path: time, column and row of every sighting, where they are kept.
+        shade: "white", "grey" or "black" of what has no hue; None of what has one, or where nobody knows.
         boxes: left, top, right and bottom at every sighting of the path, pixels of the frames; empty of models without.
     """
 
@@ -56,6 +57,7 @@ class BoundObject:
     heading: tuple[float, float] | None = None
     fields: int | None = None
     path: tuple[tuple[float, float, float], ...] = ()
+    shade: str | None = None
     boxes: tuple[tuple[float, float, float, float], ...] = ()
 
     @property
@@ -65,8 +67,8 @@ class BoundObject:
 
     @property
     def color(self) -> str:
-        """Its strongest color, "grey" where it has none."""
-        return strongest(self.features, FEATURES[GROUPS["color"]]) or "grey"
+        """Its shade, else its strongest color, "grey" where it has none."""
+        return self.shade or strongest(self.features, FEATURES[GROUPS["color"]]) or "grey"
 
     @property
     def direction(self) -> str | None:

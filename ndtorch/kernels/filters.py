@@ -14,7 +14,7 @@ Array = Any
 
 @numba.njit(fastmath=FAST, error_model="numpy")
 def grey_planes(red: Array, green: Array, blue: Array, third: float, image: Array) -> tuple[float, float, float]:
-    """Mean of three colours into `image`, and the sum of each; `third` scales to 0..1 as well."""
+    """Mean of three colors into `image`, and the sum of each; `third` scales to 0..1 as well."""
     kind = image.dtype.type
     r, g, b = kind(0), kind(0), kind(0)
     for x in range(image.shape[0]):
@@ -26,7 +26,7 @@ def grey_planes(red: Array, green: Array, blue: Array, third: float, image: Arra
 
 @numba.njit(fastmath=FAST, error_model="numpy")
 def grey_pixels(pixels: Array, third: float, image: Array) -> tuple[float, float, float]:
-    """As `grey_planes` of pixels `[W, 3]`, whose colours lie side by side in memory."""
+    """As `grey_planes` of pixels `[W, 3]`, whose colors lie side by side in memory."""
     kind = image.dtype.type
     r, g, b = kind(0), kind(0), kind(0)
     for x in range(image.shape[0]):

@@ -1,4 +1,4 @@
-"""One pass over a frame: grey, colour sums, both filters of the motion detectors, their four sums, halved rows."""
+"""One pass over a frame: grey, color sums, both filters of the motion detectors, their four sums, halved rows."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def front_end(
     """`front_step` and the first steps of `OrientedDoG.sums`, row by row, so that a row is read once.
 
     Args:
-        frame: `[3, H, W]`, or `[H, W, 3]` where colours lie `beside` each other.
+        frame: `[3, H, W]`, or `[H, W, 3]` where colors lie `beside` each other.
         unit: factor that scales it to 0..1.
         settle: the state before is that of filters settled on this frame, whatever is given.
         slow, delayed, new_slow, new_delayed: `MotionState` before and after, `[H, W]`; they may be the same.

@@ -14,10 +14,10 @@ Array = Any
 
 @numba.njit(fastmath=FAST, error_model="numpy")
 def grey_row(frame: Array, beside: bool, y: int, left: int, every: int, unit: float, count: int, grey: Array) -> None:
-    """Every so many pixels of row `y` from column `left` on: sum of colours times `unit`, over `count`.
+    """Every so many pixels of row `y` from column `left` on: sum of colors times `unit`, over `count`.
 
     Args:
-        frame: `[C, H, W]`, or `[H, W, C]` where colours lie `beside` each other.
+        frame: `[C, H, W]`, or `[H, W, C]` where colors lie `beside` each other.
     """
     kind = grey.dtype.type
     unit, count = kind(unit), kind(count)

@@ -19,9 +19,9 @@ class Eyes(NamedTuple):
     """One rectangle of each of two frames, as kernels take them.
 
     Attributes:
-        frames: arrays `[C, H, W]`, or `[H, W, C]` where colours lie `beside` each other.
+        frames: arrays `[C, H, W]`, or `[H, W, C]` where colors lie `beside` each other.
         tops, lefts: where the rectangles begin.
-        unit, over: a grey value is a sum of colours times `unit`, divided by `over`.
+        unit, over: a grey value is a sum of colors times `unit`, divided by `over`.
     """
 
     frames: tuple[Any, Any]

@@ -1,6 +1,6 @@
 """How each of the ten features is drawn, in every figure and recording.
 
-Colours come from the color-blind safe palettes of Okabe & Ito and of Paul Tol. The color features are solid
+Colors come from the color-blind safe palettes of Okabe & Ito and of Paul Tol. The color features are solid
 lines in their own color, motion is dashed and orientation dotted, each with a pattern of its own.
 """
 
@@ -40,7 +40,7 @@ GREY_RGB = (136, 136, 136)
 
 
 def rgb(feature: str | int) -> tuple[int, int, int]:
-    """Colour of a feature, by name or number, as three values in 0..255."""
+    """Color of a feature, by name or number, as three values in 0..255."""
     name = FEATURES[feature] if isinstance(feature, int) else feature
     red, green, blue = bytes.fromhex(STYLES[name].color[1:])
     return red, green, blue

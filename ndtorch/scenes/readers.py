@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +56,14 @@ class Reader(ABC):
 
 
 class FileReader(Reader):
-    """A video file. Every reading opens it anew, so several may go on side by side."""
+    """A video file. Every reading opens it anew, so several may go on side by side.
+
+    Attributes:
+        timed: whether frames come at the file's rate by their own time stamps, as players show them: where they come
+            too seldom the latest is repeated, where too many, some are left out. False takes them as they follow.
+    """
+
+    timed = True
 
     def __init__(self, path: Path) -> None:
         import cv2
@@ -84,6 +93,9 @@ class FileReader(Reader):
             raise InputError(f"video {self.path} can no longer be opened")
         try:
             # Seeking by frame number lands between frames in some containers; counting never does.
+            if self.timed and 0 < self.fps < math.inf:
+                yield from islice(_by_time(capture, self.fps), start, None)
+                return
             for _ in range(start):
                 if not capture.grab():
                     return
@@ -255,6 +267,30 @@ def _frames(capture: Any) -> Iterator[Image]:
         if not decoded:
             return
         yield frame
+
+
+def _by_time(capture: Any, fps: float) -> Iterator[Image]:
+    """The frame that is to be seen at every tick of a clock, by the frames' own time stamps.
+
+    With a constant rate that is every frame once: stamps may be off by up to half of a tick.
+    """
+    import cv2
+
+    decoded, shown = capture.read()
+    first = time = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+    ticks = 0
+    while decoded:
+        decoded, frame = capture.read()
+        if decoded:
+            stamp = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+            # A stamp that does not go on says nothing.
+            time = stamp if stamp > time else time + 1 / fps
+        while not decoded or (ticks + 0.5) / fps <= time - first:
+            yield shown
+            ticks += 1
+            if not decoded:
+                return
+        shown = frame
 
 
 def _image(path: Path) -> Image:

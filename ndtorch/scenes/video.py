@@ -39,7 +39,8 @@ def open_video(
         source: a file; a folder, whose images are taken in natural order; a camera as a number, as "camera:0"
             or as /dev/video0; or an address with "://".
         size: height and width of the frames delivered; with "reduce" only the height counts.
-        fps: frames a second where the source declares none or a wrong one. A folder has 30 otherwise.
+        fps: frames a second where the source declares none or a wrong one. A folder has 30 otherwise. Without it, the
+            frames of a file come by their own time stamps, so that those of a variable rate come at a constant one.
         start, stop: the first frame of the source and the one after the last; None for all of it.
         fit: "crop" scales until the image covers `size` and cuts off what sticks out; "stretch" scales both
             sides separately; "reduce" keeps the whole image and its aspect (within the rounding of the width to a
@@ -62,6 +63,8 @@ def open_video(
         raise InputError(f"start and stop must be frame numbers with 0 <= start < stop, got {start} and {stop}")
 
     reader, name = _reader(source)
+    if isinstance(reader, FileReader):
+        reader.timed = fps is None
     try:
         if fps is None and not 0 < reader.fps <= FASTEST:
             raise InputError(f"fps must be given for {source}, which declares {reader.fps} frames per second")

@@ -28,7 +28,7 @@ def image_kind(frames: Tensor) -> torch.dtype:
 
 
 def pixels(frame: Tensor) -> tuple[Any, bool]:
-    """A frame `[3, H, W]` as an array without gaps, and whether that is `[H, W, 3]`: colours beside each other."""
+    """A frame `[3, H, W]` as an array without gaps, and whether that is `[H, W, 3]`: colors beside each other."""
     if frame.is_contiguous():
         return frame.numpy(), False
     last = frame.permute(1, 2, 0)
@@ -38,7 +38,7 @@ def pixels(frame: Tensor) -> tuple[Any, bool]:
 def pass_over(
     frame: Tensor, state: MotionState | None, motion: HassensteinReichardt, block: int, margin: int, into: MotionState
 ) -> tuple[Tensor, Tensor]:
-    """Motion and colour sums, `[7]` as of the kernel, and grey rows `[(H + 2 margin) / block, W]` of one frame.
+    """Motion and color sums, `[7]` as of the kernel, and grey rows `[(H + 2 margin) / block, W]` of one frame.
 
     Args:
         frame: `[3, H, W]`.

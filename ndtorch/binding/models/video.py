@@ -91,6 +91,7 @@ class VideoSignals(NamedTuple):
         level: level of the pyramid that motion was taken from, `[..., T']` int64.
         time: seconds since the first frame, `[T']` float64.
         cut: whether a new scene begins, `[..., T']` bool.
+        shades: what is white, grey and black, and what has a hue, of what stands out, `[..., T', R, C, 4]`.
     """
 
     inputs: Tensor
@@ -101,6 +102,7 @@ class VideoSignals(NamedTuple):
     level: Tensor
     time: Tensor
     cut: Tensor
+    shades: Tensor
 
 
 class VideoState(NamedTuple):
@@ -238,4 +240,5 @@ class VideoModel(BindingModel):
             heading=(right_sum, down_sum),
             fields=len(track.fields),
             path=path,
+            shade=track.shade,
         )

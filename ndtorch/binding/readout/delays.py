@@ -62,8 +62,9 @@ def refined_table(
     """The owners' table, or a better one from the delays where they tell the sources apart.
 
     The long memory is used, unless the short one says that fewer sources are left: then the scene has changed. The
-    network's table stays where it finds nothing, where delays see a single source, and where two sources have the
-    same delay profile (equal frequencies) and the network counts the same number.
+    network's table stays where it finds nothing, where delays see a single source and no light that changes everywhere,
+    and where two sources have the same delay profile (equal frequencies) and the network counts the same number. Where
+    there are more sources than can be told apart, every signal goes its own way and there is nothing to bind.
 
     Args:
         owners: the owners' table.
@@ -74,15 +75,18 @@ def refined_table(
         smallest: share of its group's largest that makes a feature.
     """
     c = criteria or SourceCriteria()
-    fast, slow = (
-        without_lighting(separate(covariances, c), first_stage, c) for covariances in delays.covariances.unbind(-4)
-    )
+    parts = [separate(covariances, c) for covariances in delays.covariances.unbind(-4)]
+    fast, slow = (without_lighting(part, first_stage, c) for part in parts)
     changed = slow.sources > fast.sources
     mixing = torch.where(changed[..., None, None], fast.mixing, slow.mixing)
     count = torch.where(changed, fast.sources, slow.sources)
     gap = torch.where(changed, fast.gap, slow.gap)
+    lit = count < torch.where(changed, parts[0].sources, parts[1].sources)
+    noise = parts[0].full & parts[1].full
+    count = torch.where(noise, 0, count)
     by_network = owners.owners.sum(-1)
-    keep = (by_network == 0) | (count <= 1) | ((gap < c.gap) & (by_network == count))
+    keep = (by_network == 0) | ((count <= 1) & ~lit) | ((gap < c.gap) & (by_network == count))
+    keep = keep & ~noise
     found = assigned(mixing, count, weights, smallest)
     return ObjectTable(
         torch.where(keep[..., None], owners.owners, found.owners),
@@ -91,16 +95,21 @@ def refined_table(
 
 
 def without_lighting(separation: Separation, first_stage: Tensor, criteria: SourceCriteria) -> Separation:
-    """The same without sources that drive all colors and all orientations alike and hardly move."""
+    """The same without sources that drive all colors and all orientations alike, or none, and hardly move or move
+    every way alike."""
     mixing = separation.mixing
     eye = torch.eye(10, dtype=mixing.dtype, device=mixing.device)
     raw = mixing @ (eye + first_stage.to(mixing.dtype)).mT
     there = torch.arange(mixing.shape[-2], device=mixing.device) < separation.sources.unsqueeze(-1)
     even = there
     for group in (raw[..., GROUPS["orientation"]], raw[..., GROUPS["color"]]):
-        even = even & (group.amin(-1) >= criteria.even * group.amax(-1))
-    motion = mixing[..., GROUPS["motion"]].amax(-1).clamp_min(0)
-    even = even & (motion < criteria.moving * motion.amax(-1, keepdim=True))
+        nothing = group.amax(-1) < criteria.absent * raw.amax(-1)
+        even = even & (nothing | (group.amin(-1) >= criteria.even * group.amax(-1)))
+    directed = mixing[..., GROUPS["motion"]]
+    motion = directed.amax(-1).clamp_min(0)
+    # Alone, it has the largest motion there is: what flickers moves every way alike, or its motion is noise.
+    everywhere = (directed.amin(-1) >= criteria.even * motion) | (motion < criteria.absent * raw.amax(-1))
+    even = even & (everywhere | (motion < criteria.moving * motion.amax(-1, keepdim=True)))
     # What is left moves to the front.
     order = torch.argsort((even | ~there).long(), dim=-1, stable=True)
     mixing = mixing.gather(-2, order.unsqueeze(-1).expand_as(mixing))
@@ -136,6 +145,7 @@ class Separation(NamedTuple):
     Attributes:
         sources: how many there are, `[...]`, int64.
         mixing: `[..., S, N]`, one row a source, strongest last, the largest entry positive; zeros beyond `sources`.
+        full: whether there are more than that, `[...]` bool: noise of each signal by itself.
         gap: smallest difference between the delay profiles of two sources, `[...]`: the sum over delays of the squared
             difference of their correlations with their own past. Near zero, those two are not identified. Infinite
             with fewer than two.
@@ -143,6 +153,7 @@ class Separation(NamedTuple):
 
     sources: Tensor
     mixing: Tensor
+    full: Tensor
     gap: Tensor
 
 
@@ -162,7 +173,8 @@ def separate(covariances: Tensor, criteria: SourceCriteria | None = None) -> Sep
     flat = covariances.reshape(-1, *covariances.shape[-3:]).double()
     values, vectors = torch.linalg.eigh(flat[:, 0])
     top = values[:, -1:]
-    count = ((values >= c.smallest_source * top) & (top > c.faint_source)).sum(-1).clamp_max(most)
+    rank = ((values >= c.smallest_source * top) & (top > c.faint_source)).sum(-1)
+    full, count = rank > most, rank.clamp_max(most)
     mixing = flat.new_zeros(len(flat), most, n)
     gap = flat.new_full((len(flat),), torch.inf)
     for m in range(1, most + 1):
@@ -184,6 +196,7 @@ def separate(covariances: Tensor, criteria: SourceCriteria | None = None) -> Sep
     return Separation(
         count.reshape(batch),
         mixing.to(dtype).reshape(*batch, most, n),
+        full.reshape(batch),
         gap.to(dtype).reshape(batch),
     )
 

@@ -27,5 +27,6 @@ class SourceCriteria(Constants):
     gap: float = Field(0.02, ge=0, description="difference of delay profiles that tells two sources apart")
     even: float = Field(0.65, ge=0, description="evenness of colors and orientations of light that changes everywhere,")
     moving: float = Field(0.35, ge=0, description="if it has less than this share of the largest motion")
+    absent: float = Field(0.1, ge=0, description="and no color or orientation is one below this share of its largest")
     sweeps: int = Field(12, gt=0, description="rounds of rotations at most,")
     enough: float = Field(1e-6, ge=0, description="and their largest angle in radians that ends them")

@@ -10,7 +10,11 @@ import numpy.typing as npt
 from torch import Tensor
 
 from ndtorch.binding.tracking.params import TrackParams
-from ndtorch.vision.features import GROUPS
+from ndtorch.vision.camera.colors import SHADES
+from ndtorch.vision.features import FEATURES, GROUPS
+
+SHADED = slice(len(FEATURES), len(FEATURES) + len(SHADES))
+"""White, grey and black in what a detection keeps of its fields; how much has a hue comes after them."""
 
 Floats = npt.NDArray[np.float64]
 
@@ -23,7 +27,7 @@ class Detection:
         place: row and column, shares of the picture's height and width.
         strength: of its strongest field.
         motion: opponent motion to the right and downward, summed over its fields.
-        outputs: the network's outputs, summed over its fields, `[10]`.
+        outputs: the network's outputs, and white, grey, black and hued, summed over its fields, `[14]`.
         inputs: the same of the network's inputs.
         fields: numbers of its fields.
     """
@@ -59,7 +63,7 @@ def detections(
 
     Args:
         motion: `[R, C, 2]`, averaged over a tenth of a second or so.
-        inputs, outputs: of the network, `[R * C, 10]`.
+        inputs, outputs: of the network, then white, grey, black and hued, `[R * C, 14]`.
         presence: share of every field in which something stands out, `[R, C]`.
         noise: what a pixel's difference from the background had to pass.
         strongest: strength of the strongest field in the recent past.
@@ -139,11 +143,18 @@ def neighbours(i: int, rows: int, columns: int) -> list[int]:
 
 
 def likeness(a: Floats, b: Floats) -> float:
-    """Cosine of two things' colors, as the network puts them out.
+    """Cosine of two things' colors, as the network puts them out, or of shades of grey where neither has a hue.
 
     Motion is compared by itself, and things as small as a field have every orientation.
     """
+    if shaded(a) and shaded(b):
+        return cosine(a[SHADED], b[SHADED])
     return cosine(a[GROUPS["color"]], b[GROUPS["color"]])
+
+
+def shaded(signals: Floats) -> bool:
+    """Whether something is white, grey or black more than it has a hue."""
+    return len(signals) > SHADED.stop and bool(signals[SHADED].max() > signals[SHADED.stop])
 
 
 def cosine(a: Floats, b: Floats) -> float:

@@ -30,6 +30,8 @@ class Tracked(Protocol):
     def time(self) -> Tensor: ...
     @property
     def cut(self) -> Tensor: ...
+    @property
+    def shades(self) -> Tensor: ...
 
 
 class TrackerState(NamedTuple):
@@ -80,7 +82,8 @@ class Tracker:
         share = self.dt / (self.params.tau_motion + self.dt)
         keep = math.exp(-self.dt / self.params.tau_strongest)
         numbers = zip(fields.noise.tolist(), fields.time.tolist(), fields.cut.tolist(), strict=True)
-        inputs, outputs = fields.inputs.flatten(1, 2), fields.outputs.flatten(1, 2)
+        shades = fields.shades.to(fields.inputs.dtype)
+        inputs, outputs = (torch.cat([part, shades], -1).flatten(1, 2) for part in (fields.inputs, fields.outputs))
         parts = (part.cpu() for part in (fields.motion, inputs, outputs, fields.presence))
         for moved, y, o, presence, (noise, time, cut) in zip(*parts, numbers, strict=True):
             motion = torch.lerp(motion, moved, share)

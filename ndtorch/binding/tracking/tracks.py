@@ -12,10 +12,14 @@ import torch
 from torch import Tensor
 
 from ndtorch.binding.readout.owners import features_by_group
-from ndtorch.binding.tracking.detections import Detection, Floats, cosine, likeness
+from ndtorch.binding.tracking.detections import SHADED, Detection, Floats, cosine, likeness, shaded
 from ndtorch.binding.tracking.params import TrackParams
 from ndtorch.vision.alpha_beta import corrected, predicted
-from ndtorch.vision.features import FEATURES
+from ndtorch.vision.camera.colors import SHADES
+from ndtorch.vision.features import FEATURES, GROUPS
+
+WIDTH = len(FEATURES) + len(SHADES) + 1
+"""Signals that a track keeps: the ten features, the shades, and how much has a hue."""
 
 
 class TrackTable(NamedTuple):
@@ -23,7 +27,7 @@ class TrackTable(NamedTuple):
 
     Attributes:
         number: of every track, in the order in which they began, `[N]` int64.
-        heading, outputs, inputs, winners, velocity: as in `Track`, `[N, 2]`, `[N, 10]` and so on.
+        heading, outputs, inputs, winners, velocity: as in `Track`, `[N, 2]`, `[N, 14]` and so on.
         fields: the fields of its latest detection, `[N, F]` bool.
         length: detections of every track, `[N]` int64.
         path: all their detections, track after track, `[P, 4]`.
@@ -47,7 +51,7 @@ class Track:
     Attributes:
         number: in the order in which tracks began.
         heading: sum of the unit vectors of its motion (right, down).
-        outputs, inputs: sums over its detections, `[10]`.
+        outputs, inputs: sums over its detections, `[14]`.
         winners: how often each neuron had the largest output in it, `[10]`.
         velocity: row and column, shares of the picture a second.
         fields: the fields of its latest detection.
@@ -94,9 +98,16 @@ class Track:
         return int(self.winners.argmax())
 
     def features(self, smallest: float) -> dict[str, float]:
-        """Features over the largest of their group, those under `smallest` left out."""
-        row = features_by_group(torch.from_numpy(self.inputs), smallest).tolist()
-        return {name: value for name, value in zip(FEATURES, row, strict=True) if value > 0}
+        """Features over the largest of their group, those under `smallest` left out, and hues where it has a shade."""
+        row = features_by_group(torch.from_numpy(self.inputs[: len(FEATURES)]), smallest)
+        if self.shade is not None:
+            row[GROUPS["color"]] = 0.0
+        return {name: value for name, value in zip(FEATURES, row.tolist(), strict=True) if value > 0}
+
+    @property
+    def shade(self) -> str | None:
+        """White, grey or black, the strongest, where it has more of them than of any hue."""
+        return SHADES[int(self.inputs[SHADED].argmax())] if shaded(self.inputs) else None
 
     def add(self, time: float, seen: Detection, tau_velocity: float) -> None:
         """Take another detection: the place as it is seen, the velocity by the alpha-beta filter."""
@@ -109,7 +120,7 @@ class Track:
         self.heading = self.heading + seen.motion / max(float(np.hypot(*seen.motion)), 1e-12)
         self.outputs, self.inputs = self.outputs + seen.outputs, self.inputs + seen.inputs
         self.winners = self.winners.copy()
-        self.winners[int(seen.outputs.argmax())] += 1
+        self.winners[int(seen.outputs[: len(FEATURES)].argmax())] += 1
         self.fields = seen.fields
 
     def expected(self, time: float) -> Floats:
@@ -120,7 +131,7 @@ class Track:
 
 def begun(number: int) -> Track:
     """A track without detections."""
-    return Track(number, np.zeros(2), np.zeros(10), np.zeros(10), np.zeros(10), np.zeros(2), [], np.zeros((0, 4)))
+    return Track(number, np.zeros(2), np.zeros(WIDTH), np.zeros(WIDTH), np.zeros(10), np.zeros(2), [], np.zeros((0, 4)))
 
 
 def tracks_of(table: TrackTable) -> list[Track]:
@@ -146,8 +157,8 @@ def table_of(tracks: Sequence[Track], fields: int) -> TrackTable:
     return TrackTable(
         torch.tensor([track.number for track in tracks], dtype=torch.int64),
         stacked([track.heading for track in tracks], 2),
-        stacked([track.outputs for track in tracks], 10),
-        stacked([track.inputs for track in tracks], 10),
+        stacked([track.outputs for track in tracks], WIDTH),
+        stacked([track.inputs for track in tracks], WIDTH),
         stacked([track.winners for track in tracks], 10),
         stacked([track.velocity for track in tracks], 2),
         shown,

@@ -1,4 +1,4 @@
-"""Exposure of a camera, told from the background: one gain a colour and frame."""
+"""Exposure of a camera, told from the background: one gain a color and frame."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from ndtorch.vision.camera.sampling import every_other
 
 
 def exposure_gain(frame: Tensor, background: Tensor, limit: float, darkest: float, lit: float) -> tuple[Tensor, Tensor]:
-    """Gain of each colour plane against a background: the median over pixels of their ratio.
+    """Gain of each color plane against a background: the median over pixels of their ratio.
 
     A median does not move while less than half of the picture is covered by something else. It takes out automatic
     exposure and white balance, the first cause of nonsense in sums over ordinary video: a bright object that enters
-    moves all colours of the whole picture together.
+    moves all colors of the whole picture together.
 
     A gain beyond the limit is more than a camera's exposure does: most of the picture is another. So it is where
     something comes out of darkness, for in the dark there is nothing to compare with.

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from ndtorch.errors import InputError
 from ndtorch.tree import leaves, mapped
 from ndtorch.vision.camera.background import BackgroundState, background_start, background_step, core
+from ndtorch.vision.camera.colors import balanced, hues_and_shades
 from ndtorch.vision.camera.exposure import exposure_gain
 from ndtorch.vision.camera.params import CameraParams
 from ndtorch.vision.camera.sampling import every_other
@@ -45,6 +46,7 @@ class FieldSignals(NamedTuple):
         level: level of the pyramid that motion was taken from, `[T']` int64.
         time: seconds since the first frame, `[T']` float64.
         cut: whether a new scene begins, `[T']` bool: nothing of it is known yet, and nothing stands out.
+        shades: what is white, grey and black of what stands out, and what has a hue, in every field, `[T', R, C, 4]`.
     """
 
     signals: Tensor
@@ -54,6 +56,7 @@ class FieldSignals(NamedTuple):
     level: Tensor
     time: Tensor
     cut: Tensor
+    shades: Tensor
 
 
 class CameraState(NamedTuple):
@@ -78,7 +81,8 @@ class CameraFrontEnd(nn.Module):
     30 a second remain; its exposure is corrected against a slow background (`exposure_gain`); what differs from that
     background by more than the measured noise is kept (`background_step`, `core`); from it come motion, by detectors
     at an image scale chosen by the measured displacement (`scale_step`), and orientation, less what all three
-    filters share; colours are those of the frame where something stands out, inhibiting one another at every pixel.
+    filters share; colours are those of the frame where something stands out, inhibiting one another at every pixel,
+    or shades of grey where that leaves nothing (`hues_and_shades`).
     All are averaged over the fields of a coarse grid and compressed. Motion is opponent after averaging, so that
     flicker, which goes nowhere, has none.
 
@@ -153,6 +157,7 @@ class CameraFrontEnd(nn.Module):
                 none.long(),
                 none.to(torch.float64),
                 none.bool(),
+                none.view(0, r, c, 4),
             )
             return empty, end
         out = FieldSignals(
@@ -163,13 +168,14 @@ class CameraFrontEnd(nn.Module):
             torch.stack([row[4] for row in rows]),
             (state.frames + torch.tensor(last)).double() / self.fps,
             torch.stack([row[5] for row in rows]),
+            torch.stack([row[6] for row in rows]),
         )
         return out, end
 
     def _step(
         self, frame: Tensor, background: BackgroundState | None, scales: ScaleState | None
     ) -> tuple[Row, BackgroundState, ScaleState]:
-        """Signals, motion, presence, noise, level and cut of one averaged small frame `[3, h, w]`."""
+        """Signals, motion, presence, noise, level, cut and shades of one averaged small frame `[3, h, w]`."""
         p, given = self.parts, frame
         start = background_start(frame, p.first_deviation)
         background = start if background is None else background
@@ -194,7 +200,12 @@ class CameraFrontEnd(nn.Module):
             seen = frame
         scales = scale_start(torch.zeros_like(seen) if p.background else seen) if scales is None else scales
         moved, level, scales = scale_step(seen, scales, self.dt, self.a_high, self.a_low, p)
-        fine = [self.orientation.images(seen.abs().amax(0)).abs(), self._colors(frame, background, shown), shown]
+        hue, shade = hues_and_shades(frame, background.mean, p)
+        if not p.color_inhibition:
+            hue = balanced(frame, background.mean, p)
+        if p.background:
+            hue = hue * shown
+        fine = [self.orientation.images(seen.abs().amax(0)).abs(), hue, shown, shade * shown]
         fields = self._pool(torch.cat(fine), 0)
         parts = [self._pool(images, k) for k, images in moved.items()]
         motion = parts[0] if len(parts) == 1 else torch.stack(parts).index_select(0, level.view(1)).squeeze(0)
@@ -203,23 +214,19 @@ class CameraFrontEnd(nn.Module):
         # What all orientations share says that something is there, not how it stands: it would own every object.
         tilted = fields[:3] - fields[:3].amin(0)
         signals = torch.cat([directed, tilted, fields[3:6]])
+        # Beside a hue, a shade is a shadow or an edge.
+        shades = fields[7:]
+        share = (shades[:-1].sum(0) / fields[6].clamp_min(p.palest)).clamp_max(1)
+        shades = shades * torch.stack([share, share, share, 1 - share]).square()
         if p.compression:
-            signals = root(signals)
-        row = (signals.movedim(0, -1), motion.movedim(0, -1), fields[6], noise, level, cut.view(()))
+            signals, shades = root(signals), root(shades)
+        planes = (part.movedim(0, -1) for part in (signals, motion))
+        row = (*planes, fields[6], noise, level, cut.view(()), shades.movedim(0, -1))
         return row, after, scales
 
     def _pool(self, images: Tensor, level: int) -> Tensor:
         """Means over the fields of images on one level of the pyramid."""
         return pool(images, self.get_buffer(f"rows_{level}"), self.get_buffer(f"columns_{level}"))
-
-    def _colors(self, frame: Tensor, background: BackgroundState, shown: Tensor) -> Tensor:
-        """Colour of what stands out, `[3, h, w]`, under light in which the background is grey on average."""
-        p = self.parts
-        white = background.mean.mean((-1, -2), keepdim=True).clamp_min(p.dimmest_white)
-        color = frame * (white.mean() / white)
-        if p.color_inhibition:
-            color = (color - color.mean(0)).clamp_min(0)
-        return color * shown if p.background else color
 
 
 def small_size(size: tuple[int, int], most: int = 56) -> tuple[int, int]:

@@ -88,7 +88,7 @@ def scale_step(
     What is exported cannot leave out a level by what it saw: it makes them all, and its caller picks.
 
     Args:
-        image: difference from the background, `[C, H, W]`; motion is summed over its colours, so that a green thing
+        image: difference from the background, `[C, H, W]`; motion is summed over its colors, so that a green thing
             on a red ground of the same brightness is seen to move.
         dt, a_high, a_low: time step and smoothing factors of the detectors.
         params: their delay, and the level, fixed or the one that suits the displacement measured so far.

@@ -62,6 +62,31 @@ def test_white_noise_has_no_objects() -> None:
     assert model.objects(model.from_sums(100 + noise)[1]) == []
 
 
+@pytest.mark.parametrize("moving", [False, True])
+def test_a_lamp_alone_is_no_object(moving: bool) -> None:
+    """Light that changes everywhere drives all colors and orientations alike, and the detectors every way alike."""
+    generator = torch.Generator().manual_seed(0)
+    light = 1 + 0.3 * torch.sin(2 * math.pi * 0.7 * torch.arange(1500) / 100)
+    sums = 100 * light[:, None] * (0.9 + 0.2 * torch.rand(10, generator=generator))
+    if moving:
+        sums[:, :4] = 5 * (light - 1).square()[:, None]
+    else:
+        sums[:, :4] = 0.0
+    sums = sums + 0.1 * torch.randn(1500, 10, generator=generator).abs()
+    model = ndtorch.load("scale-free", size=(12, 14))
+    assert model.objects(model.from_sums(sums)[1]) == []
+
+
+def test_smooth_noise_on_every_sum_has_no_objects() -> None:
+    noise, low, rows = torch.randn(1500, 10, generator=torch.Generator().manual_seed(1)), torch.zeros(10), []
+    for row in noise:
+        low = torch.lerp(low, row, 0.03)
+        rows.append(low)
+    smooth = torch.stack(rows)
+    model = ndtorch.load("scale-free", size=(12, 14))
+    assert model.objects(model.from_sums(100 + 10 * smooth / smooth.std())[1]) == []
+
+
 def test_a_saved_run_goes_on_bit_for_bit(tmp_path: Path) -> None:
     model, sums = ndtorch.load("scale-free", size=(12, 14), fps=30.0), two_things(6, 30.0)
     _, state = model.from_sums(sums[:100])

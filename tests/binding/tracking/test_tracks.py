@@ -40,9 +40,8 @@ def paint(things: list[Thing], steps: int = 100) -> tuple[VideoSignals, Tensor]:
     signals = outputs.unflatten(1, (ROWS, COLUMNS))
     level = torch.zeros(steps, dtype=torch.int64)
     noise = torch.full((steps,), 0.01)
-    return VideoSignals(
-        signals, signals, motion, presence, noise, level, times, torch.zeros(steps, dtype=torch.bool)
-    ), outputs
+    cut, shades = torch.zeros(steps, dtype=torch.bool), torch.zeros(steps, ROWS, COLUMNS, 4)
+    return VideoSignals(signals, signals, motion, presence, noise, level, times, cut, shades), outputs
 
 
 def tracked(things: list[Thing], cuts: list[int], steps: int = 100) -> TrackerState:

@@ -1,4 +1,4 @@
-"""Small video for the tests of the front end: a textured ground and a coloured square."""
+"""Small video for the tests of the front end: a textured ground and a colored square."""
 
 from __future__ import annotations
 

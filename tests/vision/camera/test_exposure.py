@@ -1,4 +1,4 @@
-"""Gain of each colour against a background."""
+"""Gain of each color against a background."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ class Subtraction:
 
 
 class Norfair:
-    """Norfair's tracker over centres, distance in sizes of the box; only tracks seen in this very frame are said."""
+    """Norfair's tracker over centers, distance in sizes of the box; only tracks seen in this very frame are said."""
 
     def __init__(self, fps: float) -> None:
         from norfair import Tracker
