@@ -22,7 +22,7 @@ SHOWN = (
         "The map that it made",
         "Red: the map, the darker the more certain. Each short stroke is the certainty of one feature: narrow across "
         "the line of sight, long along it. Faint strokes away from walls are features that were seen too few times or "
-        "matched wrongly between the two cameras; they fade as nothing confirms them.",
+        "matched wrongly between the two cameras.",
     ),
     (
         "rows.png",
