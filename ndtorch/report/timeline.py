@@ -24,7 +24,7 @@ def write_timeline(result: RunResult, path: Path) -> None:
 
 
 def color_of(thing: BoundObject) -> str:
-    """Colour to draw an object in."""
+    """Color to draw an object in."""
     return STYLES[thing.color].color if thing.color in STYLES else GREY
 
 

@@ -1,6 +1,6 @@
 """What one camera shows, in a few numbers: is there a picture, is it sharp, has it moved?
 
-Everything is taken from the pixels that navigation reads, in one colour, as means of blocks of four pixels: a mean of
+Everything is taken from the pixels that navigation reads, in one color, as means of blocks of four pixels: a mean of
 many pixels has little noise. All figures are in levels of 255.
 """
 
@@ -82,7 +82,7 @@ class Eye(NamedTuple):
 
 
 def look(strips: Strips) -> Eye:
-    """What is seen: one colour, green of three."""
+    """What is seen: one color, green of three."""
     row, field = one_color(strips.row)[0], one_color(strips.field)
     columns = len(row) // BLOCK
     row_means = row[: columns * BLOCK].reshape(columns, BLOCK).mean(1, dtype=np.float32)

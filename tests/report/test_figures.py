@@ -214,7 +214,7 @@ def test_attention_is_cropped_to_the_object_and_says_by_how_much_it_stands_out()
 def test_palette_has_a_distinct_style_for_every_feature() -> None:
     assert tuple(STYLES) == ndtorch.FEATURES
     assert len({style.color for style in STYLES.values()}) == 10
-    assert len({style.dashes for style in STYLES.values()}) == 8  # the three colours are solid
+    assert len({style.dashes for style in STYLES.values()}) == 8  # the three colors are solid
     for place, name in enumerate(("red", "green", "blue")):
         assert np.argmax(rgb(name)) == place
         assert rgb(name) == rgb(7 + place)

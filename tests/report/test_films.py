@@ -22,12 +22,12 @@ def thing(first_seen: float = 0.0, **more: object) -> BoundObject:
 
 
 def inked(image: np.ndarray, color: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of the pixels of that colour."""
+    """Rows and columns of the pixels of that color."""
     rows, columns = np.nonzero((image == np.array(color)).all(-1))
     return rows, columns
 
 
-def test_an_object_is_marked_in_its_colour_where_it_is_with_an_arrow_where_it_goes() -> None:
+def test_an_object_is_marked_in_its_color_where_it_is_with_an_arrow_where_it_goes() -> None:
     image = marked(FRAME, (thing(),))
     rows, columns = inked(image, rgb("red"))
     assert len(rows) > 20
@@ -38,7 +38,7 @@ def test_an_object_is_marked_in_its_colour_where_it_is_with_an_arrow_where_it_go
     assert FRAME.max() == 0
 
 
-def test_what_is_young_or_nowhere_is_not_marked_and_what_has_no_colour_is_grey() -> None:
+def test_what_is_young_or_nowhere_is_not_marked_and_what_has_no_color_is_grey() -> None:
     assert marked(FRAME, (thing(0.8), thing(place=None))).max() == 0
     grey = BoundObject("right", 1, {"right": 1.0}, (30.0, 20.0), first_seen=0.0, last_seen=1.0)
     assert len(inked(marked(FRAME, (grey,)), GREY_RGB)[0]) > 20

@@ -59,7 +59,7 @@ class FigureTable(NamedTuple):
         known: whether it is an object, `[N]` bool.
         velocity: rows and columns (shares of the height) a second, `[N, 2]` float64.
         extent: remembered height and width, shares of the height, `[N, 2]`.
-        color: remembered colour, `[N, 3]`.
+        color: remembered color, `[N, 3]`.
         start: place at which it began, `[N, 2]`; moved: time at which it last moved on, `[N]`.
         rest: place at that time, `[N, 2]`.
         inputs, outputs: of the network, sums over its sightings, `[N, 10]`.
@@ -139,7 +139,7 @@ class Figure:
 
 class Sighting(NamedTuple):
     """What a track gets at one step: row and column of its pixel nearest to their mean, middle of its box, height and
-    width, pixels, colour, and whether it shares its region."""
+    width, pixels, color, and whether it shares its region."""
 
     inner: Numbers
     place: Numbers
@@ -195,7 +195,7 @@ def table_of(figures: Sequence[Figure]) -> FigureTable:
 def follow(
     figures: list[Figure], time: float, regions: Regions, picture: Floats, began: int, p: FigureParams
 ) -> tuple[list[Figure], list[Figure], Labels]:
-    """One step: every track to the region that fills most of its expected box, those left over by distance and colour.
+    """One step: every track to the region that fills most of its expected box, those left over by distance and color.
 
     A region that is that of several known tracks is shared: each of its pixels goes to the track whose box is nearest,
     in sizes of that box. Other regions inside a track's expected box are pieces of it. What is left begins a track.
@@ -361,7 +361,7 @@ def apart(
     time: float,
     p: FigureParams,
 ) -> list[tuple[int, int]]:
-    """Pairs of tracks and regions that met nothing, by distance, colour and size, the cheapest assignment."""
+    """Pairs of tracks and regions that met nothing, by distance, color and size, the cheapest assignment."""
     from scipy.optimize import linear_sum_assignment
 
     lost, free = [k for k in range(len(figures)) if k not in taken], [r for r, ks in given.items() if not ks]

@@ -1,4 +1,4 @@
-"""Colours of what stands out: red, green and blue, or white, grey and black."""
+"""Colors of what stands out: red, green and blue, or white, grey and black."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from torch import Tensor
 from ndtorch.vision.camera.params import CameraParams
 
 SHADES = ("white", "grey", "black")
-"""Colours without a hue, in the order used everywhere."""
+"""Colors without a hue, in the order used everywhere."""
 
 
 def balanced(frame: Tensor, background: Tensor, params: CameraParams) -> Tensor:
@@ -21,7 +21,7 @@ def balanced(frame: Tensor, background: Tensor, params: CameraParams) -> Tensor:
 def hues_and_shades(frame: Tensor, background: Tensor, params: CameraParams) -> tuple[Tensor, Tensor]:
     """Hues of every pixel, `[3, h, w]`, and white, grey and black, then how sure its hue is, `[4, h, w]`, one in sum.
 
-    The colours of a pixel inhibit one another, and what is left is its hue. Where that is little, by itself or beside
+    The colors of a pixel inhibit one another, and what is left is its hue. Where that is little, by itself or beside
     the pixel's brightness, it is rounding, a sensor's noise or light with a tint: the pixel has a shade instead, by its
     brightness against the brightest that is in the picture or in its background (what is brightest looks white).
 

@@ -32,7 +32,7 @@ class FieldsState(NamedTuple):
 
 
 class FigureSignals(nn.Module):
-    """Ten signals of each silhouette: directed motion of what differs from the ground, orientation, colour.
+    """Ten signals of each silhouette: directed motion of what differs from the ground, orientation, color.
 
     Computed on an image of half the height and width, and averaged over the silhouette of every object: a receptive
     field that forms where something stands out. Opponent motion is taken after averaging.

@@ -78,9 +78,9 @@ def ground_step(
 ) -> tuple[Standing, GroundState]:
     """One step.
 
-    The exposure is corrected by the median ratio to the background, colour by colour. What differs by more than
+    The exposure is corrected by the median ratio to the background, color by color. What differs by more than
     `spread` standard deviations of the noise stands out: of the picture's noise, or of the pixel's own where that is
-    larger, as leaves and water flicker. What has only lost light, the same share in all colours and among
+    larger, as leaves and water flicker. What has only lost light, the same share in all colors and among
     neighbours, is a shadow. The background follows at its pace, the mean of all frames at first; where `kept` is 1
     (an object is there) only at `hold` of it.
 
@@ -140,7 +140,7 @@ def ground_step(
 
 
 def exposure(picture: Floats, ground: Floats, limit: float) -> Floats:
-    """Gain of each colour, `[3]`: the median ratio over every sixteenth pixel whose background is not dark."""
+    """Gain of each color, `[3]`: the median ratio over every sixteenth pixel whose background is not dark."""
     one, other = picture[:, ::4, ::4].reshape(3, -1), ground[:, ::4, ::4].reshape(3, -1)
     bright = other.min(0) > 0.04
     if bright.mean() < 0.1:

@@ -81,7 +81,7 @@ class CameraFrontEnd(nn.Module):
     30 a second remain; its exposure is corrected against a slow background (`exposure_gain`); what differs from that
     background by more than the measured noise is kept (`background_step`, `core`); from it come motion, by detectors
     at an image scale chosen by the measured displacement (`scale_step`), and orientation, less what all three
-    filters share; colours are those of the frame where something stands out, inhibiting one another at every pixel,
+    filters share; colors are those of the frame where something stands out, inhibiting one another at every pixel,
     or shades of grey where that leaves nothing (`hues_and_shades`).
     All are averaged over the fields of a coarse grid and compressed. Motion is opponent after averaging, so that
     flicker, which goes nowhere, has none.

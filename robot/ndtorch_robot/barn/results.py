@@ -22,7 +22,7 @@ COLUMNS = ("world", "success", "collided", "time_s", "score")
 """Of `barn.csv`."""
 
 HIT, DONE, LATE = "#d55e00", "#009e73", "#0072b2"
-"""Colours of the ways that ended in a collision, at the goal, and when the time was over."""
+"""Colors of the ways that ended in a collision, at the goal, and when the time was over."""
 
 
 class Kept:
@@ -131,4 +131,4 @@ def draw(worlds: Sequence[World], made: Sequence[Attempt], file: Path, most: int
 
 
 LEGEND = ((DONE, "reached the goal"), (HIT, "collided"), (LATE, "out of time"))
-"""What the colours mean."""
+"""What the colors mean."""

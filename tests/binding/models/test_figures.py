@@ -52,7 +52,7 @@ def same(a: Any, b: Any) -> bool:
 
 
 def squares(frames: int, *things: tuple[int, float, int, tuple[float, float, float]]) -> Tensor:
-    """Squares of 24 pixels, each with its first left edge, step a frame, top and colour."""
+    """Squares of 24 pixels, each with its first left edge, step a frame, top and color."""
     video = ground().repeat(frames, 1, 1, 1)
     for left, step, top, color in things:
         for n in range(8, frames):

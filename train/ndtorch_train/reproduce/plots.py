@@ -1,4 +1,4 @@
-"""What the figures share: sizes, colours, panels of outputs and of weight matrices."""
+"""What the figures share: sizes, colors, panels of outputs and of weight matrices."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ BLUE, ORANGE, GREEN, PURPLE, SKY, YELLOW, BLACK = (
     "#e69f00",
     "#222222",
 )
-"""Okabe & Ito's colours, told apart by the colour-blind."""
+"""Okabe & Ito's colors, told apart by the color-blind."""
 
 
 def panels(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, list[Axes]]:
