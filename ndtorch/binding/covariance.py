@@ -16,6 +16,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
+from ndtorch.arguments import check_tensor
 from ndtorch.errors import InputError
 from ndtorch.vision.blocks import BlockLowPass, Stretch
 from ndtorch.vision.temporal import smoothing_factor, time_dim
@@ -121,7 +122,8 @@ class RunningCovariances(nn.Module):
         )
 
     def forward(self, signals: Tensor, state: CovarianceState | None = None) -> CovarianceState:
-        time_dim(signals, 1)
+        time_dim(signals, 1, "signals")
+        check_tensor("signals", signals)
         now = state = self.start(signals[..., 0, :]) if state is None else state
         stretch = Stretch(state.recent, signals, state.steps, self.every, -2)
         for block, whole in zip(stretch.blocks, stretch.whole, strict=True):

@@ -9,6 +9,7 @@ from typing import Any, Self
 import torch
 from torch import Tensor, nn
 
+from ndtorch.arguments import check_tensor
 from ndtorch.binding.feedback import FEEDBACKS, Feedback, through
 from ndtorch.binding.learning import Constants, Moment, NetworkState, WhenFull, moments, network_step
 from ndtorch.binding.rules import Rule, ScaleFreeRule, learning_rule
@@ -55,7 +56,7 @@ class InhibitoryNetwork(nn.Module):
         state `NetworkState`, `None` starts at rest. Single or double precision.
 
     Raises:
-        InputError: inputs of another width or precision, or options out of range.
+        InputError: inputs of another width or precision, NaN or infinity in them, or options out of range.
     """
 
     initial: Tensor | None
@@ -89,6 +90,8 @@ class InhibitoryNetwork(nn.Module):
             raise InputError(f"feedback must be one of {', '.join(FEEDBACKS)}, got {feedback!r}")
         if when_full not in ("rescale", "stop"):
             raise InputError(f"when_full must be 'rescale' or 'stop', got {when_full!r}")
+        if initial is not None:
+            check_tensor("initial", initial)
         if initial is not None and initial.shape != (neurons, neurons):
             raise InputError(f"initial weights must be [{neurons}, {neurons}], got {tuple(initial.shape)}")
         if initial is not None and ((initial < 0).any() or initial.diagonal().any()):
@@ -214,12 +217,11 @@ class InhibitoryNetwork(nn.Module):
         """Index of the time dimension, counted from the end; `InputError` for inputs that cannot be used."""
         time = -3 if self.shared else -2
         shape = f"[..., T, {'F, ' if self.shared else ''}{self.neurons}]"
+        check_tensor("inputs", inputs, half=False)
         if inputs.ndim < -time or inputs.shape[-1] != self.neurons:
             raise InputError(f"inputs must be {shape}, got {tuple(inputs.shape)}")
         if inputs.shape[time] == 0:
             raise InputError(f"inputs must hold at least one time step, got {tuple(inputs.shape)}")
-        if inputs.dtype not in (torch.float32, torch.float64):
-            raise InputError(f"inputs must be float32 or float64, got {inputs.dtype}")
         return time
 
     def _drive(self, inputs: Tensor, low: Tensor, time: int) -> tuple[Tensor, Tensor]:

@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple
 import torch
 from torch import Tensor, nn
 
+from ndtorch.arguments import check_tensor
 from ndtorch.errors import InputError
 from ndtorch.vision.features import GROUPS
 from ndtorch.vision.temporal import FilterState, HighPass, RecentMax, RecentMaxState, time_dim
@@ -66,7 +67,8 @@ class BindingInputs(nn.Module):
         self.recent_max = RecentMax(window, dt)
 
     def forward(self, sums: Tensor, state: InputState | None = None) -> tuple[tuple[Tensor, Tensor], InputState]:
-        time_dim(sums, 1)
+        time_dim(sums, 1, "sums")
+        check_tensor("sums", sums)
         if sums.shape[-1] != 10:
             raise InputError(f"sums must be [..., T, 10], got {tuple(sums.shape)}")
         low = raw_history = filtered_history = None
@@ -106,7 +108,8 @@ class FieldInputs(nn.Module):
         self.keep, self.floor = math.exp(-dt / memory), floor
 
     def forward(self, signals: Tensor, level: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        time_dim(signals, 2)
+        time_dim(signals, 2, "signals")
+        check_tensor("signals", signals)
         if signals.shape[-1] != 10:
             raise InputError(f"signals must be [..., T, F, 10], got {tuple(signals.shape)}")
         maxima, levels = group_max(signals).amax(-2), []

@@ -9,6 +9,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import check_tensor
+from ndtorch.errors import InputError
+
 # LAPACK takes about 10 us a matrix; from this many on, batched squaring is cheaper.
 SQUARING_FROM = 12
 SQUARINGS = 7
@@ -16,9 +19,21 @@ TIGHT = 1e-4
 
 
 def spectral_radius(weights: Tensor) -> Tensor:
-    """Largest magnitude of any eigenvalue, `[..., N, N]` -> `[...]`. [B §2.2.1]"""
+    """Largest magnitude of any eigenvalue, `[..., N, N]` -> `[...]`. [B §2.2.1]
+
+    Raises:
+        InputError: not square matrices of finite numbers in single or double precision.
+    """
+    check_square("weights", weights)
     radius: Tensor = torch.linalg.eigvals(weights).abs().amax(-1)
     return radius
+
+
+def check_square(name: str, weights: Tensor) -> None:
+    """Raise `InputError` unless these are square matrices of finite numbers: with others, LAPACK may crash."""
+    check_tensor(name, weights, half=False)
+    if weights.ndim < 2 or weights.shape[-1] != weights.shape[-2]:
+        raise InputError(f"{name} must be square matrices [..., N, N], got {tuple(weights.shape)}")
 
 
 def perron_root(weights: Tensor) -> Tensor:

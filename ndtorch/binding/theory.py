@@ -13,7 +13,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ndtorch.binding.spectrum import spectral_radius
+from ndtorch.arguments import check_dense, check_tensor
+from ndtorch.binding.spectrum import check_square, spectral_radius
 from ndtorch.errors import InputError
 
 
@@ -42,6 +43,9 @@ def solutions(mixing: Tensor) -> list[Solution]:
         InputError: not a matrix, more sources than neurons, a source that reaches no neuron, or columns that are
             not independent, which nothing can separate.
     """
+    check_dense("mixing", mixing)
+    if mixing.is_floating_point() or mixing.is_complex():
+        check_tensor("mixing", mixing, half=False)
     if mixing.ndim != 2 or mixing.shape[1] > mixing.shape[0]:
         raise InputError(f"mixing must be [N, m] with m <= N sources, got {tuple(mixing.shape)}")
     neurons, sources = mixing.shape
@@ -110,7 +114,14 @@ def separated(mixing: Tensor, weights: Tensor) -> Tensor:
     """Gain from every source to every output, `(I + W)^-1 M`, `[N, m]`. [C eq. 56]
 
     W solves the mixture where each row has at most one entry that is not zero, and each column exactly one.
+
+    Raises:
+        InputError: matrices of another shape or type, or that hold NaN or infinite values.
     """
+    check_square("weights", weights)
+    check_tensor("mixing", mixing, half=False)
+    if mixing.ndim < 2 or mixing.shape[-2] != weights.shape[-1]:
+        raise InputError(f"mixing must be [N, m] with N = {weights.shape[-1]}, got {tuple(mixing.shape)}")
     eye = torch.eye(weights.shape[-1], dtype=weights.dtype, device=weights.device)
     gains: Tensor = torch.linalg.solve(eye + weights, mixing)
     return gains

@@ -80,7 +80,7 @@ class RowRanging(nn.Module):
         if quick is not None:
             return quick
         rows = grey_pair(left, right, self.row, self.row, (self.rig.height, self.rig.width))
-        motion, filters = self.nd_min(rows, state.rows if state else None)
+        motion, filters = self.nd_min.scan(rows, state.rows if state else None, rows.ndim - 4)
         if left.is_floating_point():
             check_unit_range(spatial_maximum(motion), left)
         if self.search is not None:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
+from ndtorch.arguments import check_tensor
 from ndtorch.errors import InputError
 from ndtorch.vision.temporal import time_dim
 
@@ -32,7 +33,21 @@ def row_shift(earlier: Tensor, later: Tensor, min_contrast: float = 1e-3) -> Ten
             and the shift is 0.
     Returns:
         `[...]` in pixels.
+    Raises:
+        InputError: frames of another shape or type, or that hold NaN or infinite values.
     """
+    check_tensor("earlier", earlier)
+    check_tensor("later", later)
+    if earlier.ndim < 3 or later.ndim < 3 or earlier.shape[-3:] != later.shape[-3:] or earlier.shape[-1] < 3:
+        raise InputError(
+            f"earlier and later must be of one shape [..., C, H, W >= 3], "
+            f"got {tuple(earlier.shape)} and {tuple(later.shape)}"
+        )
+    return shift_between(earlier, later, min_contrast)
+
+
+def shift_between(earlier: Tensor, later: Tensor, min_contrast: float) -> Tensor:
+    """`row_shift` of frames that were checked already."""
     right, left = earlier[..., :-2], earlier[..., 2:]  # copies shifted to the right and to the left
     slope = right - left
     change = (later - earlier)[..., 1:-1]
@@ -68,11 +83,10 @@ class ChahlSrinivasan(nn.Module):
     def forward(self, x: Tensor, state: ShiftState | None = None) -> tuple[Tensor, ShiftState]:
         dim = time_dim(x, 3)
         if x.shape[-1] < 3:
-            raise InputError(f"rows must be at least 3 pixels wide, got shape {tuple(x.shape)}")
-        if not x.is_floating_point():
-            raise InputError(f"rows must be floating point, got {x.dtype}")
+            raise InputError(f"x must be at least 3 pixels wide, got shape {tuple(x.shape)}")
+        check_tensor("x", x)
         first = x.select(dim, 0) if state is None else state.last
         frames = torch.cat([first.unsqueeze(dim), x], dim)
         steps = x.shape[dim]
-        shift = row_shift(frames.narrow(dim, 0, steps), frames.narrow(dim, 1, steps), self.min_contrast)
+        shift = shift_between(frames.narrow(dim, 0, steps), frames.narrow(dim, 1, steps), self.min_contrast)
         return shift.unsqueeze(-1), ShiftState(x.select(dim, steps - 1))

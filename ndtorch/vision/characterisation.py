@@ -8,6 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
+from ndtorch.arguments import check_tensor
 from ndtorch.errors import InputError
 
 
@@ -63,8 +64,10 @@ def judge_speed_curve(speeds: Tensor, responses: Tensor, noise: float = 1e-6) ->
         noise: an increase must be larger than this to count.
 
     Raises:
-        InputError: shapes that do not fit, or speeds that do not increase from above 0.
+        InputError: shapes or types that do not fit, NaN or infinity, or speeds that do not increase from above 0.
     """
+    check_tensor("speeds", speeds)
+    check_tensor("responses", responses)
     if speeds.ndim != 1 or len(speeds) == 0 or responses.shape[-1:] != speeds.shape:
         raise InputError(
             f"expected speeds [S] and responses [..., S], got {tuple(speeds.shape)} and {tuple(responses.shape)}"

@@ -8,6 +8,7 @@ from typing import Literal
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import check_tensor
 from ndtorch.errors import InputError
 
 Shape = Literal["cosine", "tent"]
@@ -32,7 +33,8 @@ def field_weights(points: Tensor, length: float, fields: int, border: Edge = "wr
         shape: raised "cosine", or a "tent" that falls off linearly.
 
     Raises:
-        InputError: another shape or border, no field, or more fields than pixels.
+        InputError: another shape or border, no field, more fields than pixels, or points other than finite numbers
+            `[points]`.
     """
     if shape not in SHAPES:
         raise InputError(f"shape must be one of {', '.join(SHAPES)}, got {shape!r}")
@@ -40,6 +42,9 @@ def field_weights(points: Tensor, length: float, fields: int, border: Edge = "wr
         raise InputError(f"border must be one of {', '.join(EDGES)}, got {border!r}")
     if not 1 <= fields <= length:
         raise InputError(f"fields must be between 1 and the {length} pixels of a side, got {fields}")
+    check_tensor("points", points)
+    if points.ndim != 1:
+        raise InputError(f"points must be [points], got {tuple(points.shape)}")
     if fields == 1:
         return torch.ones_like(points).unsqueeze(0)
     spacing = length / fields

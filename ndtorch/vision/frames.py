@@ -7,6 +7,7 @@ import math
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import check_dense
 from ndtorch.errors import InputError
 
 SLACK = 0.01
@@ -24,8 +25,7 @@ def check_frames(frames: Tensor, size: tuple[int, int] | None = None) -> Tensor:
         InputError: wrong type, number of dimensions, channel count or size, no frame at all, or floats that are not in
             0..1, such as those of 0..255.
     """
-    if not isinstance(frames, Tensor):
-        raise InputError(f"frames must be a torch.Tensor, got {type(frames).__name__}")
+    check_dense("frames", frames)
     if frames.dtype != torch.uint8 and not frames.is_floating_point():
         raise InputError(f"frames must be floating point in 0..1 or uint8, got {frames.dtype}")
     if frames.ndim < 4:

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+from ndtorch.arguments import check_tensor
 from ndtorch.vision.temporal import (
     FilterState,
     HighPass,
@@ -34,7 +35,8 @@ class NDMin(nn.Module):
         dt: time step in seconds.
 
     Raises:
-        InputError: time constants out of range or x with fewer than four dimensions.
+        InputError: time constants out of range, or x that is not a dense floating point tensor of finite numbers with
+            at least four dimensions.
     """
 
     def __init__(self, tau_high: float = 0.005, dt: float = 1 / 30) -> None:
@@ -46,8 +48,13 @@ class NDMin(nn.Module):
         return f"tau_high={self.tau_high}, dt={self.dt}"
 
     def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
-        # A high-pass written out: on the few pixels of a strip nested modules take as long as the sums.
         dim = time_dim(x, 3)
+        check_tensor("x", x)
+        return self.scan(x, state, dim)
+
+    def scan(self, x: Tensor, state: FilterState | None, dim: int) -> tuple[Tensor, FilterState]:
+        """`forward` of frames that were checked already, with the time dimension `dim`."""
+        # A high-pass written out: on the few pixels of a strip nested modules take as long as the sums.
         samples = x.unbind(dim)
         low = samples[0] if state is None else state.low
         out = []

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
+from ndtorch.arguments import check_tensor
 from ndtorch.errors import InputError
 from ndtorch.vision.temporal import time_dim
 
@@ -31,8 +32,11 @@ class Resample(nn.Module):
         dt_in, dt_out: seconds between samples.
 
     Shapes:
-        `[..., T, N]` -> `[..., T', N]`; T' is about `T dt_in / dt_out` and can be 0. With equal steps the
+        x `[..., T, N]` -> `[..., T', N]`; T' is about `T dt_in / dt_out` and can be 0. With equal steps the
         input is returned as it is.
+
+    Raises:
+        InputError: steps out of range, or x that is not a dense floating point tensor of finite numbers.
     """
 
     def __init__(self, dt_in: float, dt_out: float) -> None:
@@ -45,6 +49,7 @@ class Resample(nn.Module):
 
     def forward(self, x: Tensor, state: ResampleState | None = None) -> tuple[Tensor, ResampleState]:
         time_dim(x, 1)
+        check_tensor("x", x)
         if self.identity:
             steps = counter(0) if state is None else state.taken
             return x, ResampleState(x[..., -1, :], steps + x.shape[-2], steps + x.shape[-2])

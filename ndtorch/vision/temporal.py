@@ -8,6 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
+from ndtorch.arguments import check_dense, check_tensor
 from ndtorch.errors import InputError
 
 
@@ -50,7 +51,8 @@ class LowPass(nn.Module):
         signals (N). Output as x. State `[..., *sample]`; `None` settles the filter on the first sample.
 
     Raises:
-        InputError: time constants out of range, or x with fewer than `sample_dims + 1` dimensions.
+        InputError: time constants out of range, or x that is not a dense floating point tensor of finite numbers with
+            at least `sample_dims + 1` dimensions.
     """
 
     def __init__(self, tau: float, dt: float, sample_dims: int = 3) -> None:
@@ -63,6 +65,7 @@ class LowPass(nn.Module):
 
     def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
         dim = time_dim(x, self.sample_dims)
+        check_tensor("x", x)
         samples = x.unbind(dim)
         low = samples[0] if state is None else state.low
         if self.a == 1.0:
@@ -111,6 +114,7 @@ class RecentMax(nn.Module):
 
     def forward(self, x: Tensor, state: RecentMaxState | None = None) -> tuple[Tensor, RecentMaxState]:
         time_dim(x, 1)
+        check_tensor("x", x)
         length = self.window - 1
         if state is None:
             state = RecentMaxState(x[..., :1, :].expand(*x.shape[:-2], length, x.shape[-1]))
@@ -120,11 +124,12 @@ class RecentMax(nn.Module):
         return largest, RecentMaxState(samples[..., samples.shape[-2] - length :, :])
 
 
-def time_dim(x: Tensor, sample_dims: int) -> int:
+def time_dim(x: Tensor, sample_dims: int, name: str = "x") -> int:
     """Index of the time dimension, counted from the front; raises `InputError` when there is none."""
+    check_dense(name, x)
     if x.ndim < sample_dims + 1:
         names = {1: "[..., T, N]", 3: "[..., T, C, H, W]"}.get(sample_dims, f"{sample_dims + 1} dims or more")
-        raise InputError(f"expected a tensor of shape {names}, got {tuple(x.shape)}")
+        raise InputError(f"{name} must be a tensor of shape {names}, got {tuple(x.shape)}")
     if x.shape[x.ndim - sample_dims - 1] == 0:
-        raise InputError(f"expected at least one time step, got shape {tuple(x.shape)}")
+        raise InputError(f"{name} must hold at least one time step, got shape {tuple(x.shape)}")
     return x.ndim - sample_dims - 1

@@ -10,6 +10,7 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
+from ndtorch.arguments import check_dense
 from ndtorch.binding.learning import NetworkState
 from ndtorch.binding.models.contract import BindingModel, Nested, Verdict
 from ndtorch.binding.models.scale_free import RuleConstants
@@ -164,6 +165,7 @@ class VideoModel(BindingModel):
         return cls(config)
 
     def forward(self, frames: Tensor, state: Any = None) -> tuple[VideoSignals, Any]:
+        check_dense("frames", frames)
         if frames.ndim > 4:
             return self._each(frames, state)
         signals, after = self.signals(frames, state)

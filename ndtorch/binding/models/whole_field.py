@@ -9,6 +9,7 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
+from ndtorch.arguments import check_tensor
 from ndtorch.binding.first_stage import FirstStage, first_stage_weights
 from ndtorch.binding.models.contract import BindingModel, Nested, Verdict, by_trial
 from ndtorch.binding.normalise import BindingInputs, InputState, Order
@@ -142,14 +143,15 @@ class WholeFieldModel(BindingModel):
 
         For sums that were stored or superposed: many trials of many scenes make one batch.
         """
+        check_tensor("sums", sums, half=False)
+        if sums.ndim < 2 or sums.shape[-1] != 10:
+            raise InputError(f"sums must be [..., T, 10], got {tuple(sums.shape)}")
         sums, resample = self.resample(sums, state.resample if state is not None else None)
         if sums.shape[-2] == 0:
             assert state is not None
             empty = torch.zeros_like(sums)
             time = torch.zeros(0, dtype=torch.float64)
             return BindingSignals(sums, empty, empty, empty, empty, time), state._replace(resample=resample)
-        if not torch.compiler.is_compiling() and not torch.isfinite(sums).all():
-            raise InputError("sums must be finite, got NaN or infinite values")
         (inputs, scale), input_state = self.inputs(sums, state.inputs if state is not None else None)
         refined, first = self.refine(inputs, state.first if state is not None else None)
         outputs, second = self.bind(refined, state.second if state is not None else None)

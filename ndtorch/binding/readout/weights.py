@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import check_tensor
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.errors import InputError
 
@@ -14,6 +15,7 @@ SMALLEST_COLUMN = 0.6
 
 def simplified(weights: Tensor, smallest_weight: float = SMALLEST_WEIGHT) -> Tensor:
     """Weights `[..., N, N]` over the largest of them, those under `smallest_weight` removed. [C eq. 6-7]"""
+    check_tensor("weights", weights)
     if weights.ndim < 2 or weights.shape[-1] != weights.shape[-2]:
         raise InputError(f"weights must be square matrices [..., N, N], got {tuple(weights.shape)}")
     largest = weights.amax((-1, -2), keepdim=True).clamp_min(torch.finfo(weights.dtype).tiny)

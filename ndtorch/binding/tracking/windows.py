@@ -8,6 +8,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from ndtorch.arguments import check_tensor
 from ndtorch.binding.covariance import sample_step
 from ndtorch.binding.tracking.params import WindowParams
 from ndtorch.errors import InputError
@@ -119,6 +120,7 @@ class Windows(nn.Module):
         )
 
     def forward(self, signals: Tensor, state: WindowState | None = None) -> tuple[Tensor, WindowState]:
+        check_tensor("signals", signals, half=False)
         if signals.ndim < 4 or tuple(signals.shape[-3:]) != (*self.grid, 10):
             raise InputError(
                 f"signals must be [..., T, {self.grid[0]}, {self.grid[1]}, 10], got {tuple(signals.shape)}"

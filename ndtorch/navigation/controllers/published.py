@@ -72,7 +72,8 @@ class SubfieldMotion(nn.Module):
         quick = self.by_kernels(left, right, state)
         if quick is not None:
             return quick
-        motion, state = self.nd_min(grey_pair(left, right, *self.fields, self.size), state)
+        pair = grey_pair(left, right, *self.fields, self.size)
+        motion, state = self.nd_min.scan(pair, state, pair.ndim - 4)
         sides = spatial_maximum(motion)
         check_unit_range(sides, left)
         return sides * SPEED_SCALE, state

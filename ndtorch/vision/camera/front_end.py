@@ -9,6 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from ndtorch.arguments import check_dense
 from ndtorch.errors import InputError
 from ndtorch.tree import leaves, mapped
 from ndtorch.vision.camera.background import BackgroundState, background_start, background_step, core
@@ -125,6 +126,7 @@ class CameraFrontEnd(nn.Module):
         self.a_high, self.a_low = smoothing_factor(p.tau_high, self.dt), smoothing_factor(p.tau_low, self.dt)
 
     def forward(self, frames: Tensor, state: CameraState | None = None) -> tuple[FieldSignals, CameraState]:
+        check_dense("frames", frames)
         if frames.ndim != 4:
             raise InputError(f"frames must have shape [T, C, H, W], got {tuple(frames.shape)}")
         frames = check_frames(frames, self.size)

@@ -46,10 +46,10 @@ class FloorMotion(nn.Module):
         if quick is not None:
             return quick
         pair = grey_pair(left, right, *self.fields, self.size, EVERY)
-        motion, state = self.nd_min(pair, state)
+        motion, state = self.nd_min.scan(pair, state, pair.ndim - 4)
         bands, blocks = self.params.bands, self.params.blocks
         # One dimension after the other: much faster than both at once.
-        cells = motion.abs().unflatten(-2, (bands, -1)).amax(-2).unflatten(-1, (blocks, -1)).amax(-1)
+        cells = motion.abs().unflatten(-2, (bands, -1)).amax(-2).unflatten(-1, (blocks, -1)).amax(-1)  # type: ignore[no-untyped-call]
         check_unit_range(cells, left)
         ours, theirs = cells.mul(SPEED_SCALE).unbind(-3)
         # From the top row down to the bottom one first: the nearest band shall be the first, the outermost block too.

@@ -1,0 +1,49 @@
+"""The check at the public edge: whether an argument is a tensor that can be computed with."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from ndtorch.errors import InputError
+
+
+def check_tensor(name: str, value: object, *, half: bool = True, finite: bool = True) -> None:
+    """Raise `InputError` unless `value` is a dense floating point tensor of finite numbers.
+
+    Traced and compiled programs have no branches that depend on values: there, numbers are not looked at.
+
+    Args:
+        name: of the argument, for the message.
+        half: whether float16 and bfloat16 will do.
+        finite: look for NaN and infinity, which costs one sum.
+    """
+    check_dense(name, value)
+    assert isinstance(value, Tensor)
+    if not value.is_floating_point():
+        raise InputError(f"{name} must be floating point, got {value.dtype}")
+    if not half and value.dtype not in (torch.float32, torch.float64):
+        raise InputError(f"{name} must be float32 or float64, got {value.dtype}")
+    if finite:
+        check_finite(name, value)
+
+
+def check_dense(name: str, value: object) -> None:
+    """Raise `InputError` unless `value` is a tensor that holds all of its numbers, of whatever type."""
+    if not isinstance(value, Tensor):
+        raise InputError(f"{name} must be a torch.Tensor, got {type(value).__name__}")
+    if value.layout != torch.strided:
+        raise InputError(f"{name} must be dense, got {value.layout}")
+    if value.is_meta and not torch.compiler.is_compiling():
+        raise InputError(f"{name} must hold numbers, got a meta tensor")
+
+
+def check_finite(name: str, value: Tensor) -> None:
+    """Raise `InputError` where floating point numbers are NaN or infinite."""
+    if torch.compiler.is_compiling():
+        return
+    # NaN and infinity survive a sum; a sum of finite numbers may overflow, so that the second look decides.
+    if not math.isfinite(value.detach().sum()) and not bool(torch.isfinite(value).all()):
+        raise InputError(f"{name} must be finite, got NaN or infinite values")
