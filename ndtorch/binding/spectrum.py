@@ -16,7 +16,11 @@ TIGHT = 1e-4
 
 
 def spectral_radius(weights: Tensor) -> Tensor:
-    """Largest magnitude of any eigenvalue, `[..., N, N]` -> `[...]`. [B §2.2.1]"""
+    """Largest magnitude of any eigenvalue, `[..., N, N]` -> `[...]`. [B §2.2.1]
+
+    >>> round(float(spectral_radius(torch.tensor([[0.0, 2.0], [2.0, 0.0]]))), 3)
+    2.0
+    """
     radius: Tensor = torch.linalg.eigvals(weights).abs().amax(-1)
     return radius
 
@@ -52,6 +56,10 @@ def limit_spectral_radius(weights: Tensor, limit: float) -> Tensor:
 
     Shapes: `[..., N, N]` -> `[..., N, N]`; each matrix of a batch has its own factor, `limit / radius` or 1.
     A cheap bound settles most calls, and then the very same tensor is returned.
+
+    >>> limit_spectral_radius(torch.tensor([[0.0, 2.0], [2.0, 0.0]]), limit=1.0).round(decimals=3)
+    tensor([[0., 1.],
+            [1., 0.]])
     """
     if torch.compiler.is_compiling():
         return always_limited(weights, limit)

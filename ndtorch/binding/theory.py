@@ -110,6 +110,10 @@ def separated(mixing: Tensor, weights: Tensor) -> Tensor:
     """Gain from every source to every output, `(I + W)^-1 M`, `[N, m]`. [C eq. 56]
 
     W solves the mixture where each row has at most one entry that is not zero, and each column exactly one.
+
+    >>> separated(torch.tensor([[1.0, 0.5], [0.0, 1.0]]), torch.tensor([[0.0, 0.5], [0.0, 0.0]]))
+    tensor([[1., 0.],
+            [0., 1.]])
     """
     eye = torch.eye(weights.shape[-1], dtype=weights.dtype, device=weights.device)
     gains: Tensor = torch.linalg.solve(eye + weights, mixing)

@@ -60,6 +60,10 @@ class DeadReckoning(nn.Module):
 
     Raises:
         InputError: dt not positive, or speed and curvature of different shapes or without time.
+
+    >>> path, state = DeadReckoning(dt=0.5)(torch.ones(4), torch.zeros(4))
+    >>> path.x
+    tensor([0.5000, 1.0000, 1.5000, 2.0000])
     """
 
     def __init__(self, dt: float, scale_error: float = 0.0, drift: float = 0.0) -> None:

@@ -32,6 +32,10 @@ def row_shift(earlier: Tensor, later: Tensor, min_contrast: float = 1e-3) -> Ten
             and the shift is 0.
     Returns:
         `[...]` in pixels.
+
+    >>> ramp = torch.arange(8.0).expand(1, 1, 8)
+    >>> float(row_shift(ramp, ramp - 0.5))
+    0.5
     """
     right, left = earlier[..., :-2], earlier[..., 2:]  # copies shifted to the right and to the left
     slope = right - left
