@@ -3,7 +3,7 @@
 # make test-long  the strong forms of some tests, minutes each     make test-variants  the suite as on other machines
 # make check  lint, format and types     make bench  timings side by side, out/bench.json
 # make bench-compare OLD=... NEW=...  fails where something costs over 10 % more
-# make docs    the documentation site, out/docs/index.html, its examples executed
+# make docs    the documentation site, out/docs/index.html, its examples executed, its links followed
 # make wheels  each distribution alone in an empty environment
 # make reproduce        every published claim again      make reproduce-quick  the same in under two minutes
 PYTHON ?= python3
@@ -50,6 +50,7 @@ check: $(STAMP)
 docs: $(STAMP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	$(BIN)/sphinx-build -q -W --keep-going -b html docs out/docs
+	$(BIN)/python docs/check_links.py out/docs
 
 # Takes minutes and a gigabyte an environment: every wheel gets only what it asks for.
 wheels: $(STAMP)

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import importlib.metadata
+import os
 import re
+from pathlib import Path
 from typing import Any
+
+from pygments.lexers.special import TextLexer
 
 project = "ndtorch"
 author = "the ndtorch maintainers"
@@ -17,8 +21,7 @@ extensions = [
     "sphinx_gallery.gen_gallery",
 ]
 exclude_patterns = ["examples"]
-# Pages link files of the checkout that are no pages of the site, and docstrings are read as plain text.
-suppress_warnings = ["myst.xref_missing", "config.cache"]
+suppress_warnings = ["config.cache"]
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 autodoc_typehints = "description"
@@ -35,6 +38,52 @@ sphinx_gallery_conf = {
     "abort_on_example_error": True,
     "min_reported_time": 1,
 }
+
+
+ROOT = Path(__file__).resolve().parents[1]
+COPIES = ROOT / "docs" / "checkout"
+"""Where pages of the site come from that lie elsewhere in the checkout: copies, made anew by every build."""
+
+ELSEWHERE = [
+    ROOT / "README.md",
+    *(page for part in ("robot", "train", "models") for page in (ROOT / part).rglob("*.md")),
+]
+
+
+def on_the_site(file: Path) -> Path:
+    """Where the site has a file of the checkout."""
+    return COPIES / file.relative_to(ROOT) if file in ELSEWHERE else file
+
+
+def links_on_the_site(text: str, page: Path) -> str:
+    """The text of a page with its links to files as they are from where the site has the page."""
+
+    def moved(match: re.Match[str]) -> str:
+        target, anchor = match["target"], match["anchor"] or ""
+        file = Path(os.path.normpath(page.parent / target))
+        if "://" in target or not file.is_file():
+            return match[0]
+        return f"]({os.path.relpath(on_the_site(file), on_the_site(page).parent)}{anchor})"
+
+    return re.sub(r"\]\((?P<target>[^)#\s]+)(?P<anchor>#[^)]*)?\)", moved, text)
+
+
+def copy_pages(app: Any, config: Any) -> None:
+    """Copy the pages that lie elsewhere; those that are the same stay, so that they are not built again."""
+    for page in ELSEWHERE:
+        copy, text = on_the_site(page), links_on_the_site(page.read_text(encoding="utf-8"), page)
+        if not copy.exists() or copy.read_text(encoding="utf-8") != text:
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            copy.write_text(text, encoding="utf-8")
+    for copy in set(COPIES.rglob("*.md")) - {on_the_site(page) for page in ELSEWHERE}:
+        copy.unlink()
+
+
+def lead_to_copies(app: Any, name: str, source: list[str]) -> None:
+    """Links of the pages in docs/ to pages that lie elsewhere."""
+    page = Path(app.env.doc2path(name))
+    if page.suffix == ".md" and COPIES not in page.parents:
+        source[0] = links_on_the_site(source[0], page)
 
 
 def shapes_as_lines(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
@@ -65,6 +114,10 @@ def fences_as_blocks(app: Any, what: str, name: str, thing: Any, options: Any, l
 
 
 def setup(app: Any) -> None:
+    # Diagrams are shown as they are written.
+    app.add_lexer("mermaid", TextLexer)
+    app.connect("config-inited", copy_pages)
+    app.connect("source-read", lead_to_copies)
     # Before napoleon reads the docstring.
     app.connect("autodoc-process-docstring", fences_as_blocks, priority=90)
     app.connect("autodoc-process-docstring", shapes_as_lines, priority=100)

@@ -18,6 +18,7 @@ from ndtorch.vision.features import VisualFeatures
 SIZE = (16, 20)
 RIG = navigation.StereoRig(width=64, height=48, focal=43.0)
 DT = 1 / 30
+RIGHT = object()
 
 
 def frames(steps: int = 2, size: tuple[int, int] = SIZE) -> Tensor:
@@ -33,14 +34,14 @@ def weights(n: int = 10) -> Tensor:
     return torch.full((n, n), 0.02).fill_diagonal_(0.0)
 
 
-def ranges(x: Any = None) -> navigation.Ranges:
+def ranges(x: Any = RIGHT) -> navigation.Ranges:
     blank = torch.full((2, 5), 0.1)
-    return navigation.Ranges(blank, blank, blank - 0.2, blank + 1 if x is None else x, blank, blank > 0)
+    return navigation.Ranges(blank, blank, blank - 0.2, blank + 1 if x is RIGHT else x, blank, blank > 0)
 
 
-def pose(x: Any = None) -> navigation.Pose:
+def pose(x: Any = RIGHT) -> navigation.Pose:
     still = torch.zeros(2)
-    return navigation.Pose(still if x is None else x, still, still)
+    return navigation.Pose(still if x is RIGHT else x, still, still)
 
 
 def eyes() -> Tensor:
@@ -157,7 +158,7 @@ NAVIGATION: dict[str, Case] = {
 }
 ALLOWED = {("InhibitoryNetwork initial", "None"), ("solutions", "int64"), ("solutions", "bool")}
 """What some of them can use."""
-PARTS = {**VISION, **BINDING}
+PARTS = {**VISION, **BINDING, **NAVIGATION}
 
 
 def spoiled(value: float) -> Callable[[Tensor], Tensor]:
@@ -223,3 +224,25 @@ def test_what_cannot_be_used_is_refused_by_name(part: str) -> None:
     give(good())
     bad = {kind: found for kind in BAD if (part, kind) not in ALLOWED and (found := outcome(part, kind))}
     assert not bad
+
+
+@pytest.mark.parametrize("quick", [True, False], ids=["inference", "grad"])
+def test_one_nan_is_refused_and_leaves_no_trace(quick: bool) -> None:
+    look = navigator()
+    good, bad = eyes(), eyes()
+    bad[..., look.ranging.rig.row, 3] = float("nan")
+    with torch.inference_mode(quick):
+        _, state = look(good, good)
+        expected, _ = look(good, good, state)
+        with pytest.raises(InputError, match="finite"):
+            look(bad, good, state)
+        for part in ("speed", "curvature"):
+            driven = navigation.Command(still(), still())._replace(**{part: still() + float("nan")})
+            with pytest.raises(InputError, match=rf"driven\.{part} must be finite"):
+                look(good, good, state, driven)
+        start = navigation.Pose(still()[0], still()[0], still()[0] + float("inf"))
+        with pytest.raises(InputError, match=r"start\.heading must be finite"):
+            look(good, good, start=start)
+        after, then = look(good, good, state)
+    assert torch.equal(after.speed, expected.speed)
+    assert all(map(finite, numbers(tuple(then.pose))))

@@ -11,6 +11,7 @@ MIRRORS = {"ndtorch": "", "robot/ndtorch_robot": "robot", "train/ndtorch_train":
 # A module, or a folder for what in it has no file of its own, and the file that tests it.
 TESTED_IN = {
     "__main__": "test_commands",
+    "command_run": "test_commands",
     "errors": "test_commands",
     "lazy": "test_public_names",
     "optional": "test_commands",

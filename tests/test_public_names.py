@@ -103,6 +103,7 @@ def test_there_is_a_version() -> None:
         (ndtorch, "VisualBinding", r'ndtorch\.load\("published"\)'),
         (ndtorch, "objects", r"model\.objects\(state\)"),
         (ndtorch.binding, "RetinotopicBinding", "RetinotopicModel"),
+        (ndtorch.navigation, "CompiledNavigator", "Navigator, whose steps are compiled where Numba is installed"),
     ],
 )
 def test_a_name_that_is_gone_says_what_took_its_place(module: ModuleType, name: str, instead: str) -> None:

@@ -3,7 +3,7 @@ A batch of scenes: sweeping the phase
 =====================================
 
 The two bars of the reference scene are lit by a moving shadow. How far apart in phase must their fluctuations be, so
-that the published model tells them apart? We film each bar once, add the films up at 24 phases, and run all 24 scenes
+that the published model tells them apart? We film each bar once, add the films up at 64 phases, and run all 64 scenes
 through the model as one batch.
 """
 
@@ -16,8 +16,8 @@ from ndtorch.vision import FEATURES
 from ndtorch_train.superposed import Stimuli, film_bars
 
 # %%
-# The ten sums of every scene, `[24, 1900, 10]`: 4 s to settle and 15 s to learn, a sample every 10 ms.
-phases = list(range(0, 360, 15))
+# The ten sums of every scene, `[64, 1900, 10]`: 4 s to settle and 15 s to learn, a sample every 10 ms.
+phases = [n * 360 / 64 for n in range(64)]
 films = Stimuli(film_bars())
 sums = films.red(19.0) + films.green(phases, 19.0)
 print(sums.shape)
@@ -33,7 +33,7 @@ print([len(found) for found in model.objects(state)])
 # How many objects were found, and which. Two bars have two owners, red and green, at most phases.
 table = model.table(state)
 figure, axes = plt.subplots(figsize=(8, 3), layout="constrained")
-axes.imshow(table.owners.T, aspect="auto", cmap="Greys", extent=(-7.5, 352.5, 9.5, -0.5))
+axes.imshow(table.owners.T, aspect="auto", cmap="Greys", extent=(-2.8, 357.2, 9.5, -0.5))
 axes.set_yticks(range(10), FEATURES)
 axes.set_xlabel("phase between the bars (degrees)")
 axes.set_title("neurons that own an object")

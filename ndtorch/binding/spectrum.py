@@ -23,6 +23,9 @@ def spectral_radius(weights: Tensor) -> Tensor:
 
     Raises:
         InputError: not square matrices of finite numbers in single or double precision.
+
+    >>> round(float(spectral_radius(torch.tensor([[0.0, 2.0], [2.0, 0.0]]))), 3)
+    2.0
     """
     check_square("weights", weights)
     radius: Tensor = torch.linalg.eigvals(weights).abs().amax(-1)
@@ -67,6 +70,10 @@ def limit_spectral_radius(weights: Tensor, limit: float) -> Tensor:
 
     Shapes: `[..., N, N]` -> `[..., N, N]`; each matrix of a batch has its own factor, `limit / radius` or 1.
     A cheap bound settles most calls, and then the very same tensor is returned.
+
+    >>> limit_spectral_radius(torch.tensor([[0.0, 2.0], [2.0, 0.0]]), limit=1.0).round(decimals=3)
+    tensor([[0., 1.],
+            [1., 0.]])
     """
     if torch.compiler.is_compiling():
         return always_limited(weights, limit)

@@ -117,6 +117,10 @@ def separated(mixing: Tensor, weights: Tensor) -> Tensor:
 
     Raises:
         InputError: matrices of another shape or type, or that hold NaN or infinite values.
+
+    >>> separated(torch.tensor([[1.0, 0.5], [0.0, 1.0]]), torch.tensor([[0.0, 0.5], [0.0, 0.0]]))
+    tensor([[1., 0.],
+            [0., 1.]])
     """
     check_square("weights", weights)
     check_tensor("mixing", mixing, half=False)

@@ -3,6 +3,7 @@
 Here are the names that people start with; the rest comes from its file.
 """
 
+from ndtorch.lazy import lazy
 from ndtorch.navigation.controllers import (
     ARRIVED,
     CRUISE,
@@ -61,3 +62,9 @@ __all__ = [
     "cut_strips",
     "make_controller",
 ]
+
+__getattr__ = lazy(
+    __name__,
+    {},
+    moved={"CompiledNavigator": "Navigator, whose steps are compiled where Numba is installed"},
+)

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor, nn
 
+from ndtorch.arguments import check_tensor
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.contract import Command, Controller, in_time, ranges_at, stack_commands
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, make_controller
@@ -81,7 +82,7 @@ class Navigator(nn.Module):
 
     Raises:
         InputError: an unknown controller, or parameters of the other one; frames that cannot be used: two sizes,
-            grey beside color, NaN or infinity.
+            grey beside color, NaN or infinity; what was driven, or a start, that is not finite.
     """
 
     def __init__(
@@ -129,6 +130,7 @@ class Navigator(nn.Module):
         start: Pose | None = None,
     ) -> tuple[Command, NavigatorState, Ranges, Pose]:
         """All but the memory: command, state, and the ranges and poses of every frame, which `remember` takes."""
+        check_motion(driven, start)
         left_field, left_row = strips(left)
         right_field, right_row = strips(right)
         seen, fields = self.controller.see(left_field, right_field, state.fields if state else None)
@@ -200,6 +202,19 @@ class Navigator(nn.Module):
             Pose(*(in_time(parts) for parts in zip(*poses, strict=True))),
             pose,
         )
+
+
+def check_motion(driven: Command | None, start: Pose | None) -> None:
+    """Raise `InputError` for what was driven, or a start, that is not finite: it would stay in the pose for good."""
+    for name, given, kind in (("driven", driven, Command), ("start", start, Pose)):
+        if given is None:
+            continue
+        if not isinstance(given, kind):
+            raise InputError(f"{name} must be a {kind.__name__}, got {type(given).__name__}")
+        for part, value in zip(kind._fields, given, strict=True):
+            check_tensor(f"{name}.{part}", value)
+            if name == "driven" and value.ndim < 1:
+                raise InputError(f"{name}.{part} must be [..., T], got a single number")
 
 
 def strips(eye: Tensor | Strips) -> Strips:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
+from ndtorch.arguments import check_tensor
 from ndtorch.errors import InputError
 from ndtorch.kernels.switch import kernels_wanted
 
@@ -59,7 +60,11 @@ class DeadReckoning(nn.Module):
             them a map or a controller bears.
 
     Raises:
-        InputError: dt not positive, or speed and curvature of different shapes or without time.
+        InputError: dt not positive, or speed and curvature of different shapes, without time, or not finite.
+
+    >>> path, state = DeadReckoning(dt=0.5)(torch.ones(4), torch.zeros(4))
+    >>> path.x
+    tensor([0.5000, 1.0000, 1.5000, 2.0000])
     """
 
     def __init__(self, dt: float, scale_error: float = 0.0, drift: float = 0.0) -> None:
@@ -71,9 +76,11 @@ class DeadReckoning(nn.Module):
         self.dt, self.scale_error, self.drift = dt, scale_error, drift
 
     def forward(self, speed: Tensor, curvature: Tensor, state: Pose | None = None) -> tuple[Pose, Pose]:
+        check_tensor("speed", speed)
+        check_tensor("curvature", curvature)
         if speed.shape != curvature.shape or speed.ndim < 1 or speed.shape[-1] == 0:
             raise InputError(
-                f"expected speed and curvature of one shape [..., T >= 1], "
+                f"speed and curvature must be of one shape [..., T >= 1], "
                 f"got {tuple(speed.shape)} and {tuple(curvature.shape)}"
             )
         zero = torch.zeros_like(speed[..., 0])

@@ -16,7 +16,7 @@ from ndtorch.navigation.ranging import Ranges, triangulate
 from ndtorch.navigation.rig import AngleModel, StereoRig
 from ndtorch.navigation.row_search import SearchParams, search_rows
 from ndtorch.navigation.strip_kernels import eyes, ranges_of_rows, state_fits
-from ndtorch.navigation.strips import check_unit_range, grey_pair, row_rect
+from ndtorch.navigation.strips import check_eyes, check_unit_range, grey_pair, row_rect
 from ndtorch.vision.nondirectional import NDMin, spatial_maximum
 from ndtorch.vision.temporal import FilterState
 
@@ -76,6 +76,7 @@ class RowRanging(nn.Module):
     def forward(
         self, left: Tensor, right: Tensor, state: RowRangingState | None = None
     ) -> tuple[Ranges, RowRangingState]:
+        check_eyes(left, right)
         quick = self.by_kernels(left, right, state)
         if quick is not None:
             return quick

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import check_dense
 from ndtorch.errors import InputError
 from ndtorch.navigation.rig import Rect, StereoRig
 from ndtorch.vision.temporal import time_dim
@@ -40,6 +41,12 @@ def cut(frames: Tensor, rect: Rect) -> Tensor:
     return rows.narrow(-1, rect.left, rect.right - rect.left)
 
 
+def check_eyes(left: Tensor, right: Tensor) -> None:
+    """Raise `InputError` unless both are tensors that hold numbers, before anything is read of them."""
+    check_dense("left", left)
+    check_dense("right", right)
+
+
 def grey_pair(
     left: Tensor, right: Tensor, left_rect: Rect, right_rect: Rect, size: tuple[int, int], every: int = 1
 ) -> Tensor:
@@ -58,7 +65,7 @@ def grey_pair(
             f"left and right frames must be alike, got {left.dtype} {tuple(left.shape)} "
             f"and {right.dtype} {tuple(right.shape)}"
         )
-    time_dim(left, 3)
+    time_dim(left, 3, "left")
     channels, given = left.shape[-3], tuple(left.shape[-2:])
     cut_size = (left_rect.bottom - left_rect.top, left_rect.right - left_rect.left)
     if channels not in (1, 3) or given not in (size, cut_size):
@@ -74,7 +81,7 @@ def grey_pair(
     if pair.dtype == torch.uint8:
         return pair.sum(-3, dtype=torch.float32) * (1 / (255 * channels))
     if not pair.is_floating_point():
-        raise InputError(f"frames must be uint8 or floating point in 0..1, got {pair.dtype}")
+        raise InputError(f"left and right frames must be uint8 or floating point in 0..1, got {pair.dtype}")
     return pair.mean(-3)
 
 

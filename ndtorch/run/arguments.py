@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, TypeVar, get_type_hints
+
+from ndtorch.errors import InputError
 
 Kind = TypeVar("Kind", bound=type)
 
@@ -42,15 +44,21 @@ def parse(kind: type[Any], prog: str, arguments: Sequence[str]) -> Any:
     """The command with its options.
 
     Args:
-        kind: a dataclass; its docstring is the help.
+        kind: a dataclass; its docstring is the help. Its attribute `gone`, where it has one, holds flags of earlier
+            versions, and what took their place.
         prog: how it is called.
         arguments: without `--quiet`.
 
     Raises:
+        InputError: a flag that is gone.
         SystemExit: after the help, or with code 2 after saying what is wrong with the arguments.
     """
     import tyro
 
+    gone: Mapping[str, str] = getattr(kind, "gone", {})
+    for flag in gone:
+        if any(word == flag or word.startswith(f"{flag}=") for word in arguments):
+            raise InputError(f"{flag} is gone: {gone[flag]}")
     hints = get_type_hints(kind, include_extras=True)
     hide = tyro.conf.arg(help_behavior_hint=lambda default: "" if default in UNSAID else f"(default: {default})")
     for field in dataclasses.fields(kind):

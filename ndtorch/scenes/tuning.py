@@ -102,6 +102,9 @@ def hsl_color(hue: float | Tensor, saturation: float | Tensor, lightness: float 
 
     Raises:
         InputError: saturation or lightness outside 0..1.
+
+    >>> hsl_color(120, 1.0, 0.5)
+    tensor([0., 1., 0.])
     """
     h, s, x = (torch.as_tensor(value).to(torch.get_default_dtype()) for value in (hue, saturation, lightness))
     for name, value in (("saturation", s), ("lightness", x)):

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from ndtorch.errors import InputError
 from ndtorch.optional import need
-from ndtorch.scenes.readers import quiet_opencv
+from ndtorch.scenes.quiet import quiet_opencv
 from ndtorch.scenes.rendered import check_size
 
 CODECS = {".mp4": "H.264", ".mkv": "FFV1", ".avi": "MJPG"}

@@ -35,6 +35,10 @@ def row_shift(earlier: Tensor, later: Tensor, min_contrast: float = 1e-3) -> Ten
         `[...]` in pixels.
     Raises:
         InputError: frames of another shape or type, or that hold NaN or infinite values.
+
+    >>> ramp = torch.arange(8.0).expand(1, 1, 8)
+    >>> float(row_shift(ramp, ramp - 0.5))
+    0.5
     """
     check_tensor("earlier", earlier)
     check_tensor("later", later)

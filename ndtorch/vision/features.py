@@ -36,6 +36,10 @@ CPU_PIXELS = 1 << 18
 CUDA_PIXELS = 1 << 25
 
 
+FUSED = "the sums are compiled without it where Numba is installed"
+"""What took the place of the option `fused` of version 0.1."""
+
+
 class VisualFeatures(nn.Module):
     """Ten wide-field signals of a sequence of frames, and the images they are sums of. [B §2.1, fig. 1]
 
@@ -50,6 +54,7 @@ class VisualFeatures(nn.Module):
         border: "wrap" for toroidal scenes, "reflect" for real video.
         exact: sum the orientation responses at full resolution instead of on a coarse grid (see `OrientedDoG`).
         center, surround: deviations of the orientation filters along and across, pixels.
+        fused: gone since version 0.2; an error says what took its place.
 
     Shapes:
         frames `[..., T, C, H, W]` (C = 3 or 1; float 0..1 or uint8) -> `[..., T, 10]`, in the order of
@@ -69,8 +74,12 @@ class VisualFeatures(nn.Module):
         exact: bool = False,
         center: tuple[float, float] = (19.0, 6.0),
         surround: tuple[float, float] = (22.0, 9.0),
+        *,
+        fused: None = None,
     ) -> None:
         super().__init__()
+        if fused is not None:
+            raise InputError(f"fused is gone: {FUSED}")
         if len(size) != 2 or min(size) < 2:
             raise InputError(f"size must be a height and a width of at least 2 pixels, got {size}")
         self.size = (int(size[0]), int(size[1]))

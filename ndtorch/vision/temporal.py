@@ -24,6 +24,9 @@ def smoothing_factor(tau: float, dt: float) -> float:
 
     Raises:
         InputError: if `tau` is negative or NaN, or `dt` is not a positive finite number.
+
+    >>> smoothing_factor(tau=0.75, dt=0.25)
+    0.25
     """
     if not (dt > 0 and math.isfinite(dt)):
         raise InputError(f"dt must be a positive number of seconds, got {dt}")

@@ -6,15 +6,26 @@ import dataclasses
 import logging
 from typing import Any
 
-from pydantic import ValidationInfo, field_validator
+from pydantic import ValidationInfo, field_validator, model_validator
 
+from ndtorch.errors import InputError
 from ndtorch.navigation.options import OPTION_NAMES, NavigatorOptions, check_option, options_of
 from ndtorch.navigation.rig import StereoRig
 from ndtorch.toml import Strict
+from ndtorch_robot.navigator_flags import GONE
 
 
 class NavigatorTable(Strict, NavigatorOptions):
     """A table of a file with the options of a navigator among its keys; `NavigatorOptions` says what they are."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def of_now(cls, values: Any) -> Any:
+        """No key of version 0.1 that is gone."""
+        for flag, instead in GONE.items():
+            if isinstance(values, dict) and flag.removeprefix("--") in values:
+                raise InputError(f"{flag.removeprefix('--')} is gone: {instead}")
+        return values
 
     @field_validator(*OPTION_NAMES)
     @classmethod

@@ -22,6 +22,9 @@ Command = TypeVar("Command", bound=type)
 ALSO = {"back": ["--return"]}
 """Further words for options: Python has none of its own for some."""
 
+GONE = {"--compiled": "steps are compiled without it where Numba is installed (pip install 'ndtorch[fast]')"}
+"""Options of version 0.1, and what took their place."""
+
 MODULE, CLASS = "ndtorch.navigation.options", "NavigatorOptions"
 
 
@@ -53,6 +56,7 @@ def navigator_flags(*left_out: str) -> Callable[[Command], Command]:
             conf = tyro.conf.arg(help=text, aliases=ALSO.get(option.name))
             command.__annotations__[option.name] = Annotated[kind, conf]
             setattr(command, option.name, False if flag else None)
+        command.gone = GONE  # type: ignore[attr-defined]
         return command
 
     return add

@@ -24,9 +24,10 @@ from ndtorch.navigation import (
     RowRanging,
     StereoRig,
 )
-from ndtorch.navigation.controllers.published import SaccadeAvoidance, SubfieldMotion
+from ndtorch.navigation.controllers.published import SaccadeAvoidance
 from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
+from ndtorch.navigation.controllers.subfields import SubfieldMotion
 from tests.benchmarks.timing import Row, reference, table
 
 DT = 1 / 30

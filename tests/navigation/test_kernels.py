@@ -8,8 +8,9 @@ from torch import Tensor
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import FeatureParams, Grid, GridMap, MatchParams, Navigator, Pose, RowRanging, StereoRig
-from ndtorch.navigation.controllers.published import AvoidanceState, SaccadeAvoidance, SubfieldMotion, avoidance_step
+from ndtorch.navigation.controllers.published import AvoidanceState, SaccadeAvoidance, avoidance_step
 from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
+from ndtorch.navigation.controllers.subfields import SubfieldMotion
 
 pytest.importorskip("numba")
 

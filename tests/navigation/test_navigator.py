@@ -22,7 +22,8 @@ from ndtorch.navigation import (
     Strips,
     cut_strips,
 )
-from ndtorch.navigation.controllers.published import SaccadeAvoidance, SubfieldMotion
+from ndtorch.navigation.controllers.published import SaccadeAvoidance
+from ndtorch.navigation.controllers.subfields import SubfieldMotion
 from ndtorch.vision.nondirectional import NDMin, spatial_maximum
 
 DT = 1 / 30

@@ -214,3 +214,8 @@ def test_compiled_sums_are_the_same() -> None:
         out, state = module(frames, state)
         fast, fast_state = compiled(frames, fast_state)
         assert_allclose(fast, out, rtol=1e-4, atol=1e-4)
+
+
+def test_an_option_that_is_gone_says_what_took_its_place() -> None:
+    with pytest.raises(InputError, match="fused is gone: the sums are compiled without it"):
+        VisualFeatures(fused=True)  # type: ignore[arg-type]

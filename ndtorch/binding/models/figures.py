@@ -3,106 +3,27 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Literal, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
-from pydantic import Field
 from torch import Tensor
 
 from ndtorch.arguments import check_dense
-from ndtorch.binding.learning import NetworkState
 from ndtorch.binding.models.contract import BindingModel, Nested, Verdict
-from ndtorch.binding.models.video import FieldNormalise, SharedNetwork
+from ndtorch.binding.models.figures_state import FiguresConfig, FiguresSignals, FiguresState, SeenState
 from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.normalise import FieldInputs
 from ndtorch.binding.objects import BoundObject
 from ndtorch.binding.readout.owners import features_by_group
-from ndtorch.binding.tracking.figures import Figure, FigureParams, FigureTable, figures_of, follow, table_of
+from ndtorch.binding.tracking.figures import Figure, figures_of, table_of
+from ndtorch.binding.tracking.following import follow
 from ndtorch.binding.tracking.regions import holes, regions_of
-from ndtorch.config import ModelConfig, Size
 from ndtorch.errors import InputError
-from ndtorch.vision.camera.figure_signals import FieldsState, FigureSignals, SignalParams
-from ndtorch.vision.camera.figures import GroundParams, GroundState, ground_start, ground_step
+from ndtorch.vision.camera.figure_signals import FigureSignals
+from ndtorch.vision.camera.figures import ground_start, ground_step
 from ndtorch.vision.features import FEATURES
 from ndtorch.vision.frames import as_float, check_frames
-
-
-class FiguresConfig(ModelConfig):
-    """Constants of the model."""
-
-    model: Literal["figures"] = Field("figures", description="kind of the model")
-    size: Size = Field((224, 398), description="height and width of the frames, pixels")
-    fps: float = Field(30.0, gt=0, le=100_000, description="frames a second")
-    fastest: float = Field(30.5, gt=0, description="frames a second beyond which successive frames are averaged")
-    ground: GroundParams = Field(default_factory=GroundParams)
-    fields: SignalParams = Field(default_factory=SignalParams)
-    normalise: FieldNormalise = Field(default_factory=FieldNormalise)
-    network: SharedNetwork = Field(default_factory=SharedNetwork)
-    tracking: FigureParams = Field(default_factory=FigureParams)
-
-
-class FiguresSignals(NamedTuple):
-    """What the model computed, one row a time step.
-
-    Attributes:
-        inputs: normalised signals of every receptive field, that of track n in field n % K, `[..., T', K, 10]`.
-        outputs: of the network, likewise.
-        silhouettes: number of the track of every pixel of the working image plus one, 0 for none, `[..., T', h, w]`
-            int32.
-        mask: 1 where a track is that was known to be an object by then, 0 elsewhere, `[..., T', h, w]` uint8.
-        time: seconds since the first frame, `[T']` float64.
-    """
-
-    inputs: Tensor
-    outputs: Tensor
-    silhouettes: Tensor
-    mask: Tensor
-    time: Tensor
-
-
-class SeenState(NamedTuple):
-    """What the eye remembers.
-
-    Attributes:
-        ground: background and noise.
-        before: the picture before, grey and blurred, `[h, w]`.
-        quiet: seconds since something moved at a pixel, `[h, w]`.
-        silhouettes: of the step before, `[h, w]` int32.
-        kept: where the ground is not learned, `[h, w]`.
-        fields: of the motion detectors.
-    """
-
-    ground: GroundState
-    before: Tensor
-    quiet: Tensor
-    silhouettes: Tensor
-    kept: Tensor
-    fields: FieldsState | None
-
-
-class FiguresState(NamedTuple):
-    """State of the model.
-
-    Attributes:
-        seen: None before the first time step.
-        waiting: sum of the frames of an unfinished group, `[3, h, w]`.
-        frames: frames seen, and began: tracks begun, int64 scalars.
-        level: group maxima `[3]`.
-        network: of all fields, None before the first time step.
-        open, closed: tracks that may be in sight, and objects that are gone.
-        time: of the latest step, seconds, float64 scalar.
-    """
-
-    seen: SeenState | None
-    waiting: Tensor
-    frames: Tensor
-    began: Tensor
-    level: Tensor
-    network: NetworkState | None
-    open: FigureTable
-    closed: FigureTable
-    time: Tensor
 
 
 class FiguresModel(BindingModel):

@@ -16,13 +16,14 @@ from ndtorch.binding.models.video import VideoModel
 from ndtorch.config import option_places, validated, with_options
 from ndtorch.errors import InputError
 from ndtorch.toml import suggestion, toml_values
+from ndtorch.vision.features import FUSED
 
 KINDS: dict[str, type[BindingModel]] = {
     kind.name: kind for kind in (PublishedModel, ScaleFreeModel, RetinotopicModel, VideoModel, FiguresModel)
 }
 """Put a kind of your own in to load folders whose config.toml names it."""
 
-GONE = {"fused": "the sums are compiled without it where Numba is installed"}
+GONE = {"fused": FUSED}
 """Options of version 0.1 that are no more, and why."""
 
 

@@ -12,7 +12,8 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 
 from ndtorch.errors import InputError
-from ndtorch.scenes.readers import FolderReader, quiet_opencv
+from ndtorch.scenes.quiet import quiet_opencv
+from ndtorch.scenes.readers import FolderReader
 from ndtorch_robot.cameras.settings import CameraSettings
 from ndtorch_robot.cameras.sysfs import group_of, holders
 

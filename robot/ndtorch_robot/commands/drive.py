@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from ndtorch.commands import INTERRUPTED
+from ndtorch.command_run import INTERRUPTED
 from ndtorch_robot.navigator_flags import navigator_flags
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from ndtorch import workers
-from ndtorch.commands import INTERRUPTED
+from ndtorch.command_run import INTERRUPTED
 from ndtorch.errors import InputError
 from ndtorch_robot.navigator_flags import navigator_flags
 

@@ -19,8 +19,9 @@ from ndtorch.navigation import (
     make_controller,
 )
 from ndtorch.navigation.controllers import DEFAULT_CONTROLLER, Controller, Trace, register, registry
-from ndtorch.navigation.controllers.published import AvoidanceParams, PublishedControl, SubfieldMotion
+from ndtorch.navigation.controllers.published import AvoidanceParams, PublishedControl
 from ndtorch.navigation.controllers.registry import controller_class
+from ndtorch.navigation.controllers.subfields import SubfieldMotion
 
 DT = 1 / 30
 RIG = StereoRig(forward=0.15)

@@ -97,6 +97,7 @@ def test_arenas(capsys):
     [
         (["--arena", "halway"], "no arena 'halway', choose one of hallway"),
         (["--controller", "pid"], "got 'pid'"),
+        (["--compiled"], "--compiled is gone: steps are compiled without it where Numba is installed"),
         (["--seconds", "-1"], "seconds = -1"),
         (["--seconds", "nan"], "seconds"),
         (["--features", "0"], "features must be a whole number"),
@@ -121,6 +122,7 @@ def test_bad_arguments(arguments, message, capsys, tmp_path, monkeypatch):
         ('angle = "degrees"', "angle = 'degrees': should be 'atan' or 'linear'"),
         ("seed = 1.5", "seed = 1.5"),
         ("moving = 7", "moving = 7"),
+        ("compiled = true", "compiled is gone: steps are compiled without it where Numba is installed"),
         ("seconds = [", "not a TOML file"),
     ],
 )

@@ -9,7 +9,8 @@ import numpy as np
 import torch
 
 from ndtorch.navigation import TURN, AvoidanceParams, Navigator, StereoRig
-from ndtorch.navigation.controllers.published import SaccadeAvoidance, SubfieldMotion
+from ndtorch.navigation.controllers.published import SaccadeAvoidance
+from ndtorch.navigation.controllers.subfields import SubfieldMotion
 from ndtorch_train.recorded import RATE, Recorded
 from ndtorch_train.reproduce.context import Context, judged
 from ndtorch_train.reproduce.drives import recorded

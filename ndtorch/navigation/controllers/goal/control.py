@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -27,56 +26,20 @@ from ndtorch.navigation.controllers.goal.memory import disc_cells, surroundings,
 from ndtorch.navigation.controllers.goal.params import GoalParams
 from ndtorch.navigation.controllers.goal.planning import Planned, clearance, plan, to_place, to_unvisited
 from ndtorch.navigation.controllers.goal.speeds import allowed_speeds, speed_towards
+from ndtorch.navigation.controllers.goal.state import LONGEST, GoalState, put_together, take
 from ndtorch.navigation.controllers.ranging.control import RangingControl
-from ndtorch.navigation.controllers.ranging.decision import RangingState, decide
+from ndtorch.navigation.controllers.ranging.decision import decide
 from ndtorch.navigation.controllers.ranging.patch import Patch, cell_numbers, move_patch
 from ndtorch.navigation.controllers.registry import register
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import StereoRig
 
-LONGEST = 40
-"""Places of a way that are kept: more than its horizon has arcs."""
-
 RAY = 24
 """Places on the line of sight before a range that count as seen free."""
 
 TO, EXPLORE, BACK, DONE = 0, 1, 2, 3
 """Errands, one after the other; those that were not asked for are left out."""
-
-
-class GoalState(NamedTuple):
-    """State of `GoalControl`, `[...]` where nothing else is said.
-
-    Attributes:
-        reactive: of the controller that keeps the last word, with all that is remembered of the surroundings.
-        visited: `[..., size * size]`, 1 in cells that were passed; no cells where nothing is to be explored.
-        home: x, y where the drive began, `[..., 2]`, m.
-        errand: `TO`, `EXPLORE`, `BACK` or `DONE`.
-        way: the way that is followed, `[..., LONGEST, 6]`: x, y, heading, curvature, direction, and the speed that
-            is allowed there, m/s; the first `places` of it count.
-        places, at: how many places the way has, and the one reached.
-        due: time steps until the next plan.
-        direction: +1 ahead, -1 backward.
-        vetoed: time steps in a row in which the reactive controller saw no room for what was planned.
-        lost: time steps for which the reactive controller drives alone.
-        cost: of the way to the end of the errand, as last planned; inf where there is none.
-        mode: what the car is doing.
-    """
-
-    reactive: RangingState
-    visited: Tensor
-    home: Tensor
-    errand: Tensor
-    way: Tensor
-    places: Tensor
-    at: Tensor
-    due: Tensor
-    direction: Tensor
-    vetoed: Tensor
-    lost: Tensor
-    cost: Tensor
-    mode: Tensor
 
 
 @register
@@ -327,19 +290,3 @@ class GoalControl(Controller):
     def difference(self, state: GoalState) -> Tensor:
         """Length of the free arcs on the left minus the right, m."""
         return state.reactive.difference
-
-
-def take(state: Any, n: int, dims: int) -> Any:
-    """The state of one of a batch."""
-    if isinstance(state, Tensor):
-        return state.flatten(0, dims - 1)[n]
-    return type(state)(*(take(part, n, dims) for part in state))
-
-
-def put_together(states: list[Any], batch: torch.Size) -> Any:
-    """The opposite of `take`."""
-    first = states[0]
-    if isinstance(first, Tensor):
-        return torch.stack(states).reshape(*batch, *first.shape)
-    parts = zip(*states, strict=True)
-    return type(first)(*(put_together(list(part), batch) for part in parts))

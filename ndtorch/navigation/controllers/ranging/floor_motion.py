@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from ndtorch.navigation.controllers.ranging.floor_view import EVERY, FloorParams, floor_view
 from ndtorch.navigation.rig import StereoRig
 from ndtorch.navigation.strip_kernels import eyes, largest_of_cells, state_fits
-from ndtorch.navigation.strips import check_unit_range, grey_pair
+from ndtorch.navigation.strips import check_eyes, check_unit_range, grey_pair
 from ndtorch.vision.nondirectional import SPEED_SCALE, NDMin
 from ndtorch.vision.one_pass import image_kind
 from ndtorch.vision.temporal import FilterState
@@ -42,6 +42,7 @@ class FloorMotion(nn.Module):
         self.nd_min = NDMin(tau_high, dt)
 
     def forward(self, left: Tensor, right: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
+        check_eyes(left, right)
         quick = self.by_kernels(left, right, state)
         if quick is not None:
             return quick

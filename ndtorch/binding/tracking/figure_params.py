@@ -1,0 +1,35 @@
+"""How the regions of the model `figures` become tracks: all constants."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from ndtorch.config import Constants
+
+
+class FigureParams(Constants):
+    """How regions become tracks. Lengths as shares of the object's own size unless they say otherwise, times in
+    seconds."""
+
+    smallest: float = Field(0.0005, gt=0, description="smallest region, as a share of the picture")
+    gap: float = Field(0.02, ge=0, description="gaps that are closed, as a share of the picture's height")
+    still: float = Field(0.5, ge=0, description="what has not moved for this long may be a hole in memory")
+    shared: float = Field(0.3, gt=0, description="share of a region or of a track's box that makes them meet")
+    piece: float = Field(0.6, gt=0, description="share of a region inside a track's box that makes it a piece of it")
+    gate: float = Field(1.0, gt=0, description="how far from where a track is expected a region may be,")
+    reach: float = Field(1.0, ge=0, description="and how much further a second later")
+    unlike: float = Field(2.0, ge=0, description="cost of another color (full scale), where a gate's distance costs 1")
+    alike_size: float = Field(3.0, gt=1, description="largest ratio of the areas of two sightings apart")
+    follow: float = Field(0.6, gt=0, le=1, description="share of the difference taken into the place")
+    tau_velocity: float = Field(0.4, ge=0, description="a sighting after t changes the velocity by t / (this + t)")
+    tau_size: float = Field(0.4, ge=0, description="memory of the size and of the color")
+    coast: float = Field(1.0, ge=0, description="how long a track out of sight is waited for")
+    warm_up: float = Field(1.0, ge=0, description="nothing is called an object before; the ground is not known yet")
+    shortest: float = Field(0.3, ge=0, description="smallest time in sight of an object")
+    travel: float = Field(0.7, ge=0, description="smallest way gone; 0 reports what does not travel too")
+    larger: float = Field(2.0, ge=1, description="a track of this many times its pixels,")
+    beside: float = Field(1.0, ge=0, description="nearer than this share of the other's size,")
+    fate: float = Field(0.5, ge=0, description="whose velocity differs by less than this share, is what it is part of")
+    rests: float = Field(1.5, ge=0, description="an object that did not go half its size for this long rests")
+    stays: float = Field(60.0, ge=0, description="what stops stays an object for this long")
+    doubtful: float = Field(1.0, ge=0, description="what never travelled is learned as ground after this long")

@@ -1,0 +1,133 @@
+"""Figures over time: regions that stand out are given to the tracks that expected them; groups merge and split."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ndtorch.binding.tracking.figure_params import FigureParams
+from ndtorch.binding.tracking.figures import FOLLOWED, PIXELS, SIGHTING, Figure, Numbers
+from ndtorch.binding.tracking.meeting import apart, meeting, visible
+from ndtorch.binding.tracking.regions import Floats, Labels, Regions
+from ndtorch.binding.tracking.silhouettes import Sighting, bounds, share, sighting
+
+
+def follow(
+    figures: list[Figure], time: float, regions: Regions, picture: Floats, began: int, p: FigureParams
+) -> tuple[list[Figure], list[Figure], Labels]:
+    """One step: every track to the region that fills most of its expected box, those left over by distance and color.
+
+    A region that is that of several known tracks is shared: each of its pixels goes to the track whose box is nearest,
+    in sizes of that box. Other regions inside a track's expected box are pieces of it. What is left begins a track.
+
+    Args:
+        figures: open tracks; those that are seen are changed.
+        time: seconds.
+        regions: of this step.
+        picture: `[3, h, w]`.
+        began: tracks begun so far.
+        p: constants.
+
+    Returns:
+        the open tracks, those that were out of sight for too long, and the silhouettes: the number of the track of
+        every pixel plus one, 0 where none is, `[h, w]`.
+    """
+    labels, height = regions.labels, regions.labels.shape[0]
+    late = [one for one in figures if time - one.last_seen > p.coast]
+    kept = [one for one in figures if time - one.last_seen <= p.coast]
+    count = len(regions.areas)
+    given, pieces = meeting(kept, time, regions, p)
+    taken = {k for ks in given.values() for k in ks}
+    for k, r in apart(kept, taken, {r: given[r] for r in given if r not in pieces}, regions, picture, time, p):
+        given[r].append(k)
+    owners = np.zeros(count + 1, np.int32)
+    groups: list[tuple[int, list[Figure]]] = []
+    absorbed: set[int] = set()
+    for r in range(count):
+        ones, parts = visible([kept[k] for k in given[r]], regions.areas[r] / height**2, p)
+        absorbed |= {one.number for one in parts}
+        if len(ones) > 1:
+            groups.append((r, ones))
+        elif ones:
+            owners[r + 1] = ones[0].number + 1
+        elif r in pieces:
+            owners[r + 1] = kept[pieces[r]].number + 1
+        else:
+            began += 1
+            owners[r + 1] = began
+            box = regions.boxes[r]
+            kept.append(start(began - 1, time, np.array([box[0] + box[2], box[1] + box[3]]) / 2 / height))
+    silhouettes: Labels = owners[labels]
+    for r, ones in groups:
+        share(silhouettes, labels, r, regions.boxes[r], ones, time)
+    shared = {one.number for _, ones in groups for one in ones}
+    boxes = bounds(silhouettes, began)
+    for one in kept:
+        seen = sighting(one, silhouettes, boxes, picture, one.number in shared)
+        if seen is not None:
+            add(one, time, seen, p)
+    for one in kept:
+        if (
+            time >= p.warm_up
+            and not one.known
+            and one.last_seen == time
+            and travels(one, p)
+            and not part_of_another(one, kept, p)
+        ):
+            one.known = True
+    return [one for one in kept if one.number not in absorbed], late, silhouettes
+
+
+def travels(one: Figure, p: FigureParams) -> bool:
+    """Whether a track has been in sight for long enough and has gone far enough."""
+    far = float(np.hypot(*(np.array(one.last[FOLLOWED]) - one.start)))
+    return far >= p.travel * one.size and one.last_seen - one.first_seen >= p.shortest
+
+
+def part_of_another(one: Figure, others: Sequence[Figure], p: FigureParams) -> bool:
+    """Whether a much larger track beside it moves as it does: common fate. So do shadows, and pieces of a thing."""
+    time, top, left, bottom, right = one.last[0], *one.last[3:7]
+    speed = float(np.hypot(*one.velocity))
+    for other in others:
+        if other is one or other.last_seen != time or other.last[PIXELS] < p.larger * one.last[PIXELS]:
+            continue
+        box = other.last[3:7]
+        gap = max(top - box[2], box[0] - bottom, left - box[3], box[1] - right)
+        apart = float(np.hypot(*(one.velocity - other.velocity)))
+        if gap < p.beside * other.size and apart < p.fate * max(speed, float(np.hypot(*other.velocity))):
+            return True
+    return False
+
+
+def start(number: int, time: float, place: Numbers) -> Figure:
+    """A track without sightings."""
+    two, ten = np.zeros(2), np.zeros(10)
+    return Figure(number, False, two, two, np.zeros(3), place, time, place, ten, ten, np.zeros((0, SIGHTING)))
+
+
+def add(one: Figure, time: float, seen: Sighting, p: FigureParams) -> None:
+    """Take a sighting. In a shared region the size is remembered, not seen."""
+    place, pixels = seen.place, seen.pixels
+    if one.late or len(one.before):
+        gap = time - one.last_seen
+        there = one.expected(time)
+        share_of = p.follow * (0.5 if seen.shared else 1.0)
+        place = there + share_of * (seen.place - there) if seen.shared else seen.place
+        residual = place - there
+        # Of a young track the mean of all steps so far.
+        pace = max(gap / (p.tau_velocity + gap), 1 / (len(one.before) + len(one.late)))
+        one.velocity = one.velocity + pace * residual / max(gap, 1e-9)
+        if seen.shared:
+            pixels = one.last[PIXELS]
+        else:
+            keep = gap / (p.tau_size + gap)
+            one.extent = one.extent + keep * (seen.extent - one.extent)
+            one.color = one.color + keep * (seen.color - one.color)
+    else:
+        one.extent, one.color = seen.extent, seen.color
+    if float(np.hypot(*(place - one.rest))) > 0.5 * one.size:
+        one.moved, one.rest = time, place
+    extent = one.extent if seen.shared else seen.extent
+    box = (*(place - extent / 2).tolist(), *(place + extent / 2).tolist())
+    one.late.append((time, *seen.inner.tolist(), *box, pixels, *place.tolist()))

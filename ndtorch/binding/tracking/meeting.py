@@ -1,0 +1,102 @@
+"""Which region belongs to which track: where a track was expected, then by distance, color and size."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ndtorch.binding.tracking.figure_params import FigureParams
+from ndtorch.binding.tracking.figures import PIXELS, Figure
+from ndtorch.binding.tracking.regions import Floats, Regions
+
+
+def visible(ones: list[Figure], area: float, p: FigureParams) -> tuple[list[Figure], list[Figure]]:
+    """Of the tracks whose region is one: those that are seen in it, and those that were pieces of another one.
+
+    A young track that runs into a known one was a piece of it, and of young ones only the oldest stays. Known tracks
+    that are together much smaller than their region were pieces of one thing, and so was a small one that moves as the
+    largest does. Of the others, the oldest are seen for as many as there is room for; the rest is hidden.
+    """
+    known = [one for one in ones if one.known]
+    if not known:
+        first = sorted(ones, key=lambda one: one.number)
+        return first[:1], first[1:]
+    parts = [one for one in ones if not one.known]
+    known.sort(key=lambda one: one.number)
+    if len(known) > 1 and sum(one.last[PIXELS] for one in known) < area / p.larger:
+        return known[:1], parts + known[1:]
+    largest = max(known, key=lambda one: one.last[PIXELS])
+    shown: list[Figure] = []
+    for one in known:
+        small = one.last[PIXELS] * p.larger < largest.last[PIXELS]
+        if small and float(np.hypot(*(one.velocity - largest.velocity))) < p.fate * float(np.hypot(*largest.velocity)):
+            parts.append(one)
+        elif not shown or sum(other.last[PIXELS] for other in shown) + 0.5 * one.last[PIXELS] < area:
+            shown.append(one)
+    return shown or [largest], parts
+
+
+def meeting(
+    figures: list[Figure], time: float, regions: Regions, p: FigureParams
+) -> tuple[dict[int, list[int]], dict[int, int]]:
+    """The tracks of each region, and the track of every region that is a piece of one."""
+    height, width = regions.labels.shape
+    count = len(regions.areas)
+    inside = np.zeros((len(figures), count))
+    for k, one in enumerate(figures):
+        box = one.box(time) * height
+        top, left = max(0, math.floor(box[0])), max(0, math.floor(box[1]))
+        bottom, right = min(height, math.ceil(box[2])), min(width, math.ceil(box[3]))
+        if bottom > top and right > left and count:
+            window = regions.labels[top:bottom, left:right]
+            inside[k] = np.bincount(window.ravel(), minlength=count + 1)[1:]
+    given: dict[int, list[int]] = {r: [] for r in range(count)}
+    pieces: dict[int, int] = {}
+    for k, one in enumerate(figures):
+        if count:
+            r = int(inside[k].argmax())
+            if inside[k, r] > p.shared * min(regions.areas[r], one.last[PIXELS] * height * height):
+                given[r].append(k)
+    for r in range(count):
+        if not given[r] and len(figures):
+            k = int(inside[:, r].argmax())
+            if inside[k, r] > p.piece * regions.areas[r]:
+                pieces[r] = k
+    return given, pieces
+
+
+def apart(
+    figures: list[Figure],
+    taken: set[int],
+    given: dict[int, list[int]],
+    regions: Regions,
+    picture: Floats,
+    time: float,
+    p: FigureParams,
+) -> list[tuple[int, int]]:
+    """Pairs of tracks and regions that met nothing, by distance, color and size, the cheapest assignment."""
+    from scipy.optimize import linear_sum_assignment
+
+    lost, free = [k for k in range(len(figures)) if k not in taken], [r for r, ks in given.items() if not ks]
+    if not lost or not free:
+        return []
+    height = regions.labels.shape[0]
+    cost = np.full((len(lost), len(free)), 1e3)
+    for j, r in enumerate(free):
+        top, left, bottom, right = regions.boxes[r]
+        window = regions.labels[top:bottom, left:right] == r + 1
+        color = picture[:, top:bottom, left:right][:, window].mean(1)
+        place = np.array([(top + bottom) / 2, (left + right) / 2]) / height
+        for i, k in enumerate(lost):
+            one = figures[k]
+            ratio = regions.areas[r] / height**2 / max(one.last[PIXELS], 1e-9)
+            if not 1 / p.alike_size < ratio < p.alike_size:
+                continue
+            reach = p.gate * one.size * (1 + p.reach * (time - one.last_seen))
+            away = float(np.hypot(*(place - one.expected(time)))) / reach
+            value = away + p.unlike * float(np.abs(color - one.color).max())
+            if value < 1:
+                cost[i, j] = value
+    rows, columns = linear_sum_assignment(cost)
+    return [(lost[i], free[j]) for i, j in zip(rows, columns, strict=True) if cost[i, j] < 1]

@@ -1,0 +1,123 @@
+"""One command: its options are parsed, it runs, and what it has to say goes to stderr."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import logging
+import os
+import sys
+import warnings
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Protocol
+
+from ndtorch.code_digest import module_places
+from ndtorch.errors import InputError
+from ndtorch.optional import OURS, remedy
+
+UNUSABLE = 2
+"""Exit code for input that cannot be used."""
+
+
+UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EACCES, errno.EPERM)
+"""Errors of the disk that a user can mend, told in one line."""
+
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C; after SIGTERM and SIGHUP it is 143 and 129, as shells have it."""
+
+
+class Subcommand(Protocol):
+    """A dataclass whose fields are the options and whose docstring is the help."""
+
+    def run(self) -> int:
+        """Do it; returns the exit code."""
+        ...
+
+
+def missing(error: Exception) -> str | None:
+    """What to install where a module is missing that one of our distributions asks for; None for other errors."""
+    if not isinstance(error, ModuleNotFoundError) or error.name is None:
+        return None
+    top = error.name.split(".")[0]
+    if top != error.name and any(module_places(top)):
+        return None  # it is installed, and only a part of it is not there
+    command = remedy(top)
+    return None if command is None else f"{top} is not installed: {command}"
+
+
+def run_command(prog: str, kind: type[Subcommand], arguments: Sequence[str]) -> int:
+    """Parse the options of one command and run it.
+
+    Args:
+        prog: how the command is called, for the help.
+        kind: the command, a dataclass with `run() -> int`.
+        arguments: its options.
+
+    Returns:
+        The exit code: that of the command, 2 after an `InputError` (one line on stderr), 130 after Ctrl-C.
+    """
+    try:
+        from ndtorch.run.arguments import QUIET, parse
+
+        quiet = any(word in QUIET for word in arguments)
+        command: Subcommand = parse(kind, prog, [word for word in arguments if word not in QUIET])
+        with told(quiet, muted=quiet and not getattr(command, "json", False)):
+            return command.run()
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return UNUSABLE
+    except BrokenPipeError:
+        raise  # for `program`
+    except OSError as error:
+        # A full disk, a folder that became read-only: what could be kept has been.
+        if error.errno not in UNWRITABLE:
+            raise
+        where = "" if error.filename is None else f"{error.filename}: "
+        print(f"error: {where}{error.strerror}", file=sys.stderr)
+        return UNUSABLE
+    except ModuleNotFoundError as error:
+        words = missing(error)
+        if words is None:
+            raise
+        print(f"error: {prog}: {words}", file=sys.stderr)
+        return UNUSABLE
+    except KeyboardInterrupt:
+        print("stopped before there was anything to keep", file=sys.stderr)
+        return INTERRUPTED
+
+
+@contextlib.contextmanager
+def told(quiet: bool, muted: bool) -> Iterator[None]:
+    """What a command has to say goes to stderr, a line each: what it logs, and remarks such as "is grey".
+
+    Args:
+        quiet: say nothing of that.
+        muted: print nothing on stdout either.
+    """
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(logging.Formatter("note: %(message)s"))
+    loggers = [logging.getLogger(name.replace("-", "_")) for name in OURS]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.addHandler(handler)
+        logger.setLevel(logging.ERROR if quiet else logging.INFO)
+    try:
+        with contextlib.ExitStack() as stack:
+            stack.enter_context(warnings.catch_warnings())
+            warnings.simplefilter("ignore" if quiet else "always", UserWarning)
+            warnings.showwarning = note
+            if muted:
+                nowhere = stack.enter_context(Path(os.devnull).open("w", encoding="utf-8"))
+                stack.enter_context(contextlib.redirect_stdout(nowhere))
+            yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.removeHandler(handler)
+            logger.setLevel(level)
+
+
+def note(message: Warning | str, *_: object, **__: object) -> None:
+    """Show a warning as one line."""
+    print(f"note: {message}", file=sys.stderr)
