@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.metadata
 import os
 import re
@@ -86,6 +87,14 @@ def lead_to_copies(app: Any, name: str, source: list[str]) -> None:
         source[0] = links_on_the_site(source[0], page)
 
 
+def import_public_names(app: Any, config: Any) -> None:
+    """Packages import a name when it is first used; what reads the docstrings sees only those that are there."""
+    for name in ("vision", "scenes", "binding", "navigation"):
+        package = importlib.import_module(f"ndtorch.{name}")
+        for public in package.__all__:
+            setattr(package, public, getattr(package, public))
+
+
 def shapes_as_lines(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
     """The section "Shapes:" of a docstring as a list: its entries are not names of parameters."""
     if "Shapes:" not in lines:
@@ -117,6 +126,7 @@ def setup(app: Any) -> None:
     # Diagrams are shown as they are written.
     app.add_lexer("mermaid", TextLexer)
     app.connect("config-inited", copy_pages)
+    app.connect("config-inited", import_public_names)
     app.connect("source-read", lead_to_copies)
     # Before napoleon reads the docstring.
     app.connect("autodoc-process-docstring", fences_as_blocks, priority=90)

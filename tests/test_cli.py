@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import select
 import signal
 import subprocess
 import sys
+import termios
 import time
 from pathlib import Path
 
@@ -249,16 +251,20 @@ def test_ctrl_c_keeps_what_was_computed(number: int, code: int, tmp_path: Path) 
     command = [sys.executable, "-m", "ndtorch", "bind", "--seconds", "600", "--pictures", "2", "--out", str(tmp_path)]
     # There is a progress bar where stderr is a terminal.
     ours, theirs = os.openpty()
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=theirs, text=True)
-    os.close(theirs)
-    # The first frames have been seen when the progress bar counts them.
-    seen, end = "", time.monotonic() + 120
-    while " 0/" in seen[-200:] or "/60400" not in seen:
-        assert time.monotonic() < end
-        seen += os.read(ours, 4096).decode()
-    process.send_signal(number)
-    out, _ = process.communicate(timeout=120)
-    os.close(ours)
+    termios.tcsetwinsize(theirs, (24, 100))  # the bar fits itself into the terminal
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=theirs, text=True) as process:
+        os.close(theirs)
+        try:
+            # The first frames have been seen when the progress bar counts them.
+            seen, end = "", time.monotonic() + 120
+            while " 0/" in seen[-200:] or "/60400" not in seen:
+                assert select.select([ours], [], [], end - time.monotonic())[0], seen
+                seen += os.read(ours, 4096).decode(errors="replace")  # the bar's characters may be cut in two
+            process.send_signal(number)
+            out, _ = process.communicate(timeout=120)
+        finally:
+            process.kill()
+            os.close(ours)
     assert process.returncode == code
     assert "stopped early" in out
     assert {path.name for path in (tmp_path / "two-bars").iterdir()} == FILES

@@ -25,13 +25,13 @@ except InputError as error:
 # %%
 # Frames go through the model as they come; a live source gives each of them once.
 model = ndtorch.load("video", size=source.size, fps=source.fps)
-state, motion = None, []
+state, count = None, 0
 with torch.inference_mode():
     for frames in source.chunks(4):
         signals, state = model(frames, state)
-        motion.append(frames.float().mean((-1, -2)))
+        count += len(frames)
 things = list(model.objects(state))
-print(f"{sum(len(part) for part in motion)} frames, {len(things)} objects")
+print(f"{count} frames, {len(things)} objects")
 for thing in things:
     print(f"{thing.first_seen:.1f} to {thing.last_seen:.1f} s: {thing.color}, {thing.direction}")
 

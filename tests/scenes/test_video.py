@@ -377,7 +377,7 @@ def test_a_video_that_was_not_written_to_its_end_is_told(tmp_path):
     video = VideoWriter(tmp_path / "clip.mp4", 25, SIZE)
     for _ in range(5):
         video.write(torch.rand(3, *SIZE))
-    video._writer.release()
+    video._writer.close()
     os.truncate(tmp_path / "clip.mp4", 100)
     with pytest.raises(InputError, match="not whole: the disk may be full"):
         video.close()

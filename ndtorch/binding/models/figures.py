@@ -156,11 +156,11 @@ class FiguresModel(BindingModel):
         if seen is None:
             blank = torch.zeros(shape)
             ground = ground_start(picture, g.least_noise)
-            before = torch.from_numpy(cv2.blur(picture.mean(0), (3, 3)))
+            before = torch.from_numpy(cv2.blur(picture.mean(0), (g.soft, g.soft)))
             seen = SeenState(ground, before, blank, blank.to(torch.int32), blank.clone(), None)
         standing, ground = ground_step(picture, seen.ground, seen.kept.numpy(), self.dt, g)
         grey = standing.picture.mean(0)
-        soft = cv2.blur(grey, (3, 3))
+        soft = cv2.blur(grey, (g.soft, g.soft))
         moved = (np.abs(soft - seen.before.numpy()) > g.moved).astype(np.uint8)
         quiet = np.where(cv2.dilate(moved, square) > 0, 0, seen.quiet.numpy() + self.dt).astype(np.float32)
         # Plain parts of what moves are still too, and no holes.

@@ -91,16 +91,16 @@ class Figure:
         """Mean of height and width."""
         return float(self.extent.mean())
 
-    def expected(self, time: float) -> Numbers:
-        """Row and column it should have reached."""
+    def expected(self, time: float, most: float) -> Numbers:
+        """Row and column it should have reached, going on for `most` seconds after it was last seen."""
         last = self.last
         # What is lost is not followed out of the picture for ever.
-        ahead = min(time - last[0], 0.5)
+        ahead = min(time - last[0], most)
         return np.array(last[FOLLOWED]) + self.velocity * ahead
 
-    def box(self, time: float) -> Numbers:
-        """Top, left, bottom and right of where it should be."""
-        place = self.expected(time)
+    def box(self, time: float, most: float) -> Numbers:
+        """Top, left, bottom and right of where it should be, as `expected`."""
+        place = self.expected(time, most)
         return np.concatenate([place - self.extent / 2, place + self.extent / 2])
 
 

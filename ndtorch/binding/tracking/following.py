@@ -60,7 +60,7 @@ def follow(
             kept.append(start(began - 1, time, np.array([box[0] + box[2], box[1] + box[3]]) / 2 / height))
     silhouettes: Labels = owners[labels]
     for r, ones in groups:
-        share(silhouettes, labels, r, regions.boxes[r], ones, time)
+        share(silhouettes, labels, r, regions.boxes[r], ones, time, p.ahead)
     shared = {one.number for _, ones in groups for one in ones}
     boxes = bounds(silhouettes, began)
     for one in kept:
@@ -111,8 +111,8 @@ def add(one: Figure, time: float, seen: Sighting, p: FigureParams) -> None:
     place, pixels = seen.place, seen.pixels
     if one.late or len(one.before):
         gap = time - one.last_seen
-        there = one.expected(time)
-        share_of = p.follow * (0.5 if seen.shared else 1.0)
+        there = one.expected(time, p.ahead)
+        share_of = p.follow * (p.grouped if seen.shared else 1.0)
         place = there + share_of * (seen.place - there) if seen.shared else seen.place
         residual = place - there
         # Of a young track the mean of all steps so far.
@@ -126,7 +126,7 @@ def add(one: Figure, time: float, seen: Sighting, p: FigureParams) -> None:
             one.color = one.color + keep * (seen.color - one.color)
     else:
         one.extent, one.color = seen.extent, seen.color
-    if float(np.hypot(*(place - one.rest))) > 0.5 * one.size:
+    if float(np.hypot(*(place - one.rest))) > p.moves * one.size:
         one.moved, one.rest = time, place
     extent = one.extent if seen.shared else seen.extent
     box = (*(place - extent / 2).tolist(), *(place + extent / 2).tolist())

@@ -32,7 +32,7 @@ def visible(ones: list[Figure], area: float, p: FigureParams) -> tuple[list[Figu
         small = one.last[PIXELS] * p.larger < largest.last[PIXELS]
         if small and float(np.hypot(*(one.velocity - largest.velocity))) < p.fate * float(np.hypot(*largest.velocity)):
             parts.append(one)
-        elif not shown or sum(other.last[PIXELS] for other in shown) + 0.5 * one.last[PIXELS] < area:
+        elif not shown or sum(other.last[PIXELS] for other in shown) + p.room * one.last[PIXELS] < area:
             shown.append(one)
     return shown or [largest], parts
 
@@ -45,7 +45,7 @@ def meeting(
     count = len(regions.areas)
     inside = np.zeros((len(figures), count))
     for k, one in enumerate(figures):
-        box = one.box(time) * height
+        box = one.box(time, p.ahead) * height
         top, left = max(0, math.floor(box[0])), max(0, math.floor(box[1]))
         bottom, right = min(height, math.ceil(box[2])), min(width, math.ceil(box[3]))
         if bottom > top and right > left and count:
@@ -94,7 +94,7 @@ def apart(
             if not 1 / p.alike_size < ratio < p.alike_size:
                 continue
             reach = p.gate * one.size * (1 + p.reach * (time - one.last_seen))
-            away = float(np.hypot(*(place - one.expected(time)))) / reach
+            away = float(np.hypot(*(place - one.expected(time, p.ahead)))) / reach
             value = away + p.unlike * float(np.abs(color - one.color).max())
             if value < 1:
                 cost[i, j] = value

@@ -42,16 +42,22 @@ def bounds(silhouettes: Labels, count: int) -> dict[int, tuple[int, int, int, in
 
 
 def share(
-    silhouettes: Labels, labels: Labels, r: int, box: npt.NDArray[np.int64], ones: list[Figure], time: float
+    silhouettes: Labels,
+    labels: Labels,
+    r: int,
+    box: npt.NDArray[np.int64],
+    ones: list[Figure],
+    time: float,
+    ahead: float,
 ) -> None:
-    """Give each pixel of a region to the nearest of several tracks."""
+    """Give each pixel of a region to the nearest of several tracks, where they are expected."""
     height = labels.shape[0]
     top, left, bottom, right = box
     rows = (np.arange(top, bottom) + 0.5)[:, None] / height
     columns = (np.arange(left, right) + 0.5)[None] / height
     away = []
     for one in ones:
-        place = one.expected(time)
+        place = one.expected(time, ahead)
         away.append(((rows - place[0]) / one.extent[0]) ** 2 + ((columns - place[1]) / one.extent[1]) ** 2)
     nearest = np.array([one.number + 1 for one in ones], np.int32)[np.argmin(np.stack(away), 0)]
     window = labels[top:bottom, left:right] == r + 1

@@ -41,6 +41,13 @@ class GroundParams(Constants):
     penumbra: int = Field(2, ge=0, description="width of a shadow's edge, pixels of that image")
     around: float = Field(0.04, ge=0, description="what lies within this between parts that are no shadow is none")
     gain_limit: float = Field(4.0, ge=1, description="largest gain of the exposure, and 1 / the smallest")
+    dark: float = Field(0.04, ge=0, lt=1, description="the exposure is told where the ground is lighter than this,")
+    light: float = Field(0.1, ge=0, le=1, description="and only where that is at least this share of the picture")
+    offset: float = Field(0.02, gt=0, description="added to both before the light of a shadow is a ratio")
+    patch: int = Field(5, ge=1, description="side of what counts as neighbours, pixels of that image")
+    speckle: int = Field(3, ge=1, description="side of the window in which most must stand out, and of what is left")
+    surprise: float = Field(3.0, gt=0, description="the noise learns no more at a time than so many times itself")
+    soft: int = Field(3, ge=1, description="side of the window that smooths pictures before motion is told")
     cut: float = Field(0.7, gt=0, le=1, description="share of the picture standing out that makes it a new scene")
 
 
@@ -94,7 +101,7 @@ def ground_step(
 
     p = params
     ground, deviation = state.mean.numpy(), state.deviation.numpy()
-    gain = exposure(picture, ground, p.gain_limit)
+    gain = exposure(picture, ground, p)
     picture = np.asarray(picture / gain[:, None, None], np.float32)
     difference = picture - ground
     size = np.abs(difference)
@@ -112,7 +119,7 @@ def ground_step(
     free = 1 - np.float32(1 - p.hold) * kept
     pace = np.float32(max(1 / (seen + 1), smoothing_factor(p.tau_ground, dt))) * free
     slow = np.float32(max(1 / (seen + 5), smoothing_factor(p.tau_noise, dt))) * free
-    limited = np.minimum(size, 3 * np.maximum(noise, deviation))
+    limited = np.minimum(size, p.surprise * np.maximum(noise, deviation))
     mean, samples = ground + pace * difference, state.samples
     at, last = (math.floor(n * dt / p.settle * SAMPLES) if p.settle else SAMPLES for n in (seen, seen - 1))
     if last < SAMPLES:
@@ -134,18 +141,21 @@ def ground_step(
     closed = cv2.morphologyEx(core, cv2.MORPH_CLOSE, np.ones((wide, wide), np.uint8))
     figure = np.asarray(closed & out.astype(np.uint8), np.uint8) * np.uint8(255)
     # A pixel alone is noise; a gap of a pixel is none.
-    figure = np.asarray(cv2.blur(figure, (3, 3)), np.uint8)
-    figure = np.asarray(cv2.morphologyEx((figure > 127).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)))
+    figure = np.asarray(cv2.blur(figure, (p.speckle, p.speckle)), np.uint8)
+    square = np.ones((p.speckle, p.speckle), np.uint8)
+    figure = np.asarray(cv2.morphologyEx((figure > 127).astype(np.uint8), cv2.MORPH_OPEN, square))
     return Standing(picture, ground, np.asarray(figure > 0)), after
 
 
-def exposure(picture: Floats, ground: Floats, limit: float) -> Floats:
+def exposure(picture: Floats, ground: Floats, p: GroundParams) -> Floats:
     """Gain of each color, `[3]`: the median ratio over every sixteenth pixel whose background is not dark."""
     one, other = picture[:, ::4, ::4].reshape(3, -1), ground[:, ::4, ::4].reshape(3, -1)
-    bright = other.min(0) > 0.04
-    if bright.mean() < 0.1:
+    bright = other.min(0) > p.dark
+    if bright.mean() < p.light:
         return np.ones(3, np.float32)
-    gain: Floats = np.clip(np.median(one[:, bright] / other[:, bright], axis=1), 1 / limit, limit).astype(np.float32)
+    gain: Floats = np.clip(np.median(one[:, bright] / other[:, bright], axis=1), 1 / p.gain_limit, p.gain_limit).astype(
+        np.float32
+    )
     return gain
 
 
@@ -153,12 +163,12 @@ def shadow(picture: Floats, ground: Floats, p: GroundParams) -> Bools:
     """Where the picture is the background with less light, `[h, w]`."""
     import cv2
 
-    small = np.float32(0.02)
+    small = np.float32(p.offset)
     ratio = (picture + small) / (ground + small)
     light: Any = (ratio[0] + ratio[1] + ratio[2]) * np.float32(1 / 3)
     tint = (ratio.max(0) - ratio.min(0)) <= np.float32(p.tint * 2) * light
-    mean = cv2.blur(light, (5, 5))
-    varies = cv2.blur(light * light, (5, 5)) - mean * mean
+    mean = cv2.blur(light, (p.patch, p.patch))
+    varies = cv2.blur(light * light, (p.patch, p.patch)) - mean * mean
     may_be = ((light < 1) & (light > p.darkest) & tint).astype(np.uint8)
     inner = (may_be > 0) & (mean > p.darkest) & (varies < p.uneven**2)
     # Its edge, where neighbours differ, belongs to it.
