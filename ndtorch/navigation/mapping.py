@@ -260,6 +260,7 @@ def check_observations(ranges: Ranges, pose: Pose) -> tuple[int, ...]:
     check_tensor("ranges.y", ranges.y, half=False)
     if ranges.x.ndim < 2 or ranges.x.shape[:-1] != pose.x.shape:
         raise InputError(
-            f"ranges and poses must go together, ranges.x [..., T, n] and pose.x [..., T], got {tuple(ranges.x.shape)} and {tuple(pose.x.shape)}"
+            f"ranges and poses must go together, ranges.x [..., T, n] and pose.x [..., T], "
+            f"got {tuple(ranges.x.shape)} and {tuple(pose.x.shape)}"
         )
     return tuple(ranges.x.shape[:-2])
