@@ -59,7 +59,7 @@ def test_frames_of_the_retinotopic_model_have_gradients() -> None:
     signals, state = model(frames)
     windows = state.windows
     parts = (signals.fields, signals.outputs, windows.place, windows.velocity, windows.covariance, windows.peak)
-    for part in (*parts, model.weights(state), model.windows.features(windows)):
+    for part in (*parts, model.weights(state)):
         (slope,) = torch.autograd.grad(part.square().sum(), frames, retain_graph=True)
         assert torch.isfinite(slope).all()
 

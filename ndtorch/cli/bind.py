@@ -27,7 +27,7 @@ MOVED = {"on": "--model video", "off": "--model published"}
 
 
 @choices(
-    model=("published", "retinotopic", "scale-free", "video", "FOLDER"),
+    model=("figures", "published", "retinotopic", "scale-free", "video", "FOLDER"),
     rule=("competitive", "cooperative", "hebbian"),
     order=("filter-first", "printed"),
     fit=("crop", "stretch"),

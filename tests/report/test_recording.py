@@ -136,5 +136,5 @@ def test_bad_input(tmp_path: Path) -> None:
 
 def test_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(InputError, match=r"pip install 'ndtorch\[view\]'"):
+    with pytest.raises(InputError, match=r"pip install 'rerun-sdk.*of ndtorch\[view\]"):
         Recording(tmp_path / "run.rrd")

@@ -219,7 +219,8 @@ class CameraFrontEnd(nn.Module):
         # Beside a hue, a shade is a shadow or an edge.
         shades = fields[7:]
         share = (shades[:-1].sum(0) / fields[6].clamp_min(p.palest)).clamp_max(1)
-        shades = shades * torch.stack([share, share, share, 1 - share]).square()
+        white = p.shade * share
+        shades = shades * torch.stack([white, white, white, 1 - share]).square()
         if p.compression:
             signals, shades = root(signals), root(shades)
         planes = (part.movedim(0, -1) for part in (signals, motion))

@@ -43,6 +43,7 @@ class CameraParams(Constants):
     tau_shift: float = Field(1.0, gt=0, description="memory of the displacement that the scale is chosen by")
     palest: float = Field(0.02, gt=0, description="a hue of less than this is none: white, grey or black,")
     pale: float = Field(0.12, ge=0, description="nor is one of less than this share of the brightness")
+    shade: float = Field(0.25, ge=0, le=1, description="a shade counts this much beside a hue")
     white: tuple[float, float] = Field((0.5, 0.7), description="white is from here to there, of the brightest,")
     black: tuple[float, float] = Field((0.12, 0.25), description="black below, and grey between")
     dimmest_white: float = Field(0.02, gt=0, description="smallest mean of a color that white is told from")

@@ -252,7 +252,7 @@ def test_command_from_folders(tmp_path, capsys):
     assert result["accepted"]
     assert read_calibration(out) == measured()
     # Squares of the wrong size cannot be noticed: the baseline follows them. It is shown for that reason.
-    assert main(["calibrate", left, right, "--out", str(out), "--square-mm", "20"]) == 0
+    assert main(["calibrate", left, right, "--out", str(out), "--square-mm", "20", "--force"]) == 0
     text = capsys.readouterr().out
     assert "baseline 150." in text
     assert "written to" in text

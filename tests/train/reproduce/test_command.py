@@ -118,7 +118,7 @@ def test_a_full_disk_is_one_line(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("ndtorch_train.reproduce.page.write", full)
+    monkeypatch.setattr("ndtorch_train.reproduce.page.write_text", full)
     assert main(["reproduce", "A3", "--out", str(tmp_path), "--jobs", "1"]) == 2
     assert capsys.readouterr().err.splitlines()[-1].endswith("cannot be written: No space left on device")
 

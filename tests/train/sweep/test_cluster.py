@@ -21,4 +21,6 @@ def test_without_ray_it_says_how_to_get_it(
     monkeypatch.setitem(sys.modules, "ray", None)
     file = write_sweep(tmp_path / "s.toml", [0.5])
     assert main(["sweep", str(file), "--out", str(tmp_path / "out"), "--cluster"]) == 2
-    assert "pip install 'ndtorch-train[cluster]'" in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert "pip install 'ray" in err
+    assert "of ndtorch-train[cluster]" in err
