@@ -1,8 +1,8 @@
 """Models as programs that run without this package: torch.export, AOTInductor and ONNX, chunk by chunk.
 
-`torch.export` takes every model. The ONNX exporter of torch 2.13 takes none as it is: it stops at `aten.alias` of a
-complex spectrum (orientation sums of published, scale-free and retinotopic) and at `aten.nanmedian` (exposure of
-video), for which it has no function, and says so itself.
+`torch.export` takes every model but `figures`, which finds regions outside torch. The ONNX exporter of torch 2.13
+takes none as it is: it stops at `aten.alias` of a complex spectrum (orientation sums of published, scale-free and
+retinotopic) and at `aten.nanmedian` (exposure of video), for which it has no function, and says so itself.
 """
 
 from __future__ import annotations
@@ -66,11 +66,13 @@ def export(
         the two files.
 
     Raises:
-        InputError: a format that is not there, a model that makes more or fewer rows than frames, or a folder that
-            cannot be written.
+        InputError: a format that is not there, a model that cannot be exported or makes more or fewer rows than
+            frames, or a folder that cannot be written.
     """
     if format not in SUFFIXES:
         raise InputError(f"format must be one of {', '.join(SUFFIXES)}, got {format!r}")
+    if not model.exportable:
+        raise InputError(f"{model.name} cannot be exported: it does part of its work outside torch")
     rows = frames / (model.dt * model.fps)
     if abs(rows / frames - 1) > 1e-9:
         raise InputError(

@@ -50,7 +50,7 @@ def model(name: str, **options: Any) -> Any:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in ndtorch.model_names() if name != "video"])
+@pytest.mark.parametrize("name", [name for name in ndtorch.model_names() if name not in ("video", "figures")])
 def test_an_exported_program_gives_the_same(name: str, tmp_path: Path) -> None:
     module = model(name)
     files = export(module, tmp_path, "pt2", FRAMES)
@@ -77,6 +77,8 @@ def test_an_exported_video_model_chooses_the_scale_of_motion_as_it_goes(tmp_path
 def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"published makes 16\.\d* rows of 5 frames at 30 frames a second"):
         export(model("published", fps=30.0), tmp_path, frames=5)
+    with pytest.raises(InputError, match="figures cannot be exported"):
+        export(ndtorch.load("figures", size=SIZE), tmp_path)
     with pytest.raises(InputError, match="format must be one of pt2, aoti, onnx, got 'tflite'"):
         export(model("published"), tmp_path, "tflite")  # type: ignore[arg-type]
 

@@ -40,6 +40,9 @@ LIMITS = SafetyLimits(speed=0.6, curvature=2.2, silence=0.1, age=0.1)
 DRAWN = SightLimits(patience_s=2.0)
 """Walls that are drawn blank have no marks at all: a car that turns away from one may see nothing for a second."""
 
+BLANK = SightLimits(patience_s=60.0)
+"""Where all walls are blank, a car that stands before one sees nothing until it has found a way out."""
+
 NOT_RECORDED = {"out", "record", "record_format", "rrd", "view", "view_at"}
 """Where results go is no part of what was driven."""
 
@@ -100,7 +103,14 @@ def drive(
             fields=pilot.fields,
         )
         stack.callback(simulation.close)
-        sight = Sight(simulation.rig, RATE, LIMITS.age, PATIENCE, together=False, limits=DRAWN)
+        sight = Sight(
+            simulation.rig,
+            RATE,
+            LIMITS.age,
+            PATIENCE,
+            together=False,
+            limits=BLANK if config.walls == "blank" else DRAWN,
+        )
         steps = max(1, round(config.seconds * RATE))
         car = Car(pilot, simulation, SafeDrive(simulation, simulation, LIMITS, sight), steer=steer, max_steps=steps)
         record, put_back = Record(), PutBack(simulation, pilot)

@@ -46,6 +46,7 @@ class BindingModel(nn.Module, ABC):
 
     Attributes:
         name: of the kind, as in config.toml.
+        exportable: whether `torch.export` takes it.
         config_type: what its config.toml holds.
         tracks: whether its objects have places and times.
         trained: whether it has a trained first stage.
@@ -58,6 +59,7 @@ class BindingModel(nn.Module, ABC):
     config_type: ClassVar[type[ModelConfig]]
     tracks: ClassVar[bool] = False
     trained: ClassVar[bool] = True
+    exportable: ClassVar[bool] = True
     config: Any
     dt: float
     settle: float

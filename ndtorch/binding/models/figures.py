@@ -39,6 +39,7 @@ class FiguresModel(BindingModel):
     """
 
     name = "figures"
+    exportable = False  # regions are found outside torch
     config_type = FiguresConfig
     tracks = True
     trained = False

@@ -66,6 +66,7 @@ def folders(where, count=45):
             cv2.imwrite(str(where / name / f"{n:04d}.png"), part)
 
 
+@pytest.mark.realtime
 def test_a_car_on_another_link(tmp_path, paper):
     folders(tmp_path)
     (tmp_path / "car.toml").write_text(
