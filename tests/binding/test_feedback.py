@@ -266,5 +266,5 @@ def test_inputs_of_fields_of_another_shape_are_refused() -> None:
 
 @pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.int64])
 def test_other_precisions_are_refused(dtype: torch.dtype) -> None:
-    with pytest.raises(InputError, match="inputs must be float(32 or float64|ing point), got"):
+    with pytest.raises(InputError, match=r"inputs must be float(32 or float64|ing point), got"):
         InhibitoryNetwork(3)(torch.zeros(5, 3, dtype=dtype))

@@ -109,5 +109,5 @@ def test_steps_out_of_range_are_refused_by_name(value: float) -> None:
 
 @pytest.mark.parametrize("shape", [(0, 3), (3,)])
 def test_inputs_without_time_are_refused(shape: tuple[int, ...]) -> None:
-    with pytest.raises(InputError, match="^x must "):
+    with pytest.raises(InputError, match=r"^x must "):
         Resample(0.02, 0.01)(torch.zeros(shape))
