@@ -12,7 +12,7 @@ from ndtorch.run.result import RunResult
 from ndtorch.vision import FEATURES
 
 SHOWN = (
-    ("overlay.mp4", "The video, objects marked", "A circle in the object's color, its number as in the table under "
+    ("overlay.mp4", "The video, objects marked", "A circle or box in its color, its number as in the table under "
      "'mark', its color in words, an arrow where it moves, and the clock."),
     ("timeline.png", "Objects over time", "Above: a lane an object, thick while it is in sight. Below: where it went."),
     ("enhanced.mp4", "Input and attention", "Left: what the model sees. Right: the same, weighted by the features of "
