@@ -187,7 +187,8 @@ def sinusoid(period: float, phase: float) -> Floats:
     """Brightness as a sinusoid, phase in radians."""
     time = np.arange(round(LONGEST * FPS)) / FPS
     light = (BRIGHTEST + DARKEST) / 2 + (BRIGHTEST - DARKEST) / 2 * np.sin(2 * math.pi * time / period + phase)
-    return light.astype(np.float32)
+    drawn: Floats = light.astype(np.float32)
+    return drawn
 
 
 def paced(rng: np.random.Generator, low: float, high: float) -> Floats:
@@ -198,7 +199,8 @@ def paced(rng: np.random.Generator, low: float, high: float) -> Floats:
     samples = round(LONGEST * FPS)
     if kind == 1:
         light = 0.5 + NOISE_DEVIATION * smoothed(rng, period / 8, samples)[:, 0]
-        return light.clip(0.05, 0.95).astype(np.float32)
+        clipped: Floats = light.clip(0.05, 0.95).astype(np.float32)
+        return clipped
     lengths = np.round(FPS * rng.uniform(0.3, 0.7, math.ceil(LONGEST / (0.3 * period)) + 1) * period).astype(int)
     on = (np.arange(len(lengths)) + rng.integers(2)) % 2
     light = np.repeat(DARKEST + (BRIGHTEST - DARKEST) * on, lengths.clip(1))
@@ -212,7 +214,8 @@ def smoothed(rng: np.random.Generator, sigma: float, samples: int, signals: int 
     spectrum = np.fft.rfft(rng.standard_normal((samples, signals)), axis=0)
     gain = np.exp(-0.5 * (2 * math.pi * np.fft.rfftfreq(samples, 1 / FPS) * sigma) ** 2)
     smooth = np.fft.irfft(spectrum * gain[:, None], samples, axis=0)
-    return ((smooth - smooth.mean(0)) / smooth.std(0)).astype(np.float32)
+    scaled: Floats = ((smooth - smooth.mean(0)) / smooth.std(0)).astype(np.float32)
+    return scaled
 
 
 def presence(moment: float) -> Floats:
