@@ -9,11 +9,20 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_tensor
 from ndtorch.errors import InputError
-from ndtorch.navigation.controllers.contract import Command, Controller, in_time, ranges_at, stack_commands
+from ndtorch.navigation.controllers.contract import (
+    STOPPED,
+    SUPPRESSED,
+    Command,
+    Controller,
+    in_time,
+    ranges_at,
+    stack_commands,
+)
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, make_controller
 from ndtorch.navigation.correspondence import MatchParams
 from ndtorch.navigation.features import FeatureParams
 from ndtorch.navigation.mapping import GridMap, GridMapState
+from ndtorch.navigation.near_check import NearCheck
 from ndtorch.navigation.observations import ObservationList, Observations
 from ndtorch.navigation.odometry import DeadReckoning, Pose
 from ndtorch.navigation.ranging import Ranges
@@ -24,12 +33,15 @@ from ndtorch.navigation.strips import Strips
 from ndtorch.navigation.tracking import AlphaBetaTracker, Tracks
 from ndtorch.vision.temporal import FilterState
 
+STANDS = 0.05
+"""m/s: a car slower than this stands."""
+
 
 class NavigatorState(NamedTuple):
     """State of `Navigator`, and what it last saw.
 
     Attributes:
-        fields, rows: states of what reads the subfields and the horizon rows.
+        fields, rows: states of what reads the subfields and the horizon rows; None has them settle on the next frame.
         control: the controller's own state, a NamedTuple of tensors.
         command: the last command, `[...]`, driven until the next frame.
         pose: where the car was at the last frame, `[...]`.
@@ -39,8 +51,8 @@ class NavigatorState(NamedTuple):
         map, observations, tracks: states of those parts, None where the navigator has none.
     """
 
-    fields: FilterState
-    rows: RowRangingState
+    fields: FilterState | None
+    rows: RowRangingState | None
     control: Any
     command: Command
     pose: Pose
@@ -109,6 +121,7 @@ class Navigator(nn.Module):
         self.ranging = RowRanging(rig, dt, features, matching, angles, search=search)
         self.reckoning = DeadReckoning(dt)
         self.grid_map, self.observations, self.tracker = grid_map, observations, tracker
+        self.near = NearCheck(rig, self.controller.fields) if self.controller.looks_near else None
 
     def forward(
         self,
@@ -140,7 +153,8 @@ class Navigator(nn.Module):
                 f"subfields and rows must be of the same frames, "
                 f"got {tuple(left_field.shape)} and {tuple(left_row.shape)}"
             )
-        command, control, poses, pose = self.steer(seen, ranges, state, driven, start)
+        eyes = (left_field, right_field), (left_row, right_row)
+        command, control, poses, pose = self.steer(seen, ranges, state, driven, start, eyes)
         sides, difference = self.controller.sides(seen), self.controller.difference(control)
         last = Command(command.speed[..., -1], command.curvature[..., -1])
         now = Ranges(*(part[..., -1, :] for part in ranges))
@@ -174,6 +188,12 @@ class Navigator(nn.Module):
         """What the controller is doing, `[...]`: one of its `modes`, `CRUISE`, `TURN`, ..."""
         return self.controller.mode(state.control)
 
+    def looks_near(self, last: Command, control: Any, begins: bool) -> bool:
+        """Whether to look at what is right ahead: one car that stands, at the start or because it is boxed in."""
+        if self.near is None or last.speed.ndim or abs(float(last.speed)) > STANDS:
+            return False
+        return begins or int(self.controller.mode(control)) in (SUPPRESSED, STOPPED)
+
     def steer(
         self,
         seen: Tensor,
@@ -181,6 +201,7 @@ class Navigator(nn.Module):
         state: NavigatorState | None,
         driven: Command | None,
         start: Pose | None = None,
+        eyes: tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]] | None = None,
     ) -> tuple[Command, Any, Pose, Pose]:
         """Frame by frame, because what is done at one frame is what was driven on the way to the next."""
         still = torch.zeros_like(ranges.x[..., 0, 0])
@@ -193,6 +214,11 @@ class Navigator(nn.Module):
             if driven is not None:
                 last = Command(driven.speed[..., t], driven.curvature[..., t])
             pose = self.reckoning.step(pose, last.speed, last.curvature)
+            if eyes is not None and self.looks_near(last, control, state is None or (t == 0 and state.fields is None)):
+                assert self.near is not None
+                fields, rows = (tuple(eye[..., t, :, :, :] for eye in part) for part in eyes)
+                things, floor_seen = self.near(fields, rows)  # type: ignore[arg-type]
+                control = self.controller.told_near(control, pose, things, self.near.across, floor_seen)
             last, control = self.controller.step(seen.select(dim, t), ranges_at(ranges, t), pose, last, control)
             commands.append(last)
             poses.append(pose)

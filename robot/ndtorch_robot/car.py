@@ -13,6 +13,7 @@ import numpy as np
 import torch
 
 from ndtorch.errors import InputError
+from ndtorch.navigation import STOPPED
 from ndtorch_robot.loop import CameraClock, Loop
 from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import STAND, CameraPair, DriveCommand, Observer, Step, StereoFrames
@@ -38,6 +39,7 @@ class Car:
         max_steps: end after so many.
 
     Attributes:
+        troubles: why the navigator stood, each reason once.
         ended: set it, from any thread, to end the drive after the step.
     """
 
@@ -55,6 +57,7 @@ class Car:
         self.pilot, self.cameras, self.safe, self.drive = pilot, cameras, safe, safe.drive
         self.observers, self.go, self.steer = list(observers), go, steer
         self.ended = threading.Event()
+        self.troubles: list[str] = []
         self.began = 0.0
         self.starts: list[float] = []
         self.loop = Loop(pilot.rate, safe.clock, max_steps)
@@ -98,6 +101,9 @@ class Car:
             restarted = anew and self.pilot.state is not None
             with timing.part("navigate"):
                 wanted = self.pilot.step(frames, driven, placed, anew)
+            self.tell_trouble()
+        else:
+            self.pilot.roll(driven)
         sent = self.safe.send(wanted if self.steer is None else self.steer(wanted))
         if good and frames is not None:
             timing.add("frame to command", clock.now() - frames.time)
@@ -113,6 +119,13 @@ class Car:
             for observer in self.observers:
                 observer(made)
         timing.forget(KEPT)
+
+    def tell_trouble(self) -> None:
+        """Say why the navigator stands or goes slowly, once for each reason."""
+        trouble = self.pilot.trouble() if self.pilot.mode() == STOPPED else None
+        if trouble is not None and trouble not in self.troubles:
+            self.troubles.append(trouble)
+            self.safe.report(f"stands: {trouble}")
 
     def see(self) -> StereoFrames | None:
         """The newest frames; None when the cameras give nothing, which the safety layer is told."""
@@ -139,6 +152,7 @@ class Car:
             "late": self.loop.late,
             "faults": [{"time_s": round(max(0.0, when - self.began), 3), "why": why} for when, why in self.safe.faults],
             "standing": self.safe.standing,
+            "troubles": self.troubles,
             "round_trip_ms": percentiles(trips),
             "jitter_ms": percentiles(jitter),
             "parts_ms": self.loop.timing.summary(),

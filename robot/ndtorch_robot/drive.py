@@ -31,6 +31,7 @@ from ndtorch_robot.sim.plan import Plan
 from ndtorch_robot.sim.put_back import PutBack, TellAgain
 from ndtorch_robot.sim.simulation import RIG, Simulation
 from ndtorch_robot.sim.stress import read_stress
+from ndtorch_robot.sim.trials import TRIALS
 from ndtorch_robot.watch import PATIENCE
 
 LIMITS = SafetyLimits(speed=0.6, curvature=2.2, silence=0.1, age=0.1)
@@ -123,7 +124,8 @@ def drive(
             car.observers.append(RecordSteps(recorder))
         car.observers.append(record.observer(pilot, lambda: simulation.pose))
         car.observers += [] if view is None else [view]
-        stands = end_when_it_stands if stress.none else TellAgain(car.safe, put_back)
+        easy = stress.none and config.arena not in TRIALS
+        stands = end_when_it_stands if easy else TellAgain(car.safe, put_back)
         car.observers += [put_back, stands, *observers]
         began, interrupted = time.perf_counter(), False
         try:
@@ -242,6 +244,7 @@ def summarise(
         "walls": config.walls,
         "odometry": config.odometry,
         "stress": config.stress,
+        "troubles": car.troubles,
         "faults": [why for _, why in car.safe.faults],
         "parts_ms": timing,
     }

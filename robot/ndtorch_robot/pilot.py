@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import torch
@@ -11,14 +12,17 @@ from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.navigating import configuration
 from ndtorch_robot.ports import DriveCommand, Placed, StereoFrames
 
+LONGEST = 4.0
+"""Periods: after more than these without frames the navigator is not told of a longer step; the safety layer stops."""
+
 
 class Pilot:
     """The navigator with its state.
 
     What was seen before a gap cannot be compared with what is seen after it: motion across it would be believed. So
-    the navigator begins anew after one, and also after the car stood, since a car that stands sees nothing move,
-    which the navigator takes for being lost. It keeps the map then, and where it believes to be; where somebody has
-    carried the car, it is told the place.
+    the filters begin anew after one, and also after the car stood. All else is kept: the map, what the controller
+    remembers of its surroundings and of the floor, and where the car believes to be, which goes on while it rolls to a
+    stand. Where somebody has carried the car, the navigator begins anew with its map, and is told the place.
 
     Args:
         options: of the navigator.
@@ -36,6 +40,7 @@ class Pilot:
         self.rig, self.rate, self.fields = rig, rate, options.fields(rig)
         self.navigator: Navigator = options.navigator(rig, rate, grid)
         self.state: NavigatorState | None = None
+        self.time = -math.inf
         self.options, self.grid = options, grid
 
     def configuration(self) -> dict[str, Any]:
@@ -58,19 +63,32 @@ class Pilot:
             placed: where somebody has put the car since then.
             anew: the car stood, or saw nothing, since then.
         """
-        before = self.state
-        if before is None or anew or placed is not None:
-            at = before.pose if before is not None else None
-            if placed is not None:
-                at = Pose(*(torch.tensor(float(value)) for value in placed))
+        before, since = self.state, frames.time - self.time
+        self.time = frames.time
+        if before is None or placed is not None:
+            at = None if placed is None else Pose(*(torch.tensor(float(value)) for value in placed))
             command, state = self.navigator(frames.left, frames.right, start=at)
             if before is not None:
                 state = state._replace(map=before.map)
         else:
-            moved = Command(*(torch.tensor([value]) for value in driven))
+            if anew:
+                before = before._replace(fields=None, rows=None)
+            # Where frames were lost, the step was longer than the navigator takes it for.
+            longer = 1.0 if anew else min(max(1.0, float(round(since * self.rate))), LONGEST)
+            moved = Command(torch.tensor([driven.speed * longer]), torch.tensor([driven.curvature]))
             command, state = self.navigator(frames.left, frames.right, before, moved)
         self.state = state
         return DriveCommand(float(command.speed[-1]), float(command.curvature[-1]))
+
+    def roll(self, driven: DriveCommand) -> None:
+        """The car has driven for a step without having been steered: what it sees cannot be used."""
+        if self.state is not None and (driven.speed or driven.curvature):
+            moved = (torch.tensor(driven.speed), torch.tensor(driven.curvature))
+            self.state = self.state._replace(pose=self.navigator.reckoning.step(self.state.pose, *moved))
+
+    def trouble(self) -> str | None:
+        """Why the controller stands or goes slowly, in words; None while it sees what it needs."""
+        return None if self.state is None else self.navigator.controller.trouble(self.state.control)
 
     def mode(self) -> int:
         """What the controller is doing, as it numbers it."""

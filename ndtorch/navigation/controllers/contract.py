@@ -11,6 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from ndtorch.errors import InputError
+from ndtorch.navigation.near_check import Near
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import Rect, StereoRig
@@ -94,6 +95,7 @@ class Controller(nn.Module, ABC):
         Params: dataclass of its numbers, all with defaults.
         modes: which of `CRUISE`, `TURN`, ... it can be in.
         has_goals: whether it can be told where to go.
+        looks_near: whether it wants to be told what is right before it while it stands.
         params: its numbers.
         look: module from what both cameras see of `look.fields` to what the controller steers by.
 
@@ -110,6 +112,7 @@ class Controller(nn.Module, ABC):
     Params: ClassVar[type[Any]]
     modes: ClassVar[tuple[int, ...]]
     has_goals: ClassVar[bool] = False
+    looks_near: ClassVar[bool] = False
     params: Any
     look: nn.Module
 
@@ -174,6 +177,22 @@ class Controller(nn.Module, ABC):
     @abstractmethod
     def difference(self, state: Any) -> Tensor:
         """What it weighs, `[...]`: positive where the car should rather turn left. `trace` says what it is."""
+
+    def told_near(self, state: Any, pose: Pose, things: Near, across: Near, floor_seen: bool) -> Any:
+        """The state of one car that is told, while it stands, what is right before it.
+
+        Args:
+            state: before.
+            pose: where the car is, without dimensions.
+            things: that are near.
+            across: places across the path: something is believed there where no floor is seen.
+            floor_seen: right ahead.
+        """
+        return state
+
+    def trouble(self, state: Any) -> str | None:
+        """Why one car stands or goes slowly, in words; None while it sees what it needs."""
+        return None
 
     def warm_up(self) -> None:
         """Have ready what only later steps need, before a car depends on it."""

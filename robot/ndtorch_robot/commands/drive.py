@@ -177,6 +177,10 @@ def describe(result: Result) -> str:
     gates, faults = s["gates"], s["faults"]
     assert isinstance(gates, list)
     assert isinstance(faults, list)
+    troubles = s["troubles"]
+    assert isinstance(troubles, list)
+    if troubles:
+        lines.insert(3, f"  stood because {'; '.join(troubles)}")
     if gates[1]:
         lines.insert(3, f"  gates passed {gates[0]} of {gates[1]}")
     if faults:

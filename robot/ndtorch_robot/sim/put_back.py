@@ -13,7 +13,7 @@ STOP_TIME = 2.0
 
 
 class TellAgain:
-    """An observer: tells a car to go again that stands because of its cameras; each time counts as a stop for good.
+    """An observer: puts a car back and tells it to go that stands because of its cameras; that is a stop for good.
 
     Args:
         safe: the safety layer of the car.
@@ -32,6 +32,7 @@ class TellAgain:
         elif step.time - self.since >= STOP_TIME and not self.safe.passes:
             self.since = None
             self.put_back.stops.append(step.time)
+            self.put_back.simulation.put_back()
             self.safe.resume()
 
 

@@ -23,6 +23,7 @@ from ndtorch.navigation.controllers.contract import (
     Trace,
 )
 from ndtorch.navigation.controllers.ranging.arcs import arc_table, free_travel
+from ndtorch.navigation.controllers.ranging.caution import FULL, known_share, remember_near, speed_share, woken
 from ndtorch.navigation.controllers.ranging.decision import RangingState, decide, ranging_constants
 from ndtorch.navigation.controllers.ranging.floor import FloorState, floor_constants, floor_step
 from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
@@ -30,6 +31,7 @@ from ndtorch.navigation.controllers.ranging.params import RangingParams
 from ndtorch.navigation.controllers.ranging.patch import Patch, add_evidence, cell_numbers, empty_patch, move_patch
 from ndtorch.navigation.controllers.ranging.quick import QuickStep
 from ndtorch.navigation.controllers.registry import register
+from ndtorch.navigation.near_check import Near
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import StereoRig
@@ -50,6 +52,7 @@ class RangingControl(Controller):
     """
 
     name, Params, modes = "ranging", RangingParams, (CRUISE, TURN, SUPPRESSED, STOPPED, REVERSE)
+    looks_near = True
 
     def __init__(self, rig: StereoRig, dt: float, params: RangingParams | None = None) -> None:
         super().__init__(rig, dt, params)
@@ -73,6 +76,7 @@ class RangingControl(Controller):
         self.under = torch.full((body[0].numel(),), -2.0)
         self.numbers = torch.arange(p.patch.size, dtype=torch.get_default_dtype())
         self.constants = ranging_constants(p, dt)
+        self.full_flow = view.sweep * (dt * p.speed)
         self.quick = QuickStep(p, self.constants, self.floor, self.arcs, self.places, self.under)
 
     @classmethod
@@ -116,6 +120,13 @@ class RangingControl(Controller):
             seen: cells `[..., 2, bands, blocks]`.
             ranges, pose, driven, state: as `Controller.step`.
         """
+        state = state._replace(mode=woken(state.mode, state.floor, self.floor))
+        return self.cautious(*self.steer(seen, ranges, pose, driven, state), pose)
+
+    def steer(
+        self, seen: Tensor, ranges: Ranges, pose: Pose, driven: Command, state: RangingState
+    ) -> tuple[Command, RangingState]:
+        """`step` without caution."""
         if (
             not pose.x.ndim
             and seen.dtype == state.floor.level.dtype == ranges.x.dtype
@@ -124,6 +135,51 @@ class RangingControl(Controller):
             return self.quick(seen, ranges, pose, driven, state)
         lengths, floor, patch = self.sense(seen, ranges, pose, driven, state)
         return decide(lengths, driven, floor, patch, state, self.constants, self.floor)
+
+    def cautious(self, command: Command, state: RangingState, pose: Pose) -> tuple[Command, RangingState]:
+        """Stand where the way ahead is not long enough to begin, and go only as fast as floor is told from noise."""
+        share = speed_share(known_share(state.floor, self.full_flow, self.params.least_noise, self.floor))
+        slow, learning = share < 1.0, state.floor.age <= self.floor.learning
+        if not bool((slow | learning).any()):
+            return command, state
+        floor, stands = state.floor, share <= 0.0
+        if bool(learning.any()):
+            held = learning & (self.straight(state.patch, pose) < self.params.start_needs)
+            floor = FloorState(
+                torch.where(held.unsqueeze(-1), 0.0, floor.level),
+                floor.noise,
+                torch.where(held, torch.minimum(floor.age, self.floor.standing), floor.age),
+            )
+            stands = stands | held
+        speed = torch.where(command.speed > 0, command.speed * share, command.speed)
+        mode = torch.where(stands, torch.full_like(state.mode, STOPPED), state.mode)
+        still = torch.zeros_like(speed)
+        command = Command(torch.where(stands, still, speed), torch.where(stands, still, command.curvature))
+        return command, state._replace(floor=floor, mode=mode)
+
+    def straight(self, patch: Patch, pose: Pose) -> Tensor:
+        """How far nothing is known to be in the way straight ahead, m."""
+        places = self.places[:, self.marked :].expand(*pose.x.shape, 2, -1)
+        number = cell_numbers(places, pose, self.params.patch)
+        return free_travel(patch.evidence.gather(-1, number), self.arcs, self.constants.limits)[..., 0, 0]
+
+    def told_near(self, state: RangingState, pose: Pose, things: Near, across: Near, floor_seen: bool) -> RangingState:
+        """As `Controller.told_near`."""
+        p = self.params
+        return state._replace(patch=remember_near(state.patch, pose, things, across, floor_seen, p.blocked, p.patch))
+
+    def trouble(self, state: RangingState) -> str | None:
+        """As `Controller.trouble`."""
+        floor, p = state.floor, self.params
+        if int(state.mode) == STOPPED and float(floor.age) <= float(self.floor.standing):
+            return f"it cannot begin: less than {p.start_needs} m of floor are seen free ahead"
+        share = float(known_share(floor, self.full_flow, p.least_noise, self.floor))
+        if share >= FULL:
+            return None
+        why = (
+            "the pictures are noisy" if float(floor.noise) > p.least_noise else "the floor shows little, or it is dark"
+        )
+        return f"floor is told from noise in {100 * share:.0f} % of the view: {why}"
 
     def sense(
         self,

@@ -32,6 +32,8 @@ class RangingParams:
         floor_weight, hidden_weight, range_weight: evidence that a cell of floor, its end or a range gives a frame.
         blocked: evidence from which a cell counts as blocked; below minus a tenth of it the cell is known to
             be floor.
+        start_needs: a car that does not know its floor yet begins only where this much is free straight ahead, m.
+        least_noise: output of the motion detectors that the 256 levels of a picture alone can make.
         fading: time constant at which a car that is boxed in forgets, s.
         body: outline of the car.
         patch: the memory.
@@ -57,6 +59,8 @@ class RangingParams:
     hidden_weight: float = 1.0
     range_weight: float = 1.0
     blocked: float = 1.9
+    start_needs: float = 0.7
+    least_noise: float = 0.05
     fading: float = 1.0
     body: Body = field(default_factory=Body)
     patch: PatchParams = field(default_factory=PatchParams)
