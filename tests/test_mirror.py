@@ -56,6 +56,7 @@ TESTED_IN = {
     "kernels/tile_sums": "navigation/test_tiles",
     "kernels/ways": "navigation/controllers/goal/test_planning",
     "navigation/certainty": "navigation/test_mapping",
+    "navigation/controllers/ranging/caution": "navigation/test_near_check",
     "navigation/controllers/goal/control": "navigation/controllers/goal/test_goal_control",
     "navigation/controllers/goal/following": "navigation/controllers/goal/test_planning",
     "navigation/controllers/goal/memory": "navigation/controllers/goal/test_goal_control",

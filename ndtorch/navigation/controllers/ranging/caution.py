@@ -12,7 +12,7 @@ from ndtorch.navigation.near_check import Near
 from ndtorch.navigation.odometry import Pose
 
 LEAST, FULL = 0.25, 0.75
-"""Shares of the bands of floor that are told from noise: up to the first the car stands, from the second on it is fast."""
+"""Shares of the bands of floor that are told from noise: up to the first it stands, from the second on it is fast."""
 
 
 def remember_near(

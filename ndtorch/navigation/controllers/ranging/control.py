@@ -172,7 +172,8 @@ class RangingControl(Controller):
         """As `Controller.trouble`."""
         floor, p = state.floor, self.params
         if int(state.mode) == STOPPED and float(floor.age) <= float(self.floor.standing):
-            return f"it cannot begin: less than {p.start_needs} m of floor are seen free ahead"
+            noisy = ", and the pictures are noisy" * (float(floor.noise) > p.least_noise)
+            return f"it cannot begin: less than {p.start_needs} m of floor are seen free ahead{noisy}"
         share = float(known_share(floor, self.full_flow, p.least_noise, self.floor))
         if share >= FULL:
             return None

@@ -60,7 +60,7 @@ class RangingParams:
     range_weight: float = 1.0
     blocked: float = 1.9
     start_needs: float = 0.7
-    least_noise: float = 0.05
+    least_noise: float = 0.005
     fading: float = 1.0
     body: Body = field(default_factory=Body)
     patch: PatchParams = field(default_factory=PatchParams)

@@ -1,0 +1,134 @@
+"""What is right before a car that stands: walls and floor drawn by rays."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from ndtorch.errors import InputError
+from ndtorch.navigation import Command, Navigator, Pose, StereoRig
+from ndtorch.navigation.near_check import NearParams, floor_likeness, near_things
+
+RIG = StereoRig(forward=0.15)
+DT = 1 / 30
+
+
+def texture(u, v, seed, contrast):
+    """Smooth noise on a plane, 8 mm fine, `[...]` about 0.5."""
+    cells = np.random.default_rng(seed).uniform(-1, 1, (1024, 1024))
+    a, b = u / 0.008, v / 0.008
+    i, j = np.floor(a).astype(int), np.floor(b).astype(int)
+    s, t = a - i, b - j
+    corners = [cells[(i + di) % 1024, (j + dj) % 1024] for di in (0, 1) for dj in (0, 1)]
+    mixed = (corners[0] * (1 - t) + corners[1] * t) * (1 - s) + (corners[2] * (1 - t) + corners[3] * t) * s
+    return 0.5 + contrast * mixed
+
+
+def pair(wall, floor=0.15, paint=0.15, turned_down=0.0):
+    """Frames `[1, 1, 480, 640]` of both cameras before a wall so many metres from them, on a floor."""
+    rows, columns = np.mgrid[0:480, 0:640]
+    across = (319.5 - columns) / RIG.focal
+    down = (rows - 239.5) / RIG.focal + math.tan(turned_down)
+    frames = []
+    for side in (0.15, -0.15):
+        depth = np.where(down > 0, RIG.camera_height / np.maximum(down, 1e-6), np.inf)
+        on_floor = depth < wall
+        y = side + np.minimum(depth, wall) * across
+        height = -wall * down
+        seen = np.where(on_floor, texture(np.minimum(depth, 9), y, 1, floor), texture(height, y, 2, paint))
+        frames.append(torch.from_numpy(seen[None, None]).float())
+    return frames
+
+
+def looked(left, right):
+    rects = Navigator(RIG, DT).controller.fields
+    fields = [
+        eye[0, 0, r.top : r.bottom, r.left : r.right].numpy() for eye, r in zip((left, right), rects, strict=True)
+    ]
+    rows = [eye[0, 0, RIG.row].numpy() for eye in (left, right)]
+    return near_things(*rows, RIG, NearParams()), floor_likeness(*fields, rects, RIG, NearParams())
+
+
+@pytest.mark.parametrize("wall", [0.35, 0.5, 0.8])
+def test_a_wall_is_near_and_no_floor(wall):
+    things, likeness = looked(*pair(wall))
+    assert len(things.x) > 5
+    assert np.abs(things.x - RIG.forward - wall).max() < 0.06 * wall
+    assert np.abs(things.y).max() <= NearParams().beside
+    assert likeness < NearParams().floor
+
+
+def test_floor_is_floor():
+    for frames in (pair(3.0), pair(3.0, turned_down=math.radians(2))):
+        things, likeness = looked(*frames)
+        assert len(things.x) == 0
+        assert likeness > 0.7
+    assert looked(*pair(3.0, floor=0.0))[1] == 0.0  # without texture nobody can say
+    things, likeness = looked(*pair(0.4, paint=0.0))  # nor of a blank wall
+    assert len(things.x) == 0
+    assert likeness == 0.0
+
+
+def test_what_cannot_be():
+    with pytest.raises(InputError, match="nearest < farthest"):
+        NearParams(nearest=1.0, farthest=0.5)
+
+
+@pytest.mark.parametrize(("wall", "begins"), [(3.0, True), (0.5, False)])
+def test_a_car_begins_only_where_floor_is_seen(wall, begins):
+    navigator, (left, right) = Navigator(RIG, DT), pair(wall)
+    state = None
+    with torch.inference_mode():
+        for _ in range(6):
+            command, state = navigator(left, right, state, Command(torch.zeros(1), torch.zeros(1)))
+    assert (float(command.speed) > 0) == begins
+    trouble = navigator.controller.trouble(state.control)
+    assert (trouble is None) == begins
+    assert begins or "it cannot begin" in trouble
+    if not begins:  # what was in the way is taken away
+        left, right = pair(3.0)
+        with torch.inference_mode():
+            speeds = [navigator(left, right, state)]
+            for _ in range(60):
+                speeds.append(navigator(left, right, speeds[-1][1], Command(torch.zeros(1), torch.zeros(1))))
+        assert float(speeds[0][0].speed) == 0
+
+
+def test_memory_outlives_a_fault():
+    """With the filters begun anew, the controller knows its floor and its patch still."""
+    navigator, (left, right) = Navigator(RIG, DT), pair(3.0)
+    state = None
+    with torch.inference_mode():
+        for _ in range(3):
+            _, state = navigator(left, right, state, Command(torch.zeros(1), torch.zeros(1)))
+        known = state.control.floor._replace(level=torch.ones_like(state.control.floor.level), age=torch.tensor(500.0))
+        state = state._replace(
+            control=state.control._replace(floor=known, mode=torch.tensor(0.0)), fields=None, rows=None
+        )
+        near, far = (navigator(*pair(d), state, Command(torch.zeros(1), torch.zeros(1))) for d in (0.5, 3.0))
+    for _, after in (near, far):
+        assert torch.equal(after.control.floor.level, known.level)
+        assert float(after.pose.x) == float(state.pose.x)
+    assert float(far[0].curvature) == 0
+    assert float(far[0].speed) == pytest.approx(0.5)
+    assert float(near[0].speed) <= 0 or float(near[0].curvature) != 0
+
+
+def test_slower_on_floor_that_is_told_worse_from_noise():
+    controller = Navigator(RIG, DT).controller
+    seen = torch.zeros(2, 14, 8)
+    origin = torch.zeros(())
+    state = controller.start(seen, Pose(origin, origin, origin))
+    level = torch.linspace(0.2, 2.0, 14)
+    speeds = {}
+    for noise in (0.0, 0.2, 5.0):
+        floor = state.floor._replace(level=level, noise=torch.tensor(noise), age=torch.tensor(500.0))
+        command, after = controller.cautious(
+            Command(torch.tensor(0.5), origin), state._replace(floor=floor), Pose(origin, origin, origin)
+        )
+        speeds[noise] = float(command.speed), controller.trouble(after)
+    assert speeds[0.0] == (0.5, None)
+    assert 0 < speeds[0.2][0] < 0.5
+    assert speeds[5.0][0] == 0
+    assert "noisy" in speeds[5.0][1]
