@@ -91,6 +91,8 @@ class Navigator(nn.Module):
             than the published default.
         angles: `"atan"` (exact) or `"linear"` (as published).
         grid_map, observations, tracker: parts to fill with the ranges; none by default.
+        near_check: while one car stands, at the start or boxed in, look at what is right ahead with both cameras, and
+            tell the controller.
 
     Raises:
         InputError: an unknown controller, or parameters of the other one; frames that cannot be used: two sizes,
@@ -111,6 +113,7 @@ class Navigator(nn.Module):
         grid_map: GridMap | None = None,
         observations: ObservationList | None = None,
         tracker: AlphaBetaTracker | None = None,
+        near_check: bool = False,
     ) -> None:
         super().__init__()
         if isinstance(controller, str):
@@ -121,7 +124,7 @@ class Navigator(nn.Module):
         self.ranging = RowRanging(rig, dt, features, matching, angles, search=search)
         self.reckoning = DeadReckoning(dt)
         self.grid_map, self.observations, self.tracker = grid_map, observations, tracker
-        self.near = NearCheck(rig, self.controller.fields) if self.controller.looks_near else None
+        self.near = NearCheck(rig, self.controller.fields) if near_check and self.controller.looks_near else None
 
     def forward(
         self,

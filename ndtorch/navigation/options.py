@@ -104,6 +104,7 @@ class NavigatorOptions:
             angles=self.angle,
             search=search,
             grid_map=grid_map,
+            near_check=True,
         )
 
 

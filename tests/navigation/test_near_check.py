@@ -77,7 +77,7 @@ def test_what_cannot_be():
 
 @pytest.mark.parametrize(("wall", "begins"), [(3.0, True), (0.5, False)])
 def test_a_car_begins_only_where_floor_is_seen(wall, begins):
-    navigator, (left, right) = Navigator(RIG, DT), pair(wall)
+    navigator, (left, right) = Navigator(RIG, DT, near_check=True), pair(wall)
     state = None
     with torch.inference_mode():
         for _ in range(6):
@@ -97,7 +97,7 @@ def test_a_car_begins_only_where_floor_is_seen(wall, begins):
 
 def test_memory_outlives_a_fault():
     """With the filters begun anew, the controller knows its floor and its patch still."""
-    navigator, (left, right) = Navigator(RIG, DT), pair(3.0)
+    navigator, (left, right) = Navigator(RIG, DT, near_check=True), pair(3.0)
     state = None
     with torch.inference_mode():
         for _ in range(3):

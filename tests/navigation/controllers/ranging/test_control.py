@@ -273,7 +273,6 @@ def test_navigator_with_the_ranging_controller():
     wide = (255 * torch.rand(2, 24, 3, 480, 700, generator=generator)).to(torch.uint8)
     left, right = wide[..., :640], wide[..., 60:]
     navigator = Navigator(RIG, DT, controller="ranging")
-    navigator.near = None  # a car alone would look for floor before it begins, and there is none
     whole, final = navigator(left, right)
     assert whole.speed.shape == (2, 24)
     assert (whole.speed[:, :3] == 0).all()
