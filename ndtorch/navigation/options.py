@@ -81,11 +81,12 @@ class NavigatorOptions:
         """
         return make_controller(self.controller, rig, dt, controller_class(self.controller).params_for(self.task()))
 
-    def navigator(self, rig: StereoRig, rate: float, grid: Grid | None = None) -> Navigator:
+    def navigator(self, rig: StereoRig, rate: float, grid: Grid | None = None, near_check: bool = False) -> Navigator:
         """A navigator for so many frames a second.
 
         Args:
             grid: the part of the world to map, if any.
+            near_check: look at what is right ahead before the car begins, see `Navigator`.
         """
         edges = self.places == "edges"
         features = FeatureParams(
@@ -104,7 +105,7 @@ class NavigatorOptions:
             angles=self.angle,
             search=search,
             grid_map=grid_map,
-            near_check=True,
+            near_check=near_check,
         )
 
 

@@ -20,15 +20,16 @@ class Pilot:
     """The navigator with its state.
 
     What was seen before a gap cannot be compared with what is seen after it: motion across it would be believed. So
-    the filters begin anew after one, and also after the car stood. All else is kept: the map, what the controller
-    remembers of its surroundings and of the floor, and where the car believes to be, which goes on while it rolls to a
-    stand. Where somebody has carried the car, the navigator begins anew with its map, and is told the place.
+    the filters begin anew after one, and also after the car stood. All else is kept: the map, what a controller that
+    knows its floor remembers of that and of its surroundings, and where the car believes to be, which goes on while it
+    rolls to a stand. Where somebody has carried the car, the navigator begins anew with its map, and is told the place.
 
     Args:
         options: of the navigator.
         rig: the cameras.
         rate: steps a second.
         grid: of a map to make, which changes no command.
+        near_check: look at what is right ahead before the car begins and after every fault.
 
     Attributes:
         navigator: what steers.
@@ -36,9 +37,16 @@ class Pilot:
         state: of the navigator after the last step.
     """
 
-    def __init__(self, options: NavigatorOptions, rig: StereoRig, rate: float, grid: Grid | None = None) -> None:
+    def __init__(
+        self,
+        options: NavigatorOptions,
+        rig: StereoRig,
+        rate: float,
+        grid: Grid | None = None,
+        near_check: bool = True,
+    ) -> None:
         self.rig, self.rate, self.fields = rig, rate, options.fields(rig)
-        self.navigator: Navigator = options.navigator(rig, rate, grid)
+        self.navigator: Navigator = options.navigator(rig, rate, grid, near_check)
         self.state: NavigatorState | None = None
         self.time = -math.inf
         self.options, self.grid = options, grid
@@ -65,8 +73,13 @@ class Pilot:
         """
         before, since = self.state, frames.time - self.time
         self.time = frames.time
-        if before is None or placed is not None:
-            at = None if placed is None else Pose(*(torch.tensor(float(value)) for value in placed))
+        lost = anew and before is not None and not self.navigator.controller.settled(before.control)
+        if before is None or placed is not None or lost:
+            if lost:
+                self.roll(driven)
+            at = self.state.pose if self.state is not None else None
+            if placed is not None:
+                at = Pose(*(torch.tensor(float(value)) for value in placed))
             command, state = self.navigator(frames.left, frames.right, start=at)
             if before is not None:
                 state = state._replace(map=before.map)

@@ -7,10 +7,13 @@ import os
 import sys
 import time
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Grid, StereoRig
+from ndtorch.navigation.controllers import controller_class
+from ndtorch.navigation.options import NavigatorOptions
 from ndtorch.toml import check
 from ndtorch_robot.car import Car
 from ndtorch_robot.link.registry import SIMULATED_WORLD, MovesWorld, Opening, open_link
@@ -18,7 +21,7 @@ from ndtorch_robot.loop import CameraClock
 from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import CameraPair, Clock, Drive, Observer, Report
 from ndtorch_robot.run_config import RunConfig
-from ndtorch_robot.safety import SafeDrive, Sight
+from ndtorch_robot.safety import SafeDrive, SafetyLimits, Sight
 
 if TYPE_CHECKING:
     from ndtorch_robot.sim.simulation import Simulation
@@ -61,14 +64,31 @@ def make_car(
     report: Report,
     go: bool = False,
     observers: Iterable[Observer] = (),
+    near_check: bool = True,
 ) -> Car:
-    """A car of these parts, with the navigator and the safety layer of a configuration."""
+    """A car of these parts, with the navigator and the safety layer of a configuration.
+
+    Args:
+        near_check: not for pictures in which there is no floor.
+    """
     limits, half = config.limits.limits(), config.navigation.map_half_size_m
     grid = Grid(-half, half, -half, half) if half else None
-    pilot = Pilot(config.navigation.options(), rig, config.rate_hz, grid)
+    pilot = Pilot(within_limits(config.navigation.options(), limits), rig, config.rate_hz, grid, near_check)
     sight = Sight(rig, config.rate_hz, limits.age, limits=config.sight.limits())
     safe = SafeDrive(drive, clock, limits, sight, report)
     return Car(pilot, cameras, safe, observers=observers, go=go)
+
+
+def within_limits(options: NavigatorOptions, limits: SafetyLimits) -> NavigatorOptions:
+    """The options with a cruise speed that the safety layer lets through, where the controller has one to choose."""
+    if options.cruise <= limits.speed:
+        return options
+    slower = replace(options, cruise=limits.speed)
+    try:
+        controller_class(slower.controller).params_for(slower.task())
+    except InputError:
+        return options
+    return slower
 
 
 def make_simulation(config: RunConfig) -> Simulation | None:

@@ -190,6 +190,10 @@ class Controller(nn.Module, ABC):
         """
         return state
 
+    def settled(self, state: Any) -> bool:
+        """Whether one car goes on from this state after it stood; else it begins anew, where it believes to be."""
+        return False
+
     def trouble(self, state: Any) -> str | None:
         """Why one car stands or goes slowly, in words; None while it sees what it needs."""
         return None

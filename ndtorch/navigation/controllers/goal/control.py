@@ -145,6 +145,10 @@ class GoalControl(Controller):
         commands, states = zip(*made, strict=True)
         return put_together(list(commands), batch), put_together(list(states), batch)
 
+    def settled(self, state: GoalState) -> bool:
+        """As `RangingControl.settled`."""
+        return self.reactive.settled(state.reactive)
+
     def warm_up(self) -> None:
         """Plan once, so that the searches are compiled."""
         origin = torch.zeros(())

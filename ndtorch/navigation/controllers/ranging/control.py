@@ -168,6 +168,10 @@ class RangingControl(Controller):
         p = self.params
         return state._replace(patch=remember_near(state.patch, pose, things, across, floor_seen, p.blocked, p.patch))
 
+    def settled(self, state: RangingState) -> bool:
+        """As `Controller.settled`: it knows its floor."""
+        return float(state.floor.age) > float(self.floor.learning) and bool((state.floor.level > 0).all())
+
     def trouble(self, state: RangingState) -> str | None:
         """As `Controller.trouble`."""
         floor, p = state.floor, self.params

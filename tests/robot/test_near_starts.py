@@ -1,0 +1,73 @@
+"""A car that is started, or goes on after a fault, with a wall right before it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ndtorch.navigation import STOPPED
+from ndtorch.navigation.options import NavigatorOptions
+from ndtorch_robot.car import Car
+from ndtorch_robot.drive import DRAWN, LIMITS
+from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.safety import SafeDrive, Sight
+from ndtorch_robot.sim.arenas import load_arena
+from ndtorch_robot.sim.plan import Plan, ring
+from ndtorch_robot.sim.simulation import RIG, Simulation
+from tests.robot.support.gl_needed import needs_gl
+
+pytestmark = [needs_gl, pytest.mark.slow]
+
+BUMPER = 0.25
+"""Metres from the middle of the car."""
+
+
+def driven(simulation, pilot, place, seconds):
+    """Put the car there, drive, and count the collisions."""
+    simulation.place(*place)
+    sight = Sight(RIG, 30.0, LIMITS.age, 15, together=False, limits=DRAWN)
+    car = Car(pilot, simulation, SafeDrive(simulation, simulation, LIMITS, sight), max_steps=round(30 * seconds))
+    before = len(simulation.collisions)
+    car.run(warm_up=False)
+    return len(simulation.collisions) - before, car
+
+
+def test_a_start_before_a_wall_and_one_before_none():
+    pilot = Pilot(NavigatorOptions(), RIG, 30.0)
+    simulation = Simulation(Plan("small", ring([(0, 0), (3, 0), (3, 2), (0, 2)])), 7, fields=pilot.fields)
+    try:
+        hits, car = driven(simulation, pilot, (3 - BUMPER - 0.35, 1.0, 0.0), 1.0)
+        assert hits == 0
+        assert simulation.pose[0] == pytest.approx(3 - BUMPER - 0.35)
+        assert pilot.mode() == STOPPED
+        assert "it cannot begin" in car.troubles[0]
+        hits, car = driven(simulation, pilot, (0.6, 1.0, 0.0), 1.0)
+        assert hits == 0
+        assert car.troubles == []
+        assert simulation.pose[0] > 0.8
+    finally:
+        simulation.close()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("arena", ["room", "office"])
+def test_twenty_starts_before_walls(arena):
+    plan, rng = load_arena(arena, 1110), np.random.default_rng(1110)
+    pilot = Pilot(NavigatorOptions(), RIG, 30.0)
+    simulation = Simulation(plan, 1110, fields=pilot.fields)
+    made = 0
+    try:
+        while made < 10:
+            left, right, bottom, top = plan.bounds
+            x, y, heading = rng.uniform(left, right), rng.uniform(bottom, top), rng.uniform(0, 2 * math.pi)
+            if plan.clearance(np.array([[x, y]]))[0] < 0.33:
+                continue
+            free = float(simulation.places.lengths(x, y, np.array([heading]), 0.18)[0]) - BUMPER
+            if not 0.2 <= free <= 0.6:
+                continue
+            made += 1
+            pilot.state = None
+            hits, _ = driven(simulation, pilot, (x, y, heading), 2.5)
+            assert hits == 0, (x, y, heading, free)
+    finally:
+        simulation.close()
