@@ -22,7 +22,7 @@ FLOORS = (
     "scenes vision",
     "binding navigation",
     "export loading",
-    "__main__ cli command_run commands report run",
+    "__main__ cli command_run commands ending report run",
 )
 """Rooms of the library, from the ground up. A file imports from its own floor and from those below."""
 
