@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import contextlib
-import difflib
 import os
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,6 +13,7 @@ import ndtorch
 from ndtorch.code_digest import module_places
 from ndtorch.command_run import INTERRUPTED, UNUSABLE, Subcommand, missing, run_command
 from ndtorch.ending import NOTHING_KEPT, ended_like_ctrl_c
+from ndtorch.nearest import meant
 from ndtorch.optional import OURS
 from ndtorch.run.arguments import EVERY
 
@@ -117,9 +117,9 @@ def hint(name: str, commands: Iterable[str]) -> str:
     for distribution, names in ELSEWHERE.items():
         if name in names:
             return f"it comes with {distribution}; in a checkout: pip install ./{distribution.removeprefix('ndtorch-')}"
-    near = difflib.get_close_matches(name, commands, 1)
+    near = meant(name, commands)
     if near:
-        return f"did you mean {near[0]!r}?"
+        return near.removeprefix("; ")
     return f"there are {', '.join(commands)}" if commands else "none is installed: pip install ndtorch"
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ndtorch.errors import InputError
+from ndtorch.nearest import meant
 from ndtorch_robot.sim.generated import office, random_building
 from ndtorch_robot.sim.plan import Plan, circle, ring, square
 from ndtorch_robot.sim.tracing import Box, trace
@@ -117,5 +118,5 @@ def load_arena(name: str, seed: int = 0) -> Plan:
 
         return read_arena(Path(name))
     if name not in ARENAS:
-        raise InputError(f"no arena {name!r}, choose one of {', '.join(ARENAS)} or a .toml file")
+        raise InputError(f"no arena {name!r}, choose one of {', '.join(ARENAS)} or a .toml file{meant(name, ARENAS)}")
     return ARENAS[name](seed)

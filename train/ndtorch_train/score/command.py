@@ -13,6 +13,7 @@ from typing import Any
 from ndtorch.command_run import INTERRUPTED
 from ndtorch.errors import InputError
 from ndtorch.files import write_text
+from ndtorch.nearest import meant
 from ndtorch_train.score.choices import LABELLED, LONGEST, METHODS, RATES, SETTLE, Split
 
 Table = tuple[list[dict[str, Any]], str]
@@ -169,7 +170,7 @@ def check(options: ScoreOptions) -> None:
 
     for name in options.rules:
         if name not in METHODS:
-            raise InputError(f"rules must be among {', '.join(METHODS)}, got {name!r}")
+            raise InputError(f"rules must be among {', '.join(METHODS)}, got {name!r}{meant(name, METHODS)}")
     if not options.rules:
         raise InputError(f"rules must name at least one of {', '.join(METHODS)}")
     if not options.seconds or not all(0 < s <= LONGEST - SETTLE for s in options.seconds):

@@ -16,6 +16,7 @@ from ndtorch.binding.feedback import settled
 from ndtorch.binding.models.whole_field import BindingState
 from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.errors import InputError
+from ndtorch.nearest import meant
 from ndtorch.optional import need
 from ndtorch.vision import LowPass
 from ndtorch_train.score.choices import METHODS
@@ -262,4 +263,4 @@ def method(name: str, truth: Sequence[Tensor]) -> Method:
         return Ica()
     if name == "nmf":
         return Nmf([len(features) for features in truth])
-    raise InputError(f"rules must be among {', '.join(METHODS)}, got {name!r}")
+    raise InputError(f"rules must be among {', '.join(METHODS)}, got {name!r}{meant(name, METHODS)}")

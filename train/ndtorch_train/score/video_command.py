@@ -13,6 +13,7 @@ import torch
 from ndtorch.binding.models.video import SWITCHES as PARTS
 from ndtorch.errors import InputError
 from ndtorch.files import write_text
+from ndtorch.nearest import meant
 from ndtorch.report.page import Shown
 from ndtorch.report.timeline import draw_timeline
 from ndtorch.report.words import in_words
@@ -84,7 +85,9 @@ def check(options: VideoScore, file: Path | None) -> None:
         raise InputError(f"rates must lie between 1 and 240 frames a second, got {options.rates}")
     for part in options.ablate:
         if part not in (*PARTS, "all"):
-            raise InputError(f"ablate must name parts among {', '.join(PARTS)} or all, got {part!r}")
+            raise InputError(
+                f"ablate must name parts among {', '.join(PARTS)} or all, got {part!r}{meant(part, PARTS)}"
+            )
     if file is not None and not file.is_file():
         raise InputError(f"file {file} does not exist")
 

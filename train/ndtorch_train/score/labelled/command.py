@@ -12,6 +12,7 @@ import cv2
 import torch
 
 from ndtorch.errors import InputError
+from ndtorch.nearest import meant
 from ndtorch_train.score.choices import LABELLED
 from ndtorch_train.score.labelled.methods import see, shrunk
 from ndtorch_train.score.labelled.metrics import score
@@ -45,7 +46,9 @@ class Comparison:
             raise InputError(f"rows must be 0 or at least 32, got {rows}")
         for name in methods:
             if name not in LABELLED and not Path(name).is_dir():
-                raise InputError(f"methods must be among {', '.join(LABELLED)} or folders of models, got {name!r}")
+                raise InputError(
+                    f"methods must be among {', '.join(LABELLED)} or folders of models, got {name!r}{meant(name, LABELLED)}"
+                )
         self.clips = [read_clip(path) for path in clip_folders(folder)]
         self.methods, self.rows, self.told = methods, rows, told
 
