@@ -46,8 +46,9 @@ class Comparison:
             raise InputError(f"rows must be 0 or at least 32, got {rows}")
         for name in methods:
             if name not in LABELLED and not Path(name).is_dir():
+                hint = meant(name, LABELLED)
                 raise InputError(
-                    f"methods must be among {', '.join(LABELLED)} or folders of models, got {name!r}{meant(name, LABELLED)}"
+                    f"methods must be among {', '.join(LABELLED)} or folders of models, got {name!r}{hint}"
                 )
         self.clips = [read_clip(path) for path in clip_folders(folder)]
         self.methods, self.rows, self.told = methods, rows, told
