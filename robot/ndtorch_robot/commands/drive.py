@@ -124,19 +124,20 @@ def write_results(result: Result, folder: Path) -> None:
     """All files of a drive."""
     import numpy as np
 
+    from ndtorch.checked import save_arrays
     from ndtorch_robot.figures import write_figures
     from ndtorch_robot.report import write_drive_page
 
     (folder / "summary.json").write_text(json.dumps(result.summary, indent=1) + "\n")
     g = result.grid
-    np.savez_compressed(
-        folder / "map.npz",
-        cells=result.cells.numpy(),
-        bounds=np.array([g.left, g.right, g.bottom, g.top]),
-        cell=g.cell,
-        true_path=result.record.array("pose"),
-        believed_path=result.record.array("believed"),
-    )
+    arrays = {
+        "cells": result.cells.numpy(),
+        "bounds": np.array([g.left, g.right, g.bottom, g.top]),
+        "cell": np.array(g.cell),
+        "true_path": result.record.array("pose"),
+        "believed_path": result.record.array("believed"),
+    }
+    save_arrays(folder / "map.npz", arrays)
     write_figures(result, folder)
     write_drive_page(result, describe(result), folder)
 
