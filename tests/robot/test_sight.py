@@ -149,7 +149,7 @@ def test_wrongly_mounted_cameras_are_told(name, seed):
 
 def test_swapped_cameras_are_forgotten_when_somebody_says_go():
     safe = SafeDrive(PlainDrive(), SimulatedClock(), sight=Sight(RIG, RATE, 0.1))
-    steps = list(drive(20.0))
+    steps = list(drive(14.0))
     said = []
     for n, part in enumerate(steps):
         safe.clock.time = n / RATE
