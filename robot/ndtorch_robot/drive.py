@@ -24,15 +24,14 @@ from ndtorch_robot.record import Record
 from ndtorch_robot.recording.observe import RecordSteps
 from ndtorch_robot.recording.recorder import Recorder
 from ndtorch_robot.safety import SafeDrive, SafetyLimits, Sight
-from ndtorch_robot.score import MapScore, coverage, score_map
+from ndtorch_robot.score import MapScore, coverage, gates_passed, score_map
 from ndtorch_robot.sim.arenas import load_arena
+from ndtorch_robot.sim.hits import hits_summary
 from ndtorch_robot.sim.plan import Plan
-from ndtorch_robot.sim.put_back import PutBack
+from ndtorch_robot.sim.put_back import PutBack, TellAgain
 from ndtorch_robot.sim.simulation import RIG, Simulation
+from ndtorch_robot.sim.stress import read_stress
 from ndtorch_robot.watch import PATIENCE
-
-RATE = 30.0
-"""Frames a second."""
 
 LIMITS = SafetyLimits(speed=0.6, curvature=2.2, silence=0.1, age=0.1)
 """Those of a car, but for how fast speed and steering may change: the simulated car has limits of its own for that."""
@@ -58,7 +57,6 @@ class Result:
         collisions: times and true poses.
         stops: times at which the controller stopped for good.
         interrupted: by Ctrl-C.
-        trace: how to draw what the controller weighed.
         trace: how to draw what the controller weighed.
     """
 
@@ -91,7 +89,9 @@ def drive(
         InputError: an arena or a machine that cannot be used; cameras that fail, after the car was stopped.
     """
     plan = load_arena(config.arena, config.seed)
-    pilot = pilot or drive_pilot(config, plan)
+    for remark in plan.remarks:
+        print_note(f"{plan.name}: {remark}")
+    pilot, stress, rate = pilot or drive_pilot(config, plan), read_stress(config.stress), config.rate
     with contextlib.ExitStack() as stack:
         simulation = Simulation(
             plan,
@@ -101,17 +101,19 @@ def drive(
             odometry=config.odometry,
             whole=config.whole or shown(config),
             fields=pilot.fields,
+            stress=stress,
+            rate=rate,
         )
         stack.callback(simulation.close)
         sight = Sight(
             simulation.rig,
-            RATE,
+            rate,
             LIMITS.age,
             PATIENCE,
             together=False,
             limits=BLANK if config.walls == "blank" else DRAWN,
         )
-        steps = max(1, round(config.seconds * RATE))
+        steps = max(1, round(config.seconds * rate))
         car = Car(pilot, simulation, SafeDrive(simulation, simulation, LIMITS, sight), steer=steer, max_steps=steps)
         record, put_back = Record(), PutBack(simulation, pilot)
         view = show(config, plan, pilot, simulation, record, stack) if shown(config) else None
@@ -121,12 +123,14 @@ def drive(
             car.observers.append(RecordSteps(recorder))
         car.observers.append(record.observer(pilot, lambda: simulation.pose))
         car.observers += [] if view is None else [view]
-        car.observers += [put_back, end_when_it_stands, *observers]
+        stands = end_when_it_stands if stress.none else TellAgain(car.safe, put_back)
+        car.observers += [put_back, stands, *observers]
         began, interrupted = time.perf_counter(), False
         try:
             pilot.warm_up()  # before the time is taken
             began = time.perf_counter()
-            car.run(warm_up=False)
+            # Where frames are lost, fewer steps fill the time.
+            car.run(config.seconds - 0.5 / rate if stress.drop else None, warm_up=False)
         except KeyboardInterrupt:
             interrupted = True
         if recorder is not None:
@@ -141,7 +145,7 @@ def drive(
 
 def drive_pilot(config: DriveConfig, plan: Plan) -> Pilot:
     """Who steers a simulated drive, with a map as large as the building."""
-    return Pilot(config.options(), RIG, RATE, plan.grid())
+    return Pilot(config.options(), RIG, config.rate, plan.grid())
 
 
 def end_when_it_stands(step: Step) -> None:
@@ -188,7 +192,7 @@ def drive_configuration(config: DriveConfig, rig: StereoRig) -> dict[str, Any]:
         "program": "drive",
         "drive": config.model_dump(mode="json", exclude=NOT_RECORDED),
         "rig": asdict(rig),
-        "rate_hz": RATE,
+        "rate_hz": config.rate,
     }
 
 
@@ -212,14 +216,15 @@ def summarise(
     """The keys of `summary.json`."""
     plan = simulation.plan
     poses = record.array("pose").reshape(-1, 3)
-    seconds = len(poses) / RATE
+    seconds = simulation.now()
     score = MapScore(None, None, None, None)
     if len(poses):
         score = score_map(cells, plan.grid(), plan, simulation.world.profiles, poses[::5], simulation.rig)
     hits = len(simulation.collisions)
+    free, path = simulation.places.free, poses[:, :2]
     timing = car.loop.timing.summary()
     return {
-        "collisions": hits,
+        **hits_summary(simulation.collisions),
         "stopped": len(put_back.stops),
         "simulated_seconds": round(seconds, 3),
         "wall_seconds": round(wall, 3),
@@ -228,11 +233,15 @@ def summarise(
         "step_ms": {key: round(value, 3) for key, value in timing.get("navigate", {}).items()},
         "map": {key: None if v is None else round(v, 4) for key, v in score._asdict().items()},
         "collisions_per_hour": round(hits / seconds * 3600, 1) if seconds else math.nan,
-        "free_area_passed": round(coverage(simulation.places.free, poses[:, :2]), 4) if len(poses) else 0.0,
+        "free_area_passed": round(coverage(free, path), 4) if len(poses) else 0.0,
+        "free_area_passed_40cm": round(coverage(free, path, 0.4), 4) if len(poses) else 0.0,
+        "gates": [sum(gates_passed(plan.gates, path)), len(plan.gates)] if len(poses) else [0, len(plan.gates)],
         "arena": config.arena,
         "seed": config.seed,
         "controller": config.controller,
         "walls": config.walls,
         "odometry": config.odometry,
+        "stress": config.stress,
+        "faults": [why for _, why in car.safe.faults],
         "parts_ms": timing,
     }

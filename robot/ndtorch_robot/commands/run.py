@@ -16,6 +16,7 @@ from ndtorch.installed import toml_file
 
 if TYPE_CHECKING:
     from ndtorch_robot.car import Car
+    from ndtorch_robot.run_config import RunConfig
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,8 @@ class Run:
     """Drive so long, s; until it is told to end by default."""
     go: bool = False
     """Drive off without waiting for the key."""
+    stress: str = ""
+    """In a simulated world: what is wrong with cameras and car, names or KEY=NUMBER as of `ndtorch drive`."""
     record: Path | None = None
     """New folder for a recording that `ndtorch replay` drives again."""
     record_format: Literal["png", "jpeg", "raw"] = "jpeg"
@@ -58,6 +61,8 @@ class Run:
         if self.seconds is not None and not 0 < self.seconds < 1e7:
             raise InputError(f"--seconds must be positive, got {self.seconds}")
         config = read_toml(toml_file(self.config, "ndtorch_robot", "configs"), RunConfig)
+        if self.stress:
+            config = with_stress(config, self.stress)
         torch.set_num_threads(1)
         printed = timed_report()
         told = [printed]
@@ -107,6 +112,13 @@ class Run:
         from ndtorch_robot.view import Where, layout, open_stream
 
         return open_stream(f"run {self.config.stem}", Where(*where), layout())
+
+
+def with_stress(config: RunConfig, stress: str) -> RunConfig:
+    """The configuration with this stress in its simulated world."""
+    if config.simulation is None:
+        raise InputError("--stress is for simulated worlds, and this car has cameras")
+    return config.model_copy(update={"simulation": config.simulation.model_copy(update={"stress": stress})})
 
 
 def world(car: Car) -> dict[str, object]:

@@ -77,7 +77,7 @@ class LockstepWorld:
             for pulse in pulses:
                 self.electronics.take(pulse)
                 self.pulsed(pulse)
-            self.simulation.car.send(self.electronics.drives(now))
+            self.simulation.obey(self.electronics.drives(now))
             self.simulation.wait_until(now)
             self.drive.handle(self.down(heard, now))
             self.drive.greet()
