@@ -65,6 +65,8 @@ class FailingCameras:
             raise InputError("the left camera gives no frames")
         if self.fault == "one lost frame" and self.asked == 1:  # a camera pair waits for the next one
             self.world.wait_until(self.world.now() + PERIOD)
+        if self.kept and self.world.now() <= self.kept[-1].time:  # there is no new picture yet
+            self.world.wait_until(self.kept[-1].time + PERIOD)
         frames = self.world.read()
         frames = frames._replace(left=self.noisy(frames.left), right=self.noisy(frames.right))
         self.kept.append(frames)

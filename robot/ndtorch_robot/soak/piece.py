@@ -61,6 +61,7 @@ def drive_piece(config: RunConfig, number: int, seconds: float, tell: Callable[[
             "collisions": len(simulation.collisions),
             "controller_stops": len(put_back.stops),
             "unexplained": trials.unexplained,
+            "blank": trials.blank,
             "faults": [row for row in trials.rows if "on after" in row],
         }
 

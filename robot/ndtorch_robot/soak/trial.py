@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from ndtorch.navigation import Strips
 from ndtorch_robot.car import NOT_YET, Car
+from ndtorch_robot.eye import SightLimits, blindness, look
 from ndtorch_robot.ports import Step
 from ndtorch_robot.sim.board import Pulse
 from ndtorch_robot.sim.lockstep_world import LockstepWorld
@@ -52,6 +54,7 @@ class Trials:
     Attributes:
         rows: one for each fault.
         unexplained: stops for which there was no fault.
+        blank: stops before a wall that shows nothing.
         lines: what was said.
     """
 
@@ -61,6 +64,7 @@ class Trials:
         self.random = np.random.default_rng((seed, 9))
         self.rows: list[Row] = []
         self.unexplained: list[str] = []
+        self.blank: list[str] = []
         self.lines: list[str] = []
         self.waiting: list[Fault] = []
         self.fault: Fault | None = None
@@ -105,8 +109,15 @@ class Trials:
         faults = self.car.safe.faults
         for when, why in faults[self.counted :]:
             if self.fault is None and when > self.mended + AFTER and why != NOT_YET:
-                self.unexplained.append(f"{when:.2f} s: {why}")
+                blank = "shows nothing" in why and self.nothing_to_see()
+                (self.blank if blank else self.unexplained).append(f"{when:.2f} s: {why}")
         self.counted = len(faults)
+
+    def nothing_to_see(self) -> bool:
+        """Whether good cameras have nothing before them but a wall without any mark."""
+        seen = self.world.read()
+        limits = self.car.safe.sight.watch.limits if self.car.safe.sight is not None else SightLimits()
+        return any(isinstance(eye, Strips) and blindness(look(eye), limits) is not None for eye in seen[:2])
 
     def begin(self, now: float) -> None:
         """Something goes wrong."""

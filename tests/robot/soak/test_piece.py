@@ -131,6 +131,7 @@ def piece(number, megabytes, rows, unexplained=()):
         "megabytes": megabytes,
         "faults": rows,
         "unexplained": list(unexplained),
+        "blank": [],
     }
 
 
