@@ -24,7 +24,8 @@ class Drive:
     """Drive through a simulated building, steering and mapping by sight.
 
     Shows the progress and a summary, and writes report.html with all pictures, summary.json, path.png, map.png,
-    map.npz, speeds.png and rows.png. Options override the file. Ctrl-C stops the robot and keeps everything.
+    map.npz, map.pgm and map.yaml (these two for ROS), speeds.png and rows.png. Options override the file. Ctrl-C
+    stops the robot and keeps everything.
     """
 
     config: Annotated[Path | None, tyro.conf.Positional] = None
@@ -124,22 +125,14 @@ def watched(config: DriveConfig, quiet: bool) -> Result:
 
 def write_results(result: Result, folder: Path) -> None:
     """All files of a drive."""
-    import numpy as np
-
-    from ndtorch.checked import save_arrays
+    from ndtorch.navigation.map_files import save_map
     from ndtorch_robot.figures import write_figures
     from ndtorch_robot.report import write_drive_page
 
     (folder / "summary.json").write_text(json.dumps(result.summary, indent=1) + "\n")
-    g = result.grid
-    arrays = {
-        "cells": result.cells.numpy(),
-        "bounds": np.array([g.left, g.right, g.bottom, g.top]),
-        "cell": np.array(g.cell),
-        "true_path": result.record.array("pose"),
-        "believed_path": result.record.array("believed"),
-    }
-    save_arrays(folder / "map.npz", arrays)
+    true, believed, located = (result.record.array(name).reshape(-1, 3) for name in ("pose", "believed", "located"))
+    paths = {"true_path": true, "believed_path": believed, "located_path": located}
+    save_map(folder, result.cells, result.grid, located, result.walls, **paths)
     write_figures(result, folder)
     write_drive_page(result, describe(result), folder)
 
