@@ -22,6 +22,7 @@ from ndtorch.navigation.row_ranging import RowRanging, RowRangingState
 from ndtorch.navigation.row_search import SearchParams
 from ndtorch.navigation.strips import Strips
 from ndtorch.navigation.tracking import AlphaBetaTracker, Tracks
+from ndtorch.navigation.whole_step import Going, Parts, in_frames, whole_step
 from ndtorch.vision.temporal import FilterState
 
 
@@ -131,8 +132,25 @@ class Navigator(nn.Module):
     ) -> tuple[Command, NavigatorState, Ranges, Pose]:
         """All but the memory: command, state, and the ranges and poses of every frame, which `remember` takes."""
         check_motion(driven, start)
-        left_field, left_row = strips(left)
-        right_field, right_row = strips(right)
+        ours, theirs = strips(left), strips(right)
+        going = Going(*state[:5]) if state else None
+        quick = whole_step(self.parts, ours, theirs, going, driven, start)
+        if quick is not None:
+            command, ranges, poses = quick.command, *in_frames(quick)
+            memory = state[-3:] if state else (None, None, None)
+            state = NavigatorState(
+                quick.fields,
+                quick.rows,
+                quick.control,
+                quick.last,
+                quick.pose,
+                quick.sides,
+                self.controller.difference(quick.control),
+                quick.ranges,
+                *memory,
+            )
+            return command, state, ranges, poses
+        (left_field, left_row), (right_field, right_row) = ours, theirs
         seen, fields = self.controller.see(left_field, right_field, state.fields if state else None)
         ranges, rows = self.ranging(left_row, right_row, state.rows if state else None)
         if seen.shape[: ranges.x.ndim - 1] != ranges.x.shape[:-1]:
@@ -158,6 +176,11 @@ class Navigator(nn.Module):
         if self.tracker is not None:
             _, tracks = self.tracker(ranges, poses, tracks)
         return state._replace(map=grid, observations=seen, tracks=tracks)
+
+    @property
+    def parts(self) -> Parts:
+        """What makes a step."""
+        return Parts(self.controller, self.ranging, self.reckoning)
 
     def warm_up(self) -> None:
         """Have the kernels ready that steps under `torch.inference_mode()` use, before a car depends on them.
