@@ -205,6 +205,7 @@ TESTED_IN = {
     "train/score/labelled/truth": "train/score/test_truth",
     "train/score/leaderboard": "train/score/test_command",
     "train/score/methods": "train/score/test_bars",
+    "train/score/named": "train/score/test_peers",
     "train/score/report": "train/score/test_command",
     "train/score/video_clips": "train/score/test_video_score",
     "train/score/video_command": "train/score/test_video_score",
