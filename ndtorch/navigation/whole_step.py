@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from itertools import accumulate, pairwise
 from typing import Any, NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -18,19 +21,6 @@ from ndtorch.navigation.strips import Strips, check_unit_range
 from ndtorch.vision.nondirectional import SPEED_SCALE
 from ndtorch.vision.one_pass import image_kind
 from ndtorch.vision.temporal import FilterState
-
-
-class Stepped(NamedTuple):
-    """What a step gives: the parts of `NavigatorState`, and the command `[1]`."""
-
-    fields: FilterState
-    rows: RowRangingState
-    control: Any
-    last: Command
-    pose: Pose
-    sides: Tensor
-    ranges: Ranges
-    command: Command
 
 
 class Parts(NamedTuple):
@@ -49,6 +39,27 @@ class Going(NamedTuple):
     control: Any
     command: Command
     pose: Pose
+
+
+class Stepped(NamedTuple):
+    """What a step gives.
+
+    Attributes:
+        going: what the next step goes on from.
+        sides: speed estimates, `[2]`.
+        ranges: `[n]`.
+        command: `[1]`.
+    """
+
+    going: Going
+    sides: Tensor
+    ranges: Ranges
+    command: Command
+
+    @property
+    def control(self) -> Any:
+        """The controller's state."""
+        return self.going.control
 
 
 class Before(NamedTuple):
@@ -88,9 +99,12 @@ def whole_step(
     if before is None:
         return None
     if driven is not None:
-        if driven.speed.shape != (1,) or driven.curvature.shape != (1,):
+        if not isinstance(driven, Command) or driven.speed.shape != (1,) or driven.curvature.shape != (1,):
             return None
-        before.numbers[0], before.numbers[1] = driven.speed.item(), driven.curvature.item()
+        speed, curvature = driven.speed.item(), driven.curvature.item()
+        if not (math.isfinite(speed) and math.isfinite(curvature)):
+            return None
+        before.numbers[0], before.numbers[1] = speed, curvature
     return run(parts, quick, (fields, rows), before, left.field)
 
 
@@ -102,6 +116,10 @@ def begin(
     if state is None:
         still = torch.zeros((), dtype=kind)
         pose = start or Pose(still, still, still)
+        if not isinstance(pose, Pose) or any(not isinstance(part, Tensor) or part.ndim for part in pose):
+            return None
+        if not all(map(math.isfinite, pose)):
+            return None
         last, control = Command(still, still), parts.controller.start(still.new_zeros(2), pose)
     else:
         last, pose, control = state.command, state.pose, state.control
@@ -122,16 +140,16 @@ def begin(
 def run(parts: Parts, quick: QuickControl, seen: tuple[Eyes, Eyes], before: Before, frames: Tensor) -> Stepped:
     """The step itself."""
     (_, ranging, reckoning), (fields, rows) = parts, seen
-    kind, width, n, count = image_kind(frames), ranging.rig.width, ranging.features.count, len(before.numbers)
+    width, n, count = ranging.rig.width, ranging.features.count, len(before.numbers)
+    pixels = math.prod(quick.shape)
     # The images stay with the state; what is small may be kept for longer, and shall not hold on to them.
-    pixels = quick.shape[0] * quick.shape[1] * quick.shape[2]
-    sizes, large = [pixels, 2 * width, *quick.sizes], torch.empty(pixels + 2 * width + sum(quick.sizes), dtype=kind)
-    small, found = torch.empty(count + 2 + 5 * n, dtype=kind), torch.empty(n, dtype=torch.bool)
-    memory = large.split_with_sizes(sizes)
-    new_fields, new_rows = memory[0].view(quick.shape), memory[1].view(2, 1, width)
-    after = small.numpy()
-    new_low = (new_fields.numpy(), new_rows.numpy()[:, 0])
-    peaks = kernel(quick.kernel, (fields.frames[0].dtype, after.dtype, fields.frames[0].ndim)).run(
+    large = np.empty(pixels + 2 * width + sum(quick.sizes), before.numbers.dtype)
+    small, found = np.empty(count + 4 + 5 * n, large.dtype), np.empty(n, np.bool_)
+    images = large[:pixels].reshape(quick.shape), large[pixels : pixels + 2 * width].reshape(2, width)
+    ends = list(accumulate(quick.sizes, initial=pixels + 2 * width))
+    arrays = [large[a:b] for a, b in pairwise(ends)]
+    after, sides, ranges = small[:count], small[count : count + 2], small[count + 4 :].reshape(5, n)
+    peaks = kernel(quick.kernel, (fields.frames[0].dtype, large.dtype, fields.frames[0].ndim)).run(
         fields.frames,
         rows.frames,
         (fields.beside, rows.beside),
@@ -139,34 +157,36 @@ def run(parts: Parts, quick: QuickControl, seen: tuple[Eyes, Eyes], before: Befo
         (fields.unit, fields.over),
         before.low is None,
         (quick.a, ranging.nd_min.a),
-        before.low or new_low,
-        new_low,
+        before.low or images,
+        images,
         ranging.finding,
         ranging.limits,
         ranging.geometry,
         before.numbers,
         (reckoning.dt, reckoning.drift * reckoning.dt, 1 + reckoning.scale_error, SPEED_SCALE),
-        after[count + 2 :].reshape(5, n),
-        found.numpy(),
-        after[count : count + 2],
-        after[:count],
-        *quick.arguments(after.dtype, before.arrays, [part.numpy() for part in memory[2:]]),
+        ranges,
+        found,
+        sides,
+        after,
+        *quick.arguments(large.dtype, before.arrays, arrays),
     )
     if frames.is_floating_point():
         for peak in peaks:
             check_unit_range(torch.tensor(peak), frames)
-    now, sides, placed = small.split_with_sizes((count, 2, 5 * n))
-    speed, curvature, x, y, heading, *control = now.unbind()
-    distance, left, right, ahead, aside = placed.view(5, n).unbind()
-    return Stepped(
-        FilterState(new_fields),
-        RowRangingState(FilterState(new_rows), None),
-        quick.give(memory[2:], control),
+    small[count + 2 : count + 4] = after[:2]
+    speed, curvature, x, y, heading, *control = torch.from_numpy(after).unbind()
+    distance, left, right, ahead, aside = torch.from_numpy(ranges).unbind()
+    seen_fields, seen_rows = torch.from_numpy(images[0]), torch.from_numpy(images[1].reshape(2, 1, width))
+    going = Going(
+        FilterState(seen_fields),
+        RowRangingState(FilterState(seen_rows), None),
+        quick.give([torch.from_numpy(part) for part in arrays], control),
         Command(speed, curvature),
         Pose(x, y, heading),
-        sides,
-        Ranges(distance, left, right, ahead, aside, found),
-        Command(speed.unsqueeze(0), curvature.unsqueeze(0)),
+    )
+    now = torch.from_numpy(small[count : count + 4]).split_with_sizes((2, 1, 1))
+    return Stepped(
+        going, now[0], Ranges(distance, left, right, ahead, aside, torch.from_numpy(found)), Command(now[1], now[2])
     )
 
 
@@ -174,5 +194,5 @@ def in_frames(step: Stepped) -> tuple[Ranges, Pose]:
     """Ranges `[1, n]` and poses `[1]` of the one frame."""
     return (
         Ranges(*(part.unsqueeze(0) for part in step.ranges)),
-        Pose(*(part.unsqueeze(0) for part in step.pose)),
+        Pose(*(part.unsqueeze(0) for part in step.going.pose)),
     )
