@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,6 +10,7 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from ndtorch.checked import load_arrays, save_arrays
 from ndtorch.errors import InputError
 from ndtorch.files import replacing, write_text
 from ndtorch.navigation.mapping import Grid
@@ -77,8 +77,7 @@ def save_map(
         **({} if walls is None else {"walls": walls.numpy()}),
         **more,
     }
-    with replacing(folder / "map.npz") as beside:
-        np.savez_compressed(beside, **arrays)
+    save_arrays(folder / "map.npz", arrays)
     pixels = ros_pixels(cells, grid, path)
     with replacing(folder / "map.pgm") as beside:
         rows, columns = pixels.shape
@@ -116,17 +115,19 @@ def load_map(file: Path) -> SavedMap:
     """Read a `map.npz`, or the one in a folder.
 
     Raises:
-        InputError: there is none, or it is no map.
+        InputError: there is none, it is damaged or has no checksum, or it is no map.
     """
     file = file / "map.npz" if file.is_dir() else file
+    found = load_arrays(file)
     try:
-        with np.load(file, allow_pickle=False) as found:
-            cells, bounds, cell = found["cells"], found["bounds"], float(found["cell"])
-            walls = found.get("walls")
+        cells, bounds, cell = found["cells"], found["bounds"], float(found["cell"])
+        walls = found.get("walls")
         left, right, bottom, top = map(float, bounds)
         grid = Grid(left, right, bottom, top, cell)
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{file} cannot be read as a map: {error}") from None
+    if cells.dtype.kind != "f":
+        raise InputError(f"{file} is no map: cells must be of floating point, got {cells.dtype}")
     if cells.shape != (grid.rows, grid.columns) or not np.isfinite(cells).all():
         raise InputError(f"{file} is no map: cells of shape {cells.shape} for a grid of {grid.rows} x {grid.columns}")
     if walls is not None and (walls.ndim != 2 or walls.shape[1] != 8 or not np.isfinite(walls).all()):

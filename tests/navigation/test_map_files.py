@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from ndtorch.checked import save_arrays
 from ndtorch.errors import InputError
 from ndtorch.navigation import Grid
 from ndtorch.navigation.map_files import FREE, OCCUPIED, UNKNOWN, load_map, save_map
@@ -62,6 +63,7 @@ def test_what_is_no_map_is_one_line(tmp_path, spoil):
         cells = cells[1:] if spoil == "shape" else cells
         cells[0, 0] = np.nan if spoil == "nan" else 0.0
         walls = walls[:, 1:] if spoil == "walls" else walls
-        np.savez(file, cells=cells, bounds=bounds, cell=0.01, walls=walls)
-    with pytest.raises(InputError, match="map"):
+        save_arrays(file, {"cells": cells, "bounds": bounds, "cell": np.array(0.01), "walls": walls})
+    words = {"missing": "missing", "text": "no .npz file", "walls": "walls must be"}
+    with pytest.raises(InputError, match=words.get(spoil, "is no map: cells of shape")):
         load_map(file)
