@@ -95,7 +95,8 @@ def parse(kind: type[Any], prog: str, arguments: Sequence[str]) -> Any:
 
 def flags_of(kind: type[Any]) -> list[str]:
     """The flags of a command."""
-    return [f"--{field.name.replace('_', '-')}" for field in dataclasses.fields(kind)]
+    named = [field.name for field in dataclasses.fields(kind) if "Positional" not in str(field.type)]
+    return [f"--{name.replace('_', '-')}" for name in named]
 
 
 def in_a_line(box: str, prog: str, flags: Sequence[str], arguments: Sequence[str]) -> str:
