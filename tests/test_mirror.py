@@ -141,7 +141,6 @@ TESTED_IN = {
     "robot/commands/arenas": "robot/sim/test_plan",
     "robot/commands/calibrate": "robot/calibration/test_calibration",
     "robot/commands/cameras": "robot/cameras/test_pair",
-    "robot/commands/check": "robot/test_firmware",
     "robot/commands/evaluate": "robot/evaluation/test_evaluation",
     "robot/commands/replay": "robot/view/test_car_view",
     "robot/config": "robot/commands/test_drive",

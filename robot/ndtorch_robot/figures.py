@@ -216,19 +216,23 @@ def speeds(plt: Any, result: Result) -> Any:
     turning = (record.array("mode") == TURN)[shown]
     starts = np.flatnonzero(turning & ~np.concatenate(([False], turning[:-1])))
     curvature = record.array("command").reshape(-1, 2)[shown, 1]
+    labelled = -np.inf
     for k in starts:
         end = k + int(np.argmin(turning[k:])) if not turning[k:].all() else len(turning) - 1
         for axes in (upper, lower):
             axes.axvspan(time[k], time[end], color="#e69f00", alpha=0.25, lw=0)
-        way = "left" if curvature[k] > 0 else "right"
-        upper.annotate(way, (time[k], 0.03), xycoords=("data", "axes fraction"), fontsize=8)
+        # Turns that follow each other closely are told apart by the panel below.
+        if time[k] - labelled > 0.035 * max(float(time[-1]), 1.0):
+            way, labelled = "left" if curvature[k] > 0 else "right", time[k]
+            upper.annotate(way, (time[k], 0.94), xycoords=("data", "axes fraction"), fontsize=8)
     upper.axvspan(-1, -1, color="#e69f00", alpha=0.25, lw=0, label="turn")
     for hit in result.simulation.collisions:
         if hit.time <= LONGEST:
             lower.axvline(hit.time, color=HIT, lw=1.5)
     upper.set_xlim(0, max(float(time[-1]), 1.0) if len(time) else 1.0)
-    upper.legend(loc="upper right", ncols=3, fontsize=9)
-    lower.legend(loc="upper right", fontsize=9)
+    # Below, where it covers no line.
+    handles = [*upper.get_legend_handles_labels()[0], *lower.get_legend_handles_labels()[0]]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=9)
     return figure
 
 

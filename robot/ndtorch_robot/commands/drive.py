@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from ndtorch.command_run import INTERRUPTED
+from ndtorch.command_run import INCOMPLETE, INTERRUPTED
 from ndtorch_robot.navigator_flags import navigator_flags
 
 if TYPE_CHECKING:
@@ -97,7 +98,20 @@ class Drive:
                 print(f"  recording: rerun {config.rrd}")
         if self.open:
             open_in_browser(folder.final / NAME)
-        return INTERRUPTED if result.interrupted else 0
+        half = unfinished(config, result)
+        for line in half:
+            print(f"error: {line}", file=sys.stderr)
+        return INTERRUPTED if result.interrupted else INCOMPLETE if half else 0
+
+
+def unfinished(config: DriveConfig, result: Result) -> list[str]:
+    """What of the recordings is not whole, one line each."""
+    from ndtorch.report.recording import why_not_whole
+
+    recording = result.summary.get("recording")
+    failed = str(recording["failed"]) if isinstance(recording, dict) else ""
+    half = why_not_whole(config.rrd) if config.rrd is not None else None
+    return [line for line in (failed, half) if line]
 
 
 def watched(config: DriveConfig, quiet: bool) -> Result:
