@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Protocol
 
 from ndtorch.code_digest import module_places
+from ndtorch.ending import NOTHING_KEPT
 from ndtorch.errors import InputError
 from ndtorch.optional import OURS, remedy
 
@@ -23,6 +24,9 @@ UNUSABLE = 2
 UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EACCES, errno.EPERM)
 """Errors of the disk that a user can mend, told in one line."""
 
+
+INCOMPLETE = 1
+"""Exit code when what came first is kept, and figures or a recording could not be."""
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C; after SIGTERM and SIGHUP it is 143 and 129, as shells have it."""
@@ -84,7 +88,7 @@ def run_command(prog: str, kind: type[Subcommand], arguments: Sequence[str]) -> 
         print(f"error: {prog}: {words}", file=sys.stderr)
         return UNUSABLE
     except KeyboardInterrupt:
-        print("stopped before there was anything to keep", file=sys.stderr)
+        print(NOTHING_KEPT, file=sys.stderr)
         return INTERRUPTED
 
 

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import ast
 import contextlib
-import difflib
 import os
-import signal
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
 
 import ndtorch
 from ndtorch.code_digest import module_places
 from ndtorch.command_run import INTERRUPTED, UNUSABLE, Subcommand, missing, run_command
+from ndtorch.completion import completion
+from ndtorch.ending import NOTHING_KEPT, ended_like_ctrl_c
+from ndtorch.nearest import meant
 from ndtorch.optional import OURS
-from ndtorch.run.arguments import EVERY
+from ndtorch.run.arguments import EVERY, QUIET, flags_of
 
 GROUP = "ndtorch.commands"
 """Entry points that are commands: `name = "module:Class"`, the class a `Subcommand`."""
@@ -25,10 +26,6 @@ ELSEWHERE = {
     "ndtorch-train": ("first-stage", "reproduce", "score", "sweep"),
 }
 """Commands of our other distributions, to name these where they are missing."""
-
-
-ENDING = (signal.SIGTERM, *((signal.SIGHUP,) if hasattr(signal, "SIGHUP") else ()))
-"""Signals that end a command as Ctrl-C does."""
 
 UNREAD = 141
 """Exit code when the reader of what is printed has gone, as shells have it."""
@@ -85,6 +82,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if given[0] == "--version":
         print(versions())
         return 0
+    if given[0] == "--completion":
+        print(completion({name: flags_of_command(name, points) for name, points in commands.items()}), end="")
+        return 0
     if given[0] not in commands:
         print(f"error: ndtorch has no command {given[0]!r}; {hint(given[0], commands)}", file=sys.stderr)
         return UNUSABLE
@@ -94,6 +94,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return UNUSABLE
     except KeyboardInterrupt:
+        print(NOTHING_KEPT, file=sys.stderr)
         return INTERRUPTED
     return run_command(f"ndtorch {given[0]}", kind, given[1:])
 
@@ -109,35 +110,18 @@ def program() -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return UNREAD
     except KeyboardInterrupt:
-        code = INTERRUPTED  # it came before there was a command, or after it
+        # It came before there was a command, or after it.
+        print(NOTHING_KEPT, file=sys.stderr)
+        code = INTERRUPTED
     return 128 + came[0] if code == INTERRUPTED and came else code
 
 
-@contextlib.contextmanager
-def ended_like_ctrl_c() -> Iterator[list[int]]:
-    """SIGTERM and SIGHUP raise KeyboardInterrupt inside, as Ctrl-C does: what was computed is kept.
-
-    A signal that is ignored stays ignored, as `nohup` wants it.
-
-    Yields:
-        The number of the first of these signals that came, once it has.
-    """
-    came: list[int] = []
-
-    def interrupt(number: int, _: object) -> None:
-        came.append(number)
-        raise KeyboardInterrupt
-
-    old = {number: signal.getsignal(number) for number in ENDING}
-    for number, handler in old.items():
-        if handler == signal.SIG_DFL:
-            signal.signal(number, interrupt)
+def flags_of_command(name: str, points: Sequence[EntryPoint]) -> list[str]:
+    """What completion offers after a command; nothing for one that does not load."""
     try:
-        yield came
-    finally:
-        for number, handler in old.items():
-            if handler == signal.SIG_DFL:
-                signal.signal(number, handler)
+        return [*flags_of(load_command(name, points)), *QUIET, "--help"]
+    except CommandError:
+        return []
 
 
 def hint(name: str, commands: Iterable[str]) -> str:
@@ -145,9 +129,9 @@ def hint(name: str, commands: Iterable[str]) -> str:
     for distribution, names in ELSEWHERE.items():
         if name in names:
             return f"it comes with {distribution}; in a checkout: pip install ./{distribution.removeprefix('ndtorch-')}"
-    near = difflib.get_close_matches(name, commands, 1)
+    near = meant(name, commands)
     if near:
-        return f"did you mean {near[0]!r}?"
+        return near.removeprefix("; ")
     return f"there are {', '.join(commands)}" if commands else "none is installed: pip install ndtorch"
 
 
@@ -172,6 +156,7 @@ def overview(commands: Mapping[str, Sequence[EntryPoint]]) -> str:
         lines.append(f"  {name:14}{next(iter(text.strip().splitlines()), '')}")
     lines += ["", EVERY]
     lines += ["`ndtorch COMMAND --help` says what each takes, `ndtorch --version` what is installed."]
+    lines += ['`eval "$(ndtorch --completion)"` in ~/.bashrc completes commands and flags.']
     return "\n".join(lines)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import subprocess
 import sys
@@ -76,14 +77,16 @@ def alive() -> int:
     for thing in gc.get_objects():
         if issubclass(type(thing), torch.Tensor):
             storage = thing.untyped_storage()
-            held[storage.data_ptr()] = storage.nbytes()
+            # Tensors without memory, which programs that were exported leave behind, have no pointer.
+            with contextlib.suppress(RuntimeError):
+                held[storage.data_ptr()] = storage.nbytes()
     return sum(held.values()) + tracemalloc.get_traced_memory()[0]
 
 
 class Noise(FrameSource):
-    """Noise that is new in every frame; in half of the chunks a frame more is kept, if wanted."""
+    """Noise that is new in every frame; every so many frames one more is kept, if wanted."""
 
-    name, fps, size, length = "noise", 25.0, (96, 96), 300
+    name, fps, size, length = "noise", 25.0, (96, 96), 144
 
     def __init__(self, keep: int = 0) -> None:
         self.keep, self.kept = keep, list[torch.Tensor]()
@@ -97,14 +100,14 @@ class Noise(FrameSource):
 
 
 def growth(source: Noise) -> float:
-    """What is held after 300 frames more than after 100, in frames of one byte a pixel and color."""
+    """What is held after 144 frames more than after 48, in frames of one byte a pixel and color."""
     marks: list[int] = []
     seen = 0
 
     def report(frames: int) -> None:
         nonlocal seen
         seen += frames
-        if seen // 100 > (seen - frames) // 100:
+        if seen in (48, 144):
             marks.append(alive())
 
     model = ndtorch.load("published", size=source.size, fps=source.fps, border="reflect")
@@ -113,17 +116,17 @@ def growth(source: Noise) -> float:
         run_model(model, source, pictures_per_second=0, report=report)
     finally:
         tracemalloc.stop()
-    assert len(marks) == 3
-    return (marks[2] - marks[0]) / (3 * source.size[0] * source.size[1])
+    assert len(marks) == 2
+    return (marks[1] - marks[0]) / (3 * source.size[0] * source.size[1])
 
 
 def test_no_frame_is_kept() -> None:
-    """Of 200 frames nothing stays but samples for the figures. One frame kept in twenty would be ten.
+    """Of 96 frames nothing stays but samples for the figures. One frame kept in eight would be twelve.
 
     Without pictures: up to twenty frames are kept of the moments at which objects stood out.
     """
     assert growth(Noise()) < 5
-    assert growth(Noise(keep=20)) > 9
+    assert growth(Noise(keep=8)) > 11
 
 
 @pytest.mark.long

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
 import torch
 
 from ndtorch.errors import InputError
@@ -17,10 +18,11 @@ from ndtorch.navigation.controllers import Trace
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.eye import SightLimits
+from ndtorch_robot.map_saving import pilot_walls
 from ndtorch_robot.navigating import print_note
 from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import DriveCommand, Observer, Step
-from ndtorch_robot.record import Record
+from ndtorch_robot.record import Record, pose_error
 from ndtorch_robot.recording.observe import RecordSteps
 from ndtorch_robot.recording.recorder import Recorder
 from ndtorch_robot.safety import SafeDrive, SafetyLimits, Sight
@@ -59,6 +61,7 @@ class Result:
         stops: times at which the controller stopped for good.
         interrupted: by Ctrl-C.
         trace: how to draw what the controller weighed.
+        walls: what the localiser has gathered, for a map file; None where there is none.
     """
 
     config: DriveConfig
@@ -71,6 +74,7 @@ class Result:
     stops: list[float]
     interrupted: bool
     trace: Trace
+    walls: torch.Tensor | None = None
 
 
 def drive(
@@ -142,7 +146,10 @@ def drive(
         summary = summarise(config, car, simulation, record, put_back, cells, wall)
         summary["recording"] = recorder.summary() if recorder is not None else None
         trace = pilot.navigator.controller.trace
-        return Result(config, summary, record, plan, cells, plan.grid(), simulation, put_back.stops, interrupted, trace)
+        walls = pilot_walls(pilot)
+        return Result(
+            config, summary, record, plan, cells, plan.grid(), simulation, put_back.stops, interrupted, trace, walls
+        )
 
 
 def drive_pilot(config: DriveConfig, plan: Plan) -> Pilot:
@@ -206,6 +213,28 @@ def map_cells(pilot: Pilot, plan: Plan) -> torch.Tensor:
     return GridMap.normalise(grid.inner(pilot.state.map.cells).clone())
 
 
+def found_after(record: Record, config: DriveConfig) -> float | None:
+    """Seconds until the car had found itself in the known map; None where there was none, or it has not."""
+    if not config.known_map or all(record.lost):
+        return None
+    return round(record.lost.index(False) / config.rate, 3)
+
+
+def pose_errors(record: Record) -> dict[str, dict[str, float]]:
+    """How far from the truth dead reckoning and the localiser are: m and degrees, at the end and in the middle."""
+    true, found = record.array("pose").reshape(-1, 3), {}
+    for name in ("believed", "located"):
+        away, turned = pose_error(record.array(name).reshape(-1, 3), true)
+        if len(true):
+            found[name] = {
+                "end_m": round(float(away[-1]), 4),
+                "end_degrees": round(float(turned[-1]), 3),
+                "median_m": round(float(np.median(away)), 4),
+                "median_degrees": round(float(np.median(turned)), 3),
+            }
+    return found
+
+
 def summarise(
     config: DriveConfig,
     car: Car,
@@ -243,6 +272,8 @@ def summarise(
         "controller": config.controller,
         "walls": config.walls,
         "odometry": config.odometry,
+        "pose_error": pose_errors(record),
+        "found_s": found_after(record, config),
         "stress": config.stress,
         "troubles": car.troubles,
         "faults": [why for _, why in car.safe.faults],

@@ -25,7 +25,6 @@ from ndtorch_robot.safety import SafeDrive, SafetyLimits, Sight
 
 if TYPE_CHECKING:
     from ndtorch_robot.sim.simulation import Simulation
-    from ndtorch_robot.sim.stress import read_stress
 
 
 @contextlib.contextmanager
@@ -101,6 +100,7 @@ def make_simulation(config: RunConfig) -> Simulation | None:
         return None
     from ndtorch_robot.sim.arenas import load_arena
     from ndtorch_robot.sim.simulation import Simulation
+    from ndtorch_robot.sim.stress import read_stress
 
     told = config.simulation
     stress = read_stress(told.stress)

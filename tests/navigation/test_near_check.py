@@ -124,7 +124,7 @@ def test_slower_on_floor_that_is_told_worse_from_noise():
     speeds = {}
     for noise in (0.0, 0.2, 5.0):
         floor = state.floor._replace(level=level, noise=torch.tensor(noise), age=torch.tensor(500.0))
-        command, after = controller.cautious(
+        command, after = controller.caution(
             Command(torch.tensor(0.5), origin), state._replace(floor=floor), Pose(origin, origin, origin)
         )
         speeds[noise] = float(command.speed), controller.trouble(after)

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from ndtorch.errors import InputError
+from ndtorch.navigation.controllers.quick import QuickControl
 from ndtorch.navigation.near_check import Near
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.ranging import Ranges
@@ -97,6 +98,7 @@ class Controller(nn.Module, ABC):
         has_goals: whether it can be told where to go.
         looks_near: whether it wants to be told what is right before it while it stands.
         params: its numbers.
+        quick: what the kernel of a whole step has to know of it; None where there is no such kernel.
         look: module from what both cameras see of `look.fields` to what the controller steers by.
 
     Args:
@@ -114,6 +116,7 @@ class Controller(nn.Module, ABC):
     has_goals: ClassVar[bool] = False
     looks_near: ClassVar[bool] = False
     params: Any
+    quick: QuickControl | None = None
     look: nn.Module
 
     def __init__(self, rig: StereoRig, dt: float, params: Any = None) -> None:
@@ -189,6 +192,10 @@ class Controller(nn.Module, ABC):
             floor_seen: right ahead.
         """
         return state
+
+    def caution(self, command: Command, state: Any, pose: Pose) -> tuple[Command, Any]:
+        """The command that may be given of the one that is wanted, and the state that goes with it."""
+        return command, state
 
     def settled(self, state: Any) -> bool:
         """Whether one car goes on from this state after it stood; else it begins anew, where it believes to be."""

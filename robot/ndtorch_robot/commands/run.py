@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from ndtorch.command_run import INCOMPLETE
 from ndtorch.errors import InputError
 from ndtorch.installed import toml_file
 
 if TYPE_CHECKING:
+    from ndtorch.run.folder import RunFolder
     from ndtorch_robot.car import Car
     from ndtorch_robot.run_config import RunConfig
 
@@ -39,6 +41,8 @@ class Run:
     """New folder for a recording that `ndtorch replay` drives again."""
     record_format: Literal["png", "jpeg", "raw"] = "jpeg"
     """Frames of the recording: png and raw keep them to the bit, jpeg is small and cheap."""
+    save_map: Path | None = None
+    """Folder for map.npz, and map.pgm with map.yaml for ROS, at the end; takes a navigation.map_half_size_m > 0."""
     rrd: Path | None = None
     """Also write what the car sees and does into this file, to look at with rerun."""
     view: bool = False
@@ -54,6 +58,7 @@ class Run:
 
         from ndtorch.toml import read_toml
         from ndtorch_robot.emergency import HELP, emergency_stops
+        from ndtorch_robot.map_saving import WalkedPath, save_pilot_map
         from ndtorch_robot.recording import Recorder, RecordSteps
         from ndtorch_robot.run import open_car, real_time_priority, timed_report
         from ndtorch_robot.run_config import RunConfig
@@ -74,6 +79,9 @@ class Run:
         stream = self.stream()
         real_time_priority(report)
         with contextlib.ExitStack() as stack:
+            folder, path = self.map_folder(config.navigation.map_half_size_m), WalkedPath()
+            if folder is not None:
+                stack.callback(folder.discard)
             car = stack.enter_context(open_car(config, report, self.go))
             stack.enter_context(emergency_stops(car.safe, car.ended))
             recorder = None
@@ -89,9 +97,15 @@ class Run:
                 observer = ViewSteps(view)
                 car.observers.append(observer)
                 told.append(observer.report)
+            if folder is not None:
+                car.observers.append(path)
             report(f"ready; {HELP}" if sys.stdin.isatty() else "ready; SIGUSR1: go, SIGTERM: stop and end")
             car.run(self.seconds)
             summary = car.summary() | world(car)
+            if folder is not None:
+                save_pilot_map(folder.work, car.pilot, path)
+                folder.publish()
+                summary["map"] = str(folder.final)
             if recorder is not None:
                 recorder.close()
                 summary["recording"] = recorder.summary()
@@ -102,7 +116,28 @@ class Run:
         else:
             for key, value in summary.items():
                 print(f"{key}: {value}")
-        return 0
+        half = None
+        if self.rrd is not None:
+            from ndtorch.report.recording import why_not_whole
+
+            half = why_not_whole(self.rrd)
+        if half is not None:
+            print(f"error: {half}", file=sys.stderr)
+        return INCOMPLETE if half is not None or (recorder is not None and recorder.failed) else 0
+
+    def map_folder(self, half: float) -> RunFolder | None:
+        """Where the map is to go; found out before the car drives.
+
+        Raises:
+            InputError: nobody can write there, or the car makes no map.
+        """
+        from ndtorch.run.folder import RunFolder
+
+        if self.save_map is None:
+            return None
+        if not half:
+            raise InputError("--save-map needs a map: set map_half_size_m in [navigation], in m from the start")
+        return RunFolder(self.save_map)
 
     def stream(self) -> Any:
         """Where the view goes; None where nobody looks."""

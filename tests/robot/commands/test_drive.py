@@ -16,7 +16,8 @@ from ndtorch_robot.config import load_config
 from ndtorch_robot.sim import gl
 from tests.robot.support.gl_needed import WHY, needs_gl
 
-FILES = ["map.npz", "map.png", "path.png", "report.html", "rows.png", "speeds.png", "summary.json"]
+MAPS = ["map.npz", "map.pgm", "map.png", "map.yaml"]
+FILES = [*MAPS, "path.png", "report.html", "rows.png", "speeds.png", "summary.json"]
 KEYS = {
     "collisions",
     "stopped",
@@ -46,7 +47,22 @@ def test_json(tmp_path, capsys):
     assert json.loads((tmp_path / "summary.json").read_text()) == summary
     saved = np.load(tmp_path / "map.npz")
     assert saved["cells"].max() == pytest.approx(1.0)
-    assert saved["true_path"].shape == (90, 3)
+    assert saved["true_path"].shape == saved["located_path"].shape == (90, 3)
+
+
+@needs_gl
+def test_a_map_is_made_and_known_again(tmp_path, capsys):
+    pytest.importorskip("numba")
+    shared = ["drive", "--arena", "room", "--seconds", "1", "--odometry", "noisy"]
+    assert main([*shared, "--localise", "--out", str(tmp_path / "first")]) == 0
+    assert "error of the pose at the end: dead reckoning 0.0" in capsys.readouterr().out
+    made = tmp_path / "first" / "map.npz"
+    assert np.load(made)["walls"].shape[1] == 8
+    assert (tmp_path / "first" / "pose.png").exists()
+    assert main([*shared, "--known-map", str(made), "--out", str(tmp_path / "second")]) == 0
+    assert "not found in the known map" in capsys.readouterr().out
+    assert main([*shared, "--known-map", str(tmp_path)]) == 2
+    assert "map" in capsys.readouterr().err
 
 
 @needs_gl

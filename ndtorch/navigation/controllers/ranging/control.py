@@ -29,7 +29,7 @@ from ndtorch.navigation.controllers.ranging.floor import FloorState, floor_const
 from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
 from ndtorch.navigation.controllers.ranging.params import RangingParams
 from ndtorch.navigation.controllers.ranging.patch import Patch, add_evidence, cell_numbers, empty_patch, move_patch
-from ndtorch.navigation.controllers.ranging.quick import QuickStep
+from ndtorch.navigation.controllers.ranging.quick import QuickRanging
 from ndtorch.navigation.controllers.registry import register
 from ndtorch.navigation.near_check import Near
 from ndtorch.navigation.odometry import Pose
@@ -77,7 +77,9 @@ class RangingControl(Controller):
         self.numbers = torch.arange(p.patch.size, dtype=torch.get_default_dtype())
         self.constants = ranging_constants(p, dt)
         self.full_flow = view.sweep * (dt * p.speed)
-        self.quick = QuickStep(p, self.constants, self.floor, self.arcs, self.places, self.under)
+        self.quick: QuickRanging = QuickRanging(
+            self.look, p, self.constants, self.floor, self.arcs, self.places, self.under
+        )
 
     @classmethod
     def params_for(cls, task: Task) -> RangingParams:
@@ -121,7 +123,7 @@ class RangingControl(Controller):
             ranges, pose, driven, state: as `Controller.step`.
         """
         state = state._replace(mode=woken(state.mode, state.floor, self.floor))
-        return self.cautious(*self.steer(seen, ranges, pose, driven, state), pose)
+        return self.caution(*self.steer(seen, ranges, pose, driven, state), pose)
 
     def steer(
         self, seen: Tensor, ranges: Ranges, pose: Pose, driven: Command, state: RangingState
@@ -136,7 +138,7 @@ class RangingControl(Controller):
         lengths, floor, patch = self.sense(seen, ranges, pose, driven, state)
         return decide(lengths, driven, floor, patch, state, self.constants, self.floor)
 
-    def cautious(self, command: Command, state: RangingState, pose: Pose) -> tuple[Command, RangingState]:
+    def caution(self, command: Command, state: RangingState, pose: Pose) -> tuple[Command, RangingState]:
         """Stand where the way ahead is not long enough to begin, and go only as fast as floor is told from noise."""
         share = speed_share(known_share(state.floor, self.full_flow, self.params.least_noise, self.floor))
         slow, learning = share < 1.0, state.floor.age <= self.floor.learning
