@@ -60,7 +60,7 @@ class OwnerReadout(SumCriteria, SourceCriteria, OwnerCriteria):
     """Objects from owners and, better, from delays, best from those of the sums; and what they are worth."""
 
     readout: Literal["owners", "delays", "sums"] = Field(
-        "sums", description="from owners alone, from delays of refined signals, or from delays of the sums"
+        "delays", description="from owners alone, from delays of refined signals, or from delays of the sums"
     )
     update: float = Field(0.1, gt=0, description="time between updates of all covariances")
     tau_high: float = Field(2.0, ge=0, description="high-pass on their signals")

@@ -118,14 +118,14 @@ def present_sources(
     normal, now = divide(covariances, unit).double(), divide(recent, unit).double()
     sources = sources_of(normal, criteria, limits)
     power = (sources.unmixing @ now[..., 1, :, :] @ sources.unmixing.mT).diagonal(dim1=-2, dim2=-1)
-    number = torch.arange(power.shape[-1], device=power.device)
-    there = number < sources.count.unsqueeze(-1)
+    rank = torch.arange(power.shape[-1], device=power.device)
+    there = rank < sources.number.unsqueeze(-1)
     here = there & (power > limits.left)
     # Those that are here come first.
     order = torch.argsort((~here).long(), dim=-1, stable=True)
     mixing = sources.mixing.gather(-2, order.unsqueeze(-1).expand_as(sources.mixing))
     count = here.sum(-1)
-    mixing = torch.where((number < count.unsqueeze(-1)).unsqueeze(-1), mixing, 0.0)
+    mixing = torch.where((rank < count.unsqueeze(-1)).unsqueeze(-1), mixing, 0.0)
     refined = mixing.to(covariances.dtype) @ settled(first_stage.to(covariances.dtype)).mT
     nothing = torch.zeros_like(count, dtype=torch.bool)
     found = Separation(count, refined, nothing, sources.gap.to(covariances.dtype))
@@ -136,13 +136,13 @@ class Sources(NamedTuple):
     """Sources in normalised covariances; S is the largest number asked for.
 
     Attributes:
-        count: `[...]`, int64.
+        number: how many, `[...]`, int64.
         mixing: `[..., S, 10]`, unit power at the shortest delay, the largest entry positive.
         unmixing: `[..., S, 10]`, from signals to sources.
         gap: as in `Separation`.
     """
 
-    count: Tensor
+    number: Tensor
     mixing: Tensor
     unmixing: Tensor
     gap: Tensor

@@ -19,9 +19,9 @@ def method(name: str, truth: Sequence[Tensor]) -> Method:
     if name in ("cooperative", "hebbian"):
         return Learned(name)
     if name == "scale-free":
-        return ScaleFree("sums")
-    if name == "scale-free, delays":
         return ScaleFree("delays")
+    if name == "scale-free, sums":
+        return ScaleFree("sums")
     if name == "scale-free, owners":
         return ScaleFree("owners")
     if name == "greedy":
