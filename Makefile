@@ -1,10 +1,13 @@
 # make demo   install into .venv, find the objects in the two-bars scene, then drive through the simulated hallway
 # make test   install and run every test that needs no special hardware
+# make test-unit  the quick ones alone: no whole runs, no C++ compiler
 # make test-long  the strong forms of some tests, minutes each     make test-variants  the suite as on other machines
 # make check  lint, format and types     make bench  timings side by side, out/bench.json
 # make bench-compare OLD=... NEW=...  fails where something costs over 10 % more
 # make docs    the documentation site, out/docs/index.html, its examples executed, its links followed
 # make wheels  each distribution alone in an empty environment
+# make soak    half an hour of simulated driving with faults by chance; MINUTES=600 for a night, and it goes on where it was
+# make lock    the lock files in requirements/      make sbom   what is installed, out/sbom.json      make audit  known holes in it
 # make reproduce        every published claim again      make reproduce-quick  the same in under two minutes
 PYTHON ?= python3
 VENV   := .venv
@@ -14,7 +17,7 @@ STAMP  := $(VENV)/.installed
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: setup demo test test-long test-variants check docs wheels bench bench-compare reproduce reproduce-quick clean
+.PHONY: setup demo test test-unit test-long test-variants check docs wheels bench bench-compare soak lock sbom audit reproduce reproduce-quick clean
 
 setup: $(STAMP)
 
@@ -35,10 +38,16 @@ test: $(STAMP)
 	$(BIN)/python $(SUITE)
 	$(BIN)/python -m pytest -q -m 'realtime and not bench and not long'
 
+UNIT := not slow and not compiled and not long and not realtime and not bench
+
+test-unit: $(STAMP)
+	$(BIN)/python tests/variants.py plain -n 2 --dist worksteal -q --durations 10 -m '$(UNIT)'
+
 test-long: $(STAMP)
 	$(BIN)/python -m pytest -n 2 --dist worksteal -q --durations 10 -m long
 
-# The suite on another machine, so to speak: VARIANT is one of those that `tests/variants.py` lists, all by default.
+# The suite on another machine, so to speak: VARIANT is one of those that `tests/variants.py` lists, or several of them
+# joined by +; all of them, one after the other, by default.
 test-variants: $(STAMP)
 	$(BIN)/python tests/variants.py $(VARIANT)
 
@@ -62,6 +71,33 @@ bench: $(STAMP)
 # make bench-compare OLD=before.json NEW=out/bench.json
 bench-compare: $(STAMP)
 	$(BIN)/python -m tests.benchmarks.compare $(OLD) $(NEW)
+
+MINUTES ?= 30
+soak: $(STAMP)
+	$(BIN)/ndtorch soak --minutes $(MINUTES) --out out/soak
+
+# Tools that look at packages have an environment of their own: what they need is not what is looked at.
+SUPPLY := .venv/supply
+
+$(SUPPLY)/bin/uv: constraints.txt | $(STAMP)
+	test -x $(SUPPLY)/bin/python || $(BIN)/python -m venv $(SUPPLY)
+	$(SUPPLY)/bin/python -m pip install --quiet --disable-pip-version-check uv==$(call pinned,uv) \
+		cyclonedx-bom==$(call pinned,cyclonedx-bom) pip-audit==$(call pinned,pip-audit)
+	touch $@
+
+pinned = $(shell sed -n 's/^$(1)==//p' constraints.txt)
+
+lock: $(SUPPLY)/bin/uv
+	PATH=$(SUPPLY)/bin:$$PATH $(BIN)/python requirements/make.py
+
+sbom: $(SUPPLY)/bin/uv
+	mkdir -p out
+	$(SUPPLY)/bin/cyclonedx-py environment $(BIN)/python --pyproject pyproject.toml --output-format JSON \
+		--output-reproducible --output-file out/sbom.json
+
+audit: $(SUPPLY)/bin/uv
+	for lock in requirements/*.txt; do $(SUPPLY)/bin/pip-audit --disable-pip --require-hashes -r $$lock || exit 1; done
+	$(SUPPLY)/bin/pip-audit --disable-pip --no-deps -r constraints.txt
 
 # A video of a road camera that B9 looks at, where there is one.
 CLIP := $(wildcard ../shared/data/car-detection.mp4)

@@ -12,6 +12,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.contract import Controller, Task
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, controller_class, make_controller
 from ndtorch.navigation.features import FeatureParams
+from ndtorch.navigation.localisation.localiser import Localiser
 from ndtorch.navigation.mapping import Certainty, Grid, GridMap
 from ndtorch.navigation.model import Navigator
 from ndtorch.navigation.rig import AngleModel, Rect, StereoRig
@@ -44,6 +45,7 @@ class NavigatorOptions:
         explore: the controller `goal` then drives wherever it was not yet.
         back: the controller `goal` then goes back to where the drive began.
         cruise: speed where nothing is in the way, m/s.
+        localise: correct dead reckoning by what is ranged, see `Localiser`; the map is made with the corrected poses.
 
     Raises:
         InputError: an unknown controller or word, or a number of features that cannot be.
@@ -60,6 +62,7 @@ class NavigatorOptions:
     explore: bool = False
     back: bool = False
     cruise: float = 0.5
+    localise: bool = False
 
     def __post_init__(self) -> None:
         for option in dataclasses.fields(NavigatorOptions):
@@ -104,6 +107,7 @@ class NavigatorOptions:
             angles=self.angle,
             search=search,
             grid_map=grid_map,
+            localiser=Localiser(rig, 1 / rate) if self.localise else None,
         )
 
 
@@ -133,7 +137,7 @@ def check_option(name: str, value: Any) -> None:
         place_of(value)
     elif name == "cruise" and not (isinstance(value, int | float) and 0.1 <= value <= FASTEST):
         raise InputError(f"cruise must be a speed from 0.1 to {FASTEST} m/s, got {value!r}")
-    elif name in ("prediction", "explore", "back") and not isinstance(value, bool):
+    elif name in ("prediction", "explore", "back", "localise") and not isinstance(value, bool):
         raise InputError(f"{name} must be true or false, got {value!r}")
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 from ndtorch.errors import InputError
+from ndtorch.nearest import meant
 from ndtorch.toml import Strict, check
 from ndtorch_robot.ports import CameraPair, Clock, Drive, Report
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from ndtorch_robot.sim.simulation import Simulation
 
 SERIAL, SIMULATED_BOARD, SIMULATED_WORLD = "serial", "simulated-board", "simulated-world"
+HOSTED_BOARD = "hosted-board"
 
 
 @runtime_checkable
@@ -82,7 +84,7 @@ def find_kind(name: str) -> Kind:
         for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
             importlib.import_module(f"{__package__}.{module.name}")
     if name not in KINDS:
-        raise InputError(f"no link of the kind {name!r}, known are {', '.join(sorted(KINDS))}")
+        raise InputError(f"no link of the kind {name!r}, known are {', '.join(sorted(KINDS))}{meant(name, KINDS)}")
     return KINDS[name]
 
 
@@ -104,7 +106,7 @@ def open_link(values: Mapping[str, Any], opening: Opening) -> Drive:
     if opening.simulation is not None and not isinstance(drive, MovesWorld):
         drive.close()
         raise InputError(
-            f"a simulated world is driven by link.kind = {SIMULATED_BOARD!r} or {SIMULATED_WORLD!r}, "
-            f"got {values.get('kind', SERIAL)!r}"
+            f"a simulated world is driven by link.kind = {SIMULATED_BOARD!r}, {HOSTED_BOARD!r} or "
+            f"{SIMULATED_WORLD!r}, got {values.get('kind', SERIAL)!r}"
         )
     return drive

@@ -9,11 +9,14 @@ import pytest
 import ndtorch_robot.commands.evaluate as command
 from ndtorch import workers
 from ndtorch.commands import main
+from ndtorch.errors import InputError
 from ndtorch.workers import Event
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.evaluation.drives import Cache, all_drives, key_of
 from ndtorch_robot.evaluation.picture import draw_table
 from ndtorch_robot.evaluation.table import COLUMNS, comma_separated, markdown, rows_of
+from ndtorch_robot.sim.stress import STRESSES
+from ndtorch_robot.sim.trials import TRIALS
 from tests.robot.support.gl_needed import needs_gl
 
 
@@ -28,6 +31,8 @@ def summary(arena="room", seed=1, controller="published", **changes):
         "stopped": 1,
         "distance_m": 400.0,
         "free_area_passed": 0.5,
+        "free_area_passed_40cm": 0.2,
+        "collision_places": 2,
         "map": {"precision": 0.8, "recall": 0.6, "position_error_cm": 1.5, "spacing_error_percent": None},
     }
     return values | changes
@@ -72,7 +77,8 @@ def test_rows_are_of_all_drives_together():
     drives = [
         summary(),
         summary("loop"),
-        summary(seed=2, collisions=0, stopped=0, simulated_seconds=2700.0, free_area_passed=0.9, map=none),
+        summary(seed=2, collisions=0, stopped=0, simulated_seconds=2700.0, free_area_passed=0.9, map=none)
+        | {"free_area_passed_40cm": 0.3, "collision_places": 1},
     ]
     room, loop = rows_of(drives)
     assert (room.arena, loop.arena) == ("room", "loop")
@@ -83,11 +89,38 @@ def test_rows_are_of_all_drives_together():
     assert (room.recall, room.position_cm, room.spacing_percent) == (0.6, 1.5, None)
     assert loop.collisions_h == 8.0
     lines = markdown([room, loop], "note").splitlines()
-    assert lines[2] == "| room | textured | published | 2 | 1.00 | 2.0 | 1.0 | 800 | 70 | 70 | 60 | 1.5 | - |"
+    assert lines[2] == "| room | textured | published | 2 | 1.00 | 2.0 | 3 | 1.0 | 800 | 70 | 25 | 70 | 60 | 1.5 | - |"
     assert lines[-1] == "note"
     table = list(csv.reader(comma_separated([room, loop]).splitlines()))
     assert table[0] == list(COLUMNS)
-    assert table[2] == ["loop", "textured", "published", "1", "0.25", "8.0", "4.0", "400", "50", "80", "60", "1.5", ""]
+    assert table[2][:4] == ["loop", "textured", "published", ""]
+    assert table[2][4:] == ["1", "0.25", "8.0", "2", "", "4.0", "400", "50", "20", "", "80", "60", "1.5", ""]
+
+
+def test_rows_tell_stresses_gates_and_people():
+    drives = [
+        summary(),
+        summary(stress="noise", gates=[1, 2], people_hit=1),
+        summary(seed=2, stress="noise", gates=[2, 2]),
+    ]
+    plain, noisy = rows_of(drives)
+    assert (plain.stress, noisy.stress) == ("", "noise")
+    assert (noisy.gates, noisy.people) == ((3, 4), (1, 0))
+    head = markdown([plain, noisy], "").splitlines()[0]
+    assert all(name in head for name in ("stress", "gates passed", "people hit"))
+    assert "stress" not in markdown([plain], "").splitlines()[0]
+
+
+def test_words_for_many_arenas_and_stresses():
+    drives = command.Evaluate(
+        arenas=("trials", "room"), stress=("none", "noise=0.02"), seeds=(1,), controllers=("published",), moving=True
+    ).drives()
+    assert {d.arena for d in drives} == {*TRIALS, "room"}
+    assert [d.stress for d in drives[:2]] == ["", "noise=0.02"]
+    assert all(d.moving for d in drives)
+    assert command.stresses_of(("all",)) == ("", *STRESSES)
+    with pytest.raises(InputError, match="no stress 'nois'"):
+        command.Evaluate(arenas=("room",), stress=("nois",)).drives()
 
 
 def test_picture_of_many(tmp_path):
@@ -108,29 +141,45 @@ def test_picture_of_many(tmp_path):
         assert (np.abs(picture.astype(int) - color).sum(-1) < 12).sum() > 300
 
 
+def in_this_process(function, tasks, jobs):
+    """As `run_tasks`, without processes that import torch for seconds."""
+    for number, task in enumerate(tasks):
+        yield Event("done", number, function(task, lambda share: None))
+
+
 @needs_gl
-def test_command_goes_on_where_it_was(tmp_path, capsys):
-    arguments = ["evaluate", "--arenas", "room", "--seconds", "1", "--seeds", "1000", "1001", "--jobs", "2"]
-    arguments += ["--out", str(tmp_path), "--controllers", "published"]
+def test_command_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
+    place = tmp_path / "e"
+    arguments = ["evaluate", "--arenas", "room", "--seconds", "1", "--jobs", "2", "--out", str(place)]
+    arguments += ["--controllers", "published", "--seeds", "1000", "1001"]
     assert main(arguments) == 0
     out, err = capsys.readouterr()
     assert "| room | textured | published | 2 |" in out
     assert err == ""
-    made = {file: file.stat().st_mtime_ns for file in (tmp_path / "drives").iterdir()}
+    made = {file: file.stat().st_mtime_ns for file in (place / "drives").iterdir()}
     assert len(made) == 2
-    lines = [json.loads(line) for line in (tmp_path / "drives.jsonl").read_text().splitlines()]
+    lines = [json.loads(line) for line in (place / "drives.jsonl").read_text().splitlines()]
     assert [line["seed"] for line in lines] == [1000, 1001]
-    names = {"drives", "drives.jsonl", "report.html", "table.csv", "table.md", "table.png"}
-    assert {p.name for p in tmp_path.iterdir()} == names
+    names = {"drives", "drives.jsonl", "report.html", "settings.json", "table.csv", "table.md", "table.png"}
+    assert {p.name for p in place.iterdir()} == names
 
     gone = min(made)
     gone.unlink()
+    monkeypatch.setattr(workers, "run_tasks", in_this_process)
     assert main([*arguments, "--json"]) == 0
     out, err = capsys.readouterr()
     assert json.loads(out)[0]["collisions_h"] == 0.0
-    again = {file: file.stat().st_mtime_ns for file in (tmp_path / "drives").iterdir()}
+    again = {file: file.stat().st_mtime_ns for file in (place / "drives").iterdir()}
     assert again.keys() == made.keys()
     assert [file for file in made if again[file] != made[file]] == [gone]
+
+    # A table of other drives is another table; what was driven is not driven again.
+    table = (place / "table.md").read_bytes()
+    monkeypatch.setattr(workers, "run_tasks", None)
+    assert main(arguments[:-1]) == 0
+    assert f"written to {tmp_path / 'e-2'}: table.md" in capsys.readouterr().out
+    assert (place / "table.md").read_bytes() == table
+    assert {file.name for file in (tmp_path / "e-2" / "drives").iterdir()} == {file.name for file in made}
 
 
 def test_ctrl_c_keeps_what_is_finished(tmp_path, capsys, monkeypatch):
