@@ -60,6 +60,7 @@ TESTED_IN = {
     "kernels/strips": "navigation/test_kernels",
     "kernels/switch": "kernels/test_load",
     "kernels/tile_sums": "navigation/test_tiles",
+    "kernels/vote_places": "navigation/localisation/test_finding",
     "kernels/ways": "navigation/controllers/goal/test_planning",
     "navigation/certainty": "navigation/test_mapping",
     "navigation/controllers/goal/control": "navigation/controllers/goal/test_goal_control",

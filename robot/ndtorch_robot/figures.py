@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from ndtorch.navigation import REVERSE, TURN
 from ndtorch_robot.drive import Result
-from ndtorch_robot.record import range_columns
+from ndtorch_robot.record import Floats, pose_error, range_columns
 from ndtorch_robot.sim.plan import Plan
 
 LOOKS = {
@@ -27,13 +28,17 @@ LONGEST = 40.0
 
 
 def write_figures(result: Result, folder: Path) -> None:
-    """Write path.png, map.png, speeds.png and rows.png."""
+    """Write path.png, map.png, speeds.png and rows.png, and pose.png where the car was localised."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    for name, draw in (("path", path), ("map", map_), ("speeds", speeds), ("rows", rows)):
+    drawn: list[tuple[str, Callable[[Any, Result], Any]]] = [("path", path), ("map", map_), ("speeds", speeds)]
+    drawn.append(("rows", rows))
+    if result.walls is not None:
+        drawn.append(("pose", pose))
+    for name, draw in drawn:
         figure = draw(plt, result)
         figure.savefig(folder / f"{name}.png", dpi=110)
         plt.close(figure)
@@ -148,6 +153,30 @@ def map_(plt: Any, result: Result) -> Any:
         legend(axes, 4)
     left, right, bottom, top = result.plan.bounds
     axes.set(xlim=(left - 0.5, right + 0.5), ylim=(bottom - 0.5, top + 0.5))
+    return figure
+
+
+def pose(plt: Any, result: Result) -> Any:
+    """How far dead reckoning and the corrected pose are from the truth."""
+    record, c = result.record, result.config
+    paths = {name: record.array(name).reshape(-1, 3) for name in ("pose", "believed", "located")}
+    figure = pose_figure(plt, record.array("time"), paths["pose"], paths["believed"], paths["located"])
+    figure.suptitle(f"{headline(result)}, {c.odometry} odometry", fontsize=11)
+    return figure
+
+
+def pose_figure(plt: Any, time: Floats, true: Floats, believed: Floats, located: Floats) -> Any:
+    """Errors of both poses over time, `[T]` s and poses `[T, 3]`; the axes are logarithmic."""
+    figure, axes = plt.subplots(2, 1, figsize=(9, 5), sharex=True)
+    figure.set_layout_engine("constrained")
+    for poses, color, name in ((believed, RIGHT, "dead reckoning"), (located, LEFT, "corrected by landmarks")):
+        for errors, ax in zip(pose_error(poses, true), axes, strict=True):
+            ax.plot(time / 60, np.maximum(errors, 1e-3), color=color, lw=1, label=name)
+    for ax, label, wanted in zip(axes, ("m", "degrees"), (0.2, 3.0), strict=True):
+        ax.axhline(wanted, color="0.5", lw=1, ls="--")
+        ax.set(yscale="log", ylabel=f"error ({label})")
+    axes[1].set_xlabel("time (minutes)")
+    legend(axes[0], 2)
     return figure
 
 

@@ -25,8 +25,8 @@ class Drive:
     """Drive through a simulated building, steering and mapping by sight.
 
     Shows the progress and a summary, and writes report.html with all pictures, summary.json, path.png, map.png,
-    map.npz, map.pgm and map.yaml (these two for ROS), speeds.png and rows.png. Options override the file. Ctrl-C
-    stops the robot and keeps everything.
+    map.npz, map.pgm and map.yaml (these two for ROS), speeds.png and rows.png; with --localise also
+    pose.png. Options override the file. Ctrl-C stops the robot and keeps everything.
     """
 
     config: Annotated[Path | None, tyro.conf.Positional] = None
@@ -163,6 +163,19 @@ def describe(result: Result) -> str:
     def value(key: str, unit: str, factor: float = 1.0) -> str:
         return "-" if score[key] is None else f"{factor * score[key]:.1f} {unit}"
 
+    located = []
+    if result.walls is not None:
+        errors = s["pose_error"]
+        assert isinstance(errors, dict)
+        words = [
+            f"{label} {errors[name]['end_m']:.2f} m and {errors[name]['end_degrees']:.1f} degrees"
+            for name, label in (("believed", "dead reckoning"), ("located", "corrected"))
+            if name in errors
+        ]
+        if c.known_map:
+            found = s["found_s"]
+            words.append("not found in the known map" if found is None else f"found in the known map after {found} s")
+        located = [f"  error of the pose at the end: {', '.join(words)}"]
     lines = [
         f"{c.arena}, seed {c.seed}, {c.controller}"
         + f", {c.stress}" * bool(c.stress)
@@ -174,6 +187,7 @@ def describe(result: Result) -> str:
         f"  map: {value('precision', '%', 100)} of its mass near true edges, {value('recall', '%', 100)} of the "
         f"visible edges found, position error {value('position_error_cm', 'cm')}, "
         f"door spacing error {value('spacing_error_percent', '%')}",
+        *located,
         f"  navigation step: median {times.get('p50', 0):.2f} ms, 99 % below {times.get('p99', 0):.2f} ms",
     ]
     if s["collisions"]:
