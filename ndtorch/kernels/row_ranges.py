@@ -20,9 +20,9 @@ def row_ranges(
     low: Array,
     a: float,
     new_low: Array,
-    finding: tuple[int, int, float, float, int, int],
+    finding: tuple[int, int, float, float, int, int, tuple[int, int, int]],
     matching: tuple[float, float, bool, float],
-    rig: tuple[float, float, float, bool],
+    rig: tuple[float, float, float, float, bool],
     out: Array,
     valid: Array,
 ) -> float:
@@ -31,15 +31,16 @@ def row_ranges(
     Args:
         frames, beside, unit, count: of each eye, see `grey_row`; `top` is the number of their row.
         settle, a, low, new_low: see `high_pass`; `[2, W]`.
-        finding: number of features, spacing, weakest motion, least difference, reach of edges, border without features.
+        finding: number of features, spacing, weakest motion, least difference, reach of edges, border without features,
+            and what is kept for the middle, see `strongest`.
         matching: least and largest disparity, one to one, largest error.
-        rig: factor to angles, baseline, forward, and whether angles are exact.
+        rig: column of the axes, factor to angles, baseline, forward, and whether angles are exact.
         out: range, left and right angle, x, y: `[5, n]`; `valid`: `[n]`.
 
     Returns:
         The largest magnitude of motion.
     """
-    n, spacing, weakest, difference, reach, border = finding
+    n, spacing, weakest, difference, reach, border, kept = finding
     width = low.shape[1]
     kind = low.dtype.type
     rows, motion = np.empty((2, width), low.dtype), np.empty(width, low.dtype)
@@ -56,11 +57,11 @@ def row_ranges(
             motion[:border] = 0
         elif border:
             motion[width - border :] = 0
-        strongest(motion, spacing, column[eye], strength[eye])
+        strongest(motion, spacing, kept, column[eye], strength[eye])
         describe(rows[eye], column[eye], strength[eye], spacing, weakest, difference, reach, patch[eye], good[eye])
     match(column, patch, good, matching, out[0], valid)
-    factor, baseline, forward, exact = rig
-    middle = kind((width - 1) / 2)
+    axis, factor, baseline, forward, exact = rig
+    middle = kind(axis)
     for i in range(n):
         left, right = middle - column[0, i], middle - out[0, i]
         left, right = left * kind(factor), right * kind(factor)

@@ -20,6 +20,9 @@ from ndtorch.navigation.strips import check_eyes, check_unit_range, grey_pair, r
 from ndtorch.vision.nondirectional import NDMin, spatial_maximum
 from ndtorch.vision.temporal import FilterState
 
+AHEAD = math.radians(15.0)
+"""Bearings within which something lies ahead: the way of the body from 0.6 m on, for the rig of [A]."""
+
 
 class RowRangingState(NamedTuple):
     """State of `RowRanging`: the filters of the rows `[..., 2, 1, W]`, and the features that are followed, if any."""
@@ -42,10 +45,15 @@ class RowRanging(nn.Module):
         features, matching: parameters of the steps.
         angles: `"atan"` (exact) or `"linear"` (as published).
         tau_high: time constant of the high-pass, s.
-        search: search the right row instead of matching features, see `row_search`; on the CPU only.
+        search: search the right row instead of matching features, see `row_search`. Of whole frames it reads
+            `search.rows` rows; strips may hold so many, or only the horizon row.
+
+    Attributes:
+        row: the rectangle that is read of both frames.
 
     Raises:
-        InputError: frames that cannot be used, or NaN, infinity or values far beyond 1 in their rows.
+        InputError: frames that cannot be used, or NaN, infinity or values far beyond 1 in their rows; a horizon too
+            near the border for the rows that are searched.
     """
 
     def __init__(
@@ -64,12 +72,13 @@ class RowRanging(nn.Module):
         self.rig, self.angles = rig, angles
         self.features, self.matching = features or FeatureParams(), matching or MatchParams()
         self.search = search
-        self.row = row_rect(rig)
+        self.row, self.horizon = row_rect(rig, 1 if search is None else search.rows), row_rect(rig)
+        self.band = rig.columns(AHEAD)
         self.nd_min = NDMin(tau_high, dt)
         self.follow = PredictedFeatures(self.features, self.features.follow) if self.features.follow else None
         exact = angles == "atan"
         factor = math.cos(rig.pitch) / rig.focal if exact else rig.pixel_angle
-        self.geometry = (factor, rig.baseline, rig.forward, exact)
+        self.geometry = (rig.center[0], factor, rig.baseline, rig.forward, exact)
         # Nearer the border, a partner with the smallest disparity would lie outside the other row.
         self.border = math.ceil(self.matching.min_disparity) if self.features.shared else 0
 
@@ -80,12 +89,15 @@ class RowRanging(nn.Module):
         quick = self.by_kernels(left, right, state)
         if quick is not None:
             return quick
-        rows = grey_pair(left, right, self.row, self.row, (self.rig.height, self.rig.width))
+        one = left.shape[-2] == 1
+        rect = self.horizon if one else self.row
+        around = grey_pair(left, right, rect, rect, (self.rig.height, self.rig.width))
+        rows = around[..., around.shape[-2] // 2, :].unsqueeze(-2)
         motion, filters = self.nd_min.scan(rows, state.rows if state else None, rows.ndim - 4)
         if left.is_floating_point():
             check_unit_range(spatial_maximum(motion), left)
         if self.search is not None:
-            matches = search_rows(rows.squeeze(-2), self.search)
+            matches = search_rows(around, self.search, self.band)
             return triangulate(matches, self.rig, self.angles), RowRangingState(filters, None)
         if self.border:
             motion = self.without_borders(motion)
@@ -112,7 +124,8 @@ class RowRanging(nn.Module):
         if seen is None:
             return None
         f, m = self.features, self.matching
-        finding = (f.count, f.spacing, f.min_motion, f.min_difference, f.edge_reach, self.border)
+        kept = (f.ahead, *self.band)
+        finding = (f.count, f.spacing, f.min_motion, f.min_difference, f.edge_reach, self.border, kept)
         matching = (m.min_disparity, m.max_disparity, m.one_to_one, m.max_error)
         out, valid, largest, rows = ranges_of_rows(
             seen, before, left, width, self.nd_min.a, finding, matching, self.geometry
@@ -134,7 +147,7 @@ class RowRanging(nn.Module):
     ) -> tuple[Features, PredictionState | None]:
         """Features of rows `[..., T, 2, W]`: those of each frame, or the same ones as long as they can be followed."""
         if self.follow is None:
-            return find_features(rows, motion, self.features), None
+            return find_features(rows, motion, self.features, self.band), None
         found, state = self.follow(rows.transpose(-2, -3), motion.transpose(-2, -3), state)
         column, strength, valid = (x.transpose(-2, -3) for x in (found.column, found.strength, found.valid))
         return Features(column, strength, found.patch.transpose(-3, -4), valid), state

@@ -93,9 +93,9 @@ def ranges_of_rows(
     like: Tensor,
     width: int,
     a: float,
-    finding: tuple[int, int, float, float, int, int],
+    finding: tuple[int, int, float, float, int, int, tuple[int, int, int]],
     matching: tuple[float, float, bool, float],
-    rig: tuple[float, float, float, bool],
+    rig: tuple[float, float, float, float, bool],
 ) -> tuple[Tensor, Tensor, float, FilterState]:
     """Ranges `[5, 1, n]`, which are valid `[1, n]`, the largest motion, and the state `[2, 1, W]` after."""
     low = torch.empty((2, 1, width), dtype=image_kind(like))
