@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from ndtorch.kernels.row_features import describe, match, strongest
 from ndtorch.kernels.strips import Array, grey_row, high_pass, larger
+from ndtorch.kernels.triangulation import triangulate
 
 
 def row_ranges(
@@ -60,19 +59,5 @@ def row_ranges(
         strongest(motion, spacing, kept, column[eye], strength[eye])
         describe(rows[eye], column[eye], strength[eye], spacing, weakest, difference, reach, patch[eye], good[eye])
     match(column, patch, good, matching, out[0], valid)
-    axis, factor, baseline, forward, exact = rig
-    middle = kind(axis)
-    for i in range(n):
-        left, right = middle - column[0, i], middle - out[0, i]
-        left, right = left * kind(factor), right * kind(factor)
-        if exact:
-            left, right = kind(math.atan(left)), kind(math.atan(right))
-        valid[i] = valid[i] and right > left
-        if valid[i]:
-            distance = kind(baseline) * math.cos(right) / math.sin(right - left)
-            out[0, i], out[1, i], out[2, i] = distance, left, right
-            out[3, i] = kind(forward) + distance * math.cos(left)
-            out[4, i] = kind(baseline / 2) + distance * math.sin(left)
-        else:
-            out[:, i] = 0
+    triangulate(column[0], rig, out, valid)
     return float(largest)

@@ -11,36 +11,34 @@ from ndtorch.kernels.load import FAST
 Floats = npt.NDArray[np.float32]
 Whole = npt.NDArray[np.int32]
 
+Numbers = tuple[int, int, int, int, float, float, float, float, int, int]
+
 NEIGHBOURS = 2
+"""As in `ndtorch.navigation.row_search`."""
+
+TINY = np.float32(1e-6)
 """As in `ndtorch.navigation.row_search`."""
 
 NEVER = np.float32(9.0)
 """More than two windows can differ: where one of them leaves its row."""
 
 
-def search_row(
-    left: Floats,
-    right: Floats,
-    level: int,
-    half: int,
-    low: int,
-    high: int,
-    ratio: float,
-    most: float,
-    least_step: float,
-    agree: float,
-    spacing: int,
-    ahead: int,
-    band: tuple[int, int],
-    out: Floats,
-) -> None:
+def search_row(left: Floats, right: Floats, params: Numbers, band: tuple[int, int], out: Floats) -> None:
+    """`find_places` of one pair of rows."""
+    find_places(left, right, params, band, out)
+
+
+@numba.njit(error_model="numpy")
+def find_places(left: Floats, right: Floats, params: Numbers, band: tuple[int, int], out: Floats) -> None:
     """Fill `out` `[3, n]` with left columns (0 where there is none), right columns and mean differences.
 
     Args:
         left, right: rows `[R, W]`, spoiled where they are leveled.
-        level, half, low, high, ratio, most, least_step, agree, spacing, ahead: see `SearchParams`.
+        params: `level`, `half`, least and largest disparity, `ratio`, `max_difference`, `min_step`, `agree`, `spacing`
+            and `ahead`, see `SearchParams`.
         band: columns, from and up to, in which the first `ahead` places lie, as far as there are any.
     """
+    level, half, low, high, ratio, most, least_step, agree, spacing, ahead = params
     width = left.shape[1]
     steps = np.zeros(width, np.float32)
     for c in range(1, width - 1):
@@ -55,6 +53,7 @@ def search_row(
         good = k >= low and both[c] and cost[c, k] < np.float32(most) and steps[c] >= np.float32(least_step)
         if not good or agreeing(best, both, c, half) < agree * (2 * half + 1):
             unlike[c] = 0
+    out[:] = 0
     for n in range(out.shape[1]):
         c = 0
         if n < ahead and band[1] > band[0]:
@@ -122,29 +121,35 @@ def winners(cost: Floats, ratio: float) -> tuple[Whole, Floats, npt.NDArray[np.b
     """Of every column the best disparity, how unlike all others it is (0: too like), and if the right says the same."""
     width, depth = cost.shape
     best, unlike = np.full(width, -1, np.int32), np.zeros(width, np.float32)
-    back, least_back = np.full(width, -1, np.int32), np.full(width, NEVER, np.float32)
+    # Numbers of 0 or more are in the same order as their bits, and the least of whole numbers is found much faster.
+    bits, never = cost.view(np.int32), np.full(1, NEVER, np.float32).view(np.int32)[0]
+    # Of every right column, the last one first, so that the inner loop runs over neighbours in memory.
+    least_back = np.full(width + depth, never, np.int32)
     for c in range(width):
-        line, least = cost[c], NEVER
+        line, back, least = bits[c], least_back[width - 1 - c :], never
         for k in range(depth):
             least = min(least, line[k])
-        if least >= NEVER:
+            back[k] = min(back[k], line[k])
+        if least >= never:
             continue
         k = 0
         while line[k] != least:
             k += 1
-        best[c], second = k, NEVER
+        best[c], second = k, never
         for other in range(k - NEIGHBOURS):
             second = min(second, line[other])
         for other in range(k + NEIGHBOURS + 1, depth):
             second = min(second, line[other])
-        if second < NEVER and least < np.float32(ratio) * second:
-            unlike[c] = 1 - least / second
-        for k in range(min(depth, c + 1)):
-            if line[k] < least_back[c - k]:
-                least_back[c - k], back[c - k] = line[k], k
+        if second < never:
+            share = cost[c, k] / max(np.full(1, second, np.int32).view(np.float32)[0], TINY)
+            unlike[c] = 1 - share if share < np.float32(ratio) else 0
     both = np.zeros(width, np.bool_)
     for c in range(width):
-        both[c] = best[c] >= 0 and abs(back[c - best[c]] - best[c]) <= 1
+        k = best[c]
+        if k >= 0:
+            least = least_back[width - 1 - c + k]
+            for d in range(max(k - 1, 0), min(k + 2, depth, width - c + k)):
+                both[c] = both[c] or bits[c - k + d, d] <= least
     return best, unlike, both
 
 

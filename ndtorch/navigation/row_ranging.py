@@ -15,7 +15,7 @@ from ndtorch.navigation.prediction import PredictedFeatures, PredictionState
 from ndtorch.navigation.ranging import Ranges, triangulate
 from ndtorch.navigation.rig import AngleModel, StereoRig
 from ndtorch.navigation.row_search import SearchParams, search_rows
-from ndtorch.navigation.strip_kernels import eyes, ranges_of_rows, state_fits
+from ndtorch.navigation.strip_kernels import eyes, ranges_of_rows, searched_ranges, state_fits
 from ndtorch.navigation.strips import check_eyes, check_unit_range, grey_pair, row_rect
 from ndtorch.vision.nondirectional import NDMin, spatial_maximum
 from ndtorch.vision.temporal import FilterState
@@ -92,13 +92,17 @@ class RowRanging(nn.Module):
         one = left.shape[-2] == 1
         rect = self.horizon if one else self.row
         around = grey_pair(left, right, rect, rect, (self.rig.height, self.rig.width))
-        rows = around[..., around.shape[-2] // 2, :].unsqueeze(-2)
+        if self.search is not None:
+            if left.is_floating_point():
+                check_unit_range(around.abs(), left)
+            ranges = triangulate(search_rows(around, self.search, self.band), self.rig, self.angles)
+            # It needs no motion; the state keeps the last rows, as filters do that have settled on them.
+            horizon = around[..., -1, :, around.shape[-2] // 2, :].unsqueeze(-2)
+            return ranges, RowRangingState(FilterState(horizon), None)
+        rows = around
         motion, filters = self.nd_min.scan(rows, state.rows if state else None, rows.ndim - 4)
         if left.is_floating_point():
             check_unit_range(spatial_maximum(motion), left)
-        if self.search is not None:
-            matches = search_rows(around, self.search, self.band)
-            return triangulate(matches, self.rig, self.angles), RowRangingState(filters, None)
         if self.border:
             motion = self.without_borders(motion)
         found, followed = self.find(rows.squeeze(-2), motion.squeeze(-2), state.followed if state else None)
@@ -117,8 +121,10 @@ class RowRanging(nn.Module):
         self, left: Tensor, right: Tensor, state: RowRangingState | None
     ) -> tuple[Ranges, RowRangingState] | None:
         """One frame by kernels; None where torch is to do it."""
+        if self.search is not None:
+            return self.searched(left, right, self.search)
         before, width = state.rows if state else None, self.rig.width
-        if self.search is not None or self.follow is not None or not state_fits(before, left, (2, 1, width)):
+        if self.follow is not None or not state_fits(before, left, (2, 1, width)):
             return None
         seen = eyes(left, right, (self.row, self.row), (self.rig.height, width))
         if seen is None:
@@ -129,6 +135,21 @@ class RowRanging(nn.Module):
         matching = (m.min_disparity, m.max_disparity, m.one_to_one, m.max_error)
         out, valid, largest, rows = ranges_of_rows(
             seen, before, left, width, self.nd_min.a, finding, matching, self.geometry
+        )
+        if left.is_floating_point():
+            check_unit_range(torch.tensor(largest), left)
+        distance, left_angle, right_angle, x, y = out.unbind(0)
+        return Ranges(distance, left_angle, right_angle, x, y, valid), RowRangingState(rows, None)
+
+    def searched(self, left: Tensor, right: Tensor, search: SearchParams) -> tuple[Ranges, RowRangingState] | None:
+        """The same where the right row is searched."""
+        rect = self.horizon if left.ndim > 1 and left.shape[-2] == 1 else self.row
+        seen = eyes(left, right, (rect, rect), (self.rig.height, self.rig.width))
+        if seen is None:
+            return None
+        around = rect.bottom - rect.top
+        out, valid, largest, rows = searched_ranges(
+            seen, left, self.rig.width, around, search.count, search.numbers, self.band, self.geometry
         )
         if left.is_floating_point():
             check_unit_range(torch.tensor(largest), left)

@@ -31,6 +31,10 @@ NEIGHBOURS = 2
 """Disparities this near to the best one do not count as another place."""
 
 
+TINY = 1e-6
+"""A mean difference below this is as good as none."""
+
+
 @dataclass(frozen=True)
 class SearchParams:
     """How the right row is searched.
@@ -54,7 +58,7 @@ class SearchParams:
         InputError: numbers out of range.
     """
 
-    count: int = 48
+    count: int = 16
     rows: int = 3
     half: int = 8
     level: int = 30
@@ -63,7 +67,7 @@ class SearchParams:
     ratio: float = 0.75
     max_difference: float = 0.05
     min_step: float = 0.004
-    agree: float = 0.9
+    agree: float = 1.0
     spacing: int = 4
     ahead: int = 0
 
@@ -78,6 +82,13 @@ class SearchParams:
             raise InputError(
                 f"expected 0 < ratio <= 1, max_difference > 0, min_step >= 0 and 0 <= agree <= 1, got {self}"
             )
+
+    @property
+    def numbers(self) -> tuple[int, int, int, int, float, float, float, float, int, int]:
+        """What the kernels take, in their order."""
+        places = (self.level, self.half, self.min_disparity, self.max_disparity)
+        limits = (float(self.ratio), float(self.max_difference), float(self.min_step), float(self.agree))
+        return (*places, *limits, self.spacing, self.ahead)
 
 
 def search_rows(rows: Tensor, params: SearchParams, band: tuple[int, int] | None = None) -> Matches:
@@ -113,25 +124,10 @@ def search_rows(rows: Tensor, params: SearchParams, band: tuple[int, int] | None
 
 def by_kernel(rows: Tensor, params: SearchParams, band: tuple[int, int]) -> Tensor:
     """Left and right columns and differences `[B, 3, n]` of rows `[B, 2, R, W]`."""
-    search, p, pairs = kernel("search_row"), params, rows.clone(memory_format=torch.contiguous_format).numpy()
-    found = torch.zeros(len(rows), 3, p.count)
+    search, pairs = kernel("search_row"), rows.clone(memory_format=torch.contiguous_format).numpy()
+    found = torch.zeros(len(rows), 3, params.count)
     for (left, right), out in zip(pairs, found.numpy(), strict=True):
-        search.run(
-            left,
-            right,
-            p.level,
-            p.half,
-            p.min_disparity,
-            p.max_disparity,
-            p.ratio,
-            p.max_difference,
-            p.min_step,
-            p.agree,
-            p.spacing,
-            p.ahead,
-            band,
-            out,
-        )
+        search.run(left, right, params.numbers, band, out)
     return found
 
 
@@ -202,7 +198,8 @@ def winners(cost: Tensor, ratio: float) -> Winners:
     disparity = torch.arange(depth, device=cost.device)
     near = (disparity - best.unsqueeze(-1)).abs() <= NEIGHBOURS
     second = cost.masked_fill(near, math.inf).amin(-1)
-    unlike = (1 - least / second) * ((least < ratio * second) & second.isfinite())
+    share = least / second.clamp_min(TINY)
+    unlike = torch.where((share < ratio) & second.isfinite(), 1 - share, 0.0)
     # The right column x at disparity d is the left one x + d.
     column = torch.arange(width, device=cost.device).unsqueeze(-1) + disparity
     inside = column < width
@@ -210,7 +207,7 @@ def winners(cost: Tensor, ratio: float) -> Winners:
     back = skewed.argmin(-1)
     there = (torch.arange(width, device=cost.device) - best).clamp_min(0)
     both = least.isfinite() & ((back.gather(-1, there) - best).abs() <= 1)
-    return Winners(best, unlike.nan_to_num(0.0), both)
+    return Winners(best, unlike, both)
 
 
 def agreeing(best: Tensor, both: Tensor, reach: int) -> Tensor:

@@ -6,6 +6,9 @@ import platform
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
+
+import tyro
 
 from ndtorch.errors import InputError
 from ndtorch.files import write_text
@@ -19,6 +22,8 @@ class ScoreOptions:
     Tune on the split `tune`, report the split `test`: their seeds have none in common.
     """
 
+    what: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
+    """`ranges PAIRS`: score ranges on a folder of stereo pairs with truth instead (ranges.csv)."""
     rules: tuple[str, ...] = METHODS
     """Methods to compare."""
     scenes: int = 300
@@ -57,6 +62,8 @@ class ScoreOptions:
     """Folder of clips with others' truth (clip.mp4 with gt.txt or masks.mkv): score on them instead (labelled.csv)."""
     methods: tuple[str, ...] = LABELLED
     """Labelled: what to compare, or folders of models."""
+    disparities: tuple[int, int] = (8, 128)
+    """Ranges: least and largest disparity that count, pixels."""
     rows: int = 0
     """Labelled: height of the frames that all methods get; 0 for their own."""
 
@@ -64,6 +71,12 @@ class ScoreOptions:
         """Do it; returns the exit code."""
         import torch
 
+        if self.what:
+            if len(self.what) != 2 or self.what[0] != "ranges":
+                raise InputError(f"expected nothing, or ranges PAIRS, got {' '.join(self.what)!r}")
+            from ndtorch_train.score.ranges.command import run as score_ranges
+
+            return score_ranges(Path(self.what[1]), self.disparities, self.out)
         from ndtorch.memory import tune_allocator
 
         if self.labelled is not None:
