@@ -5,6 +5,8 @@
 # make bench-compare OLD=... NEW=...  fails where something costs over 10 % more
 # make docs    the documentation site, out/docs/index.html, its examples executed, its links followed
 # make wheels  each distribution alone in an empty environment
+# make soak    half an hour of simulated driving with faults by chance; MINUTES=600 for a night, and it goes on where it was
+# make lock    the lock files in requirements/      make sbom   what is installed, out/sbom.json      make audit  known holes in it
 # make reproduce        every published claim again      make reproduce-quick  the same in under two minutes
 PYTHON ?= python3
 VENV   := .venv
@@ -14,7 +16,7 @@ STAMP  := $(VENV)/.installed
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: setup demo test test-long test-variants check docs wheels bench bench-compare reproduce reproduce-quick clean
+.PHONY: setup demo test test-long test-variants check docs wheels bench bench-compare soak lock sbom audit reproduce reproduce-quick clean
 
 setup: $(STAMP)
 
@@ -62,6 +64,33 @@ bench: $(STAMP)
 # make bench-compare OLD=before.json NEW=out/bench.json
 bench-compare: $(STAMP)
 	$(BIN)/python -m tests.benchmarks.compare $(OLD) $(NEW)
+
+MINUTES ?= 30
+soak: $(STAMP)
+	$(BIN)/ndtorch soak --minutes $(MINUTES) --out out/soak
+
+# Tools that look at packages have an environment of their own: what they need is not what is looked at.
+SUPPLY := .venv/supply
+
+$(SUPPLY)/bin/uv: constraints.txt | $(STAMP)
+	test -x $(SUPPLY)/bin/python || $(BIN)/python -m venv $(SUPPLY)
+	$(SUPPLY)/bin/python -m pip install --quiet --disable-pip-version-check uv==$(call pinned,uv) \
+		cyclonedx-bom==$(call pinned,cyclonedx-bom) pip-audit==$(call pinned,pip-audit)
+	touch $@
+
+pinned = $(shell sed -n 's/^$(1)==//p' constraints.txt)
+
+lock: $(SUPPLY)/bin/uv
+	PATH=$(SUPPLY)/bin:$$PATH $(BIN)/python requirements/make.py
+
+sbom: $(SUPPLY)/bin/uv
+	mkdir -p out
+	$(SUPPLY)/bin/cyclonedx-py environment $(BIN)/python --pyproject pyproject.toml --output-format JSON \
+		--output-reproducible --output-file out/sbom.json
+
+audit: $(SUPPLY)/bin/uv
+	for lock in requirements/*.txt; do $(SUPPLY)/bin/pip-audit --disable-pip --require-hashes -r $$lock || exit 1; done
+	$(SUPPLY)/bin/pip-audit --disable-pip --no-deps -r constraints.txt
 
 # A video of a road camera that B9 looks at, where there is one.
 CLIP := $(wildcard ../shared/data/car-detection.mp4)

@@ -17,6 +17,7 @@ NAMES = {
     "av": "av",
     "cv2": "opencv-python-headless",
     "mujoco": "mujoco",
+    "picard": "python-picard",
     "pyarrow": "pyarrow",
     "ray": "ray",
     "rerun": "rerun-sdk",

@@ -18,7 +18,7 @@ HEAVY = ("cv2", "numba", "torchvision", "rerun", "matplotlib", "mujoco", "tyro",
 PACKAGES = ("ndtorch", "ndtorch_robot", "ndtorch_train")
 
 FLOORS = (
-    "arguments code_digest config errors files installed kernels lazy memory optional toml tree workers",
+    "arguments checked code_digest config errors files installed kernels lazy memory optional toml tree workers",
     "scenes vision",
     "binding navigation",
     "export loading",

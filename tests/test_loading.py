@@ -11,6 +11,7 @@ from safetensors.torch import load_file, save_file
 
 import ndtorch
 from ndtorch.binding import FirstStage, PublishedModel, VideoModel, spectral_radius
+from ndtorch.checked import save_tensors
 from ndtorch.errors import InputError
 from ndtorch.loading import model_folders, model_kind
 from ndtorch.tree import leaves
@@ -137,18 +138,29 @@ def test_missing_and_misshapen_weights_are_refused_by_name(folder: Path, name: s
     path = folder / "weights.safetensors"
     tensors = load_file(path)
     n = len(tensors.pop(name))
-    save_file(tensors, path)
+    save_tensors(tensors, path)
     with pytest.raises(InputError, match=f"has no weights called '{name}'; it has "):
         ndtorch.load(folder)
-    save_file({**tensors, name: torch.zeros(2, 2)}, path)
+    save_tensors({**tensors, name: torch.zeros(2, 2)}, path)
     with pytest.raises(InputError, match=rf"{name} must be \[{n}, {n}\], got \(2, 2\)"):
         ndtorch.load(folder)
 
 
 def test_negative_weights_are_refused(folder: Path) -> None:
     path = folder / "weights.safetensors"
-    save_file({**load_file(path), "motion": -torch.ones(4, 4)}, path)
+    save_tensors({**load_file(path), "motion": -torch.ones(4, 4)}, path)
     with pytest.raises(InputError, match="non-negative"):
+        ndtorch.load(folder)
+
+
+def test_weights_of_whole_numbers_or_without_a_checksum_are_refused(folder: Path) -> None:
+    path = folder / "weights.safetensors"
+    tensors = load_file(path)
+    save_tensors({**tensors, "motion": torch.ones(4, 4, dtype=torch.int32)}, path)
+    with pytest.raises(InputError, match=r"motion must be of floating point, got torch\.int32"):
+        ndtorch.load(folder)
+    save_file(tensors, path)
+    with pytest.raises(InputError, match="has no checksum"):
         ndtorch.load(folder)
 
 

@@ -13,8 +13,8 @@ from ndtorch.binding.learning import NetworkState
 from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.normalise import BindingInputs
 from ndtorch.binding.rules import learning_rule
+from ndtorch.checked import read_tensors, save_tensors
 from ndtorch.errors import InputError
-from ndtorch.files import replacing
 from ndtorch.scenes.ring_scene import rings
 from ndtorch.vision.features import GROUPS, VisualFeatures
 
@@ -65,16 +65,12 @@ def first_stage_weights(stage: FirstStage | Tensor) -> Tensor:
 
 
 def read_first_stage(path: Path) -> Tensor:
-    """The `[10, 10]` first-stage weights in a weights.safetensors with the keys motion, orientation and color."""
-    from safetensors import SafetensorError
-    from safetensors.torch import load_file
+    """The `[10, 10]` first-stage weights in a weights.safetensors with the keys motion, orientation and color.
 
-    if not path.is_file():
-        raise InputError(f"{path} is missing")
-    try:
-        tensors = load_file(path)
-    except (SafetensorError, OSError) as error:
-        raise InputError(f"{path} is not a safetensors file: {error}") from None
+    Raises:
+        InputError: missing, damaged, without a checksum, or weights of other names, shapes or types.
+    """
+    tensors, _ = read_tensors(path, "a safetensors file")
     weights = torch.zeros(10, 10)
     for name, group in GROUPS.items():
         n = group.stop - group.start
@@ -82,17 +78,16 @@ def read_first_stage(path: Path) -> Tensor:
             raise InputError(f"{path} has no weights called {name!r}; it has {', '.join(sorted(tensors)) or 'none'}")
         if tensors[name].shape != (n, n):
             raise InputError(f"{path}: {name} must be [{n}, {n}], got {tuple(tensors[name].shape)}")
+        if not tensors[name].is_floating_point():
+            raise InputError(f"{path}: {name} must be of floating point, got {tensors[name].dtype}")
         weights[group, group] = tensors[name].float()
     return weights
 
 
 def write_first_stage(stage: FirstStage | Tensor, path: Path) -> None:
     """What `read_first_stage` reads."""
-    from safetensors.torch import save_file
-
     weights = first_stage_weights(stage).detach().cpu().float()
-    with replacing(path) as beside:
-        save_file({name: weights[group, group].contiguous() for name, group in GROUPS.items()}, beside)
+    save_tensors({name: weights[group, group].contiguous() for name, group in GROUPS.items()}, path)
 
 
 def train_first_stage(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,14 +13,11 @@ from torch import Tensor
 from ndtorch.binding.models.contract import BindingModel
 from ndtorch.binding.tracking.figures import FigureTable
 from ndtorch.binding.tracking.tracks import TrackTable
+from ndtorch.checked import read_tensors, save_tensors
 from ndtorch.errors import InputError
-from ndtorch.files import replacing
 from ndtorch.tree import leaves, mapped, parts
 
 State = TypeVar("State")
-
-CHECKSUM = "checksum"
-"""The string beside a state that says whether all the rest is as it was written."""
 
 
 def save_state(state: Any, path: str | Path, about: Mapping[str, str] | None = None) -> None:
@@ -36,36 +31,13 @@ def save_state(state: Any, path: str | Path, about: Mapping[str, str] | None = N
     save_tensors({name: part.contiguous().clone() for name, part in leaves(state).items()}, path, about)
 
 
-def save_tensors(flat: Mapping[str, Tensor], path: str | Path, about: Mapping[str, str] | None = None) -> None:
-    """Write tensors by name, with strings and a checksum over both."""
-    from safetensors import SafetensorError
-    from safetensors.torch import save_file
-
-    strings = dict(about or {})
-    try:
-        with replacing(path) as beside:
-            save_file(dict(flat), str(beside), metadata=strings | {CHECKSUM: checksum(flat, strings)})
-    except SafetensorError as error:
-        raise OSError(f"{path} cannot be written: {error}") from None
-
-
-def checksum(flat: Mapping[str, Tensor], about: Mapping[str, str]) -> str:
-    """SHA-256 over names, types, shapes, values and strings."""
-    digest = hashlib.sha256(json.dumps(sorted(about.items())).encode())
-    for name in sorted(flat):
-        part = flat[name].detach().cpu().contiguous()
-        digest.update(f"{name} {part.dtype} {list(part.shape)}".encode())
-        digest.update(part.reshape(-1).view(torch.uint8).numpy().tobytes())
-    return digest.hexdigest()
-
-
 def read_about(path: str | Path) -> dict[str, str]:
     """The strings that `save_state` wrote beside the state.
 
     Raises:
         InputError: missing file, or not safetensors.
     """
-    return read(path)[1]
+    return read_tensors(path, "a saved state")[1]
 
 
 def load_state(path: str | Path, model: BindingModel) -> tuple[Any, dict[str, str]]:
@@ -75,7 +47,7 @@ def load_state(path: str | Path, model: BindingModel) -> tuple[Any, dict[str, st
         InputError: missing file, not safetensors, or not a state of this model: parts that are missing, of another
             shape or type, or not finite.
     """
-    tensors, about = read(path)
+    tensors, about = read_tensors(path, "a saved state")
     example = example_state(model)
     try:
         if tensors and all(name.split(".")[0].isdigit() for name in tensors):
@@ -98,28 +70,6 @@ def example_state(model: BindingModel) -> Any:
     frames = torch.zeros(max(1, math.ceil(model.dt * model.fps - 1e-9)), 3, *model.size)
     with torch.no_grad():
         return model(frames)[1]
-
-
-def read(path: str | Path) -> tuple[dict[str, Tensor], dict[str, str]]:
-    """Tensors and strings of a safetensors file."""
-    from safetensors import SafetensorError, safe_open
-
-    try:
-        with safe_open(str(path), framework="pt") as file:
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-            about = dict(file.metadata() or {})
-    except FileNotFoundError:
-        raise InputError(f"{path} is missing") from None
-    except (SafetensorError, OSError) as error:
-        raise InputError(f"{path} is not a saved state: {error}") from None
-    except (ValueError, OverflowError, RuntimeError, MemoryError) as error:
-        raise InputError(f"{path} is damaged: {str(error).splitlines()[0]}") from None
-    given = about.pop(CHECKSUM, None)
-    if given is None:
-        raise InputError(f"{path} has no checksum: it was not written by this version of ndtorch")
-    if given != checksum(tensors, about):
-        raise InputError(f"{path} is damaged: its checksum does not fit")
-    return tensors, about
 
 
 def rebuilt(example: Any, tensors: Mapping[str, Tensor], prefix: str) -> Any:

@@ -13,6 +13,7 @@ from ndtorch.navigation.controllers.contract import Command, Controller, in_time
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, make_controller
 from ndtorch.navigation.correspondence import MatchParams
 from ndtorch.navigation.features import FeatureParams
+from ndtorch.navigation.localisation.localiser import Localiser, LocaliserState
 from ndtorch.navigation.mapping import GridMap, GridMapState
 from ndtorch.navigation.observations import ObservationList, Observations
 from ndtorch.navigation.odometry import DeadReckoning, Pose
@@ -20,7 +21,7 @@ from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import AngleModel, StereoRig
 from ndtorch.navigation.row_ranging import RowRanging, RowRangingState
 from ndtorch.navigation.row_search import SearchParams
-from ndtorch.navigation.strips import Strips
+from ndtorch.navigation.strips import Strips, grey_pair, row_rect
 from ndtorch.navigation.tracking import AlphaBetaTracker, Tracks
 from ndtorch.vision.temporal import FilterState
 
@@ -32,11 +33,11 @@ class NavigatorState(NamedTuple):
         fields, rows: states of what reads the subfields and the horizon rows.
         control: the controller's own state, a NamedTuple of tensors.
         command: the last command, `[...]`, driven until the next frame.
-        pose: where the car was at the last frame, `[...]`.
+        pose: where the car was at the last frame by dead reckoning, `[...]`; `place` is the corrected one.
         sides: speed estimates of the last frame, `[..., 2]`.
         difference: what the controller weighed then, `[...]`; `Controller.trace` says what it is.
         ranges: of the last frame, `[..., n]`.
-        map, observations, tracks: states of those parts, None where the navigator has none.
+        map, observations, tracks, located: states of those parts, None where the navigator has none.
     """
 
     fields: FilterState
@@ -50,6 +51,12 @@ class NavigatorState(NamedTuple):
     map: GridMapState | None
     observations: Observations | None
     tracks: Tracks | None
+    located: LocaliserState | None = None
+
+    @property
+    def place(self) -> Pose:
+        """Where the car was at the last frame as far as is known, `[...]`: corrected where there is a localiser."""
+        return self.pose if self.located is None else Pose(*(part.to(self.pose.x) for part in self.located.pose))
 
 
 class Navigator(nn.Module):
@@ -79,6 +86,8 @@ class Navigator(nn.Module):
             than the published default.
         angles: `"atan"` (exact) or `"linear"` (as published).
         grid_map, observations, tracker: parts to fill with the ranges; none by default.
+        localiser: corrects the poses at which these parts are filled; the controller steers by dead reckoning,
+            which never jumps. None by default.
 
     Raises:
         InputError: an unknown controller, or parameters of the other one; frames that cannot be used: two sizes,
@@ -99,6 +108,7 @@ class Navigator(nn.Module):
         grid_map: GridMap | None = None,
         observations: ObservationList | None = None,
         tracker: AlphaBetaTracker | None = None,
+        localiser: Localiser | None = None,
     ) -> None:
         super().__init__()
         if isinstance(controller, str):
@@ -108,7 +118,8 @@ class Navigator(nn.Module):
         self.controller: Controller = controller
         self.ranging = RowRanging(rig, dt, features, matching, angles, search=search)
         self.reckoning = DeadReckoning(dt)
-        self.grid_map, self.observations, self.tracker = grid_map, observations, tracker
+        self.grid_map, self.observations, self.tracker, self.localiser = grid_map, observations, tracker, localiser
+        self.row = row_rect(rig)
 
     def forward(
         self,
@@ -129,7 +140,7 @@ class Navigator(nn.Module):
         driven: Command | None = None,
         start: Pose | None = None,
     ) -> tuple[Command, NavigatorState, Ranges, Pose]:
-        """All but the memory: command, state, and the ranges and poses of every frame, which `remember` takes."""
+        """All but the memory: command, state, and the ranges and places of every frame, which `remember` takes."""
         check_motion(driven, start)
         left_field, left_row = strips(left)
         right_field, right_row = strips(right)
@@ -145,8 +156,26 @@ class Navigator(nn.Module):
         last = Command(command.speed[..., -1], command.curvature[..., -1])
         now = Ranges(*(part[..., -1, :] for part in ranges))
         memory = (state.map, state.observations, state.tracks) if state else (None, None, None)
-        state = NavigatorState(fields, rows, control, last, pose, sides[..., -1, :], difference, now, *memory)
+        located = None
+        if self.localiser is not None:
+            located, poses = self.locate(self.localiser, left_row, right_row, poses, state)
+        state = NavigatorState(fields, rows, control, last, pose, sides[..., -1, :], difference, now, *memory, located)
         return command, state, ranges, poses
+
+    def locate(
+        self, localiser: Localiser, left: Tensor, right: Tensor, poses: Pose, state: NavigatorState | None
+    ) -> tuple[LocaliserState | None, Pose]:
+        """Correct the poses `[T]` of frames, one after the other."""
+        located, corrected = state.located if state else None, []
+        for t in range(poses.x.shape[-1]):
+            rows = None
+            if localiser.due(located):
+                now = [eye[..., t : t + 1, :, :, :] for eye in (left, right)]
+                size = (self.ranging.rig.height, self.ranging.rig.width)
+                rows = grey_pair(now[0], now[1], self.row, self.row, size).squeeze(-2)[..., 0, :, :]
+            located = localiser(rows, Pose(*(part[..., t] for part in poses)), located)
+            corrected.append(located.pose)
+        return located, Pose(*(in_time(parts).to(poses.x) for parts in zip(*corrected, strict=True)))
 
     def remember(self, state: NavigatorState, ranges: Ranges, poses: Pose) -> NavigatorState:
         """Fill the map, the observation list and the tracks, as far as there are any."""

@@ -12,6 +12,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.contract import Controller, Task
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, controller_class, make_controller
 from ndtorch.navigation.features import FeatureParams
+from ndtorch.navigation.localisation.localiser import Localiser
 from ndtorch.navigation.mapping import Certainty, Grid, GridMap
 from ndtorch.navigation.model import Navigator
 from ndtorch.navigation.rig import AngleModel, Rect, StereoRig
@@ -46,6 +47,7 @@ class NavigatorOptions:
         explore: the controller `goal` then drives wherever it was not yet.
         back: the controller `goal` then goes back to where the drive began.
         cruise: speed where nothing is in the way, m/s.
+        localise: correct dead reckoning by what is ranged, see `Localiser`; the map is made with the corrected poses.
 
     Raises:
         InputError: an unknown controller or word, or a number of features that cannot be.
@@ -63,6 +65,7 @@ class NavigatorOptions:
     explore: bool = False
     back: bool = False
     cruise: float = 0.5
+    localise: bool = False
 
     def __post_init__(self) -> None:
         for option in dataclasses.fields(NavigatorOptions):
@@ -86,7 +89,10 @@ class NavigatorOptions:
 
     def search(self) -> SearchParams | None:
         """How the right row is searched, if it is."""
-        return SearchParams(ahead=round(self.ahead * SearchParams.count)) if self.ranging == "search" else None
+        if self.ranging != "search":
+            return None
+        # Cameras hand over the horizon row alone.
+        return SearchParams(rows=1, ahead=round(self.ahead * SearchParams.count))
 
     def navigator(self, rig: StereoRig, rate: float, grid: Grid | None = None) -> Navigator:
         """A navigator for so many frames a second.
@@ -111,6 +117,7 @@ class NavigatorOptions:
             angles=self.angle,
             search=self.search(),
             grid_map=grid_map,
+            localiser=Localiser(rig, 1 / rate) if self.localise else None,
         )
 
 
@@ -142,7 +149,7 @@ def check_option(name: str, value: Any) -> None:
         raise InputError(f"cruise must be a speed from 0.1 to {FASTEST} m/s, got {value!r}")
     elif name == "ahead" and not (isinstance(value, int | float) and 0 <= value <= 1):
         raise InputError(f"ahead must be a share from 0 to 1, got {value!r}")
-    elif name in ("prediction", "explore", "back") and not isinstance(value, bool):
+    elif name in ("prediction", "explore", "back", "localise") and not isinstance(value, bool):
         raise InputError(f"{name} must be true or false, got {value!r}")
 
 

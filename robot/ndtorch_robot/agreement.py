@@ -34,6 +34,10 @@ class Agreement:
         self.limits, self.reach = limits, reach // BLOCK
         self.keep = math.exp(-EVERY / (rate * max(limits.agreement_s, 1e-6)))
         self.seen = 0
+        self.forget()
+
+    def forget(self) -> None:
+        """Nothing was compared yet: somebody may have turned the cameras round."""
         self.patches = self.swapped = self.flipped = 0.0
 
     def compare(self, left: Eye, right: Eye) -> str | None:

@@ -5,10 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from ndtorch.toml import check, read_toml
 from ndtorch_robot.navigating import NavigatorTable
+from ndtorch_robot.sim.stress import read_stress
+
+RATE = 30.0
+"""Frames a second of a simulated drive."""
 
 
 class DriveConfig(NavigatorTable):
@@ -21,6 +25,7 @@ class DriveConfig(NavigatorTable):
         odometry: `"true"` or `"noisy"` dead reckoning.
         walls: `"textured"` or `"blank"`.
         moving: with a moving obstacle.
+        stress: what is wrong with cameras and car, names or `key=number` of `ndtorch_robot.sim.stress`.
         whole: draw whole frames instead of the strips that are read.
         rrd: file for a recording to look at with rerun.
         view: open the rerun viewer and show the drive as it goes.
@@ -36,6 +41,7 @@ class DriveConfig(NavigatorTable):
     odometry: Literal["true", "noisy"] = "true"
     walls: Literal["textured", "blank"] = "textured"
     moving: bool = False
+    stress: str = ""
     whole: bool = False
     rrd: Path | None = None
     view: bool = False
@@ -43,6 +49,18 @@ class DriveConfig(NavigatorTable):
     out: Path = Path("out/drive")
     record: Path | None = None
     record_format: Literal["png", "jpeg", "raw"] = "png"
+
+    @field_validator("stress")
+    @classmethod
+    def known_stress(cls, text: str) -> str:
+        """What can be read."""
+        read_stress(text)
+        return text
+
+    @property
+    def rate(self) -> float:
+        """Frames a second."""
+        return read_stress(self.stress).rate or RATE
 
 
 def load_config(file: Path | None, choices: dict[str, object]) -> DriveConfig:

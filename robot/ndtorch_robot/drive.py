@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
 import torch
 
 from ndtorch.errors import InputError
@@ -17,6 +18,7 @@ from ndtorch.navigation.controllers import Trace
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.eye import SightLimits
+from ndtorch_robot.map_saving import pilot_walls
 from ndtorch_robot.navigating import print_note
 from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import DriveCommand, Observer, Step
@@ -24,15 +26,14 @@ from ndtorch_robot.record import Record
 from ndtorch_robot.recording.observe import RecordSteps
 from ndtorch_robot.recording.recorder import Recorder
 from ndtorch_robot.safety import SafeDrive, SafetyLimits, Sight
-from ndtorch_robot.score import MapScore, coverage, score_map
+from ndtorch_robot.score import MapScore, coverage, gates_passed, score_map
 from ndtorch_robot.sim.arenas import load_arena
+from ndtorch_robot.sim.hits import hits_summary
 from ndtorch_robot.sim.plan import Plan
-from ndtorch_robot.sim.put_back import PutBack
+from ndtorch_robot.sim.put_back import PutBack, TellAgain
 from ndtorch_robot.sim.simulation import RIG, Simulation
+from ndtorch_robot.sim.stress import read_stress
 from ndtorch_robot.watch import PATIENCE
-
-RATE = 30.0
-"""Frames a second."""
 
 LIMITS = SafetyLimits(speed=0.6, curvature=2.2, silence=0.1, age=0.1)
 """Those of a car, but for how fast speed and steering may change: the simulated car has limits of its own for that."""
@@ -59,7 +60,7 @@ class Result:
         stops: times at which the controller stopped for good.
         interrupted: by Ctrl-C.
         trace: how to draw what the controller weighed.
-        trace: how to draw what the controller weighed.
+        walls: what the localiser has gathered, for a map file; None where there is none.
     """
 
     config: DriveConfig
@@ -72,6 +73,7 @@ class Result:
     stops: list[float]
     interrupted: bool
     trace: Trace
+    walls: torch.Tensor | None = None
 
 
 def drive(
@@ -91,7 +93,9 @@ def drive(
         InputError: an arena or a machine that cannot be used; cameras that fail, after the car was stopped.
     """
     plan = load_arena(config.arena, config.seed)
-    pilot = pilot or drive_pilot(config, plan)
+    for remark in plan.remarks:
+        print_note(f"{plan.name}: {remark}")
+    pilot, stress, rate = pilot or drive_pilot(config, plan), read_stress(config.stress), config.rate
     with contextlib.ExitStack() as stack:
         simulation = Simulation(
             plan,
@@ -101,17 +105,19 @@ def drive(
             odometry=config.odometry,
             whole=config.whole or shown(config),
             fields=pilot.fields,
+            stress=stress,
+            rate=rate,
         )
         stack.callback(simulation.close)
         sight = Sight(
             simulation.rig,
-            RATE,
+            rate,
             LIMITS.age,
             PATIENCE,
             together=False,
             limits=BLANK if config.walls == "blank" else DRAWN,
         )
-        steps = max(1, round(config.seconds * RATE))
+        steps = max(1, round(config.seconds * rate))
         car = Car(pilot, simulation, SafeDrive(simulation, simulation, LIMITS, sight), steer=steer, max_steps=steps)
         record, put_back = Record(), PutBack(simulation, pilot)
         view = show(config, plan, pilot, simulation, record, stack) if shown(config) else None
@@ -121,12 +127,14 @@ def drive(
             car.observers.append(RecordSteps(recorder))
         car.observers.append(record.observer(pilot, lambda: simulation.pose))
         car.observers += [] if view is None else [view]
-        car.observers += [put_back, end_when_it_stands, *observers]
+        stands = end_when_it_stands if stress.none else TellAgain(car.safe, put_back)
+        car.observers += [put_back, stands, *observers]
         began, interrupted = time.perf_counter(), False
         try:
             pilot.warm_up()  # before the time is taken
             began = time.perf_counter()
-            car.run(warm_up=False)
+            # Where frames are lost, fewer steps fill the time.
+            car.run(config.seconds - 0.5 / rate if stress.drop else None, warm_up=False)
         except KeyboardInterrupt:
             interrupted = True
         if recorder is not None:
@@ -136,12 +144,15 @@ def drive(
         summary = summarise(config, car, simulation, record, put_back, cells, wall)
         summary["recording"] = recorder.summary() if recorder is not None else None
         trace = pilot.navigator.controller.trace
-        return Result(config, summary, record, plan, cells, plan.grid(), simulation, put_back.stops, interrupted, trace)
+        walls = pilot_walls(pilot)
+        return Result(
+            config, summary, record, plan, cells, plan.grid(), simulation, put_back.stops, interrupted, trace, walls
+        )
 
 
 def drive_pilot(config: DriveConfig, plan: Plan) -> Pilot:
     """Who steers a simulated drive, with a map as large as the building."""
-    return Pilot(config.options(), RIG, RATE, plan.grid())
+    return Pilot(config.options(), RIG, config.rate, plan.grid())
 
 
 def end_when_it_stands(step: Step) -> None:
@@ -188,7 +199,7 @@ def drive_configuration(config: DriveConfig, rig: StereoRig) -> dict[str, Any]:
         "program": "drive",
         "drive": config.model_dump(mode="json", exclude=NOT_RECORDED),
         "rig": asdict(rig),
-        "rate_hz": RATE,
+        "rate_hz": config.rate,
     }
 
 
@@ -198,6 +209,22 @@ def map_cells(pilot: Pilot, plan: Plan) -> torch.Tensor:
     if pilot.state is None or pilot.state.map is None:
         return torch.zeros(grid.rows, grid.columns)
     return GridMap.normalise(grid.inner(pilot.state.map.cells).clone())
+
+
+def pose_errors(record: Record) -> dict[str, dict[str, float]]:
+    """How far from the truth dead reckoning and the localiser are: m and degrees, at the end and in the middle."""
+    true, found = record.array("pose").reshape(-1, 3), {}
+    for name in ("believed", "located"):
+        x, y, heading = (record.array(name).reshape(-1, 3) - true).T
+        away, turned = np.hypot(x, y), np.degrees(np.abs(np.angle(np.exp(1j * heading))))
+        if len(true):
+            found[name] = {
+                "end_m": round(float(away[-1]), 4),
+                "end_degrees": round(float(turned[-1]), 3),
+                "median_m": round(float(np.median(away)), 4),
+                "median_degrees": round(float(np.median(turned)), 3),
+            }
+    return found
 
 
 def summarise(
@@ -212,14 +239,15 @@ def summarise(
     """The keys of `summary.json`."""
     plan = simulation.plan
     poses = record.array("pose").reshape(-1, 3)
-    seconds = len(poses) / RATE
+    seconds = simulation.now()
     score = MapScore(None, None, None, None)
     if len(poses):
         score = score_map(cells, plan.grid(), plan, simulation.world.profiles, poses[::5], simulation.rig)
     hits = len(simulation.collisions)
+    free, path = simulation.places.free, poses[:, :2]
     timing = car.loop.timing.summary()
     return {
-        "collisions": hits,
+        **hits_summary(simulation.collisions),
         "stopped": len(put_back.stops),
         "simulated_seconds": round(seconds, 3),
         "wall_seconds": round(wall, 3),
@@ -228,11 +256,16 @@ def summarise(
         "step_ms": {key: round(value, 3) for key, value in timing.get("navigate", {}).items()},
         "map": {key: None if v is None else round(v, 4) for key, v in score._asdict().items()},
         "collisions_per_hour": round(hits / seconds * 3600, 1) if seconds else math.nan,
-        "free_area_passed": round(coverage(simulation.places.free, poses[:, :2]), 4) if len(poses) else 0.0,
+        "free_area_passed": round(coverage(free, path), 4) if len(poses) else 0.0,
+        "free_area_passed_40cm": round(coverage(free, path, 0.4), 4) if len(poses) else 0.0,
+        "gates": [sum(gates_passed(plan.gates, path)), len(plan.gates)] if len(poses) else [0, len(plan.gates)],
         "arena": config.arena,
         "seed": config.seed,
         "controller": config.controller,
         "walls": config.walls,
         "odometry": config.odometry,
+        "pose_error": pose_errors(record),
+        "stress": config.stress,
+        "faults": [why for _, why in car.safe.faults],
         "parts_ms": timing,
     }

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ndtorch.navigation import REVERSE, TURN
-from ndtorch_robot.drive import RATE, Result
+from ndtorch_robot.drive import Result
 from ndtorch_robot.record import range_columns
 from ndtorch_robot.sim.plan import Plan
 
@@ -213,9 +213,9 @@ def rows(plt: Any, result: Result) -> Any:
     images = np.stack(record.rows)
     found = np.stack(record.ranges)[: len(images)]
     columns = range_columns(found, rig, result.config.angle == "linear")
-    times = np.broadcast_to((np.arange(len(images)) / RATE)[:, None], found[:, 3].shape)
+    times = np.broadcast_to((np.arange(len(images)) / result.config.rate)[:, None], found[:, 3].shape)
     for k, (axes, name) in enumerate(zip(panels, ("left", "right"), strict=True)):
-        end = len(images) / RATE
+        end = len(images) / result.config.rate
         axes.imshow(images[:, k], cmap="gray", origin="lower", aspect="auto", extent=(0, rig.width, 0, end))
         axes.scatter(columns[k], times, s=5, c=found[:, 0], cmap="autumn", vmin=0.7, vmax=2.5, lw=0)
         axes.set(title=f"{name} camera, row {rig.row}", xlabel="column (px)", xlim=(0, rig.width), ylim=(0, end))

@@ -7,6 +7,7 @@ from typing import Any
 import torch
 
 from ndtorch.navigation import Command, Grid, Navigator, NavigatorState, Pose, StereoRig
+from ndtorch.navigation.localisation import LocaliserState
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.navigating import configuration
 from ndtorch_robot.ports import DriveCommand, Placed, StereoFrames
@@ -65,12 +66,18 @@ class Pilot:
                 at = Pose(*(torch.tensor(float(value)) for value in placed))
             command, state = self.navigator(frames.left, frames.right, start=at)
             if before is not None:
-                state = state._replace(map=before.map)
+                state = state._replace(map=before.map, located=self.located(before, state, placed))
         else:
             moved = Command(*(torch.tensor([value]) for value in driven))
             command, state = self.navigator(frames.left, frames.right, before, moved)
         self.state = state
         return DriveCommand(float(command.speed[-1]), float(command.curvature[-1]))
+
+    def located(self, before: NavigatorState, state: NavigatorState, placed: Placed) -> LocaliserState | None:
+        """What the localiser knows after the navigator has begun anew: all that it knew, and where it was put."""
+        if before.located is None or self.navigator.localiser is None:
+            return None
+        return before.located if placed is None else self.navigator.localiser.put(before.located, state.pose)
 
     def mode(self) -> int:
         """What the controller is doing, as it numbers it."""

@@ -28,6 +28,7 @@ class Record:
         time: s.
         pose: true x, y, heading, for the scorer.
         believed: the same by dead reckoning.
+        located: the same as corrected by the localiser; by dead reckoning where there is none.
         command: speed and curvature sent.
         sides: speed estimates, left and right.
         difference: what the controller weighed; its `trace` says what it is.
@@ -40,6 +41,7 @@ class Record:
     time: list[float] = field(default_factory=list)
     pose: list[tuple[float, float, float]] = field(default_factory=list)
     believed: list[tuple[float, float, float]] = field(default_factory=list)
+    located: list[tuple[float, float, float]] = field(default_factory=list)
     command: list[DriveCommand] = field(default_factory=list)
     sides: list[Floats] = field(default_factory=list)
     difference: list[float] = field(default_factory=list)
@@ -60,7 +62,8 @@ class Record:
         """One frame."""
         self.time.append(frames.time)
         self.pose.append(pose)
-        self.believed.append((float(state.pose.x), float(state.pose.y), float(state.pose.heading)))
+        for poses, pose_ in ((self.believed, state.pose), (self.located, state.place)):
+            poses.append((float(pose_.x), float(pose_.y), float(pose_.heading)))
         self.command.append(command)
         self.sides.append(state.sides.numpy().astype(np.float64))
         self.difference.append(float(state.difference))

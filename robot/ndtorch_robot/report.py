@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ndtorch.report.page import Page, Shown, Table, command_line, versions
 from ndtorch_robot.drive import Result
-from ndtorch_robot.evaluation.table import COLUMNS, Row, cells
+from ndtorch_robot.evaluation.table import COLUMNS, Row, cells, columns_of
 
 PACKAGES = ("ndtorch-robot", "mujoco")
 
@@ -48,6 +48,7 @@ def write_drive_page(result: Result, words: str, folder: Path) -> Path:
         "controller": config.controller,
         "walls": config.walls,
         "dead reckoning": config.odometry,
+        **({"stress": config.stress} if config.stress else {}),
         **versions(*PACKAGES),
     }
     shown = [Shown(folder / name, title, caption) for name, title, caption in SHOWN]
@@ -60,7 +61,8 @@ def write_evaluation_page(rows: Sequence[Row], note: str, folder: Path) -> Path:
     hours = sum(row.hours for row in rows)
     hits = round(sum(row.hours * row.collisions_h for row in rows))
     answer = [f"{drives} drives, {hours:.2f} simulated hours, {hits} collisions.", note]
-    table = Table("All drives together", COLUMNS, [cells(row) for row in rows])
+    kept = columns_of(rows)
+    table = Table("All drives together", [COLUMNS[k] for k in kept], [[cells(row)[k] for k in kept] for row in rows])
     picture = Shown(
         folder / "table.png",
         "Collisions and area",

@@ -9,10 +9,11 @@ import time
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
+from ndtorch.errors import InputError
 from ndtorch.navigation import Grid, StereoRig
 from ndtorch.toml import check
 from ndtorch_robot.car import Car
-from ndtorch_robot.link.registry import MovesWorld, Opening, open_link
+from ndtorch_robot.link.registry import SIMULATED_WORLD, MovesWorld, Opening, open_link
 from ndtorch_robot.loop import CameraClock
 from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import CameraPair, Clock, Drive, Observer, Report
@@ -79,10 +80,17 @@ def make_simulation(config: RunConfig) -> Simulation | None:
         return None
     from ndtorch_robot.sim.arenas import load_arena
     from ndtorch_robot.sim.simulation import Simulation
+    from ndtorch_robot.sim.stress import read_stress
 
-    plan = load_arena(config.simulation.arena, config.simulation.seed)
-    rig = config.rig.rig()
-    return Simulation(plan, config.simulation.seed, rig=rig, fields=config.navigation.options().fields(rig))
+    told = config.simulation
+    stress = read_stress(told.stress)
+    if stress.rate:
+        raise InputError("stress: the frames a second of a car are its rate_hz")
+    if stress.odometer and config.link_table()["kind"] != SIMULATED_WORLD:
+        raise InputError(f"stress: a board has no odometer to be off; link.kind = {SIMULATED_WORLD!r} has one")
+    rig, rate = config.rig.rig(), config.rate_hz
+    fields = config.navigation.options().fields(rig)
+    return Simulation(load_arena(told.arena, told.seed), told.seed, rig=rig, fields=fields, stress=stress, rate=rate)
 
 
 def make_real_cameras(config: RunConfig) -> tuple[CameraPair, StereoRig, Clock]:

@@ -113,10 +113,12 @@ class SimulationTable(Strict):
     Args:
         arena: name of an arena or a `.toml` file.
         seed: of the building, its textures and the starting place.
+        stress: what is wrong with cameras and car, names or `key=number` of `ndtorch_robot.sim.stress`.
     """
 
     arena: str = "curve"
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+    stress: str = ""
 
 
 class RunConfig(Strict):

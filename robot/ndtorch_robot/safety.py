@@ -247,6 +247,8 @@ class SafeDrive:
         if not self.drive.resume():
             return False
         was, self.standing, self.passes = self.standing, None, True
+        if self.sight is not None:
+            self.sight.watch.agreement.forget()  # whoever says go has put the cameras right
         self.well_since, self.sent = math.inf, STAND
         self.report(f"resumed after: {was}")
         return True

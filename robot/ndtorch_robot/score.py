@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy.typing as npt
 import torch
 
 from ndtorch.navigation import Grid, StereoRig
-from ndtorch_robot.sim.plan import Floats, Plan
+from ndtorch_robot.sim.plan import Floats, Plan, Point
 from ndtorch_robot.sim.profiles import edge_columns
 
 NEAR = 0.10
@@ -54,11 +55,12 @@ class Edges(NamedTuple):
     normals: Floats
 
 
-def true_edges(plan: Plan, profiles: list[Floats]) -> Edges:
+def true_edges(plan: Plan, profiles: list[Floats], eye: float = 0.2) -> Edges:
     """Where brightness jumps by `CONTRAST` along a wall or from wall to wall, and every convex corner.
 
     Args:
         profiles: brightness along every wall, `World.profiles`.
+        eye: height of the cameras, m; what does not reach there has no edges.
     """
     places: list[tuple[float, float]] = []
     faint: list[bool] = []
@@ -66,6 +68,9 @@ def true_edges(plan: Plan, profiles: list[Floats]) -> Edges:
     first = 0
     for shape in plan.rings:
         corners = shape.array
+        if not shape.bottom < eye < (shape.height or plan.height):
+            first += len(corners)
+            continue
         along = np.roll(corners, -1, 0) - corners
         lengths = np.hypot(*along.T)
         along = along / lengths[:, None]
@@ -170,6 +175,24 @@ def spacing_error(plan: Plan, tops: Floats) -> float | None:
             if good[k] and good[k + 1]:
                 found.append(float(np.hypot(*(mine[k + 1] - mine[k]))))
     return abs(float(np.median(found)) / plan.spacing - 1) * 100 if found else None
+
+
+def gates_passed(gates: Sequence[tuple[Point, Point]], path: Floats) -> list[bool]:
+    """Which of the lines from place to place the path `[T, 2]` has crossed.
+
+    Steps over half a metre are those of a car that was carried.
+    """
+    a, step = path[:-1], np.diff(path, axis=0)
+    driven = np.hypot(*step.T) < 0.5
+    found = []
+    for start, end in gates:
+        along, to = np.array(end) - start, np.array(start) - a
+        cross = step[:, 0] * along[1] - step[:, 1] * along[0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            s = (to[:, 0] * along[1] - to[:, 1] * along[0]) / cross
+            t = (to[:, 0] * step[:, 1] - to[:, 1] * step[:, 0]) / cross
+        found.append(bool((driven & (cross != 0) & (s >= 0) & (s <= 1) & (t >= 0) & (t <= 1)).any()))
+    return found
 
 
 def coverage(free: Floats, path: Floats, reach: float = 1.0) -> float:

@@ -14,8 +14,8 @@ import sys
 import torch
 
 from ndtorch.navigation import Strips
-from ndtorch_robot.config import DriveConfig
-from ndtorch_robot.drive import RATE, drive
+from ndtorch_robot.config import RATE, DriveConfig
+from ndtorch_robot.drive import drive
 from ndtorch_robot.ports import Step, StereoFrames
 from ndtorch_robot.safety import Sight
 from ndtorch_robot.sim.arenas import ARENAS

@@ -14,7 +14,8 @@ from safetensors.torch import load_file
 
 import ndtorch
 from ndtorch.binding import BindingModel, load_state, save_state, to_device
-from ndtorch.binding.saving import read_about, save_tensors
+from ndtorch.binding.saving import read_about
+from ndtorch.checked import save_tensors
 from ndtorch.errors import InputError
 from ndtorch.tree import leaves
 

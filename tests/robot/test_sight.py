@@ -11,10 +11,12 @@ import torch
 from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig, Strips
 from ndtorch_robot.eye import SightLimits
+from ndtorch_robot.loop import SimulatedClock
 from ndtorch_robot.ports import StereoFrames
 from ndtorch_robot.run_config import SightTable
-from ndtorch_robot.safety import Sight
+from ndtorch_robot.safety import SafeDrive, Sight
 from ndtorch_robot.watch import CameraWatch
+from tests.robot.support.plain_drive import PlainDrive
 
 RIG, RATE, SPEED = StereoRig(), 30.0, 0.5
 ROW, FIELD = 640, (29, 85)
@@ -143,6 +145,20 @@ def test_wrongly_mounted_cameras_are_told(name, seed):
     n, why = stopped(parts)
     assert n is not None
     assert words in why or "upside down" in why
+
+
+def test_swapped_cameras_are_forgotten_when_somebody_says_go():
+    safe = SafeDrive(PlainDrive(), SimulatedClock(), sight=Sight(RIG, RATE, 0.1))
+    steps = list(drive(14.0))
+    said = []
+    for n, part in enumerate(steps):
+        safe.clock.time = n / RATE
+        swapped = [part[1], part[0], *part[2:]] if not said else part
+        if not safe.see(frames(swapped, n), SPEED) and not said:
+            said.append(safe.standing)
+            safe.resume()
+    assert "swapped" in said[0]
+    assert safe.standing is None
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,9 @@ from tests.robot.support.gl_needed import needs_gl
 GUIDE = (Path(__file__).resolve().parents[2] / "robot" / "books" / "simulation.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(("number", "rings", "area"), [(0, 3, 24 + 4 * 1.6), (1, 1, 9 * (2 + 5) / 2)])
+@pytest.mark.parametrize(
+    ("number", "rings", "area"), [(0, 3, 24 + 4 * 1.6), (1, 1, 9 * (2 + 5) / 2), (2, 9, 16 + 15.6 + 0.08)]
+)
 def test_arenas_of_the_guide(tmp_path, number, rings, area):
     text = re.findall(r"```toml\n(.*?)```", GUIDE, flags=re.DOTALL)[number]
     file = tmp_path / "arena.toml"

@@ -12,7 +12,7 @@ from ndtorch.navigation.controllers import controller_class
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.barn.worlds import World
 from ndtorch_robot.car import Car
-from ndtorch_robot.drive import RATE
+from ndtorch_robot.config import RATE
 from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import Step
 from ndtorch_robot.safety import SafeDrive, SafetyLimits, Sight

@@ -15,10 +15,10 @@ class Arenas:
 
     def run(self) -> int:
         """Print name, size and description of every arena."""
-        from ndtorch_robot.sim.arenas import ARENAS
+        from ndtorch_robot.sim.arenas import ALL
 
         found = {}
-        for name, make in ARENAS.items():
+        for name, make in ALL.items():
             left, right, bottom, top = make(0).bounds
             words = (make.__doc__ or "").splitlines()[0]
             found[name] = {"width_m": right - left, "depth_m": top - bottom, "description": words}
@@ -26,6 +26,6 @@ class Arenas:
             print(json.dumps(found))
             return 0
         for name, arena in found.items():
-            print(f"{name:9s} {arena['width_m']:4.0f} x {arena['depth_m']:<3.0f} m  {arena['description']}")
-        print("\nOr a .toml file; its keys are described in robot/ndtorch_robot/sim/arena_file.py.")
+            print(f"{name:10s} {arena['width_m']:4.0f} x {arena['depth_m']:<3.0f} m  {arena['description']}")
+        print("\nOr a .toml file; its keys are described in robot/books/simulation.md.")
         return 0

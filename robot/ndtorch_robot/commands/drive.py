@@ -24,7 +24,8 @@ class Drive:
     """Drive through a simulated building, steering and mapping by sight.
 
     Shows the progress and a summary, and writes report.html with all pictures, summary.json, path.png, map.png,
-    map.npz, speeds.png and rows.png. Options override the file. Ctrl-C stops the robot and keeps everything.
+    map.npz, map.pgm and map.yaml (these two for ROS), speeds.png and rows.png. Options override the file. Ctrl-C
+    stops the robot and keeps everything.
     """
 
     config: Annotated[Path | None, tyro.conf.Positional] = None
@@ -41,6 +42,8 @@ class Drive:
     """Walls with panels, doors and papers (default), or without any texture."""
     moving: bool = False
     """With a person-sized box that walks to and fro."""
+    stress: str | None = None
+    """What is wrong with cameras and car: names (noise, flicker, pitch-up, late, ...) or KEY=NUMBER, with commas."""
     whole: bool = False
     """Draw whole 640x480 frames although only strips of them are read (six times slower)."""
     out: Path | None = None
@@ -100,7 +103,7 @@ class Drive:
 def watched(config: DriveConfig, quiet: bool) -> Result:
     """Drive with a progress bar on stderr, unless quiet."""
     from ndtorch.run.progress import progress_bar
-    from ndtorch_robot.drive import RATE, drive
+    from ndtorch_robot.drive import drive
 
     if quiet:
         return drive(config)
@@ -109,7 +112,7 @@ def watched(config: DriveConfig, quiet: bool) -> Result:
     def progress(step: Step) -> None:
         nonlocal bar
         if bar is None:  # only now, so that an error before the first frame stands alone
-            total = round(config.seconds * RATE)
+            total = round(config.seconds * config.rate)
             bar = progress_bar(total, desc=f"{config.arena} seed {config.seed}", unit=" frames")
         bar.update()
 
@@ -122,21 +125,14 @@ def watched(config: DriveConfig, quiet: bool) -> Result:
 
 def write_results(result: Result, folder: Path) -> None:
     """All files of a drive."""
-    import numpy as np
-
+    from ndtorch.navigation.map_files import save_map
     from ndtorch_robot.figures import write_figures
     from ndtorch_robot.report import write_drive_page
 
     (folder / "summary.json").write_text(json.dumps(result.summary, indent=1) + "\n")
-    g = result.grid
-    np.savez_compressed(
-        folder / "map.npz",
-        cells=result.cells.numpy(),
-        bounds=np.array([g.left, g.right, g.bottom, g.top]),
-        cell=g.cell,
-        true_path=result.record.array("pose"),
-        believed_path=result.record.array("believed"),
-    )
+    true, believed, located = (result.record.array(name).reshape(-1, 3) for name in ("pose", "believed", "located"))
+    paths = {"true_path": true, "believed_path": believed, "located_path": located}
+    save_map(folder, result.cells, result.grid, located, result.walls, **paths)
     write_figures(result, folder)
     write_drive_page(result, describe(result), folder)
 
@@ -147,20 +143,36 @@ def describe(result: Result) -> str:
     score, times = s["map"], s["step_ms"]
     assert isinstance(score, dict)
     assert isinstance(times, dict)
-    seconds, wall, passed = (float(str(s[key])) for key in ("simulated_seconds", "wall_seconds", "free_area_passed"))
+    keys = ("simulated_seconds", "wall_seconds", "free_area_passed", "free_area_passed_40cm")
+    seconds, wall, passed, close = (float(str(s[key])) for key in keys)
 
     def value(key: str, unit: str, factor: float = 1.0) -> str:
         return "-" if score[key] is None else f"{factor * score[key]:.1f} {unit}"
 
     lines = [
-        f"{c.arena}, seed {c.seed}, {c.controller}" + (" (interrupted)" if result.interrupted else ""),
+        f"{c.arena}, seed {c.seed}, {c.controller}"
+        + f", {c.stress}" * bool(c.stress)
+        + (" (interrupted)" if result.interrupted else ""),
         f"  {seconds:.0f} s and {s['distance_m']:.0f} m driven in {wall:.1f} s, "
         f"{seconds / max(wall, 1e-9):.1f}x real time",
         f"  collisions {s['collisions']} ({s['collisions_per_hour']} an hour), stops {s['stopped']}, "
-        f"turns {s['turns']}, free area passed {100 * passed:.0f} %",
+        f"turns {s['turns']}, free area passed within 1 m {100 * passed:.0f} %, within 0.4 m {100 * close:.0f} %",
         f"  map: {value('precision', '%', 100)} of its mass near true edges, {value('recall', '%', 100)} of the "
         f"visible edges found, position error {value('position_error_cm', 'cm')}, "
         f"door spacing error {value('spacing_error_percent', '%')}",
         f"  navigation step: median {times.get('p50', 0):.2f} ms, 99 % below {times.get('p99', 0):.2f} ms",
     ]
+    if s["collisions"]:
+        lines.insert(
+            3,
+            f"  places hit {s['collision_places']}, people hit {s['people_hit']}, "
+            f"hit while standing {s['hit_while_standing']}",
+        )
+    gates, faults = s["gates"], s["faults"]
+    assert isinstance(gates, list)
+    assert isinstance(faults, list)
+    if gates[1]:
+        lines.insert(3, f"  gates passed {gates[0]} of {gates[1]}")
+    if faults:
+        lines.insert(3, f"  stood {len(faults)} times because of its cameras; the first: {faults[0]}")
     return "\n".join(lines)

@@ -43,15 +43,19 @@ class Evaluate:
     config: Annotated[Path | None, tyro.conf.Positional] = None
     """TOML file as for `drive`: the options that all drives share."""
     arenas: tuple[str, ...] = ()
-    """Arenas by name, or .toml files (default all)."""
+    """Arenas by name, or .toml files; "buildings" (default), "trials" or "all" for whole groups of them."""
     seeds: tuple[int, ...] = SEEDS
-    """Buildings, textures and starting places. Seeds below 1000 were used in tuning: do not report them."""
+    """Buildings, textures and starting places. Those below 1000 are for tuning, the others for reports alone."""
     seconds: float | None = None
     """Simulated time of each drive, s (default 300)."""
     controllers: tuple[str, ...] = ()
     """What steers (default every controller there is)."""
     walls: tuple[Literal["textured", "blank"], ...] = ("textured",)
     """Walls with panels, doors and papers, without any texture, or both."""
+    stress: tuple[str, ...] = ()
+    """What is wrong with cameras and car: names or KEY=NUMBER as of `drive`; "none", "all" for each by itself."""
+    moving: bool = False
+    """With a person-sized box that walks to and fro."""
     jobs: int = 0
     """Drives at a time (default one a core)."""
     out: Path = Path("out/evaluate")
@@ -91,13 +95,17 @@ class Evaluate:
         from ndtorch.navigation.options import OPTION_NAMES
         from ndtorch_robot.config import load_config
         from ndtorch_robot.evaluation.drives import all_drives
-        from ndtorch_robot.sim.arenas import ARENAS, load_arena
+        from ndtorch_robot.sim.arenas import load_arena
 
-        arenas = self.arenas or tuple(ARENAS)
+        arenas = arenas_of(self.arenas or ("buildings",))
         controllers = self.controllers or controller_names()
         if not (self.seeds and self.walls):
             raise InputError("--seeds and --walls need one value or more")
-        given = {name: value for name, value in asdict(self).items() if name in OPTION_NAMES and value is not False}
+        given = {
+            name: value
+            for name, value in asdict(self).items()
+            if (name in OPTION_NAMES or name == "moving") and value is not False
+        }
         base = load_config(self.config, {"seconds": self.seconds, "seed": self.seeds[0], **given})
         if "seconds" not in base.model_fields_set:
             base = base.model_copy(update={"seconds": SECONDS})
@@ -105,7 +113,10 @@ class Evaluate:
             load_config(None, {"controller": controller})
         for seed in self.seeds:
             load_config(None, {"seed": seed})
-        drives = all_drives(base, arenas, self.walls, controllers, list(self.seeds))
+        stresses = stresses_of(self.stress)
+        for stress in stresses or ():
+            load_config(None, {"stress": stress})
+        drives = all_drives(base, arenas, self.walls, controllers, list(self.seeds), stresses)
         for arena in arenas:
             for seed in self.seeds:
                 load_arena(arena, seed)
@@ -125,6 +136,23 @@ class Evaluate:
         return f"{drives[0].seconds:g} s a drive, seeds {seeds}{missing}{tuned}."
 
 
+def arenas_of(given: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of arenas, with the words for groups replaced by what is in them."""
+    from ndtorch_robot.sim.arenas import ARENAS
+    from ndtorch_robot.sim.trials import TRIALS
+
+    groups = {"buildings": tuple(ARENAS), "trials": tuple(TRIALS), "all": (*ARENAS, *TRIALS)}
+    return tuple(dict.fromkeys(name for word in given for name in groups.get(word, (word,))))
+
+
+def stresses_of(given: tuple[str, ...]) -> tuple[str, ...] | None:
+    """Stresses, with "all" replaced by none and every single one; None where nothing is given."""
+    from ndtorch_robot.sim.stress import STRESSES
+
+    words = {"all": ("", *STRESSES), "none": ("",)}
+    return tuple(dict.fromkeys(name for word in given for name in words.get(word, (word,)))) or None
+
+
 def finish_drives(missing: list[DriveConfig], cache: Cache, processes: int) -> list[str]:
     """Do the drives that are missing, keeping each as soon as it is done; returns what went wrong for good."""
     from ndtorch.run.progress import progress_bar
@@ -142,7 +170,10 @@ def finish_drives(missing: list[DriveConfig], cache: Cache, processes: int) -> l
         with closing(workers.run_tasks(drive_once, missing, processes)) as events:
             for kind, task, value in events:
                 config = missing[task]
-                words = f"{config.arena}, seed {config.seed}, {config.walls}, {config.controller}"
+                words = (
+                    f"{config.arena}, seed {config.seed}, {config.walls}, {config.controller}"
+                    + f", {config.stress}" * bool(config.stress)
+                )
                 reached = config.seconds
                 if kind == "progress":
                     reached = float(value)

@@ -15,7 +15,9 @@ from ndtorch.errors import InputError
 from ndtorch.installed import toml_file
 
 if TYPE_CHECKING:
+    from ndtorch.run.folder import RunFolder
     from ndtorch_robot.car import Car
+    from ndtorch_robot.run_config import RunConfig
 
 
 @dataclass(frozen=True)
@@ -32,10 +34,14 @@ class Run:
     """Drive so long, s; until it is told to end by default."""
     go: bool = False
     """Drive off without waiting for the key."""
+    stress: str = ""
+    """In a simulated world: what is wrong with cameras and car, names or KEY=NUMBER as of `ndtorch drive`."""
     record: Path | None = None
     """New folder for a recording that `ndtorch replay` drives again."""
     record_format: Literal["png", "jpeg", "raw"] = "jpeg"
     """Frames of the recording: png and raw keep them to the bit, jpeg is small and cheap."""
+    save_map: Path | None = None
+    """Folder for map.npz, and map.pgm with map.yaml for ROS, at the end; takes a navigation.map_half_size_m > 0."""
     rrd: Path | None = None
     """Also write what the car sees and does into this file, to look at with rerun."""
     view: bool = False
@@ -51,6 +57,7 @@ class Run:
 
         from ndtorch.toml import read_toml
         from ndtorch_robot.emergency import HELP, emergency_stops
+        from ndtorch_robot.map_saving import WalkedPath, save_pilot_map
         from ndtorch_robot.recording import Recorder, RecordSteps
         from ndtorch_robot.run import open_car, real_time_priority, timed_report
         from ndtorch_robot.run_config import RunConfig
@@ -58,6 +65,8 @@ class Run:
         if self.seconds is not None and not 0 < self.seconds < 1e7:
             raise InputError(f"--seconds must be positive, got {self.seconds}")
         config = read_toml(toml_file(self.config, "ndtorch_robot", "configs"), RunConfig)
+        if self.stress:
+            config = with_stress(config, self.stress)
         torch.set_num_threads(1)
         printed = timed_report()
         told = [printed]
@@ -69,6 +78,9 @@ class Run:
         stream = self.stream()
         real_time_priority(report)
         with contextlib.ExitStack() as stack:
+            folder, path = self.map_folder(config.navigation.map_half_size_m), WalkedPath()
+            if folder is not None:
+                stack.callback(folder.discard)
             car = stack.enter_context(open_car(config, report, self.go))
             stack.enter_context(emergency_stops(car.safe, car.ended))
             recorder = None
@@ -84,9 +96,15 @@ class Run:
                 observer = ViewSteps(view)
                 car.observers.append(observer)
                 told.append(observer.report)
+            if folder is not None:
+                car.observers.append(path)
             report(f"ready; {HELP}" if sys.stdin.isatty() else "ready; SIGUSR1: go, SIGTERM: stop and end")
             car.run(self.seconds)
             summary = car.summary() | world(car)
+            if folder is not None:
+                save_pilot_map(folder.work, car.pilot, path)
+                folder.publish()
+                summary["map"] = str(folder.final)
             if recorder is not None:
                 recorder.close()
                 summary["recording"] = recorder.summary()
@@ -99,6 +117,20 @@ class Run:
                 print(f"{key}: {value}")
         return 0
 
+    def map_folder(self, half: float) -> RunFolder | None:
+        """Where the map is to go; found out before the car drives.
+
+        Raises:
+            InputError: nobody can write there, or the car makes no map.
+        """
+        from ndtorch.run.folder import RunFolder
+
+        if self.save_map is None:
+            return None
+        if not half:
+            raise InputError("--save-map needs a map: set map_half_size_m in [navigation], in m from the start")
+        return RunFolder(self.save_map)
+
     def stream(self) -> Any:
         """Where the view goes; None where nobody looks."""
         where = (self.rrd, self.view, self.view_at)
@@ -107,6 +139,13 @@ class Run:
         from ndtorch_robot.view import Where, layout, open_stream
 
         return open_stream(f"run {self.config.stem}", Where(*where), layout())
+
+
+def with_stress(config: RunConfig, stress: str) -> RunConfig:
+    """The configuration with this stress in its simulated world."""
+    if config.simulation is None:
+        raise InputError("--stress is for simulated worlds, and this car has cameras")
+    return config.model_copy(update={"simulation": config.simulation.model_copy(update={"stress": stress})})
 
 
 def world(car: Car) -> dict[str, object]:

@@ -30,11 +30,17 @@ Summary = dict[str, object]
 
 
 def all_drives(
-    base: DriveConfig, arenas: tuple[str, ...], walls: tuple[str, ...], controllers: tuple[str, ...], seeds: list[int]
+    base: DriveConfig,
+    arenas: tuple[str, ...],
+    walls: tuple[str, ...],
+    controllers: tuple[str, ...],
+    seeds: list[int],
+    stresses: tuple[str, ...] | None = None,
 ) -> list[DriveConfig]:
     """Every combination, once; the seeds vary fastest."""
-    combinations = dict.fromkeys(product(arenas, walls, controllers, seeds))
-    names = ("arena", "walls", "controller", "seed")
+    given = (base.stress,) if stresses is None else stresses
+    combinations = dict.fromkeys(product(arenas, walls, given, controllers, seeds))
+    names = ("arena", "walls", "stress", "controller", "seed")
     return [base.model_copy(update=dict(zip(names, values, strict=True))) for values in combinations]
 
 
@@ -75,14 +81,14 @@ def drive_once(config: DriveConfig, report: Callable[[float], None]) -> Summary:
     """Do one drive, in one thread; tells the simulated seconds driven so far."""
     import torch
 
-    from ndtorch_robot.drive import RATE, drive
+    from ndtorch_robot.drive import drive
 
     torch.set_num_threads(1)
     told = time.monotonic()
 
     def tell(step: Step) -> None:
         nonlocal told
-        now, made = time.monotonic(), (step.number + 1) / RATE
+        now, made = time.monotonic(), (step.number + 1) / config.rate
         if now - told > TELL_EVERY or made >= config.seconds:
             told = now
             report(made)

@@ -20,12 +20,12 @@ def draw_table(rows: list[Row], file: Path) -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    places = list(dict.fromkeys((row.arena, row.walls) for row in rows))
+    places = list(dict.fromkeys(place_of(row) for row in rows))
     controllers = list(dict.fromkeys(row.controller for row in rows))
     high = max(2.4, 0.5 + 0.22 * len(places) * (len(controllers) + 0.6)) + 1.0
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, high), sharey=True, layout="constrained")
     for row in rows:
-        place = places.index((row.arena, row.walls))
+        place = places.index(place_of(row))
         which = controllers.index(row.controller)
         y = place + (which - (len(controllers) - 1) / 2) * min(0.3, 0.8 / len(controllers))
         color, marker = STYLES[which % len(STYLES)]
@@ -45,6 +45,11 @@ def draw_table(rows: list[Row], file: Path) -> None:
     plt.close(figure)
 
 
+def place_of(row: Row) -> tuple[str, str]:
+    """Where was driven, and how it looked there."""
+    return row.arena, ", ".join(filter(None, (row.walls, row.stress)))
+
+
 def finish(left: Any, right: Any, places: list[tuple[str, str]]) -> None:
     """Axes, units and what is better."""
     several = len({walls for _, walls in places}) > 1
@@ -60,7 +65,7 @@ def finish(left: Any, right: Any, places: list[tuple[str, str]]) -> None:
     left.minorticks_off()
     left.set_xlabel("collisions per simulated hour (fewer is better)")
     right.set_xlim(-2, 102)
-    right.set_xlabel("free area passed, % (more is better)")
+    right.set_xlabel("free area passed within 1 m, % (more is better)")
     for axes in (left, right):
         axes.grid(axis="x", color="0.9", zorder=0)
         for k in range(1, len(places)):

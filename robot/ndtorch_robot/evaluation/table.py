@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from ndtorch_robot.evaluation.drives import Summary
 
 
 class Row(NamedTuple):
-    """All drives of one controller in one arena.
+    """All drives of one controller in one arena, under one stress.
 
     Attributes:
         hours, collisions_h, stops_h, distance_m: of all drives together.
-        passed: share of the free area passed, mean over the drives.
+        passed, passed_close: share of the free area passed within 1 m and 0.4 m, mean over the drives.
+        places_hit: where there was a collision, of all drives together.
+        people: people hit from ahead; times the car was hit while it stood, of all drives together.
+        gates: doors, lines and the like that were passed, and how many there were.
         precision, recall, position_cm, spacing_percent: of the maps, means over the drives that have them.
         drives: the summaries.
     """
@@ -22,12 +26,17 @@ class Row(NamedTuple):
     arena: str
     walls: str
     controller: str
+    stress: str
     drives: list[Summary]
     hours: float
     collisions_h: float
     stops_h: float
     distance_m: float
     passed: float
+    passed_close: float | None
+    places_hit: int
+    people: tuple[int, int]
+    gates: tuple[int, int]
     precision: float | None
     recall: float | None
     position_cm: float | None
@@ -38,12 +47,17 @@ COLUMNS = (
     "arena",
     "walls",
     "controller",
+    "stress",
     "drives",
     "simulated hours",
     "collisions/h",
+    "places hit",
+    "people hit / hit standing",
     "stops/h",
     "m driven",
-    "free area passed %",
+    "passed within 1 m %",
+    "passed within 0.4 m %",
+    "gates passed",
     "map precision %",
     "map recall %",
     "map position error cm",
@@ -51,21 +65,31 @@ COLUMNS = (
 )
 
 
+WORDS = 3
+"""Columns of words, that come first."""
+
+SELDOM = ("stress", "people hit / hit standing", "gates passed")
+"""Columns that are left out where nobody has anything in them."""
+
+
 def rows_of(summaries: list[Summary]) -> list[Row]:
     """Put drives together, in the order in which they come."""
-    groups: dict[tuple[str, str, str], list[Summary]] = {}
+    groups: dict[tuple[str, str, str, str], list[Summary]] = {}
     for summary in summaries:
-        key = (str(summary["arena"]), str(summary["walls"]), str(summary["controller"]))
+        key = (str(summary["arena"]), str(summary["walls"]), str(summary["controller"]), str(summary.get("stress", "")))
         groups.setdefault(key, []).append(summary)
     return [row_of(key, drives) for key, drives in groups.items()]
 
 
-def row_of(key: tuple[str, str, str], drives: list[Summary]) -> Row:
+def row_of(key: tuple[str, str, str, str], drives: list[Summary]) -> Row:
     """One row of the table."""
     hours = sum(number(d["simulated_seconds"]) for d in drives) / 3600
 
     def total(name: str) -> float:
         return sum(number(d[name]) for d in drives)
+
+    def count(name: str) -> float:
+        return sum(number(d.get(name, 0)) for d in drives)
 
     def of_maps(name: str) -> float | None:
         values = [m[name] for d in drives if isinstance(m := d["map"], dict) and m[name] is not None]
@@ -79,11 +103,21 @@ def row_of(key: tuple[str, str, str], drives: list[Summary]) -> Row:
         total("stopped") / hours,
         total("distance_m"),
         total("free_area_passed") / len(drives),
+        total("free_area_passed_40cm") / len(drives) if all("free_area_passed_40cm" in d for d in drives) else None,
+        round(count("collision_places")),
+        (round(count("people_hit")), round(count("hit_while_standing"))),
+        gates_of(drives),
         of_maps("precision"),
         of_maps("recall"),
         of_maps("position_error_cm"),
         of_maps("spacing_error_percent"),
     )
+
+
+def gates_of(drives: list[Summary]) -> tuple[int, int]:
+    """How many gates were passed in all drives together, and how many there were."""
+    pairs = [pair for d in drives if isinstance(pair := d.get("gates"), list)]
+    return sum(pair[0] for pair in pairs), sum(pair[1] for pair in pairs)
 
 
 def number(value: object) -> float:
@@ -102,12 +136,17 @@ def cells(row: Row) -> list[str]:
         row.arena,
         row.walls,
         row.controller,
+        row.stress,
         str(len(row.drives)),
         value(row.hours, 2),
         value(row.collisions_h, 1),
+        str(row.places_hit),
+        "{} / {}".format(*row.people) if any(row.people) else "",
         value(row.stops_h, 1),
         value(row.distance_m, 0),
         value(row.passed, 0, 100),
+        value(row.passed_close, 0, 100),
+        "{} of {}".format(*row.gates) if row.gates[1] else "",
         value(row.precision, 0, 100),
         value(row.recall, 0, 100),
         value(row.position_cm, 1),
@@ -115,10 +154,17 @@ def cells(row: Row) -> list[str]:
     ]
 
 
+def columns_of(rows: Sequence[Row]) -> list[int]:
+    """Numbers of the columns to show: not those of `SELDOM` in which no row has anything."""
+    filled = [cells(row) for row in rows]
+    return [k for k, name in enumerate(COLUMNS) if name not in SELDOM or any(row[k] for row in filled)]
+
+
 def markdown(rows: list[Row], note: str) -> str:
     """The table in Markdown, with a line below it that says how it was made."""
-    lines = ["| " + " | ".join(COLUMNS) + " |", "|---|---|---" + "|---:" * (len(COLUMNS) - 3) + "|"]
-    lines += ["| " + " | ".join(c or "-" for c in cells(row)) + " |" for row in rows]
+    kept = columns_of(rows)
+    lines = ["| " + " | ".join(COLUMNS[k] for k in kept) + " |", "|---" * WORDS + "|---:" * (len(kept) - WORDS) + "|"]
+    lines += ["| " + " | ".join(cells(row)[k] or "-" for k in kept) + " |" for row in rows]
     return "\n".join([*lines, "", note, ""])
 
 

@@ -7,7 +7,8 @@ import termios
 import threading
 import time
 from collections import deque
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Protocol
 
 from ndtorch.errors import InputError
 from ndtorch_robot.link.messages import VERSION, Frame, Type, encode_frame
@@ -23,21 +24,34 @@ NOISE_LIMIT, FORGIVE = 4, 0.2
 """So many refused frames, less one forgiven every 0.2 s, and the line counts as bad."""
 
 
-class SerialLine:
+class Port(Protocol):
+    """What bytes are written to."""
+
+    def write(self, data: bytes, /) -> Any:
+        """All of them; raises one of `GONE` when it cannot."""
+        ...
+
+    def close(self) -> None:
+        """Give it back."""
+        ...
+
+
+class Line:
     """Writes frames with sequence numbers, from any thread, and times the echoes of heartbeats.
 
-    Raises:
-        InputError: no such device, no permission, or in use.
+    Args:
+        port: where to.
+        now: the time, s.
 
     Attributes:
         port: the open port; None while it is gone.
         trips: seconds from each heartbeat to its echo, the newest last.
     """
 
-    def __init__(self, device: str, baud: int) -> None:
-        self.device, self.baud = device, baud
+    def __init__(self, port: Port, now: Callable[[], float]) -> None:
+        self.now = now
         self.lock = threading.Lock()
-        self.port: serial.Serial | None = open_port(device, baud)
+        self.port: Port | None = port
         self.sequence = 0
         self.beats: dict[int, float] = {}
         self.trips: deque[float] = deque(maxlen=100_000)
@@ -53,7 +67,7 @@ class SerialLine:
             if kind == Type.HELLO:
                 data = b"\0" + data  # ends whatever the board has half of
             if kind == Type.HEARTBEAT:
-                self.beats[self.sequence] = time.monotonic()
+                self.beats[self.sequence] = self.now()
                 if len(self.beats) > 64:
                     del self.beats[next(iter(self.beats))]
             try:
@@ -68,6 +82,28 @@ class SerialLine:
         if sent is not None:
             self.trips.append(now - sent)
 
+    def drop(self) -> None:
+        """Close the port if it is open."""
+        with self.lock:
+            port, self.port = self.port, None
+        if port is not None:
+            with contextlib.suppress(*GONE):
+                port.close()
+
+
+class SerialLine(Line):
+    """A line over a serial port.
+
+    Raises:
+        InputError: no such device, no permission, or in use.
+    """
+
+    port: serial.Serial | None
+
+    def __init__(self, device: str, baud: int) -> None:
+        self.device, self.baud = device, baud
+        super().__init__(open_port(device, baud), time.monotonic)
+
     def reopen(self) -> bool:
         """Open the port anew; False when it is not there."""
         try:
@@ -77,14 +113,6 @@ class SerialLine:
         with self.lock:
             self.port = port
         return True
-
-    def drop(self) -> None:
-        """Close the port if it is open."""
-        with self.lock:
-            port, self.port = self.port, None
-        if port is not None:
-            with contextlib.suppress(*GONE):
-                port.close()
 
 
 class Noise:

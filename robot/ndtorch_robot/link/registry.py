@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ndtorch_robot.sim.simulation import Simulation
 
 SERIAL, SIMULATED_BOARD, SIMULATED_WORLD = "serial", "simulated-board", "simulated-world"
+HOSTED_BOARD = "hosted-board"
 
 
 @runtime_checkable
@@ -104,7 +105,7 @@ def open_link(values: Mapping[str, Any], opening: Opening) -> Drive:
     if opening.simulation is not None and not isinstance(drive, MovesWorld):
         drive.close()
         raise InputError(
-            f"a simulated world is driven by link.kind = {SIMULATED_BOARD!r} or {SIMULATED_WORLD!r}, "
-            f"got {values.get('kind', SERIAL)!r}"
+            f"a simulated world is driven by link.kind = {SIMULATED_BOARD!r}, {HOSTED_BOARD!r} or "
+            f"{SIMULATED_WORLD!r}, got {values.get('kind', SERIAL)!r}"
         )
     return drive

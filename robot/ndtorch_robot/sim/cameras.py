@@ -14,6 +14,8 @@ from ndtorch.navigation import Rect, StereoRig, Strips
 from ndtorch.navigation.strips import row_rect
 from ndtorch_robot.sim.gl import make_context
 from ndtorch_robot.sim.paint import Image
+from ndtorch_robot.sim.stress.optics import Motion, axes, moved, shutter_times, slices
+from ndtorch_robot.sim.stress.options import Stress
 
 if TYPE_CHECKING:
     import mujoco
@@ -39,6 +41,7 @@ class Cameras:
         whole: draw whole frames instead of strips.
         more: further pairs of rectangles, for the left and the right image, which become further parts of the
             `Strips` in this order. They should not overlap others: in whole frames the last one shows.
+        stress: what is wrong with optics and shutter.
 
     Raises:
         InputError: no OpenGL, or a rig that looks up or down.
@@ -51,12 +54,13 @@ class Cameras:
         fields: tuple[Rect, Rect] | None = None,
         whole: bool = False,
         more: Sequence[tuple[Rect, Rect]] = (),
+        stress: Stress | None = None,
     ) -> None:
         import mujoco
 
         if rig.pitch != 0:
             raise InputError(f"the simulated cameras look straight ahead, got pitch={rig.pitch}")
-        self.rig, self.whole = rig, whole
+        self.rig, self.whole, self.stress = rig, whole, stress or Stress()
         self.fields = fields or rig.subfields()
         self.row = row_rect(rig)
         pairs = [self.fields, (self.row, self.row), *more]
@@ -77,8 +81,13 @@ class Cameras:
         self.model, self.moves = model, model.nmocap > 0
         self.ready = False
 
-    def look(self, data: mujoco.MjData, x: float, y: float, heading: float) -> tuple[Eye, Eye]:
+    def look(
+        self, data: mujoco.MjData, x: float, y: float, heading: float, motion: Motion | None = None
+    ) -> tuple[Eye, Eye]:
         """What the left and the right camera see with the car there.
+
+        Args:
+            motion: what the car does meanwhile.
 
         Returns:
             Two frames `[1, 3, H, W]` uint8, or two `Strips`.
@@ -92,12 +101,9 @@ class Cameras:
             self.ready = True
         self.context.make_current()
         frames = [self.whole_frame(x, y, heading, side) for side in (0, 1)] if self.whole else []
-        places = iter(self.places)
-        for side, rects in enumerate(self.strips):
-            self.aim(x, y, heading, side)
-            for rect in rects:
-                self.draw(rect, *next(places))
-        mujoco.mjr_readPixels(self.pixels, None, mujoco.MjrRect(0, 0, *self.pixels.shape[1::-1]), self.gl)
+        exposed = [self.expose((x, y, heading), motion or Motion(), after) for after in shutter_times(self.stress)]
+        if len(exposed) > 1:
+            self.pixels = np.asarray(np.mean(exposed, 0) + 0.5).astype(np.uint8)
         places = iter(self.places)
         eyes: list[Eye] = []
         for side, rects in enumerate(self.strips):
@@ -109,6 +115,20 @@ class Cameras:
             else:
                 eyes.append(Strips(*map(tensor, pieces)))
         return eyes[0], eyes[1]
+
+    def expose(self, pose: tuple[float, float, float], motion: Motion, after: float) -> Image:
+        """All strips, read back so many seconds after the car was at a pose."""
+        import mujoco
+
+        places = iter(self.places)
+        for side, rects in enumerate(self.strips):
+            for rect in rects:
+                x, y = next(places)
+                for part, delay in slices(rect, self.stress, self.rig.height):
+                    self.aim(*moved(*pose, motion, after + delay), side)
+                    self.draw(part, x, y + rect.bottom - part.bottom)
+        mujoco.mjr_readPixels(self.pixels, None, mujoco.MjrRect(0, 0, *self.pixels.shape[1::-1]), self.gl)
+        return self.pixels.copy() if self.stress.blur else self.pixels
 
     def whole_frame(self, x: float, y: float, heading: float, side: int) -> Image:
         """One camera's frame `[H, W, 3]` as it is drawn at once."""
@@ -124,11 +144,11 @@ class Cameras:
         """Put the camera where one eye of the car is: 0 the left, 1 the right."""
         cos, sin = math.cos(heading), math.sin(heading)
         ahead, rig = self.rig.forward, self.rig
-        aside = rig.baseline / 2 - side * rig.baseline
+        aside = (0.5 - side) * rig.baseline * (1 + self.stress.baseline)
+        forward, up = axes(heading, side, self.stress)
         for camera in self.scene.camera:
             camera.pos = [x + ahead * cos - aside * sin, y + ahead * sin + aside * cos, rig.camera_height]
-            camera.forward = [cos, sin, 0.0]
-            camera.up = [0.0, 0.0, 1.0]
+            camera.forward, camera.up = forward, up
             camera.orthographic = 0
             camera.frustum_near, camera.frustum_far = NEAR, FAR
 
@@ -136,7 +156,7 @@ class Cameras:
         """Draw the pixels of a rectangle of the frame, with its lower left corner at `x`, `y` of the buffer."""
         import mujoco
 
-        scale, (cx, cy) = NEAR / self.rig.focal, self.rig.center
+        scale, (cx, cy) = NEAR / (self.rig.focal * (1 + self.stress.focal)), self.rig.center
         for camera in self.scene.camera:
             camera.frustum_center = ((rect.left + rect.right) / 2 - (cx + 0.5)) * scale
             camera.frustum_width = (rect.right - rect.left) / 2 * scale

@@ -27,16 +27,21 @@ class CarLimits:
 
 
 class Car:
-    """Where the car is and what it does. Pose: x, y in m and heading in radians of the middle of its body."""
+    """Where the car is and what it does. Pose: x, y in m and heading in radians of the middle of its body.
 
-    def __init__(self, limits: CarLimits | None = None) -> None:
-        self.limits = limits or CarLimits()
+    Args:
+        limits: what it can do.
+        slack: curvature by which the wheels may be off before they follow the servo, 1/m.
+    """
+
+    def __init__(self, limits: CarLimits | None = None, slack: float = 0.0) -> None:
+        self.limits, self.slack = limits or CarLimits(), slack
         self.place(0.0, 0.0, 0.0)
 
     def place(self, x: float, y: float, heading: float) -> None:
         """Someone puts it there; it stands still."""
         self.x, self.y, self.heading = x, y, heading
-        self.speed = self.curvature = 0.0
+        self.speed = self.curvature = self.servo = 0.0
         self.wanted = DriveCommand(0.0, 0.0)
         self.length = self.turned = self.seconds = 0.0
 
@@ -46,20 +51,25 @@ class Car:
         Raises:
             InputError: a command that is not a finite number.
         """
+        self.wanted = self.within(command)
+        return self.wanted
+
+    def within(self, command: DriveCommand) -> DriveCommand:
+        """The command within the limits of the car; raises as `send`."""
         if not (math.isfinite(command.speed) and math.isfinite(command.curvature)):
             raise InputError(f"commands must be finite, got {command}")
         most = self.limits
-        self.wanted = DriveCommand(
+        return DriveCommand(
             min(max(command.speed, -most.speed), most.speed),
             min(max(command.curvature, -most.curvature), most.curvature),
         )
-        return self.wanted
 
     def advance(self, dt: float) -> None:
         """Drive for `dt` seconds: the exact arc at the speed and curvature reached by then."""
         most = self.limits
         self.speed = approach(self.speed, self.wanted.speed, most.acceleration * dt)
-        self.curvature = approach(self.curvature, self.wanted.curvature, most.steering * dt)
+        self.servo = approach(self.servo, self.wanted.curvature, most.steering * dt)
+        self.curvature = min(max(self.curvature, self.servo - self.slack), self.servo + self.slack)
         length = self.speed * dt
         half = self.curvature * length / 2
         chord = length * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)

@@ -32,9 +32,9 @@ class Mesh:
         for n, patch in enumerate(patches):
             low, high = round(columns * n / len(patches)) / columns, round(columns * (n + 1) / len(patches)) / columns
             x0, y0, x1, y1 = ax + low * (bx - ax), ay + low * (by - ay), ax + high * (bx - ax), ay + high * (by - ay)
-            top = surface.height
+            top, low_z = surface.height, surface.bottom
             self.quad(
-                [(x1, y1, 0.0), (x0, y0, 0.0), (x0, y0, top), (x1, y1, top)],
+                [(x1, y1, low_z), (x0, y0, low_z), (x0, y0, top), (x1, y1, top)],
                 [
                     (patch.end, patch.bottom),
                     (patch.start, patch.bottom),

@@ -79,7 +79,7 @@ def build(plan: Plan, seed: int = 0, walls: Walls = "textured", moving: bool = F
     ceiling_mesh.level(ground, plan.height, (0.0, tiles[0], 0.0, tiles[1]), facing_down=True)
     for solid in plan.solids:
         if solid.height is not None and solid.height < plan.height and not solid.radius:
-            add_lid(spec, solid.array, solid.height)
+            add_lid(spec, solid.array, solid.height, solid.bottom)
     add_textures(spec, images)
     for name, mesh in (("walls", wall_mesh), ("floor", floor_mesh), ("ceiling", ceiling_mesh)):
         mesh.add(spec, name)
@@ -142,16 +142,20 @@ def add_skirting(spec: Any, plan: Plan) -> None:
     )
 
 
-def add_lid(spec: Any, corners: Floats, height: float) -> None:
-    """The top of a piece of furniture: its bounding box, to look at only."""
+def add_lid(spec: Any, corners: Floats, height: float, bottom: float = 0.0) -> None:
+    """The top of a piece of furniture, and its underside where there is air below: to look at only.
+
+    It is the bounding box of the piece, less a millimetre.
+    """
     import mujoco
 
     low, high = corners.min(0), corners.max(0)
     middle, half = (low + high) / 2, (high - low) / 2
+    deep = (height - bottom - 0.002) / 2 if bottom else min(0.01, (height - 0.002) / 2)
     spec.worldbody.add_geom(
         type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=[middle[0], middle[1], height - 0.011],
-        size=[half[0], half[1], 0.01],
+        pos=[middle[0], middle[1], height - deep - 0.001],
+        size=[half[0] - 0.001 * bool(bottom), half[1] - 0.001 * bool(bottom), deep],
         rgba=[0.45, 0.33, 0.22, 1],
         contype=0,
         conaffinity=0,
@@ -163,8 +167,11 @@ def add_collisions(spec: Any, plan: Plan) -> None:
     import mujoco
 
     for shape in plan.rings:
+        if not shape.stops:
+            continue
+        top = min(shape.height or plan.height, plan.height)
         if shape.radius:
-            middle, half = shape.array.mean(0), (shape.height or plan.height) / 2
+            middle, half = shape.array.mean(0), top / 2
             spec.worldbody.add_geom(
                 type=mujoco.mjtGeom.mjGEOM_CYLINDER,
                 pos=[middle[0], middle[1], half],
@@ -174,14 +181,14 @@ def add_collisions(spec: Any, plan: Plan) -> None:
                 group=3,
             )
             continue
-        add_faces(spec, shape, plan.height)
+        add_faces(spec, shape, top)
 
 
 def add_faces(spec: Any, shape: Ring, high: float) -> None:
-    """A box behind the face of every wall of a ring."""
+    """A box behind the face of every wall of a ring, up to `high`."""
     import mujoco
 
-    corners = shape.array
+    corners, low = shape.array, shape.bottom
     for (ax, ay), (bx, by) in zip(corners, np.roll(corners, -1, 0), strict=True):
         length = math.hypot(bx - ax, by - ay)
         nx, ny = -(by - ay) / length, (bx - ax) / length
@@ -189,9 +196,9 @@ def add_faces(spec: Any, shape: Ring, high: float) -> None:
         # Thin solids are thinner than two such boxes, which may overlap or stick out by a little.
         spec.worldbody.add_geom(
             type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=[(ax + bx) / 2 - nx * THICKNESS, (ay + by) / 2 - ny * THICKNESS, high / 2],
+            pos=[(ax + bx) / 2 - nx * THICKNESS, (ay + by) / 2 - ny * THICKNESS, (low + high) / 2],
             quat=[math.cos(angle / 2), 0, 0, math.sin(angle / 2)],
-            size=[length / 2, THICKNESS, high / 2],
+            size=[length / 2, THICKNESS, (high - low) / 2],
             contype=1,
             conaffinity=0,
             group=3,

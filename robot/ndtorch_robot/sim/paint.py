@@ -31,10 +31,14 @@ COLORS = {
 
 
 class Painted(NamedTuple):
-    """One surface: `texels` `[rows, columns, 3]`, the top row first, from the start of the edge to its end."""
+    """One surface: `texels` `[rows, columns, 3]`, the top row first, from the start of the edge to its end.
+
+    It reaches from `bottom` up to `height`, m.
+    """
 
     texels: Image
     height: float
+    bottom: float = 0.0
 
 
 def paint_ring(shape: Ring, ceiling: float, rng: np.random.Generator, walls: Walls) -> list[Painted]:
@@ -48,8 +52,8 @@ def paint_ring(shape: Ring, ceiling: float, rng: np.random.Generator, walls: Wal
     sides = np.roll(corners, -1, 0) - corners
     lengths = np.hypot(*sides.T)
     style = RingStyle(float(lengths.sum()), rng)
-    rows = round(height * UPWARD)
-    z = (rows - np.arange(rows) - 0.5)[:, None] / UPWARD
+    rows = max(1, round((height - shape.bottom) * UPWARD))
+    z = shape.bottom + (rows - np.arange(rows) - 0.5)[:, None] / UPWARD
     painted, begin = [], 0.0
     for (dx, dy), length, kind in zip(sides, lengths, shape.kinds, strict=True):
         columns = max(2, math.ceil(length * ALONG))
@@ -62,7 +66,7 @@ def paint_ring(shape: Ring, ceiling: float, rng: np.random.Generator, walls: Wal
         texels = light[..., None] * lit * color
         if not plain and kind == "wall":
             style.paper(texels, begin + s, z)
-        painted.append(Painted(to_bytes(texels), height))
+        painted.append(Painted(to_bytes(texels), height, shape.bottom))
         begin += length
     return painted
 
@@ -121,12 +125,15 @@ class RingStyle:
             texels[(np.abs(along - place) < width / 2) & (z > low) & (z < low + high)] = color
 
 
-def paint_floor(plan: Plan, rng: np.random.Generator, spread: float = 0.03) -> tuple[Image, tuple[float, ...]]:
-    """A carpet under the whole building, and its bounds (left, right, bottom, top) in m.
+def paint_floor(plan: Plan, rng: np.random.Generator) -> tuple[Image, tuple[float, ...]]:
+    """The floor under the whole building, and its bounds (left, right, bottom, top) in m.
 
-    Its brightness varies with a standard deviation of `spread` on scales from 8 mm to half a metre.
+    The brightness of its material varies on scales from 8 mm to half a metre; `Floor` says by how much, and what
+    is laid out with it.
     """
     import cv2
+
+    spread = plan.floor.spread
 
     left, right, bottom, top = plan.bounds
     columns, rows = math.ceil((right - left + 0.4) * FLOOR), math.ceil((top - bottom + 0.4) * FLOOR)
@@ -139,6 +146,11 @@ def paint_floor(plan: Plan, rng: np.random.Generator, spread: float = 0.03) -> t
             )
         layer = coarse[:rows, :columns]
         carpet += layer * (share * spread / float(layer.std()))
+    x = np.asarray(left - 0.2 + (np.arange(columns) + 0.5) / FLOOR, np.float32)
+    y = np.asarray(bottom - 0.2 + (rows - np.arange(rows) - 0.5) / FLOOR, np.float32)
+    light = plan.floor.light(x, y, 1 / FLOOR, rng)
+    if light is not None:
+        carpet = (0.45 + carpet) * light - 0.45
     image = to_bytes((0.45 + carpet)[..., None] * np.array([1.0, 0.97, 0.93], np.float32))
     return image, (left - 0.2, left - 0.2 + columns / FLOOR, bottom - 0.2, bottom - 0.2 + rows / FLOOR)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -38,12 +39,16 @@ class Places:
 
     def near(self, x: float, y: float, away_from: Point | None = None) -> tuple[float, float, float]:
         """The nearest place, at least 1.2 m from `away_from`, and its best heading."""
+        return next(self.by_distance(x, y, away_from))
+
+    def by_distance(self, x: float, y: float, away_from: Point | None = None) -> Iterator[tuple[float, float, float]]:
+        """All places at least 1.2 m from `away_from`, the nearest first, each with its best heading."""
         points = self.points
         if away_from is not None:
             far = np.hypot(*(points - np.array(away_from)).T) > 1.2
             points = points[far] if far.any() else points
-        best = points[int(np.hypot(*(points - np.array((x, y))).T).argmin())]
-        return float(best[0]), float(best[1]), self.heading(float(best[0]), float(best[1]))
+        for k in np.hypot(*(points - np.array((x, y))).T).argsort(kind="stable"):
+            yield float(points[k][0]), float(points[k][1]), self.heading(float(points[k][0]), float(points[k][1]))
 
     def heading(self, x: float, y: float) -> float:
         """Of 24 directions the one in which a car can drive farthest."""

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Grid
+from ndtorch_robot.sim.floors import Floor
 
 Floats = npt.NDArray[np.float64]
 Point = tuple[float, float]
@@ -20,6 +21,12 @@ KINDS = ("wall", "blank", "door", "jamb", "pillar", "furniture")
 
 NARROWEST = 0.6
 """Metres: a passage narrower than this leaves the car (0.36 m wide) no room to steer."""
+
+OVERHEAD = 0.25
+"""Metres: what hangs higher than this over the floor is above the car (0.19 m high)."""
+
+DRIVEN_OVER = 0.02
+"""Metres: what lies lower than this on the floor is driven over, such as a sill or a cable."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +38,7 @@ class Ring:
             that the free side is always on the left; `ring` turns them round where needed.
         kinds: one of `KINDS` for the surface from each corner to the next.
         height: m; None is up to the ceiling.
+        bottom: m; there is air below it.
         radius: the ring stands for a cylinder of this radius about the middle of its corners, m; 0 is the polygon.
     """
 
@@ -38,6 +46,12 @@ class Ring:
     kinds: tuple[str, ...]
     height: float | None = None
     radius: float = 0.0
+    bottom: float = 0.0
+
+    @property
+    def stops(self) -> bool:
+        """Whether a car cannot drive here: it hangs too low to pass below, and lies too high to drive over."""
+        return self.bottom < OVERHEAD and (self.height is None or self.height > DRIVEN_OVER)
 
     @cached_property
     def array(self) -> Floats:
@@ -57,9 +71,11 @@ class Ring:
         return replace(self, points=points, kinds=kinds)
 
 
-def ring(points: list[Point], kind: str = "wall", height: float | None = None, solid: bool = False) -> Ring:
+def ring(
+    points: list[Point], kind: str = "wall", height: float | None = None, solid: bool = False, bottom: float = 0.0
+) -> Ring:
     """A ring of one kind of surface, turned to have its free side on the left."""
-    made = Ring(tuple(points), (kind,) * len(points), height)
+    made = Ring(tuple(points), (kind,) * len(points), height, bottom=bottom)
     return made.flipped() if (made.area < 0) != solid else made
 
 
@@ -96,6 +112,9 @@ class Plan:
         doors: rows of corners that are one door apart, for scoring the spacing of doors.
         spacing: distance between neighbouring doors, m; 0 where there are none.
         height: of the ceiling, m.
+        floor: what it looks like.
+        gates: lines from place to place; a drive counts those that the car has crossed.
+        remarks: what a user may not have meant, one line each.
 
     Raises:
         InputError: a plan that cannot be built, in one line that says where.
@@ -108,6 +127,9 @@ class Plan:
     doors: tuple[tuple[Point, ...], ...] = field(default=())
     spacing: float = 0.0
     height: float = 2.4
+    floor: Floor = field(default_factory=Floor)
+    gates: tuple[tuple[Point, Point], ...] = ()
+    remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not 1.0 <= self.height <= 10.0:
@@ -134,6 +156,12 @@ class Plan:
         """All surfaces, `[S, 2, 2]`: from, to; x, y."""
         return np.concatenate([np.stack((r.array, np.roll(r.array, -1, 0)), 1) for r in self.rings])
 
+    @cached_property
+    def in_the_way(self) -> Floats:
+        """Those of the surfaces that a car cannot pass, `[N, 2, 2]`."""
+        found = [np.stack((r.array, np.roll(r.array, -1, 0)), 1) for r in self.rings if r.stops]
+        return np.concatenate(found)
+
     @property
     def bounds(self) -> tuple[float, float, float, float]:
         """Smallest and largest x, smallest and largest y, m."""
@@ -149,13 +177,14 @@ class Plan:
         """Whether points `[N, 2]` are in free space, `[N]`."""
         free = inside(self.outline, points)
         for solid in self.solids:
-            free &= ~inside(solid, points)
+            if solid.stops:
+                free &= ~inside(solid, points)
         return free
 
     def clearance(self, points: Floats) -> Floats:
         """Distance of points `[N, 2]` from the nearest surface, m, `[N]`; negative where it is not free."""
         best = np.full(len(points), np.inf)
-        for a, b in self.segments:
+        for a, b in self.in_the_way:
             along = b - a
             share = np.clip(((points - a) @ along) / max(float(along @ along), 1e-12), 0.0, 1.0)
             best = np.minimum(best, np.hypot(*(points - a - share[:, None] * along).T))
@@ -163,7 +192,7 @@ class Plan:
 
     def cast(self, eye: Floats, angles: Floats) -> Floats:
         """Distance from `eye` (x, y) to the first surface in world directions `[N]`, m; inf where there is none."""
-        a, along = self.segments[:, 0], self.segments[:, 1] - self.segments[:, 0]
+        a, along = self.in_the_way[:, 0], self.in_the_way[:, 1] - self.in_the_way[:, 0]
         ray = np.stack((np.cos(angles), np.sin(angles)), -1)[:, None]
         to = a - eye
         cross = ray[..., 0] * along[:, 1] - ray[..., 1] * along[:, 0]
@@ -192,6 +221,31 @@ def inside(shape: Ring, points: Floats) -> npt.NDArray[np.bool_]:
     return result
 
 
+def narrow_gaps(plan: Plan, car: float = 0.36) -> tuple[str, ...]:
+    """Remarks on gaps between what stands apart that look like passages and are narrower than the car."""
+    rings, found = [shape for shape in plan.rings if shape.stops], []
+    for k, one in enumerate(rings):
+        for other in rings[k + 1 :]:
+            gap, (x, y) = nearest_between(one, other)
+            if 0.1 < gap < car:
+                found.append(f"a gap of {gap:.2f} m near ({x:.2f}, {y:.2f}) is narrower than the car ({car} m)")
+    return tuple(found)
+
+
+def nearest_between(one: Ring, other: Ring) -> tuple[float, Point]:
+    """The smallest distance of a corner of one ring from a side of the other, and where that is."""
+    best, where = math.inf, (0.0, 0.0)
+    for corners, sides in ((one.array, other.array), (other.array, one.array)):
+        for a, b in zip(sides, np.roll(sides, -1, 0), strict=True):
+            along = b - a
+            share = np.clip(((corners - a) @ along) / max(float(along @ along), 1e-12), 0.0, 1.0)
+            away = np.hypot(*(corners - a - share[:, None] * along).T)
+            k = int(away.argmin())
+            if away[k] < best:
+                best, where = float(away[k]), (float(corners[k, 0]), float(corners[k, 1]))
+    return best, where
+
+
 def check_ring(shape: Ring, arena: str) -> None:
     """Raise `InputError` for a ring that is no polygon."""
     corners = shape.array
@@ -205,6 +259,8 @@ def check_ring(shape: Ring, arena: str) -> None:
         raise InputError(f"arena {arena}: unknown surface {unknown[0]!r}, choose one of {', '.join(KINDS)}")
     if shape.height is not None and not 0 < shape.height < math.inf:
         raise InputError(f"arena {arena}: heights must be > 0 m, got {shape.height}")
+    if not 0 <= shape.bottom < (shape.height or math.inf):
+        raise InputError(f"arena {arena}: bottom must be 0 m or more and below the top, got {shape.bottom}")
     crossing = self_crossing(corners)
     if crossing is not None:
         raise InputError(f"arena {arena}: walls cross each other near ({crossing[0]:.2f}, {crossing[1]:.2f})")

@@ -11,7 +11,8 @@ from ndtorch_robot.sim.plan import Floats
 def profile(surface: Painted, height: float) -> Floats:
     """Brightness along a surface at one height, 0..1."""
     rows = len(surface.texels)
-    row = min(max(rows - 1 - int(height / surface.height * rows), 0), rows - 1)
+    share = (height - surface.bottom) / (surface.height - surface.bottom)
+    row = min(max(rows - 1 - int(share * rows), 0), rows - 1)
     return np.asarray(surface.texels[row].mean(-1) / 255.0)
 
 

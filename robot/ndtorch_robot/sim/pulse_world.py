@@ -79,7 +79,7 @@ class PulseWorld:
     def advance(self, now: float) -> None:
         """Let the world move on."""
         car, before = self.simulation.car, self.simulation.now()
-        car.send(self.electronics.drives(now))
+        self.simulation.obey(self.electronics.drives(now))
         self.simulation.wait_until(now - self.start)
         self.distance += abs(car.speed) * (self.simulation.now() - before)
 

@@ -5,10 +5,34 @@ from __future__ import annotations
 from ndtorch.navigation import STOPPED
 from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import Step
+from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.simulation import Simulation
 
 STOP_TIME = 2.0
 """Seconds after which a car that has stopped for good is put back."""
+
+
+class TellAgain:
+    """An observer: tells a car to go again that stands because of its cameras; each time counts as a stop for good.
+
+    Args:
+        safe: the safety layer of the car.
+        put_back: where stops are counted.
+    """
+
+    def __init__(self, safe: SafeDrive, put_back: PutBack) -> None:
+        self.safe, self.put_back = safe, put_back
+        self.since: float | None = None
+
+    def __call__(self, step: Step) -> None:
+        if step.standing is None:
+            self.since = None
+        elif self.since is None:
+            self.since = step.time
+        elif step.time - self.since >= STOP_TIME and not self.safe.passes:
+            self.since = None
+            self.put_back.stops.append(step.time)
+            self.safe.resume()
 
 
 class PutBack:

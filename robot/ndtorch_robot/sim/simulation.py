@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
-from ndtorch.navigation import Rect, StereoRig
+from ndtorch.navigation import Rect, StereoRig, Strips
 from ndtorch_robot.ports import CameraPair, Clock, Drive, DriveCommand, Placed, SafeCommand, StereoFrames, unseal
 from ndtorch_robot.sim.cameras import Cameras
 from ndtorch_robot.sim.car import Car
+from ndtorch_robot.sim.hits import STANDS, Collision
 from ndtorch_robot.sim.model import build
 from ndtorch_robot.sim.paint import Walls
 from ndtorch_robot.sim.places import Places
 from ndtorch_robot.sim.plan import Plan
+from ndtorch_robot.sim.stress.actuators import Delay, Odometer
+from ndtorch_robot.sim.stress.light import Light
+from ndtorch_robot.sim.stress.optics import Motion
+from ndtorch_robot.sim.stress.options import Stress
+from ndtorch_robot.sim.stress.timing import FrameTiming
 
 Odometry = Literal["true", "noisy"]
 
@@ -32,15 +38,6 @@ RIG = StereoRig(forward=0.15)
 """The cameras of the robot: the pair of [A], 15 cm ahead of the middle of the body."""
 
 
-class Collision(NamedTuple):
-    """When and where the car hit something: seconds, and its pose (m, radians)."""
-
-    time: float
-    x: float
-    y: float
-    heading: float
-
-
 class Simulation(Drive):
     """A world with the car in it. It is all ports of the loop in one.
 
@@ -55,6 +52,8 @@ class Simulation(Drive):
         odometry: what `driven` says, exact or `"noisy"`.
         whole: draw whole frames.
         fields: the subfields to draw; `rig.subfields()` by default.
+        stress: what is wrong with cameras and car.
+        rate: frames a second of the cameras.
 
     Raises:
         InputError: no OpenGL, or a plan where the car does not fit.
@@ -71,6 +70,8 @@ class Simulation(Drive):
         whole: bool = False,
         rig: StereoRig = RIG,
         fields: tuple[Rect, Rect] | None = None,
+        stress: Stress | None = None,
+        rate: float = 30.0,
     ) -> None:
         import mujoco
 
@@ -78,7 +79,13 @@ class Simulation(Drive):
         rng = np.random.default_rng((seed, 200))
         self.world = build(plan, seed, walls, moving, rig.camera_height)
         self.data = mujoco.MjData(self.world.model)
-        self.car = Car()
+        self.stress, self.rate = stress or Stress(), rate
+        bad_luck = np.random.default_rng((seed, 300))
+        self.light = Light(self.stress, bad_luck, rig.height)
+        self.timing = FrameTiming(self.stress, bad_luck)
+        self.odometer = Odometer(self.stress, bad_luck)
+        self.on_the_way = Delay(self.stress.delay)
+        self.car = Car(slack=self.stress.slack)
         self.steps = 0
         self.collisions: list[Collision] = []
         self.placed: Placed = None
@@ -86,7 +93,7 @@ class Simulation(Drive):
         self.walk = self.places.walk(rng, (start[0], start[1])) if moving else None
         self.move_obstacle()
         self.place(*start)
-        self.cameras = Cameras(self.world.model, rig, fields, whole=whole)
+        self.cameras = Cameras(self.world.model, rig, fields, whole=whole, stress=self.stress)
 
     @cached_property
     def places(self) -> Places:
@@ -117,10 +124,14 @@ class Simulation(Drive):
         """Let the world move on."""
         while self.steps < round(time * SUBSTEPS):
             self.steps += 1
+            arrived = self.on_the_way.take(self.now())
+            if arrived is not None:
+                self.car.send(arrived)
             self.car.advance(1 / SUBSTEPS)
             self.move_obstacle()
             if self.touches():
-                self.collisions.append(Collision(self.now(), *self.pose))
+                standing = abs(self.car.speed) < STANDS
+                self.collisions.append(Collision(self.now(), *self.pose, self.touches_person(), standing))
                 self.put_back()
 
     def move_obstacle(self) -> None:
@@ -139,9 +150,19 @@ class Simulation(Drive):
         mujoco.mj_collision(self.world.model, self.data)
         return bool(self.data.ncon > 0)
 
+    def touches_person(self) -> bool:
+        """Whether it is the moving obstacle that the car was found in contact with."""
+        bodies = self.world.model.geom_bodyid
+        mocap = self.world.model.body_mocapid
+        pairs = (self.data.contact.geom1[: self.data.ncon], self.data.contact.geom2[: self.data.ncon])
+        return any(bool((mocap[bodies[geoms]] >= 0).any()) for geoms in pairs)
+
     def put_back(self) -> None:
-        """Carry the car to the nearest free place, away from the moving obstacle."""
-        self.place(*self.places.near(self.car.x, self.car.y, self.obstacle))
+        """Carry the car to the nearest free place, away from the moving obstacle, where it touches nothing."""
+        for place in self.places.by_distance(self.car.x, self.car.y, self.obstacle):
+            self.place(*place)
+            if not self.touches():
+                return
 
     def place(self, x: float, y: float, heading: float) -> None:
         """Put the car somewhere; `take_placed` tells once."""
@@ -156,12 +177,29 @@ class Simulation(Drive):
 
     def read(self) -> StereoFrames:
         """What both cameras see now."""
-        left, right = self.cameras.look(self.data, *self.pose)
-        return StereoFrames(left, right, self.now())
+        while self.timing.loses():
+            self.wait_until(self.now() + 1 / self.rate)
+        now, tops = self.now(), [rect.top for rect in self.cameras.strips[0]]
+        eyes = self.cameras.look(self.data, *self.pose, Motion(self.car.speed, self.car.curvature))
+        left, right = (
+            Strips(*(self.light.frame(part, top, now) for part, top in zip(eye, tops, strict=True)))
+            if isinstance(eye, Strips)
+            else self.light.frame(eye, 0, now)
+            for eye in eyes
+        )
+        return self.timing.deliver(StereoFrames(left, right, now))
 
     def send(self, command: SafeCommand) -> DriveCommand:
         """Drive like this from now on."""
-        return self.car.send(unseal(command))
+        return self.obey(unseal(command))
+
+    def obey(self, command: DriveCommand) -> DriveCommand:
+        """Drive like this, as soon as the car does what it is told; returns what it will do."""
+        if not self.stress.delay:
+            return self.car.send(command)
+        will_do = self.car.within(command)
+        self.on_the_way.put(will_do, self.now())
+        return will_do
 
     def resume(self) -> bool:
         """Nothing to do: this drive obeys at once after a stop."""
@@ -169,12 +207,13 @@ class Simulation(Drive):
 
     def stop(self) -> None:
         """Stand still at once."""
+        self.on_the_way.clear()
         self.car.send(DriveCommand(0.0, 0.0))
         self.car.speed = 0.0
 
     def driven(self) -> DriveCommand:
         """What the wheels say they did since this was last asked."""
-        speed, curvature = self.car.driven()
+        speed, curvature = self.odometer.says(self.car.driven(), self.now())
         if self.odometry == "noisy" and speed != 0:
             return DriveCommand(speed * (1 + SCALE_ERROR), (curvature + DRIFT / speed) / (1 + SCALE_ERROR))
         return DriveCommand(speed, curvature)

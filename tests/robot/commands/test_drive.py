@@ -16,7 +16,8 @@ from ndtorch_robot.config import load_config
 from ndtorch_robot.sim import gl
 from tests.robot.support.gl_needed import WHY, needs_gl
 
-FILES = ["map.npz", "map.png", "path.png", "report.html", "rows.png", "speeds.png", "summary.json"]
+MAPS = ["map.npz", "map.pgm", "map.png", "map.yaml"]
+FILES = [*MAPS, "path.png", "report.html", "rows.png", "speeds.png", "summary.json"]
 KEYS = {
     "collisions",
     "stopped",
@@ -46,7 +47,7 @@ def test_json(tmp_path, capsys):
     assert json.loads((tmp_path / "summary.json").read_text()) == summary
     saved = np.load(tmp_path / "map.npz")
     assert saved["cells"].max() == pytest.approx(1.0)
-    assert saved["true_path"].shape == (90, 3)
+    assert saved["true_path"].shape == saved["located_path"].shape == (90, 3)
 
 
 @needs_gl

@@ -9,11 +9,14 @@ import pytest
 import ndtorch_robot.commands.evaluate as command
 from ndtorch import workers
 from ndtorch.commands import main
+from ndtorch.errors import InputError
 from ndtorch.workers import Event
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.evaluation.drives import Cache, all_drives, key_of
 from ndtorch_robot.evaluation.picture import draw_table
 from ndtorch_robot.evaluation.table import COLUMNS, comma_separated, markdown, rows_of
+from ndtorch_robot.sim.stress import STRESSES
+from ndtorch_robot.sim.trials import TRIALS
 from tests.robot.support.gl_needed import needs_gl
 
 
@@ -28,6 +31,8 @@ def summary(arena="room", seed=1, controller="published", **changes):
         "stopped": 1,
         "distance_m": 400.0,
         "free_area_passed": 0.5,
+        "free_area_passed_40cm": 0.2,
+        "collision_places": 2,
         "map": {"precision": 0.8, "recall": 0.6, "position_error_cm": 1.5, "spacing_error_percent": None},
     }
     return values | changes
@@ -72,7 +77,8 @@ def test_rows_are_of_all_drives_together():
     drives = [
         summary(),
         summary("loop"),
-        summary(seed=2, collisions=0, stopped=0, simulated_seconds=2700.0, free_area_passed=0.9, map=none),
+        summary(seed=2, collisions=0, stopped=0, simulated_seconds=2700.0, free_area_passed=0.9, map=none)
+        | {"free_area_passed_40cm": 0.3, "collision_places": 1},
     ]
     room, loop = rows_of(drives)
     assert (room.arena, loop.arena) == ("room", "loop")
@@ -83,11 +89,38 @@ def test_rows_are_of_all_drives_together():
     assert (room.recall, room.position_cm, room.spacing_percent) == (0.6, 1.5, None)
     assert loop.collisions_h == 8.0
     lines = markdown([room, loop], "note").splitlines()
-    assert lines[2] == "| room | textured | published | 2 | 1.00 | 2.0 | 1.0 | 800 | 70 | 70 | 60 | 1.5 | - |"
+    assert lines[2] == "| room | textured | published | 2 | 1.00 | 2.0 | 3 | 1.0 | 800 | 70 | 25 | 70 | 60 | 1.5 | - |"
     assert lines[-1] == "note"
     table = list(csv.reader(comma_separated([room, loop]).splitlines()))
     assert table[0] == list(COLUMNS)
-    assert table[2] == ["loop", "textured", "published", "1", "0.25", "8.0", "4.0", "400", "50", "80", "60", "1.5", ""]
+    assert table[2][:4] == ["loop", "textured", "published", ""]
+    assert table[2][4:] == ["1", "0.25", "8.0", "2", "", "4.0", "400", "50", "20", "", "80", "60", "1.5", ""]
+
+
+def test_rows_tell_stresses_gates_and_people():
+    drives = [
+        summary(),
+        summary(stress="noise", gates=[1, 2], people_hit=1),
+        summary(seed=2, stress="noise", gates=[2, 2]),
+    ]
+    plain, noisy = rows_of(drives)
+    assert (plain.stress, noisy.stress) == ("", "noise")
+    assert (noisy.gates, noisy.people) == ((3, 4), (1, 0))
+    head = markdown([plain, noisy], "").splitlines()[0]
+    assert all(name in head for name in ("stress", "gates passed", "people hit"))
+    assert "stress" not in markdown([plain], "").splitlines()[0]
+
+
+def test_words_for_many_arenas_and_stresses():
+    drives = command.Evaluate(
+        arenas=("trials", "room"), stress=("none", "noise=0.02"), seeds=(1,), controllers=("published",), moving=True
+    ).drives()
+    assert {d.arena for d in drives} == {*TRIALS, "room"}
+    assert [d.stress for d in drives[:2]] == ["", "noise=0.02"]
+    assert all(d.moving for d in drives)
+    assert command.stresses_of(("all",)) == ("", *STRESSES)
+    with pytest.raises(InputError, match="no stress 'nois'"):
+        command.Evaluate(arenas=("room",), stress=("nois",)).drives()
 
 
 def test_picture_of_many(tmp_path):

@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 
 from ndtorch.errors import InputError
-from ndtorch_robot.sim.arenas import ARENAS, DOOR_SPACING, load_arena
+from ndtorch_robot.sim.arenas import ARENAS, load_arena
+from ndtorch_robot.sim.corridors import DOOR_SPACING
+from ndtorch_robot.sim.floors import Floor, Lamp, covered
+from ndtorch_robot.sim.hits import Collision, hits_summary, places_of
 from ndtorch_robot.sim.places import Places
 from ndtorch_robot.sim.plan import Plan, Ring, inside, ring
 from ndtorch_robot.sim.tracing import Box, trace
+from ndtorch_robot.sim.trials import TRIALS
 
 SQUARE = [(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0)]
 
@@ -147,3 +151,113 @@ def test_bad_arena_files(tmp_path, text, message):
 def test_missing_arena_file():
     with pytest.raises(InputError, match="no such file"):
         load_arena("nowhere.toml")
+
+
+@pytest.mark.parametrize("name", TRIALS)
+def test_trials(name):
+    plan = load_arena(name, 5)
+    assert plan == load_arena(name, 5)
+    assert plan != load_arena(name, 6)
+    assert plan.name == name
+    places = Places(plan)
+    assert len(places.points) > 10
+    assert (plan.clearance(places.points) > 0.4).all()
+
+
+def test_what_hangs_high_or_lies_flat_is_no_obstacle():
+    square = [(1, 1), (2, 1), (2, 2), (1, 2)]
+    plans = {
+        name: Plan("test", ring(SQUARE), (ring(square, "furniture", height, solid=True, bottom=bottom),))
+        for name, bottom, height in (("sofa", 0.12, 0.8), ("table", 0.7, 0.75), ("sill", 0.0, 0.02), ("step", 0.0, 0.1))
+    }
+    middle = np.array([[1.5, 1.5]])
+    assert {name: bool(plan.is_free(middle)[0]) for name, plan in plans.items()} == {
+        "sofa": False,
+        "table": True,
+        "sill": True,
+        "step": False,
+    }
+    assert plans["table"].cast(np.array([0.5, 1.5]), np.zeros(1)) == pytest.approx([3.5])
+    assert plans["sofa"].cast(np.array([0.5, 1.5]), np.zeros(1)) == pytest.approx([0.5])
+    with pytest.raises(InputError, match="bottom"):
+        Plan("test", ring(SQUARE), (ring(square, "furniture", 0.5, solid=True, bottom=0.6),))
+
+
+def test_floors():
+    x = y = np.asarray((np.arange(256) + 0.5) / 128, np.float32)
+    rng = np.random.default_rng(0)
+    assert Floor().light(x, y, 1 / 128, rng) is None
+    tiles = Floor("tiles").light(x, y, 1 / 128, rng)
+    joint = np.abs(x - 0.6).argmin()
+    assert tiles[100, joint] < 0.6 < 0.8 < tiles[100, joint + 8]
+    # A joint of 6 mm is thinner than a texel: what it takes away is right all the same.
+    assert covered(x, 0.3, 0.006, 1 / 128)[:230].sum() / 128 == pytest.approx(0.006 * 5.5, abs=0.003)
+    checks = Floor("checker").light(x, y, 1 / 128, rng)
+    assert checks[5, 5] != checks[5, 5 + 32] == checks[5 + 32, 5]
+    pool = Floor(lamps=(Lamp(1.0, 1.0, 0.2, 0.5),)).light(x, y, 1 / 128, rng)
+    assert pool[128, 128] == pytest.approx(1.5, abs=0.01)
+    assert pool[0, 0] == pytest.approx(1.0, abs=0.01)
+    with pytest.raises(InputError, match="floor must be one of"):
+        Floor("parquet")
+
+
+def test_collisions_by_place_and_by_who():
+    hits = [Collision(1.0, 0, 0, 0), Collision(2.0, 0.3, 0, 0), Collision(3.0, 0.9, 0, 0)]
+    hits += [Collision(4.0, 5, 5, 0, True, False), Collision(5.0, 5, 5, 0, True, True)]
+    assert places_of(hits[:3]) == [(0, 0), (0.9, 0)]
+    assert hits_summary(hits) == {
+        "collisions": 5,
+        "collision_places": 2,
+        "people_hit": 1,
+        "hit_while_standing": 1,
+    }
+
+
+def write(tmp_path, text):
+    path = tmp_path / "lab.toml"
+    path.write_text('name = "lab"\n' + text)
+    return str(path)
+
+
+def test_file_with_furniture(tmp_path):
+    plan = load_arena(
+        write(
+            tmp_path,
+            """rooms = [[0, 0, 4, 4], [4.1, 0, 8.6, 4], [8, 4, 8.6, 5]]
+doors = [[4, 1, 4.1, 1.8]]
+boxes = [{at = [1, 2, 2, 3], bottom = 0.12, height = 0.75}, {at = [3, 0, 3.2, 4], height = 0.02}]
+tables = [{at = [5, 2, 6, 2.8]}]
+pillars = [
+    {x = 7, y = 2, width = 0.05, round = true, height = 1},
+    {x = 7.25, y = 2, width = 0.05, round = true, height = 1},
+]
+floor = "tiles"
+lamps = [{x = 2, y = 2, radius = 0.5, gain = 0.8}]
+""",
+        )
+    )
+    assert plan.floor == Floor("tiles", lamps=(Lamp(2, 2, 0.5, 0.8),))
+    assert plan.is_free(np.array([[4.05, 1.4], [1.5, 2.5], [3.1, 3.0], [5.5, 2.4], [8.3, 4.5]])).tolist() == [
+        True,
+        False,
+        True,
+        True,
+        True,
+    ]
+    assert sum(shape.radius > 0 for shape in plan.solids) == 6
+    assert len(plan.remarks) == 1
+    assert "a gap of 0.20 m near (7." in plan.remarks[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("rooms = [[0, 0, 4, 4]]\nblank_walls = [0]", "blank_walls are numbers of walls"),
+        ("walls = [[0, 0, 4, 0], [4, 0, 4, 4], [4, 4, 0, 0]]\ndoors = [[1, 0, 2, 1]]", "doors join rooms"),
+        ("rooms = [[0, 0, 4, 4]]\nramps = [[0, 0, 1, 1]]", "ramps cannot be built"),
+        ("rooms = [[0, 0, 4, 4], [4.1, 0, 8, 4]]\ndoors = [[4, 1, 4.1, 1.3]]", "narrower than the car"),
+    ],
+)
+def test_what_cannot_be_built_is_told(tmp_path, text, words):
+    with pytest.raises(InputError, match=words):
+        load_arena(write(tmp_path, text))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,22 @@ def test_a_part_that_was_cut_off_is_run_again(tmp_path: Path) -> None:
     part = next(store.parts.iterdir())
     part.write_bytes(part.read_bytes()[:100])
     assert len(store.load()) == 1
+
+
+def test_a_damaged_table_is_never_believed(tmp_path: Path) -> None:
+    """Any byte of it: its rows are as they were, or the file is named and its trials are run again."""
+    store, one = ResultStore(tmp_path, "abc"), trial(phase=1.0)
+    store.add([one], fake_block([one]))
+    part = next(store.parts.iterdir())
+    whole, rows, chance, refused = part.read_bytes(), store.load(), random.Random(3), 0
+    for _ in range(200):
+        damaged = bytearray(whole)
+        damaged[chance.randrange(len(whole))] ^= chance.randrange(1, 256)
+        part.write_bytes(damaged)
+        found = store.load()
+        assert found == (rows if not store.damaged else {})
+        refused += bool(store.damaged)
+    assert refused > 100
 
 
 def test_processes_of_the_same_number_keep_all_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,17 +8,18 @@ import json
 import os
 import secrets
 import shutil
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import numpy.typing as npt
 
+from ndtorch.checked import load_arrays, save_arrays
 from ndtorch.code_digest import code_digest
-from ndtorch.files import replacing
+from ndtorch.errors import InputError
 from ndtorch.workers import Report
 from ndtorch_train.reproduce.outcome import Claim, Drawing, Outcome, verdict_of
 
@@ -81,13 +82,14 @@ class Context:
         path = self.store / f"{begin}-{code_of(uses)}.npz"
         with locked(self.store / f"{begin}.lock"):
             if path.exists():
-                with np.load(path, allow_pickle=False) as file:
-                    return {name: file[name] for name in file.files}
+                try:
+                    return load_arrays(path)
+                except InputError as error:
+                    print(f"note: computed again, since {error}", file=sys.stderr)
             arrays = make()
-            with replacing(path) as beside:
-                np.savez(beside, **arrays)  # type: ignore[arg-type]
-                for old in self.store.glob(f"{begin}-*.npz"):
-                    old.unlink()
+            for old in self.store.glob(f"{begin}-*.npz"):
+                old.unlink()
+            save_arrays(path, arrays)
             return arrays
 
 

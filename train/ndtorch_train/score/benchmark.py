@@ -12,9 +12,11 @@ from torch import Tensor
 from ndtorch.vision import VisualFeatures
 from ndtorch_train.score.bars import bar_sets
 from ndtorch_train.score.choices import SETTLE, Split
+from ndtorch_train.score.hard import HARD, hard_trial
 from ndtorch_train.score.leaderboard import Row
-from ndtorch_train.score.methods import Method, Reading, first_stage, method
+from ndtorch_train.score.methods import Method, Reading, first_stage
 from ndtorch_train.score.metrics import SceneScore, right_from, score_scene
+from ndtorch_train.score.named import method
 from ndtorch_train.score.scenes import FPS, RenderedBars, draw_scene, seeds, superposed
 from ndtorch_train.score.stress import SECONDS as STRESS_SECONDS
 from ndtorch_train.score.stress import STRESS, stressed
@@ -115,6 +117,17 @@ def stress_rows(names: Sequence[str], split: Split, scenes: int) -> Iterator[Row
             times = [SETTLE + STRESS_SECONDS]
             judged = judge(chosen(trial.sums, trial.fps, times), times, trial.truth)
             yield from rows_of(judged, stress.name, name, chosen.online, [STRESS_SECONDS])
+
+
+def hard_rows(names: Sequence[str], split: Split, scenes: int) -> Iterator[Row]:
+    """All methods on all hard sets."""
+    for hard in HARD:
+        trial = hard_trial(hard, split, scenes, first_stage())
+        for name in names:
+            chosen = method(name, trial.truth)
+            times = [SETTLE + hard.seconds]
+            judged = judge(chosen(trial.sums, trial.fps, times), times, trial.truth)
+            yield from rows_of(judged, hard.name, name, chosen.online, [hard.seconds])
 
 
 def bar_rows(names: Sequence[str]) -> Iterator[Row]:

@@ -12,7 +12,7 @@ import tyro
 
 from ndtorch.errors import InputError
 from ndtorch.files import write_text
-from ndtorch_train.score.choices import LABELLED, LONGEST, METHODS, RATES, SETTLE, Split
+from ndtorch_train.score.choices import LABELLED, LONGEST, METHODS, PEERS, RATES, SETTLE, Split
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class ScoreOptions:
     what: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
     """`ranges PAIRS`: score ranges on a folder of stereo pairs with truth instead (ranges.csv)."""
     rules: tuple[str, ...] = METHODS
-    """Methods to compare."""
+    """Methods to compare; picard, sobi, mm-ica and easi can be named too."""
     scenes: int = 300
     """Random scenes: 1, 2 and 3 bars in turn; 0 leaves them out."""
     seconds: tuple[float, ...] = (15.0, 60.0)
@@ -34,12 +34,14 @@ class ScoreOptions:
     """Which seeds."""
     stress: int = 0
     """Scenes of each stress set; 0 leaves them out."""
+    hard: int = 0
+    """Scenes of each hard set; 0 leaves them out."""
     bars: bool = False
     """Also the papers' two bars at 18 phases and three bars at 90 combinations."""
     rendered: int = 0
     """Random scenes that are also rendered as frames, from the first on (about 10 s each)."""
     retinotopic: int = 0
-    """Scenes of each set for object files over retinotopic signals; 0 leaves them out."""
+    """Scenes of each set for object files over retinotopic signals, hard sets too if those are wanted; 0: none."""
     out: Path = Path("out/score")
     """Folder for leaderboard.md, leaderboard.csv, leaderboard.png and report.html."""
     video: bool = False
@@ -86,11 +88,12 @@ class ScoreOptions:
                 raise InputError(f"rows must be 0 or at least 32, got {self.rows}")
             return run(self.labelled, self.methods, self.rows, self.out)
         from ndtorch.report.page import NAME, Shown, open_in_browser
-        from ndtorch_train.score.benchmark import bar_rows, random_rows, rendered_rows, stress_rows
+        from ndtorch_train.score.benchmark import bar_rows, hard_rows, random_rows, rendered_rows, stress_rows
         from ndtorch_train.score.figure import draw
         from ndtorch_train.score.leaderboard import Row, markdown, write_csv
         from ndtorch_train.score.report import write_score_page
         from ndtorch_train.score.retinotopic import rendered_row, retinotopic_rows
+        from ndtorch_train.score.retinotopic_hard import hard_retinotopic_rows
         from ndtorch_train.score.video_command import VideoScore
 
         if self.video:
@@ -110,12 +113,16 @@ class ScoreOptions:
             print(f"{name}: {self.scenes} scenes in {time.perf_counter() - start:.0f} s", flush=True)
         if self.stress:
             rows += stress_rows(self.rules, self.split, self.stress)
+        if self.hard:
+            rows += hard_rows(self.rules, self.split, self.hard)
         if self.bars:
             rows += bar_rows(self.rules)
         if self.rendered:
             rows += rendered_rows(self.rules, self.split, self.rendered, min(self.seconds))
         if self.retinotopic:
             rows += retinotopic_rows(self.split, self.retinotopic, sorted(self.seconds), self.out)
+            if self.hard:
+                rows += hard_retinotopic_rows(self.split, min(self.hard, self.retinotopic), self.out)
             if self.rendered:
                 rows.append(rendered_row(self.split, self.rendered, min(self.seconds)))
         text = heading(self, time.perf_counter() - began) + markdown(rows)
@@ -139,15 +146,16 @@ def check(options: ScoreOptions) -> None:
     """Whatever is wrong with the options, before the work begins."""
     from ndtorch_train.score.scenes import seeds
 
+    known = (*METHODS, *PEERS)
     for name in options.rules:
-        if name not in METHODS:
-            raise InputError(f"rules must be among {', '.join(METHODS)}, got {name!r}")
+        if name not in known:
+            raise InputError(f"rules must be among {', '.join(known)}, got {name!r}")
     if not options.rules:
-        raise InputError(f"rules must name at least one of {', '.join(METHODS)}")
+        raise InputError(f"rules must name at least one of {', '.join(known)}")
     if not options.seconds or not all(0 < s <= LONGEST - SETTLE for s in options.seconds):
         raise InputError(f"seconds must lie between 0 and {LONGEST - SETTLE:g}, got {options.seconds}")
     seeds(options.split, max(1, options.scenes))
-    for name in ("scenes", "stress", "rendered", "retinotopic"):
+    for name in ("scenes", "stress", "hard", "rendered", "retinotopic"):
         if getattr(options, name) < 0:
             raise InputError(f"{name} must be a number of scenes >= 0, got {getattr(options, name)}")
 
@@ -161,7 +169,8 @@ def heading(options: ScoreOptions, wall: float) -> str:
     first = seeds(options.split, 1).start
     return (
         f"Split {options.split}: seeds from {first} on, {options.scenes} random scenes"
-        f"{f', {options.stress} of each stress set' if options.stress else ''}. "
+        f"{f', {options.stress} of each stress set' if options.stress else ''}"
+        f"{f', {options.hard} of each hard set' if options.hard else ''}. "
         f"Shares ± their standard errors over scenes; seconds count after {SETTLE:g} s of settling, "
         f"`right from` from the first frame. {wall:.0f} s on one core ({platform.machine()}, "
         f"torch {torch.__version__}).\n\n"

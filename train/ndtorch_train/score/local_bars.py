@@ -87,12 +87,14 @@ def local_bars(folder: Path) -> Tensor:
     return table
 
 
-def local_sums(scenes: Sequence[Scene], seconds: float, table: Tensor, chunk: int = 20) -> Iterator[Tensor]:
-    """Signals of all fields, `[B, T, FIELDS, FIELDS, 10]` in chunks of T, a sample every `EVERY` frames.
+def local_sums(
+    scenes: Sequence[Scene], seconds: float, table: Tensor, chunk: int = 20, every: int = EVERY
+) -> Iterator[Tensor]:
+    """Signals of all fields, `[B, T, FIELDS, FIELDS, 10]` in chunks of T, a sample every `every` frames.
 
     Single bars are superposed, which leaves out nothing but that bars cover each other where they cross.
     """
-    steps = torch.arange(0, round(seconds * FPS), EVERY)
+    steps = torch.arange(0, round(seconds * FPS), every)
     for part in torch.split(steps, chunk):
         yield torch.stack([scene_sums(scene, part, table) for scene in scenes])
 

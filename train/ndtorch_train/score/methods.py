@@ -15,10 +15,8 @@ from ndtorch.binding import BindingInputs, PublishedModel, ScaleFreeModel, alter
 from ndtorch.binding.feedback import settled
 from ndtorch.binding.models.whole_field import BindingState
 from ndtorch.binding.normalise import divide, group_max, spread_groups
-from ndtorch.errors import InputError
 from ndtorch.optional import need
 from ndtorch.vision import LowPass
-from ndtorch_train.score.choices import METHODS
 from ndtorch_train.score.truth import by_group, present
 
 TAU_SMOOTH = 0.05
@@ -170,8 +168,13 @@ class Ica(Offline):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             ica = fast_ica(rank, whiten="unit-variance", random_state=0, max_iter=400)
-            ica.fit(centered.numpy())
-        mixing = torch.from_numpy(ica.mixing_).float().T
+            try:
+                ica.fit(centered.numpy())
+                mixing = torch.from_numpy(ica.mixing_).float().T
+            except ValueError:
+                # It does not converge to numbers: the count holds, and the principal components are its mixing.
+                vectors = torch.linalg.eigh(centered.mT @ centered)[1]
+                mixing = vectors[:, -rank:].mT.float()
         # The sign of a component is free: its largest feature is positive.
         largest = mixing.gather(-1, mixing.abs().argmax(-1, keepdim=True))
         return mixing * largest.sign()
@@ -244,22 +247,3 @@ def by_scale(sums: Tensor) -> Tensor:
 def decomposition() -> Any:
     """scikit-learn's decompositions, imported when they are wanted: that takes a second."""
     return need("sklearn.decomposition", "ica and nmf")
-
-
-def method(name: str, truth: Sequence[Tensor]) -> Method:
-    """The method of that name; only nmf looks at the truth, for the number of bars."""
-    if name == "published":
-        return Learned("competitive")
-    if name in ("cooperative", "hebbian"):
-        return Learned(name)
-    if name == "scale-free":
-        return ScaleFree("delays")
-    if name == "scale-free, owners":
-        return ScaleFree("owners")
-    if name == "greedy":
-        return Greedy()
-    if name == "ica":
-        return Ica()
-    if name == "nmf":
-        return Nmf([len(features) for features in truth])
-    raise InputError(f"rules must be among {', '.join(METHODS)}, got {name!r}")

@@ -73,6 +73,8 @@ class Sweep:
             done = store.load()
             if store.outdated:
                 print(f"note: {store.outdated} trials in {out} are of other code and not used", file=sys.stderr)
+            for line in store.damaged:
+                print(f"note: {line}; its trials are run again", file=sys.stderr)
             todo = [trial for trial in config.trials if trial_id(trial) not in done]
             if len(todo) < len(config.trials):
                 before = f"{len(config.trials) - len(todo)} of {len(config.trials)} trials were finished before"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
+import json
 import secrets
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ndtorch.errors import InputError
 from ndtorch.files import replacing
 from ndtorch_train.sweep.config import SweepConfig
 from ndtorch_train.sweep.parameters import Trial, trial_id
@@ -18,6 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Row = dict[str, Any]
+
+CHECKSUM = b"ndtorch checksum"
 
 
 class ResultStore:
@@ -35,13 +40,19 @@ class ResultStore:
         self.parts = folder / "parts"
         self.parts.mkdir(parents=True, exist_ok=True)
         self.outdated = 0
+        self.damaged: list[str] = []
 
     def load(self) -> dict[str, Row]:
-        """Finished trials by name; `outdated` counts those of other code."""
+        """Finished trials by name; `outdated` counts those of other code, `damaged` says which files cannot be used."""
         found: dict[str, Row] = {}
-        self.outdated = 0
+        self.outdated, self.damaged = 0, []
         for path in [self.folder / "results.parquet", *sorted(self.parts.glob("*.parquet"))]:
-            for row in read(path):
+            try:
+                rows = read(path)
+            except InputError as error:
+                self.damaged.append(str(error))
+                continue
+            for row in rows:
                 if row.get("code") == self.code:
                     found[row["trial"]] = row
                 else:
@@ -69,24 +80,42 @@ class ResultStore:
 
 
 def read(path: Path) -> list[Row]:
-    """Rows of a Parquet file; none where it is missing or was cut off."""
+    """Rows of a Parquet file that `write` wrote; none where it is missing.
+
+    Raises:
+        InputError: it was cut off, or damaged, or has no checksum.
+    """
     import pyarrow
     import pyarrow.parquet
 
     try:
-        rows: list[Row] = pyarrow.parquet.read_table(path).to_pylist()
-    except (OSError, pyarrow.ArrowException):
+        table = pyarrow.parquet.read_table(path)
+        rows: list[Row] = table.to_pylist()
+    except FileNotFoundError:
         return []
+    except (OSError, pyarrow.ArrowException, ValueError, MemoryError, OverflowError) as error:
+        raise InputError(f"{path} is damaged: {str(error).splitlines()[0]}") from None
+    given = (table.schema.metadata or {}).get(CHECKSUM, b"").decode("ascii", "replace")
+    if given != checksum(rows):
+        raise InputError(f"{path} is damaged: its checksum does not fit" if given else f"{path} has no checksum")
     return rows
 
 
 def write(path: Path, rows: Sequence[Row]) -> None:
-    """Write a Parquet file at once: whoever is killed leaves the old one."""
+    """Write a Parquet file at once, with a checksum: whoever is killed leaves the old one."""
     import pyarrow
     import pyarrow.parquet
 
+    table = pyarrow.Table.from_pylist(list(rows))
+    # Of the rows as they are read: columns that some rows lack are filled, and numbers have the types of the table.
+    table = table.replace_schema_metadata({CHECKSUM: checksum(table.to_pylist()).encode()})
     with replacing(path) as beside:
-        pyarrow.parquet.write_table(pyarrow.Table.from_pylist(list(rows)), beside)
+        pyarrow.parquet.write_table(table, beside)
+
+
+def checksum(rows: Sequence[Row]) -> str:
+    """SHA-256 over names and values."""
+    return hashlib.sha256(json.dumps(rows, sort_keys=True, default=repr).encode()).hexdigest()
 
 
 def means(rows: Sequence[Row], keys: Sequence[str], value: str) -> dict[tuple[Any, ...], tuple[float, int]]:

@@ -1,0 +1,102 @@
+"""A simulated world, its board and the line to it, in simulated time: as fast as this computer can, always the same."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ndtorch.errors import InputError
+from ndtorch_robot.link.link_drive import HEARTBEAT, LinkDrive
+from ndtorch_robot.ports import StereoFrames
+from ndtorch_robot.sim.board import Pulse
+from ndtorch_robot.sim.hosted_board import HostedBoard
+from ndtorch_robot.sim.pulse_world import Electronics
+from ndtorch_robot.sim.simulation import SUBSTEPS, Simulation
+
+Cable = Callable[[bytes, float], bytes]
+"""What comes out at the other end now, s, when these bytes were put in."""
+
+ANSWERS_IN = 1.0
+"""Seconds in which the board must answer."""
+
+
+def good_cable(data: bytes, now: float) -> bytes:
+    """All of it, at once."""
+    return data
+
+
+class LockstepWorld:
+    """Cameras, clock, board and the drive link of a simulated car, on one simulated time.
+
+    The link is that of a car but for its threads: whenever time goes on, the board does, the pulses move the car, and
+    the link hears what the board says and sends its heartbeats. A loop that hangs in simulated time is noticed as it
+    would be in real time.
+
+    Implements `robot.ports.CameraPair` and `robot.ports.Clock`.
+
+    Args:
+        drive: the link, which writes into this world.
+
+    Attributes:
+        up, down: what the cable does to bytes from the computer to the board, and back.
+        pulsed: told every pulse.
+
+    Raises:
+        InputError: no C compiler.
+    """
+
+    def __init__(self, simulation: Simulation, drive: LinkDrive) -> None:
+        self.drive, self.simulation, self.board, self.electronics = drive, simulation, HostedBoard(), Electronics()
+        self.up: Cable = good_cable
+        self.down: Cable = good_cable
+        self.pulsed: Callable[[Pulse], None] = lambda pulse: None
+        self.waiting = bytearray()
+        self.beaten = 0.0
+
+    def await_welcome(self) -> None:
+        """Let time go on until the board has answered.
+
+        Raises:
+            InputError: it does not, or is that of another car.
+        """
+        while not self.drive.welcomed.is_set():
+            if self.drive.refusal is not None or self.now() > ANSWERS_IN:
+                self.board.close()
+                raise InputError(self.drive.refusal or "the board does not answer")
+            self.wait_until(self.now() + 1 / SUBSTEPS)
+
+    def now(self) -> float:
+        """Seconds of simulated time."""
+        return self.simulation.now()
+
+    def wait_until(self, time: float) -> None:
+        """Let everything move on."""
+        while self.simulation.steps < round(time * SUBSTEPS):
+            now = (self.simulation.steps + 1) / SUBSTEPS
+            sent, self.waiting = bytes(self.waiting), bytearray()
+            heard, pulses = self.board.run(now, self.up(sent, now))
+            for pulse in pulses:
+                self.electronics.take(pulse)
+                self.pulsed(pulse)
+            self.simulation.obey(self.electronics.drives(now))
+            self.simulation.wait_until(now)
+            self.drive.handle(self.down(heard, now))
+            self.drive.greet()
+            if now - self.beaten >= HEARTBEAT:
+                self.beaten = now
+                self.drive.look_after()
+
+    def write(self, data: bytes, /) -> None:
+        """The computer puts bytes on the line: it is the port of the link."""
+        self.waiting += data
+
+    def read(self) -> StereoFrames:
+        """What both cameras see now."""
+        return self.simulation.read()
+
+    def restart_board(self) -> None:
+        """Its power goes and comes again: it knows nothing any more."""
+        self.board.reset(self.now())
+
+    def close(self) -> None:
+        """Switch the board off."""
+        self.board.close()

@@ -1,0 +1,128 @@
+"""Where the car is, in a small room that is drawn by ray casting: truth that knows nothing of the library."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from ndtorch.errors import InputError
+from ndtorch.navigation import Pose, StereoRig
+from ndtorch.navigation.localisation import Localiser, LocaliserParams
+from ndtorch.navigation.localisation.walls import pack, unpack
+from ndtorch.navigation.odometry import arc
+from tests.navigation.planar_world import PlanarWorld
+
+pytest.importorskip("numba")
+
+RIG = StereoRig()
+DT = 0.2
+"""A step for each scan: what is between two scans is odometry alone."""
+
+CORNERS = np.array([(-3, -2.4), (2.6, -2.4), (2.6, 1.2), (1.4, 2.2), (-3, 2.2)], float)
+"""A room with one oblique wall."""
+
+
+def pose_of(values):
+    return Pose(*(torch.tensor(float(value)) for value in values))
+
+
+@pytest.fixture(scope="module")
+def drive():
+    """True poses of two rounds, what was driven between them, and both rows seen from each."""
+    world = PlanarWorld(np.stack((CORNERS, np.roll(CORNERS, -1, 0)), 1), panels=(0.08, 0.5), seed=3)
+    poses, driven = [(0.0, -1.2, 0.0)], []
+    for _ in range(150):
+        driven.append((0.5, 0.9))
+        poses.append(arc(*poses[-1], *driven[-1], DT))
+    left, right, _ = world.drive(poses)
+    return np.array(poses), driven, torch.from_numpy(np.stack((left, right), 1)).float()
+
+
+def reckon(poses, driven, scale, drift):
+    """Where dead reckoning leads that is wrong by a share of the way and by radians a second."""
+    found = [tuple(poses[0])]
+    for speed, curvature in driven:
+        speed, turn = speed * (1 + scale), speed * curvature + drift
+        found.append(arc(*found[-1], speed, turn / speed, DT))
+    return np.array(found)
+
+
+def run(localiser, rows, reckoned, state=None, stop=None):
+    found = []
+    for row, pose in zip(rows[:stop], reckoned[:stop], strict=True):
+        state = localiser(row, pose_of(pose), state)
+        found.append([float(part) for part in state.pose])
+    return np.array(found), state
+
+
+def test_it_stays_where_it_is_when_dead_reckoning_drifts_away(drive):
+    poses, driven, rows = drive
+    reckoned = reckon(poses, driven, 0.04, math.radians(0.5))
+    away = np.hypot(*(reckoned - poses)[:, :2].T)
+    assert away[-1] > 0.25
+    localiser = Localiser(RIG, DT, LocaliserParams(every=DT))
+    found, state = run(localiser, rows, reckoned)
+    error = found - poses
+    assert np.median(np.hypot(*error[:, :2].T)) < 0.05
+    assert np.hypot(*error[-1, :2]) < 0.25 * away[-1]
+    assert abs(error[-1, 2]) < math.radians(2)
+    # It has found out what the odometer does.
+    assert float(state.drift) == pytest.approx(math.radians(0.5), rel=0.5)
+    assert float(state.scale) > 0.01
+
+
+def test_a_state_is_left_as_it_was_and_goes_on_the_same(drive):
+    poses, driven, rows = drive
+    reckoned = reckon(poses, driven, 0.02, 0.0)
+    localiser = Localiser(RIG, DT, LocaliserParams(every=DT))
+    whole, _ = run(localiser, rows, reckoned, stop=20)
+    first, state = run(localiser, rows, reckoned, stop=10)
+    before = state.walls.clone()
+    second, _ = run(Localiser(RIG, DT, LocaliserParams(every=DT)), rows[10:], reckoned[10:], state, stop=10)
+    assert torch.equal(state.walls, before)
+    assert np.array_equal(np.concatenate((first, second)), whole)
+
+
+def test_it_looks_at_the_rows_only_now_and_then(drive):
+    poses, _, rows = drive
+    localiser = Localiser(RIG, DT / 3)
+    state = None
+    for n in range(7):
+        assert localiser.due(state) == (n % 3 == 0)
+        state = localiser(rows[0] if localiser.due(state) else None, pose_of(poses[0]), state)
+    with pytest.raises(InputError, match="rows"):
+        localiser(None, pose_of(poses[0]))
+
+
+def test_walls_are_packed_and_unpacked(drive):
+    poses, _, rows = drive
+    params = LocaliserParams(every=DT)
+    _, state = run(Localiser(RIG, DT, params), rows, poses, stop=5)
+    packed = pack(state.walls)
+    assert len(packed) > 5
+    assert torch.equal(unpack(packed, params), state.walls)
+    # The middles of the cells lie on walls.
+    middle = (packed[:, :2] + 0.5) * params.cell + packed[:, 3:5] / packed[:, 2:3]
+    begin, along = CORNERS, np.roll(CORNERS, -1, 0) - CORNERS
+    unit = along / np.hypot(*along.T)[:, None]
+    offset = middle.numpy()[:, None] - begin
+    aside = np.abs(offset[..., 0] * unit[:, 1] - offset[..., 1] * unit[:, 0]).min(1)
+    assert np.median(aside) < 0.03
+
+
+def test_a_car_that_is_carried_goes_on_from_there(drive):
+    poses, _, rows = drive
+    localiser = Localiser(RIG, DT, LocaliserParams(every=DT))
+    _, state = run(localiser, rows, poses, stop=5)
+    put = localiser.put(state, pose_of((1.0, 2.0, 3.0)))
+    assert [float(part) for part in put.pose] == [1.0, 2.0, 3.0]
+    assert torch.equal(put.walls, state.walls)
+
+
+def test_what_it_cannot_do_is_said():
+    with pytest.raises(InputError, match="far"):
+        LocaliserParams(far=0.5)
+    pose = Pose(*(torch.zeros(2) for _ in range(3)))
+    with pytest.raises(InputError, match="one car"):
+        Localiser(RIG, DT)(torch.zeros(2, 640), pose)

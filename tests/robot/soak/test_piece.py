@@ -1,0 +1,161 @@
+"""A short soak: faults stop the wheels in time, what is no fault does not, and a soak goes on where it was."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from ndtorch.errors import InputError
+from ndtorch_robot.commands.soak import Soak, kept
+from ndtorch_robot.link.messages import Frame, Type, encode_frame
+from ndtorch_robot.link.parser import Parser
+from ndtorch_robot.run import open_car
+from ndtorch_robot.run_config import RunConfig, SimulationTable
+from ndtorch_robot.sim.hosted_board import HostedBoard
+from ndtorch_robot.soak.cable import FailingCable
+from ndtorch_robot.soak.eyes import FailingCameras
+from ndtorch_robot.soak.faults import FAULTS, Fault
+from ndtorch_robot.soak.table import report, summary, troubles
+from ndtorch_robot.soak.trial import Trials
+from tests.robot.support.gl_needed import needs_gl
+
+needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler (cc)")
+
+
+@needs_compiler
+def test_the_board_obeys_and_stands_when_it_is_not_spoken_to():
+    board, sequence = HostedBoard(), 0
+
+    def say(now, *kinds):
+        nonlocal sequence
+        data = b""
+        for kind, body in kinds:
+            sequence += 1
+            data += encode_frame(Frame(1, kind, sequence, body))
+        return board.run(now, data)
+
+    answers, _ = say(0.002, (Type.HELLO, b""))
+    assert [frame.type for frame in Parser().feed(answers)] == [Type.WELCOME]
+    say(0.004, (Type.HEARTBEAT, b""), (Type.ARM, b""))
+    command = np.array([500, 0], "<i2").tobytes()
+    widths = []
+    for n in range(1, 40):
+        _, pulses = say(0.004 + 0.02 * n, *([(Type.HEARTBEAT, b""), (Type.COMMAND, command)] if n < 20 else []))
+        widths += [(pulse.time, pulse.width) for pulse in pulses if pulse.name == "motor"]
+    assert len(widths) == 39
+    last = max(when for when, width in widths if width != 1500)
+    assert max(width for _, width in widths) == 1630  # 0.5 m/s
+    assert 0.384 + 0.13 <= last <= 0.384 + 0.17  # 0.15 s after the last heartbeat, a pulse earlier or later
+    board.close()
+    board.close()
+
+
+class OneAfterTheOther(Trials):
+    """These faults and no others."""
+
+    wanted: list[Fault]
+
+    def begin(self, now):
+        if self.wanted:
+            self.waiting = [self.wanted.pop(0)]
+            super().begin(now)
+
+
+def soak(folder, *names):
+    """Drive through these faults."""
+    by_name = {fault.name: fault for fault in FAULTS}
+    simulation = SimulationTable(arena="curve", seed=3)
+    config = RunConfig(robot="maxston8", link={"kind": "hosted-board"}, simulation=simulation)
+    lines = []
+    with open_car(config, lines.append, go=True) as car:
+        cameras = FailingCameras(car.drive.world, 0)
+        car.cameras = cameras
+        trials = OneAfterTheOther(car, car.drive.world, cameras, 0, folder)
+        trials.calm = 0.1
+        trials.wanted = [by_name[name] for name in names]
+        car.observers += [trials, lambda step: car.ended.set() if len(trials.rows) == len(names) else None]
+        car.run(120.0)
+    assert [row["fault"] for row in trials.rows] == list(names)
+    return trials
+
+
+@needs_gl
+@needs_compiler
+@pytest.mark.slow
+def test_a_pulled_cable_stops_the_wheels_in_time(tmp_path):
+    trials = soak(tmp_path, "cable pulled")
+    assert trials.rows[0]["bad"] is None
+    assert 0 < trials.rows[0]["turned"] <= 0.25
+
+
+@needs_gl
+@needs_compiler
+@pytest.mark.long
+def test_every_fault_stops_the_wheels_in_time_and_nothing_else_does(tmp_path):
+    trials = soak(tmp_path / "recording", *(fault.name for fault in FAULTS))
+    assert [row for row in trials.rows if row["bad"] is not None] == []
+    assert trials.unexplained == []
+    assert any("No space left on device" in line for line in trials.lines)
+    assert not (tmp_path / "recording").exists()
+
+
+class NoWorld:
+    up = down = None
+
+
+def test_a_bad_cable_is_bad():
+    world, data = NoWorld(), bytes(range(256)) * 8
+    cable = FailingCable(world, 1)
+    cable.fail("cable pulled")
+    assert world.up(data, 0.0) == world.down(data, 0.0) == b""
+    cable.fail("everything late on the way there")
+    assert world.up(data, 0.0) == b""
+    assert world.up(b"", 0.31) == data
+    cable.fail("bytes flipped on the way back")
+    wrong = sum(a != b for a, b in zip(world.down(data, 0.0), data, strict=True))
+    assert 30 < wrong < 100
+    assert world.up(data, 0.0) == data
+    cable.mend()
+    assert world.down(data, 0.0) == data
+
+
+def piece(number, megabytes, rows, unexplained=()):
+    return {
+        "number": number,
+        "arena": "curve",
+        "seconds": 360.0,
+        "wall_seconds": 90.0,
+        "collisions": 0,
+        "process": "a",
+        "megabytes": megabytes,
+        "faults": rows,
+        "unexplained": list(unexplained),
+        "blank": [],
+    }
+
+
+def row(bad=None, turned=0.1):
+    return {"part": "camera", "fault": "black", "at": 1.0, "turned": turned, "bad": bad, "on after": 1.0}
+
+
+def test_the_table_tells_what_was_bad():
+    good = [piece(n, 300.0 + (50.0 if n else 0.0), [row()]) for n in range(8)]
+    assert troubles(good) == []
+    assert summary(good)["megabytes_an_hour"] == 0.0
+    assert "| camera | black | 0.25 | 8 | 0 | 0.10 | 0.10 | 1.0 |" in report(good)
+    bad = [*good[:-1], piece(7, 360.0, [row("wheels turned for 0.400 s", 0.4)], ["3.00 s: why"])]
+    assert len(troubles(bad)) == 3  # a stop, wheels that turned, and memory
+    assert "| camera | black | 0.25 | 8 | 1 | 0.10 | 0.40 | 1.0 |" in report(bad)
+
+
+def test_a_piece_of_other_code_is_driven_again(tmp_path):
+    file = tmp_path / "piece-0000.json"
+    assert kept(file, {"code": "a"}) is None
+    file.write_text(json.dumps({"key": {"code": "a"}, "seconds": 1}))
+    assert kept(file, {"code": "a"})["seconds"] == 1
+    assert kept(file, {"code": "b"}) is None
+    file.write_text(file.read_text()[:-4])
+    assert kept(file, {"code": "a"}) is None
+    with pytest.raises(InputError, match="--piece 10 to 3600"):
+        Soak(piece=1.0, out=tmp_path).run()

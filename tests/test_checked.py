@@ -1,0 +1,91 @@
+"""Files of arrays: what is read is what was written, or they are refused in one line."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from ndtorch.checked import load_arrays, read_tensors, save_arrays, save_tensors
+from ndtorch.errors import InputError
+
+ARRAYS = {
+    "cells": np.arange(60, dtype=np.float32).reshape(5, 12),
+    "cell": np.array(0.05),
+    "names": np.array(["a", "bc"]),
+}
+TENSORS = {"motion": torch.arange(16.0).reshape(4, 4), "count": torch.tensor(3)}
+
+
+def same(found: Any, wanted: Any) -> bool:
+    return set(found) == set(wanted) and all(
+        found[name].dtype == value.dtype
+        and found[name].shape == value.shape
+        and np.array_equal(np.asarray(found[name]), np.asarray(value))
+        for name, value in wanted.items()
+    )
+
+
+def test_arrays_come_back_and_numpy_reads_them_too(tmp_path: Path) -> None:
+    save_arrays(tmp_path / "map.npz", ARRAYS)
+    assert same(load_arrays(tmp_path / "map.npz"), ARRAYS)
+    with np.load(tmp_path / "map.npz") as file:
+        assert np.array_equal(file["cells"], ARRAYS["cells"])
+    assert [path.name for path in tmp_path.iterdir()] == ["map.npz"]
+
+
+def test_what_has_no_checksum_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "map.npz", **ARRAYS)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"map\.npz has no checksum"):
+        load_arrays(tmp_path / "map.npz")
+    np.savez(tmp_path / "map.npz", cells=ARRAYS["cells"], checksum=np.array("0" * 64))
+    with pytest.raises(InputError, match="its checksum does not fit"):
+        load_arrays(tmp_path / "map.npz")
+    with pytest.raises(InputError, match="is missing"):
+        load_arrays(tmp_path / "none.npz")
+
+
+def read_weights(path: Path) -> Any:
+    return read_tensors(path, "weights")[0]
+
+
+@pytest.mark.parametrize(
+    ("save", "load", "wanted"),
+    [
+        (lambda path: save_arrays(path, ARRAYS), load_arrays, ARRAYS),
+        (lambda path: save_tensors(TENSORS, path), read_weights, TENSORS),
+    ],
+    ids=["npz", "safetensors"],
+)
+def test_a_damaged_file_is_never_believed(
+    tmp_path: Path, save: Callable[[Path], None], load: Callable[[Path], Any], wanted: Any
+) -> None:
+    """Any byte of it, and any end: what is read is what was written, or it is refused."""
+    path, chance, refused = tmp_path / "file.npz", random.Random(1), 0
+    save(path)
+    whole = path.read_bytes()
+    for n in range(400):
+        damaged = bytearray(whole)
+        if n % 4:
+            damaged[chance.randrange(len(whole))] ^= chance.randrange(1, 256)
+        else:
+            del damaged[chance.randrange(len(whole)) :]
+        path.write_bytes(damaged)
+        found, why = outcome(load, path)
+        assert found is None or same(found, wanted)
+        assert found is not None or ("file.npz" in why and "\n" not in why)
+        refused += found is None
+    assert refused > 200
+
+
+def outcome(load: Callable[[Path], Any], path: Path) -> tuple[Any, str]:
+    """What was read, or why nothing was."""
+    try:
+        return load(path), ""
+    except InputError as error:
+        return None, str(error)
