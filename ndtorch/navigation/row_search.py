@@ -64,7 +64,7 @@ class SearchParams:
     level: int = 30
     min_disparity: int = 20
     max_disparity: int = 230
-    ratio: float = 0.75
+    ratio: float = 0.8
     max_difference: float = 0.05
     min_step: float = 0.004
     agree: float = 1.0

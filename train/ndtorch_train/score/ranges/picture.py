@@ -24,6 +24,6 @@ def draw(pair: Pair, found: Found, path: Path) -> Path:
     true = pair.truth[found.row, found.column]
     right = np.abs(true / found.disparity - 1) <= 0.1
     for name, chosen in (("unknown", true <= 0), ("right", (true > 0) & right), ("wrong", (true > 0) & ~right)):
-        axes.plot(found.column[chosen], found.row[chosen], ".", ms=3, color=COLORS[name], mew=0)
+        axes.plot(found.column[chosen], found.row[chosen], ".", ms=5, color=COLORS[name], mew=0)
     figure.savefig(path)
     return path
