@@ -1,5 +1,6 @@
 # make demo   install into .venv, find the objects in the two-bars scene, then drive through the simulated hallway
 # make test   install and run every test that needs no special hardware
+# make test-unit  the quick ones alone: no whole runs, no C++ compiler
 # make test-long  the strong forms of some tests, minutes each     make test-variants  the suite as on other machines
 # make check  lint, format and types     make bench  timings side by side, out/bench.json
 # make bench-compare OLD=... NEW=...  fails where something costs over 10 % more
@@ -16,7 +17,7 @@ STAMP  := $(VENV)/.installed
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: setup demo test test-long test-variants check docs wheels bench bench-compare soak lock sbom audit reproduce reproduce-quick clean
+.PHONY: setup demo test test-unit test-long test-variants check docs wheels bench bench-compare soak lock sbom audit reproduce reproduce-quick clean
 
 setup: $(STAMP)
 
@@ -37,10 +38,16 @@ test: $(STAMP)
 	$(BIN)/python $(SUITE)
 	$(BIN)/python -m pytest -q -m 'realtime and not bench and not long'
 
+UNIT := not slow and not compiled and not long and not realtime and not bench
+
+test-unit: $(STAMP)
+	$(BIN)/python tests/variants.py plain -n 2 --dist worksteal -q --durations 10 -m '$(UNIT)'
+
 test-long: $(STAMP)
 	$(BIN)/python -m pytest -n 2 --dist worksteal -q --durations 10 -m long
 
-# The suite on another machine, so to speak: VARIANT is one of those that `tests/variants.py` lists, all by default.
+# The suite on another machine, so to speak: VARIANT is one of those that `tests/variants.py` lists, or several of them
+# joined by +; all of them, one after the other, by default.
 test-variants: $(STAMP)
 	$(BIN)/python tests/variants.py $(VARIANT)
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Protocol
 
 from ndtorch.code_digest import module_places
+from ndtorch.ending import NOTHING_KEPT
 from ndtorch.errors import InputError
 from ndtorch.optional import OURS, remedy
 
@@ -84,7 +85,7 @@ def run_command(prog: str, kind: type[Subcommand], arguments: Sequence[str]) -> 
         print(f"error: {prog}: {words}", file=sys.stderr)
         return UNUSABLE
     except KeyboardInterrupt:
-        print("stopped before there was anything to keep", file=sys.stderr)
+        print(NOTHING_KEPT, file=sys.stderr)
         return INTERRUPTED
 
 

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import ast
 import contextlib
-import difflib
 import os
-import signal
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
 
 import ndtorch
 from ndtorch.code_digest import module_places
 from ndtorch.command_run import INTERRUPTED, UNUSABLE, Subcommand, missing, run_command
+from ndtorch.ending import NOTHING_KEPT, ended_like_ctrl_c
+from ndtorch.nearest import meant
 from ndtorch.optional import OURS
 from ndtorch.run.arguments import EVERY
 
@@ -25,10 +25,6 @@ ELSEWHERE = {
     "ndtorch-train": ("first-stage", "reproduce", "score", "sweep"),
 }
 """Commands of our other distributions, to name these where they are missing."""
-
-
-ENDING = (signal.SIGTERM, *((signal.SIGHUP,) if hasattr(signal, "SIGHUP") else ()))
-"""Signals that end a command as Ctrl-C does."""
 
 UNREAD = 141
 """Exit code when the reader of what is printed has gone, as shells have it."""
@@ -94,6 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return UNUSABLE
     except KeyboardInterrupt:
+        print(NOTHING_KEPT, file=sys.stderr)
         return INTERRUPTED
     return run_command(f"ndtorch {given[0]}", kind, given[1:])
 
@@ -109,35 +106,10 @@ def program() -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return UNREAD
     except KeyboardInterrupt:
-        code = INTERRUPTED  # it came before there was a command, or after it
+        # It came before there was a command, or after it.
+        print(NOTHING_KEPT, file=sys.stderr)
+        code = INTERRUPTED
     return 128 + came[0] if code == INTERRUPTED and came else code
-
-
-@contextlib.contextmanager
-def ended_like_ctrl_c() -> Iterator[list[int]]:
-    """SIGTERM and SIGHUP raise KeyboardInterrupt inside, as Ctrl-C does: what was computed is kept.
-
-    A signal that is ignored stays ignored, as `nohup` wants it.
-
-    Yields:
-        The number of the first of these signals that came, once it has.
-    """
-    came: list[int] = []
-
-    def interrupt(number: int, _: object) -> None:
-        came.append(number)
-        raise KeyboardInterrupt
-
-    old = {number: signal.getsignal(number) for number in ENDING}
-    for number, handler in old.items():
-        if handler == signal.SIG_DFL:
-            signal.signal(number, interrupt)
-    try:
-        yield came
-    finally:
-        for number, handler in old.items():
-            if handler == signal.SIG_DFL:
-                signal.signal(number, handler)
 
 
 def hint(name: str, commands: Iterable[str]) -> str:
@@ -145,9 +117,9 @@ def hint(name: str, commands: Iterable[str]) -> str:
     for distribution, names in ELSEWHERE.items():
         if name in names:
             return f"it comes with {distribution}; in a checkout: pip install ./{distribution.removeprefix('ndtorch-')}"
-    near = difflib.get_close_matches(name, commands, 1)
+    near = meant(name, commands)
     if near:
-        return f"did you mean {near[0]!r}?"
+        return near.removeprefix("; ")
     return f"there are {', '.join(commands)}" if commands else "none is installed: pip install ndtorch"
 
 

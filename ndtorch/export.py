@@ -16,6 +16,7 @@ from torch import Tensor, nn
 
 from ndtorch.binding.models.contract import BindingModel
 from ndtorch.errors import InputError
+from ndtorch.nearest import meant
 from ndtorch.tree import leaves, mapped
 
 Format = Literal["pt2", "aoti", "onnx"]
@@ -70,7 +71,7 @@ def export(
             frames, or a folder that cannot be written.
     """
     if format not in SUFFIXES:
-        raise InputError(f"format must be one of {', '.join(SUFFIXES)}, got {format!r}")
+        raise InputError(f"format must be one of {', '.join(SUFFIXES)}, got {format!r}{meant(format, SUFFIXES)}")
     if not model.exportable:
         raise InputError(f"{model.name} cannot be exported: it does part of its work outside torch")
     rows = frames / (model.dt * model.fps)

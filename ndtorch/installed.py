@@ -6,6 +6,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from ndtorch.errors import InputError
+from ndtorch.nearest import meant
 
 
 def folder_of(package: str, name: str) -> Path:
@@ -40,5 +41,7 @@ def toml_file(given: Path, package: str, name: str) -> Path:
         return given
     known = {path.stem: path for path in sorted(folder_of(package, name).glob("*.toml"))}
     if given.name not in known:
-        raise InputError(f"{given} is no file, and none of {', '.join(known)}, which come with {package}")
+        raise InputError(
+            f"{given} is no file, and none of {', '.join(known)}, which come with {package}{meant(given.name, known)}"
+        )
     return known[given.name]

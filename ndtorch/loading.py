@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 from pathlib import Path
 from typing import Any
 
 from ndtorch.binding.models.contract import BindingModel
 from ndtorch.binding.models.kinds import kind_of, load_folder
 from ndtorch.errors import InputError
+from ndtorch.nearest import meant
 
 HERE = Path(__file__).resolve().parent
 # In an installed package the models lie inside it, in a checkout beside it.
@@ -76,6 +76,5 @@ def model_folder(model: str | Path) -> Path:
         raise InputError(f"the model {model} is called {RENAMED[str(model)]} now")
     if isinstance(model, Path) or "/" in model:
         raise InputError(f"{model} is not a model folder")
-    near = difflib.get_close_matches(model, folders, 1, 0.6)
-    hint = f"; did you mean {near[0]}?" if near else ""
-    raise InputError(f"model must be a folder or one of {', '.join(folders) or '(none found)'}; got {model!r}{hint}")
+    known = ", ".join(folders) or "(none found)"
+    raise InputError(f"model must be a folder or one of {known}; got {model!r}{meant(model, folders)}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ndtorch.errors import InputError
+from ndtorch.nearest import meant
 
 
 class Strict(BaseModel):
@@ -77,5 +77,4 @@ def what_is_wrong(error: ValidationError, table: type[BaseModel]) -> str:
 def suggestion(name: str, known: Iterable[str]) -> str:
     """ "did you mean gamma?", or else all that is known."""
     names = list(known)
-    near = difflib.get_close_matches(name, names, 1, 0.6)
-    return f"did you mean {near[0]}?" if near else f"known: {', '.join(names)}"
+    return meant(name, names).removeprefix("; ") or f"known: {', '.join(names)}"

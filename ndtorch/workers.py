@@ -10,6 +10,7 @@ import sys
 import traceback
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from typing import Any, Literal, NamedTuple
 
@@ -72,6 +73,28 @@ def run_tasks(function: Callable[[Any, Report], Any], tasks: Sequence[Any], jobs
         pool.end()
 
 
+FOR_THE_GIVER = (signal.SIGINT, *((signal.SIGHUP,) if hasattr(signal, "SIGHUP") else ()))
+"""Signals of a terminal that are for the process that gives the tasks, not for its workers."""
+
+
+@contextlib.contextmanager
+def blocked(signals: Sequence[int]) -> Iterator[None]:
+    """A process that is started inside never sees these signals, not even while it imports what it works with.
+
+    Here they come when the block has ended.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    # It is started with the first process, and would let them through.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, signals)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 class _Worker:
     """A process, the pipe to it, and the number of the task it has."""
 
@@ -79,7 +102,8 @@ class _Worker:
         context = multiprocessing.get_context("spawn")
         self.pipe, theirs = context.Pipe()
         self.process = context.Process(target=_serve, args=(theirs, function), daemon=True)
-        self.process.start()
+        with blocked(FOR_THE_GIVER):
+            self.process.start()
         theirs.close()
         self.index: int | None = None
 
@@ -161,8 +185,8 @@ def one_thread() -> None:
 
 def _serve(pipe: Connection, function: Callable[[Any, Report], Any]) -> None:
     """What a worker does: take tasks until there are no more, or until whoever gives them is gone."""
-    for ending in (signal.SIGINT, signal.SIGHUP):
-        signal.signal(ending, signal.SIG_IGN)  # they are for the process that gives the tasks
+    for ending in FOR_THE_GIVER:
+        signal.signal(ending, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # that is how it ends a worker
     one_thread()
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):

@@ -58,7 +58,7 @@ class Films:
 def sums_of(scene: FrameSource) -> Tensor:
     """The ten sums of every frame of a scene, `[T, 10]`."""
     features, state, sums = VisualFeatures(scene.size, 1 / scene.fps), None, []
-    with torch.no_grad():
+    with torch.inference_mode():  # as `ndtorch bind` does
         for frames in scene.chunks(8):
             out, state = features(frames, state)
             sums.append(out)

@@ -79,7 +79,7 @@ def test_a_missing_extra_is_one_line_that_names_it(name: str, capsys: pytest.Cap
 
 @pytest.mark.usefixtures("registered")
 def test_commands_that_are_not_there(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "did you mean 'good'?" in said(capsys, "godo")
+    assert "did you mean good?" in said(capsys, "godo")
     assert "there are bad, ended, full, good" in said(capsys, "xylophone")
     assert "pip install ./robot" in said(capsys, "drive")
     assert "pip install ./train" in said(capsys, "reproduce")

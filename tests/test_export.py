@@ -18,7 +18,7 @@ from ndtorch.tree import leaves
 from tests.golden.scenes import crossing
 from tests.vision.camera import passing_scenes
 
-SIZE, FRAMES = (24, 24), 5
+SIZE, FRAMES = (24, 24), 3
 
 
 def noise() -> Tensor:

@@ -18,11 +18,12 @@ HEAVY = ("cv2", "numba", "torchvision", "rerun", "matplotlib", "mujoco", "tyro",
 PACKAGES = ("ndtorch", "ndtorch_robot", "ndtorch_train")
 
 FLOORS = (
-    "arguments checked code_digest config errors files installed kernels lazy memory optional toml tree workers",
+    "arguments checked code_digest config errors files installed kernels lazy memory nearest optional toml tree "
+    "workers",
     "scenes vision",
     "binding navigation",
     "export loading",
-    "__main__ cli command_run commands report run",
+    "__main__ cli command_run commands ending report run",
 )
 """Rooms of the library, from the ground up. A file imports from its own floor and from those below."""
 

@@ -123,12 +123,12 @@ def test_bars_that_do_not_fluctuate_are_called_static(films: Films) -> None:
     assert model.objects(state) == []
 
 
-@pytest.mark.parametrize(("patterns", "enough"), [(2, 1), pytest.param(20, 16, marks=pytest.mark.long)])
+@pytest.mark.parametrize(("patterns", "enough"), [(1, 1), pytest.param(20, 16, marks=pytest.mark.long)])
 def test_random_shadow_works_for_most_patterns(films: Films, patterns: int, enough: int) -> None:
     """[B fig. 11e-f] One pattern was shown; claim B8 of `ndtorch reproduce` finds the bars in 19 of 20.
 
-    A model that finds them in 19 of 20 passes each of these with a probability of .997, one that finds them in half
-    with .75 and .006.
+    A model that finds them in 19 of 20 passes these with a probability of .95 and .997, one that finds them in half
+    with .5 and .006.
     """
     right = 0
     for seed in range(patterns):

@@ -30,6 +30,9 @@ def task(item: tuple[str, str], report: Report) -> str:
         return f"after {died}"
     if kind == "sleep":
         time.sleep(600)
+    if kind == "ctrl-c":
+        os.kill(os.getpid(), signal.SIGINT)
+        return str(signal.pthread_sigmask(signal.SIG_BLOCK, ()) >= {signal.SIGINT, signal.SIGHUP})
     if kind == "kill":
         os.kill(os.getpid(), signal.SIGKILL)
     report(0.5)
@@ -62,6 +65,13 @@ def test_a_signal_that_ended_a_worker_is_named() -> None:
     assert [e.kind for e in events] == ["again"] * (TRIES - 1) + ["failed"]
     assert events[0].value == "SIGKILL"
     assert events[-1].value == f"its worker died {TRIES} times, at last with SIGKILL"
+
+
+def test_ctrl_c_is_not_for_workers() -> None:
+    """From the moment they are started on: they import for seconds, and would print a traceback each."""
+    events = list(run_tasks(task, [("ctrl-c", "")], 1))
+    assert [(e.kind, e.value) for e in events] == [("done", "True")]
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
 def test_leaving_early_ends_the_workers() -> None:

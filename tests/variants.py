@@ -1,6 +1,8 @@
 """The suite as on other machines: `python tests/variants.py [NAME] [ARGUMENTS FOR PYTEST]`.
 
-CI runs one variant in place of the plain suite, another with every commit: `--turn` picks it by the number of commits.
+Names joined by `+` hold together: `no-vectors+random-order` is the suite in an order of chance on a processor without
+vector instructions. CI runs one of `TURNS` in place of the plain suite, another with every commit: `--turn` picks it by
+the number of commits.
 """
 
 from __future__ import annotations
@@ -32,38 +34,57 @@ VARIANTS = {
 TURNS = ("plain", "no-home")
 """Those that CI runs by turns: the ones that were seen to pass as a whole. `make test-variants` runs them all."""
 
-
-def environment(name: str, home: Path) -> dict[str, str]:
-    """The variables of a variant that differ."""
-    return {
-        "no-vectors": {"ATEN_CPU_CAPABILITY": "default"},
-        "avx2": {"ATEN_CPU_CAPABILITY": "avx2"},
-        "old-blas": {"OPENBLAS_CORETYPE": "Prescott"},
-        "no-home": {"HOME": str(home)},
-    }.get(name, {})
+SET = {
+    "no-vectors": {"ATEN_CPU_CAPABILITY": "default"},
+    "avx2": {"ATEN_CPU_CAPABILITY": "avx2"},
+    "old-blas": {"OPENBLAS_CORETYPE": "Prescott"},
+}
+"""The variables that a variant sets."""
 
 
-def options(name: str, seed: int) -> list[str]:
+def parts(joined: str) -> list[str]:
+    """The variants of a joined name.
+
+    Raises:
+        ValueError: there is no such variant, or two of them set one variable.
+    """
+    names = joined.split("+")
+    for name in names:
+        if name not in VARIANTS:
+            raise ValueError(f"no variant {name!r}; there are {', '.join(VARIANTS)}, and names joined by +")
+    taken = [key for name in dict.fromkeys(names) for key in SET.get(name, {})]
+    if len(taken) > len(set(taken)):
+        raise ValueError(f"{joined}: two of these set {max(taken, key=taken.count)}")
+    return names
+
+
+def environment(names: Sequence[str], home: Path) -> dict[str, str]:
+    """The variables that differ."""
+    changed = {key: value for name in names for key, value in SET.get(name, {}).items()}
+    return changed | ({"HOME": str(home)} if "no-home" in names else {})
+
+
+def options(names: Sequence[str], seed: int) -> list[str]:
     """What pytest is told besides."""
-    return ["-p", "tests.shuffle", "--shuffle", str(seed)] if name == "random-order" else []
+    return ["-p", "tests.shuffle", "--shuffle", str(seed)] if "random-order" in names else []
 
 
-def run(name: str, arguments: Sequence[str]) -> int:
-    """Run the suite under one variant; gives pytest's exit code."""
-    seed = commits()
-    print(f"variant {name}: {VARIANTS[name]}", *options(name, seed), flush=True)
+def run(joined: str, arguments: Sequence[str]) -> int:
+    """Run the suite under one variant, or several joined; gives pytest's exit code."""
+    seed, names = commits(), parts(joined)
+    print(f"variant {joined}: {'; '.join(VARIANTS[name] for name in names)}", *options(names, seed), flush=True)
     with tempfile.TemporaryDirectory() as folder:
         home = Path(folder) / "home"
         home.mkdir(mode=0o500)
-        if name == "no-home" and os.access(home, os.W_OK):
+        if "no-home" in names and os.access(home, os.W_OK):
             # Root may write anywhere, but not below a file.
             home = Path(folder) / "file" / "home"
             home.parent.write_text("")
-        command = [sys.executable, "-m", "pytest", *options(name, seed), *(arguments or PLAIN)]
-        busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2 * (name == "busy"))]
-        before = signal.signal(signal.SIGINT, signal.SIG_IGN) if name == "no-interrupt" else None
+        command = [sys.executable, "-m", "pytest", *options(names, seed), *(arguments or PLAIN)]
+        busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2 * ("busy" in names))]
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN) if "no-interrupt" in names else None
         try:
-            return subprocess.run(command, cwd=ROOT, env=os.environ | environment(name, home), check=False).returncode
+            return subprocess.run(command, cwd=ROOT, env=os.environ | environment(names, home), check=False).returncode
         finally:
             if before is not None:
                 signal.signal(signal.SIGINT, before)
@@ -83,10 +104,13 @@ def main(arguments: Sequence[str]) -> int:
     names, rest = list(VARIANTS), list(arguments)
     if rest[:1] == ["--turn"]:
         names, rest = [TURNS[commits() % len(TURNS)]], rest[1:]
-    elif rest and rest[0] in VARIANTS:
-        names = [rest.pop(0)]
     elif rest and not rest[0].startswith("-") and not Path(ROOT, rest[0].split("::")[0]).exists():
-        print(f"error: no variant {rest[0]!r}; there are {', '.join(VARIANTS)}", file=sys.stderr)
+        names = [rest.pop(0)]
+    try:
+        for name in names:
+            parts(name)
+    except ValueError as error:
+        print(f"error: {error}", file=sys.stderr)
         return 2
     codes = {name: run(name, rest) for name in names}
     failed = [name for name, code in codes.items() if code != 0]

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from ndtorch.binding.spectrum import limit_spectral_radius
 from ndtorch.errors import InputError
+from ndtorch.nearest import meant
 
 Activation = Callable[[Tensor], Tensor]
 
@@ -269,7 +270,7 @@ RULES: dict[str, Callable[..., Rule]] = {
 def activation(role: str, name: str) -> Activation:
     """The function of that name; `InputError` names the role it was to play."""
     if name not in ACTIVATIONS:
-        raise InputError(f"{role} must be one of {', '.join(ACTIVATIONS)}, got {name!r}")
+        raise InputError(f"{role} must be one of {', '.join(ACTIVATIONS)}, got {name!r}{meant(name, ACTIVATIONS)}")
     return ACTIVATIONS[name]
 
 
@@ -284,7 +285,7 @@ def learning_rule(name: str, **constants: Any) -> Rule:
         InputError: unknown name of a rule, of a function or of a constant, or a constant out of range.
     """
     if name not in RULES:
-        raise InputError(f"rule must be one of {', '.join(RULES)}, got {name!r}")
+        raise InputError(f"rule must be one of {', '.join(RULES)}, got {name!r}{meant(name, RULES)}")
     try:
         return RULES[name](**constants)
     except TypeError as error:

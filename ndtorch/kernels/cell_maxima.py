@@ -37,7 +37,8 @@ def cell_maxima(
     tall, wide = height // bands, width // blocks
     for eye in range(2):
         for band in range(bands):
-            peak[:] = 0
+            for x in range(width):
+                peak[x] = 0
             for y in range(band * tall, (band + 1) * tall):
                 grey_row(frames[eye], beside, tops[eye] + y, lefts[eye], every, unit, count, grey)
                 high_pass(grey, low[eye, y], settle, a, new_low[eye, y], high)

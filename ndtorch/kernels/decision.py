@@ -2,88 +2,72 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any
 
+Array = Any
+Machine = tuple[float, float, float, float, float, float, float]
+"""Mode, age, side, swing, metres gone back, bold, difference: `RangingState` after its floor and patch."""
 
-class Machine(NamedTuple):
-    """State of the machine: the numbers of `RangingState` after its floor and patch."""
-
-    mode: float
-    age: float
-    side: float
-    swing: float
-    gone: float
-    bold: float
-    difference: float
-
-
-class Tables(NamedTuple):
-    """`Constants` of the controller as plain numbers and lists, under the same names."""
-
-    comparison: list[list[float]]
-    table: list[int]
-    speeds: list[float]
-    bends: list[float]
-    turn_at: float
-    go_at: float
-    wide_needs: float
-    least: float
-    turn_steps: float
-    reverse_length: float
-    reversed: float
-    rear: float
-    room: float
-    prefer: float
-    grace: float
-    swing: float
-    metres: float
-    facts: int
-    reverse: int
-    turn: int
-    cruise: int
+NUMBERS: tuple[str, ...] = ("turn_at", "go_at", "wide_needs", "least", "turn_steps", "reverse_length", "reversed")
+NUMBERS += ("rear", "room", "prefer", "grace", "swing", "metres", "facts", "reverse", "turn", "cruise")
+"""Which of the controller's `Constants` make `numbers`, in order."""
 
 
 def decision(
-    lengths: list[list[float]], speed: float, ages: tuple[float, float, float], state: Machine, tables: Tables
+    lengths: Array,
+    speed: float,
+    ages: tuple[float, float, float],
+    state: Machine,
+    comparison: Array,
+    table: Array,
+    moves: Array,
+    numbers: tuple[float, ...],
 ) -> tuple[float, float, Machine]:
     """`decide`: speed, curvature and the new state.
 
     Args:
-        lengths: of the arcs, first to what blocks them and then to what is not known.
+        lengths: of the arcs, first to what blocks them and then to what is not known, `[2, arcs]`.
         speed: what the car drove since the last frame.
         ages: of the floor's state, until when the car stands, and until when it learns.
+        state: before.
+        comparison: weights of the first arcs, `[2, 5]`.
+        table: of transitions.
+        moves: speed and curvature of every mode, `[2, 4 modes]`.
+        numbers: see `NUMBERS`.
     """
-    c, (free, known), (age_of_floor, standing, learning) = tables, lengths, ages
-    difference = sum(
-        w * x for row, far in zip(c.comparison, lengths, strict=True) for w, x in zip(row, far, strict=False)
-    )
-    reversing = state.mode == c.reverse
-    bound = reversing or state.mode == c.turn or abs(difference) < c.prefer
-    side = state.side if bound else float((difference > 0) - (difference < 0))
+    turn_at, go_at, wide_needs, least, turn_steps, reverse_length, backed, nothing, room, prefer = numbers[:10]
+    grace, enough, metres, facts, reverse, turn, cruise = numbers[10:]
+    age_of_floor, standing, learning = ages
+    mode, age, side, swing, gone, bold, _ = state
+    free, known = lengths
+    difference = 0.0
+    for row in range(2):
+        for k in range(comparison.shape[1]):
+            difference += comparison[row, k] * lengths[row, k]
+    reversing = mode == reverse
+    if not (reversing or mode == turn or abs(difference) < prefer):
+        side = 1.0 if difference > 0 else -1.0 if difference < 0 else 0.0
     first = 1 if side > 0 else 3
-    confined = [min(a, b + c.grace) for a, b in zip(free, known, strict=True)]
-    wide, tight = confined[first], confined[first + 1]
+    wide, tight = min(free[first], known[first] + grace), min(free[first + 1], known[first + 1] + grace)
     longest = max(wide, tight)
-    blocked = max(free[first], free[first + 1]) < c.least
-    swing_back = confined[5] if side > 0 else confined[7]
-    swing = state.swing if reversing else float(swing_back > c.swing)
-    rear = swing_back if swing > 0 else (free[6] if blocked else confined[6])
-    unseen = longest < c.least and rear >= c.swing and state.bold < 1
-    gone = state.gone - speed * c.metres if reversing else 0.0
-    age = state.age + 1
-    facts = (
-        age_of_floor < learning,
-        free[0] < c.turn_at,
-        free[0] >= c.go_at and age >= c.turn_steps,
-        blocked or unseen,
-        gone >= c.reverse_length or rear < c.rear,
-        gone >= c.reversed and longest >= c.room,
-        rear < c.rear,
-    )
-    code = sum(1 << n for n, fact in enumerate(facts) if fact)
-    mode = c.table[code + int(state.mode) * c.facts]
-    row = mode * 4 + (wide >= c.wide_needs) * 2 + int(swing)
-    ahead = 0.0 if age_of_floor <= standing else c.speeds[row]
-    bold = 1.0 if mode == c.reverse else 0.0 if mode == c.cruise else state.bold
-    after = Machine(mode, age if mode == state.mode else 0.0, side, swing, gone, bold, difference)
-    return ahead, c.bends[row] * side, after
+    blocked = max(free[first], free[first + 1]) < least
+    behind = 5 if side > 0 else 7
+    swing_back = min(free[behind], known[behind] + grace)
+    if not reversing:
+        swing = 1.0 if swing_back > enough else 0.0
+    straight_back = free[6] if blocked else min(free[6], known[6] + grace)
+    rear = swing_back if swing > 0 else straight_back
+    unseen = longest < least and rear >= enough and bold < 1
+    gone = gone - speed * metres if reversing else 0.0
+    age += 1
+    code = 1 * (age_of_floor < learning) + 2 * (free[0] < turn_at) + 4 * (free[0] >= go_at and age >= turn_steps)
+    code += 8 * (blocked or unseen) + 16 * (gone >= reverse_length or rear < nothing)
+    code += 32 * (gone >= backed and longest >= room) + 64 * (rear < nothing)
+    after = float(table[code + int(mode) * int(facts)])
+    row = int(after) * 4 + 2 * (wide >= wide_needs) + int(swing)
+    ahead = 0.0 if age_of_floor <= standing else moves[0, row]
+    if after == reverse:
+        bold = 1.0
+    elif after == cruise:
+        bold = 0.0
+    return ahead, moves[1, row] * side, (after, age if after == mode else 0.0, side, swing, gone, bold, difference)

@@ -44,12 +44,12 @@ def floor_cells(
     kind = cells.dtype.type
     speed, turning = abs(kind(driven[0])), kind(driven[1]) * kind(yaw)
     learning = age <= learns
-    shape, known = np.empty(bands, cells.dtype), np.empty(bands, np.bool_)
+    shape, known, gained = np.empty(bands, cells.dtype), np.empty(bands, np.bool_), np.empty(bands, cells.dtype)
     for b in range(bands):
         passing = kind(math.sqrt(flow[b] + turning * turning)) * speed
         shape[b] = -math.expm1(passing * kind(saturation))
+        gained[b] = kind(0)
         known[b] = level[b] * shape[b] > kind(noise) * kind(clear) and not learning
-    gained = np.zeros(bands, cells.dtype)
     for eye in range(2):
         for k in range(blocks):
             reached = True
@@ -69,11 +69,15 @@ def floor_cells(
     for b in range(bands):
         new_level[b] = level[b] * kind(math.exp(gained[b] * kind(share)))
     if learning:
-        new_level[:] = level
+        for b in range(bands):
+            new_level[b] = level[b]
         if age > standing and speed > kind(moving):
             learn(cells, shape, level, profile, kind(moving), kind(learn_share), new_level)
     if speed < kind(still):
-        middle = np.sort(cells.ravel())[(cells.size - 1) // 2]
+        values = np.empty(cells.size, cells.dtype)
+        for k in range(cells.size):
+            values[k] = cells[k // (bands * blocks), k // blocks % bands, k % blocks]
+        middle = lower_median(values)
         return float(kind(noise) + kind(noise_share) * (middle - kind(noise)))
     return noise
 
@@ -84,10 +88,25 @@ def learn(
 ) -> None:
     """At the start most of the nearest cells are floor: their median is its level."""
     near = max(1, cells.shape[1] * 2 // 5)
-    steady = cells[:, :near].copy()
-    for b in range(near):
-        steady[:, b] /= max(shape[b], moving)
-    middle = np.sort(steady.ravel())[(steady.size - 1) // 2]
+    blocks = cells.shape[2]
+    steady = np.empty(2 * near * blocks, cells.dtype)
+    for k in range(len(steady)):
+        b = k // blocks % near
+        steady[k] = cells[k // (near * blocks), b, k % blocks] / max(shape[b], moving)
+    middle = lower_median(steady)
     for b in range(len(level)):
         guess = middle * profile[b]
         new_level[b] = level[b] + share * (guess - level[b]) if level[b] > 0 else guess
+
+
+@numba.njit(error_model="numpy")
+def lower_median(values: Array) -> float:
+    """As `torch.median`; the values, of which there are few, are put in order."""
+    for k in range(1, len(values)):
+        value, place = values[k], k
+        while place and values[place - 1] > value:
+            values[place] = values[place - 1]
+            place -= 1
+        values[place] = value
+    middle: float = values[(len(values) - 1) // 2]
+    return middle

@@ -38,7 +38,8 @@ def strongest(motion: Array, spacing: int, kept: tuple[int, int, int], column: A
         if not motion[best] > 0:
             best = largest(motion, 0, width)
         column[k], strength[k] = best, motion[best]
-        motion[max(0, best - spacing) : best + spacing + 1] = -1
+        for x in range(max(0, best - spacing), min(best + spacing + 1, width)):
+            motion[x] = -1
 
 
 @numba.njit(error_model="numpy")
@@ -104,13 +105,15 @@ def describe(
             for k in range(3):
                 patch[i, k] = between(row, column[i] + kind(EDGE_SIDE * (k - 1)))
         else:
-            patch[i] = row[int(column[i]) - 1 : int(column[i]) + 2]
+            for k in range(3):
+                patch[i, k] = row[int(column[i]) - 1 + k]
         good[i] = strength[i] >= kind(weakest)
     if n == 1:
         return
-    twin = np.zeros(n, np.bool_)
-    if reach:
-        for i in range(n):
+    twin = np.empty(n, np.bool_)
+    for i in range(n):
+        twin[i] = False
+        if reach:
             for j in range(n):
                 less = strength[i] < strength[j] or (strength[i] == strength[j] and j < i)
                 if less and abs(column[i] - column[j]) < kind(SAME_EDGE):
@@ -130,15 +133,21 @@ def match(
     """`match_features` of both rows, `[2, n]`: the partner's column of every left feature, and whether it is one."""
     kind, n = column.dtype.type, column.shape[1]
     least, most, one_to_one, limit = params
-    error = np.full((n, n), kind(math.inf))
+    error = np.empty((n, n), column.dtype)
     for i in range(n):
         for j in range(n):
-            if good[0, i] and good[1, j]:
-                error[i, j] = patch_error(patch[0, i], patch[1, j])
+            known = good[0, i] and good[1, j]
+            error[i, j] = patch_error(patch[0, i], patch[1, j]) if known else kind(math.inf)
     for i in range(n):
-        j = int(np.argmin(error[i]))
+        j = 0
+        for k in range(1, n):
+            if error[i, k] < error[i, j]:
+                j = k
         partner[i] = column[1, j]
         apart = column[0, i] - column[1, j]
         valid[i] = error[i, j] < limit and kind(least) < apart < kind(most)
         if one_to_one:
-            valid[i] = valid[i] and np.argmin(error[:, j]) == i
+            for k in range(n):
+                # The first of those that are alike is the one.
+                if error[k, j] < error[i, j] or (k < i and error[k, j] == error[i, j]):
+                    valid[i] = False

@@ -52,10 +52,8 @@ def row_ranges(
         for x in range(width):
             motion[x] = abs(motion[x])
             largest = larger(motion[x], largest)
-        if border and eye == 0:
-            motion[:border] = 0
-        elif border:
-            motion[width - border :] = 0
+        for x in range(border):
+            motion[width - 1 - x if eye else x] = 0
         strongest(motion, spacing, kept, column[eye], strength[eye])
         describe(rows[eye], column[eye], strength[eye], spacing, weakest, difference, reach, patch[eye], good[eye])
     match(column, patch, good, matching, out[0], valid)

@@ -32,4 +32,4 @@ def triangulate(column: Array, rig: tuple[float, float, float, float, bool], out
             out[3, i] = kind(forward) + distance * math.cos(left)
             out[4, i] = kind(baseline / 2) + distance * math.sin(left)
         else:
-            out[:, i] = 0
+            out[0, i] = out[1, i] = out[2, i] = out[3, i] = out[4, i] = 0

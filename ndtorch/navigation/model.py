@@ -23,6 +23,7 @@ from ndtorch.navigation.row_ranging import RowRanging, RowRangingState
 from ndtorch.navigation.row_search import SearchParams
 from ndtorch.navigation.strips import Strips, grey_pair, row_rect
 from ndtorch.navigation.tracking import AlphaBetaTracker, Tracks
+from ndtorch.navigation.whole_step import Going, Parts, Stepped, in_frames, whole_step
 from ndtorch.vision.temporal import FilterState
 
 
@@ -129,8 +130,26 @@ class Navigator(nn.Module):
         driven: Command | None = None,
         start: Pose | None = None,
     ) -> tuple[Command, NavigatorState]:
+        ours, theirs = strips(left), strips(right)
+        parts = Parts(self.controller, self.ranging, self.reckoning)
+        step = whole_step(parts, ours, theirs, Going(*state[:5]) if state else None, driven, start)
+        if step is not None:
+            return step.command, self.after(step, ours, theirs, state)
         command, state, ranges, poses = self.see_and_steer(left, right, state, driven, start)
         return command, self.remember(state, ranges, poses)
+
+    def after(self, step: Stepped, left: Strips, right: Strips, state: NavigatorState | None) -> NavigatorState:
+        """The state after a step that one kernel made: it remembers what was seen."""
+        memory = state[8:] if state else (None, None, None, None)
+        difference = self.controller.difference(step.control)
+        new = NavigatorState(*step.going, step.sides, difference, step.ranges, *memory)
+        if not any((self.grid_map, self.observations, self.tracker, self.localiser)):
+            return new
+        ranges, poses = in_frames(step)
+        if self.localiser is not None:
+            located, poses = self.locate(self.localiser, left.row, right.row, poses, state)
+            new = new._replace(located=located)
+        return self.remember(new, ranges, poses)
 
     def see_and_steer(
         self,

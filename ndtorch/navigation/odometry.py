@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_tensor
 from ndtorch.errors import InputError
+from ndtorch.kernels.arc import arc
 from ndtorch.kernels.switch import kernels_wanted
 
 
@@ -35,15 +36,6 @@ def drive_step(pose: Pose, speed: Tensor, curvature: Tensor, dt: float) -> Pose:
     chord = length * torch.sinc(half / math.pi)
     direction = pose.heading + half
     return Pose(pose.x + chord * direction.cos(), pose.y + chord * direction.sin(), direction + half)
-
-
-def arc(x: float, y: float, heading: float, speed: float, curvature: float, dt: float) -> tuple[float, float, float]:
-    """`drive_step` of one car in plain numbers."""
-    length = speed * dt
-    half = curvature * length / 2
-    chord = length * (math.sin(half) / half if half else 1.0)
-    direction = heading + half
-    return x + chord * math.cos(direction), y + chord * math.sin(direction), direction + half
 
 
 class DeadReckoning(nn.Module):

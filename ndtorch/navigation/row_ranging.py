@@ -81,6 +81,18 @@ class RowRanging(nn.Module):
         self.geometry = (rig.center[0], factor, rig.baseline, rig.forward, exact)
         # Nearer the border, a partner with the smallest disparity would lie outside the other row.
         self.border = math.ceil(self.matching.min_disparity) if self.features.shared else 0
+        f, m = self.features, self.matching
+        # As the kernels take them.
+        self.finding = (
+            f.count,
+            f.spacing,
+            f.min_motion,
+            f.min_difference,
+            f.edge_reach,
+            self.border,
+            (f.ahead, *self.band),
+        )
+        self.limits = (float(m.min_disparity), float(m.max_disparity), m.one_to_one, float(m.max_error))
 
     def forward(
         self, left: Tensor, right: Tensor, state: RowRangingState | None = None
@@ -129,12 +141,8 @@ class RowRanging(nn.Module):
         seen = eyes(left, right, (self.row, self.row), (self.rig.height, width))
         if seen is None:
             return None
-        f, m = self.features, self.matching
-        kept = (f.ahead, *self.band)
-        finding = (f.count, f.spacing, f.min_motion, f.min_difference, f.edge_reach, self.border, kept)
-        matching = (m.min_disparity, m.max_disparity, m.one_to_one, m.max_error)
         out, valid, largest, rows = ranges_of_rows(
-            seen, before, left, width, self.nd_min.a, finding, matching, self.geometry
+            seen, before, left, width, self.nd_min.a, self.finding, self.limits, self.geometry
         )
         if left.is_floating_point():
             check_unit_range(torch.tensor(largest), left)

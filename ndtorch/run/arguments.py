@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import io
+import itertools
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, TypeVar, get_type_hints
 
 from ndtorch.errors import InputError
+from ndtorch.nearest import meant
 
 Kind = TypeVar("Kind", bound=type)
 
@@ -14,6 +19,20 @@ QUIET = ("-q", "--quiet")
 """Flags that every command knows."""
 
 EVERY = "Every command takes --quiet (-q): it prints nothing but errors, and the answer of --json."
+
+REFUSED = 2
+"""The exit code with which tyro refuses arguments."""
+
+PLAINLY = (
+    (
+        r"^Error parsing (\S+): no type matching FLOAT could be instantiated from \[(.*)\]$",
+        r"\1 takes a number, got \2",
+    ),
+    (r"^Error parsing (\S+): no type matching INT could .* from \[(.*)\]$", r"\1 takes a whole number, got \2"),
+    (r"^Error parsing (\S+): Could not find valid parse for arguments: \[(.*)\]$", r"\1 does not take \2"),
+    (r"^Missing value for argument '(.*)'\. Expected .*$", r"\1 needs a value"),
+)
+"""What tyro says, and how we say it."""
 
 UNSAID = ("None", "False", "")
 """Defaults that say nothing: the words before say what happens where an option is not given."""
@@ -50,8 +69,8 @@ def parse(kind: type[Any], prog: str, arguments: Sequence[str]) -> Any:
         arguments: without `--quiet`.
 
     Raises:
-        InputError: a flag that is gone.
-        SystemExit: after the help, or with code 2 after saying what is wrong with the arguments.
+        InputError: a flag that is gone, or arguments that cannot be used.
+        SystemExit: after the help.
     """
     import tyro
 
@@ -64,4 +83,41 @@ def parse(kind: type[Any], prog: str, arguments: Sequence[str]) -> Any:
     for field in dataclasses.fields(kind):
         kind.__annotations__[field.name] = Annotated[hints[field.name], hide]
     config = (tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone)
-    return tyro.cli(kind, prog=prog, description=f"{kind.__doc__}\n\n{EVERY}", args=arguments, config=config)
+    told = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(told):
+            return tyro.cli(kind, prog=prog, description=f"{kind.__doc__}\n\n{EVERY}", args=arguments, config=config)
+    except SystemExit as end:
+        if end.code != REFUSED:
+            raise
+    raise InputError(in_a_line(told.getvalue(), prog, flags_of(kind), arguments))
+
+
+def flags_of(kind: type[Any]) -> list[str]:
+    """The flags of a command."""
+    return [f"--{field.name.replace('_', '-')}" for field in dataclasses.fields(kind)]
+
+
+def in_a_line(box: str, prog: str, flags: Sequence[str], arguments: Sequence[str]) -> str:
+    """What tyro draws as a box of many lines, in one; with the flag or the choice that was probably meant.
+
+    Args:
+        box: as tyro prints it: a title, what is wrong, and after a rule and for each flag what it is for.
+        prog: how the command is called.
+        flags: of the command.
+        arguments: what was given.
+    """
+    rows = [row.strip("│╭╰╮╯ ").strip() for row in box.splitlines()]
+    about = itertools.takewhile(lambda row: row and row.strip("─"), rows[1:])
+    words = " ".join(about).replace(" (required)", "").rstrip(".")
+    for pattern, better in PLAINLY:
+        words = re.sub(pattern, better, words)
+    if not words:
+        return f"cannot be used: {' '.join(arguments)}"
+    given = [word for word in arguments if word.startswith("--") and word.partition("=")[0] not in flags]
+    hint = meant(given[0], flags) if given else ""
+    choice = re.search(r"invalid choice '(.*)' for argument '(.*)'\. .* one of \((.*)\)", words)
+    if choice is not None:
+        known = sorted(set(re.findall(r"'([^']*)'", choice[3])) - {"None"})
+        return f"{choice[2]} must be one of {', '.join(known)}, got {choice[1]!r}{meant(choice[1], known)}"
+    return words[0].lower() + words[1:] + (hint or f"; see {prog} --help")

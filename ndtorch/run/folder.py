@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import json
 import shutil
 import tempfile
+from collections.abc import Mapping
 from itertools import count
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from ndtorch.errors import InputError
-from ndtorch.files import sync
+from ndtorch.files import sync, write_text
 
 UNFINISHED = "unfinished"
 """Where files are until a run has ended. It is no hidden name: what a killed run leaves can be seen."""
@@ -99,6 +102,61 @@ class RunFolder:
                 self.final.rmdir()
 
 
+SETTINGS = "settings.json"
+"""What the results of a folder are of: a run with the same settings goes on there, any other leaves it alone."""
+
+
+class Place(NamedTuple):
+    """Where a command writes that goes on where it was.
+
+    Attributes:
+        folder: it is of one set of settings.
+        before: the last folder of other settings, whose parts may be of use; None where there is none.
+    """
+
+    folder: Path
+    before: Path | None
+
+    def take_over(self, name: str) -> None:
+        """Begin with a copy of that folder in the one before. Its files must be named by what they are of."""
+        if self.before is not None and (self.before / name).is_dir():
+            shutil.copytree(self.before / name, self.folder / name, dirs_exist_ok=True)
+
+
+def place_for(wanted: Path, settings: Mapping[str, Any], fresh: bool = False, force: bool = False) -> Place:
+    """The folder of the run with these settings, if there was one; else a new one, as every run gets.
+
+    Args:
+        wanted: the folder; where it is of other settings, the next that is free: `maps`, `maps-2`.
+        settings: what the results are of, options and code.
+        fresh: use nothing of earlier runs.
+        force: take this folder whatever is in it.
+
+    Raises:
+        InputError: it cannot be made or written to.
+    """
+    text = json.dumps(settings, sort_keys=True, indent=1, default=str) + "\n"
+    wanted = wanted if wanted.name not in ("", "..") else wanted.resolve()
+    before: Path | None = None
+    for number in count(1):
+        folder = wanted if number == 1 else wanted.with_name(f"{wanted.name}-{number}")
+        prepare(folder)
+        mark = folder / SETTINGS
+        found = mark.read_text(encoding="utf-8") if mark.is_file() else None
+        if force:
+            write_text(mark, text)
+            break
+        if found == text and not fresh:
+            break
+        if found is None and not any(folder.iterdir()):
+            # For one of two processes that begin at once.
+            with contextlib.suppress(FileExistsError), mark.open("x", encoding="utf-8") as file:
+                file.write(text)
+                break
+        before = before if found is None or fresh else folder
+    return Place(folder, None if found == text else before)
+
+
 def new_file(file: Path, force: bool = False) -> None:
     """See that a file that was named for a result is not there yet.
 
@@ -113,7 +171,7 @@ def new_file(file: Path, force: bool = False) -> None:
 
 
 def prepare(folder: Path) -> None:
-    """Make a folder that a command goes on in when it is started again, and see that files can be written.
+    """Make a folder and see that files can be written in it.
 
     Raises:
         InputError: it cannot be made or written to.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from ndtorch.binding.models.video import switched_off
 from ndtorch.binding.saving import read_about
 from ndtorch.errors import InputError
 from ndtorch.loading import load, model_kind, model_names
+from ndtorch.nearest import meant
 from ndtorch.run.options import (
     CAMERA_SECONDS,
     MODEL_OPTIONS,
@@ -162,10 +162,10 @@ def open_place(job: BindJob, about: dict[str, Any], rows: int | None) -> FrameSo
         raise InputError(f"{key} is an option of simulated scenes, and {name} is none")
     if not is_known_place(name):
         raise InputError(
-            f"source must be a file, a folder, a camera or one of {', '.join(SCENES)}; got {name!r}{meant(name)}"
+            f"source must be a file, a folder, a camera or one of {', '.join(SCENES)}; got {name!r}{source_meant(name)}"
         )
     if not is_live(name) and not Path(name).exists():
-        raise InputError(f"video {name} does not exist{meant(name)}")
+        raise InputError(f"video {name} does not exist{source_meant(name)}")
     # What a camera showed before is gone: it goes on where it is.
     first = None if is_live(name) and about["frames"] else about["first"] + about["frames"] or None
     if rows is None:
@@ -176,12 +176,11 @@ def open_place(job: BindJob, about: dict[str, Any], rows: int | None) -> FrameSo
     return video if seconds is None else Limited(video, seconds)
 
 
-def meant(name: str) -> str:
+def source_meant(name: str) -> str:
     """A question for the source that was meant: a scene, or a file or folder beside the one that is not there."""
     place = Path(name)
     beside = [] if not place.parent.is_dir() else [str(place.with_name(other.name)) for other in place.parent.iterdir()]
-    near = difflib.get_close_matches(name, [*SCENES, *beside], 1, 0.75)
-    return f"; did you mean {near[0]}?" if near else ""
+    return meant(name, [*SCENES, *beside], 0.75)
 
 
 def is_live(name: str) -> bool:

@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ndtorch.errors import InputError
+from ndtorch.nearest import meant
 
 if TYPE_CHECKING:
     from ndtorch.scenes.base import FrameSource
@@ -68,7 +69,7 @@ def make_scene(name: str, **options: Any) -> FrameSource:
         InputError: an unknown name, an option this scene does not have, or a value its builder refuses.
     """
     if name not in SCENES:
-        raise InputError(f"scene must be one of {', '.join(SCENES)}; got {name!r}")
+        raise InputError(f"scene must be one of {', '.join(SCENES)}; got {name!r}{meant(name, SCENES)}")
     scene = SCENES[name]
     known = list(inspect.signature(scene.build).parameters)
     unknown = sorted(set(options) - set(known))

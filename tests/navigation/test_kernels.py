@@ -5,12 +5,25 @@ from __future__ import annotations
 import pytest
 import torch
 from torch import Tensor
+from torch.utils._pytree import tree_flatten
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import FeatureParams, Grid, GridMap, MatchParams, Navigator, Pose, RowRanging, StereoRig
+from ndtorch.navigation import (
+    Command,
+    DeadReckoning,
+    FeatureParams,
+    Grid,
+    GridMap,
+    MatchParams,
+    Navigator,
+    Pose,
+    RowRanging,
+    StereoRig,
+)
 from ndtorch.navigation.controllers.published import AvoidanceState, SaccadeAvoidance, avoidance_step
 from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
 from ndtorch.navigation.controllers.subfields import SubfieldMotion
+from ndtorch.navigation.strips import cut_strips
 
 pytest.importorskip("numba")
 
@@ -140,16 +153,49 @@ def test_the_map(kind: torch.dtype, certainty: str) -> None:
     torch.testing.assert_close(maps[1].sum(), maps[0].sum(), rtol=1e-4, atol=1e-4)
 
 
-@pytest.mark.parametrize("controller", ["ranging", "published"])
-def test_a_drive(controller: str) -> None:
-    navigator, (left, right) = Navigator(RIG, DT, controller=controller), pairs(torch.uint8, 1, 40)
-    runs: list[list[float]] = []
-    for mode in (torch.no_grad, torch.inference_mode):
+@pytest.mark.parametrize(
+    ("controller", "kind"),
+    [
+        ("ranging", torch.uint8),
+        ("published", torch.uint8),
+        pytest.param("published", torch.float64, marks=pytest.mark.long),
+        pytest.param("ranging", torch.float64, marks=pytest.mark.long),
+    ],
+)
+def test_a_drive(controller: str, kind: torch.dtype) -> None:
+    """By torch, by kernels, and by both in turn: either goes on from the state of the other."""
+    navigator, (left, right) = Navigator(RIG, DT, controller=controller), pairs(kind, 1, 40)
+    frames = list(zip(left.split(1), right.split(1), strict=True))
+    runs = []
+    for modes in ([torch.no_grad], [torch.inference_mode], [torch.inference_mode, torch.no_grad, torch.inference_mode]):
         state, run = None, []
-        with mode():
-            for n in range(40):
-                command, state = navigator(left[n : n + 1], right[n : n + 1], state)
-                run += [float(command.speed), float(command.curvature), float(state.difference), float(state.pose.x)]
+        for n, eyes in enumerate(frames):
+            with modes[n % len(modes)]():
+                command, state = navigator(*eyes, state)
+            run += [float(command.speed), float(command.curvature), float(state.difference), float(state.pose.x)]
         runs.append(run)
     assert runs[1] == pytest.approx(runs[0], abs=1e-4)
+    assert runs[2] == pytest.approx(runs[0], abs=1e-4)
     assert len({*runs[0][::4], *runs[0][1::4]}) > 1
+
+
+@pytest.mark.parametrize("controller", ["ranging", "published"])
+def test_a_step_has_all_parts_of_its_state(controller: str) -> None:
+    """With what was driven, an error of the reckoning, strips, and a start that is not the origin."""
+    navigator, (left, right) = Navigator(RIG, DT, controller=controller, features=FeatureParams(7)), pairs(torch.uint8)
+    navigator.reckoning = DeadReckoning(DT, scale_error=0.02, drift=0.01)
+    fields = navigator.controller.fields
+    start, driven = Pose(*torch.tensor([1.0, 2.0, 0.5])), Command(*torch.tensor([[0.4], [0.3]]))
+    ends = []
+    for mode in (torch.no_grad, torch.inference_mode):
+        with mode():
+            _, state = navigator(left[:1], right[:1], start=start)
+            for n in range(1, 5):
+                eyes = (cut_strips(eye[n : n + 1], f, RIG) for eye, f in zip((left, right), fields, strict=True))
+                _, state = navigator(*eyes, state, driven)
+        ends.append(state)
+    flat = [[part for part in tree_flatten(tuple(end))[0] if part is not None] for end in ends]
+    assert len(flat[0]) == len(flat[1]) > 15
+    for wanted, found in zip(*flat, strict=True):
+        assert wanted.shape == found.shape
+        torch.testing.assert_close(found, wanted, rtol=1e-4, atol=1e-4)

@@ -17,7 +17,7 @@ RIG = StereoRig()
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"controller": "publish"}, "did you mean 'published'"),
+        ({"controller": "publish"}, "did you mean published"),
         ({"features": 0}, "features must be a whole number from 1 to 64, got 0"),
         ({"features": True}, "features must be a whole number"),
         ({"angle": "tan"}, "angle must be 'atan' or 'linear', got 'tan'"),

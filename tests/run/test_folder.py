@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from ndtorch.errors import InputError
-from ndtorch.run.folder import RunFolder, prepare
+from ndtorch.run.folder import SETTINGS, RunFolder, place_for, prepare
 
 
 def run(wanted: Path, text: str, whole: bool = True, force: bool = False) -> Path:
@@ -70,11 +70,42 @@ def test_here_is_a_folder_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert run(Path("bars"), "new") == Path("bars")
 
 
+def test_the_same_settings_go_on_in_their_folder(tmp_path: Path) -> None:
+    wanted = tmp_path / "maps"
+    one = place_for(wanted, {"seeds": [1, 2]})
+    assert one == (wanted, None)
+    (wanted / "parts").mkdir()
+    (wanted / "parts" / "a.json").write_text("1")
+    assert place_for(wanted, {"seeds": [1, 2]}) == (wanted, None)
+
+    other = place_for(wanted, {"seeds": [1, 2, 3]})
+    assert other == (tmp_path / "maps-2", wanted)
+    other.take_over("parts")
+    other.take_over("nothing")
+    (tmp_path / "maps-2" / "table.md").write_text("three")
+    # Either is found again, and neither is written over.
+    assert place_for(wanted, {"seeds": [1, 2]}).folder == wanted
+    assert place_for(wanted, {"seeds": [1, 2, 3]}).folder == tmp_path / "maps-2"
+    found = {name: text for name, text in tree(tmp_path).items() if SETTINGS not in name}
+    assert found == {"maps/parts/a.json": "1", "maps-2/parts/a.json": "1", "maps-2/table.md": "three"}
+
+
+def test_fresh_is_a_new_folder_and_force_any(tmp_path: Path) -> None:
+    wanted = tmp_path / "maps"
+    assert place_for(wanted, {"a": 1}).folder == wanted
+    assert place_for(wanted, {"a": 1}, fresh=True) == (tmp_path / "maps-2", None)
+    assert place_for(wanted, {"a": 2}, force=True) == (wanted, None)
+    assert place_for(wanted, {"a": 2}) == (wanted, None)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("mine")
+    assert place_for(tmp_path / "mine", {"a": 1}) == (tmp_path / "mine-2", None)
+
+
 def test_where_nothing_can_be_written(tmp_path: Path) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("in the way")
     for wanted in (blocked, blocked / "bars", Path("/proc/nothing")):
-        for take in (RunFolder, prepare):
+        for take in (RunFolder, prepare, lambda folder: place_for(folder, {})):
             with pytest.raises(InputError, match=r"^--out .*cannot write there \(.+\)$"):
                 take(wanted)
     assert tree(tmp_path) == {"file": "in the way"}

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from ndtorch.errors import InputError
+from ndtorch.navigation.controllers.quick import QuickControl
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import Rect, StereoRig
@@ -95,6 +96,7 @@ class Controller(nn.Module, ABC):
         modes: which of `CRUISE`, `TURN`, ... it can be in.
         has_goals: whether it can be told where to go.
         params: its numbers.
+        quick: what the kernel of a whole step has to know of it; None where there is no such kernel.
         look: module from what both cameras see of `look.fields` to what the controller steers by.
 
     Args:
@@ -111,6 +113,7 @@ class Controller(nn.Module, ABC):
     modes: ClassVar[tuple[int, ...]]
     has_goals: ClassVar[bool] = False
     params: Any
+    quick: QuickControl | None = None
     look: nn.Module
 
     def __init__(self, rig: StereoRig, dt: float, params: Any = None) -> None:

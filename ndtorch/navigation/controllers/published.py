@@ -23,6 +23,7 @@ from ndtorch.navigation.controllers.contract import (
     Trace,
     stack_commands,
 )
+from ndtorch.navigation.controllers.published_quick import QuickSaccades
 from ndtorch.navigation.controllers.registry import register
 from ndtorch.navigation.controllers.subfields import SubfieldMotion
 from ndtorch.navigation.odometry import Pose
@@ -145,10 +146,14 @@ def avoidance_of_one(
     """`avoidance_step` of one car, in plain numbers."""
     ours, theirs = sides.tolist()
     now = (float(state.difference), float(state.age), float(state.curvature))
-    numbers = (constants.smoothing, *(part.item() for part in constants[1:]))
-    speed, bend, after = avoidance(ours, theirs, now, numbers)
+    speed, bend, after = avoidance(ours, theirs, now, plain(constants))
     found = sides.new_tensor((speed, bend, *after)).unbind(0)
     return Command(found[0], found[1]), AvoidanceState(*found[2:])
+
+
+def plain(constants: AvoidanceConstants) -> tuple[float, ...]:
+    """The constants as the kernel takes them, rounded as the tensors are."""
+    return (constants.smoothing, *(part.item() for part in constants[1:]))
 
 
 class SaccadeAvoidance(nn.Module):
@@ -177,6 +182,7 @@ class SaccadeAvoidance(nn.Module):
         values = [p.turn_threshold, p.high_threshold, p.low_threshold, 1 / p.turn_radius, 1 / p.tight_radius]
         values += [turn, self.watching, p.speed, 1.0, 0.0, -math.inf]
         self.constants = AvoidanceConstants(share, *map(torch.tensor, map(float, values)))
+        self.numbers = plain(self.constants)
 
     def forward(self, sides: Tensor, state: AvoidanceState | None = None) -> tuple[Command, AvoidanceState]:
         dim = time_dim(sides, 1, "sides")
@@ -228,6 +234,9 @@ class PublishedControl(Controller):
     ) -> None:
         super().__init__(rig, dt, params)
         self.look, self.rule = SubfieldMotion(rig, dt, fields), SaccadeAvoidance(dt, self.params)
+        rect = self.look.fields[0]
+        shape = (2, rect.bottom - rect.top, rect.right - rect.left)
+        self.quick = QuickSaccades(shape, self.look.nd_min.a, self.rule.numbers, AvoidanceState)
 
     @property
     def trace(self) -> Trace:

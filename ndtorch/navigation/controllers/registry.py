@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import pkgutil
 from functools import cache
@@ -11,6 +10,7 @@ from typing import Any, TypeVar
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.contract import Controller
 from ndtorch.navigation.rig import StereoRig
+from ndtorch.nearest import meant
 
 DEFAULT_CONTROLLER = "ranging"
 """The controller that steers where none is named, in Python and at the command line."""
@@ -55,9 +55,7 @@ def controller_class(name: str) -> type[Controller]:
     """
     names = controller_names()
     if name not in names:
-        near = difflib.get_close_matches(str(name), names, 1)
-        hint = f", did you mean {near[0]!r}?" if near else ""
-        raise InputError(f"controller must be one of {', '.join(map(repr, names))}, got {name!r}{hint}")
+        raise InputError(f"controller must be one of {', '.join(map(repr, names))}, got {name!r}{meant(name, names)}")
     return _kinds[name]
 
 

@@ -54,30 +54,34 @@ class Barn:
     jobs: int = 0
     """Worlds at a time (default one a core)."""
     out: Path = Path("out/barn")
-    """Folder for the results."""
+    """Folder for the results; with other options or other code barn-2, and so on."""
+    force: bool = False
+    """Write into this folder whatever is in it."""
     json: bool = False
     """Print the totals as JSON instead."""
 
     def run(self) -> int:
         """Drive, show the progress, write the results."""
-        from ndtorch.run.folder import prepare
+        from ndtorch.run.folder import place_for
         from ndtorch_robot.barn.results import Kept
 
         worlds = self.chosen()
         entries = [self.entry(world) for world in worlds]
-        prepare(self.out)
-        kept = Kept(self.out / "worlds")
+        if self.jobs < 0:
+            raise InputError(f"--jobs must be 1 or more, got {self.jobs}")
+        names = sorted(Kept(Path()).file(entry).stem for entry in entries)
+        place = place_for(self.out, {"command": "barn", "attempts": names}, force=self.force)
+        place.take_over("worlds")
+        kept = Kept(place.folder / "worlds")
         troubles: list[str] = []
         interrupted = False
         try:
-            if self.jobs < 0:
-                raise InputError(f"--jobs must be 1 or more, got {self.jobs}")
             missing = [e for e in entries if kept.get(e) is None]
             troubles = finish(missing, kept, self.jobs or workers.cores())
         except KeyboardInterrupt:
             interrupted = True
         made = [found for e in entries if (found := kept.get(e)) is not None]
-        print(self.write(worlds, made))
+        print(self.write(worlds, made, place.folder))
         for trouble in troubles:
             print(f"failed: {trouble}", file=sys.stderr)
         return INTERRUPTED if interrupted else FAILED if troubles else 0
@@ -103,20 +107,20 @@ class Barn:
         given = {k: v for k, v in asdict(self).items() if k in OPTION_NAMES and v is not None and v is not False}
         return Entry(world, options_of(given), self.seed)
 
-    def write(self, worlds: Sequence[World], made: Sequence[Attempt]) -> str:
+    def write(self, worlds: Sequence[World], made: Sequence[Attempt], out: Path) -> str:
         """All files; returns what to print."""
         from ndtorch_robot.barn.results import comma_separated, draw, table, totals
 
         missing = f"; {len(worlds) - len(made)} of {len(worlds)} worlds are missing" * (len(made) < len(worlds))
         note = f"Controller {self.controller}, {self.split} worlds, seed {self.seed}{missing}."
         text = table(made, note)
-        (self.out / "barn.csv").write_text(comma_separated(made), encoding="utf-8")
-        (self.out / "barn.md").write_text(text, encoding="utf-8")
+        (out / "barn.csv").write_text(comma_separated(made), encoding="utf-8")
+        (out / "barn.md").write_text(text, encoding="utf-8")
         if made:
-            draw(worlds, made, self.out / "barn.png")
+            draw(worlds, made, out / "barn.png")
         if self.json:
             return json.dumps(totals(made))
-        return text + f"\nwritten to {self.out}: barn.csv barn.md" + " barn.png" * bool(made)
+        return text + f"\nwritten to {out}: barn.csv barn.md" + " barn.png" * bool(made)
 
 
 def drive_world(entry: Entry, note: Callable[[float], None]) -> Attempt:
@@ -131,13 +135,13 @@ def drive_world(entry: Entry, note: Callable[[float], None]) -> Attempt:
 
 def finish(missing: list[Entry], kept: Kept, processes: int) -> list[str]:
     """Drive through the worlds that are missing, keeping each as soon as it is done; returns what went wrong."""
-    from tqdm import tqdm
+    from ndtorch.run.progress import progress_bar
 
     if not missing:
         return []
     troubles: list[str] = []
     with (
-        tqdm(total=len(missing), unit="world", file=sys.stderr) as bar,
+        progress_bar(len(missing), unit=" worlds") as bar,
         closing(workers.run_tasks(drive_world, missing, processes)) as events,
     ):
         for kind, task, value in events:

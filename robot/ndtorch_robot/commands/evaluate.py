@@ -36,8 +36,8 @@ class Evaluate:
     """Drive many times, in parallel, and put the results into one table.
 
     Writes report.html, table.md, table.csv, table.png and drives.jsonl, and keeps every finished drive in DIR/drives:
-    killed and started again it goes on where it was, until the code or an option changes. Ctrl-C keeps what is
-    finished.
+    killed and started again it goes on where it was. With other options or other code it writes into a new folder,
+    evaluate-2, and takes over the drives that are the same. Ctrl-C keeps what is finished.
     """
 
     config: Annotated[Path | None, tyro.conf.Positional] = None
@@ -60,6 +60,8 @@ class Evaluate:
     """Drives at a time (default one a core)."""
     out: Path = Path("out/evaluate")
     """Folder for the results."""
+    force: bool = False
+    """Write into this folder whatever is in it."""
     open: bool = False
     """Show report.html in the browser when it is written."""
     json: bool = False
@@ -68,12 +70,14 @@ class Evaluate:
     def run(self) -> int:
         """Drive, show the progress, write the table."""
         from ndtorch.report.page import NAME, open_in_browser
-        from ndtorch.run.folder import prepare
+        from ndtorch.run.folder import place_for
         from ndtorch_robot.evaluation.drives import Cache
 
         drives = self.drives()
-        prepare(self.out)
-        cache = Cache(self.out / "drives")
+        place = place_for(self.out, settings_of(drives), force=self.force)
+        place.take_over("drives")
+        out = place.folder
+        cache = Cache(out / "drives")
         troubles: list[str] = []
         interrupted = False
         try:
@@ -81,10 +85,10 @@ class Evaluate:
         except KeyboardInterrupt:
             interrupted = True
         found = [(d, summary) for d in drives if (summary := cache.get(d)) is not None]
-        words = write_tables([summary for _, summary in found], self.out, self.note(drives, found), self.json)
+        words = write_tables([summary for _, summary in found], out, self.note(drives, found), self.json)
         print(words)
         if self.open and found:
-            open_in_browser(self.out / NAME)
+            open_in_browser(out / NAME)
         for trouble in troubles:
             print(f"failed: {trouble}", file=sys.stderr)
         return INTERRUPTED if interrupted else FAILED if troubles else 0
@@ -134,6 +138,15 @@ class Evaluate:
         missing = f"; {len(drives) - len(found)} of {len(drives)} drives are missing" * (len(found) < len(drives))
         tuned = "; seeds below 1000 were used in tuning" if min(self.seeds) < SEEDS[0] else ""
         return f"{drives[0].seconds:g} s a drive, seeds {seeds}{missing}{tuned}."
+
+
+def settings_of(drives: list[DriveConfig]) -> dict[str, Any]:
+    """What the table will be of: every drive by the name of its result, which stands for its options and the code."""
+    from ndtorch_robot.evaluation.drives import Cache
+
+    named = Cache(Path())
+    words = {named.file(d).stem: f"{d.arena}, seed {d.seed}, {d.walls}, {d.controller}" for d in drives}
+    return {"command": "evaluate", "drives": words}
 
 
 def arenas_of(given: tuple[str, ...]) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 from ndtorch.errors import InputError
+from ndtorch.nearest import meant
 from ndtorch.toml import Strict, check
 from ndtorch_robot.ports import CameraPair, Clock, Drive, Report
 
@@ -83,7 +84,7 @@ def find_kind(name: str) -> Kind:
         for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
             importlib.import_module(f"{__package__}.{module.name}")
     if name not in KINDS:
-        raise InputError(f"no link of the kind {name!r}, known are {', '.join(sorted(KINDS))}")
+        raise InputError(f"no link of the kind {name!r}, known are {', '.join(sorted(KINDS))}{meant(name, KINDS)}")
     return KINDS[name]
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ndtorch.errors import InputError
+from ndtorch.nearest import meant
 from ndtorch_robot.sim.corridors import curve, hallway, loop, room
 from ndtorch_robot.sim.generated import office, random_building
 from ndtorch_robot.sim.plan import Plan
@@ -36,5 +37,5 @@ def load_arena(name: str, seed: int = 0) -> Plan:
 
         return read_arena(Path(name))
     if name not in ALL:
-        raise InputError(f"no arena {name!r}, choose one of {', '.join(ALL)} or a .toml file")
+        raise InputError(f"no arena {name!r}, choose one of {', '.join(ALL)} or a .toml file{meant(name, ALL)}")
     return ALL[name](seed)

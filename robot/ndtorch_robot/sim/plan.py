@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Grid
+from ndtorch.nearest import meant
 from ndtorch_robot.sim.floors import Floor
 
 Floats = npt.NDArray[np.float64]
@@ -256,7 +257,9 @@ def check_ring(shape: Ring, arena: str) -> None:
         raise InputError(f"arena {arena}: walls of no length or a ring of no area near {shape.points[0]}")
     unknown = sorted(set(shape.kinds) - set(KINDS))
     if unknown:
-        raise InputError(f"arena {arena}: unknown surface {unknown[0]!r}, choose one of {', '.join(KINDS)}")
+        raise InputError(
+            f"arena {arena}: unknown surface {unknown[0]!r}, choose one of {', '.join(KINDS)}{meant(unknown[0], KINDS)}"
+        )
     if shape.height is not None and not 0 < shape.height < math.inf:
         raise InputError(f"arena {arena}: heights must be > 0 m, got {shape.height}")
     if not 0 <= shape.bottom < (shape.height or math.inf):

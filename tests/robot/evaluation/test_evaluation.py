@@ -141,29 +141,45 @@ def test_picture_of_many(tmp_path):
         assert (np.abs(picture.astype(int) - color).sum(-1) < 12).sum() > 300
 
 
+def in_this_process(function, tasks, jobs):
+    """As `run_tasks`, without processes that import torch for seconds."""
+    for number, task in enumerate(tasks):
+        yield Event("done", number, function(task, lambda share: None))
+
+
 @needs_gl
-def test_command_goes_on_where_it_was(tmp_path, capsys):
-    arguments = ["evaluate", "--arenas", "room", "--seconds", "1", "--seeds", "1000", "1001", "--jobs", "2"]
-    arguments += ["--out", str(tmp_path), "--controllers", "published"]
+def test_command_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
+    place = tmp_path / "e"
+    arguments = ["evaluate", "--arenas", "room", "--seconds", "1", "--jobs", "2", "--out", str(place)]
+    arguments += ["--controllers", "published", "--seeds", "1000", "1001"]
     assert main(arguments) == 0
     out, err = capsys.readouterr()
     assert "| room | textured | published | 2 |" in out
     assert err == ""
-    made = {file: file.stat().st_mtime_ns for file in (tmp_path / "drives").iterdir()}
+    made = {file: file.stat().st_mtime_ns for file in (place / "drives").iterdir()}
     assert len(made) == 2
-    lines = [json.loads(line) for line in (tmp_path / "drives.jsonl").read_text().splitlines()]
+    lines = [json.loads(line) for line in (place / "drives.jsonl").read_text().splitlines()]
     assert [line["seed"] for line in lines] == [1000, 1001]
-    names = {"drives", "drives.jsonl", "report.html", "table.csv", "table.md", "table.png"}
-    assert {p.name for p in tmp_path.iterdir()} == names
+    names = {"drives", "drives.jsonl", "report.html", "settings.json", "table.csv", "table.md", "table.png"}
+    assert {p.name for p in place.iterdir()} == names
 
     gone = min(made)
     gone.unlink()
+    monkeypatch.setattr(workers, "run_tasks", in_this_process)
     assert main([*arguments, "--json"]) == 0
     out, err = capsys.readouterr()
     assert json.loads(out)[0]["collisions_h"] == 0.0
-    again = {file: file.stat().st_mtime_ns for file in (tmp_path / "drives").iterdir()}
+    again = {file: file.stat().st_mtime_ns for file in (place / "drives").iterdir()}
     assert again.keys() == made.keys()
     assert [file for file in made if again[file] != made[file]] == [gone]
+
+    # A table of other drives is another table; what was driven is not driven again.
+    table = (place / "table.md").read_bytes()
+    monkeypatch.setattr(workers, "run_tasks", None)
+    assert main(arguments[:-1]) == 0
+    assert f"written to {tmp_path / 'e-2'}: table.md" in capsys.readouterr().out
+    assert (place / "table.md").read_bytes() == table
+    assert {file.name for file in (tmp_path / "e-2" / "drives").iterdir()} == {file.name for file in made}
 
 
 def test_ctrl_c_keeps_what_is_finished(tmp_path, capsys, monkeypatch):

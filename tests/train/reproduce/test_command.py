@@ -65,8 +65,22 @@ def test_results_are_kept_until_code_or_parameters_change(
     (place / "A-pixel-angle.svg").unlink()
     assert main(command) == 0
     assert in_process == ["A3"] * 3
+    before = (out / "report.html").read_bytes()
     assert main([*command, "--fresh"]) == 0
     assert in_process == ["A3"] * 4
+    assert (tmp_path / "out-2" / "report.html").is_file()
+    assert (out / "report.html").read_bytes() == before
+
+
+def test_other_claims_have_a_page_of_their_own(tmp_path: Path, in_process: list[str]) -> None:
+    """What is known of a claim is taken over."""
+    out = tmp_path / "out"
+    assert main(["reproduce", "A3", "--out", str(out)]) == 0
+    assert main(["reproduce", "A3", "B8", "--quick", "--out", str(out)]) == 0
+    assert main(["reproduce", "A3", "A3", "--quick", "--out", str(out)]) == 0
+    assert in_process == ["A3", "A3"]
+    claims = [json.loads((place / "claims.json").read_text())["claims"] for place in sorted(tmp_path.iterdir())]
+    assert [[claim["id"] for claim in page] for page in claims] == [["A3"], ["A3", "B8"], ["A3"]]
 
 
 def test_a_claim_without_a_quick_form_says_so(tmp_path: Path, in_process: list[str]) -> None:

@@ -48,12 +48,21 @@ def test_a_sweep_goes_on_where_it_was(
     assert main(["sweep", str(file), "--out", str(out), "--jobs", "1"]) == 0
     assert sum(in_process) == 4
     assert "2 of 4 trials were finished before" in capsys.readouterr().out
+    assert len(read(out / "results.parquet")) == 2
+    first, out = out, tmp_path / "out-2"
     rows = read(out / "results.parquet")
     assert [(row["gamma"], row["phase"]) for row in rows] == [(0.5, 60.0), (0.5, 90.0), (1.0, 60.0), (1.0, 90.0)]
     assert list((out / "parts").iterdir()) == []
     assert {path.name for path in out.glob("*.*")} >= {"summary.md", "summary.json", "heatmap-success.png"}
     assert json.loads((out / "summary.json").read_text())["trials"] == 4
     assert "| gamma | 0.5 | 2 | 0.5 |" in (out / "summary.md").read_text()
+    # Stopped and started again it goes on; anew, in a folder of its own.
+    (out / "results.parquet").unlink()
+    assert main(["sweep", str(file), "--out", str(first), "--jobs", "1"]) == 0
+    assert sum(in_process) == 8
+    assert main(["sweep", str(file), "--out", str(first), "--jobs", "1", "--fresh"]) == 0
+    assert sum(in_process) == 12
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "out-2", "out-3", "s.toml"]
 
 
 def test_trials_of_other_code_do_not_count(

@@ -7,11 +7,11 @@ stricter when every neuron was seen to own an object.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Sequence
 from typing import Any
 
 from ndtorch.errors import InputError
+from ndtorch.nearest import meant
 from ndtorch_train.reproduce import bars, driving, first_stage, mapping, mixtures, objects, sensors, two_neurons, video
 from ndtorch_train.reproduce.drives import DRIVES
 from ndtorch_train.reproduce.outcome import Claim
@@ -211,8 +211,7 @@ def chosen(ids: Sequence[str]) -> list[Claim]:
     known = {claim.id: claim for claim in CLAIMS}
     for name in ids:
         if name.upper() not in known:
-            near = difflib.get_close_matches(name.upper(), known, 1, 0.3)
-            hint = f", did you mean {near[0]}?" if near else ""
-            raise InputError(f"unknown claim {name!r}{hint} Claims are {', '.join(known)}")
+            hint = meant(name.upper(), known, 0.3)
+            raise InputError(f"unknown claim {name!r}; claims are {', '.join(known)}{hint}")
     wanted = {name.upper() for name in ids}
     return [claim for claim in CLAIMS if not wanted or claim.id in wanted]

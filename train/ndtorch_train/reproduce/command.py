@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import shutil
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ndtorch.errors import InputError
-from ndtorch.run.folder import prepare
+from ndtorch.run.folder import place_for
 from ndtorch.workers import Report, cores, run_tasks
 
 if TYPE_CHECKING:
@@ -26,14 +25,16 @@ class Reproduce:
     """Reproduce the published results: every claim of the three papers, or those named (A1 to C9).
 
     Writes report.html, a page with the table of claims and all figures that opens offline, claims.json, and the
-    figures as SVG and PNG. Results are kept: a run that was stopped goes on where it was, and a claim is computed
-    again when its code or parameters have changed.
+    figures as SVG and PNG. Results are kept: a run that was stopped goes on where it was. With other options or other
+    code it writes into a new folder, reproduce-2, and computes only the claims whose code or parameters have changed.
     """
 
     ids: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
     """Claims, for instance B5 C7; none for all."""
     out: Path = Path("out/reproduce")
     """Folder to write to."""
+    force: bool = False
+    """Write into this folder whatever is in it."""
     quick: bool = False
     """Fewer and shorter trials, under two minutes; claims that need more are left out and say so."""
     jobs: int | None = None
@@ -43,7 +44,7 @@ class Reproduce:
     clip: Path | None = None
     """Video of a road camera that B9 looks at too."""
     fresh: bool = False
-    """Use no result of an earlier run."""
+    """Use no result of an earlier run; write into a new folder."""
     open: bool = False
     """Show report.html in the browser when it is written."""
     json: bool = False
@@ -53,6 +54,7 @@ class Reproduce:
         """Do it; returns the exit code."""
         from ndtorch.report.page import NAME, open_in_browser
         from ndtorch_train.reproduce.claims import chosen
+        from ndtorch_train.reproduce.context import code_of
         from ndtorch_train.reproduce.page import markdown, publish, put_table, tally
 
         claims = chosen(self.ids)
@@ -63,22 +65,26 @@ class Reproduce:
         jobs = cores() if self.jobs is None else self.jobs
         if jobs < 1:
             raise InputError(f"--jobs must be at least 1, got {jobs}")
-        prepare(self.out)
+        made_by = {claim.id: [code_of(claim.uses), claim.parameters(self.quick)] for claim in claims}
+        settings = {"command": "reproduce", "quick": self.quick, "claims": made_by}
+        place = place_for(self.out, settings, self.fresh, self.force)
+        place.take_over("cache")
+        out = place.folder
         try:
-            entries, failed = self.collect(claims, jobs)
-            publish(entries, self.out, self.quick, self.words())
+            entries, failed = self.collect(claims, jobs, out)
+            publish(entries, out, self.quick, self.words())
             if self.table is not None:
                 put_table(self.table, markdown(entries, self.quick, self.words()))
         except OSError as error:
-            raise InputError(f"{error.filename or self.out} cannot be written: {error.strerror}") from None
+            raise InputError(f"{error.filename or out} cannot be written: {error.strerror}") from None
         if self.json:
-            print((self.out / "claims.json").read_text(encoding="utf-8").strip())
+            print((out / "claims.json").read_text(encoding="utf-8").strip())
         else:
             for entry in entries:
                 print(f"{entry.claim.id:4}{entry.outcome.verdict:17}{entry.outcome.ours}")
-            print(f"{tally(entries)}; written to {self.out / NAME}")
+            print(f"{tally(entries)}; written to {out / NAME}")
         if self.open:
-            open_in_browser(self.out / NAME)
+            open_in_browser(out / NAME)
         for name, why in failed.items():
             print(f"error: {name} could not be tried: {why.strip()}", file=sys.stderr)
         return 1 if failed else 0
@@ -88,14 +94,12 @@ class Reproduce:
         parts = ["ndtorch reproduce", *self.ids]
         return " ".join([*parts, "--quick"] if self.quick else parts)
 
-    def collect(self, claims: Sequence[Claim], jobs: int) -> tuple[list[Entry], dict[str, str]]:
+    def collect(self, claims: Sequence[Claim], jobs: int, out: Path) -> tuple[list[Entry], dict[str, str]]:
         """Results of all claims, from the cache or computed now, and why some could not be had."""
         from ndtorch_train.reproduce.context import ResultCache
         from ndtorch_train.reproduce.page import Entry, not_run
 
-        store = ResultCache(self.out / "cache")
-        if self.fresh:
-            shutil.rmtree(store.folder, ignore_errors=True)
+        store = ResultCache(out / "cache")
         store.folder.mkdir(exist_ok=True)
         store.tidy()
         todo, other_code = [], []

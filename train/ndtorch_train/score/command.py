@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+import json
 import platform
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
+from ndtorch.command_run import INTERRUPTED
 from ndtorch.errors import InputError
 from ndtorch.files import write_text
+from ndtorch.nearest import meant
 from ndtorch_train.score.choices import LABELLED, LONGEST, METHODS, PEERS, RATES, SETTLE, Split
+
+Table = tuple[list[dict[str, Any]], str]
+"""Rows for JSON, and the words that are printed."""
+
+Scoring = Callable[[Path], Table]
+"""Measures and writes into a folder."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +53,11 @@ class ScoreOptions:
     retinotopic: int = 0
     """Scenes of each set for object files over retinotopic signals, hard sets too if those are wanted; 0: none."""
     out: Path = Path("out/score")
-    """Folder for leaderboard.md, leaderboard.csv, leaderboard.png and report.html."""
+    """Folder for leaderboard.md, leaderboard.csv, leaderboard.png and report.html; where it is taken score-2."""
+    force: bool = False
+    """Write into this folder whatever is in it; files of the same names are replaced."""
+    json: bool = False
+    """Print the rows of the table as JSON and nothing else."""
     video: bool = False
     """Measure `ndtorch bind` on generated video instead (scores.md, scores.csv)."""
     clips: int = 8
@@ -71,6 +85,37 @@ class ScoreOptions:
 
     def run(self) -> int:
         """Do it; returns the exit code."""
+        from ndtorch.report.page import NAME, open_in_browser
+        from ndtorch.run.folder import RunFolder
+
+        score = self.scoring()
+        folder = RunFolder(self.out, self.force)
+        interrupted = False
+        try:
+            try:
+                rows, text = score(folder.work)
+            except KeyboardInterrupt:
+                if not any(folder.work.iterdir()):
+                    raise
+                # What is compared on clips leaves a table after every method.
+                interrupted, rows, text = True, [], ""
+            except OSError as error:
+                raise InputError(f"--out {self.out} cannot be written: {error.strerror}") from None
+        except BaseException:
+            folder.discard()
+            raise
+        files = folder.publish(whole=not interrupted)
+        if self.json:
+            print(json.dumps(rows))
+        else:
+            print(text)
+            print(f"written  {folder.final}: {', '.join(file.name for file in files)}")
+        if self.open:
+            open_in_browser(folder.final / NAME)
+        return INTERRUPTED if interrupted else 0
+
+    def scoring(self) -> Scoring:
+        """What is to be measured, its options checked; it writes into a folder, and gives the table."""
         import torch
 
         if self.what:
@@ -80,37 +125,41 @@ class ScoreOptions:
 
             return score_ranges(Path(self.what[1]), self.disparities, self.out)
         from ndtorch.memory import tune_allocator
+        from ndtorch_train.score.video_command import VideoScore
 
+        torch.set_num_threads(1)
+        tune_allocator()
+        told = self.told
         if self.labelled is not None:
-            from ndtorch_train.score.labelled.command import run
+            from ndtorch_train.score.labelled.command import Comparison
 
-            if self.rows != 0 and self.rows < 32:
-                raise InputError(f"rows must be 0 or at least 32, got {self.rows}")
-            return run(self.labelled, self.methods, self.rows, self.out)
-        from ndtorch.report.page import NAME, Shown, open_in_browser
+            return Comparison(self.labelled, self.methods, self.rows, told)
+        if self.video:
+            return VideoScore(self.clips, self.counts, self.rates, self.split, self.ablate, self.file, self.keep)
+        check(self)
+        return self.leaderboard
+
+    def told(self, words: str) -> None:
+        """How far it is."""
+        if not self.json:
+            print(words, flush=True)
+
+    def leaderboard(self, out: Path) -> Table:
+        """Binding rules on random scenes."""
+        from ndtorch.report.page import Shown
         from ndtorch_train.score.benchmark import bar_rows, hard_rows, random_rows, rendered_rows, stress_rows
         from ndtorch_train.score.figure import draw
         from ndtorch_train.score.leaderboard import Row, markdown, write_csv
-        from ndtorch_train.score.report import write_score_page
+        from ndtorch_train.score.report import read_rows, write_score_page
         from ndtorch_train.score.retinotopic import rendered_row, retinotopic_rows
         from ndtorch_train.score.retinotopic_hard import hard_retinotopic_rows
-        from ndtorch_train.score.video_command import VideoScore
 
-        if self.video:
-            options = VideoScore(self.clips, self.counts, self.rates, self.split, self.ablate)
-            code = options.run(self.file, self.keep, self.out)
-            if self.open:
-                open_in_browser(self.out / NAME)
-            return code
-        torch.set_num_threads(1)
-        tune_allocator()
-        check(self)
         rows: list[Row] = []
         began = time.perf_counter()
         for name in self.rules if self.scenes else ():
             start = time.perf_counter()
             rows += random_rows(name, self.split, self.scenes, sorted(self.seconds))
-            print(f"{name}: {self.scenes} scenes in {time.perf_counter() - start:.0f} s", flush=True)
+            self.told(f"{name}: {self.scenes} scenes in {time.perf_counter() - start:.0f} s")
         if self.stress:
             rows += stress_rows(self.rules, self.split, self.stress)
         if self.hard:
@@ -126,20 +175,12 @@ class ScoreOptions:
             if self.rendered:
                 rows.append(rendered_row(self.split, self.rendered, min(self.seconds)))
         text = heading(self, time.perf_counter() - began) + markdown(rows)
-        try:
-            self.out.mkdir(parents=True, exist_ok=True)
-            write_text(self.out / "leaderboard.md", text)
-            write_csv(rows, self.out / "leaderboard.csv")
-            picture = draw(rows, self.out / "leaderboard.png", f"split {self.split}, {self.scenes} random scenes")
-            shown = [Shown(picture, "The same as a picture", "Bars: two standard errors.")]
-            page = write_score_page("Binding rules on random scenes", text, shown, self.out)
-        except OSError as error:
-            raise InputError(f"--out {self.out} cannot be written: {error.strerror}") from None
-        print(text)
-        print(f"written  {self.out}: leaderboard.md, leaderboard.csv, leaderboard.png, report.html")
-        if self.open:
-            open_in_browser(page)
-        return 0
+        write_text(out / "leaderboard.md", text)
+        write_csv(rows, out / "leaderboard.csv")
+        picture = draw(rows, out / "leaderboard.png", f"split {self.split}, {self.scenes} random scenes")
+        shown = [Shown(picture, "The same as a picture", "Bars: two standard errors.")]
+        write_score_page("Binding rules on random scenes", text, shown, out)
+        return read_rows(out / "leaderboard.csv"), text
 
 
 def check(options: ScoreOptions) -> None:
@@ -149,7 +190,7 @@ def check(options: ScoreOptions) -> None:
     known = (*METHODS, *PEERS)
     for name in options.rules:
         if name not in known:
-            raise InputError(f"rules must be among {', '.join(known)}, got {name!r}")
+            raise InputError(f"rules must be among {', '.join(known)}, got {name!r}{meant(name, known)}")
     if not options.rules:
         raise InputError(f"rules must name at least one of {', '.join(known)}")
     if not options.seconds or not all(0 < s <= LONGEST - SETTLE for s in options.seconds):

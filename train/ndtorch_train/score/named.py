@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from torch import Tensor
 
 from ndtorch.errors import InputError
+from ndtorch.nearest import meant
 from ndtorch_train.score.choices import METHODS, PEERS
 from ndtorch_train.score.methods import Greedy, Ica, Learned, Method, Nmf, ScaleFree
 from ndtorch_train.score.peers import Easi, MmIca, Picard, Sobi
@@ -36,4 +37,5 @@ def method(name: str, truth: Sequence[Tensor]) -> Method:
         return Easi()
     if name == "nmf":
         return Nmf([len(features) for features in truth])
-    raise InputError(f"rules must be among {', '.join((*METHODS, *PEERS))}, got {name!r}")
+    known = (*METHODS, *PEERS)
+    raise InputError(f"rules must be among {', '.join(known)}, got {name!r}{meant(name, known)}")

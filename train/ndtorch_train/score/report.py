@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import csv
+import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from ndtorch.report.page import Page, Shown, Table, command_line, versions
 
@@ -21,6 +24,20 @@ def write_score_page(title: str, text: str, shown: Sequence[Shown], folder: Path
     """
     answer, tables = parts(text)
     return Page(title, answer, command_line(), versions(*PACKAGES), tables, shown).write(folder)
+
+
+def read_rows(file: Path) -> list[dict[str, Any]]:
+    """The rows of a CSV file for JSON: numbers as numbers, and None where there is none."""
+
+    def value(cell: str) -> Any:
+        try:
+            number = float(cell)
+        except ValueError:
+            return cell or None
+        return None if math.isnan(number) else int(number) if cell.lstrip("-").isdigit() else number
+
+    with file.open(newline="", encoding="utf-8") as lines:
+        return [{key: value(cell) for key, cell in row.items()} for row in csv.DictReader(lines)]
 
 
 def parts(text: str) -> tuple[list[str], list[Table]]:

@@ -6,18 +6,19 @@ import csv
 import platform
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
 
 from ndtorch.binding.models.video import SWITCHES as PARTS
 from ndtorch.errors import InputError
 from ndtorch.files import write_text
-from ndtorch.memory import tune_allocator
+from ndtorch.nearest import meant
 from ndtorch.report.page import Shown
 from ndtorch.report.timeline import draw_timeline
 from ndtorch.report.words import in_words
 from ndtorch_train.score.choices import RATES, Split
-from ndtorch_train.score.report import write_score_page
+from ndtorch_train.score.report import read_rows, write_score_page
 from ndtorch_train.score.video_clips import SECONDS, SPLIT_SEEDS
 from ndtorch_train.score.video_score import ClipScore, run_video, score_clips, table
 
@@ -32,6 +33,8 @@ class VideoScore:
         rates: frames a second.
         split: which seeds.
         ablate: parts to switch off, one after the other, or "all".
+        file: a video to run on too; timeline.png is drawn.
+        keep: folder in which generated clips are kept, and looked for.
     """
 
     clips: int = 8
@@ -39,22 +42,16 @@ class VideoScore:
     rates: tuple[float, ...] = RATES
     split: Split = "tune"
     ablate: tuple[str, ...] = ()
+    file: Path | None = None
+    keep: Path | None = None
 
-    def run(self, file: Path | None, keep: Path | None, out: Path) -> int:
-        """Write scores.md, scores.csv and report.html into `out`; returns the exit code.
+    def __post_init__(self) -> None:
+        """Check the options, before the work begins."""
+        check(self, self.file)
 
-        Args:
-            file: a video to run on too; timeline.png is drawn.
-            keep: folder in which generated clips are kept, and looked for.
-            out: folder to write to.
-        """
-        torch.set_num_threads(1)
-        tune_allocator()
-        check(self, file)
-        try:
-            out.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"--out {out} cannot be written: {error.strerror}") from None
+    def __call__(self, out: Path) -> tuple[list[dict[str, Any]], str]:
+        """Write scores.md, scores.csv and report.html into `out`; returns the rows, and the words to print."""
+        file, keep = self.file, self.keep
         scores, codecs = score_clips(self.split, self.counts, self.rates, self.clips, (), keep)
         first = SPLIT_SEEDS[self.split]
         text = (
@@ -75,8 +72,7 @@ class VideoScore:
         write_csv(rows, out / "scores.csv")
         shown = [Shown(out / "timeline.png", "The file", "Objects over time.")] if file is not None else []
         write_score_page("Objects in generated video", text, shown, out)
-        print(text)
-        return 0
+        return read_rows(out / "scores.csv"), text
 
 
 def check(options: VideoScore, file: Path | None) -> None:
@@ -89,7 +85,9 @@ def check(options: VideoScore, file: Path | None) -> None:
         raise InputError(f"rates must lie between 1 and 240 frames a second, got {options.rates}")
     for part in options.ablate:
         if part not in (*PARTS, "all"):
-            raise InputError(f"ablate must name parts among {', '.join(PARTS)} or all, got {part!r}")
+            raise InputError(
+                f"ablate must name parts among {', '.join(PARTS)} or all, got {part!r}{meant(part, PARTS)}"
+            )
     if file is not None and not file.is_file():
         raise InputError(f"file {file} does not exist")
 

@@ -28,14 +28,17 @@ if TYPE_CHECKING:
 class Sweep:
     """Run many trials: a grid or random sweep of binding or driving, described in a TOML file.
 
-    Writes results.parquet (a row a trial), summary.md and heat maps. A sweep that was stopped goes on where it was;
-    trials are not repeated unless their code has changed. Two sweeps come along: `binding` and `maps`.
+    Writes results.parquet (a row a trial), summary.md and heat maps. A sweep that was stopped goes on where it was. One
+    whose file or code has changed writes into a new folder, NAME-2, and takes over the trials that are the same. Two
+    sweeps come along: `binding` and `maps`.
     """
 
     config: Annotated[Path, tyro.conf.Positional]
     """TOML file (its keys are described in train/README.md), or the name of a sweep that comes along."""
     out: Path | None = None
     """Folder to write to (default: out/sweep/ and the name of the file)."""
+    force: bool = False
+    """Write into this folder whatever is in it."""
     jobs: int | None = None
     """Processes (default: one for every core this process may use)."""
     cluster: tuple[str, ...] | None = None
@@ -43,7 +46,7 @@ class Sweep:
     compare: int = 0
     """Afterwards run so many of the trials one at a time, and tell how much faster together was."""
     fresh: bool = False
-    """Begin anew: forget earlier results in the folder."""
+    """Begin anew in a new folder: use no earlier results."""
     json: bool = False
     """Print what summary.json holds and nothing else."""
 
@@ -51,7 +54,7 @@ class Sweep:
         """Do it; returns the exit code."""
         from ndtorch.code_digest import code_digest
         from ndtorch.installed import toml_file
-        from ndtorch.run.folder import prepare
+        from ndtorch.run.folder import place_for
         from ndtorch_train.sweep.config import read_sweep, results_of
         from ndtorch_train.sweep.parameters import trial_id
         from ndtorch_train.sweep.results import ResultStore, draw, summary
@@ -62,14 +65,17 @@ class Sweep:
         jobs = cores() if self.jobs is None else self.jobs
         if jobs < 1:
             raise InputError(f"--jobs must be at least 1, got {jobs}")
-        out = self.out or Path("out/sweep") / config.name
-        prepare(out)
         module = kind_of(config)
+        code = code_digest(module.USES)[:12]
+        settings = {"command": "sweep", "trials": sorted(map(trial_id, config.trials)), "show": config.show}
+        wanted = self.out or Path("out/sweep") / config.name
+        place = place_for(wanted, settings | {"code": code}, self.fresh, self.force)
+        out = place.folder
         try:
-            if self.fresh:
-                shutil.rmtree(out / "parts", ignore_errors=True)
-                (out / "results.parquet").unlink(missing_ok=True)
-            store = ResultStore(out, code_digest(module.USES)[:12])
+            place.take_over("parts")
+            store = ResultStore(out, code)
+            if place.before is not None and (place.before / "results.parquet").exists():
+                shutil.copy(place.before / "results.parquet", store.parts / "before.parquet")
             done = store.load()
             if store.outdated:
                 print(f"note: {store.outdated} trials in {out} are of other code and not used", file=sys.stderr)

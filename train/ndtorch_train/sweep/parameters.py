@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass
 
 from ndtorch.errors import InputError
+from ndtorch.nearest import meant
 
 Value = float | int | str
 Trial = dict[str, Value]
@@ -30,7 +31,9 @@ class Parameter:
         """
         if isinstance(self.default, str):
             if value not in self.words:
-                raise InputError(f"{where}: {name} must be one of {', '.join(self.words)}, got {value!r}")
+                raise InputError(
+                    f"{where}: {name} must be one of {', '.join(self.words)}, got {value!r}{meant(value, self.words)}"
+                )
             return str(value)
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise InputError(f"{where}: {name} must be a number, got {value!r}")

@@ -28,7 +28,7 @@ from ndtorch.navigation.controllers.ranging.floor import FloorState, floor_const
 from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
 from ndtorch.navigation.controllers.ranging.params import RangingParams
 from ndtorch.navigation.controllers.ranging.patch import Patch, add_evidence, cell_numbers, empty_patch, move_patch
-from ndtorch.navigation.controllers.ranging.quick import QuickStep
+from ndtorch.navigation.controllers.ranging.quick import QuickRanging
 from ndtorch.navigation.controllers.registry import register
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.ranging import Ranges
@@ -73,7 +73,9 @@ class RangingControl(Controller):
         self.under = torch.full((body[0].numel(),), -2.0)
         self.numbers = torch.arange(p.patch.size, dtype=torch.get_default_dtype())
         self.constants = ranging_constants(p, dt)
-        self.quick = QuickStep(p, self.constants, self.floor, self.arcs, self.places, self.under)
+        self.quick: QuickRanging = QuickRanging(
+            self.look, p, self.constants, self.floor, self.arcs, self.places, self.under
+        )
 
     @classmethod
     def params_for(cls, task: Task) -> RangingParams:

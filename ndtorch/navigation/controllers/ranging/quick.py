@@ -1,48 +1,45 @@
-"""The ranging controller's step of one car by kernels: the numbers of `RangingControl.step`."""
+"""The ranging controller by kernels: its own step, and as the kernel of a whole step has it."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.kernels.decision import Machine, Tables, decision
+from ndtorch.kernels.decision import NUMBERS
 from ndtorch.kernels.load import kernel
 from ndtorch.navigation.controllers.contract import Command
+from ndtorch.navigation.controllers.quick import QuickControl
 from ndtorch.navigation.controllers.ranging.arcs import ArcTable
 from ndtorch.navigation.controllers.ranging.decision import Constants, RangingState
 from ndtorch.navigation.controllers.ranging.floor import FloorConstants, FloorState
+from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
+from ndtorch.navigation.controllers.ranging.floor_view import EVERY
 from ndtorch.navigation.controllers.ranging.params import RangingParams
 from ndtorch.navigation.controllers.ranging.patch import Patch
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.ranging import Ranges
 
 
-def plain(constants: Constants) -> Tables:
-    """The constants as plain numbers."""
-    found = {name: getattr(constants, name).tolist() for name in Tables._fields}
-    return Tables(**found | {name: int(found[name]) for name in ("facts", "reverse", "turn", "cruise")})
-
-
-def rest_of(constants: FloorConstants) -> tuple[float, ...]:
-    """The numbers among the constants, in order."""
-    return tuple(float(part) for part in constants if part.ndim == 0)
-
-
-class QuickStep:
+class QuickRanging(QuickControl):
     """The step of `RangingControl` with these numbers, for one car.
 
     Args:
+        look: its eyes.
         params, constants, floor: the numbers.
         arcs: the table of arcs.
         places: body frame, `[2, K]`: the cells that are seen, what is under the car, and those of the arcs.
         under: evidence under the car.
     """
 
+    kernel = "ranging_step"
+
     def __init__(
         self,
+        look: FloorMotion,
         params: RangingParams,
         constants: Constants,
         floor: FloorConstants,
@@ -50,80 +47,65 @@ class QuickStep:
         places: Tensor,
         under: Tensor,
     ) -> None:
-        self.params, self.tables, self.arcs = params, plain(constants), arcs
-        self.rest = rest_of(floor)
-        self.keep, self.fade, self.stopped = (float(c) for c in (constants.keep, constants.fade, constants.stopped))
-        self.limits: tuple[float, ...] = tuple(constants.limits.tolist())
-        # What a cell at the end of the floor is worth, one of floor, and a range.
-        hidden, floor_worth, ranged = constants.evidence.tolist()
-        self.evidence: tuple[float, float, float] = (hidden, floor_worth, ranged)
+        rect, p = look.fields[0], params.patch
+        self.shape = (2, rect.bottom - rect.top, (rect.right - rect.left) // EVERY)
+        self.a = look.nd_min.a
+        self.sizes = (params.floor.bands, p.size**2, 2 * p.size)
+        self.cells = (EVERY, params.floor.blocks)
+        keep, fade, stopped = (float(c) for c in (constants.keep, constants.fade, constants.stopped))
+        worth = tuple(constants.evidence.tolist())
+        patch = (keep, fade, stopped, p.reach, p.cell, -p.least, p.most, *constants.limits.tolist())
+        ways = (arcs.leading, arcs.steps, len(arcs.curvature), arcs.step)
+        numbers = tuple(float(getattr(constants, name)) for name in NUMBERS)
+        moves = torch.stack((constants.speeds, constants.bends)).double().numpy()
+        choice = (constants.comparison.double().numpy(), constants.table.numpy(), moves)
+        rest = tuple(float(part) for part in floor if part.ndim == 0)
+        self.rest = (rest, worth, patch, ways, choice, numbers)
         self.tensors = (floor.flow, floor.profile, places, under)
-        self.arrays: dict[torch.dtype, Any] = {}
+        self.tables: dict[Any, Any] = {}
 
-    def fixed(self, kind: torch.dtype) -> Any:
-        """The tables of this precision."""
-        if kind not in self.arrays:
-            self.arrays[kind] = tuple(part.to(kind).numpy() for part in self.tensors)
-        return self.arrays[kind]
+    def fixed(self, kind: Any) -> tuple[Any, ...]:
+        """The tables and numbers of this precision, a NumPy dtype, in the order of `ranging_control`."""
+        if kind not in self.tables:
+            self.tables[kind] = tuple(part.numpy().astype(kind) for part in self.tensors)
+        return (self.tables[kind], *self.rest)
+
+    def take(self, state: RangingState) -> tuple[Sequence[Tensor], Sequence[Tensor]]:
+        """What was learned and remembered, and the rest."""
+        (level, noise, age), patch, *machine = state
+        return (level, *patch), (noise, age, *machine)
+
+    def give(self, arrays: Sequence[Tensor], numbers: Sequence[Tensor]) -> RangingState:
+        """The reverse of `take`."""
+        level, evidence, tag = arrays
+        noise, age, *machine = numbers
+        return RangingState(FloorState(level, noise, age), Patch(evidence, tag.view(2, -1)), *machine)
+
+    def arguments(self, kind: Any, before: Sequence[Any], after: Sequence[Any]) -> tuple[Any, ...]:
+        """Those of `ranging_control` after the cells that are seen."""
+        return (self.cells, self.memory(before), self.memory(after), *self.fixed(kind))
+
+    def memory(self, arrays: Sequence[Any]) -> tuple[Any, Any, Any]:
+        """The arrays in their shapes."""
+        level, evidence, tag = arrays
+        return level, evidence.reshape(-1, tag.size // 2), tag.reshape(2, -1)
 
     def __call__(
         self, seen: Tensor, ranges: Ranges, pose: Pose, driven: Command, state: RangingState
     ) -> tuple[Command, RangingState]:
-        drove, machine = (float(driven.speed), float(driven.curvature)), Machine(*map(float, state[2:]))
-        age = float(state.floor.age) + 1
-        level, marks, noise = self.see(seen, drove, age, state.floor)
-        patch, ways = self.remember(
-            marks, ranges, pose, self.fade if machine.mode == self.stopped else self.keep, state
+        """The step of the controller alone."""
+        arrays, control = self.take(state)
+        numbers = torch.stack((*driven, *pose, *control)).numpy()
+        new = [torch.empty_like(part) for part in arrays]
+        after = np.empty_like(numbers)
+        kernel("ranging_control", after.dtype).run(
+            seen.contiguous().numpy(),
+            (ranges.x.contiguous().numpy(), ranges.y.contiguous().numpy(), ranges.valid.numpy()),
+            numbers,
+            self.memory([part.numpy() for part in arrays]),
+            self.memory([part.numpy() for part in new]),
+            after,
+            *self.fixed(after.dtype),
         )
-        speed, bend, after = decision(ways, drove[0], (age, self.rest[5], self.rest[6]), machine, self.tables)
-        found = torch.tensor((speed, bend, noise, age, *after), dtype=seen.dtype).unbind(0)
-        return Command(found[0], found[1]), RangingState(FloorState(level, found[2], found[3]), patch, *found[4:])
-
-    def see(self, seen: Tensor, drove: tuple[float, float], age: float, state: FloorState) -> tuple[Tensor, Any, float]:
-        """The level of floor after, evidence of every cell and under the car, and the noise after."""
-        cells, level = seen.contiguous().numpy(), torch.empty_like(state.level)
-        flow, profile, _, under = self.fixed(seen.dtype)
-        marks = np.concatenate((cells.ravel(), under))
-        noise = kernel("floor_cells", cells.dtype).run(
-            cells,
-            drove,
-            state.level.numpy(),
-            float(state.noise),
-            age,
-            flow,
-            profile,
-            self.rest,
-            level.numpy(),
-            self.evidence[:2],
-            marks[: cells.size].reshape(cells.shape),
-        )
-        return level, marks, noise
-
-    def remember(
-        self, marks: Any, ranges: Ranges, pose: Pose, keep: float, state: RangingState
-    ) -> tuple[Patch, list[list[float]]]:
-        """The patch after, and how far the car can go along the arcs."""
-        p, size = self.params.patch, self.params.patch.size
-        evidence, tag = torch.empty_like(state.patch.evidence), torch.empty_like(state.patch.tag)
-        lengths = np.empty((2, len(self.arcs.curvature)), marks.dtype)
-        kernel("patch_arcs", marks.dtype).run(
-            state.patch.evidence.numpy().reshape(size, size),
-            state.patch.tag.numpy(),
-            tuple(map(float, pose)),
-            keep,
-            (ranges.x.numpy(), ranges.y.numpy(), ranges.valid.numpy()),
-            p.reach,
-            self.evidence[2],
-            self.fixed(evidence.dtype)[2],
-            marks,
-            p.cell,
-            (-p.least, p.most),
-            self.limits,
-            self.arcs.leading,
-            self.arcs.steps,
-            self.arcs.step,
-            evidence.numpy().reshape(size, size),
-            tag.numpy(),
-            lengths,
-        )
-        return Patch(evidence, tag), lengths.tolist()
+        speed, curvature, _, _, _, *machine = torch.from_numpy(after).unbind()
+        return Command(speed, curvature), self.give([part.flatten() for part in new], machine)

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.run.folder import prepare
+from ndtorch.nearest import meant
 from ndtorch_train.score.choices import LABELLED
 from ndtorch_train.score.labelled.methods import see, shrunk
 from ndtorch_train.score.labelled.metrics import score
 from ndtorch_train.score.labelled.peers import Subtraction
 from ndtorch_train.score.labelled.table import Row, write
 from ndtorch_train.score.labelled.truth import Labelled, clip_folders, read_clip
+from ndtorch_train.score.report import read_rows
 
 NOTE = (
     "A place is right inside a true box or blob. Processor time of one thread, without decoding, and its ratio to MOG2 "
@@ -26,39 +28,47 @@ NOTE = (
 )
 
 
-def run(folder: Path, methods: Sequence[str], rows: int, out: Path) -> int:
-    """Score methods on every clip of a folder, write labelled.csv, labelled.md and report.html.
+class Comparison:
+    """Score methods on every clip of a folder; call it with a folder for labelled.csv, labelled.md and report.html.
 
     Args:
         folder: of folders with clip.mp4, and gt.txt or masks.mkv, or one of them.
         methods: names among `LABELLED`, or folders of models.
         rows: height of the frames; 0 for their own.
-        out: where to write.
+        told: is told how far it is.
 
     Raises:
-        InputError: a folder without clips, or an unknown method.
+        InputError: a folder without clips, an unknown method, or rows that are none.
     """
-    for name in methods:
-        if name not in LABELLED and not Path(name).is_dir():
-            raise InputError(f"methods must be among {', '.join(LABELLED)} or folders of models, got {name!r}")
-    clips = [read_clip(path) for path in clip_folders(folder)]
-    prepare(out)
-    torch.set_num_threads(1)
-    cv2.setNumThreads(1)
-    table: list[Row] = []
-    note = NOTE.format(machine=platform.machine(), torch=torch.__version__)
-    for labelled in clips:
-        plain = mog2_seconds(labelled, rows)
+
+    def __init__(self, folder: Path, methods: Sequence[str], rows: int, told: Callable[[str], None]) -> None:
+        if rows != 0 and rows < 32:
+            raise InputError(f"rows must be 0 or at least 32, got {rows}")
         for name in methods:
-            seen = see(name, labelled.clip, rows)
-            values = score(seen, labelled.truth(), labelled.clip.fps, labelled.kind == "masks")
-            table.append(Row(name, labelled.clip.name, values, seen.seconds / max(plain, 1e-9)))
-            print(f"{labelled.clip.name}: {name}", flush=True)
-            # After every method, so that a run that is stopped leaves what it has.
-            write(table, note, out)
-    print(write(table, note, out))
-    print(f"written  {out}: labelled.csv, labelled.md, report.html")
-    return 0
+            if name not in LABELLED and not Path(name).is_dir():
+                hint = meant(name, LABELLED)
+                raise InputError(
+                    f"methods must be among {', '.join(LABELLED)} or folders of models, got {name!r}{hint}"
+                )
+        self.clips = [read_clip(path) for path in clip_folders(folder)]
+        self.methods, self.rows, self.told = methods, rows, told
+
+    def __call__(self, out: Path) -> tuple[list[dict[str, Any]], str]:
+        """Write the table; returns its rows, and the words to print."""
+        cv2.setNumThreads(1)
+        table: list[Row] = []
+        note = NOTE.format(machine=platform.machine(), torch=torch.__version__)
+        for labelled in self.clips:
+            plain = mog2_seconds(labelled, self.rows)
+            for name in self.methods:
+                seen = see(name, labelled.clip, self.rows)
+                values = score(seen, labelled.truth(), labelled.clip.fps, labelled.kind == "masks")
+                table.append(Row(name, labelled.clip.name, values, seen.seconds / max(plain, 1e-9)))
+                self.told(f"{labelled.clip.name}: {name}")
+                # After every method, so that a run that is stopped leaves what it has.
+                write(table, note, out)
+        text = write(table, note, out)
+        return read_rows(out / "labelled.csv"), text
 
 
 def mog2_seconds(labelled: Labelled, rows: int) -> float:

@@ -1,0 +1,56 @@
+"""Signals that end a command: Ctrl-C, SIGTERM and SIGHUP, at any time and with what was computed kept."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+from collections.abc import Iterator
+from types import FrameType
+
+ENDING = (signal.SIGINT, signal.SIGTERM, *((signal.SIGHUP,) if hasattr(signal, "SIGHUP") else ()))
+"""Signals that end a command as Ctrl-C does."""
+
+NOTHING_KEPT = "stopped before there was anything to keep"
+"""What is said then, where nothing was computed."""
+
+
+@contextlib.contextmanager
+def ended_like_ctrl_c() -> Iterator[list[int]]:
+    """Every one of these signals raises KeyboardInterrupt inside: what was computed is kept.
+
+    While torch is being imported nothing has been computed, and the process ends at once, with one line: an exception
+    that is raised there may be swallowed, or turned into another by code in C++, or printed with its traceback.
+
+    A signal that is ignored stays ignored, as `nohup` wants it. A handler that somebody else has set stays.
+
+    Yields:
+        The number of the first of these signals that came, once it has.
+    """
+    came: list[int] = []
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        came.append(number)
+        if importing_torch(frame):
+            os.write(2, f"{NOTHING_KEPT}\n".encode())
+            os._exit(128 + number)
+        raise KeyboardInterrupt
+
+    old = {number: signal.getsignal(number) for number in ENDING}
+    ours = [number for number, handler in old.items() if handler in (signal.SIG_DFL, signal.default_int_handler)]
+    for number in ours:
+        signal.signal(number, interrupt)
+    try:
+        yield came
+    finally:
+        for number in ours:
+            signal.signal(number, old[number])
+
+
+def importing_torch(frame: FrameType | None) -> bool:
+    """Whether torch is being imported for the first time, somewhere below this frame."""
+    while frame is not None:
+        if frame.f_code.co_name == "<module>" and frame.f_globals.get("__name__") == "torch":
+            return True
+        frame = frame.f_back
+    return False

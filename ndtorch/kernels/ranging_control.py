@@ -1,0 +1,110 @@
+"""The step of the ranging controller of one car: remember what is seen, measure the free arcs, decide."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+
+from ndtorch.kernels.decision import decision
+from ndtorch.kernels.floor_cells import floor_cells
+from ndtorch.kernels.load import FAST
+from ndtorch.kernels.patch_arcs import patch_arcs
+
+Array = Any
+
+seen_floor = numba.njit(fastmath=FAST, error_model="numpy")(floor_cells)
+free_arcs = numba.njit(fastmath=FAST, error_model="numpy")(patch_arcs)
+decided = numba.njit(error_model="numpy")(decision)
+
+
+def ranging_control(
+    cells: Array,
+    ranges: tuple[Array, Array, Array],
+    numbers: Array,
+    memory: tuple[Array, Array, Array],
+    new_memory: tuple[Array, Array, Array],
+    after: Array,
+    tables: tuple[Array, Array, Array, Array],
+    floor: tuple[float, ...],
+    worth: tuple[float, float, float],
+    patch: tuple[float, float, float, float, float, float, float, float, float],
+    arcs: tuple[int, int, int, float],
+    choice: tuple[Array, Array, Array],
+    limits: tuple[float, ...],
+) -> None:
+    """`RangingControl.step`.
+
+    Args:
+        cells: `[2, bands, blocks]`.
+        ranges: x, y and valid, `[n]`.
+        numbers: speed and curvature driven; pose; noise and age of the floor, and `Machine`.
+        memory, new_memory: level `[bands]`, evidence `[size, size]` and tag `[2, size]`.
+        after: as `numbers`, with the speed and curvature to drive; the pose is left alone.
+        tables: flow, profile, places and what is under the car, as of `RangingControl`.
+        floor: numbers of `floor_cells`.
+        worth: evidence of the floor's end, of floor, and of a range.
+        patch: share that is kept, and while boxed in; the mode of that; reach, cell, least and most evidence, and
+            the two limits of `patch_arcs`.
+        arcs: leading, steps, number of arcs, step.
+        choice: comparison, table, moves of `decision`; limits: its numbers.
+    """
+    level, evidence, tag = memory
+    flow, profile, places, under = tables
+    _, bands, blocks = cells.shape
+    marks, evident = np.empty(cells.size + under.size, cells.dtype), np.empty(cells.shape, cells.dtype)
+    speed, noise, age = float(numbers[0]), float(numbers[5]), float(numbers[6]) + 1
+    noise = seen_floor(
+        cells,
+        (speed, float(numbers[1])),
+        level,
+        noise,
+        age,
+        flow,
+        profile,
+        floor,
+        new_memory[0],
+        (worth[0], worth[1]),
+        evident,
+    )
+    for k in range(marks.size):
+        if k < cells.size:
+            marks[k] = evident[k // (bands * blocks), k // blocks % bands, k % blocks]
+        else:
+            marks[k] = under[k - cells.size]
+    leading, steps, count, step = arcs
+    keep, fade, stopped, reach, cell, least, most, blocked, unknown = patch
+    lengths = np.empty((2, count), cells.dtype)
+    free_arcs(
+        evidence,
+        tag,
+        (float(numbers[2]), float(numbers[3]), float(numbers[4])),
+        fade if numbers[7] == stopped else keep,
+        ranges,
+        reach,
+        worth[2],
+        places,
+        marks,
+        cell,
+        (least, most),
+        (blocked, unknown),
+        leading,
+        steps,
+        step,
+        new_memory[1],
+        new_memory[2],
+        lengths,
+    )
+    far = np.empty(lengths.shape)
+    for row in range(2):
+        for arc in range(count):
+            far[row, arc] = lengths[row, arc]
+    mode, age_of_mode, side = float(numbers[7]), float(numbers[8]), float(numbers[9])
+    swing, gone, bold, difference = float(numbers[10]), float(numbers[11]), float(numbers[12]), float(numbers[13])
+    machine = (mode, age_of_mode, side, swing, gone, bold, difference)
+    ahead, bend, machine = decided(
+        far, speed, (age, floor[5], floor[6]), machine, choice[0], choice[1], choice[2], limits
+    )
+    after[0], after[1], after[5], after[6] = ahead, bend, noise, age
+    after[7], after[8], after[9], after[10], after[11], after[12], after[13] = machine

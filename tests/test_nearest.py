@@ -1,0 +1,54 @@
+"""Names that are not known, everywhere a name can be given."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from ndtorch.commands import main
+from ndtorch.nearest import meant
+
+
+def test_the_nearest_name_or_none() -> None:
+    assert meant("halway", ["room", "hallway"]) == "; did you mean hallway?"
+    assert meant("xylophone", ["room", "hallway"]) == ""
+    assert meant(7, ["70", "hallway"]) == "; did you mean 70?"
+
+
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        ("bindd two-bars", "bind"),
+        ("bind two-barz", "two-bars"),
+        ("bind two-bars --model publishd", "published"),
+        ("bind two-bars --rule hebian", "hebbian"),
+        ("render three-bras x.mp4", "three-bars"),
+        ("drive --arena halway", "hallway"),
+        ("drive --controller rangin", "ranging"),
+        ("drive --odometry nosy", "noisy"),
+        ("drive --places moton", "motion"),
+        ("evaluate --arenas rom", "room"),
+        ("evaluate --controllers gaol", "goal"),
+        ("run maxston8", "maxstone8"),
+        ("check simm", "sim"),
+        ("sweep bindin", "binding"),
+        ("reproduce BB5", "B5"),
+        ("score --rules scalefree", "scale-free"),
+        ("score --labelled . --methods mog2-norfare", "mog2-norfair"),
+        ("score --video --ablate exposur", "exposure"),
+        ("score --split tuen", "tune"),
+        ("barn b.json --split al", "all"),
+        ("bind two-bars --modle published", "--model"),
+        ("evaluate --walls blnk", "blank"),
+    ],
+)
+def test_every_closed_name_has_a_suggestion(
+    words: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(words.split()) == 2
+    error = capsys.readouterr().err
+    assert f"did you mean {name}?" in error, error
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
