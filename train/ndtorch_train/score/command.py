@@ -118,18 +118,18 @@ class ScoreOptions:
         """What is to be measured, its options checked; it writes into a folder, and gives the table."""
         import torch
 
-        if self.what:
-            if len(self.what) != 2 or self.what[0] != "ranges":
-                raise InputError(f"expected nothing, or ranges PAIRS, got {' '.join(self.what)!r}")
-            from ndtorch_train.score.ranges.command import run as score_ranges
-
-            return score_ranges(Path(self.what[1]), self.disparities, self.out)
         from ndtorch.memory import tune_allocator
         from ndtorch_train.score.video_command import VideoScore
 
         torch.set_num_threads(1)
         tune_allocator()
         told = self.told
+        if self.what:
+            if len(self.what) != 2 or self.what[0] != "ranges":
+                raise InputError(f"expected nothing, or ranges PAIRS, got {' '.join(self.what)!r}")
+            from ndtorch_train.score.ranges.command import RangeScore
+
+            return RangeScore(Path(self.what[1]), self.disparities, told)
         if self.labelled is not None:
             from ndtorch_train.score.labelled.command import Comparison
 

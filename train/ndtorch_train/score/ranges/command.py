@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import platform
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import torch
@@ -11,12 +13,11 @@ import torch
 from ndtorch.errors import InputError
 from ndtorch.files import write_text
 from ndtorch.report.page import Shown
-from ndtorch.run.folder import prepare
 from ndtorch_train.score.ranges.methods import EVERY, Found, SemiGlobal, by_rows, ranging, semi_global
 from ndtorch_train.score.ranges.pairs import CONDITIONS, Pair, pair_folders, read_pair
 from ndtorch_train.score.ranges.picture import draw
 from ndtorch_train.score.ranges.table import Row, judge, markdown, means, write_csv
-from ndtorch_train.score.report import write_score_page
+from ndtorch_train.score.report import read_rows, write_score_page
 
 PUBLISHED, SEARCH, SGBM = "features", "search", "SGBM"
 
@@ -28,43 +29,47 @@ NOTE = (
 )
 
 
-def run(folder: Path, disparities: tuple[int, int], out: Path) -> int:
-    """Score on every pair of a folder, write ranges.csv, ranges.md, a picture a pair, and report.html.
+class RangeScore:
+    """Score on every pair of a folder; call it with a folder for ranges.csv, ranges.md, pictures and report.html.
 
     Args:
         folder: of folders with left.png, right.png and disp*, or one of them.
         disparities: the least and the largest that count, pixels.
-        out: where to write.
+        told: how far it is.
 
     Raises:
         InputError: a folder without pairs, pairs that cannot be read, or disparities that cannot be.
     """
-    low, high = disparities
-    if not 1 <= low < high - 1 or high > 1024:
-        raise InputError(f"disparities must be two numbers 1 <= LEAST < LARGEST - 1 < 1024, got {low} {high}")
-    folders = pair_folders(folder)
-    prepare(out)
-    torch.set_num_threads(1)
-    cv2.setNumThreads(1)
-    rows: list[Row] = []
-    shown: list[Shown] = []
-    for number, place in enumerate(folders):
-        pair = read_pair(place, number)
-        if pair.left.shape[1] < 2 * high:
-            raise InputError(f"{place}: {pair.left.shape[1]} columns are too few for disparities up to {high}")
-        new, plain = score_pair(pair, disparities)
-        rows += new
-        picture = draw(pair, plain, out / f"pair-{number:03d}.png")
-        shown.append(Shown(picture, pair.name, "Ranges of the search: blue right to 10 %, orange not, grey unknown."))
-        print(f"{pair.name}: done", flush=True)
-    note = NOTE.format(every=EVERY, low=low, high=high, machine=platform.machine(), torch=torch.__version__)
-    text = f"{note}\n\n{markdown([*rows, *means(rows)])}"
-    write_csv(rows, out / "ranges.csv")
-    write_text(out / "ranges.md", text)
-    write_score_page("Ranges on real stereo pictures", text, shown, out)
-    print(text)
-    print(f"written  {out}: ranges.csv, ranges.md, pictures, report.html")
-    return 0
+
+    def __init__(self, folder: Path, disparities: tuple[int, int], told: Callable[[str], None]) -> None:
+        low, high = disparities
+        if not 1 <= low < high - 1 or high > 1024:
+            raise InputError(f"disparities must be two numbers 1 <= LEAST < LARGEST - 1 < 1024, got {low} {high}")
+        self.pairs = [read_pair(place, number) for number, place in enumerate(pair_folders(folder))]
+        for pair in self.pairs:
+            if pair.left.shape[1] < 2 * high:
+                raise InputError(f"{pair.name}: {pair.left.shape[1]} columns are too few for disparities up to {high}")
+        self.disparities, self.told = disparities, told
+
+    def __call__(self, out: Path) -> tuple[list[dict[str, Any]], str]:
+        """The rows of ranges.csv, and the table."""
+        cv2.setNumThreads(1)
+        rows: list[Row] = []
+        shown: list[Shown] = []
+        for pair in self.pairs:
+            new, plain = score_pair(pair, self.disparities)
+            rows += new
+            picture = draw(pair, plain, out / f"pair-{pair.number:03d}.png")
+            words = "Ranges of the search: blue right to 10 %, orange not, grey unknown."
+            shown.append(Shown(picture, pair.name, words))
+            self.told(f"{pair.name}: done")
+        low, high = self.disparities
+        note = NOTE.format(every=EVERY, low=low, high=high, machine=platform.machine(), torch=torch.__version__)
+        text = f"{note}\n\n{markdown([*rows, *means(rows)])}"
+        write_csv(rows, out / "ranges.csv")
+        write_text(out / "ranges.md", text)
+        write_score_page("Ranges on real stereo pictures", text, shown, out)
+        return read_rows(out / "ranges.csv"), text
 
 
 def score_pair(pair: Pair, disparities: tuple[int, int]) -> tuple[list[Row], Found]:
