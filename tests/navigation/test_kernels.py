@@ -89,17 +89,17 @@ def test_layouts_of_memory_and_strips_do_not_matter() -> None:
 )
 @pytest.mark.parametrize("kind", KINDS)
 def test_ranges(kind: torch.dtype, features: FeatureParams, matching: MatchParams) -> None:
-    """A match just at a limit may be on either side of it: the order of rounding differs."""
+    """The order of rounding differs: of places that moved alike either comes first, and a limit may fall between."""
     torch.manual_seed(0)
     for angles in ("atan", "linear"):
         module = RowRanging(RIG, DT, features, matching, angles)  # type: ignore[arg-type]
         some = 0
         for wanted, found in zip(*both(module, *pairs(kind, frames=4)), strict=True):
-            alike = found[0].valid == wanted[0].valid
-            assert alike.double().mean() > 0.98
-            some += int(wanted[0].valid.sum())
-            for part, other in zip(found[0][:5], wanted[0][:5], strict=True):
-                torch.testing.assert_close(part[alike], other[alike], rtol=2e-5, atol=1e-5)
+            ours, theirs = (torch.stack(run[0][:5], -1)[run[0].valid] for run in (found, wanted))
+            same = torch.isclose(ours[:, None], theirs, rtol=2e-5, atol=1e-5).all(-1)
+            if len(ours) + len(theirs):
+                assert (same.any(0).sum() + same.any(1).sum()) / (len(ours) + len(theirs)) > 0.98
+            some += len(theirs)
             torch.testing.assert_close(found[1].rows.low, wanted[1].rows.low, rtol=0, atol=1e-6)
         assert some or features.count == 1
 
