@@ -25,6 +25,9 @@ UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EACCES
 """Errors of the disk that a user can mend, told in one line."""
 
 
+INCOMPLETE = 1
+"""Exit code when what came first is kept, and figures or a recording could not be."""
+
 INTERRUPTED = 130
 """Exit code after Ctrl-C; after SIGTERM and SIGHUP it is 143 and 129, as shells have it."""
 

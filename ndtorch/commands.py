@@ -12,10 +12,11 @@ from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, v
 import ndtorch
 from ndtorch.code_digest import module_places
 from ndtorch.command_run import INTERRUPTED, UNUSABLE, Subcommand, missing, run_command
+from ndtorch.completion import completion
 from ndtorch.ending import NOTHING_KEPT, ended_like_ctrl_c
 from ndtorch.nearest import meant
 from ndtorch.optional import OURS
-from ndtorch.run.arguments import EVERY
+from ndtorch.run.arguments import EVERY, QUIET, flags_of
 
 GROUP = "ndtorch.commands"
 """Entry points that are commands: `name = "module:Class"`, the class a `Subcommand`."""
@@ -81,6 +82,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if given[0] == "--version":
         print(versions())
         return 0
+    if given[0] == "--completion":
+        print(completion({name: flags_of_command(name, points) for name, points in commands.items()}), end="")
+        return 0
     if given[0] not in commands:
         print(f"error: ndtorch has no command {given[0]!r}; {hint(given[0], commands)}", file=sys.stderr)
         return UNUSABLE
@@ -110,6 +114,14 @@ def program() -> int:
         print(NOTHING_KEPT, file=sys.stderr)
         code = INTERRUPTED
     return 128 + came[0] if code == INTERRUPTED and came else code
+
+
+def flags_of_command(name: str, points: Sequence[EntryPoint]) -> list[str]:
+    """What completion offers after a command; nothing for one that does not load."""
+    try:
+        return [*flags_of(load_command(name, points)), *QUIET, "--help"]
+    except CommandError:
+        return []
 
 
 def hint(name: str, commands: Iterable[str]) -> str:
@@ -144,6 +156,7 @@ def overview(commands: Mapping[str, Sequence[EntryPoint]]) -> str:
         lines.append(f"  {name:14}{next(iter(text.strip().splitlines()), '')}")
     lines += ["", EVERY]
     lines += ["`ndtorch COMMAND --help` says what each takes, `ndtorch --version` what is installed."]
+    lines += ['`eval "$(ndtorch --completion)"` in ~/.bashrc completes commands and flags.']
     return "\n".join(lines)
 
 

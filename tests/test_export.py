@@ -86,7 +86,7 @@ def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
 # With frames of a chunk. Each takes a C++ compiler minutes: one is in every run of the suite, the others in
 # `make test-long`.
 PACKAGES = [
-    pytest.param("published", 4, marks=pytest.mark.compiled),
+    pytest.param("published", 2, marks=pytest.mark.compiled),
     pytest.param("scale-free", 5, marks=pytest.mark.long),
     pytest.param("retinotopic", 5, marks=pytest.mark.long),
     pytest.param("video", 2, marks=pytest.mark.long),

@@ -23,7 +23,7 @@ FLOORS = (
     "scenes vision",
     "binding navigation",
     "export loading",
-    "__main__ cli command_run commands ending report run",
+    "__main__ cli command_run commands completion ending report run",
 )
 """Rooms of the library, from the ground up. A file imports from its own floor and from those below."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import subprocess
 import sys
@@ -76,7 +77,9 @@ def alive() -> int:
     for thing in gc.get_objects():
         if issubclass(type(thing), torch.Tensor):
             storage = thing.untyped_storage()
-            held[storage.data_ptr()] = storage.nbytes()
+            # Tensors without memory, which programs that were exported leave behind, have no pointer.
+            with contextlib.suppress(RuntimeError):
+                held[storage.data_ptr()] = storage.nbytes()
     return sum(held.values()) + tracemalloc.get_traced_memory()[0]
 
 

@@ -72,9 +72,7 @@ def test_two_bars_at_every_phase_that_tells_them_apart(bars: Bars) -> None:
     assert found == {phase: ["red", "green"] for phase in phases}
 
 
-@pytest.mark.parametrize(
-    "phase", [120, 315, pytest.param(45, marks=pytest.mark.long), pytest.param(210, marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("phase", [120, *(pytest.param(phase, marks=pytest.mark.long) for phase in (45, 210, 315))])
 def test_rendered_bars_at_some_of_those_phases(films: Films, phase: int) -> None:
     model, state = learn(films(two_bars, phase=float(phase)))
     assert [thing.neuron for thing in model.objects(state)] == ["red", "green"]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ndtorch.command_run import INTERRUPTED
+from ndtorch.command_run import INCOMPLETE, INTERRUPTED
 from ndtorch.errors import InputError
 from ndtorch.run.arguments import choices
 from ndtorch.run.options import BindJob
@@ -18,9 +18,6 @@ from ndtorch.run.options import BindJob
 if TYPE_CHECKING:
     from ndtorch.report.films import EnhancedVideo, MaskFilm, Overlay
     from ndtorch.run.opening import Prepared
-
-INCOMPLETE = 1
-"""Exit code when the state is kept, and the figures could not be."""
 
 MOVED = {"on": "--model video", "off": "--model published"}
 """What took the place of --front-end."""
@@ -68,6 +65,7 @@ class Bind(BindJob):
         from ndtorch.report.films import RunRecording
         from ndtorch.report.folder import folder_name, write_result
         from ndtorch.report.page import NAME, open_in_browser
+        from ndtorch.report.recording import why_not_whole
         from ndtorch.report.words import in_words, summary
         from ndtorch.run.folder import RunFolder, new_file
         from ndtorch.run.opening import prepare
@@ -124,11 +122,14 @@ class Bind(BindJob):
         else:
             print(in_words(result))
             print(f"written  {folder.final}: {', '.join(path.name for path in files)}")
+        half = None if self.rrd is None else why_not_whole(self.rrd)
+        if half is not None:
+            print(f"error: {half}", file=sys.stderr)
         if trouble is not None:
             print(f"error: figures cannot be written: {trouble.strerror or trouble}", file=sys.stderr)
         elif self.open:
             open_in_browser(folder.final / NAME)
-        return INTERRUPTED if result.interrupted else 0 if trouble is None else INCOMPLETE
+        return INTERRUPTED if result.interrupted else 0 if trouble is None and half is None else INCOMPLETE
 
     def mask_film(self, prepared: Prepared, folder: Path) -> MaskFilm | None:
         """What is written of the silhouettes, if that was asked for."""

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple, get_args
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_tensor
+from ndtorch.arguments import check_tensor, surely_finite
 from ndtorch.errors import InputError
 from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import kernels_wanted
@@ -253,11 +253,12 @@ class GridMap(nn.Module):
 
 def check_observations(ranges: Ranges, pose: Pose) -> tuple[int, ...]:
     """The batch shape of ranges `[..., T, n]` seen from poses `[..., T]`, which must go together."""
-    for name, value in zip(Pose._fields, pose, strict=True):
-        check_tensor(f"pose.{name}", value, half=False)
     # Of a feature, a place that is not a number would stay in the map for good.
-    check_tensor("ranges.x", ranges.x, half=False)
-    check_tensor("ranges.y", ranges.y, half=False)
+    if torch.compiler.is_compiling() or not surely_finite((*pose, ranges.x, ranges.y)):
+        for name, value in zip(Pose._fields, pose, strict=True):
+            check_tensor(f"pose.{name}", value, half=False)
+        check_tensor("ranges.x", ranges.x, half=False)
+        check_tensor("ranges.y", ranges.y, half=False)
     if ranges.x.ndim < 2 or ranges.x.shape[:-1] != pose.x.shape:
         raise InputError(
             f"ranges and poses must go together, ranges.x [..., T, n] and pose.x [..., T], "

@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 from ndtorch.errors import InputError
@@ -13,6 +14,9 @@ from ndtorch.navigation.controllers.contract import Controller, Task
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, controller_class, make_controller
 from ndtorch.navigation.features import FeatureParams
 from ndtorch.navigation.localisation.localiser import Localiser
+from ndtorch.navigation.localisation.params import LocaliserParams
+from ndtorch.navigation.localisation.walls import unpack
+from ndtorch.navigation.map_files import load_map
 from ndtorch.navigation.mapping import Certainty, Grid, GridMap
 from ndtorch.navigation.model import Navigator
 from ndtorch.navigation.rig import AngleModel, Rect, StereoRig
@@ -48,6 +52,8 @@ class NavigatorOptions:
         back: the controller `goal` then goes back to where the drive began.
         cruise: speed where nothing is in the way, m/s.
         localise: correct dead reckoning by what is ranged, see `Localiser`; the map is made with the corrected poses.
+        known_map: `map.npz` of a drive with `localise`, in which the car finds itself wherever it starts, and
+            localises; empty for none.
 
     Raises:
         InputError: an unknown controller or word, or a number of features that cannot be.
@@ -66,6 +72,7 @@ class NavigatorOptions:
     back: bool = False
     cruise: float = 0.5
     localise: bool = False
+    known_map: str = ""
 
     def __post_init__(self) -> None:
         for option in dataclasses.fields(NavigatorOptions):
@@ -117,8 +124,21 @@ class NavigatorOptions:
             angles=self.angle,
             search=self.search(),
             grid_map=grid_map,
-            localiser=Localiser(rig, 1 / rate) if self.localise else None,
+            localiser=self.localiser(rig, rate),
         )
+
+    def localiser(self, rig: StereoRig, rate: float) -> Localiser | None:
+        """What corrects dead reckoning, if anything.
+
+        Raises:
+            InputError: a known map that cannot be read, or was made without `localise`.
+        """
+        if not self.known_map:
+            return Localiser(rig, 1 / rate) if self.localise else None
+        walls = load_map(Path(self.known_map)).walls
+        if walls is None or not len(walls):
+            raise InputError(f"known_map {self.known_map} has no walls to find a place by: make it with localise")
+        return Localiser(rig, 1 / rate, known=unpack(walls, LocaliserParams()))
 
 
 FASTEST = 1.0
@@ -143,6 +163,8 @@ def check_option(name: str, value: Any) -> None:
         raise InputError(f"features must be a whole number from 1 to {MOST_FEATURES}, got {value!r}")
     elif name in WORDS and value not in WORDS[name]:
         raise InputError(f"{name} must be {' or '.join(map(repr, WORDS[name]))}, got {value!r}")
+    elif name == "known_map" and not isinstance(value, str):
+        raise InputError(f"known_map must be the name of a file, got {value!r}")
     elif name == "to":
         place_of(value)
     elif name == "cruise" and not (isinstance(value, int | float) and 0.1 <= value <= FASTEST):

@@ -27,6 +27,25 @@ LARGEST_SIDE = 640
 JPEG_QUALITY = 80
 
 
+END, TAIL = b"RRF2FOOT", 64
+"""What a file that was written to its end has in so many last bytes."""
+
+
+def why_not_whole(path: Path) -> str | None:
+    """What is wrong with a recording that was closed, in one line; None where it was written to its end.
+
+    The writer of the SDK only logs what goes wrong: on a full disk it leaves half a file that no viewer opens.
+    """
+    try:
+        with path.open("rb") as file:
+            file.seek(max(0, path.stat().st_size - TAIL))
+            if END in file.read():
+                return None
+    except OSError as error:
+        return f"the recording {path} cannot be read: {error.strerror}"
+    return f"the recording {path} is not whole: the disk was full, or failed"
+
+
 class Recording:
     """A .rrd file with the frames, outputs, weights and objects of one binding run, and how to lay them out.
 

@@ -95,7 +95,8 @@ def parse(kind: type[Any], prog: str, arguments: Sequence[str]) -> Any:
 
 def flags_of(kind: type[Any]) -> list[str]:
     """The flags of a command."""
-    return [f"--{field.name.replace('_', '-')}" for field in dataclasses.fields(kind)]
+    named = [field.name for field in dataclasses.fields(kind) if "Positional" not in str(field.type)]
+    return [f"--{name.replace('_', '-')}" for name in named]
 
 
 def in_a_line(box: str, prog: str, flags: Sequence[str], arguments: Sequence[str]) -> str:
@@ -107,8 +108,10 @@ def in_a_line(box: str, prog: str, flags: Sequence[str], arguments: Sequence[str
         flags: of the command.
         arguments: what was given.
     """
-    rows = [row.strip("│╭╰╮╯ ").strip() for row in box.splitlines()]
-    about = itertools.takewhile(lambda row: row and row.strip("─"), rows[1:])
+    # Where the terminal has no such characters, rules are of hyphens, and one stands under the title.
+    rows = [row.strip("│╭╰╮╯ ").strip() for row in box.splitlines()][1:]
+    rows = rows[1:] if rows and not rows[0].strip("-") else rows
+    about = itertools.takewhile(lambda row: row.strip("─-"), rows)
     words = " ".join(about).replace(" (required)", "").rstrip(".")
     for pattern, better in PLAINLY:
         words = re.sub(pattern, better, words)

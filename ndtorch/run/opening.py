@@ -148,6 +148,8 @@ def open_scene(job: BindJob, about: dict[str, Any], settle: float) -> FrameSourc
     """A simulated scene as long as the job wants it, from its first frame on."""
     if job.start is not None or job.stop is not None:
         raise InputError("start and stop are frame numbers of videos; a scene has --seconds")
+    if job.fit is not None:
+        raise InputError("--fit is for the frames of videos; a scene has the size that is wanted")
     options = about["scene"]
     more = SCENE_SECONDS if job.seconds is None else job.seconds
     # Learning seconds: the time for filters to settle comes on top, once.

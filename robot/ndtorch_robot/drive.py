@@ -22,7 +22,7 @@ from ndtorch_robot.map_saving import pilot_walls
 from ndtorch_robot.navigating import print_note
 from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import DriveCommand, Observer, Step
-from ndtorch_robot.record import Record
+from ndtorch_robot.record import Record, pose_error
 from ndtorch_robot.recording.observe import RecordSteps
 from ndtorch_robot.recording.recorder import Recorder
 from ndtorch_robot.safety import SafeDrive, SafetyLimits, Sight
@@ -211,12 +211,18 @@ def map_cells(pilot: Pilot, plan: Plan) -> torch.Tensor:
     return GridMap.normalise(grid.inner(pilot.state.map.cells).clone())
 
 
+def found_after(record: Record, config: DriveConfig) -> float | None:
+    """Seconds until the car had found itself in the known map; None where there was none, or it has not."""
+    if not config.known_map or all(record.lost):
+        return None
+    return round(record.lost.index(False) / config.rate, 3)
+
+
 def pose_errors(record: Record) -> dict[str, dict[str, float]]:
     """How far from the truth dead reckoning and the localiser are: m and degrees, at the end and in the middle."""
     true, found = record.array("pose").reshape(-1, 3), {}
     for name in ("believed", "located"):
-        x, y, heading = (record.array(name).reshape(-1, 3) - true).T
-        away, turned = np.hypot(x, y), np.degrees(np.abs(np.angle(np.exp(1j * heading))))
+        away, turned = pose_error(record.array(name).reshape(-1, 3), true)
         if len(true):
             found[name] = {
                 "end_m": round(float(away[-1]), 4),
@@ -265,6 +271,7 @@ def summarise(
         "walls": config.walls,
         "odometry": config.odometry,
         "pose_error": pose_errors(record),
+        "found_s": found_after(record, config),
         "stress": config.stress,
         "faults": [why for _, why in car.safe.faults],
         "parts_ms": timing,

@@ -31,6 +31,8 @@ class SightLimits:
             row, or the subfield, shows nothing. A camera is blind when both show nothing.
         row_relative, field_relative: the same as a share of the mean brightness: below it lies fog.
         sharpness: largest change over two pixels of the row, as a share of the row's range, below which it is blurred.
+        noise: root mean square step from pixel to pixel of the row from which it is noise, where neighbours are also as
+            different as pixels far apart.
         sharp_range: range of a row below which its sharpness is not judged.
         moved_m, turned_rad: how far the car must have driven or turned before its picture must have changed.
         row_change, field_change: root mean square change of the block means below which nothing has changed.
@@ -47,6 +49,7 @@ class SightLimits:
     row_relative: float = 0.05
     field_relative: float = 0.012
     sharpness: float = 0.2
+    noise: float = 10.0
     sharp_range: float = 20.0
     moved_m: float = 0.04
     turned_rad: float = 0.05
@@ -121,6 +124,10 @@ def blindness(eye: Eye, limits: SightLimits) -> str | None:
     if not shown and field < max(limits.field_contrast, limits.field_relative * floor):
         return f"shows nothing: contrast {row:.1f} at level {level:.0f} of 255"
     if shown:
+        steps = eye.pixels[1:] - eye.pixels[:-1]
+        rough = float(steps @ steps) / max(1, steps.size)
+        if rough > limits.noise**2 and rough > spread(eye.pixels) ** 2:
+            return f"shows noise: neighbouring pixels differ by {rough**0.5:.0f} levels"
         # Sharp edges of the row: between the 2nd and the 98th percentile of 160 means lies its range.
         ordered = np.sort(eye.row)
         cut = len(ordered) // 50

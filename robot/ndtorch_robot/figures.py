@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from ndtorch.navigation import REVERSE, TURN
 from ndtorch_robot.drive import Result
-from ndtorch_robot.record import range_columns
+from ndtorch_robot.record import Floats, pose_error, range_columns
 from ndtorch_robot.sim.plan import Plan
 
 LOOKS = {
@@ -27,13 +28,17 @@ LONGEST = 40.0
 
 
 def write_figures(result: Result, folder: Path) -> None:
-    """Write path.png, map.png, speeds.png and rows.png."""
+    """Write path.png, map.png, speeds.png and rows.png, and pose.png where the car was localised."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    for name, draw in (("path", path), ("map", map_), ("speeds", speeds), ("rows", rows)):
+    drawn: list[tuple[str, Callable[[Any, Result], Any]]] = [("path", path), ("map", map_), ("speeds", speeds)]
+    drawn.append(("rows", rows))
+    if result.walls is not None:
+        drawn.append(("pose", pose))
+    for name, draw in drawn:
         figure = draw(plt, result)
         figure.savefig(folder / f"{name}.png", dpi=110)
         plt.close(figure)
@@ -151,6 +156,30 @@ def map_(plt: Any, result: Result) -> Any:
     return figure
 
 
+def pose(plt: Any, result: Result) -> Any:
+    """How far dead reckoning and the corrected pose are from the truth."""
+    record, c = result.record, result.config
+    paths = {name: record.array(name).reshape(-1, 3) for name in ("pose", "believed", "located")}
+    figure = pose_figure(plt, record.array("time"), paths["pose"], paths["believed"], paths["located"])
+    figure.suptitle(f"{headline(result)}, {c.odometry} odometry", fontsize=11)
+    return figure
+
+
+def pose_figure(plt: Any, time: Floats, true: Floats, believed: Floats, located: Floats) -> Any:
+    """Errors of both poses over time, `[T]` s and poses `[T, 3]`; the axes are logarithmic."""
+    figure, axes = plt.subplots(2, 1, figsize=(9, 5), sharex=True)
+    figure.set_layout_engine("constrained")
+    for poses, color, name in ((believed, RIGHT, "dead reckoning"), (located, LEFT, "corrected by landmarks")):
+        for errors, ax in zip(pose_error(poses, true), axes, strict=True):
+            ax.plot(time / 60, np.maximum(errors, 1e-3), color=color, lw=1, label=name)
+    for ax, label, wanted in zip(axes, ("m", "degrees"), (0.2, 3.0), strict=True):
+        ax.axhline(wanted, color="0.5", lw=1, ls="--")
+        ax.set(yscale="log", ylabel=f"error ({label})")
+    axes[1].set_xlabel("time (minutes)")
+    axes[0].legend(frameon=False, loc="upper left")
+    return figure
+
+
 def speeds(plt: Any, result: Result) -> Any:
     """Both speed estimates, what the controller weighs, its thresholds and its turns. [A fig. 7]
 
@@ -187,19 +216,23 @@ def speeds(plt: Any, result: Result) -> Any:
     turning = (record.array("mode") == TURN)[shown]
     starts = np.flatnonzero(turning & ~np.concatenate(([False], turning[:-1])))
     curvature = record.array("command").reshape(-1, 2)[shown, 1]
+    labelled = -np.inf
     for k in starts:
         end = k + int(np.argmin(turning[k:])) if not turning[k:].all() else len(turning) - 1
         for axes in (upper, lower):
             axes.axvspan(time[k], time[end], color="#e69f00", alpha=0.25, lw=0)
-        way = "left" if curvature[k] > 0 else "right"
-        upper.annotate(way, (time[k], 0.03), xycoords=("data", "axes fraction"), fontsize=8)
+        # Turns that follow each other closely are told apart by the panel below.
+        if time[k] - labelled > 0.035 * max(float(time[-1]), 1.0):
+            way, labelled = "left" if curvature[k] > 0 else "right", time[k]
+            upper.annotate(way, (time[k], 0.94), xycoords=("data", "axes fraction"), fontsize=8)
     upper.axvspan(-1, -1, color="#e69f00", alpha=0.25, lw=0, label="turn")
     for hit in result.simulation.collisions:
         if hit.time <= LONGEST:
             lower.axvline(hit.time, color=HIT, lw=1.5)
     upper.set_xlim(0, max(float(time[-1]), 1.0) if len(time) else 1.0)
-    upper.legend(loc="upper right", ncols=3, fontsize=9)
-    lower.legend(loc="upper right", fontsize=9)
+    # Below, where it covers no line.
+    handles = [*upper.get_legend_handles_labels()[0], *lower.get_legend_handles_labels()[0]]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=9)
     return figure
 
 

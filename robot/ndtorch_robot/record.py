@@ -29,6 +29,7 @@ class Record:
         pose: true x, y, heading, for the scorer.
         believed: the same by dead reckoning.
         located: the same as corrected by the localiser; by dead reckoning where there is none.
+        lost: whether the localiser still looks for the car in a known map.
         command: speed and curvature sent.
         sides: speed estimates, left and right.
         difference: what the controller weighed; its `trace` says what it is.
@@ -42,6 +43,7 @@ class Record:
     pose: list[tuple[float, float, float]] = field(default_factory=list)
     believed: list[tuple[float, float, float]] = field(default_factory=list)
     located: list[tuple[float, float, float]] = field(default_factory=list)
+    lost: list[bool] = field(default_factory=list)
     command: list[DriveCommand] = field(default_factory=list)
     sides: list[Floats] = field(default_factory=list)
     difference: list[float] = field(default_factory=list)
@@ -64,6 +66,7 @@ class Record:
         self.pose.append(pose)
         for poses, pose_ in ((self.believed, state.pose), (self.located, state.place)):
             poses.append((float(pose_.x), float(pose_.y), float(pose_.heading)))
+        self.lost.append(state.located is not None and state.located.hunt is not None)
         self.command.append(command)
         self.sides.append(state.sides.numpy().astype(np.float64))
         self.difference.append(float(state.difference))
@@ -112,6 +115,12 @@ class Record:
         line = self.array(name)[:, :2].copy()
         line[np.array(self.placed[1:], dtype=np.int64)] = np.nan
         return line
+
+
+def pose_error(poses: Floats, true: Floats) -> tuple[Floats, Floats]:
+    """How far poses `[T, 3]` are from the true ones, m, and how far they are turned, degrees, without sign."""
+    x, y, heading = (poses - true).T
+    return np.hypot(x, y), np.degrees(np.abs(np.angle(np.exp(1j * heading))))
 
 
 def grey_row(eye: Strips | object, rig: StereoRig) -> npt.NDArray[np.uint8]:

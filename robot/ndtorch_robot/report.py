@@ -25,6 +25,12 @@ SHOWN = (
         "matched wrongly between the two cameras.",
     ),
     (
+        "pose.png",
+        "Where it believed to be",
+        "How far dead reckoning and the pose corrected by landmarks are from the truth. The dashed lines are 20 cm and "
+        "3 degrees.",
+    ),
+    (
         "rows.png",
         "What both cameras read",
         "One row of pixels of each camera, stacked over time. Dots are features with a range. Lines that spread out "
@@ -51,7 +57,7 @@ def write_drive_page(result: Result, words: str, folder: Path) -> Path:
         **({"stress": config.stress} if config.stress else {}),
         **versions(*PACKAGES),
     }
-    shown = [Shown(folder / name, title, caption) for name, title, caption in SHOWN]
+    shown = [Shown(folder / name, title, caption) for name, title, caption in SHOWN if (folder / name).exists()]
     return Page(f"A drive: {first}", [line.strip() for line in rest], command_line(), facts, (), shown).write(folder)
 
 

@@ -79,6 +79,7 @@ class SightTable(Strict):
     row_relative: Annotated[float, Field(ge=0, le=1)] = 0.05
     field_relative: Annotated[float, Field(ge=0, le=1)] = 0.012
     sharpness: Annotated[float, Field(ge=0, le=1)] = 0.2
+    noise: Positive = 10.0
     sharp_range: Positive = 20.0
     moved_m: Positive = 0.04
     turned_rad: Positive = 0.05

@@ -13,7 +13,7 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.report.palette import rgb
-from ndtorch.report.recording import BATCH, LARGEST_SIDE, Recording
+from ndtorch.report.recording import BATCH, LARGEST_SIDE, Recording, why_not_whole
 from ndtorch.vision.features import FEATURES
 
 rerun = pytest.importorskip("rerun")
@@ -115,6 +115,20 @@ def test_an_error_inside_still_closes_the_file(tmp_path: Path) -> None:
         interrupted(recording)
     assert chunks(tmp_path / "run.rrd", "/outputs")[0].num_rows == 1
     recording.close()
+
+
+def test_half_a_recording_is_told(tmp_path: Path) -> None:
+    """As a full disk leaves it, of which the SDK only logs."""
+    path = tmp_path / "run.rrd"
+    with Recording(path) as recording:
+        recording.frame(0.0, picture(), picture(), "nothing")
+    assert why_not_whole(path) is None
+    whole = path.read_bytes()
+    for length in (0, 40, len(whole) // 2, len(whole) - 70):
+        path.write_bytes(whole[:length])
+        assert why_not_whole(path) == f"the recording {path} is not whole: the disk was full, or failed"
+    path.unlink()
+    assert "No such file" in str(why_not_whole(path))
 
 
 def test_bad_input(tmp_path: Path) -> None:

@@ -73,6 +73,7 @@ SHADE = {
     "grey": lambda a: 128.0 + RANDOM.integers(-1, 2, a.shape),
     "fog": lambda a: 0.1 * a + 0.9 * 190,
     "blur": lambda a: cv2.GaussianBlur(a, (0, 0), 14) + RANDOM.normal(0, 1, a.shape),
+    "noise": lambda a: RANDOM.uniform(0, 255, a.shape),
     "hand": lambda a: 25 + 35 * np.linspace(0, 1, a.shape[1])[None] ** 2 + RANDOM.normal(0, 1.5, a.shape),
 }
 BEFORE = 30

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from ndtorch.errors import InputError
+from ndtorch.navigation.localisation.finding import Hunt, begin, carried_over, draw, no_hunt, refine, verdict, vote
 from ndtorch.navigation.localisation.params import LocaliserParams
 from ndtorch.navigation.localisation.walls import Scan, add_scan, empty_walls, fit_scan
 from ndtorch.navigation.odometry import Pose
@@ -29,11 +30,12 @@ class LocaliserState(NamedTuple):
         walls: what was ranged, `[size, size, 6]`, see `walls`.
         pose: where the car is.
         reckoned: where dead reckoning says that it is.
-        way, turned: metres driven and radians turned since the last scan, both without sign.
-        scale, drift: of the odometer, as far as known: the share by which it counts too much way, and the radians
-            that it adds to the heading each second of driving.
-        age: steps since the start.
+        way, turned: metres driven since the last scan, without sign, and radians turned, with it.
+        scale, bend, drift: of the odometer, as far as known: the shares by which it counts too much way and too much
+            turning, and the radians that it adds to the heading each second of driving.
+        age, scans: steps and corrections since the start.
         score: how well the last scan fitted, 0..1.
+        hunt: the search for the place in a known map; None where there is none, or where it has been found.
     """
 
     walls: Tensor
@@ -42,9 +44,12 @@ class LocaliserState(NamedTuple):
     way: Tensor
     turned: Tensor
     scale: Tensor
+    bend: Tensor
     drift: Tensor
     age: Tensor
+    scans: Tensor
     score: Tensor
+    hunt: Hunt | None = None
 
 
 class Localiser(nn.Module):
@@ -66,17 +71,26 @@ class Localiser(nn.Module):
         rig: the camera pair.
         dt: time step, s.
         params: its numbers.
+        known: walls of a map that was made before, `[size, size, 6]`. The car then does not know where it is: it drives
+            in a frame of its own until what it has ranged fits one place of the map and no other.
 
     Raises:
-        InputError: Numba is not installed; several cars at once.
+        InputError: Numba is not installed; several cars at once; walls of another size.
     """
 
-    def __init__(self, rig: StereoRig, dt: float, params: LocaliserParams | None = None) -> None:
+    def __init__(
+        self, rig: StereoRig, dt: float, params: LocaliserParams | None = None, known: Tensor | None = None
+    ) -> None:
         super().__init__()
         need("numba", "localise")
         self.rig, self.dt, self.params = rig, dt, params or LocaliserParams()
         self.every = max(1, round(self.params.every / dt))
         self.settle = self.params.settle / dt
+        size = self.params.size
+        if known is not None and known.shape != (size, size, 6):
+            raise InputError(f"known walls must be [{size}, {size}, 6], got {tuple(known.shape)}")
+        self.known = known
+        self.picture = None if known is None else draw(known, self.params)
 
     def due(self, state: LocaliserState | None) -> bool:
         """Whether the next step looks at its rows."""
@@ -93,12 +107,34 @@ class Localiser(nn.Module):
             if rows is None:
                 raise InputError("this step looks at the rows, see `due`, but there are none")
             state = self.look(rows, state)
+        if state.hunt is not None:
+            state = self.find(state, state.hunt)
         return state._replace(age=state.age + 1)
+
+    def find(self, state: LocaliserState, hunt: Hunt) -> LocaliserState:
+        """One step of the search for the place in the known map."""
+        p, pose = self.params, (float(state.pose.x), float(state.pose.y), float(state.pose.heading))
+        assert self.known is not None
+        assert self.picture is not None
+        if int(hunt.turn) < 0:  # between two searches
+            return state._replace(hunt=begin(hunt, state.walls, pose, p) if float(hunt.way) > p.finding.way else hunt)
+        if int(hunt.turn) < p.finding.turns:
+            return state._replace(hunt=vote(hunt, self.picture, p))
+        if len(hunt.places):
+            return state._replace(hunt=refine(hunt, self.known, p))
+        found = verdict(hunt, p)
+        if found is None:
+            return state._replace(hunt=no_hunt()._replace(way=hunt.way))
+        here = Pose(*map(number, carried_over(hunt, found, pose)))
+        return state._replace(walls=self.known, pose=here, hunt=None)
 
     def start(self, at: Pose) -> LocaliserState:
         """A car at a pose that has ranged nothing yet."""
         pose, zero = Pose(*(number(float(part)) for part in at)), number(0.0)
-        return LocaliserState(empty_walls(self.params), pose, pose, zero, zero, zero, zero, zero, zero)
+        hunt = None if self.known is None else no_hunt()
+        return LocaliserState(
+            empty_walls(self.params), pose, pose, zero, zero, zero, zero, zero, zero, zero, zero, hunt
+        )
 
     def put(self, state: LocaliserState, at: Pose) -> LocaliserState:
         """The state of a car that was carried to a pose, and has been told so."""
@@ -114,7 +150,7 @@ class Localiser(nn.Module):
             return state
         aside = math.atan2(y - oy, x - ox) - before  # of the chord, from where the car headed
         length *= 1 - float(state.scale)
-        true_turn = turn - float(state.drift) * self.dt
+        true_turn = (turn - float(state.drift) * self.dt) * (1 - float(state.bend))
         here = float(state.pose.heading)
         direction = here + aside + (true_turn - turn) / 2
         pose = Pose(
@@ -123,7 +159,10 @@ class Localiser(nn.Module):
             number(here + true_turn),
         )
         there = Pose(number(x), number(y), number(heading))
-        return state._replace(pose=pose, reckoned=there, way=state.way + length, turned=state.turned + abs(true_turn))
+        hunt = state.hunt if state.hunt is None else state.hunt._replace(way=state.hunt.way + length)
+        return state._replace(
+            pose=pose, reckoned=there, way=state.way + length, turned=state.turned + true_turn, hunt=hunt
+        )
 
     def look(self, rows: Tensor, state: LocaliserState) -> LocaliserState:
         """Fit what is ranged now to the walls, correct the pose, and add it to them."""
@@ -133,7 +172,7 @@ class Localiser(nn.Module):
         p = self.params
         x, y, heading = map(float, state.pose)
         if float(state.age) >= self.settle:
-            way, turned = float(state.way), float(state.turned)
+            way, turned = float(state.way), abs(float(state.turned))
             place = p.still + p.slip * way
             angle = p.turn_still + p.turn_slip * turned + p.turn_way * way
             fit = fit_scan(state.walls, scan, (x, y, heading), (place, angle), p)
@@ -146,15 +185,22 @@ class Localiser(nn.Module):
 
     def learn(self, state: LocaliserState, turn: float, x: float, y: float) -> LocaliserState:
         """What a correction says of the odometer: it is an integral controller of both errors."""
-        way, gain = float(state.way), self.params.gain
+        p, way, scans = self.params, float(state.way), float(state.scans)
         if way < 1e-3:
             return state
+        gain = max(p.gain, p.first_gain / (1 + scans / p.learning)) if p.gain else 0.0
         heading = float(state.pose.heading) + turn
         ahead = x * math.cos(heading) + y * math.sin(heading)
-        drift = float(state.drift) - gain * turn / (self.every * self.dt)
+        turned, drift, bend = float(state.turned), float(state.drift), float(state.bend)
+        if abs(turned) > p.bent:  # what is wrong in a bend is rather its angle
+            bend -= gain * turn / turned
+        else:
+            drift -= gain * turn / (self.every * self.dt)
         scale = float(state.scale) - gain * ahead / way
         return state._replace(
+            scans=number(scans + 1),
             drift=number(min(max(drift, -WORST_DRIFT), WORST_DRIFT)),
+            bend=number(min(max(bend, -WORST_SCALE), WORST_SCALE)),
             scale=number(min(max(scale, -WORST_SCALE), WORST_SCALE)),
         )
 

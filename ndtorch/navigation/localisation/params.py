@@ -10,6 +10,49 @@ from ndtorch.navigation.row_search import SearchParams
 
 
 @dataclass(frozen=True)
+class FindingParams:
+    """How an unknown place is found in a known map.
+
+    Args:
+        way: driven before the first search, and from one to the next, m.
+        again: driven until it is tried again where too little was ranged, m.
+        around: what was ranged within this of the car is looked for, m.
+        least: cells that this must be.
+        pixel, blur: of the picture of the known walls, m.
+        stride: places are tried so many pixels apart.
+        turns: directions that are tried.
+        each, kept: best places of a direction that are kept, and of all directions.
+        loose: standard deviation of such a place, m and radians, from which it is refined.
+        steps: of Gauss-Newton when it is refined.
+        good: share of what was ranged that must fit.
+        better: so much worse all other places must be.
+        apart, turned: places farther apart than this, m or radians, are two.
+    """
+
+    way: float = 3.0
+    again: float = 0.5
+    around: float = 8.0
+    least: int = 30
+    pixel: float = 0.1
+    blur: float = 0.12
+    stride: int = 2
+    turns: int = 90
+    each: int = 2
+    kept: int = 12
+    loose: float = 0.3
+    steps: int = 15
+    good: float = 0.4
+    better: float = 0.1
+    apart: float = 0.5
+    turned: float = math.radians(15.0)
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not 0 < value < math.inf:
+                raise InputError(f"{name} must be a number > 0, got {value}")
+
+
+@dataclass(frozen=True)
 class LocaliserParams:
     """How the car finds out where it is.
 
@@ -26,7 +69,10 @@ class LocaliserParams:
         steps: of Gauss-Newton, at most.
         still, slip, turn_still, turn_slip, turn_way: standard deviations of dead reckoning between two scans: of the
             place, m and m each metre, and of the heading, radians, radians each radian turned and each metre.
-        gain: share of a correction that goes into what is known of the odometry: its scale and its drift.
+        gain, first_gain, learning: share of a correction that goes into what is known of the odometry, its scale and
+            its drift; at first `first_gain`, which falls to a half in `learning` scans.
+        bent: from this turn between two scans on, radians, a correction of the heading is one of the turning.
+        finding: how an unknown place is found in a known map.
         search: how the right row is searched for ranges.
 
     Raises:
@@ -42,20 +88,24 @@ class LocaliserParams:
     size: int = 256
     blur: float = 0.02
     least: float = 1.5
-    most: float = 400.0
+    most: float = 1e5
     gate: float = 9.0
     steps: int = 8
     still: float = 0.002
     slip: float = 0.05
     turn_still: float = 0.0005
-    turn_slip: float = 0.05
+    turn_slip: float = 0.03
     turn_way: float = 0.01
     gain: float = 0.02
+    first_gain: float = 0.2
+    learning: float = 20.0
+    bent: float = 0.03
+    finding: FindingParams = field(default_factory=FindingParams)
     search: SearchParams = field(default_factory=SearchParams)
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if name not in ("search", "gain", "settle") and not 0 < value < math.inf:
+            if name not in ("search", "finding", "gain", "settle") and not 0 < value < math.inf:
                 raise InputError(f"{name} must be a number > 0, got {value}")
         if not (0 <= self.gain < 1 and self.settle >= 0 and self.near < self.far and self.size % 2 == 0):
             raise InputError(f"expected 0 <= gain < 1, settle >= 0, near < far and an even size, got {self}")

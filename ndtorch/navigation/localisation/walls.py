@@ -65,12 +65,14 @@ def fit_scan(
     start: tuple[float, float, float],
     deviations: tuple[float, float],
     params: LocaliserParams,
+    steps: int | None = None,
 ) -> Fit:
     """The pose from which a scan fits the walls.
 
     Args:
         start: the pose expected.
         deviations: standard deviations of its place, m, and of its heading, radians.
+        steps: of Gauss-Newton, at most; those of the parameters by default.
     """
     p, out = params, np.zeros(4)
     place, heading = (1 / deviation**2 for deviation in deviations)
@@ -83,7 +85,7 @@ def fit_scan(
         p.blur,
         p.least,
         p.gate,
-        p.steps,
+        steps or p.steps,
         out,
     )
     return Fit(*out.tolist())

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ndtorch.code_digest import code_digest
+from ndtorch.files import write_text
 from ndtorch_robot.barn.attempt import Attempt, Entry
 from ndtorch_robot.barn.worlds import World
 from ndtorch_robot.evaluation.drives import CODE, PACKAGES
@@ -48,9 +49,7 @@ class Kept:
         """Keep an attempt. Written beside and moved, so that there is never half a file."""
         file = self.file(entry)
         file.parent.mkdir(parents=True, exist_ok=True)
-        draft = file.with_suffix(".part")
-        draft.write_text(json.dumps(made._asdict()) + "\n", encoding="utf-8")
-        draft.replace(file)
+        write_text(file, json.dumps(made._asdict()) + "\n")
 
 
 def comma_separated(made: Sequence[Attempt]) -> str:

@@ -109,15 +109,17 @@ class Barn:
 
     def write(self, worlds: Sequence[World], made: Sequence[Attempt], out: Path) -> str:
         """All files; returns what to print."""
+        from ndtorch.files import replacing, write_text
         from ndtorch_robot.barn.results import comma_separated, draw, table, totals
 
         missing = f"; {len(worlds) - len(made)} of {len(worlds)} worlds are missing" * (len(made) < len(worlds))
         note = f"Controller {self.controller}, {self.split} worlds, seed {self.seed}{missing}."
         text = table(made, note)
-        (out / "barn.csv").write_text(comma_separated(made), encoding="utf-8")
-        (out / "barn.md").write_text(text, encoding="utf-8")
+        write_text(out / "barn.csv", comma_separated(made))
+        write_text(out / "barn.md", text)
         if made:
-            draw(worlds, made, out / "barn.png")
+            with replacing(out / "barn.png") as beside:
+                draw(worlds, made, beside)
         if self.json:
             return json.dumps(totals(made))
         return text + f"\nwritten to {out}: barn.csv barn.md" + " barn.png" * bool(made)

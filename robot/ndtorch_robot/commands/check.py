@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from dataclasses import dataclass
@@ -40,6 +41,8 @@ class Check:
     """TOML file of the car, or the name of one that comes along, such as maxstone8."""
     yes: bool = False
     """Answer every question with yes, for a simulated board."""
+    json: bool = False
+    """Print which points were right as one JSON object; all that is said besides goes to stderr."""
 
     def run(self) -> int:
         """Ask, move, ask."""
@@ -51,39 +54,50 @@ class Check:
         from ndtorch_robot.safety import SafeDrive
 
         config = read_toml(toml_file(self.config, "ndtorch_robot", "configs"), RunConfig)
-        print("1. Cameras")
-        bad = 0 if self.cameras(config) else 1
-        print("2. Link")
-        drive = open_link(config.link_table(), Opening(config.robot, lambda line: print(f"   {line}")))
+        self.say("1. Cameras")
+        found = {"cameras": self.cameras(config)}
+        self.say("2. Link")
+        drive = open_link(config.link_table(), Opening(config.robot, lambda line: self.say(f"   {line}")))
         try:
-            bad += 0 if self.link(drive) else 1
+            found["link"] = self.link(drive)
             safe = SafeDrive(drive, MonotonicClock(), config.limits.limits(), report=timed_report())
-            print("3. Directions")
+            self.say("3. Directions")
             if not self.ask("Are all wheels off the ground?"):
                 print("put the car on a block first", file=sys.stderr)
                 return 1
-            bad += self.directions(safe)
-            print("4. Emergency stop")
-            bad += self.emergency(safe)
+            wrong = self.directions(safe)
+            self.say("4. Emergency stop")
+            stop = self.emergency(safe)
+            found |= {"directions": wrong == 0, "emergency_stop": stop == 0}
         finally:
             drive.close()
-        print("all well" if bad == 0 else f"{bad} of the points above were not right")
+        bad = (not found["cameras"]) + (not found["link"]) + wrong + stop
+        if self.json:
+            print(json.dumps(found | {"not_right": bad}))
+        else:
+            print("all well" if bad == 0 else f"{bad} of the points above were not right")
         return 0 if bad == 0 else 1
+
+    def say(self, words: str, end: str = "\n") -> None:
+        """Tell the one who sits before it."""
+        print(words, end=end, file=sys.stderr if self.json else sys.stdout, flush=True)
 
     def ask(self, question: str) -> bool:
         """A question with the answers yes and no; the end of the input is a no."""
         if self.yes:
-            print(f"   {question} yes")
+            self.say(f"   {question} yes")
             return True
         try:
-            return input(f"   {question} [y/n] ").strip().lower() in ("y", "yes")
+            # `input` would print the question on stdout.
+            self.say(f"   {question} [y/n] ", end="")
+            return input().strip().lower() in ("y", "yes")
         except EOFError:
             return False
 
     def cameras(self, config: RunConfig) -> bool:
         """Read some seconds of pairs: the rate, whether both show something, and the right way round."""
         if config.cameras is None:
-            print("   simulated, nothing to check")
+            self.say("   simulated, nothing to check")
             return True
         from ndtorch_robot.run import make_real_cameras
 
@@ -91,12 +105,12 @@ class Check:
             import_module("ndtorch_robot.cameras")
             pair, rig, _ = make_real_cameras(config)
         except (InputError, ModuleNotFoundError) as error:
-            print(f"   not right: {error}")
+            self.say(f"   not right: {error}")
             return False
         from ndtorch_robot.watch import CameraWatch
 
         watch = CameraWatch(rig, rate=config.rate_hz, limits=config.sight.limits())
-        print("   for five seconds move the car about by hand: what both cameras see is compared")
+        self.say("   for five seconds move the car about by hand: what both cameras see is compared")
         try:
             times = []
             for _ in range(round(5 * config.rate_hz)):
@@ -104,12 +118,12 @@ class Check:
                 times.append(frames.time)
                 watch.check_mounting(frames)
         except InputError as error:
-            print(f"   not right: {error}")
+            self.say(f"   not right: {error}")
             return False
         finally:
             pair.close()
         rate = (len(times) - 1) / (times[-1] - times[0])
-        print(f"   {rate:.1f} pairs a second, {config.rate_hz:.0f} are wanted")
+        self.say(f"   {rate:.1f} pairs a second, {config.rate_hz:.0f} are wanted")
         return abs(rate / config.rate_hz - 1) < 0.1
 
     def link(self, drive: Drive) -> bool:
@@ -119,14 +133,14 @@ class Check:
         time.sleep(1.0)
         said, trips = drive.telemetry(), np.array(drive.round_trips()) * 1e3
         if len(trips):
-            print(f"   round trip {np.median(trips):.1f} ms, 99 % below {np.percentile(trips, 99):.1f} ms")
+            self.say(f"   round trip {np.median(trips):.1f} ms, 99 % below {np.percentile(trips, 99):.1f} ms")
         if not {*said} - {"link"}:
-            print("   not right: no telemetry")
+            self.say("   not right: no telemetry")
             return False
         volts = said.get("battery_v", 0.0)
-        print(f"   battery {f'{volts:.1f} V' if volts > 1 else 'not measured'}")
+        self.say(f"   battery {f'{volts:.1f} V' if volts > 1 else 'not measured'}")
         pulses = [f"{name[:-3]} {said[name]} us" for name in said if name.endswith("_us")]
-        print(f"   pulses {', '.join(pulses)}" if pulses else "   it tells of no pulses")
+        self.say(f"   pulses {', '.join(pulses)}" if pulses else "   it tells of no pulses")
         return True
 
     def directions(self, safe: SafeDrive) -> int:
@@ -141,7 +155,7 @@ class Check:
         ]
         wrong = 0
         for command, question in moves:
-            hold(safe, command, 1.5, print)
+            hold(safe, command, 1.5, self.say)
             wrong += not self.ask(question)
         return wrong
 
@@ -149,7 +163,7 @@ class Check:
         """Stop in the middle of driving; returns how many things were wrong."""
         from ndtorch_robot.ports import DriveCommand
 
-        hold(safe, DriveCommand(CRAWL, 0.0), 1.0, print, stop=False)
+        hold(safe, DriveCommand(CRAWL, 0.0), 1.0, self.say, stop=False)
         safe.emergency("test of the emergency stop")
         end = time.monotonic() + 0.5
         while time.monotonic() < end:
@@ -157,7 +171,7 @@ class Check:
             time.sleep(0.03)
         said = safe.drive.telemetry()
         stands = not said.get("armed", False) and said.get("motor_us", NEUTRAL) == NEUTRAL
-        print(f"   the board says it {'stands' if stands else 'drives'}")
+        self.say(f"   the board says it {'stands' if stands else 'drives'}")
         return (not stands) + (not self.ask("Did the wheels stop at once?"))
 
 

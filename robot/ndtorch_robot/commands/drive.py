@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from ndtorch.command_run import INTERRUPTED
+from ndtorch.command_run import INCOMPLETE, INTERRUPTED
 from ndtorch_robot.navigator_flags import navigator_flags
 
 if TYPE_CHECKING:
@@ -24,8 +25,8 @@ class Drive:
     """Drive through a simulated building, steering and mapping by sight.
 
     Shows the progress and a summary, and writes report.html with all pictures, summary.json, path.png, map.png,
-    map.npz, map.pgm and map.yaml (these two for ROS), speeds.png and rows.png. Options override the file. Ctrl-C
-    stops the robot and keeps everything.
+    map.npz, map.pgm and map.yaml (these two for ROS), speeds.png and rows.png; with --localise also
+    pose.png. Options override the file. Ctrl-C stops the robot and keeps everything.
     """
 
     config: Annotated[Path | None, tyro.conf.Positional] = None
@@ -97,7 +98,20 @@ class Drive:
                 print(f"  recording: rerun {config.rrd}")
         if self.open:
             open_in_browser(folder.final / NAME)
-        return INTERRUPTED if result.interrupted else 0
+        half = unfinished(config, result)
+        for line in half:
+            print(f"error: {line}", file=sys.stderr)
+        return INTERRUPTED if result.interrupted else INCOMPLETE if half else 0
+
+
+def unfinished(config: DriveConfig, result: Result) -> list[str]:
+    """What of the recordings is not whole, one line each."""
+    from ndtorch.report.recording import why_not_whole
+
+    recording = result.summary.get("recording")
+    failed = str(recording["failed"]) if isinstance(recording, dict) else ""
+    half = why_not_whole(config.rrd) if config.rrd is not None else None
+    return [line for line in (failed, half) if line]
 
 
 def watched(config: DriveConfig, quiet: bool) -> Result:
@@ -149,6 +163,19 @@ def describe(result: Result) -> str:
     def value(key: str, unit: str, factor: float = 1.0) -> str:
         return "-" if score[key] is None else f"{factor * score[key]:.1f} {unit}"
 
+    located = []
+    if result.walls is not None:
+        errors = s["pose_error"]
+        assert isinstance(errors, dict)
+        words = [
+            f"{label} {errors[name]['end_m']:.2f} m and {errors[name]['end_degrees']:.1f} degrees"
+            for name, label in (("believed", "dead reckoning"), ("located", "corrected"))
+            if name in errors
+        ]
+        if c.known_map:
+            found = s["found_s"]
+            words.append("not found in the known map" if found is None else f"found in the known map after {found} s")
+        located = [f"  error of the pose at the end: {', '.join(words)}"]
     lines = [
         f"{c.arena}, seed {c.seed}, {c.controller}"
         + f", {c.stress}" * bool(c.stress)
@@ -160,6 +187,7 @@ def describe(result: Result) -> str:
         f"  map: {value('precision', '%', 100)} of its mass near true edges, {value('recall', '%', 100)} of the "
         f"visible edges found, position error {value('position_error_cm', 'cm')}, "
         f"door spacing error {value('spacing_error_percent', '%')}",
+        *located,
         f"  navigation step: median {times.get('p50', 0):.2f} ms, 99 % below {times.get('p99', 0):.2f} ms",
     ]
     if s["collisions"]:

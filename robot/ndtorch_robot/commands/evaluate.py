@@ -207,17 +207,19 @@ def finish_drives(missing: list[DriveConfig], cache: Cache, processes: int) -> l
 
 def write_tables(summaries: list[Summary], folder: Path, note: str, as_json: bool) -> str:
     """All files of an evaluation; returns what to print."""
+    from ndtorch.files import replacing, write_text
     from ndtorch_robot.evaluation.picture import draw_table
     from ndtorch_robot.evaluation.table import comma_separated, markdown, rows_of
     from ndtorch_robot.report import write_evaluation_page
 
     rows = rows_of(summaries)
     text = markdown(rows, note)
-    (folder / "table.md").write_text(text, encoding="utf-8")
-    (folder / "table.csv").write_text(comma_separated(rows), encoding="utf-8")
-    (folder / "drives.jsonl").write_text("".join(json.dumps(s) + "\n" for s in summaries))
+    write_text(folder / "table.md", text)
+    write_text(folder / "table.csv", comma_separated(rows))
+    write_text(folder / "drives.jsonl", "".join(json.dumps(s) + "\n" for s in summaries))
     if rows:
-        draw_table(rows, folder / "table.png")
+        with replacing(folder / "table.png") as beside:
+            draw_table(rows, beside)
         write_evaluation_page(rows, note, folder)
     if as_json:
         return json.dumps([{k: v for k, v in row._asdict().items() if k != "drives"} for row in rows])

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from ndtorch.command_run import INCOMPLETE
 from ndtorch.errors import InputError
 from ndtorch.installed import toml_file
 
@@ -115,7 +116,14 @@ class Run:
         else:
             for key, value in summary.items():
                 print(f"{key}: {value}")
-        return 0
+        half = None
+        if self.rrd is not None:
+            from ndtorch.report.recording import why_not_whole
+
+            half = why_not_whole(self.rrd)
+        if half is not None:
+            print(f"error: {half}", file=sys.stderr)
+        return INCOMPLETE if half is not None or (recorder is not None and recorder.failed) else 0
 
     def map_folder(self, half: float) -> RunFolder | None:
         """Where the map is to go; found out before the car drives.

@@ -8,8 +8,8 @@ import numpy as np
 
 from ndtorch_robot.sim.lockstep_world import Cable, LockstepWorld, good_cable
 
-MANY, FEW = 0.03, 0.0003
-"""Share of bytes that are flipped: every third frame, or one in three seconds."""
+MOST, MANY, FEW = 0.2, 0.03, 0.0003
+"""Share of bytes that are flipped: nearly every frame is damaged, every third, or one in three seconds."""
 
 LOST = 0.03
 """Share of writes that are lost where it is only some of them."""
@@ -34,8 +34,10 @@ class FailingCable:
             "cable pulled": (self.nothing, self.nothing),
             "board not heard": (good_cable, self.nothing),
             "board hears nothing": (self.nothing, good_cable),
-            "bytes flipped on the way there": (self.flipped(MANY), good_cable),
-            "bytes flipped on the way back": (good_cable, self.flipped(MANY)),
+            "nearly all damaged on the way there": (self.flipped(MOST), good_cable),
+            "nearly all damaged on the way back": (good_cable, self.flipped(MOST)),
+            "a third damaged on the way there": (self.flipped(MANY), good_cable),
+            "a third damaged on the way back": (good_cable, self.flipped(MANY)),
             "everything late on the way there": (self.late, good_cable),
             "single writes lost": (self.some, self.some),
             "single bytes flipped": (self.flipped(FEW), self.flipped(FEW)),

@@ -10,6 +10,9 @@ WHEELS = 0.25
 BLIND = 0.5
 """The same for pictures that show nothing: they have to be looked at for a while."""
 
+BAD_LINE = 1.0
+"""The same for a line of which most still comes through: what comes is good, and only damage is counted."""
+
 TOLD = 15.0
 """Seconds in which cameras that lie the wrong way round must be told: they have to be compared while the car drives."""
 
@@ -48,8 +51,10 @@ FAULTS = (
     Fault("link", "cable pulled", WHEELS),
     Fault("link", "board not heard", WHEELS),
     Fault("link", "board hears nothing", WHEELS),
-    Fault("link", "bytes flipped on the way there", WHEELS),
-    Fault("link", "bytes flipped on the way back", WHEELS),
+    Fault("link", "nearly all damaged on the way there", WHEELS),
+    Fault("link", "nearly all damaged on the way back", WHEELS),
+    Fault("link", "a third damaged on the way there", BAD_LINE),
+    Fault("link", "a third damaged on the way back", BAD_LINE),
     Fault("link", "everything late on the way there", WHEELS),
     Fault("link", "board restarts", WHEELS),
     Fault("link", "single writes lost", None),

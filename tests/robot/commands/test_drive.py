@@ -51,6 +51,21 @@ def test_json(tmp_path, capsys):
 
 
 @needs_gl
+def test_a_map_is_made_and_known_again(tmp_path, capsys):
+    pytest.importorskip("numba")
+    shared = ["drive", "--arena", "room", "--seconds", "1", "--odometry", "noisy"]
+    assert main([*shared, "--localise", "--out", str(tmp_path / "first")]) == 0
+    assert "error of the pose at the end: dead reckoning 0.0" in capsys.readouterr().out
+    made = tmp_path / "first" / "map.npz"
+    assert np.load(made)["walls"].shape[1] == 8
+    assert (tmp_path / "first" / "pose.png").exists()
+    assert main([*shared, "--known-map", str(made), "--out", str(tmp_path / "second")]) == 0
+    assert "not found in the known map" in capsys.readouterr().out
+    assert main([*shared, "--known-map", str(tmp_path)]) == 2
+    assert "map" in capsys.readouterr().err
+
+
+@needs_gl
 def test_words_and_file(tmp_path, capsys):
     config = tmp_path / "drive.toml"
     config.write_text(f'arena = "room"\nseconds = 9\nseed = 3\nout = "{tmp_path / "out"}"')

@@ -1,7 +1,9 @@
 """Many drives: the cache, the table and its picture, the command."""
 
 import csv
+import errno
 import json
+import os
 
 import numpy as np
 import pytest
@@ -180,6 +182,20 @@ def test_command_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
     assert f"written to {tmp_path / 'e-2'}: table.md" in capsys.readouterr().out
     assert (place / "table.md").read_bytes() == table
     assert {file.name for file in (tmp_path / "e-2" / "drives").iterdir()} == {file.name for file in made}
+
+
+def test_a_full_disk_leaves_the_old_tables(tmp_path, monkeypatch):
+    command.write_tables([summary()], tmp_path, "before", False)
+    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+    assert len(before) == 5
+
+    def full(handle):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        command.write_tables([summary(seed=2)], tmp_path, "after", False)
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
 
 
 def test_ctrl_c_keeps_what_is_finished(tmp_path, capsys, monkeypatch):

@@ -168,6 +168,7 @@ while True:
 """
 
 
+@pytest.mark.realtime
 def test_a_kill_costs_less_than_a_second(tmp_path):
     with subprocess.Popen([sys.executable, "-c", KILLED, str(tmp_path / "r")], stdout=subprocess.PIPE) as process:
         for _ in range(45):
@@ -202,6 +203,7 @@ for n in range(1000):
 """
 
 
+@pytest.mark.realtime
 def test_a_kill_costs_less_than_a_second_with_whole_frames(tmp_path):
     """Two pictures take five times as long as there is time: frames are left out rather than written late."""
     with subprocess.Popen([sys.executable, "-c", STARVED, str(tmp_path / "r")], stdout=subprocess.PIPE) as process:

@@ -112,7 +112,7 @@ def test_a_bad_cable_is_bad():
     cable.fail("everything late on the way there")
     assert world.up(data, 0.0) == b""
     assert world.up(b"", 0.31) == data
-    cable.fail("bytes flipped on the way back")
+    cable.fail("a third damaged on the way back")
     wrong = sum(a != b for a, b in zip(world.down(data, 0.0), data, strict=True))
     assert 30 < wrong < 100
     assert world.up(data, 0.0) == data
