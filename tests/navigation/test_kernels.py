@@ -99,6 +99,7 @@ def test_layouts_of_memory_and_strips_do_not_matter() -> None:
         (FeatureParams(7, edge_reach=4, shared=True), MatchParams(10, 100)),
         (FeatureParams(40, spacing=5, edge_reach=2), MatchParams(0, 300, one_to_one=False, max_error=0.01)),
         (FeatureParams(1), MatchParams(0, 300)),
+        (FeatureParams(7, edge_reach=4, shared=True, ahead=3), MatchParams(10, 100)),
     ],
 )
 @pytest.mark.parametrize("kind", KINDS)
