@@ -73,6 +73,7 @@ class RunningCovariances(nn.Module):
         tau_high: high-pass on the signals, seconds.
         differences: also keep the covariances of differences from sample to sample.
         every: time between updates, seconds.
+        at_first: the high-pass starts settled on the first sample, for signals that are not around zero.
 
     Shapes:
         signals `[..., T, N]` -> state, up to the last update. `None` starts at rest, with zeros.
@@ -89,8 +90,10 @@ class RunningCovariances(nn.Module):
         tau_high: float = 2.0,
         differences: bool = False,
         every: float = 0.1,
+        at_first: bool = False,
     ) -> None:
         super().__init__()
+        self.at_first = at_first
         if not memories:
             raise InputError("memories must be time constants in seconds, got none")
         if not delays or not all(delay >= 0 for delay in delays):
@@ -113,7 +116,7 @@ class RunningCovariances(nn.Module):
         c, batch, n = self.constants, first.shape[:-1], first.shape[-1]
         # No tensor twice: an export would take the two for one for ever.
         return CovarianceState(
-            low=torch.zeros_like(first),
+            low=first.clone() if self.at_first else torch.zeros_like(first),
             past=first.new_zeros(*batch, c.longest, n),
             recent=first.new_zeros(*batch, self.every - 1, n),
             covariances=first.new_zeros(*batch, len(c.memories), len(c.lags), n, n),

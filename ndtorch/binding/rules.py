@@ -16,6 +16,12 @@ from ndtorch.nearest import meant
 
 Activation = Callable[[Tensor], Tensor]
 
+LARGEST = 10.0
+"""Largest single weight where the spectral radius is limited, ten times what is learned from any scene of the papers.
+
+Nearly triangular weights have a small spectral radius however large they are: it does not bound them.
+"""
+
 
 class Rule(Protocol):
     """What a learning rule is: `dW/dt = rate(t) change(...)`, off the diagonal, and W kept within its bounds.
@@ -127,8 +133,8 @@ class LearningRule:
         return row @ column / steps
 
     def bounded(self, weights: Tensor) -> tuple[Tensor, Tensor | None]:
-        """Negative weights become zero, and those of too large a spectral radius are scaled back."""
-        positive = weights.clamp_min(0)
+        """Negative weights become zero, single ones at most `LARGEST`; too large a spectral radius is scaled back."""
+        positive = weights.clamp_min(0) if math.isinf(self.radius_limit) else weights.clamp(0, LARGEST)
         return within_radius(positive, self.radius_limit)
 
 

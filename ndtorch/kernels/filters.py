@@ -13,58 +13,67 @@ Array = Any
 
 
 @numba.njit(fastmath=FAST, error_model="numpy")
-def grey_planes(red: Array, green: Array, blue: Array, third: float, image: Array) -> tuple[float, float, float]:
-    """Mean of three colors into `image`, and the sum of each; `third` scales to 0..1 as well."""
+def filter_row(
+    colors: tuple[Array, Array, Array],
+    third: float,
+    settle: bool,
+    before: tuple[Array, Array],
+    shares: tuple[float, float],
+    image: Array,
+    low: Array,
+    high: Array,
+    late: Array,
+) -> tuple[float, float, float]:
+    """Grey and `motion_step` of one row in one loop: every number is read and written once.
+
+    Numbers that have died away become zero: as denormals they would make every later frame ten times slower.
+
+    Args:
+        colors: red, green and blue.
+        third: scales their sum to grey in 0..1.
+        settle: the state before is that of filters settled on this row.
+        before: states, slow and delayed. What is written must lie elsewhere: where rows could overlap, loops are not
+            made of vector instructions.
+        shares: of the high-pass and of the low-pass.
+        image, low, high, late: become grey, the slow state, the high-passed row, and the delayed state.
+
+    Returns:
+        Sums of the colors.
+    """
     kind = image.dtype.type
+    tiny, a_high, a_low = kind(1e-30), kind(shares[0]), kind(shares[1])
+    red, green, blue = colors
+    slow, delayed = before
     r, g, b = kind(0), kind(0), kind(0)
     for x in range(image.shape[0]):
         one, two, three = kind(red[x]), kind(green[x]), kind(blue[x])
-        image[x] = (one + two + three) * third
         r, g, b = r + one, g + two, b + three
-    return r, g, b
-
-
-@numba.njit(fastmath=FAST, error_model="numpy")
-def grey_pixels(pixels: Array, third: float, image: Array) -> tuple[float, float, float]:
-    """As `grey_planes` of pixels `[W, 3]`, whose colors lie side by side in memory."""
-    kind = image.dtype.type
-    r, g, b = kind(0), kind(0), kind(0)
-    for x in range(image.shape[0]):
-        one, two, three = kind(pixels[x, 0]), kind(pixels[x, 1]), kind(pixels[x, 2])
-        image[x] = (one + two + three) * third
-        r, g, b = r + one, g + two, b + three
-    return r, g, b
-
-
-@numba.njit(fastmath=FAST, error_model="numpy")
-def filter_row(
-    image: Array, slow: Array, delayed: Array, a_high: float, a_low: float, low: Array, high: Array, late: Array
-) -> None:
-    """`motion_step` of one row: new states into `low` and `late`, the high-passed row into `high`.
-
-    Numbers that have died away become zero: as denormals they would make every later frame ten times slower.
-    """
-    kind = image.dtype.type
-    tiny = kind(1e-30)
-    for x in range(image.shape[0]):
-        mean = slow[x] + a_high * (image[x] - slow[x])
-        fast = image[x] - mean
-        after = delayed[x] + a_low * (fast - delayed[x])
+        grey = (one + two + three) * third
+        image[x] = grey
+        mean, last = (grey, kind(0)) if settle else (slow[x], delayed[x])
+        mean = mean + a_high * (grey - mean)
+        fast = grey - mean
+        last = last + a_low * (fast - last)
+        last = last if abs(last) > tiny else kind(0)
+        high[x], late[x] = fast, last
         low[x] = mean if abs(mean) > tiny else kind(0)
-        high[x] = fast
-        late[x] = after if abs(after) > tiny else kind(0)
+    return r, g, b
 
 
 @numba.njit(fastmath=FAST, error_model="numpy")
-def correlate(high: Array, late: Array, high_before: Array, late_before: Array) -> tuple[float, float]:
-    """Sum and sum of magnitudes of `high late_before - high_before late`."""
+def correlate(
+    high: Array, late: Array, high_before: Array, late_before: Array
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Sums and sums of magnitudes of `high late' - high' late`: with the left neighbour, and with the row before."""
     kind = high.dtype.type
-    total, size = kind(0), kind(0)
-    for x in range(high.shape[0]):
+    across, across_size, along, along_size = kind(0), kind(0), kind(0), kind(0)
+    for x in range(1, high.shape[0]):
+        signed = high[x] * late[x - 1] - high[x - 1] * late[x]
+        across, across_size = across + signed, across_size + abs(signed)
         signed = high[x] * late_before[x] - high_before[x] * late[x]
-        total += signed
-        size += abs(signed)
-    return total, size
+        along, along_size = along + signed, along_size + abs(signed)
+    signed = high[0] * late_before[0] - high_before[0] * late[0]
+    return (across, across_size), (along + signed, along_size + abs(signed))
 
 
 @numba.njit(fastmath=FAST, error_model="numpy")
@@ -72,3 +81,10 @@ def add_weighted(row: Array, weight: float, total: Array) -> None:
     """`total += weight row`."""
     for x in range(row.shape[0]):
         total[x] += weight * row[x]
+
+
+@numba.njit(fastmath=FAST, error_model="numpy")
+def copy_row(row: Array, into: Array) -> None:
+    """Numbers of one row into another: less to do than an assignment, which looks for rows that overlap."""
+    for x in range(row.shape[0]):
+        into[x] = row[x]

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import fcntl
 import os
+import shutil
 import stat
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+STALE = 30 * 86400
+"""Seconds after which a folder that nobody has used may go."""
 
 
 class UnusableFolder(Exception):
@@ -47,12 +52,34 @@ def private_folder(folder: Path) -> Path:
     return folder
 
 
+def remove_stale(folder: Path, pattern: str) -> list[Path]:
+    """Delete the other folders beside one that nobody has used for `STALE` seconds, and say which.
+
+    A folder that is `locked` now is left alone. Whoever still needs one that is gone makes it anew.
+    """
+    gone = []
+    for other in folder.parent.glob(pattern):
+        lock = other / "lock"
+        try:
+            if other == folder or other.is_symlink() or time.time() - lock.stat().st_mtime < STALE:
+                continue
+            with lock.open() as file:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(other, ignore_errors=True)
+        except OSError:  # in use, without a lock, or not ours
+            continue
+        gone.append(other)
+    return gone
+
+
 @contextmanager
 def locked(folder: Path | None) -> Iterator[None]:
     """Alone in a folder, among processes that ask for the same."""
     if folder is None:
         yield
         return
+    private_folder(folder)
     with (folder / "lock").open("w") as file:
+        os.utime(file.fileno())
         fcntl.flock(file, fcntl.LOCK_EX)
         yield

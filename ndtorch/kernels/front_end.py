@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from ndtorch.kernels.filters import Array, add_weighted, correlate, filter_row, grey_pixels, grey_planes
+from ndtorch.kernels.filters import Array, add_weighted, copy_row, correlate, filter_row
 from ndtorch.kernels.load import FAST
 
 
@@ -42,30 +42,32 @@ def front_end(
     """
     height, width = slow.shape
     kind = slow.dtype.type
-    a_high, a_low, third = kind(a_high), kind(a_low), kind(unit / 3)
+    third, shares = kind(unit / 3), (a_high, a_low)
     image, low = np.empty(width, slow.dtype), np.empty(width, slow.dtype)
     # The first row is kept for where the torus closes; the others take turns.
     highs, lates = np.empty((3, width), slow.dtype), np.empty((3, width), slow.dtype)
-    rows[:] = 0
+    for place in range(rows.shape[0]):
+        for x in range(width):
+            rows[place, x] = 0
     across = across_size = along = along_size = red = green = blue = 0.0
     for y in range(height):
         now = 1 + y % 2 if y else 0
-        before = 2 - y % 2 if y > 1 else 0
-        if beside:
-            r, g, b = grey_pixels(frame[y], third, image)
-        else:
-            r, g, b = grey_planes(frame[0, y], frame[1, y], frame[2, y], third, image)
-        red, green, blue = red + r, green + g, blue + b
+        last = 2 - y % 2 if y > 1 else 0
         high, late = highs[now], lates[now]
-        if settle:
-            slow[y], delayed[y] = image, kind(0)
-        filter_row(image, slow[y], delayed[y], a_high, a_low, low, high, late)
-        new_slow[y], new_delayed[y] = low, late
-        total, size = correlate(high[1:], late[1:], high[:-1], late[:-1])
-        across, across_size = across + total, across_size + size
+        before = (slow[y], delayed[y])
+        if beside:
+            colors = (frame[y, :, 0], frame[y, :, 1], frame[y, :, 2])
+            r, g, b = filter_row(colors, third, settle, before, shares, image, low, high, late)
+        else:
+            planes = (frame[0, y], frame[1, y], frame[2, y])
+            r, g, b = filter_row(planes, third, settle, before, shares, image, low, high, late)
+        copy_row(low, new_slow[y])
+        copy_row(late, new_delayed[y])
+        red, green, blue = red + r, green + g, blue + b
+        left, above = correlate(high, late, highs[last], lates[last])
+        across, across_size = across + left[0], across_size + left[1]
         if y:
-            total, size = correlate(high, late, highs[before], lates[before])
-            along, along_size = along + total, along_size + size
+            along, along_size = along + above[0], along_size + above[1]
         if wrap:
             signed = high[0] * late[width - 1] - high[width - 1] * late[0]
             across, across_size = across + signed, across_size + abs(signed)
@@ -76,8 +78,8 @@ def front_end(
             add_halved(image, margin + 2 * (height - 1) - y, block, rows)
     if wrap:
         end = 1 + (height - 1) % 2
-        total, size = correlate(highs[0], lates[0], highs[end], lates[end])
-        along, along_size = along + total, along_size + size
+        _, above = correlate(highs[0], lates[0], highs[end], lates[end])
+        along, along_size = along + above[0], along_size + above[1]
     sums[0], sums[1], sums[2], sums[3] = across, across_size, along, along_size
     sums[4], sums[5], sums[6] = red * unit, green * unit, blue * unit
 

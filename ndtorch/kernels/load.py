@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from ndtorch.kernels.folder import UnusableFolder, cache_folder, locked, private_folder
+from ndtorch.kernels.folder import UnusableFolder, cache_folder, locked, private_folder, remove_stale
 
 FAST = {"reassoc", "contract", "nsz"}
 """Sums may be taken in any order, and a product be added in one operation; NaN and infinity stay what they are."""
@@ -62,6 +62,9 @@ def code_folder(numba_version: str) -> Path | None:
     for file in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(file.read_bytes())
     try:
-        return private_folder(private_folder(cache_folder()) / f"kernels-{digest.hexdigest()[:16]}")
+        folder = private_folder(cache_folder()) / f"kernels-{digest.hexdigest()[:16]}"
+        if not folder.exists():
+            remove_stale(folder, "kernels-*")
+        return private_folder(folder)
     except (UnusableFolder, OSError):
         return None

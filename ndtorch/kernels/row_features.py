@@ -14,15 +14,29 @@ EDGE_SIDE, SAME_EDGE, BLUR = 1.5, 1.5, 2
 
 
 @numba.njit(error_model="numpy")
-def strongest(motion: Array, spacing: int, column: Array, strength: Array) -> None:
-    """The largest of `motion` `[W]`, one after the other; it is spoiled."""
+def largest(motion: Array, start: int, end: int) -> int:
+    """Where the largest of `motion` from one column up to another is, 0 where that is none."""
+    best = 0
+    for x in range(start, end):
+        if motion[x] > motion[best] or motion[x] != motion[x]:
+            best = x
+    return best
+
+
+@numba.njit(error_model="numpy")
+def strongest(motion: Array, spacing: int, kept: tuple[int, int, int], column: Array, strength: Array) -> None:
+    """The largest of `motion` `[W]`, one after the other; it is spoiled.
+
+    Args:
+        kept: so many are looked for first, from this column up to that one.
+    """
     width = motion.shape[0]
     motion[0] = motion[width - 1] = -1
+    ahead, start, end = kept
     for k in range(column.shape[0]):
-        best = 0
-        for x in range(width):
-            if motion[x] > motion[best] or motion[x] != motion[x]:
-                best = x
+        best = largest(motion, start, end) if k < ahead else 0
+        if not motion[best] > 0:
+            best = largest(motion, 0, width)
         column[k], strength[k] = best, motion[best]
         for x in range(max(0, best - spacing), min(best + spacing + 1, width)):
             motion[x] = -1

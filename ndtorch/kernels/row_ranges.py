@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from ndtorch.kernels.row_features import describe, match, strongest
 from ndtorch.kernels.strips import Array, grey_row, high_pass, larger
+from ndtorch.kernels.triangulation import triangulate
 
 
 def row_ranges(
@@ -20,9 +19,9 @@ def row_ranges(
     low: Array,
     a: float,
     new_low: Array,
-    finding: tuple[int, int, float, float, int, int],
+    finding: tuple[int, int, float, float, int, int, tuple[int, int, int]],
     matching: tuple[float, float, bool, float],
-    rig: tuple[float, float, float, bool],
+    rig: tuple[float, float, float, float, bool],
     out: Array,
     valid: Array,
 ) -> float:
@@ -31,15 +30,16 @@ def row_ranges(
     Args:
         frames, beside, unit, count: of each eye, see `grey_row`; `top` is the number of their row.
         settle, a, low, new_low: see `high_pass`; `[2, W]`.
-        finding: number of features, spacing, weakest motion, least difference, reach of edges, border without features.
+        finding: number of features, spacing, weakest motion, least difference, reach of edges, border without features,
+            and what is kept for the middle, see `strongest`.
         matching: least and largest disparity, one to one, largest error.
-        rig: factor to angles, baseline, forward, and whether angles are exact.
+        rig: column of the axes, factor to angles, baseline, forward, and whether angles are exact.
         out: range, left and right angle, x, y: `[5, n]`; `valid`: `[n]`.
 
     Returns:
         The largest magnitude of motion.
     """
-    n, spacing, weakest, difference, reach, border = finding
+    n, spacing, weakest, difference, reach, border, kept = finding
     width = low.shape[1]
     kind = low.dtype.type
     rows, motion = np.empty((2, width), low.dtype), np.empty(width, low.dtype)
@@ -54,22 +54,8 @@ def row_ranges(
             largest = larger(motion[x], largest)
         for x in range(border):
             motion[width - 1 - x if eye else x] = 0
-        strongest(motion, spacing, column[eye], strength[eye])
+        strongest(motion, spacing, kept, column[eye], strength[eye])
         describe(rows[eye], column[eye], strength[eye], spacing, weakest, difference, reach, patch[eye], good[eye])
     match(column, patch, good, matching, out[0], valid)
-    factor, baseline, forward, exact = rig
-    middle = kind((width - 1) / 2)
-    for i in range(n):
-        left, right = middle - column[0, i], middle - out[0, i]
-        left, right = left * kind(factor), right * kind(factor)
-        if exact:
-            left, right = kind(math.atan(left)), kind(math.atan(right))
-        valid[i] = valid[i] and right > left
-        if valid[i]:
-            distance = kind(baseline) * math.cos(right) / math.sin(right - left)
-            out[0, i], out[1, i], out[2, i] = distance, left, right
-            out[3, i] = kind(forward) + distance * math.cos(left)
-            out[4, i] = kind(baseline / 2) + distance * math.sin(left)
-        else:
-            out[0, i] = out[1, i] = out[2, i] = out[3, i] = out[4, i] = 0
+    triangulate(column[0], rig, out, valid)
     return float(largest)

@@ -26,6 +26,8 @@ class FeatureParams:
             the outer border of both rows. Not in [A].
         follow: 0 looks for the strongest features of every frame anew, as published. Otherwise each is followed
             within so many pixels of where its last two places point to; see `PredictedFeatures`.
+        ahead: so many of the features are kept for what lies ahead, and looked for there first. Not in [A]: what
+            moves most is usually texture at the side. Features that are followed are not kept.
     """
 
     count: int = 5
@@ -35,8 +37,11 @@ class FeatureParams:
     edge_reach: int = 0
     shared: bool = False
     follow: int = 0
+    ahead: int = 0
 
     def __post_init__(self) -> None:
+        if not 0 <= self.ahead <= self.count:
+            raise InputError(f"ahead must lie between 0 and count, got ahead={self.ahead}, count={self.count}")
         if self.edge_reach < 0 or self.follow < 0:
             raise InputError(
                 f"expected edge_reach and follow >= 0 pixels, got edge_reach={self.edge_reach}, follow={self.follow}"
@@ -66,7 +71,9 @@ class Features(NamedTuple):
     valid: Tensor
 
 
-def find_features(row: Tensor, motion: Tensor, params: FeatureParams | None = None) -> Features:
+def find_features(
+    row: Tensor, motion: Tensor, params: FeatureParams | None = None, band: tuple[int, int] | None = None
+) -> Features:
     """The n largest |ND-min| outputs of a row, each more than `spacing` pixels from the others. [A Methods]
 
     Then those that are too weak, or whose surroundings look like those of another feature of the row, lose
@@ -75,6 +82,7 @@ def find_features(row: Tensor, motion: Tensor, params: FeatureParams | None = No
     Args:
         row: intensities `[..., W]`.
         motion: ND-min outputs of that row, `[..., W]`, W >= 3.
+        band: columns, from and up to, that see what lies ahead; the middle third by default.
 
     Raises:
         InputError: row and motion of different shapes, or W < 3.
@@ -84,20 +92,31 @@ def find_features(row: Tensor, motion: Tensor, params: FeatureParams | None = No
         raise InputError(
             f"expected row and motion of one shape [..., W >= 3], got {tuple(row.shape)} and {tuple(motion.shape)}"
         )
-    column, strength = strongest(motion, params.count, params.spacing)
+    width = row.shape[-1]
+    column, strength = strongest(
+        motion, params.count, params.spacing, params.ahead, band or (width // 3, width - width // 3)
+    )
     return describe(row, column, strength, params)
 
 
-def strongest(motion: Tensor, count: int, spacing: int) -> tuple[Tensor, Tensor]:
+def strongest(
+    motion: Tensor, count: int, spacing: int, ahead: int = 0, band: tuple[int, int] = (0, 0)
+) -> tuple[Tensor, Tensor]:
     """Columns `[..., n]` and magnitudes `[..., n]` of the largest outputs, one after the other. [A Methods]
 
-    Where a row is too short for `count` features the last ones have magnitude -1.
+    The first `ahead` lie in columns `band[0]` up to `band[1]`, as long as anything moves there. Where a row is too
+    short for `count` features the last ones have magnitude -1.
     """
     magnitude = searchable(motion)
     around = torch.arange(-spacing, spacing + 1, device=motion.device)
     columns, strengths = [], []
+    inside = torch.arange(motion.shape[-1], device=motion.device)
+    outside = (inside < band[0]) | (inside >= band[1])
     for k in range(count):
         strength, column = magnitude.max(-1, keepdim=True)
+        if k < ahead:
+            there, place = magnitude.masked_fill(outside, -1.0).max(-1, keepdim=True)
+            strength, column = torch.where(there > 0, there, strength), torch.where(there > 0, place, column)
         columns.append(column)
         strengths.append(strength)
         if k + 1 < count:

@@ -42,6 +42,8 @@ class NavigatorOptions:
         ranging: match a few features of both rows (`"features"`, as published), or search the right row for many
             places of the left one (`"search"`), see `row_search`; then `features`, `places` and `prediction` do
             nothing.
+        ahead: share of the ranges of a frame that is kept for what lies within 15 degrees of straight ahead, where
+            thin legs lose against the texture beside the way.
         prediction: follow features from frame to frame instead of choosing the strongest anew, as in [§2.1.4].
         map: what the cells of a map hold, summed certainty (`"beams"`, as published) or `"log-odds"`, see `GridMap`.
         to: a place that the controller `goal` drives to, `"X,Y"` in m; empty for none. X, Y are where dead reckoning
@@ -62,6 +64,7 @@ class NavigatorOptions:
     angle: AngleModel = "atan"
     places: Literal["edges", "motion"] = "edges"
     ranging: Literal["features", "search"] = "features"
+    ahead: float = 0.0
     prediction: bool = False
     map: Certainty = "beams"
     to: str = ""
@@ -91,6 +94,13 @@ class NavigatorOptions:
         """
         return make_controller(self.controller, rig, dt, controller_class(self.controller).params_for(self.task()))
 
+    def search(self) -> SearchParams | None:
+        """How the right row is searched, if it is."""
+        if self.ranging != "search":
+            return None
+        # Cameras hand over the horizon row alone.
+        return SearchParams(rows=1, ahead=round(self.ahead * SearchParams.count))
+
     def navigator(self, rig: StereoRig, rate: float, grid: Grid | None = None, near_check: bool = False) -> Navigator:
         """A navigator for so many frames a second.
 
@@ -104,16 +114,16 @@ class NavigatorOptions:
             edge_reach=EDGE_REACH if edges else 0,
             shared=edges,
             follow=FOLLOW if self.prediction else 0,
+            ahead=round(self.ahead * self.features),
         )
         grid_map = None if grid is None else GridMap(rig, grid, certainty=self.map)
-        search = SearchParams() if self.ranging == "search" else None
         return Navigator(
             rig,
             1 / rate,
             controller=self.make(rig, 1 / rate),
             features=features,
             angles=self.angle,
-            search=search,
+            search=self.search(),
             grid_map=grid_map,
             near_check=near_check,
             localiser=self.localiser(rig, rate),
@@ -161,6 +171,8 @@ def check_option(name: str, value: Any) -> None:
         place_of(value)
     elif name == "cruise" and not (isinstance(value, int | float) and 0.1 <= value <= FASTEST):
         raise InputError(f"cruise must be a speed from 0.1 to {FASTEST} m/s, got {value!r}")
+    elif name == "ahead" and not (isinstance(value, int | float) and 0 <= value <= 1):
+        raise InputError(f"ahead must be a share from 0 to 1, got {value!r}")
     elif name in ("prediction", "explore", "back", "localise") and not isinstance(value, bool):
         raise InputError(f"{name} must be true or false, got {value!r}")
 

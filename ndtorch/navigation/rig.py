@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
+import numpy.typing as npt
 import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
 
 AngleModel = Literal["atan", "linear"]
+
+Matrix = Sequence[Sequence[float]] | Tensor | npt.NDArray[Any]
+"""A matrix of numbers, whoever made it."""
+
+ALIKE = 1e-3
+"""Share of the focal length by which matrices of a rectified pair may differ: files give a few decimals."""
 
 
 class Rect(NamedTuple):
@@ -38,6 +46,8 @@ class StereoRig:
         camera_height: height of the cameras above the floor, m.
         pitch: how far the cameras look down, radians.
         forward: place of the cameras ahead of the point the body turns about, m.
+        cx, cy: column and row where the axes of both cameras meet the frames, pixel centers at whole numbers; the
+            middle of the frames by default. `from_projections` reads them from what a calibration gives.
 
     Raises:
         InputError: a number out of range.
@@ -50,6 +60,44 @@ class StereoRig:
     camera_height: float = 0.20
     pitch: float = 0.0
     forward: float = 0.0
+    cx: float | None = None
+    cy: float | None = None
+
+    @classmethod
+    def from_projections(cls, left: Matrix, right: Matrix, width: int, height: int, **where: float) -> StereoRig:
+        """The rig of a rectified pair, from the 3 x 4 projection matrices of both cameras.
+
+        So `cv2.stereoRectify` gives them as P1 and P2, ROS as `P` of both `camera_info`, and KITTI as `P0` and `P1`
+        (grey) or `P2` and `P3` (color).
+
+        Args:
+            left, right: rows of numbers, the last column in pixels times metres.
+            width, height: size of a frame in pixels.
+            where: `camera_height`, `pitch` and `forward`, which no calibration knows.
+
+        Raises:
+            InputError: matrices of another shape, or cameras that are not parallel, level and alike: fx and fy, or
+                cx and cy of both, that differ, or a right camera that is not to the right of the left one.
+        """
+        p, q = (torch.as_tensor(matrix, dtype=torch.float64) for matrix in (left, right))
+        if p.shape != (3, 4) or q.shape != (3, 4) or not bool(torch.stack((p, q)).isfinite().all()):
+            raise InputError(f"expected two finite 3 x 4 matrices, got {tuple(p.shape)} and {tuple(q.shape)}")
+        scale = float(p[2, 2])
+        if not scale > 0 or float(q[2, 2]) != scale:
+            raise InputError("the last rows of both projection matrices must be alike and end in 1, 0")
+        p, q = p / scale, q / scale
+        focal, across = float(p[0, 0]), max(abs(float(p[1, 1] - p[0, 0])), float((p - q)[:, :3].abs().max()))
+        if not focal > 0 or across > ALIKE * focal:
+            raise InputError(
+                f"both cameras must be rectified to one focal length and one axis (with OpenCV "
+                f"CALIB_ZERO_DISPARITY); their matrices differ by {across:.3g} pixels"
+            )
+        baseline = float(p[0, 3] - q[0, 3]) / focal
+        if not baseline > 0:
+            raise InputError(
+                f"the second matrix must be of the camera on the right, got a baseline of {baseline:.3g} m"
+            )
+        return cls(baseline, focal, width, height, cx=float(p[0, 2]), cy=float(p[1, 2]), **where)
 
     def __post_init__(self) -> None:
         for name in ("baseline", "focal", "width", "height", "camera_height"):
@@ -59,6 +107,10 @@ class StereoRig:
             raise InputError(
                 f"expected pitch within +-pi/2 and forward finite, got pitch={self.pitch}, forward={self.forward}"
             )
+        for name, size in (("cx", self.width), ("cy", self.height)):
+            place = getattr(self, name)
+            if place is not None and not 0 <= place <= size - 1:
+                raise InputError(f"{name} must lie inside the frame, between 0 and {size - 1}, got {place}")
         if self.width < 8 or not 0 <= self.row < self.height:
             raise InputError(
                 f"the horizon must lie inside frames 8 pixels wide or more, got {self.width}x{self.height} "
@@ -68,7 +120,19 @@ class StereoRig:
     @property
     def row(self) -> int:
         """The row that sees the horizontal plane through the cameras: the center row where pitch is 0."""
-        return math.floor(self.height / 2 - self.focal * math.tan(self.pitch))
+        return math.floor(self.center[1] + 0.5 - self.focal * math.tan(self.pitch))
+
+    @property
+    def center(self) -> tuple[float, float]:
+        """Column and row where the axes meet the frames."""
+        column = (self.width - 1) / 2 if self.cx is None else self.cx
+        return column, (self.height - 1) / 2 if self.cy is None else self.cy
+
+    def columns(self, angle: float) -> tuple[int, int]:
+        """Columns, from and up to, that look within so many radians of straight ahead."""
+        reach = self.focal / math.cos(self.pitch) * math.tan(angle)
+        start, end = math.ceil(self.center[0] - reach), math.floor(self.center[0] + reach) + 1
+        return max(start, 0), min(end, self.width)
 
     @cached_property
     def pixel_angle(self) -> float:
@@ -79,9 +143,9 @@ class StereoRig:
     def pixel_position(self, column: Tensor) -> Tensor:
         """Columns (0 is the leftmost) to positions p in pixels from the center, growing to the left.
 
-        The center lies between the two middle pixels of a row of even width.
+        Unless `cx` says otherwise, the center lies between the two middle pixels of a row of even width.
         """
-        return (self.width - 1) / 2 - column
+        return self.center[0] - column
 
     def angle(self, position: Tensor, model: AngleModel = "atan") -> Tensor:
         """Angle of the ray through pixel position p of the horizon row, radians, to the left positive.
@@ -104,8 +168,7 @@ class StereoRig:
         """
         depth = x * math.cos(self.pitch) - z * math.sin(self.pitch)
         down = -x * math.sin(self.pitch) - z * math.cos(self.pitch)
-        column = (self.width - 1) / 2 - self.focal * y / depth
-        return column, (self.height - 1) / 2 + self.focal * down / depth
+        return self.center[0] - self.focal * y / depth, self.center[1] + self.focal * down / depth
 
     def subfields(
         self,
@@ -117,7 +180,8 @@ class StereoRig:
         """Rectangles of the left and the right image that see the floor beside the path. [A §2.2, fig. 6]
 
         The floor between `near` and `far` metres ahead of the camera and between `inner` and `outer` radians
-        outward of its axis (to the left in the left image) is projected and boxed. The two are mirror images.
+        outward of its axis (to the left in the left image) is projected and boxed. The two are mirror images about
+        the column of the axes.
 
         Raises:
             InputError: when that floor is empty or not wholly inside the frame.
@@ -132,10 +196,14 @@ class StereoRig:
         # Pixel n reaches from n - 1/2 to n + 1/2: every pixel whose center lies inside belongs to the box.
         top, left = math.ceil(float(row.min())), math.ceil(float(column.min()))
         bottom, right = math.floor(float(row.max())) + 1, math.floor(float(column.max())) + 1
-        visible = 0 <= top < bottom <= self.height and 0 <= left < right <= self.width
+        mirrored = 2 * self.center[0] - column
+        left_2, right_2 = math.ceil(float(mirrored.min())), math.floor(float(mirrored.max())) + 1
+        visible = 0 <= top < bottom <= self.height and all(
+            0 <= start < end <= self.width for start, end in ((left, right), (left_2, right_2))
+        )
         if not visible:
             raise InputError(
                 f"the floor {near}-{far} m ahead projects to rows {top}-{bottom}, columns {left}-{right} "
                 f"of {self.width}x{self.height} frames: choose one that is inside"
             )
-        return Rect(top, bottom, left, right), Rect(top, bottom, self.width - right, self.width - left)
+        return Rect(top, bottom, left, right), Rect(top, bottom, left_2, right_2)

@@ -93,9 +93,9 @@ def ranges_of_rows(
     like: Tensor,
     width: int,
     a: float,
-    finding: tuple[int, int, float, float, int, int],
+    finding: tuple[int, int, float, float, int, int, tuple[int, int, int]],
     matching: tuple[float, float, bool, float],
-    rig: tuple[float, float, float, bool],
+    rig: tuple[float, float, float, float, bool],
 ) -> tuple[Tensor, Tensor, float, FilterState]:
     """Ranges `[5, 1, n]`, which are valid `[1, n]`, the largest motion, and the state `[2, 1, W]` after."""
     low = torch.empty((2, 1, width), dtype=image_kind(like))
@@ -119,3 +119,23 @@ def ranges_of_rows(
         valid,
     )
     return torch.from_numpy(out).unsqueeze(1), torch.from_numpy(valid).unsqueeze(0), largest, FilterState(low)
+
+
+def searched_ranges(
+    seen: Eyes,
+    like: Tensor,
+    width: int,
+    around: int,
+    count: int,
+    params: tuple[int, int, int, int, float, float, float, float, int, int],
+    band: tuple[int, int],
+    rig: tuple[float, float, float, float, bool],
+) -> tuple[Tensor, Tensor, float, FilterState]:
+    """Ranges `[5, 1, n]` by searching, which are valid `[1, n]`, the largest pixel, and horizon rows `[2, 1, W]`."""
+    horizon = torch.empty((2, 1, width), dtype=image_kind(like))
+    rows = horizon.numpy()[:, 0]
+    out, valid = np.empty((5, count), rows.dtype), np.empty(count, np.bool_)
+    largest = kernel("search_ranges", (seen.frames[0].dtype, rows.dtype)).run(
+        seen.frames, seen.beside, seen.tops[0], seen.unit, seen.over, around, params, band, rig, rows, out, valid
+    )
+    return torch.from_numpy(out).unsqueeze(1), torch.from_numpy(valid).unsqueeze(0), largest, FilterState(horizon)

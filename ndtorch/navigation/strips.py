@@ -18,21 +18,28 @@ class Strips(NamedTuple):
 
     Attributes:
         field: the subfield, `[..., T, C, h, w]`, uint8 or float in 0..1, C = 3 (RGB) or 1 (grey).
-        row: the horizon row, `[..., T, C, 1, W]`.
+        row: the horizon row, `[..., T, C, 1, W]`, or an odd number of rows with it in the middle.
     """
 
     field: Tensor
     row: Tensor
 
 
-def cut_strips(frames: Tensor, field: Rect, rig: StereoRig) -> Strips:
-    """The subfield and the horizon row of one camera's frames `[..., T, C, H, W]`, as views."""
-    return Strips(cut(frames, field), cut(frames, row_rect(rig)))
+def cut_strips(frames: Tensor, field: Rect, rig: StereoRig, rows: int = 1) -> Strips:
+    """The subfield and the horizon row, or rows, of one camera's frames `[..., T, C, H, W]`, as views."""
+    return Strips(cut(frames, field), cut(frames, row_rect(rig, rows)))
 
 
-def row_rect(rig: StereoRig) -> Rect:
-    """The horizon row as a rectangle."""
-    return Rect(rig.row, rig.row + 1, 0, rig.width)
+def row_rect(rig: StereoRig, rows: int = 1) -> Rect:
+    """The horizon row as a rectangle, or an odd number of rows with it in the middle.
+
+    Raises:
+        InputError: rows beyond the border of the frame.
+    """
+    top, bottom = rig.row - rows // 2, rig.row + rows // 2 + 1
+    if top < 0 or bottom > rig.height:
+        raise InputError(f"{rows} rows around the horizon, row {rig.row}, leave frames of {rig.height} rows")
+    return Rect(top, bottom, 0, rig.width)
 
 
 def cut(frames: Tensor, rect: Rect) -> Tensor:

@@ -176,7 +176,7 @@ def pose_figure(plt: Any, time: Floats, true: Floats, believed: Floats, located:
         ax.axhline(wanted, color="0.5", lw=1, ls="--")
         ax.set(yscale="log", ylabel=f"error ({label})")
     axes[1].set_xlabel("time (minutes)")
-    axes[0].legend(frameon=False, loc="upper left")
+    legend(axes[0], 2)
     return figure
 
 

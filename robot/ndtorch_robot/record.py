@@ -140,5 +140,5 @@ def range_columns(ranges: npt.NDArray[np.float32], rig: StereoRig, linear: bool)
     for part in (1, 2):
         angle = ranges[:, part].astype(np.float64)
         position = angle / rig.pixel_angle if linear else np.tan(angle) * rig.focal
-        columns.append(np.where(ranges[:, 3] > 0, (rig.width - 1) / 2 - position, math.nan))
+        columns.append(np.where(ranges[:, 3] > 0, rig.center[0] - position, math.nan))
     return columns[0], columns[1]

@@ -28,6 +28,8 @@ class RigTable(Strict):
     camera_height_m: Positive = 0.20
     forward_m: float = 0.15
     pitch_deg: Annotated[float, Field(ge=-45, le=45)] = 0.0
+    cx_px: float | None = None
+    cy_px: float | None = None
 
     def rig(self) -> StereoRig:
         """The camera pair."""
@@ -39,6 +41,8 @@ class RigTable(Strict):
             camera_height=self.camera_height_m,
             forward=self.forward_m,
             pitch=math.radians(self.pitch_deg),
+            cx=self.cx_px,
+            cy=self.cy_px,
         )
 
 

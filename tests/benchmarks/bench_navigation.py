@@ -156,6 +156,9 @@ def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
         _, state = navigator(left, right, state)
         call = lambda n=navigator, s=state: n(next_left, next_right, s)  # noqa: E731
         result.append(Timed(name, *median_time(call), "two 640x480 RGB frames, uint8"))
+        if name in (WHOLE, "whole step, ranging controller"):
+            apart = lambda n=navigator, s=state: n.see_and_steer(next_left, next_right, s)  # noqa: E731
+            result.append(Timed(f"{name}, part by part", *median_time(apart), "as before one kernel did it"))
     return result
 
 

@@ -143,3 +143,11 @@ def test_a_rule_of_ones_own_has_a_name_like_the_others(monkeypatch: pytest.Monke
 def test_constants_that_would_do_nothing_or_harm_are_refused(rule: str, name: str, value: float) -> None:
     with pytest.raises(InputError, match=name):
         learning_rule(rule, **{name: value})
+
+
+def test_the_cooperative_rule_stays_finite_on_white_noise() -> None:
+    """Its weights become nearly triangular there: then the spectral radius says nothing about their size."""
+    noise = torch.randn(400, 10, generator=torch.Generator().manual_seed(0))
+    outputs, state = InhibitoryNetwork(10, 0.01, "cooperative", settle=0.5)(noise)
+    assert torch.isfinite(outputs).all()
+    assert state.weights.max() > 0.5

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
 import stat
 from pathlib import Path
 
@@ -9,7 +11,7 @@ import pytest
 import torch
 
 from ndtorch.kernels import load, switch
-from ndtorch.kernels.folder import UnusableFolder, cache_folder, private_folder
+from ndtorch.kernels.folder import UnusableFolder, cache_folder, locked, private_folder
 
 
 @pytest.fixture
@@ -66,3 +68,26 @@ def test_a_folder_that_cannot_be_used_is_done_without(
     monkeypatch.setattr(Path, "home", lambda: (_ for _ in ()).throw(RuntimeError))
     with pytest.raises(UnusableFolder, match="no home"):
         cache_folder()
+
+
+def test_folders_that_nobody_uses_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fresh: None) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    home = private_folder(tmp_path / "ndtorch")
+    for name in ("kernels-old", "kernels-used", "kernels-locked", "other-old"):
+        with locked(home / name):
+            (home / name / "code.nbc").write_bytes(b"1")
+        if name != "kernels-used":
+            os.utime(home / name / "lock", (0, 0))
+    (home / "kernels-strange").mkdir()
+    held = (home / "kernels-locked" / "lock").open()
+    with held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        now = load.code_folder("1.0")
+    assert now is not None
+    left = {folder.name for folder in home.iterdir()}
+    assert left == {"kernels-used", "kernels-locked", "other-old", "kernels-strange", now.name}
+
+
+def test_a_folder_that_is_gone_is_made_anew(tmp_path: Path) -> None:
+    with locked(tmp_path / "kernels-1"):
+        assert (tmp_path / "kernels-1" / "lock").is_file()

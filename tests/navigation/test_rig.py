@@ -73,3 +73,45 @@ def test_bad_requests():
         rig.subfields(near=2.0, far=1.0)
     with pytest.raises(InputError, match="angle model"):
         rig.angle(torch.zeros(1), "cubic")
+
+
+KITTI = (
+    [[721.54, 0, 609.56, 44.857], [0, 721.54, 172.85, 0.216], [0, 0, 1, 0.0027]],
+    [[721.54, 0, 609.56, -339.52], [0, 721.54, 172.85, 2.200], [0, 0, 1, 0.0027]],
+)
+
+
+def test_a_principal_point_moves_everything_by_as_much():
+    middle, moved = StereoRig(), StereoRig(cx=319.5 + 20, cy=239.5 - 7)
+    assert moved.row == middle.row - 7
+    assert moved.center == (339.5, 232.5)
+    column, row = moved.project(torch.tensor(2.0), torch.tensor(0.3), -0.2)
+    at = middle.project(torch.tensor(2.0), torch.tensor(0.3), -0.2)
+    assert (float(column - at[0]), float(row - at[1])) == pytest.approx((20, -7), abs=1e-4)
+    for one, other in zip(moved.subfields(), middle.subfields(), strict=True):
+        assert one == Rect(other.top - 7, other.bottom - 7, other.left + 20, other.right + 20)
+    assert float(moved.angle(moved.pixel_position(torch.tensor(339.5)))) == 0
+    assert StereoRig(cx=319.5, cy=239.5).subfields() == middle.subfields()
+    start, end = moved.columns(math.radians(15))
+    assert (start + end - 1) / 2 == pytest.approx(339.5)
+    assert end - start == pytest.approx(2 * 430 * math.tan(math.radians(15)), abs=1)
+
+
+def test_projection_matrices_of_kitti_and_opencv():
+    rig = StereoRig.from_projections(*KITTI, 1242, 375, camera_height=1.65)
+    assert rig.baseline == pytest.approx(0.5327, abs=1e-4)
+    assert (rig.focal, rig.cx, rig.cy, rig.row, rig.camera_height) == (721.54, 609.56, 172.85, 173, 1.65)
+    p = torch.tensor([[430.0, 0, 300, 0], [0, 430, 250, 0], [0, 0, 1, 0]], dtype=torch.float64)
+    q = p.clone()
+    q[0, 3] = -430 * 0.3
+    made = StereoRig.from_projections(p, q.numpy(), 640, 480)
+    assert made.baseline == pytest.approx(0.3)
+    assert made.center == (300, 250)
+    other = q.clone()
+    other[0, 2] = 310
+    for left, right in ((q, p), (p, other), (p[:2], q), (p * float("nan"), q)):
+        with pytest.raises(InputError):
+            StereoRig.from_projections(left, right, 640, 480)
+    for values in ({"cx": 700.0}, {"cy": -1.0}, {"cx": math.nan}):
+        with pytest.raises(InputError, match="inside the frame"):
+            StereoRig(**values)

@@ -280,3 +280,19 @@ def test_bad_reach():
     for name in ("edge_reach", "follow"):
         with pytest.raises(InputError, match=name):
             FeatureParams(**{name: -1})
+
+
+def test_a_share_of_the_features_is_kept_for_the_middle():
+    motion = torch.rand(640, generator=torch.Generator().manual_seed(1))
+    motion[280:360] *= 0.2
+    row = torch.rand(640, generator=torch.Generator().manual_seed(2))
+    plain, kept = (find_features(row, motion, FeatureParams(7, ahead=ahead), (280, 360)) for ahead in (0, 3))
+    inside = [(found.column >= 280) & (found.column < 360) for found in (plain, kept)]
+    assert inside[0].sum() == 0
+    assert inside[1].tolist() == [True] * 3 + [False] * 4
+    torch.testing.assert_close(kept.column[3:], plain.column[:4])
+    motion[280:360] = 0
+    none = find_features(row, motion, FeatureParams(7, ahead=3), (280, 360))
+    torch.testing.assert_close(none.column, plain.column)
+    with pytest.raises(InputError, match="ahead"):
+        FeatureParams(5, ahead=6)

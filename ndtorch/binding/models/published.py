@@ -109,7 +109,7 @@ class PublishedModel(WholeFieldModel):
         refined: tuple[Tensor, NetworkState] = self.first(inputs, state)
         return refined
 
-    def bind(self, refined: Tensor, state: NetworkState | None) -> tuple[Tensor, NetworkState]:
+    def bind(self, refined: Tensor, sums: Tensor, state: NetworkState | None) -> tuple[Tensor, NetworkState]:
         bound: tuple[Tensor, NetworkState] = self.second(refined, state)
         return bound
 

@@ -16,9 +16,10 @@ from ndtorch.binding.learning import NetworkState
 from ndtorch.binding.models.whole_field import BindingState, WholeFieldConfig, WholeFieldModel
 from ndtorch.binding.network import InhibitoryNetwork, weight_change
 from ndtorch.binding.objects import ObjectTable
-from ndtorch.binding.readout.delays import DELAYS, delay_statistics, refined_table
+from ndtorch.binding.readout.delays import DELAYS, delay_statistics, plain_table, refined_table
 from ndtorch.binding.readout.owners import owner_table, signal_statistics
-from ndtorch.binding.readout.params import OwnerCriteria, SourceCriteria
+from ndtorch.binding.readout.params import OwnerCriteria, SourceCriteria, SumCriteria
+from ndtorch.binding.readout.sums import sum_statistics, sums_table
 from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.config import Constants
 from ndtorch.vision.temporal import FilterState, LowPass
@@ -55,14 +56,17 @@ class ScaleFreeTable(RuleConstants):
     tau_smooth: float = Field(0.05, ge=0, description="low-pass on the second stage's inputs")
 
 
-class OwnerReadout(SourceCriteria, OwnerCriteria):
-    """Objects from owners and, better, from delays; and what they are worth."""
+class OwnerReadout(SumCriteria, SourceCriteria, OwnerCriteria):
+    """Objects from owners and, better, from delays, best from those of the sums; and what they are worth."""
 
-    readout: Literal["owners", "delays"] = Field("delays", description="from owners alone, or also from delays")
+    readout: Literal["owners", "delays", "sums"] = Field(
+        "delays", description="from owners alone, from delays of refined signals, or from delays of the sums"
+    )
     update: float = Field(0.1, gt=0, description="time between updates of all covariances")
     tau_high: float = Field(2.0, ge=0, description="high-pass on their signals")
     tau_owners: float = Field(5.0, gt=0, description="memory of those of inputs")
     delays: tuple[float, ...] = Field(DELAYS, min_length=1, description="delays of the others,")
+    tau_recent: float = Field(0.75, gt=0, description="memory of what is still there,")
     tau_fast: float = Field(3.5, gt=0, description="their short")
     tau_slow: float = Field(12.0, gt=0, description="and long memory")
     stable_window: float = Field(1.0, gt=0, description="tau_s of the stability criterion")
@@ -103,7 +107,7 @@ class StageState(NamedTuple):
 
 
 class ScaleFreeStage(nn.Module):
-    """Refined signals -> outputs of the second stage, and a table of objects whenever asked for.
+    """Refined signals and sums -> outputs of the second stage, and a table of objects whenever asked for.
 
     Args:
         first_stage: weights of the first stage, `[10, 10]`, to tell light that changes everywhere from objects.
@@ -111,7 +115,7 @@ class ScaleFreeStage(nn.Module):
         network, readout: constants.
 
     Shapes:
-        refined signals `[..., T, 10]` -> outputs `[..., T, 10]`, `StageState`.
+        refined signals and sums `[..., T, 10]` -> outputs `[..., T, 10]`, `StageState`.
     """
 
     first_stage: Tensor
@@ -141,14 +145,18 @@ class ScaleFreeStage(nn.Module):
             tau_mean=r.stable_mean,
         )
         self.statistics = signal_statistics(dt, r.tau_owners, r.tau_high, r.update)
-        self.delays = delay_statistics(dt, r.delays, r.tau_fast, r.tau_slow, r.tau_high, r.update)
+        if r.readout == "sums":
+            self.delays = sum_statistics(dt, r.delays, r.tau_recent, r.tau_fast, r.tau_slow, r.tau_high, r.update)
+        else:
+            self.delays = delay_statistics(dt, r.delays, r.tau_fast, r.tau_slow, r.tau_high, r.update)
         self.register_buffer("first_stage", first_stage)
 
-    def forward(self, refined: Tensor, state: StageState | None = None) -> tuple[Tensor, StageState]:
+    def forward(self, refined: Tensor, sums: Tensor, state: StageState | None = None) -> tuple[Tensor, StageState]:
         smooth, low = self.smooth(refined, state.smooth if state is not None else None)
         outputs, network = self.network(smooth, state.network if state is not None else None)
         statistics = self.statistics(smooth, state.statistics if state is not None else None)
-        delays = self.delays(refined, state.delays if state is not None else None)
+        seen = sums if self.constants.readout == "sums" else refined
+        delays = self.delays(seen, state.delays if state is not None else None)
         return outputs, StageState(low, network, statistics, delays)
 
     def table(self, state: StageState) -> ObjectTable:
@@ -156,7 +164,9 @@ class ScaleFreeStage(nn.Module):
         r = self.constants
         table = owner_table(state.weights, state.statistics, r, dt=self.dt)
         if r.readout == "owners":
-            return table
+            return plain_table(table, state.weights, self.first_stage, r)
+        if r.readout == "sums":
+            return sums_table(table, state.weights, state.delays, self.first_stage, r, r, r.smallest)
         return refined_table(table, state.weights, state.delays, self.first_stage, r, r.smallest)
 
 
@@ -181,8 +191,8 @@ class ScaleFreeModel(WholeFieldModel):
     def refine(self, inputs: Tensor, state: None) -> tuple[Tensor, None]:
         return inputs @ settled(self.first_weights.to(inputs.dtype)).mT, None
 
-    def bind(self, refined: Tensor, state: StageState | None) -> tuple[Tensor, StageState]:
-        bound: tuple[Tensor, StageState] = self.second(refined, state)
+    def bind(self, refined: Tensor, sums: Tensor, state: StageState | None) -> tuple[Tensor, StageState]:
+        bound: tuple[Tensor, StageState] = self.second(refined, sums, state)
         return bound
 
     def table(self, state: BindingState) -> ObjectTable:

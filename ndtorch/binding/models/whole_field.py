@@ -123,8 +123,8 @@ class WholeFieldModel(BindingModel):
         """The first stage: outputs `[..., T, 10]` and state."""
 
     @abstractmethod
-    def bind(self, refined: Tensor, state: Any) -> tuple[Tensor, Any]:
-        """The second stage: outputs `[..., T, 10]` and state."""
+    def bind(self, refined: Tensor, sums: Tensor, state: Any) -> tuple[Tensor, Any]:
+        """The second stage: outputs `[..., T, 10]` and state, from refined signals and the sums they come from."""
 
     @abstractmethod
     def learned(self, state: BindingState) -> tuple[Tensor, Tensor]:
@@ -154,7 +154,7 @@ class WholeFieldModel(BindingModel):
             return BindingSignals(sums, empty, empty, empty, empty, time), state._replace(resample=resample)
         (inputs, scale), input_state = self.inputs(sums, state.inputs if state is not None else None)
         refined, first = self.refine(inputs, state.first if state is not None else None)
-        outputs, second = self.bind(refined, state.second if state is not None else None)
+        outputs, second = self.bind(refined, sums, state.second if state is not None else None)
         steps = sums.shape[-2]
         time = (torch.arange(steps, dtype=torch.float64) + (second.steps - steps)) * self.dt
         signals = BindingSignals(sums, inputs, refined, outputs, scale, time)

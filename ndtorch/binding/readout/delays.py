@@ -95,21 +95,10 @@ def refined_table(
 
 
 def without_lighting(separation: Separation, first_stage: Tensor, criteria: SourceCriteria) -> Separation:
-    """The same without sources that drive all colors and all orientations alike, or none, and hardly move or move
-    every way alike."""
+    """The same without `lighting`."""
     mixing = separation.mixing
-    eye = torch.eye(10, dtype=mixing.dtype, device=mixing.device)
-    raw = mixing @ (eye + first_stage.to(mixing.dtype)).mT
     there = torch.arange(mixing.shape[-2], device=mixing.device) < separation.sources.unsqueeze(-1)
-    even = there
-    for group in (raw[..., GROUPS["orientation"]], raw[..., GROUPS["color"]]):
-        nothing = group.amax(-1) < criteria.absent * raw.amax(-1)
-        even = even & (nothing | (group.amin(-1) >= criteria.even * group.amax(-1)))
-    directed = mixing[..., GROUPS["motion"]]
-    motion = directed.amax(-1).clamp_min(0)
-    # Alone, it has the largest motion there is: what flickers moves every way alike, or its motion is noise.
-    everywhere = (directed.amin(-1) >= criteria.even * motion) | (motion < criteria.absent * raw.amax(-1))
-    even = even & (everywhere | (motion < criteria.moving * motion.amax(-1, keepdim=True)))
+    even = lighting(mixing, there, first_stage, criteria)
     # What is left moves to the front.
     order = torch.argsort((even | ~there).long(), dim=-1, stable=True)
     mixing = mixing.gather(-2, order.unsqueeze(-1).expand_as(mixing))
@@ -117,6 +106,52 @@ def without_lighting(separation: Separation, first_stage: Tensor, criteria: Sour
     rank = torch.arange(mixing.shape[-2], device=mixing.device)
     mixing = torch.where((rank < sources.unsqueeze(-1)).unsqueeze(-1), mixing, 0.0)
     return separation._replace(mixing=mixing, sources=sources)
+
+
+def lighting(mixing: Tensor, there: Tensor, first_stage: Tensor, criteria: SourceCriteria) -> Tensor:
+    """Sources that drive all colors and all orientations alike, or none, and hardly move or move every way alike.
+
+    Args:
+        mixing: `[..., S, 10]`, one row a source, through the settled first stage.
+        there: which rows are sources, `[..., S]` bool.
+        first_stage: weights of the first stage, `[10, 10]`.
+        criteria: what is even.
+
+    Returns:
+        Which of them are light that changes everywhere, `[..., S]` bool.
+    """
+    eye = torch.eye(10, dtype=mixing.dtype, device=mixing.device)
+    raw = mixing @ (eye + first_stage.to(mixing.dtype)).mT
+    even = there
+    for group in (raw[..., GROUPS["orientation"]], raw[..., GROUPS["color"]]):
+        nothing = group.amax(-1) < criteria.absent * raw.amax(-1)
+        even = even & (nothing | (group.amin(-1) >= criteria.even * group.amax(-1)))
+    directed = mixing[..., GROUPS["motion"]]
+    motion = torch.where(there, directed.amax(-1).clamp_min(0), 0.0)
+    # Alone, it has the largest motion there is: what flickers moves every way alike, or its motion is noise.
+    everywhere = (directed.amin(-1) >= criteria.even * motion) | (motion < criteria.absent * raw.amax(-1))
+    return even & (everywhere | (motion < criteria.moving * motion.amax(-1, keepdim=True)))
+
+
+def plain_table(
+    owners: ObjectTable, weights: Tensor, first_stage: Tensor, criteria: SourceCriteria | None = None
+) -> ObjectTable:
+    """The owners' table without lighting, and without any owner where there are more than `most_sources`.
+
+    Where almost every signal goes its own way it is noise, and there is nothing to bind.
+
+    Args:
+        owners: the owners' table.
+        weights: of the network, `[..., 10, 10]`.
+        first_stage: weights of the first stage, `[10, 10]`.
+        criteria: see there.
+    """
+    c = criteria or SourceCriteria()
+    mixing = weights.mT + torch.eye(10, dtype=weights.dtype, device=weights.device)
+    light = lighting(mixing, owners.owners, first_stage, c)
+    noise = owners.owners.sum(-1, keepdim=True) > c.most_sources
+    kept = owners.owners & ~light & ~noise
+    return ObjectTable(kept, torch.where(kept.unsqueeze(-1), owners.rows, 0.0))
 
 
 def assigned(mixing: Tensor, count: Tensor, weights: Tensor, smallest: float = 1 / 3) -> ObjectTable:

@@ -30,3 +30,17 @@ class SourceCriteria(Constants):
     absent: float = Field(0.1, ge=0, description="and no color or orientation is one below this share of its largest")
     sweeps: int = Field(12, gt=0, description="rounds of rotations at most,")
     enough: float = Field(1e-6, ge=0, description="and their largest angle in radians that ends them")
+
+
+class SumCriteria(Constants):
+    """When a direction of the sums holds a source: eigenvalues of the covariance at the shortest delay."""
+
+    faintest: float = Field(3e-4, ge=0, description="share of the largest, of orientations and colors,")
+    crowd: int = Field(4, gt=0, le=6, description="from so many sources on motion is counted too,")
+    apart: float = Field(4.0, ge=0, description="the last of these against the weakest direction,")
+    crowded: float = Field(0.0065, ge=0, description="with this share of the largest")
+    colored: float = Field(2.3, ge=0, description="and more than this times the mean of the three weakest,")
+    white: float = Field(0.25, ge=0, description="and this share of the same without delay")
+    clear: float = Field(4.0, ge=0, description="the largest against the three weakest, or all is noise")
+    left: float = Field(0.1, ge=0, description="power lately against that of its memory, of what has left")
+    least: float = Field(0.01, ge=0, description="deviation against the level, or nothing fluctuates")

@@ -24,7 +24,7 @@ class Rectifier:
 
     Args:
         calibration: of the pair.
-        rig: where the cameras are on the car; baseline and focal length are taken from the calibration.
+        rig: where the cameras are on the car; baseline, focal length and axis are taken from the calibration.
         fields: the subfields of the rectified pictures; `rig.subfields()` by default.
 
     Attributes:
@@ -38,7 +38,7 @@ class Rectifier:
     def __init__(self, calibration: Calibration, rig: StereoRig, fields: tuple[Rect, Rect] | None = None) -> None:
         self.calibration = calibration
         self.check_size(rig.width, rig.height)
-        self.rig = replace(rig, baseline=calibration.baseline_m, focal=calibration.focal_px)
+        self.rig = replace(rig, baseline=calibration.baseline_m, focal=calibration.focal_px, cx=None, cy=None)
         fields = fields or self.rig.subfields()
         row = Rect(self.rig.row, self.rig.row + 1, 0, rig.width)
         matrix = calibration.camera_matrix()

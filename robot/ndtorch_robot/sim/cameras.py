@@ -156,12 +156,12 @@ class Cameras:
         """Draw the pixels of a rectangle of the frame, with its lower left corner at `x`, `y` of the buffer."""
         import mujoco
 
-        scale, rig = NEAR / (self.rig.focal * (1 + self.stress.focal)), self.rig
+        scale, (cx, cy) = NEAR / (self.rig.focal * (1 + self.stress.focal)), self.rig.center
         for camera in self.scene.camera:
-            camera.frustum_center = (rect.left + rect.right - rig.width) / 2 * scale
+            camera.frustum_center = ((rect.left + rect.right) / 2 - (cx + 0.5)) * scale
             camera.frustum_width = (rect.right - rect.left) / 2 * scale
-            camera.frustum_top = (rig.height / 2 - rect.top) * scale
-            camera.frustum_bottom = (rig.height / 2 - rect.bottom) * scale
+            camera.frustum_top = (cy + 0.5 - rect.top) * scale
+            camera.frustum_bottom = (cy + 0.5 - rect.bottom) * scale
         port = mujoco.MjrRect(x, y, rect.right - rect.left, rect.bottom - rect.top)
         mujoco.mjr_render(port, self.scene, self.gl)
 

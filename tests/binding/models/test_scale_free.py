@@ -26,7 +26,10 @@ def two_things(seconds: float, fps: float = 100.0, rates: tuple[float, float] = 
     return 100 * light @ BARS
 
 
-@pytest.mark.parametrize("readout", ["owners", "delays"])
+READOUTS = ["owners", "delays", "sums"]
+
+
+@pytest.mark.parametrize("readout", READOUTS)
 @pytest.mark.parametrize("fps", [12.5, 30.0, 100.0])
 def test_two_things_are_two_objects_at_any_rate(readout: str, fps: float) -> None:
     model = ndtorch.load("scale-free", size=(12, 14), fps=fps, readout=readout)
@@ -62,8 +65,9 @@ def test_white_noise_has_no_objects() -> None:
     assert model.objects(model.from_sums(100 + noise)[1]) == []
 
 
+@pytest.mark.parametrize("readout", READOUTS)
 @pytest.mark.parametrize("moving", [False, True])
-def test_a_lamp_alone_is_no_object(moving: bool) -> None:
+def test_a_lamp_alone_is_no_object(moving: bool, readout: str) -> None:
     """Light that changes everywhere drives all colors and orientations alike, and the detectors every way alike."""
     generator = torch.Generator().manual_seed(0)
     light = 1 + 0.3 * torch.sin(2 * math.pi * 0.7 * torch.arange(1500) / 100)
@@ -73,17 +77,18 @@ def test_a_lamp_alone_is_no_object(moving: bool) -> None:
     else:
         sums[:, :4] = 0.0
     sums = sums + 0.1 * torch.randn(1500, 10, generator=generator).abs()
-    model = ndtorch.load("scale-free", size=(12, 14))
+    model = ndtorch.load("scale-free", size=(12, 14), readout=readout)
     assert model.objects(model.from_sums(sums)[1]) == []
 
 
-def test_smooth_noise_on_every_sum_has_no_objects() -> None:
+@pytest.mark.parametrize("readout", READOUTS)
+def test_smooth_noise_on_every_sum_has_no_objects(readout: str) -> None:
     noise, low, rows = torch.randn(1500, 10, generator=torch.Generator().manual_seed(1)), torch.zeros(10), []
     for row in noise:
         low = torch.lerp(low, row, 0.03)
         rows.append(low)
     smooth = torch.stack(rows)
-    model = ndtorch.load("scale-free", size=(12, 14))
+    model = ndtorch.load("scale-free", size=(12, 14), readout=readout)
     assert model.objects(model.from_sums(100 + 10 * smooth / smooth.std())[1]) == []
 
 
@@ -109,5 +114,5 @@ def test_a_batch_of_models_is_that_many_models() -> None:
 
 
 def test_bad_options_are_refused() -> None:
-    with pytest.raises(InputError, match="readout = 'both': should be 'owners' or 'delays'"):
+    with pytest.raises(InputError, match="readout = 'both': should be 'owners', 'delays' or 'sums'"):
         ndtorch.load("scale-free", readout="both")

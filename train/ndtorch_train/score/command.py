@@ -8,7 +8,9 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import tyro
 
 from ndtorch.command_run import INTERRUPTED
 from ndtorch.errors import InputError
@@ -30,6 +32,8 @@ class ScoreOptions:
     Tune on the split `tune`, report the split `test`: their seeds have none in common.
     """
 
+    what: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
+    """`ranges PAIRS`: score ranges on a folder of stereo pairs with truth instead (ranges.csv)."""
     rules: tuple[str, ...] = METHODS
     """Methods to compare; picard, sobi, mm-ica and easi can be named too."""
     scenes: int = 300
@@ -74,6 +78,8 @@ class ScoreOptions:
     """Folder of clips with others' truth (clip.mp4 with gt.txt or masks.mkv): score on them instead (labelled.csv)."""
     methods: tuple[str, ...] = LABELLED
     """Labelled: what to compare, or folders of models."""
+    disparities: tuple[int, int] = (8, 128)
+    """Ranges: least and largest disparity that count, pixels."""
     rows: int = 0
     """Labelled: height of the frames that all methods get; 0 for their own."""
 
@@ -118,6 +124,12 @@ class ScoreOptions:
         torch.set_num_threads(1)
         tune_allocator()
         told = self.told
+        if self.what:
+            if len(self.what) != 2 or self.what[0] != "ranges":
+                raise InputError(f"expected nothing, or ranges PAIRS, got {' '.join(self.what)!r}")
+            from ndtorch_train.score.ranges.command import RangeScore
+
+            return RangeScore(Path(self.what[1]), self.disparities, told)
         if self.labelled is not None:
             from ndtorch_train.score.labelled.command import Comparison
 

@@ -21,6 +21,8 @@ def method(name: str, truth: Sequence[Tensor]) -> Method:
         return Learned(name)
     if name == "scale-free":
         return ScaleFree("delays")
+    if name == "scale-free, sums":
+        return ScaleFree("sums")
     if name == "scale-free, owners":
         return ScaleFree("owners")
     if name == "greedy":

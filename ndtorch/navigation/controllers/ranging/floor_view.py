@@ -88,28 +88,31 @@ def floor_view(rig: StereoRig, params: FloorParams) -> FloorView:
         return float(rig.project(torch.tensor(depth), torch.tensor(0.0), -rig.camera_height)[1])
 
     def column(angle: float) -> float:
-        return (rig.width - 1) / 2 - rig.focal * math.tan(angle)
+        return rig.center[0] - rig.focal * math.tan(angle)
 
     bottom = math.floor(row(p.near)) + 1
     tall = (bottom - math.ceil(row(p.far))) // p.bands
-    left = max(0, math.ceil(column(p.outer)))
+    # Where the axes do not meet the middle of the frames, mirror images lie so many columns farther to the right.
+    aside_px = round(2 * rig.center[0]) - (rig.width - 1)
+    left = max(0, aside_px, math.ceil(column(p.outer)))
     wide = (math.floor(column(p.inner)) + 1 - left) // (p.blocks * EVERY) * EVERY
     top, right = bottom - tall * p.bands, left + wide * p.blocks
-    if tall < 1 or wide < 1 or top < 0 or bottom > rig.height or right > rig.width:
+    if tall < 1 or wide < 1 or top < 0 or bottom > rig.height or right > rig.width + min(aside_px, 0):
         raise InputError(
             f"{p.bands} bands by {p.blocks} blocks of floor {p.near}-{p.far} m ahead do not fit into "
             f"{rig.width}x{rig.height} frames"
         )
-    rects = Rect(top, bottom, left, right), Rect(top, bottom, rig.width - right, rig.width - left)
+    mirror = rig.width + aside_px
+    rects = Rect(top, bottom, left, right), Rect(top, bottom, mirror - right, mirror - left)
     rows = bottom - 0.5 - tall * (torch.arange(p.bands, dtype=torch.float64) + 0.5)
-    down = (rows - (rig.height - 1) / 2) / rig.focal
+    down = (rows - rig.center[1]) / rig.focal
     # The ray through the row: (cos - down sin) ahead for every (sin + down cos) down.
     cos, sin = math.cos(rig.pitch), math.sin(rig.pitch)
     depth = rig.camera_height * (cos - down * sin) / (sin + down * cos)
     columns = left - 0.5 + wide * (torch.arange(p.blocks, dtype=torch.float64) + 0.5)
     # Columns go with y over the depth along the axis, which a pitch makes differ from the way along the floor.
     along = depth * cos + rig.camera_height * sin
-    slope = ((rig.width - 1) / 2 - columns) / rig.focal
+    slope = (rig.center[0] - columns) / rig.focal
     aside = rig.baseline / 2 + along[:, None] * slope
     x = (rig.forward + depth)[:, None].expand(p.bands, p.blocks)
     sweep = rig.focal * rig.camera_height / along.square()

@@ -1,0 +1,1 @@
+"""Ranges on pictures of real stereo cameras with others' truth."""
