@@ -37,16 +37,17 @@ def pair(wall, floor=0.15, paint=0.15, turned_down=0.0):
         y = side + np.minimum(depth, wall) * across
         height = -wall * down
         seen = np.where(on_floor, texture(np.minimum(depth, 9), y, 1, floor), texture(height, y, 2, paint))
-        frames.append(torch.from_numpy(seen[None, None]).float())
+        frames.append(torch.from_numpy((255 * seen[None, None]).round().astype(np.uint8)))
     return frames
 
 
 def looked(left, right):
     rects = Navigator(RIG, DT).controller.fields
     fields = [
-        eye[0, 0, r.top : r.bottom, r.left : r.right].numpy() for eye, r in zip((left, right), rects, strict=True)
+        eye[0, 0, r.top : r.bottom, r.left : r.right].numpy() / np.float32(255)
+        for eye, r in zip((left, right), rects, strict=True)
     ]
-    rows = [eye[0, 0, RIG.row].numpy() for eye in (left, right)]
+    rows = [eye[0, 0, RIG.row].numpy() / np.float32(255) for eye in (left, right)]
     return near_things(*rows, RIG, NearParams()), floor_likeness(*fields, rects, RIG, NearParams())
 
 

@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 import torch
 
+from ndtorch.errors import InputError
 from ndtorch.navigation import STOPPED
+from ndtorch.navigation.strips import Strips
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import drive
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.record import range_columns
+from ndtorch_robot.sim.simulation import Simulation
 from tests.robot.support.gl_needed import needs_gl
 
 pytestmark = [needs_gl, pytest.mark.slow]
@@ -164,3 +167,29 @@ def test_published_rule_in_the_curve(seconds, turns):
         steer=lambda c: DriveCommand(c.speed, -c.curvature),
     )
     assert wrong.summary["collisions"] >= 1
+
+
+def test_a_car_that_sees_only_blank_wall_has_stopped(monkeypatch):
+    """It is put elsewhere, and the drive goes on; cameras that give nothing end it."""
+    seen = Simulation.read
+
+    def blank(simulation):
+        frames = seen(simulation)
+        left, right = (
+            Strips(torch.full_like(eye.field, 128), torch.full_like(eye.row, 128))
+            for eye in (frames.left, frames.right)
+        )
+        return frames._replace(left=left, right=right)
+
+    monkeypatch.setattr(Simulation, "read", blank)
+    result = drive(DriveConfig(arena="room", seconds=5, controller="published"))
+    assert result.summary["simulated_seconds"] == 5
+    assert result.summary["stopped"] == 1
+    assert any("shows nothing" in why for why in result.summary["faults"])
+
+    def none(simulation):
+        raise InputError("the left camera gives no frames")
+
+    monkeypatch.setattr(Simulation, "read", none)
+    with pytest.raises(InputError, match="gives no frames"):
+        drive(DriveConfig(arena="room", seconds=1, controller="published"))

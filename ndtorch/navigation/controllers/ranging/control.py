@@ -161,7 +161,7 @@ class RangingControl(Controller):
 
     def straight(self, patch: Patch, pose: Pose) -> Tensor:
         """How far nothing is known to be in the way straight ahead, m."""
-        places = self.places[:, self.marked :].expand(*pose.x.shape, 2, -1)
+        places = self.places[:, self.marked :].to(pose.x).expand(*pose.x.shape, 2, -1)
         number = cell_numbers(places, pose, self.params.patch)
         return free_travel(patch.evidence.gather(-1, number), self.arcs, self.constants.limits)[..., 0, 0]
 
