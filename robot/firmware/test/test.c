@@ -191,6 +191,29 @@ static void test_brake_then_reverse(void) {
     CHECK(d.speed == 200 && d.gear == FORWARD);
 }
 
+/* The motor controller forgets a brake when the pulse goes back to neutral, so half a brake counts for nothing. */
+static void test_a_brake_begun_begins_again(void) {
+    for (int phase = BRAKING; phase <= PAUSING; phase++) {
+        begin();
+        say(ARM, 0, 0);
+        pass(600, 1, 1, 500, 0);
+        while (d.gear != phase && now < 4000) pass(5, 1, 1, -300, 0);
+        pass(20, 1, 1, -300, 0);
+        say(STOP, 0, 0);
+        pass(500, 1, 1, -300, 0);
+        CHECK(stands());
+        say(ARM, 0, 0);
+        uint32_t braked = 0;
+        while (d.speed >= 0 && now < 4000) {
+            pass(5, 1, 1, -300, 0);
+            if (d.gear == BRAKING) braked += 5;
+        }
+        CHECK(braked == BRAKE_MS);
+        say(STOP, 0, 0);
+        CHECK(d.gear == REVERSE); /* which needs no brake */
+    }
+}
+
 /* Driving goes on while the battery is so. */
 static void drive_on(uint16_t mv, uint32_t ms, int16_t speed) {
     d.battery_mv = mv;
@@ -237,6 +260,7 @@ int main(void) {
     test_watchdogs();
     test_bad_lines();
     test_brake_then_reverse();
+    test_a_brake_begun_begins_again();
     test_battery();
     printf("%d checks passed\n", checks);
     return 0;
