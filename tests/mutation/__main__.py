@@ -37,7 +37,7 @@ def drawn(files: list[str], number: int | None, seed: int, without: list[str]) -
         if file.endswith(".c"):
             everywhere += [(file, changes) for changes in c_changes.places(file, text)]
         else:
-            everywhere += [(file, changes) for changes in python_changes.places(file, text, without)]
+            everywhere += [(file, changes) for changes in python_changes.places(text, without)]
     chance.shuffle(everywhere)
     changes: list[Change] = []
     for file, options in everywhere:

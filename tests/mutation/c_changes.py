@@ -34,7 +34,9 @@ TOKEN = re.compile(r"->|<<=|>>=|<=|>=|==|!=|&&|\|\||\+\+|--|\+=|-=|\|=|&=|<<|>>|
 QUIET = re.compile(
     r"/\*.*?\*/|//[^\n]*|^[ \t]*#[^\n]*|_Static_assert\(.*?\);|\"[^\"\n]*\"|'[^'\n]*'", re.DOTALL | re.MULTILINE
 )
-STATEMENT = re.compile(r"(?<=[{};])(\s*)((?:if \([^;{}]*\) )?(?!return|case|default|break|else|struct|u?int|const)[a-z][^;{}]*;)")
+STATEMENT = re.compile(
+    r"(?<=[{};])(\s*)((?:if \([^;{}]*\) )?(?!return|case|default|break|else|struct|u?int|const)[a-z][^;{}]*;)"
+)
 
 
 def places(file: str, text: str) -> list[list[Change]]:

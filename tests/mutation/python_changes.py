@@ -15,10 +15,10 @@ from tests.mutation.change import Change
 Position = tuple[int, int]
 
 
-def places(file: str, text: str, without: Collection[str]) -> list[list[tuple[str, int, int]]]:
+def places(text: str, without: Collection[str]) -> list[list[tuple[str, int, int]]]:
     """Every place that can be changed: its changes as operator, occurrence and line.
 
-    A binary operator has ten changes and a comparison nine, so places are counted, not changes.
+    An operator has several changes, so places are drawn, not changes.
     """
     tree = get_ast(text)
     nodes = list(ast_nodes(tree))
