@@ -56,6 +56,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", nargs="*", help="these files or folders; all areas of mutation.toml otherwise")
     parser.add_argument("--python", default=sys.executable, help="runs the tests")
+    parser.add_argument("--mirrored", action="store_true", help="ask the mirrored test files alone: quicker, stricter")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no further change after this long")
     parser.add_argument("--out", type=Path, default=Path("out/mutants.tsv"), help="one line for every change")
     given = parser.parse_args()
@@ -66,7 +67,7 @@ def main() -> None:
     given.out.parent.mkdir(parents=True, exist_ok=True)
     began, tried, noticed = time.monotonic(), 0, 0
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder, given.out.open("w", encoding="utf-8") as table:
-        bench = Bench(ROOT, Path(folder), given.python, settings)
+        bench = Bench(ROOT, Path(folder), given.python, settings, given.mirrored)
         table.write("outcome\tplace\tkind\tchange\n")
         for change in changes:
             if time.monotonic() - began > 60 * given.minutes:

@@ -55,9 +55,11 @@ class Bench:
         folder: where the copy is.
         python: that runs the tests.
         settings: of mutation.toml.
+        mirrored: ask no more than the mirrored files.
     """
 
-    def __init__(self, root: Path, folder: Path, python: str, settings: dict[str, Any]) -> None:
+    def __init__(self, root: Path, folder: Path, python: str, settings: dict[str, Any], mirrored: bool = False) -> None:
+        self.mirrored = mirrored
         self.root, self.folder, self.settings = root, folder, settings
         self.python = python
         self.seconds: dict[tuple[str, ...], float] = {}
@@ -66,8 +68,9 @@ class Bench:
     def commands(self, file: str) -> list[tuple[str, ...]]:
         """What to run, one after the other, until one notices something."""
         if file.endswith(".c"):
-            return [("make", "-s", "-C", "robot/firmware", "HOST=cc -w", "test")]
-        stages = tests_of(file, self.folder, self.settings["also"])
+            make = "make -s -C robot/firmware HOST='cc -w'"
+            return [("sh", "-c", f"{make} build/test && robot/firmware/build/test"), ("sh", "-c", f"{make} test")]
+        stages = tests_of(file, self.folder, self.settings["also"])[: 1 if self.mirrored else None]
         quiet = ["-x", "-q", "-p", "no:cacheprovider", "-n", "0", "--tb=no", "-m", self.settings["marks"]]
         return [(self.python, "-m", "pytest", *quiet, *tests) for tests in stages]
 

@@ -184,7 +184,10 @@ static void test_brake_then_reverse(void) {
     CHECK(coasted && braked == BRAKE_MS && paused == PAUSE_MS);
     pass(600, 1, 1, -300, 0);
     CHECK(d.speed == -300 && d.motor_us == 1410);
-    pass(600, 1, 1, 0, 0);
+    pass(50, 1, 1, 0, 0);
+    CHECK(d.speed > -300 && d.speed < -150); /* backwards too it slows down no faster than it may */
+    pass(550, 1, 1, 0, 0);
+    CHECK(d.speed == 0);
     pass(300, 1, 1, -300, 0);
     CHECK(d.speed == -300); /* still in reverse: no brake needed */
     pass(800, 1, 1, 200, 0);
