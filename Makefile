@@ -90,10 +90,13 @@ pinned = $(shell sed -n 's/^$(1)==//p' constraints.txt)
 lock: $(SUPPLY)/bin/uv
 	PATH=$(SUPPLY)/bin:$$PATH $(BIN)/python requirements/make.py
 
+# Where on this disk the distributions of this project lie is nobody's business.
 sbom: $(SUPPLY)/bin/uv
 	mkdir -p out
 	$(SUPPLY)/bin/cyclonedx-py environment $(BIN)/python --pyproject pyproject.toml --output-format JSON \
-		--output-reproducible --output-file out/sbom.json
+		--output-reproducible --output-file out/sbom.part
+	sed 's|"file://[^"]*/\([^"/]*\)"|"file:\1"|' out/sbom.part > out/sbom.json
+	rm out/sbom.part
 
 audit: $(SUPPLY)/bin/uv
 	for lock in requirements/*.txt; do $(SUPPLY)/bin/pip-audit --disable-pip --require-hashes -r $$lock || exit 1; done

@@ -90,7 +90,7 @@ class LockstepWorld:
         self.waiting += data
 
     def read(self) -> StereoFrames:
-        """What both cameras see now, or with the next frame that is not lost: the board and the link go on meanwhile."""
+        """What both cameras see now, or with the next frame that is not lost. Board and link go on meanwhile."""
         while self.simulation.loses():
             self.wait_until(self.now() + 1 / self.simulation.rate)
         return self.simulation.picture()
