@@ -190,6 +190,8 @@ static void test_brake_then_reverse(void) {
     CHECK(d.speed == 0);
     pass(300, 1, 1, -300, 0);
     CHECK(d.speed == -300); /* still in reverse: no brake needed */
+    pass(800, 1, 1, 1, 0);
+    CHECK(d.speed == 1 && d.gear == FORWARD); /* however slowly */
     pass(800, 1, 1, 200, 0);
     CHECK(d.speed == 200 && d.gear == FORWARD);
 }
@@ -255,8 +257,30 @@ static void test_battery(void) {
     CHECK(d.speed == 800 && d.faults == 0);
 }
 
+/* What the computer is told, to the byte. */
+static void test_answers(void) {
+    struct frame f;
+    CHECK(body_size(HELLO) == 0 && body_size(HEARTBEAT) == 0 && body_size(STOP) == 0 && body_size(ARM) == 0);
+    CHECK(body_size(COMMAND) == 4 && body_size(WELCOME) == 10 && body_size(TELEMETRY) == 20 && body_size(200) == 255);
+    begin();
+    memset(&f, 0xff, sizeof f);
+    drive_welcome(&d, 0x1234, &f);
+    CHECK(f.version == PROTOCOL_VERSION && f.type == WELCOME && f.sequence == 0x1234 && f.size == 10);
+    CHECK(f.body[0] == (uint8_t)sequence && f.body[1] == sequence >> 8);
+    CHECK(memcmp(f.body + 2, ROBOT_NAME, 8) == 0);
+
+    d = (struct drive){.echo = 0x0102, .state = ARMED, .faults = FAULT_BATTERY, .speed = -300, .curvature = 0x0203};
+    d.battery_mv = 0x0304, d.motor_us = 0x0405, d.front_us = 0x0506, d.rear_us = 0x0607, d.rejected = 0x0708;
+    const uint8_t wanted[20] = {2, 1, 1, 16, 0xd4, 0xfe, 3, 2, 4, 3, 5, 4, 6, 5, 7, 6, 8, 7, 0x2c, 1};
+    memset(&f, 0xff, sizeof f);
+    drive_telemetry(&d, 0x1235, 300999, &f); /* 300 s */
+    CHECK(f.version == PROTOCOL_VERSION && f.type == TELEMETRY && f.sequence == 0x1235 && f.size == 20);
+    CHECK(memcmp(f.body, wanted, 20) == 0);
+}
+
 int main(void) {
     test_checksums();
+    test_answers();
     test_frames();
     test_arming();
     test_ramp();
