@@ -160,6 +160,13 @@ static void test_bad_lines(void) {
     sequence += 2;
     say(COMMAND, 900, 0);
     CHECK(d.target_speed == 900);
+    uint16_t now_at = d.sequence;
+    sequence = (uint16_t)(now_at + 0x7fff); /* half way around and one more: the past */
+    say(COMMAND, 800, 0);
+    CHECK(d.target_speed == 900 && d.rejected == 2);
+    sequence = (uint16_t)(now_at + 0x7ffe);
+    say(COMMAND, 800, 0);
+    CHECK(d.target_speed == 800);
 }
 
 static void test_brake_then_reverse(void) {
@@ -198,7 +205,7 @@ static void test_brake_then_reverse(void) {
 
 /* The motor controller forgets a brake when the pulse goes back to neutral, so half a brake counts for nothing. */
 static void test_a_brake_begun_begins_again(void) {
-    for (int phase = BRAKING; phase <= PAUSING; phase++) {
+    for (enum gear phase = BRAKING; phase <= PAUSING; phase++) {
         begin();
         say(ARM, 0, 0);
         pass(600, 1, 1, 500, 0);
@@ -240,6 +247,9 @@ static void test_battery(void) {
     CHECK(d.faults == 0);
     drive_on(7400, 1000, 800);
     CHECK(d.speed == 800);
+    drive_on(BATTERY_EMPTY_MV, BATTERY_LASTS_MS + 1000, 800);
+    CHECK(d.faults == FAULT_BATTERY); /* low, but not yet empty */
+    drive_on(7400, 1000, 800);
     drive_on(BATTERY_EMPTY_MV - 100, BATTERY_LASTS_MS - 100, 800);
     CHECK(d.state == ARMED);
     drive_on(BATTERY_EMPTY_MV - 100, 200, 800);
