@@ -151,7 +151,9 @@ def test_no_frames_no_driving():
     def good():
         seed[0] += 1
         made = torch.Generator().manual_seed(seed[0])
-        left, right = torch.randint(20, 250, (2, 1, 3, 48, 64), generator=made, dtype=torch.uint8)
+        left, right = torch.randint(20, 250, (2, 1, 3, 48, 16), generator=made, dtype=torch.uint8).repeat_interleave(
+            4, -1
+        )
         return StereoFrames(left, right, clock.time)
 
     steps(clock, safe, 0.5, frames=good)
