@@ -13,8 +13,20 @@ ENVIRONMENTS = {
     "Room": "room",
     "Office": "office",
     "Random": "random",
+    "Tiles": "tiles",
+    "Checker": "checker",
+    "Smooth": "smooth",
+    "Lines": "lines",
+    "Chairs": "chairs",
+    "Slalom": "slalom",
+    "Sofa": "sofa",
+    "DeadEnd": "dead-end",
+    "Door61": "door-61",
+    "Door81": "door-81",
+    "TJunction": "t-junction",
 }
-"""Arenas by the names of their environments; `ndtorch/Drive-v0` takes any `arena`, and those of a `.toml` file too."""
+"""Arenas by the names of their environments, written out so that Gymnasium need not import the simulator to know them.
+`ndtorch/Drive-v0` takes any `arena`, and those of a `.toml` file too."""
 
 
 def register() -> None:

@@ -14,12 +14,14 @@ from gymnasium import spaces
 from ndtorch.errors import InputError
 from ndtorch.navigation import Strips, cut_strips
 from ndtorch.navigation.options import NavigatorOptions
+from ndtorch_robot.config import RATE
 from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.car import CarLimits
 from ndtorch_robot.sim.paint import Walls
 from ndtorch_robot.sim.simulation import RIG, Simulation
+from ndtorch_robot.sim.stress import read_stress
 
 Pixels = npt.NDArray[np.uint8]
 Observation = dict[str, Pixels]
@@ -40,21 +42,23 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
       `right_row` `[3, 1, 640]`. `"frames"` are `left` and `right` `[3, 480, 640]`, ten times as slow.
     - **Action**: speed, m/s, backward where negative, and curvature, 1/m, positive to the left: what is asked for, from
       one frame to the next (30 a second). The car follows as fast as it can.
-    - **Reward**: metres driven forward since the last step, less 5 for a collision.
+    - **Reward**: meters really driven since the last step, negative backward, less 5 for a collision.
     - **End**: a collision terminates; after `seconds` the episode is truncated.
     - **Info**: `pose` (true x, y, m, and heading, radians), `driven` (speed and curvature that the wheels say),
       `time` (s) and `collisions`.
 
     `reset(seed=...)` draws the building, its textures and the start from the seed: the same seed is the same episode.
-    Without a seed the next building follows. `options={"building": N}` asks for building N, the `--seed` of
-    `ndtorch drive`.
+    Without a seed the next building follows. A new building takes seconds. With `building=N` all episodes are in building
+    N, the `--seed` of `ndtorch drive`; the seeds then draw where the car starts, and a reset takes milliseconds.
 
     Args:
         arena: a name that `ndtorch arenas` lists, or a `.toml` file.
         observation: `"strips"` or `"frames"`.
         controller: whose patch of floor is seen.
         seconds: of an episode.
+        building: number of the only building, or None.
         walls, moving: as of `Simulation`.
+        stress: what is wrong with cameras and car, in the words of `ndtorch drive --stress`.
         render_mode: None or `"rgb_array"`: `render` gives the left camera's frame.
 
     Raises:
@@ -69,8 +73,10 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         observation: str = "strips",
         controller: str = "ranging",
         seconds: float = 60.0,
+        building: int | None = None,
         walls: Walls = "textured",
         moving: bool = False,
+        stress: str = "",
         render_mode: str | None = None,
     ) -> None:
         if observation not in ("strips", "frames"):
@@ -79,7 +85,10 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
             raise InputError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
         if not 0 < seconds < math.inf:
             raise InputError(f"seconds must be a positive number, got {seconds}")
-        load_arena(arena)
+        load_arena(arena, building or 0)
+        self.building, self.stress = building, read_stress(stress)
+        self.rate = self.stress.rate or RATE
+        self.metadata = {**self.metadata, "render_fps": self.rate}
         self.arena, self.walls, self.moving, self.seconds = arena, walls, moving, seconds
         self.strips, self.render_mode = observation == "strips", render_mode
         self.fields = NavigatorOptions(controller=controller).fields(RIG)
@@ -95,6 +104,7 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         most = np.array([limits.speed, limits.curvature], np.float32)
         self.action_space = spaces.Box(-most, most, dtype=np.float32)
         self.simulation: Simulation | None = None
+        self.built: int | None = None
         self.safe: SafeDrive | None = None
         self.frames: StereoFrames | None = None
 
@@ -102,19 +112,28 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         super().reset(seed=seed)
-        self.close()
-        building = int((options or {}).get("building", self.np_random.integers(2**31)))
-        self.simulation = Simulation(
+        drawn = int(self.np_random.integers(2**31))
+        building = drawn if self.building is None else self.building
+        if self.simulation is None or self.built != building:
+            self.close()
+            self.simulation, self.built = self.build(building), building
+        self.simulation.begin(drawn)
+        self.safe = SafeDrive(self.simulation, self.simulation)
+        self.frames = self.simulation.read()
+        return self.seen(self.frames), self.info(self.simulation, self.simulation.driven())
+
+    def build(self, building: int) -> Simulation:
+        """One of the buildings."""
+        return Simulation(
             load_arena(self.arena, building),
             building,
             walls=self.walls,
             moving=self.moving,
             whole=not self.strips or self.render_mode is not None,
             fields=self.fields,
+            stress=self.stress,
+            rate=self.rate,
         )
-        self.safe = SafeDrive(self.simulation, self.simulation)
-        self.frames = self.simulation.read()
-        return self.seen(self.frames), self.info(self.simulation, self.simulation.driven())
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         if self.simulation is None or self.safe is None:
@@ -125,9 +144,10 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         self.safe.send(DriveCommand(speed, curvature))
         simulation.wait_until(simulation.now() + 1 / simulation.rate)
         self.frames = simulation.read()
-        driven = simulation.driven()
         hit = len(simulation.collisions) > hits
-        reward = driven.speed / simulation.rate - COLLISION * hit
+        # The car's own length, not what its odometer says of it.
+        reward = simulation.car.length - COLLISION * hit
+        driven = simulation.driven()
         over = simulation.now() >= self.seconds - 1e-6
         return self.seen(self.frames), reward, hit, over, self.info(simulation, driven)
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
-import torch
 
 pytest.importorskip("gymnasium")
 pytest.importorskip("mujoco")
@@ -13,98 +14,146 @@ import gymnasium
 from gymnasium.utils.env_checker import check_env
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Navigator
 from ndtorch_robot.gym import ENVIRONMENTS, register
-from ndtorch_robot.gym.environment import COLLISION, DriveEnv, eyes_of
-from ndtorch_robot.sim.arenas import ARENAS, load_arena
+from ndtorch_robot.gym.environment import COLLISION, PARTS, DriveEnv, eyes_of
+from ndtorch_robot.sim.arenas import ALL, load_arena
 from ndtorch_robot.sim.simulation import RIG, Simulation
+from tests.robot.support.gl_needed import needs_gl
+
+pytestmark = needs_gl
 
 AHEAD = np.array([0.5, 0.0], np.float32)
 
 
-@pytest.mark.long
-def test_every_arena_has_an_environment_and_the_checker_is_content() -> None:
-    register()
-    register()
-    assert set(ENVIRONMENTS.values()) == set(ARENAS)
-    with gymnasium.make("ndtorch/Curve-v0", seconds=2.0, render_mode="rgb_array") as env:
-        assert isinstance(env.unwrapped, DriveEnv)
-        check_env(env.unwrapped)
-        env.reset(seed=0)
-        frame = env.render()
-        assert frame.shape == (480, 640, 3)
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A room that is built in a moment."""
+    file = tmp_path_factory.mktemp("arena") / "small.toml"
+    file.write_text('name = "small"\nrooms = [[0, 0, 3, 3]]\nheight = 1.0\n')
+    return str(file)
 
 
-def test_it_is_the_simulation_and_the_same_seed_is_the_same_episode() -> None:
-    env = DriveEnv("curve", seconds=0.5)
-    first, told = env.reset(options={"building": 7})
-    simulation = Simulation(load_arena("curve", 7), 7, fields=env.fields)
+@pytest.fixture(scope="module")
+def env(small: str) -> Iterator[DriveEnv]:
+    """Half a second in building 7; every test resets it."""
+    with DriveEnv(small, seconds=0.5, building=7) as env:
+        yield env
+
+
+def test_every_arena_has_an_environment() -> None:
+    assert sorted(ENVIRONMENTS.values()) == sorted(ALL)
+    assert [name.lower() for name in ENVIRONMENTS] == [arena.replace("-", "") for arena in ENVIRONMENTS.values()]
+
+
+def test_it_is_the_simulation(env: DriveEnv, small: str) -> None:
+    seen, told = env.reset(seed=3)
+    drawn = int(np.random.default_rng(3).integers(2**31))
+    simulation = Simulation(load_arena(small, 7), 7, fields=env.fields)
+    simulation.begin(drawn)
+    left, right = eyes_of(seen)
     frames = simulation.read()
-    assert np.array_equal(first["left_row"], frames.left.row[0].numpy())
+    for eye, same in ((left, frames.left), (right, frames.right)):
+        assert np.array_equal(eye.field, same.field)
+        assert np.array_equal(eye.row, same.row)
     assert told["pose"] == pytest.approx(simulation.pose)
     simulation.close()
-    env.reset(seed=3)
+
+
+def test_the_same_seed_is_the_same_episode_in_the_building_that_stands(env: DriveEnv) -> None:
     runs = []
-    for _ in range(2):
-        seen, _ = env.reset(seed=3)
-        total, ends = 0.0, []
+    for seed in (3, 4, 3):
+        seen, told = env.reset(seed=seed)
+        start, total, ends = told["pose"], 0.0, []
+        kept = env.simulation
         for _ in range(15):
             seen, reward, terminated, truncated, told = env.step(AHEAD)
             total += reward
             ends.append((terminated, truncated))
-        runs.append((seen["right_field"], total, tuple(told["pose"])))
         assert ends == [(False, False)] * 14 + [(False, True)]
-    assert np.array_equal(runs[0][0], runs[1][0])
-    assert runs[0][1:] == runs[1][1:]
-    start = env.reset(seed=3)[1]["pose"]
-    assert runs[0][1] == pytest.approx(float(np.hypot(*(runs[0][2][:2] - start[:2]))), abs=0.02)
-    env.close()
+        assert total == pytest.approx(float(np.hypot(*(told["pose"] - start)[:2])), abs=1e-6)
+        assert total == pytest.approx(0.5 * 0.5 - 0.05, abs=0.01)  # less what the start takes, v^2 / 2a
+        runs.append((seen["right_field"], tuple(told["pose"])))
+    assert env.simulation is kept
+    assert np.array_equal(runs[0][0], runs[2][0])
+    assert runs[0][1] == runs[2][1] != runs[1][1]
 
 
-def test_a_wall_ends_it() -> None:
-    env = DriveEnv("room", seconds=60.0)
-    env.reset(options={"building": 1})
-    rewards, terminated = [], False
-    while not terminated and len(rewards) < 600:
-        _, reward, terminated, truncated, told = env.step(np.array([1.0, 0.0], np.float32))
-        rewards.append(reward)
-    assert terminated
-    assert not truncated
-    assert told["collisions"] == 1
-    assert rewards[-1] < 0.1 - COLLISION
-    assert min(rewards[:-1]) >= 0
-    env.close()
+def test_without_a_building_each_seed_has_its_own(small: str) -> None:
+    with DriveEnv(small) as env:
+        first, _ = env.reset(seed=1)
+        built = env.built
+        assert env.reset(seed=1)[0]["left_row"].tobytes() == first["left_row"].tobytes()
+        assert env.built == built
+        env.reset()
+        assert env.built != built
 
 
-def test_a_navigator_drives_it_and_frames_hold_the_strips() -> None:
-    navigator, state = Navigator(RIG, 1 / 30), None
-    strips, frames = DriveEnv("curve"), DriveEnv("curve", observation="frames")
-    seen, _ = strips.reset(seed=5)
-    whole, _ = frames.reset(seed=5)
-    assert np.array_equal(whole["left"][:, RIG.row], seen["left_row"][:, 0])
-    with torch.inference_mode():
-        for _ in range(20):
-            command, state = navigator(*eyes_of(seen), state)
-            seen, *_ = strips.step(np.array([float(command.speed[-1]), float(command.curvature[-1])], np.float32))
-    assert float(command.speed[-1]) > 0.1
-    strips.close()
-    frames.close()
+def test_a_wall_ends_it_and_backward_costs(small: str) -> None:
+    with DriveEnv(small, building=7) as env:
+        env.reset(seed=0)
+        assert sum(env.step(-AHEAD)[1] for _ in range(10)) < -0.05
+        rewards, terminated = [], False
+        while not terminated and len(rewards) < 200:
+            _, reward, terminated, truncated, told = env.step(np.array([1.0, 0.0], np.float32))
+            rewards.append(reward)
+        assert terminated
+        assert not truncated
+        assert told["collisions"] == 1
+        assert -COLLISION - 0.05 < rewards[-1] < 0.05 - COLLISION
+        assert min(rewards[10:-1]) > 0
 
 
-def test_many_at_once() -> None:
+def test_the_reward_is_what_was_driven_whatever_the_odometer_says(small: str) -> None:
+    with DriveEnv(small, building=7, stress="scale=0.2,rate=15") as env:
+        assert env.metadata["render_fps"] == 15
+        start = env.reset(seed=0)[1]["pose"]
+        total = said = 0.0
+        for _ in range(8):
+            _, reward, _, _, told = env.step(AHEAD)
+            total, said = total + reward, said + told["driven"][0] / 15
+        assert total == pytest.approx(float(np.hypot(*(told["pose"] - start)[:2])), abs=1e-6)
+        assert said == pytest.approx(1.2 * total)
+
+
+def test_frames_hold_the_strips(env: DriveEnv, small: str) -> None:
+    strips, _ = env.reset(seed=5)
+    with DriveEnv(small, observation="frames", building=7, render_mode="rgb_array") as whole:
+        frames, _ = whole.reset(seed=5)
+        assert np.array_equal(frames["left"][:, RIG.row], strips["left_row"][:, 0])
+        assert np.array_equal(whole.render(), frames["left"].transpose(1, 2, 0))
+    assert set(strips) == set(PARTS)
+
+
+def test_the_checker_is_content(small: str) -> None:
+    env = DriveEnv(small, seconds=2.0, building=7)
+    check_env(env, skip_render_check=True)
+
+
+def test_many_at_once(small: str) -> None:
     register()
-    envs = gymnasium.make_vec("ndtorch/Curve-v0", num_envs=2, vectorization_mode="sync")
+    register()  # a second time does no harm
+    envs = gymnasium.make_vec("ndtorch/Drive-v0", 2, vectorization_mode="sync", arena=small, building=7)
     seen, _ = envs.reset(seed=1)
-    assert seen["left_row"].shape == (2, 3, 1, 640)
+    assert seen["left_row"].shape == (2, 3, 1, RIG.width)
     assert not np.array_equal(seen["left_row"][0], seen["left_row"][1])
     _, rewards, *_ = envs.step(np.stack((AHEAD, 0 * AHEAD)))
     assert rewards[0] > rewards[1] == 0
     envs.close()
 
 
-def test_what_cannot_be_made_is_refused() -> None:
-    for values in ({"arena": "nowhere"}, {"observation": "sound"}, {"render_mode": "human"}, {"seconds": 0.0}):
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore:.*render:UserWarning")
+def test_the_checker_is_content_with_a_real_arena() -> None:
+    register()
+    env = gymnasium.make("ndtorch/Curve-v0", seconds=2.0, render_mode="rgb_array")
+    check_env(env.unwrapped)
+    env.close()
+
+
+def test_what_cannot_be_made_is_refused(small: str) -> None:
+    wrong = ({"arena": "nowhere"}, {"observation": "sound"}, {"render_mode": "human"}, {"seconds": 0.0})
+    for values in (*wrong, {"arena": small, "stress": "rain"}):
         with pytest.raises(InputError):
-            DriveEnv(**values)
+            DriveEnv(**values)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="reset"):
-        DriveEnv("curve").step(AHEAD)
+        DriveEnv(small).step(AHEAD)
