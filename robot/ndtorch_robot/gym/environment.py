@@ -48,8 +48,9 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
       `time` (s) and `collisions`.
 
     `reset(seed=...)` draws the building, its textures and the start from the seed: the same seed is the same episode.
-    Without a seed the next building follows. A new building takes seconds. With `building=N` all episodes are in building
-    N, the `--seed` of `ndtorch drive`; the seeds then draw where the car starts, and a reset takes milliseconds.
+    Without a seed the next building follows. A new building takes seconds. With `building=N` all episodes are in
+    building N, the `--seed` of `ndtorch drive`; the seeds then draw where the car starts, and a reset takes
+    milliseconds.
 
     Args:
         arena: a name that `ndtorch arenas` lists, or a `.toml` file.
