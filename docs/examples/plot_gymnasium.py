@@ -1,96 +1,104 @@
 """
-A policy trained in Gymnasium
-=============================
+A policy of your own in Gymnasium
+=================================
 
-Simulated drives are environments of Gymnasium. Here a policy of two numbers learns to drive around two bends by what
-the cameras see. It is trained by the cross-entropy method. This needs ``ndtorch-robot[sim]`` and OpenGL through EGL or
-OSMesa.
+Simulated drives are environments of Gymnasium. Here a small policy is scored beside the controller ``ranging`` and
+beside driving straight on. This needs ``ndtorch-robot[sim]`` and OpenGL through EGL or OSMesa.
 """
 
-import tempfile
-from pathlib import Path
+from collections.abc import Callable
 
 import gymnasium
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
 
-from ndtorch.navigation import RowRanging
+from ndtorch.navigation import Navigator, RowRanging
 from ndtorch_robot.gym.environment import eyes_of
 from ndtorch_robot.sim.simulation import RIG
 
+Policy = Callable[[dict[str, np.ndarray]], tuple[float, float]]
+
 # %%
-# A corridor with a bend to the left and one to the right. The number of the building says what its walls look like. The
-# reward is the meters driven; a collision costs 5 and ends the episode.
-arena = Path(tempfile.mkdtemp()) / "bends.toml"
-arena.write_text("""
-name = "bends"
-rooms = [[0, 0, 3.6, 1.8], [1.8, 0, 3.6, 4.2], [1.8, 2.4, 7.2, 4.2]]
-start = [1.2, 0.9, 0]
-height = 1.0
-""")
+# A policy is made anew for every episode. It takes an observation, which is a picture of the floor and a row of each
+# eye, and gives a speed in m/s and a curvature in 1/m. The first one looks at nothing.
 
 
-def make(building: int) -> gymnasium.Env:
-    """The environment of one building."""
-    return gymnasium.make("ndtorch/Drive-v0", arena=str(arena), building=building, seconds=8.0)
+def straight() -> Policy:
+    """Straight on."""
+    return lambda seen: (0.5, 0.0)
 
 
 # %%
-# The policy sees how near the nearest feature is to the left and to the right. A row holds one or two ranges a frame,
-# so what was seen fades slowly. The curvature is a weighted sum of the difference between the sides and of 1. The speed
-# is 0.6 m/s.
-ranging = RowRanging(RIG, dt=1 / 30)
-FADES, SIDE = 0.95, np.radians(12)
+# The small policy ranges the features of the rows and turns away from the side where the nearest one is. A row holds
+# one or two ranges a frame, so what was seen fades slowly.
 
 
-def episode(env: gymnasium.Env, weights: np.ndarray) -> float:
-    """The reward of one drive."""
-    seen, _ = env.reset(seed=0)
-    near, state, total, over = np.zeros(2), None, 0.0, False
-    while not over:
+def away() -> Policy:
+    """Away from the nearer side."""
+    ranging, state, near = RowRanging(RIG, dt=1 / 30), None, np.zeros(2)
+
+    def policy(seen: dict[str, np.ndarray]) -> tuple[float, float]:
+        nonlocal state, near
         left, right = eyes_of(seen)
         ranges, state = ranging(left.row, right.row, state)
         x, y = ranges.x[ranges.valid].numpy(), ranges.y[ranges.valid].numpy()
-        angles, nearness = np.arctan2(y, x), 1 / np.hypot(x, y)
-        sides = (angles > SIDE, angles < -SIDE)
-        near = np.maximum(FADES * near, [nearness[side].max(initial=0.0) for side in sides])
-        curvature = weights @ (near[1] - near[0], 1.0)
-        seen, reward, terminated, truncated, _ = env.step(np.clip([0.6, curvature], -2.2, 2.2).astype(np.float32))
-        total, over = total + float(reward), terminated or truncated
-    return total
+        nearness = 1 / np.hypot(x, y)
+        near = np.maximum(0.95 * near, [nearness[side].max(initial=0.0) for side in (y > 0, y < 0)])
+        return 0.5, float(np.clip(3 * (near[1] - near[0]), -2.2, 2.2))
+
+    return policy
 
 
 # %%
-# The cross-entropy method draws policies, keeps the best three, and draws the next ones around them.
-rng = np.random.default_rng(0)
-mean, spread, history = np.zeros(2), np.array([4.0, 1.0]), []
+# The controller ``ranging`` uses the floor as well, remembers what it saw, and can stop and drive backwards.
+
+
+def navigator() -> Policy:
+    """The navigator as it is."""
+    model, state = Navigator(RIG, dt=1 / 30), None
+
+    def policy(seen: dict[str, np.ndarray]) -> tuple[float, float]:
+        nonlocal state
+        command, state = model(*eyes_of(seen), state)
+        return float(command.speed[-1]), float(command.curvature[-1])
+
+    return policy
+
+
+# %%
+# All drive from the same starts. The reward is the meters driven, less 5 for a collision, which ends the episode. Which
+# building it is, and where in it the car starts, are given by numbers.
+POLICIES = {"straight on": straight, "away": away, "ranging": navigator}
+paths: dict[str, list[np.ndarray]] = {name: [] for name in POLICIES}
+env = gymnasium.make("ndtorch/Curve-v0", building=0, seconds=15.0)
 with torch.inference_mode():
-    env = make(building=0)
-    for generation in range(4):
-        drawn = mean + spread * rng.standard_normal((8, 2))
-        scores = np.array([episode(env, weights) for weights in drawn])
-        best = drawn[np.argsort(scores)[-3:]]
-        mean, spread = best.mean(0), best.std(0) + 0.1
-        history.append(scores)
-        print(f"generation {generation}: mean {scores.mean():.2f}, best {scores.max():.2f}")
-    env.close()
-print("weights", mean.round(2))
+    for name, make in POLICIES.items():
+        scores = []
+        for seed in range(3):
+            (seen, info), policy, score, over = env.reset(seed=seed), make(), 0.0, False
+            path = [info["pose"]]
+            while not over:
+                action = np.clip(policy(seen), env.action_space.low, env.action_space.high)
+                seen, reward, terminated, truncated, info = env.step(action.astype(np.float32))
+                score, over = score + float(reward), terminated or truncated
+                path.append(info["pose"])
+            scores.append(score)
+            paths[name].append(np.array(path[:-1] if terminated else path))  # after a collision the car is put back
+        print(f"{name}: {np.mean(scores):.2f} ({', '.join(f'{score:.2f}' for score in scores)})")
+env.close()
 
 # %%
-# Walls that the training has not seen.
-with torch.inference_mode():
-    for building in (1, 2, 3):
-        env = make(building)
-        print(f"building {building}: straight on {episode(env, np.zeros(2)):.2f}, trained {episode(env, mean):.2f}")
-        env.close()
-
-# %%
-figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
-for generation, scores in enumerate(history):
-    axes.plot(np.full(len(scores), generation), scores, "o", color="tab:blue", alpha=0.5)
-axes.plot([scores.mean() for scores in history], color="tab:blue")
-axes.set_xticks(range(len(history)))
-axes.set_xlabel("generation")
-axes.set_ylabel("reward (m)")
+# The paths. A cross is a collision.
+figure, all_axes = plt.subplots(1, 3, figsize=(9, 3.2), layout="constrained", sharex=True, sharey=True)
+for axes, (name, driven) in zip(all_axes, paths.items(), strict=True):
+    for path in driven:
+        axes.plot(path[:, 0], path[:, 1], color="tab:blue")
+        axes.plot(*path[0, :2], "o", color="tab:blue")
+        if len(path) < 15 * 30 + 1:
+            axes.plot(*path[-1, :2], "x", color="tab:red")
+    axes.set_title(name)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x (m)")
+all_axes[0].set_ylabel("y (m)")
 plt.show()
