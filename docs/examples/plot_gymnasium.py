@@ -67,38 +67,45 @@ def navigator() -> Policy:
 
 
 # %%
-# All drive from the same starts. The reward is the meters driven, less 5 for a collision, which ends the episode. Which
-# building it is, and where in it the car starts, are given by numbers.
+# All drive in the same buildings from the same starts. The reward is the meters driven, less 5 for a collision, which
+# ends the episode.
 POLICIES = {"straight on": straight, "away": away, "ranging": navigator}
-paths: dict[str, list[np.ndarray]] = {name: [] for name in POLICIES}
-env = gymnasium.make("ndtorch/Curve-v0", building=0, seconds=15.0)
+ARENAS, SECONDS = ("Curve", "Loop", "Room"), 12.0
+
+
+def episode(env: gymnasium.Env, policy: Policy) -> tuple[float, np.ndarray, bool]:
+    """The reward, the path and whether it ended in a collision."""
+    seen, info = env.reset(seed=0)
+    score, path, hit, over = 0.0, [info["pose"]], False, False
+    while not (hit or over):
+        action = np.clip(policy(seen), env.action_space.low, env.action_space.high)
+        seen, reward, hit, over, info = env.step(action.astype(np.float32))
+        score += float(reward)
+        path.append(info["pose"])
+    return score, np.array(path[:-1] if hit else path), hit  # after a collision the car is put elsewhere
+
+
+driven = {}
 with torch.inference_mode():
-    for name, make in POLICIES.items():
-        scores = []
-        for seed in range(3):
-            (seen, info), policy, score, over = env.reset(seed=seed), make(), 0.0, False
-            path = [info["pose"]]
-            while not over:
-                action = np.clip(policy(seen), env.action_space.low, env.action_space.high)
-                seen, reward, terminated, truncated, info = env.step(action.astype(np.float32))
-                score, over = score + float(reward), terminated or truncated
-                path.append(info["pose"])
-            scores.append(score)
-            paths[name].append(np.array(path[:-1] if terminated else path))  # after a collision the car is put back
-        print(f"{name}: {np.mean(scores):.2f} ({', '.join(f'{score:.2f}' for score in scores)})")
-env.close()
+    for arena in ARENAS:
+        env = gymnasium.make(f"ndtorch/{arena}-v0", building=0, seconds=SECONDS)
+        for name, make in POLICIES.items():
+            driven[arena, name] = episode(env, make())
+            print(f"{arena}, {name}: {driven[arena, name][0]:.2f}")
+        env.close()
 
 # %%
 # The paths. A cross is a collision.
-figure, all_axes = plt.subplots(1, 3, figsize=(9, 3.2), layout="constrained", sharex=True, sharey=True)
-for axes, (name, driven) in zip(all_axes, paths.items(), strict=True):
-    for path in driven:
-        axes.plot(path[:, 0], path[:, 1], color="tab:blue")
-        axes.plot(*path[0, :2], "o", color="tab:blue")
-        if len(path) < 15 * 30 + 1:
+figure, all_axes = plt.subplots(1, len(ARENAS), figsize=(10, 3.6), layout="constrained")
+for axes, arena in zip(all_axes, ARENAS, strict=True):
+    for name, color in zip(POLICIES, ("tab:gray", "tab:orange", "tab:blue"), strict=True):
+        score, path, hit = driven[arena, name]
+        axes.plot(path[:, 0], path[:, 1], color=color, label=f"{name}: {score:.1f}")
+        if hit:
             axes.plot(*path[-1, :2], "x", color="tab:red")
-    axes.set_title(name)
-    axes.set_aspect("equal")
+    axes.set_title(arena)
+    axes.axis("equal")
     axes.set_xlabel("x (m)")
+    axes.legend()
 all_axes[0].set_ylabel("y (m)")
 plt.show()
