@@ -5,6 +5,7 @@
 # make check  lint, format and types     make bench  timings side by side, out/bench.json
 # make bench-compare OLD=... NEW=...  fails where something costs over 10 % more
 # make docs    the documentation site, out/docs/index.html, its examples executed, its links followed
+# make docs-quick  the same in half a minute, out/docs-quick: its examples are not executed
 # make wheels  each distribution alone in an empty environment
 # make soak    half an hour of simulated driving with faults by chance; MINUTES=600 for a night, and it goes on where it was
 # make lock    the lock files in requirements/      make sbom   what is installed, out/sbom.json      make audit  known holes in it
@@ -17,7 +18,7 @@ STAMP  := $(VENV)/.installed
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: setup demo test test-unit test-long test-variants check docs wheels bench bench-compare soak lock sbom audit reproduce reproduce-quick clean
+.PHONY: setup demo test test-unit test-long test-variants check docs docs-quick wheels bench bench-compare soak lock sbom audit reproduce reproduce-quick clean
 
 setup: $(STAMP)
 
@@ -56,10 +57,19 @@ check: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy --strict ndtorch robot/ndtorch_robot train/ndtorch_train
 
-docs: $(STAMP)
+DOCS := $(VENV)/.docs
+
+$(DOCS): $(STAMP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	touch $@
+
+docs: $(DOCS)
 	$(BIN)/sphinx-build -q -W --keep-going -b html docs out/docs
 	$(BIN)/python docs/check_links.py out/docs
+
+docs-quick: $(DOCS)
+	$(BIN)/sphinx-build -q -W --keep-going -D plot_gallery=0 -b html docs out/docs-quick
+	$(BIN)/python docs/check_links.py out/docs-quick
 
 # Takes minutes and a gigabyte an environment: every wheel gets only what it asks for.
 wheels: $(STAMP)
@@ -90,10 +100,13 @@ pinned = $(shell sed -n 's/^$(1)==//p' constraints.txt)
 lock: $(SUPPLY)/bin/uv
 	PATH=$(SUPPLY)/bin:$$PATH $(BIN)/python requirements/make.py
 
+# Where on this disk the distributions of this project lie is nobody's business.
 sbom: $(SUPPLY)/bin/uv
 	mkdir -p out
 	$(SUPPLY)/bin/cyclonedx-py environment $(BIN)/python --pyproject pyproject.toml --output-format JSON \
-		--output-reproducible --output-file out/sbom.json
+		--output-reproducible --output-file out/sbom.part
+	sed 's|"file://[^"]*/\([^"/]*\)"|"file:\1"|' out/sbom.part > out/sbom.json
+	rm out/sbom.part
 
 audit: $(SUPPLY)/bin/uv
 	for lock in requirements/*.txt; do $(SUPPLY)/bin/pip-audit --disable-pip --require-hashes -r $$lock || exit 1; done

@@ -123,7 +123,7 @@ CASES = {
         score --scenes -1
         score --split tuen
         score --video --ablate exposur
-        score --video --rates 0
+        score --video --fps 0
         score --labelled void
         score --labelled . --methods mog2-norfare
         sweep bindin

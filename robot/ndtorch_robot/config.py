@@ -60,7 +60,7 @@ class DriveConfig(NavigatorTable):
     @property
     def rate(self) -> float:
         """Frames a second."""
-        return read_stress(self.stress).rate or RATE
+        return read_stress(self.stress).fps or RATE
 
 
 def load_config(file: Path | None, choices: dict[str, object]) -> DriveConfig:

@@ -84,7 +84,7 @@ def make_simulation(config: RunConfig) -> Simulation | None:
 
     told = config.simulation
     stress = read_stress(told.stress)
-    if stress.rate:
+    if stress.fps:
         raise InputError("stress: the frames a second of a car are its rate_hz")
     if stress.odometer and config.link_table()["kind"] != SIMULATED_WORLD:
         raise InputError(f"stress: a board has no odometer to be off; link.kind = {SIMULATED_WORLD!r} has one")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import tyro
 
@@ -29,16 +29,22 @@ class Cameras:
     """Size to ask for, pixels (default 640; files: as they are)."""
     height: int | None = None
     """Size to ask for, pixels (default 480; files: as they are)."""
-    rate: float = 30.0
+    fps: float = 30.0
     """Frames a second to ask for; folders play at it."""
     fourcc: str = "MJPG"
     """Pixel format to ask for."""
-    exposure: float | None = 10.0
+    exposure_ms: float | None = 10.0
     """Fixed exposure, ms; 0 leaves it automatic."""
-    tolerance: float = 16.0
+    tolerance_ms: float = 16.0
     """Largest difference in time of a pair, ms."""
     json: bool = False
     """Print one JSON object and nothing else."""
+
+    gone: ClassVar[dict[str, str]] = {
+        "--rate": "it is called --fps now",
+        "--exposure": "it is called --exposure-ms now",
+        "--tolerance": "it is called --tolerance-ms now",
+    }
 
     def run(self) -> int:
         """List or measure."""
@@ -72,10 +78,10 @@ class Cameras:
             "right": self.right,
             "width_px": self.width or 640,
             "height_px": self.height or 480,
-            "rate_hz": self.rate,
+            "rate_hz": self.fps,
             "fourcc": self.fourcc,
-            "exposure_ms": self.exposure or None,
-            "tolerance_ms": self.tolerance,
+            "exposure_ms": self.exposure_ms or None,
+            "tolerance_ms": self.tolerance_ms,
             "max_age_ms": 500.0,
         }
         settings = check(values, CameraSettings, "cameras")

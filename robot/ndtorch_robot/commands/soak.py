@@ -28,8 +28,8 @@ class Soak:
     explains it, every fault that must stop the wheels must do so in time, and the memory must not grow. The time of
     the wheels is measured by the pulses of the board. It needs a C compiler.
 
-    Keeps every finished piece in DIR: stopped and started again it goes on where it was, until the code changes. Exit
-    code 1 when something was not as it must be.
+    Keeps every finished piece in DIR: stopped and started again it goes on where it was, and a longer one begins with
+    what a shorter one drove. Exit code 1 when something was not as it must be.
     """
 
     config: Annotated[Path, tyro.conf.Positional] = Path("sim")
@@ -39,7 +39,9 @@ class Soak:
     piece: float = 180.0
     """Simulated time of one piece, s; each drives in another building."""
     out: Path = Path("out/soak")
-    """Folder for the pieces and the table."""
+    """Folder for the pieces and the table; of another car, with other pieces or other code soak-2, and so on."""
+    force: bool = False
+    """Write into this folder whatever is in it."""
     json: bool = False
     """Print the figures as one JSON object and nothing else on stdout."""
 
@@ -50,7 +52,7 @@ class Soak:
         from ndtorch.code_digest import code_digest
         from ndtorch.files import write_text
         from ndtorch.installed import toml_file
-        from ndtorch.run.folder import prepare
+        from ndtorch.run.folder import place_for
         from ndtorch.toml import read_toml
         from ndtorch_robot.run_config import RunConfig
         from ndtorch_robot.sim.hosted_board import HostedBoard
@@ -63,23 +65,27 @@ class Soak:
             )
         config = read_toml(toml_file(self.config, "ndtorch_robot", "configs"), RunConfig)
         torch.set_num_threads(1)
-        prepare(self.out)
         key = {"code": code_digest(CODE, ("torch", "mujoco", "numpy")), "config": config.model_dump_json()}
         key |= {"piece": f"{self.piece:g}", "board": HostedBoard.code()}
-        process, pieces = secrets.token_hex(4), []
-        for number in range(max(1, round(60 * self.minutes / self.piece))):
-            file = self.out / f"piece-{number:04d}.json"
-            made = kept(file, key)
+        place = place_for(self.out, {"command": "soak"} | key, force=self.force)
+        files = [place.folder / f"piece-{n:04d}.json" for n in range(max(1, round(60 * self.minutes / self.piece)))]
+        # A shorter soak than the last one leaves nothing out that was driven.
+        every = sorted({*files, *place.folder.glob("piece-*.json")})
+        known = {file: made for file in every if (made := kept(file, key)) is not None}
+        process, pieces = secrets.token_hex(4), list(known.values())
+        for number, file in enumerate(files):
+            made = known.get(file)
             if made is None:
                 made = drive_piece(config, number, self.piece, lambda seconds: None)
                 gc.collect()
                 made |= {"process": process, "megabytes": round(resident_megabytes(), 1), "key": key}
                 write_text(file, json.dumps(made) + "\n")
-            pieces.append(made)
+                known[file] = made
+                pieces = [known[each] for each in sorted(known)]
             for line in troubles([made]):
                 print(line, file=sys.stderr, flush=True)
             print(f"{number + 1}: {summary([made])}", file=sys.stderr, flush=True)
-            write_text(self.out / "table.md", report(pieces))
+            write_text(place.folder / "table.md", report(pieces))
         print(json.dumps(summary(pieces)) if self.json else report(pieces))
         return FAILED if troubles(pieces) else 0
 

@@ -179,9 +179,17 @@ class Simulation(Drive):
         return placed
 
     def read(self) -> StereoFrames:
-        """What both cameras see now."""
-        while self.timing.loses():
+        """What both cameras see now, or with the next frame that is not lost."""
+        while self.loses():
             self.wait_until(self.now() + 1 / self.rate)
+        return self.picture()
+
+    def loses(self) -> bool:
+        """Whether this frame never comes. Who lets time go on asks this before `picture`, as `read` does."""
+        return self.timing.loses()
+
+    def picture(self) -> StereoFrames:
+        """What both cameras give now."""
         now, tops = self.now(), [rect.top for rect in self.cameras.strips[0]]
         eyes = self.cameras.look(self.data, *self.pose, Motion(self.car.speed, self.car.curvature))
         left, right = (

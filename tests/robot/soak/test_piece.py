@@ -51,6 +51,23 @@ def test_the_board_obeys_and_stands_when_it_is_not_spoken_to():
     board.close()
 
 
+@needs_gl
+@needs_compiler
+def test_the_board_goes_on_while_frames_are_lost():
+    """As with a car, whose cameras do not make its board wait."""
+    simulation = SimulationTable(arena="curve", seed=3, stress="drop=0.8")
+    config = RunConfig(robot="maxston8", link={"kind": "hosted-board"}, simulation=simulation)
+    with open_car(config, lambda line: None, go=False) as car:
+        world, pulses = car.drive.world, []
+        world.pulsed = lambda pulse: pulses.append(pulse.time) if pulse.name == "motor" else None
+        times = [world.read().time for _ in range(6)]
+        trouble = car.drive.trouble()
+    assert max(np.diff(times)) > 1.5 / 30
+    assert len(pulses) >= (times[-1] - times[0]) / 0.02 - 1
+    assert max(np.diff(pulses)) < 0.03
+    assert trouble == "not yet told to drive"
+
+
 class OneAfterTheOther(Trials):
     """These faults and no others."""
 
@@ -159,3 +176,35 @@ def test_a_piece_of_other_code_is_driven_again(tmp_path):
     assert kept(file, {"code": "a"}) is None
     with pytest.raises(InputError, match="--piece 10 to 3600"):
         Soak(piece=1.0, out=tmp_path).run()
+
+
+def test_a_soak_goes_on_and_another_car_gets_a_folder_of_its_own(tmp_path, monkeypatch, capsys):
+    driven = []
+
+    def drive(config, number, seconds, note):
+        driven.append((config.robot, number))
+        return piece(number, 300.0, [row()])
+
+    monkeypatch.setattr("ndtorch_robot.soak.piece.drive_piece", drive)
+    monkeypatch.setattr(HostedBoard, "code", staticmethod(lambda: "board"))
+    out = tmp_path / "soak"
+    assert Soak(minutes=1.0, piece=60.0, out=out).run() == 0
+    assert Soak(minutes=3.0, piece=60.0, out=out).run() == 0
+    assert driven == [("maxston8", 0), ("maxston8", 1), ("maxston8", 2)]
+    table = (out / "table.md").read_text()
+    assert "pieces 3," in table
+    # A shorter one drives nothing, and its table leaves nothing out.
+    capsys.readouterr()
+    assert Soak(minutes=1.0, piece=60.0, out=out, json=True).run() == 0
+    assert json.loads(capsys.readouterr().out)["pieces"] == 3
+    assert (out / "table.md").read_text() == table
+    # Pieces of another length are another soak; the folder of the first one stays as it is.
+    assert Soak(minutes=1.0, piece=30.0, out=out).run() == 0
+    assert (out / "table.md").read_text() == table
+    assert "pieces 2," in (tmp_path / "soak-2" / "table.md").read_text()
+    # So does what is in a folder that no soak wrote.
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "table.md").write_text("mine")
+    assert Soak(minutes=0.5, piece=30.0, out=tmp_path / "mine").run() == 0
+    assert (tmp_path / "mine" / "table.md").read_text() == "mine"
+    assert (tmp_path / "mine-2" / "piece-0000.json").is_file()

@@ -81,7 +81,8 @@ def test_table_counts_by_objects_and_rate() -> None:
 
 def test_unusable_options_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for options, word in (
-        (["--rates", "0"], "rates"),
+        (["--fps", "0"], "fps must lie"),
+        (["--rates", "25"], "--rates is gone: it is called --fps now"),
         (["--counts", "9"], "counts"),
         (["--ablate", "sight"], "ablate"),
         (["--file", str(tmp_path / "no.mp4")], "no.mp4"),

@@ -65,6 +65,26 @@ def test_a_sweep_goes_on_where_it_was(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "out-2", "out-3", "s.toml"]
 
 
+def test_a_finished_sweep_keeps_what_was_told_of_its_run(
+    tmp_path: Path, in_process: list[int], capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = write_sweep(tmp_path / "s.toml", [0.5]), tmp_path / "out"
+    again = ["sweep", str(file), "--out", str(out), "--jobs", "1"]
+    assert main(again) == 0
+    first = (out / "summary.json").read_text()
+    assert json.loads(first)["computed now"] == 2
+    capsys.readouterr()
+    assert main([*again, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == json.loads(first)
+    assert (out / "summary.json").read_text() == first
+    # What cannot be read, or is of other trials, is no summary.
+    for broken in ("[1]", "{", '{"trials": 7}'):
+        (out / "summary.json").write_text(broken)
+        assert main(again) == 0
+        assert json.loads((out / "summary.json").read_text())["trials"] == 2
+    assert sum(in_process) == 2
+
+
 def test_trials_of_other_code_do_not_count(
     tmp_path: Path, in_process: list[int], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import tyro
 
@@ -64,7 +64,7 @@ class ScoreOptions:
     """Video: clips of every number of objects and frame rate."""
     counts: tuple[int, ...] = (0, 1, 2)
     """Video: numbers of objects."""
-    rates: tuple[float, ...] = RATES
+    fps: tuple[float, ...] = RATES
     """Video: frames a second."""
     ablate: tuple[str, ...] = ()
     """Video: parts of the front end to switch off, one after the other, or all."""
@@ -82,6 +82,8 @@ class ScoreOptions:
     """Ranges: least and largest disparity that count, pixels."""
     rows: int = 0
     """Labelled: height of the frames that all methods get; 0 for their own."""
+
+    gone: ClassVar[dict[str, str]] = {"--rates": "it is called --fps now"}
 
     def run(self) -> int:
         """Do it; returns the exit code."""
@@ -135,7 +137,7 @@ class ScoreOptions:
 
             return Comparison(self.labelled, self.methods, self.rows, told)
         if self.video:
-            return VideoScore(self.clips, self.counts, self.rates, self.split, self.ablate, self.file, self.keep)
+            return VideoScore(self.clips, self.counts, self.fps, self.split, self.ablate, self.file, self.keep)
         check(self)
         return self.leaderboard
 

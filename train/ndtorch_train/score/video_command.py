@@ -30,7 +30,7 @@ class VideoScore:
     Attributes:
         clips: of every number of objects and frame rate.
         counts: numbers of objects.
-        rates: frames a second.
+        fps: frames a second.
         split: which seeds.
         ablate: parts to switch off, one after the other, or "all".
         file: a video to run on too; timeline.png is drawn.
@@ -39,7 +39,7 @@ class VideoScore:
 
     clips: int = 8
     counts: tuple[int, ...] = (0, 1, 2)
-    rates: tuple[float, ...] = RATES
+    fps: tuple[float, ...] = RATES
     split: Split = "tune"
     ablate: tuple[str, ...] = ()
     file: Path | None = None
@@ -52,7 +52,7 @@ class VideoScore:
     def __call__(self, out: Path) -> tuple[list[dict[str, Any]], str]:
         """Write scores.md, scores.csv and report.html into `out`; returns the rows, and the words to print."""
         file, keep = self.file, self.keep
-        scores, codecs = score_clips(self.split, self.counts, self.rates, self.clips, (), keep)
+        scores, codecs = score_clips(self.split, self.counts, self.fps, self.clips, (), keep)
         first = SPLIT_SEEDS[self.split]
         text = (
             f"Split {self.split}: seeds {first} to {first + self.clips - 1}, {len(scores)} clips of {SECONDS:g} s, "
@@ -61,7 +61,7 @@ class VideoScore:
         )
         rows = [("", score) for score in scores]
         for part in PARTS if "all" in self.ablate else self.ablate:
-            less, _ = score_clips(self.split, self.counts, self.rates, self.clips, (part,), keep)
+            less, _ = score_clips(self.split, self.counts, self.fps, self.clips, (part,), keep)
             rows += [(part, score) for score in less]
             text += f"\nWithout {part}:\n\n{table(less)}"
         if file is not None:
@@ -81,8 +81,8 @@ def check(options: VideoScore, file: Path | None) -> None:
         raise InputError(f"clips must be between 0 and 100000, got {options.clips}")
     if any(not 0 <= count <= 4 for count in options.counts):
         raise InputError(f"counts must lie between 0 and 4, got {options.counts}")
-    if any(not 1 <= rate <= 240 for rate in options.rates):
-        raise InputError(f"rates must lie between 1 and 240 frames a second, got {options.rates}")
+    if any(not 1 <= fps <= 240 for fps in options.fps):
+        raise InputError(f"fps must lie between 1 and 240 frames a second, got {options.fps}")
     for part in options.ablate:
         if part not in (*PARTS, "all"):
             raise InputError(

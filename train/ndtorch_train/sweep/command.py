@@ -83,20 +83,26 @@ class Sweep:
                 print(f"note: {line}; its trials are run again", file=sys.stderr)
             todo = [trial for trial in config.trials if trial_id(trial) not in done]
             if len(todo) < len(config.trials):
-                before = f"{len(config.trials) - len(todo)} of {len(config.trials)} trials were finished before"
-                print(before, file=sys.stderr if self.json else sys.stdout)
+                finished = f"{len(config.trials) - len(todo)} of {len(config.trials)} trials were finished before"
+                print(finished, file=sys.stderr if self.json else sys.stdout)
             began = time.perf_counter()
             failed = self.work(config, todo, module, jobs, store)
             seconds = time.perf_counter() - began
             rows = store.finish(config)
+            file = out / "summary.json"
+            # Where nothing was left to compute, what was told of the run that computed it stays.
+            before = {} if todo else told_before(file)
             report: dict[str, Any] = {"trials": len(rows), "computed now": len(todo), "seconds": round(seconds, 2)}
             if todo and not failed:
                 report["trials per second"] = round(len(todo) / seconds, 2)
+            if before.get("trials") == len(rows):
+                report = dict(before)
             if self.compare:
                 report |= one_at_a_time(config, module, min(self.compare, len(config.trials)))
             results = results_of(config.kind)
             write_text(out / "summary.md", summary(config, rows, results))
-            write_text(out / "summary.json", json.dumps(report, indent=1) + "\n")
+            if report != before:
+                write_text(file, json.dumps(report, indent=1) + "\n")
             if rows:
                 draw(config, rows, out)
         except OSError as error:
@@ -139,6 +145,15 @@ class Sweep:
 
             function = functools.partial(any_block, kind=config.kind, device=config.device)
             yield from run_on_ray(function, blocks, self.cluster[0] if self.cluster else None, jobs)
+
+
+def told_before(file: Path) -> dict[str, Any]:
+    """The summary of an earlier run; empty where there is none that can be read."""
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def kind_of(config: SweepConfig) -> ModuleType:

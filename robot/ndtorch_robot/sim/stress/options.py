@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from types import MappingProxyType
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from ndtorch.errors import InputError
 from ndtorch.toml import Strict, check
@@ -31,7 +31,7 @@ class Stress(Strict):
         drop: share of the frames that never come.
         repeat: share of the frames that come a second time in place of the next.
         late: age of the frames when they come, s.
-        rate: frames a second; 0 is the rate of the car.
+        fps: frames a second; 0 is the rate of the car.
         delay: seconds until the car does what it is told.
         slack: curvature by which the wheels may be off before they follow, 1/m.
         scale: odometer: length as a share too long.
@@ -54,12 +54,20 @@ class Stress(Strict):
     drop: Annotated[float, Field(ge=0, le=0.9)] = 0.0
     repeat: Annotated[float, Field(ge=0, le=0.9)] = 0.0
     late: Annotated[float, Field(ge=0, le=1)] = 0.0
-    rate: Annotated[float, Field(ge=0, le=120)] = 0.0
+    fps: Annotated[float, Field(ge=0, le=120)] = 0.0
     delay: Annotated[float, Field(ge=0, le=1)] = 0.0
     slack: Annotated[float, Field(ge=0, le=2)] = 0.0
     scale: Error = 0.0
     bend: Error = 0.0
     slip: Share = 0.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def old_name(cls, values: Any) -> Any:
+        """What version 0.1 called otherwise."""
+        if isinstance(values, dict) and "rate" in values:
+            raise InputError("rate is gone: it is called fps now")
+        return values
 
     @property
     def none(self) -> bool:
@@ -90,8 +98,8 @@ STRESSES = MappingProxyType(
         "dropped": "drop=0.1",
         "repeated": "repeat=0.1",
         "late": "late=0.066",
-        "fps-15": "rate=15",
-        "fps-60": "rate=60",
+        "fps-15": "fps=15",
+        "fps-60": "fps=60",
         "delay": "delay=0.15",
         "slack": "slack=0.3",
         "odometry-scale": "scale=0.05",
