@@ -88,7 +88,7 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
             raise InputError(f"seconds must be a positive number, got {seconds}")
         load_arena(arena, building or 0)
         self.building, self.stress = building, read_stress(stress)
-        self.rate = self.stress.rate or RATE
+        self.rate = self.stress.fps or RATE
         self.metadata = {**self.metadata, "render_fps": self.rate}
         self.arena, self.walls, self.moving, self.seconds = arena, walls, moving, seconds
         self.strips, self.render_mode = observation == "strips", render_mode

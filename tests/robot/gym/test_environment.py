@@ -109,7 +109,7 @@ def test_a_wall_ends_it_and_backward_costs(env: DriveEnv) -> None:
 
 
 def test_the_reward_is_what_was_driven_whatever_the_odometer_says(small: str) -> None:
-    with DriveEnv(small, building=7, stress="scale=0.2,rate=15") as env:
+    with DriveEnv(small, building=7, stress="scale=0.2,fps=15") as env:
         assert env.metadata["render_fps"] == 15
         start = env.reset(seed=0)[1]["pose"]
         total = said = 0.0
