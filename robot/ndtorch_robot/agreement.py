@@ -6,13 +6,18 @@ import math
 
 import numpy as np
 
-from ndtorch_robot.eye import BLOCK, Eye, Floats, SightLimits
+from ndtorch.kernels.glance import BLOCK
+from ndtorch.kernels.load import kernel
+from ndtorch_robot.eye import Eye, Floats, SightLimits, compiled
 
 PATCH = 20
 """Blocks of a patch that is looked for in the other row: 80 pixels."""
 
 FLAT = 0.02
 """Standard deviation, as a share of the mean, below which a patch shows nothing to look for."""
+
+SOFT = 0.3
+"""Levels that are added to the standard deviation of what a patch is compared with."""
 
 EVERY = 3
 """Frames of which one is compared: it costs as much as all else."""
@@ -67,9 +72,18 @@ def partners(left: Floats, right: Floats, reach: int, limits: SightLimits) -> tu
     Returns:
         With a partner up to `reach` blocks to the left, to the right, and anywhere when mirrored.
     """
+    if not compiled():
+        return partners_slowly(left, right, reach, limits)
+    found = np.empty((3, len(left) // (PATCH // 2)), np.float32)
+    shown = kernel("partners").run(left, right, PATCH, reach, limits.row_contrast, FLAT, SOFT, found)
+    return found[0, :shown], found[1, :shown], found[2, :shown]
+
+
+def partners_slowly(left: Floats, right: Floats, reach: int, limits: SightLimits) -> tuple[Floats, Floats, Floats]:
+    """The same without Numba."""
     windows = np.lib.stride_tricks.sliding_window_view(right, PATCH)
     theirs = windows - windows.mean(1, keepdims=True)
-    theirs /= np.sqrt(np.einsum("ij,ij->i", theirs, theirs))[:, None] + 0.3 * PATCH**0.5
+    theirs /= np.sqrt(np.einsum("ij,ij->i", theirs, theirs))[:, None] + SOFT * PATCH**0.5
     starts = np.arange(0, len(left) - PATCH + 1, PATCH // 2)
     ours = left[starts[:, None] + np.arange(PATCH)]
     ours = ours - ours.mean(1, keepdims=True)

@@ -66,10 +66,12 @@ class Car:
         """Step until `ended` is set, so many seconds are over, or the steps are used up; returns how many were made.
 
         Args:
-            warm_up: have the navigator's kernels ready before, while the car stands.
+            warm_up: have the kernels of navigator and camera watch ready before, while the car stands.
         """
         if warm_up:
             self.pilot.warm_up()
+            if self.safe.sight is not None:
+                self.safe.sight.watch.warm_up()
         if self.go is not None:
             self.safe.fault(NOT_YET, passes=False)
         end = None if seconds is None else self.loop.clock.now() + seconds

@@ -11,14 +11,18 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from torch import Tensor
 
 from ndtorch.errors import InputError
+from ndtorch.kernels.glance import BLOCK, TAIL
+from ndtorch.kernels.load import kernel
+from ndtorch.kernels.switch import installed, switched_on
 from ndtorch.navigation import Strips
 
 Floats = npt.NDArray[np.float32]
 
-BLOCK = 4
-"""Pixels of a block; those of the subfield are as many rows high."""
+LAGS = (8, 4)
+"""Blocks of the row, and of the subfield, over which a shade counts as slow."""
 
 
 @dataclass(frozen=True)
@@ -67,40 +71,90 @@ class SightLimits:
                 raise InputError(f"{name} must be a number of 0 or more, got {value}")
 
 
+def compiled() -> bool:
+    """Whether kernels do the work: there are no gradients here, so nobody need be asked but Numba and the switch."""
+    return switched_on() and installed()
+
+
+class Figures(NamedTuple):
+    """What a picture is judged by, in levels of 255.
+
+    Attributes:
+        level, floor: mean of the row, and of the subfield.
+        row_spread, field_spread: standard deviation of their shapes.
+        rough: mean square step from pixel to pixel of the row.
+        spread: standard deviation of its pixels.
+        extent: between the 2nd and the 98th percentile of its block means.
+        step: largest change over two pixels of the row.
+    """
+
+    level: float
+    floor: float
+    row_spread: float
+    field_spread: float
+    rough: float
+    spread: float
+    extent: float
+    step: float
+
+
 class Eye(NamedTuple):
     """One picture.
 
     Attributes:
-        pixels: the row, `[W]`, levels of 255.
-        row: means of its blocks, `[W / 4]`.
+        row: means of the blocks of the row, `[W / 4]`, levels of 255.
         field: means of the blocks of the subfield, `[h / 4, w / 4]`.
         row_shape, field_shape: the same less what varies slowly, such as the shade of a hand.
+        figures: see there.
     """
 
-    pixels: Floats
     row: Floats
     field: Floats
     row_shape: Floats
     field_shape: Floats
+    figures: Figures
 
 
 def look(strips: Strips) -> Eye:
     """What is seen: one color, green of three."""
     row, field = one_color(strips.row)[0], one_color(strips.field)
-    columns = len(row) // BLOCK
-    row_means = row[: columns * BLOCK].reshape(columns, BLOCK).mean(1, dtype=np.float32)
-    high, wide = field.shape[0] // BLOCK, field.shape[1] // BLOCK
-    blocks = field[: high * BLOCK, : wide * BLOCK].reshape(high, BLOCK, wide, BLOCK)
-    field_means = blocks.mean((1, 3), dtype=np.float32)
-    scale = np.float32(255) if row.dtype.kind == "f" else np.float32(1)
-    row_means, field_means = row_means * scale, field_means * scale
-    pixels = np.asarray(row, np.float32) * scale
-    return Eye(pixels, row_means, field_means, shape(row_means, 8), shape(field_means, 4))
+    scale = 255.0 if row.dtype.kind == "f" else 1.0
+    # One kind of numbers, one after the other, whatever the camera gives: one kernel is compiled.
+    pixels, levels = np.ascontiguousarray(row, np.float32), np.ascontiguousarray(field, np.float32)
+    high, wide, columns = levels.shape[0] // BLOCK, levels.shape[1] // BLOCK, len(pixels) // BLOCK
+    lag, side = min(LAGS[0], (columns - 1) // 4), min(LAGS[1], (wide - 1) // 4)
+    if not (high and min(lag, side) > 0 and compiled()):
+        return look_slowly(pixels * np.float32(scale), levels * np.float32(scale))
+    row_means, field_means = np.empty(columns, np.float32), np.empty((high, wide), np.float32)
+    row_shape, field_shape = np.empty(columns - 2 * lag, np.float32), np.empty((high, wide - 2 * side), np.float32)
+    figures = kernel("glance").run(pixels, levels, scale, row_means, field_means, row_shape, field_shape)
+    return Eye(row_means, field_means, row_shape, field_shape, Figures(*figures))
+
+
+def look_slowly(pixels: Floats, levels: Floats) -> Eye:
+    """The same without Numba."""
+    columns, high, wide = len(pixels) // BLOCK, levels.shape[0] // BLOCK, levels.shape[1] // BLOCK
+    row = pixels[: columns * BLOCK].reshape(columns, BLOCK).mean(1)
+    field = levels[: high * BLOCK, : wide * BLOCK].reshape(high, BLOCK, wide, BLOCK).mean((1, 3))
+    shapes = shape(row, LAGS[0]), shape(field, LAGS[1])
+    steps, cut, ordered = pixels[1:] - pixels[:-1], columns // TAIL, np.sort(row)
+    figures = Figures(
+        level=float(row.mean()) if columns else 0.0,
+        floor=float(field.mean()) if field.size else 0.0,
+        row_spread=spread(shapes[0]),
+        field_spread=spread(shapes[1]),
+        rough=float(steps @ steps) / max(1, steps.size),
+        spread=spread(pixels),
+        extent=float(ordered[-1 - cut] - ordered[cut]) if columns else 0.0,
+        step=float(np.abs(pixels[2:] - pixels[:-2]).max(initial=0)),
+    )
+    return Eye(row, field, *shapes, figures)
 
 
 def one_color(part: object) -> npt.NDArray[np.generic]:
     """`[h, w]` of `[..., C, h, w]`."""
-    image = np.asarray(part)
+    # Of a tensor, which is what cameras give, an array is had sooner so.
+    image = part.numpy() if isinstance(part, Tensor) and part.is_cpu else np.asarray(part)
     while image.ndim > 3:
         image = image[-1]
     chosen: npt.NDArray[np.generic] = image[image.shape[0] // 2]
@@ -118,24 +172,17 @@ def shape(means: Floats, lag: int) -> Floats:
 
 def blindness(eye: Eye, limits: SightLimits) -> str | None:
     """Why nothing can be seen in a picture, in words; None when something can."""
-    row, field = spread(eye.row_shape), spread(eye.field_shape)
-    level, floor = float(eye.row.mean()), float(eye.field.mean()) if eye.field.size else 0.0
-    shown = row >= max(limits.row_contrast, limits.row_relative * level)
-    if not shown and field < max(limits.field_contrast, limits.field_relative * floor):
-        return f"shows nothing: contrast {row:.1f} at level {level:.0f} of 255"
-    if shown:
-        steps = eye.pixels[1:] - eye.pixels[:-1]
-        rough = float(steps @ steps) / max(1, steps.size)
-        if rough > limits.noise**2 and rough > spread(eye.pixels) ** 2:
-            return f"shows noise: neighbouring pixels differ by {rough**0.5:.0f} levels"
-        # Sharp edges of the row: between the 2nd and the 98th percentile of 160 means lies its range.
-        ordered = np.sort(eye.row)
-        cut = len(ordered) // 50
-        extent = float(ordered[-1 - cut] - ordered[cut])
-        if extent >= limits.sharp_range:
-            step = float(np.abs(eye.pixels[2:] - eye.pixels[:-2]).max())
-            if step < limits.sharpness * extent:
-                return f"is blurred: no edge of its row is steeper than {100 * step / extent:.0f} % of its range"
+    seen = eye.figures
+    shown = seen.row_spread >= max(limits.row_contrast, limits.row_relative * seen.level)
+    if not shown and seen.field_spread < max(limits.field_contrast, limits.field_relative * seen.floor):
+        return f"shows nothing: contrast {seen.row_spread:.1f} at level {seen.level:.0f} of 255"
+    if not shown:
+        return None
+    if seen.rough > limits.noise**2 and seen.rough > seen.spread**2:
+        return f"shows noise: neighbouring pixels differ by {seen.rough**0.5:.0f} levels"
+    if seen.extent >= limits.sharp_range and seen.step < limits.sharpness * seen.extent:
+        share = 100 * seen.step / seen.extent
+        return f"is blurred: no edge of its row is steeper than {share:.0f} % of its range"
     return None
 
 
@@ -149,6 +196,8 @@ def spread(values: Floats) -> float:
 
 def change(now: Floats, before: Floats) -> float:
     """Root mean square change of block means, whatever the light does to all of them."""
+    if now.size and compiled():
+        return float(kernel("change").run(now.ravel(), before.ravel()))
     return spread(now - before)
 
 

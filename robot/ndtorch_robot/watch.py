@@ -9,8 +9,9 @@ import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
+from ndtorch.kernels.glance import BLOCK
 from ndtorch.navigation import StereoRig, Strips, cut_strips
-from ndtorch_robot.agreement import Agreement
+from ndtorch_robot.agreement import PATCH, Agreement, partners
 from ndtorch_robot.eye import Eye, SightLimits, blindness, change, likeness, look
 from ndtorch_robot.ports import StereoFrames
 
@@ -73,6 +74,15 @@ class CameraWatch:
         self.carried = self.seen = 0
         self.driven = self.turned = 0.0
         self.before: deque[tuple[float, float, tuple[Eye, Eye]]] = deque(maxlen=KEPT)
+
+    def warm_up(self) -> None:
+        """Have the kernels compiled or loaded, which may take seconds."""
+        columns = self.rig.width // BLOCK
+        picture = torch.arange(self.rig.width, dtype=torch.uint8).expand(1, 3, self.rig.height, -1)
+        eye = look(cut_strips(picture, self.fields[0], self.rig))
+        change(eye.row, eye.row)
+        if columns > PATCH:
+            partners(eye.row, eye.row, columns - PATCH, self.limits)
 
     def check(self, frames: StereoFrames, speed: float, curvature: float = 0.0) -> None:
         """Look at new frames.

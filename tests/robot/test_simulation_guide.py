@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from ndtorch_robot.gym import register
 from ndtorch_robot.sim.arenas import load_arena
 from tests.robot.support.gl_needed import needs_gl
 
@@ -26,11 +27,23 @@ def test_arenas_of_the_guide(tmp_path, number, rings, area):
 
 @needs_gl
 def test_script_of_the_guide(capsys):
-    (script,) = re.findall(r"```python\n(.*?)```", GUIDE, flags=re.DOTALL)
+    script, _ = re.findall(r"```python\n(.*?)```", GUIDE, flags=re.DOTALL)
     names = {}
     exec(script, names)
     assert capsys.readouterr().out == "2.0 s, 0 collisions\n"
     assert names["world"].car.speed == pytest.approx(0.5)
+
+
+@needs_gl
+@pytest.mark.long
+def test_environment_of_the_guide():
+    pytest.importorskip("gymnasium")
+    register()
+    _, script = re.findall(r"```python\n(.*?)```", GUIDE, flags=re.DOTALL)
+    names = {}
+    exec(script, names)
+    assert 0 < names["reward"] < 0.5 / 30
+    assert not names["terminated"]
 
 
 def test_commands_of_the_guide_exist():

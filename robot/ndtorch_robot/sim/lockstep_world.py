@@ -90,8 +90,10 @@ class LockstepWorld:
         self.waiting += data
 
     def read(self) -> StereoFrames:
-        """What both cameras see now."""
-        return self.simulation.read()
+        """What both cameras see now, or with the next frame that is not lost. Board and link go on meanwhile."""
+        while self.simulation.loses():
+            self.wait_until(self.now() + 1 / self.simulation.rate)
+        return self.simulation.picture()
 
     def restart_board(self) -> None:
         """Its power goes and comes again: it knows nothing any more."""

@@ -67,14 +67,17 @@ class PulseWorld:
         self.distance = 0.0
 
     def read(self) -> StereoFrames:
-        """What both cameras see now."""
+        """What both cameras see now, or with the next frame that is not lost; late frames have the time they tell."""
+        while self.simulation.loses():
+            time.sleep(1 / self.simulation.rate)
         now = time.monotonic()
         while self.queue and self.queue[0].time <= now:
             pulse = self.queue.popleft()
             self.advance(pulse.time)
             self.electronics.take(pulse)
         self.advance(now)
-        return self.simulation.read()._replace(time=now)
+        frames = self.simulation.picture()
+        return frames._replace(time=now - (self.simulation.now() - frames.time))
 
     def advance(self, now: float) -> None:
         """Let the world move on."""

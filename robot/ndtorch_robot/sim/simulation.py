@@ -75,13 +75,17 @@ class Simulation(Drive):
     ) -> None:
         import mujoco
 
-        self.plan, self.rig, self.odometry = plan, rig, odometry
-        rng = np.random.default_rng((seed, 200))
+        self.plan, self.rig, self.odometry, self.moving = plan, rig, odometry, moving
+        self.stress, self.rate = stress or Stress(), rate
         self.world = build(plan, seed, walls, moving, rig.camera_height)
         self.data = mujoco.MjData(self.world.model)
-        self.stress, self.rate = stress or Stress(), rate
-        bad_luck = np.random.default_rng((seed, 300))
-        self.light = Light(self.stress, bad_luck, rig.height)
+        self.begin(seed)
+        self.cameras = Cameras(self.world.model, rig, fields, whole=whole, stress=self.stress)
+
+    def begin(self, seed: int) -> None:
+        """Begin a drive anew in the same building: where the car starts, the obstacle walks and all chance, by seed."""
+        rng, bad_luck = np.random.default_rng((seed, 200)), np.random.default_rng((seed, 300))
+        self.light = Light(self.stress, bad_luck, self.rig.height)
         self.timing = FrameTiming(self.stress, bad_luck)
         self.odometer = Odometer(self.stress, bad_luck)
         self.on_the_way = Delay(self.stress.delay)
@@ -89,11 +93,10 @@ class Simulation(Drive):
         self.steps = 0
         self.collisions: list[Collision] = []
         self.placed: Placed = None
-        start = plan.start or self.places.any(rng)
-        self.walk = self.places.walk(rng, (start[0], start[1])) if moving else None
+        start = self.plan.start or self.places.any(rng)
+        self.walk = self.places.walk(rng, (start[0], start[1])) if self.moving else None
         self.move_obstacle()
         self.place(*start)
-        self.cameras = Cameras(self.world.model, rig, fields, whole=whole, stress=self.stress)
 
     @cached_property
     def places(self) -> Places:
@@ -176,9 +179,17 @@ class Simulation(Drive):
         return placed
 
     def read(self) -> StereoFrames:
-        """What both cameras see now."""
-        while self.timing.loses():
+        """What both cameras see now, or with the next frame that is not lost."""
+        while self.loses():
             self.wait_until(self.now() + 1 / self.rate)
+        return self.picture()
+
+    def loses(self) -> bool:
+        """Whether this frame never comes. Who lets time go on asks this before `picture`, as `read` does."""
+        return self.timing.loses()
+
+    def picture(self) -> StereoFrames:
+        """What both cameras give now."""
         now, tops = self.now(), [rect.top for rect in self.cameras.strips[0]]
         eyes = self.cameras.look(self.data, *self.pose, Motion(self.car.speed, self.car.curvature))
         left, right = (

@@ -51,6 +51,23 @@ def test_the_board_obeys_and_stands_when_it_is_not_spoken_to():
     board.close()
 
 
+@needs_gl
+@needs_compiler
+def test_the_board_goes_on_while_frames_are_lost():
+    """As with a car, whose cameras do not make its board wait."""
+    simulation = SimulationTable(arena="curve", seed=3, stress="drop=0.8")
+    config = RunConfig(robot="maxston8", link={"kind": "hosted-board"}, simulation=simulation)
+    with open_car(config, lambda line: None, go=False) as car:
+        world, pulses = car.drive.world, []
+        world.pulsed = lambda pulse: pulses.append(pulse.time) if pulse.name == "motor" else None
+        times = [world.read().time for _ in range(6)]
+        trouble = car.drive.trouble()
+    assert max(np.diff(times)) > 1.5 / 30
+    assert len(pulses) >= (times[-1] - times[0]) / 0.02 - 1
+    assert max(np.diff(pulses)) < 0.03
+    assert trouble == "not yet told to drive"
+
+
 class OneAfterTheOther(Trials):
     """These faults and no others."""
 

@@ -1,0 +1,111 @@
+"""
+A policy of your own in Gymnasium
+=================================
+
+Simulated drives are environments of Gymnasium. Here a small policy is scored beside the controller ``ranging`` and
+beside driving straight on. This needs ``ndtorch-robot[sim]`` and OpenGL through EGL or OSMesa.
+"""
+
+from collections.abc import Callable
+
+import gymnasium
+import matplotlib.pyplot as plt
+import numpy as np
+import torch
+
+from ndtorch.navigation import Navigator, RowRanging
+from ndtorch_robot.gym.environment import eyes_of
+from ndtorch_robot.sim.simulation import RIG
+
+Policy = Callable[[dict[str, np.ndarray]], tuple[float, float]]
+
+# %%
+# A policy is made anew for every episode. It takes an observation, which is a picture of the floor and a row of each
+# eye, and gives a speed in m/s and a curvature in 1/m. The first one looks at nothing.
+
+
+def straight() -> Policy:
+    """Straight on."""
+    return lambda seen: (0.5, 0.0)
+
+
+# %%
+# The small policy ranges the features of the rows and turns away from the side where the nearest one is. A row holds
+# one or two ranges a frame, so what was seen fades slowly.
+
+
+def away() -> Policy:
+    """Away from the nearer side."""
+    ranging, state, near = RowRanging(RIG, dt=1 / 30), None, np.zeros(2)
+
+    def policy(seen: dict[str, np.ndarray]) -> tuple[float, float]:
+        nonlocal state, near
+        left, right = eyes_of(seen)
+        ranges, state = ranging(left.row, right.row, state)
+        x, y = ranges.x[ranges.valid].numpy(), ranges.y[ranges.valid].numpy()
+        nearness = 1 / np.hypot(x, y)
+        near = np.maximum(0.95 * near, [nearness[side].max(initial=0.0) for side in (y > 0, y < 0)])
+        return 0.5, float(np.clip(3 * (near[1] - near[0]), -2.2, 2.2))
+
+    return policy
+
+
+# %%
+# The controller ``ranging`` uses the floor as well, remembers what it saw, and can stop and drive backwards.
+
+
+def navigator() -> Policy:
+    """The navigator as it is."""
+    model, state = Navigator(RIG, dt=1 / 30), None
+
+    def policy(seen: dict[str, np.ndarray]) -> tuple[float, float]:
+        nonlocal state
+        command, state = model(*eyes_of(seen), state)
+        return float(command.speed[-1]), float(command.curvature[-1])
+
+    return policy
+
+
+# %%
+# All drive in the same buildings from the same starts. The reward is the meters driven, less 5 for a collision, which
+# ends the episode.
+POLICIES = {"straight on": straight, "away": away, "ranging": navigator}
+ARENAS, SECONDS = ("Curve", "Loop", "Room"), 12.0
+
+
+def episode(env: gymnasium.Env, policy: Policy) -> tuple[float, np.ndarray, bool]:
+    """The reward, the path and whether it ended in a collision."""
+    seen, info = env.reset(seed=0)
+    score, path, hit, over = 0.0, [info["pose"]], False, False
+    while not (hit or over):
+        action = np.clip(policy(seen), env.action_space.low, env.action_space.high)
+        seen, reward, hit, over, info = env.step(action.astype(np.float32))
+        score += float(reward)
+        path.append(info["pose"])
+    return score, np.array(path[:-1] if hit else path), hit  # after a collision the car is put elsewhere
+
+
+driven = {}
+with torch.inference_mode():
+    for arena in ARENAS:
+        env = gymnasium.make(f"ndtorch/{arena}-v0", building=0, seconds=SECONDS)
+        for name, make in POLICIES.items():
+            driven[arena, name] = episode(env, make())
+            print(f"{arena}, {name}: {driven[arena, name][0]:.2f}")
+        env.close()
+
+# %%
+# The paths. A cross is a collision. The small policy sees too little to turn in time: it hits a wall in all three.
+figure, all_axes = plt.subplots(1, len(ARENAS), figsize=(10, 3.6), layout="constrained")
+for axes, arena in zip(all_axes, ARENAS, strict=True):
+    for name, color in zip(POLICIES, ("tab:gray", "tab:orange", "tab:blue"), strict=True):
+        score, path, hit = driven[arena, name]
+        axes.plot(path[:, 0], path[:, 1], color=color, label=f"{name}: {score:.1f}")
+        if hit:
+            axes.plot(*path[-1, :2], "x", color="tab:red")
+    axes.set_title(arena)
+    axes.axis("equal")
+    axes.set_xlabel("x (m)")
+    axes.legend()
+all_axes[0].set_ylabel("y (m)")
+plt.show()

@@ -1,0 +1,39 @@
+"""The simulated drives as environments of Gymnasium: `gymnasium.make("ndtorch/Office-v0")`.
+
+Where `ndtorch-robot[sim]` is installed, Gymnasium finds them by itself (entry points `gymnasium.envs`). `register` does
+the same in a checkout that is not installed. Only Gymnasium is imported for that.
+"""
+
+from __future__ import annotations
+
+ENVIRONMENTS = {
+    "Hallway": "hallway",
+    "Curve": "curve",
+    "Loop": "loop",
+    "Room": "room",
+    "Office": "office",
+    "Random": "random",
+    "Tiles": "tiles",
+    "Checker": "checker",
+    "Smooth": "smooth",
+    "Lines": "lines",
+    "Chairs": "chairs",
+    "Slalom": "slalom",
+    "Sofa": "sofa",
+    "DeadEnd": "dead-end",
+    "Door61": "door-61",
+    "Door81": "door-81",
+    "TJunction": "t-junction",
+}
+"""Arenas by the names of their environments, written out so that Gymnasium need not import the simulator to know them.
+`ndtorch/Drive-v0` takes any `arena`, and those of a `.toml` file too."""
+
+
+def register() -> None:
+    """Make all environments known to Gymnasium; those that are known already stay as they are."""
+    from gymnasium.envs import registration
+
+    wanted = {f"ndtorch/{name}-v0": {"arena": arena} for name, arena in ENVIRONMENTS.items()}
+    for name, given in (wanted | {"ndtorch/Drive-v0": {}}).items():
+        if name not in registration.registry:
+            registration.register(name, entry_point="ndtorch_robot.gym.environment:DriveEnv", kwargs=given)

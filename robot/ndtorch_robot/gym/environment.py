@@ -1,0 +1,197 @@
+"""A simulated drive as an environment: what the cameras see in, speed and curvature out."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+import torch
+from gymnasium import spaces
+
+from ndtorch.errors import InputError
+from ndtorch.navigation import Strips, cut_strips
+from ndtorch.navigation.options import NavigatorOptions
+from ndtorch_robot.config import RATE
+from ndtorch_robot.ports import DriveCommand, StereoFrames
+from ndtorch_robot.safety import SafeDrive
+from ndtorch_robot.sim.arenas import load_arena
+from ndtorch_robot.sim.car import CarLimits
+from ndtorch_robot.sim.paint import Walls
+from ndtorch_robot.sim.simulation import RIG, Simulation
+from ndtorch_robot.sim.stress import read_stress
+
+Pixels = npt.NDArray[np.uint8]
+Observation = dict[str, Pixels]
+Action = npt.NDArray[np.float32]
+
+PARTS = ("left_field", "right_field", "left_row", "right_row")
+"""Parts of an observation of strips."""
+
+COLLISION = 5.0
+"""What a collision costs: as much as 5 m of driving bring."""
+
+
+class DriveEnv(gymnasium.Env[Observation, Action]):
+    """The simulated car in a building, through the same cameras, car and safety layer as `ndtorch drive`.
+
+    - **Observation**: a dictionary of uint8 pictures, red, green, blue, channels first. `"strips"` are what navigation
+      reads, the patch of floor and the horizon row of each eye: `left_field`, `right_field` `[3, h, w]`, `left_row`,
+      `right_row` `[3, 1, 640]`. `"frames"` are `left` and `right` `[3, 480, 640]`, ten times as slow.
+    - **Action**: speed, m/s, backward where negative, and curvature, 1/m, positive to the left: what is asked for, from
+      one frame to the next (30 a second). The car follows as fast as it can.
+    - **Reward**: meters really driven since the last step, negative backward, less 5 for a collision.
+    - **End**: a collision terminates; after `seconds` the episode is truncated.
+    - **Info**: `pose` (true x, y, m, and heading, radians), `driven` (speed and curvature that the wheels say),
+      `time` (s) and `collisions`.
+
+    `reset(seed=...)` draws the building, its textures and the start from the seed: the same seed is the same episode.
+    Without a seed the next building follows. A new building takes seconds. With `building=N` all episodes are in
+    building N, the `--seed` of `ndtorch drive`; the seeds then draw where the car starts, and a reset takes
+    milliseconds.
+
+    Args:
+        arena: a name that `ndtorch arenas` lists, or a `.toml` file.
+        observation: `"strips"` or `"frames"`.
+        controller: whose patch of floor is seen.
+        seconds: of an episode.
+        building: number of the only building, or None.
+        walls, moving: as of `Simulation`.
+        stress: what is wrong with cameras and car, in the words of `ndtorch drive --stress`.
+        render_mode: None or `"rgb_array"`: `render` gives the left camera's frame.
+
+    Raises:
+        InputError: an unknown arena or word, or no OpenGL.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012
+
+    def __init__(
+        self,
+        arena: str = "hallway",
+        observation: str = "strips",
+        controller: str = "ranging",
+        seconds: float = 60.0,
+        building: int | None = None,
+        walls: Walls = "textured",
+        moving: bool = False,
+        stress: str = "",
+        render_mode: str | None = None,
+    ) -> None:
+        if observation not in ("strips", "frames"):
+            raise InputError(f"observation must be 'strips' or 'frames', got {observation!r}")
+        if render_mode not in (None, "rgb_array"):
+            raise InputError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
+        if not 0 < seconds < math.inf:
+            raise InputError(f"seconds must be a positive number, got {seconds}")
+        load_arena(arena, building or 0)
+        self.building, self.stress = building, read_stress(stress)
+        self.rate = self.stress.fps or RATE
+        self.metadata = {**self.metadata, "render_fps": self.rate}
+        self.arena, self.walls, self.moving, self.seconds = arena, walls, moving, seconds
+        self.strips, self.render_mode = observation == "strips", render_mode
+        self.fields = NavigatorOptions(controller=controller).fields(RIG)
+        sizes = [(rect.bottom - rect.top, rect.right - rect.left) for rect in self.fields] + [(1, RIG.width)] * 2
+        if not self.strips:
+            sizes = [(RIG.height, RIG.width)] * 2
+        names = PARTS if self.strips else ("left", "right")
+        pictures: dict[str, spaces.Space[Any]] = {
+            name: spaces.Box(0, 255, (3, *size), np.uint8) for name, size in zip(names, sizes, strict=True)
+        }
+        self.observation_space: Any = spaces.Dict(pictures)
+        limits = CarLimits()
+        most = np.array([limits.speed, limits.curvature], np.float32)
+        self.action_space = spaces.Box(-most, most, dtype=np.float32)
+        self.simulation: Simulation | None = None
+        self.built: int | None = None
+        self.safe: SafeDrive | None = None
+        self.frames: StereoFrames | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        super().reset(seed=seed)
+        drawn = int(self.np_random.integers(2**31))
+        building = drawn if self.building is None else self.building
+        if self.simulation is None or self.built != building:
+            self.close()
+            self.simulation, self.built = self.build(building), building
+        self.simulation.begin(drawn)
+        self.safe = SafeDrive(self.simulation, self.simulation)
+        self.frames = self.simulation.read()
+        return self.seen(self.frames), self.info(self.simulation, self.simulation.driven())
+
+    def build(self, building: int) -> Simulation:
+        """One of the buildings."""
+        return Simulation(
+            load_arena(self.arena, building),
+            building,
+            walls=self.walls,
+            moving=self.moving,
+            whole=not self.strips or self.render_mode is not None,
+            fields=self.fields,
+            stress=self.stress,
+            rate=self.rate,
+        )
+
+    def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        if self.simulation is None or self.safe is None:
+            raise InputError("reset the environment before the first step")
+        simulation = self.simulation
+        speed, curvature = (float(value) for value in np.asarray(action, np.float64))
+        hits = len(simulation.collisions)
+        self.safe.send(DriveCommand(speed, curvature))
+        simulation.wait_until(simulation.now() + 1 / simulation.rate)
+        self.frames = simulation.read()
+        hit = len(simulation.collisions) > hits
+        # The car's own length, not what its odometer says of it.
+        reward = simulation.car.length - COLLISION * hit
+        driven = simulation.driven()
+        over = simulation.now() >= self.seconds - 1e-6
+        return self.seen(self.frames), reward, hit, over, self.info(simulation, driven)
+
+    def seen(self, frames: StereoFrames) -> Observation:
+        """The observation of both eyes."""
+        eyes = (frames.left, frames.right)
+        if not self.strips:
+            return {name: picture(eye) for name, eye in zip(("left", "right"), eyes, strict=True)}
+        cut = [
+            eye if isinstance(eye, Strips) else cut_strips(eye, field, RIG)
+            for eye, field in zip(eyes, self.fields, strict=True)
+        ]
+        parts = (*(eye.field for eye in cut), *(eye.row for eye in cut))
+        return {name: picture(part) for name, part in zip(PARTS, parts, strict=True)}
+
+    def info(self, simulation: Simulation, driven: DriveCommand) -> dict[str, Any]:
+        """What nobody at the wheel may know."""
+        return {
+            "pose": np.array(simulation.pose),
+            "driven": np.array([driven.speed, driven.curvature]),
+            "time": simulation.now(),
+            "collisions": len(simulation.collisions),
+        }
+
+    def render(self) -> Any:
+        """The left camera's frame `[480, 640, 3]`, uint8; None where no `render_mode` was asked for."""
+        if self.render_mode is None or self.frames is None:
+            return None
+        return np.ascontiguousarray(picture(self.frames.left).transpose(1, 2, 0))
+
+    def close(self) -> None:
+        """Give the simulation back."""
+        if self.simulation is not None:
+            self.simulation.close()
+        self.simulation = self.safe = self.frames = None
+
+
+def picture(frames: Any) -> Pixels:
+    """`[1, 3, h, w]` as an array `[3, h, w]`."""
+    return np.array(frames[0].numpy(), np.uint8)
+
+
+def eyes_of(observation: Observation) -> tuple[Strips, Strips]:
+    """An observation of strips as what `Navigator` takes: the left and the right eye."""
+    parts = {name: torch.from_numpy(observation[name])[None] for name in PARTS}
+    return Strips(parts["left_field"], parts["left_row"]), Strips(parts["right_field"], parts["right_row"])

@@ -1,0 +1,162 @@
+"""The environment is a drive: the same cameras, car and collisions, by Gymnasium's rules."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+pytest.importorskip("gymnasium")
+pytest.importorskip("mujoco")
+
+import gymnasium
+from gymnasium.utils.env_checker import check_env
+
+from ndtorch.errors import InputError
+from ndtorch_robot.gym import ENVIRONMENTS, register
+from ndtorch_robot.gym.environment import COLLISION, PARTS, DriveEnv, eyes_of
+from ndtorch_robot.sim.arenas import ALL, load_arena
+from ndtorch_robot.sim.simulation import RIG, Simulation
+from tests.robot.support.gl_needed import needs_gl
+
+pytestmark = needs_gl
+
+AHEAD = np.array([0.5, 0.0], np.float32)
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A room that is built in a moment."""
+    file = tmp_path_factory.mktemp("arena") / "small.toml"
+    file.write_text('name = "small"\nrooms = [[0, 0, 3, 3]]\nheight = 1.0\n')
+    return str(file)
+
+
+@pytest.fixture(scope="module")
+def env(small: str) -> Iterator[DriveEnv]:
+    """Half a second in building 7; every test resets it."""
+    with DriveEnv(small, seconds=0.5, building=7) as env:
+        yield env
+
+
+def test_every_arena_has_an_environment() -> None:
+    assert sorted(ENVIRONMENTS.values()) == sorted(ALL)
+    assert [name.lower() for name in ENVIRONMENTS] == [arena.replace("-", "") for arena in ENVIRONMENTS.values()]
+
+
+def test_it_is_the_simulation(env: DriveEnv, small: str) -> None:
+    seen, told = env.reset(seed=3)
+    drawn = int(np.random.default_rng(3).integers(2**31))
+    simulation = Simulation(load_arena(small, 7), 7, fields=env.fields)
+    simulation.begin(drawn)
+    left, right = eyes_of(seen)
+    frames = simulation.read()
+    for eye, same in ((left, frames.left), (right, frames.right)):
+        assert np.array_equal(eye.field, same.field)
+        assert np.array_equal(eye.row, same.row)
+    assert told["pose"] == pytest.approx(simulation.pose)
+    simulation.close()
+
+
+def test_the_same_seed_is_the_same_episode_in_the_building_that_stands(env: DriveEnv) -> None:
+    runs = []
+    for seed in (3, 4, 3):
+        seen, told = env.reset(seed=seed)
+        start, total, ends = told["pose"], 0.0, []
+        kept = env.simulation
+        for _ in range(15):
+            seen, reward, terminated, truncated, told = env.step(AHEAD)
+            total += reward
+            ends.append((terminated, truncated))
+        assert ends == [(False, False)] * 14 + [(False, True)]
+        assert total == pytest.approx(float(np.hypot(*(told["pose"] - start)[:2])), abs=1e-6)
+        assert total == pytest.approx(0.5 * 0.5 - 0.05, abs=0.01)  # less what the start takes, v^2 / 2a
+        runs.append((seen["right_field"], tuple(told["pose"])))
+    assert env.simulation is kept
+    assert np.array_equal(runs[0][0], runs[2][0])
+    assert runs[0][1] == runs[2][1] != runs[1][1]
+
+
+def test_without_a_building_each_seed_has_its_own(env: DriveEnv, small: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    env.reset(seed=0)
+    asked: list[int] = []
+
+    def build(building: int) -> Simulation | None:
+        asked.append(building)
+        return env.simulation
+
+    many = DriveEnv(small)
+    monkeypatch.setattr(many, "build", build)
+    monkeypatch.setattr(env.simulation, "close", lambda: None)
+    for seed in (1, 1, None, 1):
+        many.reset(seed=seed)
+    first, second, third = asked  # not four: what stands is kept
+    assert first == third != second
+
+
+def test_a_wall_ends_it_and_backward_costs(env: DriveEnv) -> None:
+    env.reset(seed=0)
+    assert sum(env.step(-AHEAD)[1] for _ in range(10)) < -0.05
+    rewards, terminated = [], False
+    while not terminated and len(rewards) < 200:  # beyond the end of the episode, which does no harm
+        _, reward, terminated, _, told = env.step(np.array([1.0, 0.0], np.float32))
+        rewards.append(reward)
+    assert terminated
+    assert told["collisions"] == 1
+    assert -COLLISION - 0.05 < rewards[-1] < 0.05 - COLLISION
+    assert min(rewards[10:-1]) > 0
+
+
+def test_the_reward_is_what_was_driven_whatever_the_odometer_says(small: str) -> None:
+    with DriveEnv(small, building=7, stress="scale=0.2,fps=15") as env:
+        assert env.metadata["render_fps"] == 15
+        start = env.reset(seed=0)[1]["pose"]
+        total = said = 0.0
+        for _ in range(8):
+            _, reward, _, _, told = env.step(AHEAD)
+            total, said = total + reward, said + told["driven"][0] / 15
+        assert total == pytest.approx(float(np.hypot(*(told["pose"] - start)[:2])), abs=1e-6)
+        assert said == pytest.approx(1.2 * total)
+
+
+def test_frames_hold_the_strips(env: DriveEnv, small: str) -> None:
+    strips, _ = env.reset(seed=5)
+    with DriveEnv(small, observation="frames", building=7, render_mode="rgb_array") as whole:
+        frames, _ = whole.reset(seed=5)
+        assert np.array_equal(frames["left"][:, RIG.row], strips["left_row"][:, 0])
+        assert np.array_equal(whole.render(), frames["left"].transpose(1, 2, 0))
+    assert set(strips) == set(PARTS)
+
+
+def test_the_checker_is_content(env: DriveEnv) -> None:
+    check_env(env, skip_render_check=True, skip_close_check=True)
+
+
+def test_many_at_once(small: str) -> None:
+    register()
+    register()  # a second time does no harm
+    envs = gymnasium.make_vec("ndtorch/Drive-v0", 2, vectorization_mode="sync", arena=small, building=7)
+    seen, _ = envs.reset(seed=1)
+    assert seen["left_row"].shape == (2, 3, 1, RIG.width)
+    assert not np.array_equal(seen["left_row"][0], seen["left_row"][1])
+    _, rewards, *_ = envs.step(np.stack((AHEAD, 0 * AHEAD)))
+    assert rewards[0] > rewards[1] == 0
+    envs.close()
+
+
+@pytest.mark.long
+def test_the_checker_is_content_with_a_real_arena() -> None:
+    register()
+    env = gymnasium.make("ndtorch/Curve-v0", seconds=2.0, building=0, render_mode="rgb_array")
+    check_env(env.unwrapped)
+    env.close()
+
+
+def test_what_cannot_be_made_is_refused(small: str) -> None:
+    wrong = ({"arena": "nowhere"}, {"observation": "sound"}, {"render_mode": "human"}, {"seconds": 0.0})
+    for values in (*wrong, {"arena": small, "stress": "rain"}):
+        with pytest.raises(InputError):
+            DriveEnv(**values)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="reset"):
+        DriveEnv(small).step(AHEAD)

@@ -1,0 +1,72 @@
+"""What is seen is the same by kernels and by NumPy, and what it says is right."""
+
+import numpy as np
+import pytest
+import torch
+
+from ndtorch.navigation import Strips
+from ndtorch_robot import eye
+from ndtorch_robot.eye import SightLimits, blindness, change, look
+
+
+def strips(dtype=torch.uint8, width=640, size=(29, 85), seed=0):
+    """Things of five pixels; parts of a larger picture, as they come from a camera."""
+    rng = np.random.default_rng(seed)
+    things = rng.integers(20, 250, (1, 3, size[0] + 8, width // 5 + 10)).astype(np.uint8).repeat(5, -1)
+    whole = torch.from_numpy(things)
+    whole = whole if dtype == torch.uint8 else whole.to(dtype) / 255
+    return Strips(whole[..., : size[0], 30 : 30 + size[1]], whole[..., 5:6, :width])
+
+
+@pytest.mark.parametrize("dtype", [torch.uint8, torch.float32, torch.float64])
+@pytest.mark.parametrize(("width", "size"), [(640, (29, 85)), (63, (12, 20)), (21, (4, 21))])
+def test_kernel_and_numpy_see_the_same(monkeypatch, dtype, width, size):
+    pytest.importorskip("numba")
+    seen = [strips(dtype, width, size, seed) for seed in (0, 1)]
+    quick = [look(part) for part in seen]
+    changes = change(quick[0].row, quick[1].row), change(quick[0].field, quick[1].field)
+    monkeypatch.setattr(eye, "compiled", lambda: False)
+    slow = [look(part) for part in seen]
+    for a, b in zip(quick, slow, strict=True):
+        for x, y in zip(a, b, strict=True):
+            np.testing.assert_allclose(x, y, rtol=1e-5, atol=1e-3)
+    expected = change(slow[0].row, slow[1].row), change(slow[0].field, slow[1].field)
+    assert changes == pytest.approx(expected, rel=1e-5)
+    assert min(changes) > 1
+
+
+@pytest.mark.parametrize("quickly", [True, False])
+def test_figures(monkeypatch, quickly):
+    """Against what can be worked out by hand: two levels of gray, with one edge."""
+    if quickly:
+        pytest.importorskip("numba")
+    else:
+        monkeypatch.setattr(eye, "compiled", lambda: False)
+    whole = torch.full((1, 3, 16, 64), 40, dtype=torch.uint8)
+    whole[..., 32:] = 120
+    whole[:, 1, :, :4] = 0
+    figures = look(Strips(whole[..., :8, :32], whole[..., 8:9, :])).figures
+    assert figures.level == pytest.approx((28 * 40 + 32 * 120) / 64)
+    assert figures.floor == pytest.approx(28 * 40 / 32)
+    assert figures.step == 80
+    assert figures.rough == pytest.approx((40**2 + 80**2) / 63)
+    assert figures.extent == 120
+    assert figures.spread == pytest.approx(np.asarray(whole[0, 1, 0], float).std())
+
+
+@pytest.mark.parametrize("size", [(9, 9), (3, 3), (0, 0)])
+def test_tiny_subfields_are_no_error(size):
+    seen = look(strips(size=size))
+    assert seen.field.shape == (size[0] // 4, size[1] // 4)
+    assert blindness(seen, SightLimits()) is None
+
+
+def test_nothing_is_not_believed_to_be_something():
+    picture = strips(torch.float32)
+    assert blindness(look(picture), SightLimits()) is None
+    gray = Strips(*(part * 0.001 + 0.5 for part in picture))
+    assert "shows nothing" in str(blindness(look(gray), SightLimits()))
+    noise = torch.rand(1, 3, 1, 640, generator=torch.Generator().manual_seed(1))
+    assert "shows noise" in str(blindness(look(picture._replace(row=noise)), SightLimits()))
+    soft = 0.5 + 0.4 * torch.sin(torch.arange(640.0) / 40).expand(1, 3, 1, 640)
+    assert "is blurred" in str(blindness(look(picture._replace(row=soft)), SightLimits()))
