@@ -8,6 +8,7 @@
 # make docs-quick  the same in half a minute, out/docs-quick: its examples are not executed
 # make wheels  each distribution alone in an empty environment
 # make soak    half an hour of simulated driving with faults by chance; MINUTES=600 for a night, and it goes on where it was
+# make mutants  small changes of the source by chance, and which of them no test notices; SAMPLE=0 for all, SEED=... for others
 # make lock    the lock files in requirements/      make sbom   what is installed, out/sbom.json      make audit  known holes in it
 # make reproduce        every published claim again      make reproduce-quick  the same in under two minutes
 PYTHON ?= python3
@@ -18,7 +19,7 @@ STAMP  := $(VENV)/.installed
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: setup demo test test-unit test-long test-variants check docs docs-quick wheels bench bench-compare soak lock sbom audit reproduce reproduce-quick clean
+.PHONY: setup demo test test-unit test-long test-variants check docs docs-quick wheels bench bench-compare soak mutants lock sbom audit reproduce reproduce-quick clean
 
 setup: $(STAMP)
 
@@ -96,6 +97,19 @@ $(SUPPLY)/bin/uv: constraints.txt | $(STAMP)
 	touch $@
 
 pinned = $(shell sed -n 's/^$(1)==//p' constraints.txt)
+
+# Minutes for a sample, days for all. ONLY: files or folders. The changes are made in a copy of the checkout.
+MUTATION := .venv/mutation
+SAMPLE ?= 40
+SEED ?= 1
+
+$(MUTATION)/bin/cosmic-ray: constraints.txt | $(STAMP)
+	test -x $(MUTATION)/bin/python || $(BIN)/python -m venv $(MUTATION)
+	$(MUTATION)/bin/python -m pip install --quiet --disable-pip-version-check cosmic-ray==$(call pinned,cosmic-ray)
+	touch $@
+
+mutants: $(MUTATION)/bin/cosmic-ray
+	$(MUTATION)/bin/python -m tests.mutation --python $(CURDIR)/$(BIN)/python --sample $(SAMPLE) --seed $(SEED) $(if $(ONLY),--only $(ONLY))
 
 lock: $(SUPPLY)/bin/uv
 	PATH=$(SUPPLY)/bin:$$PATH $(BIN)/python requirements/make.py

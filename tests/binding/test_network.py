@@ -14,6 +14,7 @@ from numpy.testing import assert_allclose
 from ndtorch.binding import InhibitoryNetwork, alternation, learning_rule, weight_change
 from ndtorch.binding.feedback import inhibit
 from ndtorch.binding.learning import NetworkState, WhenFull
+from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.binding.spectrum import SQUARING_FROM
 from ndtorch.errors import InputError
 from tests.strategies import chunkings, in_chunks
@@ -137,6 +138,27 @@ def test_tau_in_inf_lets_the_input_through() -> None:
     inputs = 1 + noise(5, 2)
     out, _ = InhibitoryNetwork(2, rule=None, tau_in=math.inf)(inputs)
     assert_allclose(out, inputs)
+
+
+def test_the_power_is_a_mean_from_the_first_step_on() -> None:
+    """The rule is told the mean square of what was seen so far, not one that still rises from zero."""
+    told: list[tuple[torch.Tensor, torch.Tensor]] = []
+
+    class Listening(ScaleFreeRule):
+        def change(
+            self, high: torch.Tensor, power: torch.Tensor, weights: torch.Tensor, steps: int = 1
+        ) -> torch.Tensor:
+            told.append((high, power))
+            return super().change(high, power, weights, steps)
+
+    dt, tau = 0.01, 0.5
+    InhibitoryNetwork.scale_free(3, dt, Listening(), settle=0.0, every=0.05, tau_power=tau)(noise(40, 3))
+    assert len(told) == 8
+    squares = torch.cat([high for high, _ in told]).square()
+    for n, (_, power) in enumerate(told, 1):
+        age = torch.arange(5 * n - 1, -1, -1, dtype=torch.float64).unsqueeze(-1)
+        share = (tau / (tau + dt)) ** age
+        torch.testing.assert_close(power, (share * squares[: 5 * n]).sum(0) / share.sum(0))
 
 
 def test_a_rate_of_zero_keeps_the_weights() -> None:

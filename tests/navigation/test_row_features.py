@@ -217,6 +217,9 @@ def test_bad_input():
         FeatureParams(min_motion=float("nan"))
     with pytest.raises(InputError, match="min_disparity"):
         MatchParams(min_disparity=-1)
+    with pytest.raises(InputError, match="min_disparity"):
+        MatchParams(min_disparity=60, max_disparity=60)  # nothing is between them
+    assert MatchParams(min_disparity=0).min_disparity == 0
     with pytest.raises(InputError, match="max_error"):
         MatchParams(max_error=0)
     row, motion = rows(1, 2, 3, 40)

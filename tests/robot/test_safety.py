@@ -105,6 +105,18 @@ def test_out_of_limits_stands_and_goes_on(command):
     assert drive.resumes == 1
 
 
+def test_a_fault_that_comes_again_starts_the_waiting_anew():
+    clock, drive, lines, safe = make()
+    steps(clock, safe, 0.5)
+    for _ in range(3):
+        steps(clock, safe, 1 / 30, DriveCommand(0.7, 0.0))
+        steps(clock, safe, 0.8)
+        assert drive.sent[-1] == (0.0, 0.0)
+    assert (drive.resumes, len(lines)) == (0, 1)
+    steps(clock, safe, 0.4)
+    assert drive.sent[-1].speed > 0
+
+
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_what_is_no_number_ends_the_drive(value):
     clock, drive, _, safe = make()

@@ -160,6 +160,13 @@ static void test_bad_lines(void) {
     sequence += 2;
     say(COMMAND, 900, 0);
     CHECK(d.target_speed == 900);
+    uint16_t now_at = d.sequence;
+    sequence = (uint16_t)(now_at + 0x7fff); /* half way around and one more: the past */
+    say(COMMAND, 800, 0);
+    CHECK(d.target_speed == 900 && d.rejected == 2);
+    sequence = (uint16_t)(now_at + 0x7ffe);
+    say(COMMAND, 800, 0);
+    CHECK(d.target_speed == 800);
 }
 
 static void test_brake_then_reverse(void) {
@@ -184,11 +191,39 @@ static void test_brake_then_reverse(void) {
     CHECK(coasted && braked == BRAKE_MS && paused == PAUSE_MS);
     pass(600, 1, 1, -300, 0);
     CHECK(d.speed == -300 && d.motor_us == 1410);
-    pass(600, 1, 1, 0, 0);
+    pass(50, 1, 1, 0, 0);
+    CHECK(d.speed > -300 && d.speed < -150); /* backwards too it slows down no faster than it may */
+    pass(550, 1, 1, 0, 0);
+    CHECK(d.speed == 0);
     pass(300, 1, 1, -300, 0);
     CHECK(d.speed == -300); /* still in reverse: no brake needed */
+    pass(800, 1, 1, 1, 0);
+    CHECK(d.speed == 1 && d.gear == FORWARD); /* however slowly */
     pass(800, 1, 1, 200, 0);
     CHECK(d.speed == 200 && d.gear == FORWARD);
+}
+
+/* The motor controller forgets a brake when the pulse goes back to neutral, so half a brake counts for nothing. */
+static void test_a_brake_begun_begins_again(void) {
+    for (enum gear phase = BRAKING; phase <= PAUSING; phase++) {
+        begin();
+        say(ARM, 0, 0);
+        pass(600, 1, 1, 500, 0);
+        while (d.gear != phase && now < 4000) pass(5, 1, 1, -300, 0);
+        pass(20, 1, 1, -300, 0);
+        say(STOP, 0, 0);
+        pass(500, 1, 1, -300, 0);
+        CHECK(stands());
+        say(ARM, 0, 0);
+        uint32_t braked = 0;
+        while (d.speed >= 0 && now < 4000) {
+            pass(5, 1, 1, -300, 0);
+            if (d.gear == BRAKING) braked += 5;
+        }
+        CHECK(braked == BRAKE_MS);
+        say(STOP, 0, 0);
+        CHECK(d.gear == REVERSE); /* which needs no brake */
+    }
 }
 
 /* Driving goes on while the battery is so. */
@@ -212,6 +247,9 @@ static void test_battery(void) {
     CHECK(d.faults == 0);
     drive_on(7400, 1000, 800);
     CHECK(d.speed == 800);
+    drive_on(BATTERY_EMPTY_MV, BATTERY_LASTS_MS + 1000, 800);
+    CHECK(d.faults == FAULT_BATTERY); /* low, but not yet empty */
+    drive_on(7400, 1000, 800);
     drive_on(BATTERY_EMPTY_MV - 100, BATTERY_LASTS_MS - 100, 800);
     CHECK(d.state == ARMED);
     drive_on(BATTERY_EMPTY_MV - 100, 200, 800);
@@ -229,14 +267,37 @@ static void test_battery(void) {
     CHECK(d.speed == 800 && d.faults == 0);
 }
 
+/* What the computer is told, to the byte. */
+static void test_answers(void) {
+    struct frame f;
+    CHECK(body_size(HELLO) == 0 && body_size(HEARTBEAT) == 0 && body_size(STOP) == 0 && body_size(ARM) == 0);
+    CHECK(body_size(COMMAND) == 4 && body_size(WELCOME) == 10 && body_size(TELEMETRY) == 20 && body_size(200) == 255);
+    begin();
+    memset(&f, 0xff, sizeof f);
+    drive_welcome(&d, 0x1234, &f);
+    CHECK(f.version == PROTOCOL_VERSION && f.type == WELCOME && f.sequence == 0x1234 && f.size == 10);
+    CHECK(f.body[0] == (uint8_t)sequence && f.body[1] == sequence >> 8);
+    CHECK(memcmp(f.body + 2, ROBOT_NAME, 8) == 0);
+
+    d = (struct drive){.echo = 0x0102, .state = ARMED, .faults = FAULT_BATTERY, .speed = -300, .curvature = 0x0203};
+    d.battery_mv = 0x0304, d.motor_us = 0x0405, d.front_us = 0x0506, d.rear_us = 0x0607, d.rejected = 0x0708;
+    const uint8_t wanted[20] = {2, 1, 1, 16, 0xd4, 0xfe, 3, 2, 4, 3, 5, 4, 6, 5, 7, 6, 8, 7, 0x2c, 1};
+    memset(&f, 0xff, sizeof f);
+    drive_telemetry(&d, 0x1235, 300999, &f); /* 300 s */
+    CHECK(f.version == PROTOCOL_VERSION && f.type == TELEMETRY && f.sequence == 0x1235 && f.size == 20);
+    CHECK(memcmp(f.body, wanted, 20) == 0);
+}
+
 int main(void) {
     test_checksums();
+    test_answers();
     test_frames();
     test_arming();
     test_ramp();
     test_watchdogs();
     test_bad_lines();
     test_brake_then_reverse();
+    test_a_brake_begun_begins_again();
     test_battery();
     printf("%d checks passed\n", checks);
     return 0;

@@ -121,6 +121,20 @@ def test_modes_and_stop():
     assert (command.curvature == 0).all()
 
 
+@pytest.mark.parametrize("kernels", [True, False])
+def test_standing_goes_before_turning(kernels):
+    """Both sides are still, but the smoothed difference would turn the car: it stops, and does not turn."""
+    machine = SaccadeAvoidance(DT, AvoidanceParams(start_time=0.2, smoothing=10.0))
+    sides = torch.tensor([[0.5, 0.3]] * 4 + [[0.02, 0.02]] * 8)
+    with torch.inference_mode(kernels):
+        command, state = machine(sides)
+    assert abs(float(state.difference)) > machine.params.turn_threshold
+    assert command.speed[:6].eq(0.5).all()
+    assert command.speed[6:].eq(0.0).all()
+    assert command.curvature.eq(0.0).all()
+    assert machine.mode(state) == STOPPED
+
+
 def test_a_long_start_still_moves():
     command, _ = drive((0.01, 0.01, 4.0), params=AvoidanceParams(start_time=5.0))
     assert (command.speed == 0.5).all()

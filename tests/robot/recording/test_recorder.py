@@ -147,6 +147,32 @@ def test_the_loop_never_waits(tmp_path, monkeypatch):
     assert json.loads((tmp_path / "r" / "steps.jsonl").read_text().splitlines()[-1])["dropped"] == recorder.dropped
 
 
+def test_late_frames_are_left_out_of_a_queue_with_room(tmp_path, monkeypatch):
+    """What waits longer than `WAIT` is written without its frames, and meanwhile no more frames are let in."""
+    now, entered, free = [0.0], threading.Event(), threading.Event()
+
+    def held(*arguments):
+        entered.set()
+        free.wait(5)
+        return encode(*arguments)
+
+    monkeypatch.setattr(recorder_module, "encode", held)
+    monkeypatch.setattr(recorder_module, "monotonic", lambda: now[0])
+    recorder = Recorder(tmp_path / "r", {}, queue=60)
+    assert recorder.record_step(step(0), STILL, STILL)
+    entered.wait(5)  # the first is being written, the others wait
+    let_in = []
+    for n, now[0] in enumerate((0.0, 0.3, 0.39, 0.5), 1):
+        let_in.append(recorder.record_step(step(n), STILL, STILL))
+    assert let_in == [True, True, True, False]
+    free.set()
+    while recorder.steps < 5 and recorder.thread.is_alive():
+        time.sleep(0.005)
+    recorder.close()
+    found = [taken.frames is not None for taken in open_recording(tmp_path / "r").steps()]
+    assert found == [True, False, True, True, False]
+
+
 def test_a_simulation_waits(tmp_path, monkeypatch):
     slow_down(monkeypatch, 0.005)
     recorder = write(tmp_path / "r", count=20, queue=2, when_full="wait")
