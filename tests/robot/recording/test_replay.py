@@ -155,7 +155,7 @@ def test_a_full_disk_does_not_stop_the_drive(tmp_path, capsys, monkeypatch):
         append(self, file, data)
 
     monkeypatch.setattr(Recorder, "append", failing)
-    assert main(["drive", "--seconds", "2", "--out", str(tmp_path / "o"), "--record", str(tmp_path / "r")]) == 0
+    assert main(["drive", "--seconds", "2", "--out", str(tmp_path / "o"), "--record", str(tmp_path / "r")]) == 1
     err = capsys.readouterr().err
     assert "has stopped after 30 steps: No space left on device" in err
     summary = json.loads((tmp_path / "o" / "summary.json").read_text())
