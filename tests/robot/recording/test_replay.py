@@ -35,7 +35,7 @@ def record(folder, count=60, format="png"):
     """A drive of the navigator alone, its wheels slipping a little."""
     pilot, driven, commands = Pilot(CHOICE, RIG, 30.0), DriveCommand(0.0, 0.0), []
     with Recorder(folder, configuration(CHOICE, RIG, 30.0), format=format, when_full="wait") as recorder:
-        for n, frames in enumerate(moving_world(count, RIG)):
+        for n, frames in enumerate(moving_world(count, RIG, grain=1)):
             placed = (0.0, 0.0, 0.0) if n in (0, 40) else None
             command = pilot.step(frames, driven, placed)
             recorder.record_step(frames, driven, command, placed=placed)
@@ -155,7 +155,7 @@ def test_a_full_disk_does_not_stop_the_drive(tmp_path, capsys, monkeypatch):
         append(self, file, data)
 
     monkeypatch.setattr(Recorder, "append", failing)
-    assert main(["drive", "--seconds", "2", "--out", str(tmp_path / "o"), "--record", str(tmp_path / "r")]) == 0
+    assert main(["drive", "--seconds", "2", "--out", str(tmp_path / "o"), "--record", str(tmp_path / "r")]) == 1
     err = capsys.readouterr().err
     assert "has stopped after 30 steps: No space left on device" in err
     summary = json.loads((tmp_path / "o" / "summary.json").read_text())
