@@ -109,7 +109,7 @@ $(MUTATION)/bin/cosmic-ray: constraints.txt | $(STAMP)
 	touch $@
 
 mutants: $(MUTATION)/bin/cosmic-ray
-	$(MUTATION)/bin/python -m tests.mutation --python $(CURDIR)/$(BIN)/python --sample $(SAMPLE) --seed $(SEED) $(if $(ONLY),--only $(ONLY))
+	$(MUTATION)/bin/python -m tests.mutation --python $(abspath $(BIN)/python) --sample $(SAMPLE) --seed $(SEED) $(if $(ONLY),--only $(ONLY))
 
 lock: $(SUPPLY)/bin/uv
 	PATH=$(SUPPLY)/bin:$$PATH $(BIN)/python requirements/make.py
