@@ -98,7 +98,7 @@ $(SUPPLY)/bin/uv: constraints.txt | $(STAMP)
 
 pinned = $(shell sed -n 's/^$(1)==//p' constraints.txt)
 
-# Minutes for a sample, days for all. ONLY: files or folders. The changes are made in a copy of the checkout.
+# The time depends on the modules drawn; all of them take days. ONLY: files or folders. MIRRORED=1: asks the mirrored test files alone. The changes are made in a copy of the checkout.
 MUTATION := .venv/mutation
 SAMPLE ?= 40
 SEED ?= 1
@@ -109,7 +109,7 @@ $(MUTATION)/bin/cosmic-ray: constraints.txt | $(STAMP)
 	touch $@
 
 mutants: $(MUTATION)/bin/cosmic-ray
-	$(MUTATION)/bin/python -m tests.mutation --python $(CURDIR)/$(BIN)/python --sample $(SAMPLE) --seed $(SEED) $(if $(ONLY),--only $(ONLY))
+	$(MUTATION)/bin/python -m tests.mutation --python $(abspath $(BIN)/python) --sample $(SAMPLE) --seed $(SEED) $(if $(MIRRORED),--mirrored) $(if $(ONLY),--only $(ONLY))
 
 lock: $(SUPPLY)/bin/uv
 	PATH=$(SUPPLY)/bin:$$PATH $(BIN)/python requirements/make.py

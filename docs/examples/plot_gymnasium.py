@@ -14,6 +14,7 @@ import numpy as np
 import torch
 
 from ndtorch.navigation import Navigator, RowRanging
+from ndtorch_robot.gym import register
 from ndtorch_robot.gym.environment import eyes_of
 from ndtorch_robot.sim.simulation import RIG
 
@@ -85,6 +86,7 @@ def episode(env: gymnasium.Env, policy: Policy) -> tuple[float, np.ndarray, bool
     return score, np.array(path[:-1] if hit else path), hit  # after a collision the car is put elsewhere
 
 
+register()  # Gymnasium knows of ndtorch/Curve-v0 and the others from now on
 driven = {}
 with torch.inference_mode():
     for arena in ARENAS:

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from ndtorch_robot.gym import register
 from ndtorch_robot.sim.arenas import load_arena
 from tests.robot.support.gl_needed import needs_gl
 
@@ -38,7 +37,6 @@ def test_script_of_the_guide(capsys):
 @pytest.mark.long
 def test_environment_of_the_guide():
     pytest.importorskip("gymnasium")
-    register()
     _, script = re.findall(r"```python\n(.*?)```", GUIDE, flags=re.DOTALL)
     names = {}
     exec(script, names)

@@ -1,7 +1,6 @@
-"""The simulated drives as environments of Gymnasium: `gymnasium.make("ndtorch/Office-v0")`.
+"""The simulated drives as environments of Gymnasium: after `register()`, `gymnasium.make("ndtorch/Office-v0")`.
 
-Where `ndtorch-robot[sim]` is installed, Gymnasium finds them by itself (entry points `gymnasium.envs`). `register` does
-the same in a checkout that is not installed. Only Gymnasium is imported for that.
+Since Gymnasium 1.0 no package is looked for: whoever has environments says so. Only Gymnasium is imported for that.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ def record(folder, count=60, format="png"):
     """A drive of the navigator alone, its wheels slipping a little."""
     pilot, driven, commands = Pilot(CHOICE, RIG, 30.0), DriveCommand(0.0, 0.0), []
     with Recorder(folder, configuration(CHOICE, RIG, 30.0), format=format, when_full="wait") as recorder:
-        for n, frames in enumerate(moving_world(count, RIG)):
+        for n, frames in enumerate(moving_world(count, RIG, grain=1)):
             placed = (0.0, 0.0, 0.0) if n in (0, 40) else None
             command = pilot.step(frames, driven, placed)
             recorder.record_step(frames, driven, command, placed=placed)
