@@ -41,12 +41,7 @@ class FilmCar(Drive):
 
 def bare_loop(car, rig, observers=None, **navigation):
     """A loop that drives off at once."""
-<<<<<<< HEAD
-    config = RunConfig(robot="bare", simulation=SimulationTable(), navigation=navigation)
-    return make_car(config, car, rig, car, car, lambda line: None, True, observers or [], near_check=False)
-=======
     # Every pixel of these pictures is drawn by chance, which is noise to the watch: here it may be.
     sight = SightTable(noise=1000)
     config = RunConfig(robot="bare", simulation=SimulationTable(), navigation=navigation, sight=sight)
-    return make_car(config, car, rig, car, car, lambda line: None, True, observers or [])
->>>>>>> main
+    return make_car(config, car, rig, car, car, lambda line: None, True, observers or [], near_check=False)
