@@ -23,7 +23,8 @@ from safetensors.torch import load_file
 
 import ndtorch
 from ndtorch.binding.rules import RULES
-from ndtorch.binding.saving import CHECKSUM, save_tensors
+from ndtorch.binding.saving import save_tensors
+from ndtorch.checked import CHECKSUM
 from ndtorch.commands import main
 from ndtorch.scenes import SCENES, two_bars
 from ndtorch.scenes.video_writer import VideoWriter

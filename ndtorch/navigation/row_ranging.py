@@ -101,7 +101,7 @@ class RowRanging(nn.Module):
         quick = self.by_kernels(left, right, state)
         if quick is not None:
             return quick
-        one = left.shape[-2] == 1
+        one = left.ndim > 1 and left.shape[-2] == 1
         rect = self.horizon if one else self.row
         around = grey_pair(left, right, rect, rect, (self.rig.height, self.rig.width))
         if self.search is not None:

@@ -39,6 +39,8 @@ def eyes(left: Tensor, right: Tensor, rects: tuple[Rect, Rect], size: tuple[int,
         left, right: frames `[1, C, H, W]`, whole or cut to the rectangles.
         size: of whole frames.
     """
+    if not (isinstance(left, Tensor) and isinstance(right, Tensor)):
+        return None
     if left.ndim != 4 or len(left) != 1 or left.shape != right.shape or left.dtype != right.dtype:
         return None
     channels, given = left.shape[1], tuple(left.shape[2:])
