@@ -39,7 +39,7 @@ def eyes(left: Tensor, right: Tensor, rects: tuple[Rect, Rect], size: tuple[int,
         left, right: frames `[1, C, H, W]`, whole or cut to the rectangles.
         size: of whole frames.
     """
-    if not (isinstance(left, Tensor) and isinstance(right, Tensor)):
+    if not all(isinstance(eye, Tensor) for eye in (left, right)):
         return None
     if left.ndim != 4 or len(left) != 1 or left.shape != right.shape or left.dtype != right.dtype:
         return None
