@@ -129,7 +129,7 @@ def drive(
         car.observers += [] if view is None else [view]
         car.observers += [put_back, TellAgain(car.safe, put_back), *observers]
         if stress.none:
-            car.observers.append(end_without_frames)
+            car.observers.append(end_unless_blank)
         began, interrupted = time.perf_counter(), False
         try:
             pilot.warm_up()  # before the time is taken
@@ -156,9 +156,9 @@ def drive_pilot(config: DriveConfig, plan: Plan) -> Pilot:
     return Pilot(config.options(), RIG, config.rate, plan.grid())
 
 
-def end_without_frames(step: Step) -> None:
-    """An observer: simulated cameras that give nothing do not recover. One that sees nothing is put elsewhere."""
-    if step.frames is None and step.standing is not None:
+def end_unless_blank(step: Step) -> None:
+    """An observer: simulated cameras do not recover. A car that sees only blank wall is put elsewhere instead."""
+    if step.standing is not None and "shows nothing" not in step.standing:
         raise InputError(step.standing)
 
 

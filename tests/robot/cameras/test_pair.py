@@ -102,6 +102,7 @@ def test_files_at_their_rate(tmp_path):
     assert times[-1] - times[0] == pytest.approx(11 / 30, abs=1e-6)
 
 
+@pytest.mark.realtime
 def test_newest_pair_only_and_each_once():
     with live(LiveCapture(), LiveCapture(phase=0.002)) as cameras:
         cameras.read()
