@@ -2,7 +2,7 @@
 
 from ndtorch_robot.ports import Drive, DriveCommand, unseal
 from ndtorch_robot.run import make_car
-from ndtorch_robot.run_config import RunConfig, SightTable, SimulationTable
+from ndtorch_robot.run_config import RunConfig, SimulationTable
 
 FAULTS = ["no command for 0.2 s"]
 
@@ -41,7 +41,5 @@ class FilmCar(Drive):
 
 def bare_loop(car, rig, observers=None, **navigation):
     """A loop that drives off at once."""
-    # Every pixel of these pictures is drawn by chance, which is noise to the watch: here it may be.
-    sight = SightTable(noise=1000)
-    config = RunConfig(robot="bare", simulation=SimulationTable(), navigation=navigation, sight=sight)
+    config = RunConfig(robot="bare", simulation=SimulationTable(), navigation=navigation)
     return make_car(config, car, rig, car, car, lambda line: None, True, observers or [], near_check=False)
