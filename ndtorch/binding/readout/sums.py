@@ -21,7 +21,7 @@ from ndtorch.binding.covariance import CovarianceState, RunningCovariances
 from ndtorch.binding.feedback import settled
 from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.objects import ObjectTable
-from ndtorch.binding.readout.delays import Separation, assigned, diagonalise, without_lighting
+from ndtorch.binding.readout.delays import DELAYS, Separation, assigned, diagonalise, without_lighting
 from ndtorch.binding.readout.params import SourceCriteria, SumCriteria
 from ndtorch.vision.features import GROUPS
 
@@ -33,7 +33,7 @@ WEAKEST = 3
 
 def sum_statistics(
     dt: float = 0.01,
-    delays: tuple[float, ...] = (0.01, 0.05, 0.1, 0.2, 0.4, 0.8),
+    delays: tuple[float, ...] = DELAYS,
     tau_recent: float = 0.75,
     tau_fast: float = 3.5,
     tau_slow: float = 12.0,
