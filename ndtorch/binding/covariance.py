@@ -10,6 +10,7 @@ a clock of its own: it begins anew when it opens, and takes in nothing while its
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -33,6 +34,7 @@ class CovarianceState(NamedTuple):
         differences: running covariances of sample-to-sample differences, `[..., M, N, N]`; of no memory where they
             are not wanted.
         steps: samples taken, int64 scalar.
+        age: seconds since the memories began or began anew, `[...]`; below 0 they still wait.
     """
 
     low: Tensor
@@ -41,6 +43,25 @@ class CovarianceState(NamedTuple):
     covariances: Tensor
     differences: Tensor
     steps: Tensor
+    age: Tensor
+
+
+@dataclass(frozen=True)
+class Anew:
+    """When all memories begin anew: what is there now does not fit what they hold.
+
+    Attributes:
+        surprise: covariance of the last memory and of the latest block, `[..., N, N]` both -> how many times more
+            power than expected the block has, `[...]`.
+        most: of it; beyond that they begin anew.
+        least: seconds of memory before they can.
+        wait: seconds until they begin, while one scene gives way to the other.
+    """
+
+    surprise: Callable[[Tensor, Tensor], Tensor]
+    most: float
+    least: float = 4.0
+    wait: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -53,6 +74,8 @@ class Constants:
         low_pass: of the high-pass.
         memories: filters of the products.
         differences: whether differences are looked at.
+        anew: when the memories begin anew; None for never.
+        dt, tau: seconds, of a time step and of the last memory.
     """
 
     lags: tuple[int, ...]
@@ -60,6 +83,9 @@ class Constants:
     low_pass: BlockLowPass
     memories: tuple[BlockLowPass, ...]
     differences: bool
+    anew: Anew | None
+    dt: float
+    tau: float
 
 
 class RunningCovariances(nn.Module):
@@ -74,6 +100,7 @@ class RunningCovariances(nn.Module):
         differences: also keep the covariances of differences from sample to sample.
         every: time between updates, seconds.
         at_first: the high-pass starts settled on the first sample, for signals that are not around zero.
+        anew: when all begins anew, which needs a covariance proper; None for never.
 
     Shapes:
         signals `[..., T, N]` -> state, up to the last update. `None` starts at rest, with zeros.
@@ -91,6 +118,7 @@ class RunningCovariances(nn.Module):
         differences: bool = False,
         every: float = 0.1,
         at_first: bool = False,
+        anew: Anew | None = None,
     ) -> None:
         super().__init__()
         self.at_first = at_first
@@ -109,6 +137,9 @@ class RunningCovariances(nn.Module):
             low_pass=self.low_pass,
             memories=filters,
             differences=differences,
+            anew=anew,
+            dt=dt,
+            tau=memories[-1],
         )
 
     def start(self, first: Tensor) -> CovarianceState:
@@ -122,6 +153,7 @@ class RunningCovariances(nn.Module):
             covariances=first.new_zeros(*batch, len(c.memories), len(c.lags), n, n),
             differences=first.new_zeros(*batch, len(c.memories) if c.differences else 0, n, n),
             steps=torch.zeros((), dtype=torch.int64),
+            age=first.new_zeros(batch),
         )
 
     def forward(self, signals: Tensor, state: CovarianceState | None = None) -> CovarianceState:
@@ -158,11 +190,37 @@ def covariance_step(block: Tensor, state: CovarianceState, constants: Constants)
             for (kept, taken), old in zip(weights, differences.unbind(-3), strict=True)
         ]
         differences = torch.stack(squares, -3)
-    return state._replace(
+    after = state._replace(
         low=lows[..., -1, :],
         past=known.narrow(-2, steps, c.longest),
         covariances=torch.stack(covariances, -4),
         differences=differences,
+        age=state.age + steps * c.dt,
+    )
+    return after if c.anew is None else begun_anew(after, state, block, high, c, c.anew)
+
+
+def begun_anew(
+    after: CovarianceState, before: CovarianceState, block: Tensor, high: Tensor, constants: Constants, anew: Anew
+) -> CovarianceState:
+    """The state after a block, at rest where it does not fit the memories before it, and while they wait."""
+    held = 1 - torch.exp(-before.age.clamp_min(0) / constants.tau)
+    known = before.covariances[..., -1, 0, :, :] / held.clamp_min(1e-6)[..., None, None]
+    now = high.mT @ high / high.shape[-2]
+    other = (before.age > anew.least) & (anew.surprise(known, now) > anew.most)
+    age = torch.where(other, -anew.wait, after.age)
+    waits = age < 0
+
+    def at_rest(value: Tensor) -> Tensor:
+        return torch.where(waits.reshape(waits.shape + (1,) * (value.ndim - waits.ndim)), 0.0, value)
+
+    return after._replace(
+        # Until all is as it will be, nothing is a fluctuation.
+        low=torch.where(waits.unsqueeze(-1), block[..., -1, :], after.low),
+        past=at_rest(after.past),
+        covariances=at_rest(after.covariances),
+        differences=at_rest(after.differences),
+        age=age,
     )
 
 

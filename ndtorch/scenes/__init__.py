@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     )
     from ndtorch.scenes.bars import Bar, BarScene
     from ndtorch.scenes.base import FrameSource
+    from ndtorch.scenes.common_fate import CommonFate, common_fate
     from ndtorch.scenes.fluctuation import Distance, Fluctuation, NoFluctuation, RandomShadow, SineShadow
     from ndtorch.scenes.gratings import FlickeringGrating, MovingGrating
     from ndtorch.scenes.named import SCENES, NamedScene, make_scene, scene_names
@@ -34,6 +35,7 @@ __all__ = [
     "SCENES",
     "Bar",
     "BarScene",
+    "CommonFate",
     "Distance",
     "FlickeringGrating",
     "Fluctuation",
@@ -47,6 +49,7 @@ __all__ = [
     "SineShadow",
     "VideoSource",
     "VideoWriter",
+    "common_fate",
     "equal_bars",
     "hsl_color",
     "make_scene",
@@ -79,6 +82,10 @@ if not TYPE_CHECKING:
                 "BarScene",
             ),
             "ndtorch.scenes.base": ("FrameSource",),
+            "ndtorch.scenes.common_fate": (
+                "CommonFate",
+                "common_fate",
+            ),
             "ndtorch.scenes.fluctuation": (
                 "Distance",
                 "Fluctuation",

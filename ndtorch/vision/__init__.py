@@ -4,6 +4,7 @@ from ndtorch.vision.camera.front_end import CameraFrontEnd, CameraState, FieldSi
 from ndtorch.vision.camera.params import CameraParams
 from ndtorch.vision.chahl_srinivasan import ChahlSrinivasan, ShiftState, row_shift
 from ndtorch.vision.characterisation import SpeedCurve, judge_speed_curve, speed_response
+from ndtorch.vision.coherent import CoherentMotion, CoherentParams, CoherentState
 from ndtorch.vision.features import FEATURES, GROUPS, VisualFeatures
 from ndtorch.vision.fields import field_weights
 from ndtorch.vision.local import LocalFeatures
@@ -31,6 +32,9 @@ __all__ = [
     "CameraParams",
     "CameraState",
     "ChahlSrinivasan",
+    "CoherentMotion",
+    "CoherentParams",
+    "CoherentState",
     "FieldSignals",
     "FilterState",
     "HassensteinReichardt",

@@ -19,7 +19,7 @@ from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.delays import DELAYS, delay_statistics, plain_table, refined_table
 from ndtorch.binding.readout.owners import owner_table, signal_statistics
 from ndtorch.binding.readout.params import OwnerCriteria, SourceCriteria, SumCriteria
-from ndtorch.binding.readout.sums import sum_statistics, sums_table
+from ndtorch.binding.readout.sums import SumState, SumStatistics, sums_table
 from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.config import Constants
 from ndtorch.vision.temporal import FilterState, LowPass
@@ -146,7 +146,9 @@ class ScaleFreeStage(nn.Module):
         )
         self.statistics = signal_statistics(dt, r.tau_owners, r.tau_high, r.update)
         if r.readout == "sums":
-            self.delays = sum_statistics(dt, r.delays, r.tau_recent, r.tau_fast, r.tau_slow, r.tau_high, r.update)
+            self.delays = SumStatistics(
+                dt, r.delays, r.tau_recent, r.tau_fast, r.tau_slow, r.tau_high, r.update, r.surprise
+            )
         else:
             self.delays = delay_statistics(dt, r.delays, r.tau_fast, r.tau_slow, r.tau_high, r.update)
         self.register_buffer("first_stage", first_stage)

@@ -15,9 +15,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
-from ndtorch.binding.covariance import CovarianceState, RunningCovariances
+from ndtorch.binding.covariance import Anew, CovarianceState, RunningCovariances
 from ndtorch.binding.feedback import settled
 from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.objects import ObjectTable
@@ -27,62 +27,109 @@ from ndtorch.vision.features import GROUPS
 
 LINEAR = slice(GROUPS["motion"].stop, None)
 """Signals that are proportional to brightness: orientations and colors."""
+FAINT = 1e-3
+"""Power of a direction in which nothing is known, as a share of each group's largest."""
+LIGHT_MOST = 4
+"""Among more sources, of six signals, even light can be a mixture of them."""
 WEAKEST = 3
 """Directions that are taken for noise."""
 
 
-def sum_statistics(
-    dt: float = 0.01,
-    delays: tuple[float, ...] = DELAYS,
-    tau_recent: float = 0.75,
-    tau_fast: float = 3.5,
-    tau_slow: float = 12.0,
-    tau_high: float = 2.0,
-    every: float = 0.1,
-) -> RunningCovariances:
-    """What `sums_table` looks at: covariances of the sums with their own past in three memories.
+class SumState(NamedTuple):
+    """State of `SumStatistics`: of all three memories, and of the one that begins anew with every scene."""
+
+    all: CovarianceState
+    scene: CovarianceState
+
+
+class SumStatistics(nn.Module):
+    """What `sums_table` looks at: covariances of the sums with their own past.
+
+    The first of three memories tells what is still there, the second what has left, the third what objects are like. A
+    fourth begins anew whenever something comes into view that has no part in what was known.
 
     Args:
         dt: time step in seconds.
         delays: seconds, ascending.
-        tau_recent, tau_fast, tau_slow: the memories, seconds; the first one tells what is still there.
+        tau_recent, tau_fast, tau_slow: the memories, seconds; the fourth is as long as the third.
         tau_high: high-pass on the sums, seconds.
         every: time between updates, seconds.
+        most: of `surprise`; beyond that the fourth begins anew.
+
+    Shapes:
+        sums `[..., T, 10]` -> state. `None` starts at rest, with zeros.
     """
-    return RunningCovariances(
-        dt, (tau_recent, tau_fast, tau_slow), (0.0, *delays), tau_high, every=every, at_first=True
-    )
+
+    def __init__(
+        self,
+        dt: float = 0.01,
+        delays: tuple[float, ...] = DELAYS,
+        tau_recent: float = 0.75,
+        tau_fast: float = 3.5,
+        tau_slow: float = 12.0,
+        tau_high: float = 2.0,
+        every: float = 0.1,
+        most: float = 40.0,
+    ) -> None:
+        super().__init__()
+        lags, memories = (0.0, *delays), (tau_recent, tau_fast, tau_slow)
+        self.all = RunningCovariances(dt, memories, lags, tau_high, every=every, at_first=True)
+        anew = Anew(surprise, most)
+        self.scene = RunningCovariances(dt, (tau_slow,), lags, tau_high, every=every, at_first=True, anew=anew)
+
+    def forward(self, sums: Tensor, state: SumState | None = None) -> SumState:
+        before = (None, None) if state is None else state
+        return SumState(self.all(sums, before[0]), self.scene(sums, before[1]))
+
+
+def surprise(known: Tensor, now: Tensor) -> Tensor:
+    """Power of orientations and colors now over what is known of every direction, summed over directions, `[...]`.
+
+    In a scene that stays this is about their number, 6. What comes into view has a direction of its own, in which next
+    to nothing is known; what leaves has none.
+
+    Args:
+        known, now: covariances `[..., 10, 10]`.
+    """
+    scale = spread_groups(group_max(known.diagonal(dim1=-2, dim2=-1).clamp_min(0).sqrt()))
+    unit = scale.unsqueeze(-1) * scale.unsqueeze(-2)
+    then, here = (divide(part, unit)[..., LINEAR, LINEAR] for part in (known, now))
+    floor = FAINT * torch.eye(then.shape[-1], dtype=then.dtype, device=then.device)
+    return (torch.linalg.inv(then + floor) * here).sum((-1, -2))
 
 
 def sums_table(
     owners: ObjectTable,
     weights: Tensor,
-    statistics: CovarianceState,
+    statistics: SumState,
     first_stage: Tensor,
     criteria: SourceCriteria | None = None,
     limits: SumCriteria | None = None,
     smallest: float = 1 / 3,
 ) -> ObjectTable:
-    """The objects: sources of the long memory that are still there, or of the short one if only that sees one leave.
+    """The objects: sources of the long memory that are still there, or fewer if only a shorter one sees some leave.
 
     The network's table stays where it counts as many and two sources have the same delay profile.
 
     Args:
         owners: the owners' table.
         weights: of the network, `[..., 10, 10]`.
-        statistics: state of `sum_statistics`.
+        statistics: state of `SumStatistics`.
         first_stage: weights of the first stage, `[10, 10]`.
         criteria, limits: what a source must have.
         smallest: share of its group's largest that makes a feature.
     """
     c, limit = criteria or SourceCriteria(), limits or SumCriteria()
-    recent, fast, slow = statistics.covariances.unbind(-4)
-    still = steady(statistics.low, recent, limit)
+    recent, fast, slow = statistics.all.covariances.unbind(-4)
+    still = steady(statistics.all.low, recent, limit)
     short, gone = present_sources(fast, recent, first_stage, c, limit)
     long, left = present_sources(slow, recent, first_stage, c, limit)
-    # What came and what left at once goes together in the long memory.
+    scene, _ = present_sources(statistics.scene.covariances[..., 0, :, :, :], recent, first_stage, c, limit)
     left = gone & ~left & (short.sources < long.sources)
     chosen = Separation(*(choose(left, a, b) for a, b in zip(short, long, strict=True)))
+    # What came and what left at once goes together in memories of both.
+    changed = (scene.sources < chosen.sources) & (statistics.scene.age > limit.seen_for)
+    chosen = Separation(*(choose(changed, a, b) for a, b in zip(scene, chosen, strict=True)))
     count = torch.where(still, 0, chosen.sources)
     by_network = owners.owners.sum(-1)
     keep = (chosen.gap < c.gap) & (by_network == count) & (count > 0)
@@ -149,45 +196,121 @@ class Sources(NamedTuple):
 
 
 def sources_of(covariances: Tensor, criteria: SourceCriteria, limits: SumCriteria) -> Sources:
-    """Count and mixing from covariances `[..., L, 10, 10]` in double precision, the first without delay."""
+    """Count and mixing from covariances `[..., L, 10, 10]` in double precision, the first without delay.
+
+    Light that changes everywhere is left out.
+    """
     batch, most = covariances.shape[:-3], criteria.most_sources
     flat = covariances.reshape(-1, *covariances.shape[-3:])
     linear = stands_out(flat[:, 0, LINEAR, LINEAR], flat[:, 1, LINEAR, LINEAR], limits.faintest, limits)
     every = stands_out(flat[:, 0], flat[:, 1], limits.crowded, limits)
-    wide = crowded(flat[:, 0, LINEAR, LINEAR], flat[:, 1, LINEAR, LINEAR], limits) & (linear > 0)
-    count = torch.where(wide, torch.maximum(linear, every), linear).clamp_max(most)
+    light = even_light(flat[:, 1], linear, limits)
+    lit = light.abs().amax(-1) > 0
+    wide = crowded(flat[:, 0, LINEAR, LINEAR], flat[:, 1, LINEAR, LINEAR], limits) & (linear > 0) & ~lit
+    count = torch.where(wide, torch.maximum(linear, every), linear)
+    more = unexplained(flat[:, 1], count, limits) & ~lit
+    wide, count = wide | more, (count + more.long()).clamp_max(most)
     mixing, unmixing = flat.new_zeros(len(flat), most, 10), flat.new_zeros(len(flat), most, 10)
     gap = flat.new_full((len(flat),), torch.inf)
     for m in range(1, most + 1):
-        for part, all_of in ((slice(0, None), True), (LINEAR, False)):
-            at = ((count == m) & (wide == all_of)).nonzero().squeeze(-1)
+        for part, kind in ((slice(0, None), wide & ~lit), (LINEAR, ~wide & ~lit), (LINEAR, lit)):
+            at = ((count == m) & kind).nonzero().squeeze(-1)
             if len(at) == 0:
                 continue
-            here = flat[at]
+            here, n = flat[at], m
             values, vectors = torch.linalg.eigh(here[:, 1, part, part])
-            basis, size = vectors[..., -m:], values[:, None, -m:].clamp_min(1e-12).sqrt()
-            whiten = (basis / size).unsqueeze(1)
+            white = vectors[..., -m:] / values[:, None, -m:].clamp_min(1e-12).sqrt()
+            if bool(lit[at[0]]):
+                white, n = without(white, light[at]), m - 1
+            if n == 0:
+                continue
+            turned = white.unsqueeze(1)
             rotation, rotated = diagonalise(
-                whiten.mT @ here[:, 2:, part, part] @ whiten, criteria.sweeps, criteria.enough
+                turned.mT @ here[:, 2:, part, part] @ turned, criteria.sweeps, criteria.enough
             )
-            apart = (basis / size @ rotation).mT
+            apart = (white @ rotation).mT
             mixed = (here[:, 1, :, part] @ apart.mT).mT
             sign = mixed.gather(-1, mixed.abs().argmax(-1, keepdim=True)).sign()
-            mixing[at, :m] = mixed * sign
-            full = torch.zeros(len(at), m, 10, dtype=flat.dtype)
+            mixing[at, :n] = mixed * sign
+            full = torch.zeros(len(at), n, 10, dtype=flat.dtype)
             full[..., part] = apart * sign
-            unmixing[at, :m] = full
-            if m > 1:
+            unmixing[at, :n] = full
+            if n > 1:
                 profile = rotated.diagonal(dim1=-2, dim2=-1)
                 squares = (profile.unsqueeze(-1) - profile.unsqueeze(-2)).square().sum(1)
-                squares = squares + torch.diag_embed(squares.new_full((m,), torch.inf))
+                squares = squares + torch.diag_embed(squares.new_full((n,), torch.inf))
                 gap[at] = squares.amin((-1, -2))
     return Sources(
-        count.reshape(batch),
+        (count - lit.long()).reshape(batch),
         mixing.reshape(*batch, most, 10),
         unmixing.reshape(*batch, most, 10),
         gap.reshape(batch),
     )
+
+
+def even_light(delayed: Tensor, count: Tensor, limits: SumCriteria) -> Tensor:
+    """The direction of light that changes everywhere, if it is among the sources of covariances `[B, 10, 10]`.
+
+    All colors change alike then, and all orientations, and nothing moves with them. A direction of such light lies in
+    the space of the sources to the last digit, or not at all.
+
+    Returns:
+        Orientations and colors of it, of unit length, zeros where there is none, `[B, 6]`.
+    """
+    found = delayed.new_zeros(len(delayed), 6)
+    plane = delayed.new_zeros(6, 2)
+    plane[:3, 0] = plane[3:, 1] = 3**-0.5
+    for m in range(1, LIGHT_MOST + 1):
+        at = (count == m).nonzero().squeeze(-1)
+        if len(at) == 0:
+            continue
+        values, vectors = torch.linalg.eigh(delayed[at][:, LINEAR, LINEAR])
+        basis, size = vectors[..., -m:], values[:, None, -m:].clamp_min(1e-12)
+        _, cosines, axes = torch.linalg.svd(basis.mT @ plane)
+        light = (plane @ axes[:, 0, :, None]).squeeze(-1)
+        away = (1 - cosines[:, 0].square()).clamp_min(0).sqrt()
+        # What the source does by itself, and the motion that goes along with it.
+        unmix = (basis / size @ (basis.mT @ light.unsqueeze(-1))).squeeze(-1)
+        unmix = unmix / ((basis.mT @ light.unsqueeze(-1)).squeeze(-1) / size.squeeze(-2).sqrt()).norm(dim=-1, keepdim=True)
+        motion = delayed[at][:, GROUPS["motion"], :]
+        largest = motion[..., GROUPS["motion"]].diagonal(dim1=-2, dim2=-1).amax(-1).clamp_min(1e-12).sqrt()
+        along = (motion[..., LINEAR] @ unmix.unsqueeze(-1)).squeeze(-1).abs().amax(-1)
+        one_sign = axes[:, 0, 0] * axes[:, 0, 1] > -0.05
+        there = (away < limits.lit) & ((along < limits.unmoved * largest) | (m == 1)) & one_sign
+        found[at] = torch.where(there.unsqueeze(-1), light, 0.0)
+    return found
+
+
+def without(white: Tensor, light: Tensor) -> Tensor:
+    """Whitening `[B, 6, m]` of the sources other than the one of direction `light` `[B, 6]`, `[B, 6, m - 1]`.
+
+    In white coordinates sources are at right angles, so the others lie in the plane across the light.
+    """
+    axis = white.mT @ light.unsqueeze(-1)
+    return white @ torch.linalg.svd(axis)[0][..., 1:]
+
+
+def unexplained(delayed: Tensor, count: Tensor, limits: SumCriteria) -> Tensor:
+    """Whether motion in covariances `[B, 10, 10]` goes its own way, beside the sources of orientations and colors.
+
+    Bars alike in color and orientation are one source of those, and two of motion. Motion holds brightness times
+    itself, a little of which no source explains; and noise, beside which this is not asked.
+    """
+    found = torch.zeros(len(delayed), dtype=torch.bool)
+    motion = GROUPS["motion"]
+    for m in range(1, 6):
+        at = (count == m).nonzero().squeeze(-1)
+        if len(at) == 0:
+            continue
+        here = delayed[at]
+        values, vectors = torch.linalg.eigh(here[:, LINEAR, LINEAR])
+        white = vectors[..., -m:] / values[:, None, -m:].clamp_min(1e-12).sqrt()
+        along = here[:, motion, LINEAR] @ white
+        left = torch.linalg.eigvalsh(here[:, motion, motion] - along @ along.mT)[:, -1]
+        largest = torch.linalg.eigvalsh(here[:, motion, motion])[:, -1]
+        clean = values[:, 0].abs() < limits.quiet * values[:, -1]
+        found[at] = clean & (left > limits.moved * largest)
+    return found
 
 
 def stands_out(without: Tensor, delayed: Tensor, share: float, limits: SumCriteria) -> Tensor:
