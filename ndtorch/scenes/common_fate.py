@@ -166,9 +166,7 @@ class Dots:
         length: frames of the scene.
     """
 
-    def __init__(
-        self, rng: np.random.Generator, count: int, area: tuple[float, float], life: int, length: int
-    ) -> None:
+    def __init__(self, rng: np.random.Generator, count: int, area: tuple[float, float], life: int, length: int) -> None:
         self.life, self.shape = life, ((length + life - 1) // life + 1, count)
         self.born = rng.integers(0, life, count)
         self.place = rng.random((*self.shape, 2)) * area

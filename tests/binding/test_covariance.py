@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from numpy.testing import assert_allclose
 
 from ndtorch.binding.covariance import CovarianceState, RunningCovariances
-from ndtorch.binding.readout.delays import delay_statistics
 from ndtorch.binding.readout.owners import signal_statistics
+from ndtorch.binding.readout.sums import SumStatistics
 from ndtorch.errors import InputError
 from tests.strategies import chunkings
 
@@ -25,7 +25,7 @@ def noise(length: int, signals: int) -> torch.Tensor:
 @given(lengths=chunkings(230))
 def test_statistics_do_not_depend_on_chunks(lengths: list[int]) -> None:
     signals = noise(230, 10)
-    for module in (signal_statistics(), delay_statistics()):
+    for module in (signal_statistics(), SumStatistics().scene):
         state: Any = None
         for chunk in torch.split(signals, lengths):
             state = module(chunk, state)
@@ -69,7 +69,7 @@ class Exported(torch.nn.Module):
         return tuple(part.clone() for part in self.module(signals, CovarianceState(*state)))
 
 
-@pytest.mark.parametrize("module", [signal_statistics(), delay_statistics()])
+@pytest.mark.parametrize("module", [signal_statistics(), RunningCovariances(0.01, (3.0, 9.0), (0.01, 0.2))])
 def test_a_program_goes_on_wherever_a_chunk_begins(module: Any) -> None:
     # Seven samples a chunk against blocks of ten: chunks with no, and with one whole block.
     chunks = torch.split(noise(70, 3), 7)

@@ -16,7 +16,7 @@ from ndtorch.binding.learning import NetworkState
 from ndtorch.binding.models.whole_field import BindingState, WholeFieldConfig, WholeFieldModel
 from ndtorch.binding.network import InhibitoryNetwork, weight_change
 from ndtorch.binding.objects import ObjectTable
-from ndtorch.binding.readout.delays import DELAYS, delay_statistics, plain_table, refined_table
+from ndtorch.binding.readout.delays import DELAYS, plain_table
 from ndtorch.binding.readout.owners import owner_table, signal_statistics
 from ndtorch.binding.readout.params import OwnerCriteria, SourceCriteria, SumCriteria
 from ndtorch.binding.readout.sums import SumState, SumStatistics, sums_table
@@ -57,11 +57,9 @@ class ScaleFreeTable(RuleConstants):
 
 
 class OwnerReadout(SumCriteria, SourceCriteria, OwnerCriteria):
-    """Objects from owners and, better, from delays, best from those of the sums; and what they are worth."""
+    """Objects from owners alone or, better, from delays of the sums; and what they are worth."""
 
-    readout: Literal["owners", "delays", "sums"] = Field(
-        "delays", description="from owners alone, from delays of refined signals, or from delays of the sums"
-    )
+    readout: Literal["owners", "sums"] = Field("sums", description="from owners alone, or from delays of the sums")
     update: float = Field(0.1, gt=0, description="time between updates of all covariances")
     tau_high: float = Field(2.0, ge=0, description="high-pass on their signals")
     tau_owners: float = Field(5.0, gt=0, description="memory of those of inputs")
@@ -88,7 +86,7 @@ class StageState(NamedTuple):
     smooth: FilterState
     network: NetworkState
     statistics: CovarianceState
-    delays: CovarianceState
+    sums: SumState
 
     @property
     def weights(self) -> Tensor:
@@ -145,21 +143,15 @@ class ScaleFreeStage(nn.Module):
             tau_mean=r.stable_mean,
         )
         self.statistics = signal_statistics(dt, r.tau_owners, r.tau_high, r.update)
-        if r.readout == "sums":
-            self.delays = SumStatistics(
-                dt, r.delays, r.tau_recent, r.tau_fast, r.tau_slow, r.tau_high, r.update, r.surprise
-            )
-        else:
-            self.delays = delay_statistics(dt, r.delays, r.tau_fast, r.tau_slow, r.tau_high, r.update)
+        self.sums = SumStatistics(dt, r.delays, r.tau_recent, r.tau_fast, r.tau_slow, r.tau_high, r.update, r.surprise)
         self.register_buffer("first_stage", first_stage)
 
     def forward(self, refined: Tensor, sums: Tensor, state: StageState | None = None) -> tuple[Tensor, StageState]:
         smooth, low = self.smooth(refined, state.smooth if state is not None else None)
         outputs, network = self.network(smooth, state.network if state is not None else None)
         statistics = self.statistics(smooth, state.statistics if state is not None else None)
-        seen = sums if self.constants.readout == "sums" else refined
-        delays = self.delays(seen, state.delays if state is not None else None)
-        return outputs, StageState(low, network, statistics, delays)
+        kept = self.sums(sums, state.sums if state is not None else None)
+        return outputs, StageState(low, network, statistics, kept)
 
     def table(self, state: StageState) -> ObjectTable:
         """The objects at this moment, of one trial or a batch."""
@@ -167,9 +159,7 @@ class ScaleFreeStage(nn.Module):
         table = owner_table(state.weights, state.statistics, r, dt=self.dt)
         if r.readout == "owners":
             return plain_table(table, state.weights, self.first_stage, r)
-        if r.readout == "sums":
-            return sums_table(table, state.weights, state.delays, self.first_stage, r, r, r.smallest)
-        return refined_table(table, state.weights, state.delays, self.first_stage, r, r.smallest)
+        return sums_table(table, state.weights, state.sums, self.first_stage, r, r, r.smallest)
 
 
 class ScaleFreeModel(WholeFieldModel):

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-
 import torch
 from pydantic import Field
 from torch import Tensor
@@ -15,7 +14,6 @@ from torch.nn import functional
 from ndtorch.config import Constants
 from ndtorch.errors import InputError
 from ndtorch.vision.coherent import CoherentMotion, CoherentState
-
 
 LEAST = 0.4
 """Contrast in a window, against that of the frame, under which a share of it would be of a dot or two."""
@@ -28,7 +26,9 @@ class FateCriteria(Constants):
     least: float = Field(0.15, gt=0, description="share of the contrast in a wide window that moves so, above others,")
     wide: float = Field(8.0, gt=0, description="deviation of that window, pixels")
     most: int = Field(6, gt=0, description="velocities that are looked for at most")
-    spread: float = Field(4.0, gt=0, description="deviation of the window in which it ends, pixels; wider where little moves so")
+    spread: float = Field(
+        4.0, gt=0, description="deviation of the window in which it ends, pixels; wider where little moves so"
+    )
     first: float = Field(0.08, gt=0, description="shortest and")
     last: float = Field(0.32, gt=0, description="longest delay at which it compares frames, seconds")
     edge: float = Field(0.5, gt=0, lt=1, description="share of its level at which a patch ends")
@@ -105,9 +105,7 @@ def ratio(together: Tensor, power: Tensor, spread: float) -> Tensor:
     return blurred(together, spread) / torch.maximum(power, least).clamp_min(torch.finfo(power.dtype).tiny)
 
 
-def coherent_patches(
-    motion: CoherentMotion, state: CoherentState, criteria: FateCriteria | None = None
-) -> list[Patch]:
+def coherent_patches(motion: CoherentMotion, state: CoherentState, criteria: FateCriteria | None = None) -> list[Patch]:
     """What moves together at this moment, of one trial, clearest first.
 
     A peak in the maps names a velocity. Space-time energy at that velocity, over all frames that are kept, tells where

@@ -3,8 +3,6 @@
 Signals `y = A s` of sources that do not go together have covariances `C(d) = A R(d) A^T` at every delay d, with R(d)
 diagonal: one A makes all of them diagonal, unless two sources have the same correlation with their own past
 (Belouchrani et al. 1997). White noise is in C(0) alone, which is left out.
-
-`refined_table` joins both ways to tell sources apart: by the network's owners, and by delays.
 """
 
 from __future__ import annotations
@@ -14,84 +12,14 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ndtorch.binding.covariance import CovarianceState, RunningCovariances
 from ndtorch.binding.feedback import settled
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.owners import features_by_group
 from ndtorch.binding.readout.params import SourceCriteria
-from ndtorch.errors import InputError
 from ndtorch.vision.features import GROUPS
 
 DELAYS = (0.01, 0.05, 0.1, 0.2, 0.4, 0.8)
 """Seconds; each becomes a whole number of time steps, at least one."""
-
-
-def delay_statistics(
-    dt: float = 0.01,
-    delays: tuple[float, ...] = DELAYS,
-    tau_fast: float = 3.5,
-    tau_slow: float = 12.0,
-    tau_high: float = 2.0,
-    every: float = 0.1,
-) -> RunningCovariances:
-    """What `refined_table` looks at: covariances of signals with their own past, in a short and in a long memory.
-
-    Args:
-        dt: time step in seconds.
-        delays: seconds, ascending.
-        tau_fast, tau_slow: the two memories, seconds.
-        tau_high: high-pass on the signals, seconds.
-        every: time between updates, seconds.
-
-    Raises:
-        InputError: no delay, or one that is not positive.
-    """
-    if not delays or not all(delay > 0 for delay in delays):
-        raise InputError(f"delays must be positive seconds, got {delays}")
-    return RunningCovariances(dt, (tau_fast, tau_slow), delays, tau_high, every=every)
-
-
-def refined_table(
-    owners: ObjectTable,
-    weights: Tensor,
-    delays: CovarianceState,
-    first_stage: Tensor,
-    criteria: SourceCriteria | None = None,
-    smallest: float = 1 / 3,
-) -> ObjectTable:
-    """The owners' table, or a better one from the delays where they tell the sources apart.
-
-    The long memory is used, unless the short one says that fewer sources are left: then the scene has changed. The
-    network's table stays where it finds nothing, where delays see a single source and no light that changes everywhere,
-    and where two sources have the same delay profile (equal frequencies) and the network counts the same number. Where
-    there are more sources than can be told apart, every signal goes its own way and there is nothing to bind.
-
-    Args:
-        owners: the owners' table.
-        weights: of the network, `[..., 10, 10]`.
-        delays: state of `delay_statistics`.
-        first_stage: weights of the first stage, `[10, 10]`.
-        criteria: see there.
-        smallest: share of its group's largest that makes a feature.
-    """
-    c = criteria or SourceCriteria()
-    parts = [separate(covariances, c) for covariances in delays.covariances.unbind(-4)]
-    fast, slow = (without_lighting(part, first_stage, c) for part in parts)
-    changed = slow.sources > fast.sources
-    mixing = torch.where(changed[..., None, None], fast.mixing, slow.mixing)
-    count = torch.where(changed, fast.sources, slow.sources)
-    gap = torch.where(changed, fast.gap, slow.gap)
-    lit = count < torch.where(changed, parts[0].sources, parts[1].sources)
-    noise = parts[0].full & parts[1].full
-    count = torch.where(noise, 0, count)
-    by_network = owners.owners.sum(-1)
-    keep = (by_network == 0) | ((count <= 1) & ~lit) | ((gap < c.gap) & (by_network == count))
-    keep = keep & ~noise
-    found = assigned(mixing, count, weights, smallest)
-    return ObjectTable(
-        torch.where(keep[..., None], owners.owners, found.owners),
-        torch.where(keep[..., None, None], owners.rows, found.rows),
-    )
 
 
 def without_lighting(separation: Separation, first_stage: Tensor, criteria: SourceCriteria) -> Separation:
@@ -175,12 +103,11 @@ def assigned(mixing: Tensor, count: Tensor, weights: Tensor, smallest: float = 1
 
 
 class Separation(NamedTuple):
-    """What `separate` finds; S is the largest number of sources asked for.
+    """Sources and their mixing; S is the largest number of sources asked for.
 
     Attributes:
         sources: how many there are, `[...]`, int64.
-        mixing: `[..., S, N]`, one row a source, strongest last, the largest entry positive; zeros beyond `sources`.
-        full: whether there are more than that, `[...]` bool: noise of each signal by itself.
+        mixing: `[..., S, N]`, one row a source, the largest entry positive; zeros beyond `sources`.
         gap: smallest difference between the delay profiles of two sources, `[...]`: the sum over delays of the squared
             difference of their correlations with their own past. Near zero, those two are not identified. Infinite
             with fewer than two.
@@ -188,52 +115,7 @@ class Separation(NamedTuple):
 
     sources: Tensor
     mixing: Tensor
-    full: Tensor
     gap: Tensor
-
-
-def separate(covariances: Tensor, criteria: SourceCriteria | None = None) -> Separation:
-    """Number of sources and their mixing from covariances at several delays.
-
-    The covariance at the shortest delay tells how many there are (eigenvalues over `smallest_source` of the largest)
-    and whitens the signals; a rotation then makes all others as diagonal as they get.
-
-    Args:
-        covariances: `[..., L, N, N]`, L >= 2, symmetric.
-        criteria: what a source must have, where signals fluctuate around 1.
-    """
-    c = criteria or SourceCriteria()
-    most = c.most_sources
-    batch, n = covariances.shape[:-3], covariances.shape[-1]
-    flat = covariances.reshape(-1, *covariances.shape[-3:]).double()
-    values, vectors = torch.linalg.eigh(flat[:, 0])
-    top = values[:, -1:]
-    rank = ((values >= c.smallest_source * top) & (top > c.faint_source)).sum(-1)
-    full, count = rank > most, rank.clamp_max(most)
-    mixing = flat.new_zeros(len(flat), most, n)
-    gap = flat.new_full((len(flat),), torch.inf)
-    for m in range(1, most + 1):
-        at = (count == m).nonzero().squeeze(-1)
-        if len(at) == 0:
-            continue
-        basis, size = vectors[at][..., n - m :], values[at][:, None, n - m :].sqrt()
-        whiten = (basis / size).unsqueeze(1)
-        rotation, rotated = diagonalise(whiten.mT @ flat[at, 1:] @ whiten, c.sweeps, c.enough)
-        mixed = ((basis * size) @ rotation).mT
-        sign = mixed.gather(-1, mixed.abs().argmax(-1, keepdim=True)).sign()
-        mixing[at, :m] = mixed * sign
-        if m > 1:
-            profile = rotated.diagonal(dim1=-2, dim2=-1)
-            apart = (profile.unsqueeze(-1) - profile.unsqueeze(-2)).square().sum(1)
-            apart = apart + torch.diag_embed(apart.new_full((m,), torch.inf))
-            gap[at] = apart.amin((-1, -2))
-    dtype = covariances.dtype
-    return Separation(
-        count.reshape(batch),
-        mixing.to(dtype).reshape(*batch, most, n),
-        full.reshape(batch),
-        gap.to(dtype).reshape(batch),
-    )
 
 
 def diagonalise(matrices: Tensor, sweeps: int = 12, enough: float = 1e-6) -> tuple[Tensor, Tensor]:

@@ -21,8 +21,6 @@ class OwnerCriteria(Constants):
 class SourceCriteria(Constants):
     """When sources found by delays are believed, and how they are looked for."""
 
-    smallest_source: float = Field(0.03, ge=0, description="share of the largest eigenvalue of a further source")
-    faint_source: float = Field(0.02, ge=0, description="eigenvalue under which there is no source")
     most_sources: int = Field(6, gt=0, le=10, description="largest number of sources")
     gap: float = Field(0.02, ge=0, description="difference of delay profiles that tells two sources apart")
     even: float = Field(0.65, ge=0, description="evenness of colors and orientations of light that changes everywhere,")
@@ -44,6 +42,7 @@ class SumCriteria(Constants):
     clear: float = Field(4.0, ge=0, description="the largest against the three weakest, or all is noise")
     left: float = Field(0.1, ge=0, description="power lately against that of its memory, of what has left")
     least: float = Field(0.01, ge=0, description="deviation against the level, or nothing fluctuates")
+    doubtful: float = Field(2e-3, ge=0, description="share of the largest of a further source beside two of one rate")
     lit: float = Field(0.012, ge=0, description="sine of the angle between even light and the sources: it is one,")
     unmoved: float = Field(0.1, ge=0, description="if its share of the largest motion is below this")
     moved: float = Field(0.115, ge=0, description="share of the largest motion without a source that makes one more,")

@@ -23,6 +23,7 @@ from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.delays import DELAYS, Separation, assigned, diagonalise, without_lighting
 from ndtorch.binding.readout.params import SourceCriteria, SumCriteria
+from ndtorch.errors import InputError
 from ndtorch.vision.features import GROUPS
 
 LINEAR = slice(GROUPS["motion"].stop, None)
@@ -58,6 +59,9 @@ class SumStatistics(nn.Module):
 
     Shapes:
         sums `[..., T, 10]` -> state. `None` starts at rest, with zeros.
+
+    Raises:
+        InputError: no delay, or one that is not positive.
     """
 
     def __init__(
@@ -72,6 +76,8 @@ class SumStatistics(nn.Module):
         most: float = 40.0,
     ) -> None:
         super().__init__()
+        if not delays or not all(delay > 0 for delay in delays):
+            raise InputError(f"delays must be positive seconds, got {delays}")
         lags, memories = (0.0, *delays), (tau_recent, tau_fast, tau_slow)
         self.all = RunningCovariances(dt, memories, lags, tau_high, every=every, at_first=True)
         anew = Anew(surprise, most)
@@ -174,8 +180,7 @@ def present_sources(
     count = here.sum(-1)
     mixing = torch.where((rank < count.unsqueeze(-1)).unsqueeze(-1), mixing, 0.0)
     refined = mixing.to(covariances.dtype) @ settled(first_stage.to(covariances.dtype)).mT
-    nothing = torch.zeros_like(count, dtype=torch.bool)
-    found = Separation(count, refined, nothing, sources.gap.to(covariances.dtype))
+    found = Separation(count, refined, sources.gap.to(covariances.dtype))
     return without_lighting(found, first_stage, criteria), (there & ~here).any(-1)
 
 
@@ -208,8 +213,30 @@ def sources_of(covariances: Tensor, criteria: SourceCriteria, limits: SumCriteri
     lit = light.abs().amax(-1) > 0
     wide = crowded(flat[:, 0, LINEAR, LINEAR], flat[:, 1, LINEAR, LINEAR], limits) & (linear > 0) & ~lit
     count = torch.where(wide, torch.maximum(linear, every), linear)
-    more = unexplained(flat[:, 1], count, limits) & ~lit
+    more = unexplained(flat[:, 0], flat[:, 1], count, limits) & ~lit
     wide, count = wide | more, (count + more.long()).clamp_max(most)
+    found = unmixed(flat, count, wide, light, criteria)
+    # Beside two of one rate, what is faint is an overtone of theirs: a shadow's edge does not dim all sums alike.
+    values = torch.linalg.eigvalsh(flat[:, 1, LINEAR, LINEAR])
+    fewer = (values > limits.doubtful * values[:, -1:]).sum(-1)
+    again = (found.gap < criteria.gap) & ~wide & ~lit & (fewer < count) & (fewer > 1)
+    if bool(again.any()):
+        other = unmixed(flat, torch.where(again, fewer, count), wide, light, criteria)
+        found = Sources(*(choose(again, a, b) for a, b in zip(other, found, strict=True)))
+    return Sources(*(part.reshape(*batch, *part.shape[1:]) for part in found))
+
+
+def unmixed(flat: Tensor, count: Tensor, wide: Tensor, light: Tensor, criteria: SourceCriteria) -> Sources:
+    """So many sources of covariances `[B, L, 10, 10]`, one of which is left out if it is `light` `[B, 6]`.
+
+    Args:
+        flat: covariances, the first without delay.
+        count: how many, `[B]`, light included.
+        wide: whether motion tells them apart too, `[B]` bool.
+        light: as of `even_light`.
+        criteria: for the rotations.
+    """
+    most, lit = criteria.most_sources, light.abs().amax(-1) > 0
     mixing, unmixing = flat.new_zeros(len(flat), most, 10), flat.new_zeros(len(flat), most, 10)
     gap = flat.new_full((len(flat),), torch.inf)
     for m in range(1, most + 1):
@@ -240,12 +267,7 @@ def sources_of(covariances: Tensor, criteria: SourceCriteria, limits: SumCriteri
                 squares = (profile.unsqueeze(-1) - profile.unsqueeze(-2)).square().sum(1)
                 squares = squares + torch.diag_embed(squares.new_full((n,), torch.inf))
                 gap[at] = squares.amin((-1, -2))
-    return Sources(
-        (count - lit.long()).reshape(batch),
-        mixing.reshape(*batch, most, 10),
-        unmixing.reshape(*batch, most, 10),
-        gap.reshape(batch),
-    )
+    return Sources(count - lit.long(), mixing, unmixing, gap)
 
 
 def even_light(delayed: Tensor, count: Tensor, limits: SumCriteria) -> Tensor:
@@ -270,8 +292,9 @@ def even_light(delayed: Tensor, count: Tensor, limits: SumCriteria) -> Tensor:
         light = (plane @ axes[:, 0, :, None]).squeeze(-1)
         away = (1 - cosines[:, 0].square()).clamp_min(0).sqrt()
         # What the source does by itself, and the motion that goes along with it.
-        unmix = (basis / size @ (basis.mT @ light.unsqueeze(-1))).squeeze(-1)
-        unmix = unmix / ((basis.mT @ light.unsqueeze(-1)).squeeze(-1) / size.squeeze(-2).sqrt()).norm(dim=-1, keepdim=True)
+        inside = basis.mT @ light.unsqueeze(-1)
+        deviation = (inside / size.transpose(-1, -2).sqrt()).norm(dim=-2)
+        unmix = (basis / size @ inside).squeeze(-1) / deviation
         motion = delayed[at][:, GROUPS["motion"], :]
         largest = motion[..., GROUPS["motion"]].diagonal(dim1=-2, dim2=-1).amax(-1).clamp_min(1e-12).sqrt()
         along = (motion[..., LINEAR] @ unmix.unsqueeze(-1)).squeeze(-1).abs().amax(-1)
@@ -290,11 +313,16 @@ def without(white: Tensor, light: Tensor) -> Tensor:
     return white @ torch.linalg.svd(axis)[0][..., 1:]
 
 
-def unexplained(delayed: Tensor, count: Tensor, limits: SumCriteria) -> Tensor:
-    """Whether motion in covariances `[B, 10, 10]` goes its own way, beside the sources of orientations and colors.
+def unexplained(plain: Tensor, delayed: Tensor, count: Tensor, limits: SumCriteria) -> Tensor:
+    """Whether motion goes its own way, beside the sources of orientations and colors, `[B]`.
 
     Bars alike in color and orientation are one source of those, and two of motion. Motion holds brightness times
     itself, a little of which no source explains; and noise, beside which this is not asked.
+
+    Args:
+        plain, delayed: covariances without and at the shortest delay, `[B, 10, 10]`.
+        count: of the sources, `[B]`.
+        limits: see there.
     """
     found = torch.zeros(len(delayed), dtype=torch.bool)
     motion = GROUPS["motion"]
@@ -307,9 +335,12 @@ def unexplained(delayed: Tensor, count: Tensor, limits: SumCriteria) -> Tensor:
         white = vectors[..., -m:] / values[:, None, -m:].clamp_min(1e-12).sqrt()
         along = here[:, motion, LINEAR] @ white
         left = torch.linalg.eigvalsh(here[:, motion, motion] - along @ along.mT)[:, -1]
+        at_once = torch.linalg.eigvalsh(plain[at][:, motion, motion] - along @ along.mT)[:, -1]
         largest = torch.linalg.eigvalsh(here[:, motion, motion])[:, -1]
-        clean = values[:, 0].abs() < limits.quiet * values[:, -1]
-        found[at] = clean & (left > limits.moved * largest)
+        noise = torch.maximum(values[:, 0].abs(), torch.linalg.eigvalsh(plain[at][:, LINEAR, LINEAR])[:, 0])
+        clean = noise < limits.quiet * values[:, -1]
+        # White noise is gone after the delay.
+        found[at] = clean & (left > limits.moved * largest) & (left > 0.5 * at_once)
     return found
 
 

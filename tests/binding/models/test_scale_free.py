@@ -26,7 +26,7 @@ def two_things(seconds: float, fps: float = 100.0, rates: tuple[float, float] = 
     return 100 * light @ BARS
 
 
-READOUTS = ["owners", "delays", "sums"]
+READOUTS = ["owners", "sums"]
 
 
 @pytest.mark.parametrize("readout", READOUTS)
@@ -114,5 +114,5 @@ def test_a_batch_of_models_is_that_many_models() -> None:
 
 
 def test_bad_options_are_refused() -> None:
-    with pytest.raises(InputError, match="readout = 'both': should be 'owners', 'delays' or 'sums'"):
+    with pytest.raises(InputError, match="readout = 'both': should be 'owners' or 'sums'"):
         ndtorch.load("scale-free", readout="both")

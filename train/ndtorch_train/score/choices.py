@@ -7,8 +7,8 @@ from typing import Literal
 METHODS = ("published", "cooperative", "hebbian", "scale-free, owners", "scale-free", "greedy", "ica", "nmf")
 """Names for `ndtorch_train.score.methods.method`."""
 
-PEERS = ("scale-free, sums", "picard", "sobi", "mm-ica", "easi")
-"""Further names: the newest read-out, and what others use to separate sources. Picard needs a package of its own."""
+PEERS = ("picard", "sobi", "mm-ica", "easi")
+"""Further names: what others use to separate sources. Picard needs a package of its own."""
 
 LABELLED = ("figures", "video", "mog2-norfair", "mog2-bytetrack", "knn-norfair", "knn-bytetrack")
 """What labelled video can be scored with: the models for video, and background subtraction with a tracker of boxes."""

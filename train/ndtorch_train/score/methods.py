@@ -106,7 +106,7 @@ class ScaleFree:
     """The scale-free model at the rate of the frames, with one of its read-outs.
 
     Args:
-        readout: "owners", "delays" or "sums".
+        readout: "owners" or "sums".
     """
 
     online = True

@@ -20,8 +20,6 @@ def method(name: str, truth: Sequence[Tensor]) -> Method:
     if name in ("cooperative", "hebbian"):
         return Learned(name)
     if name == "scale-free":
-        return ScaleFree("delays")
-    if name == "scale-free, sums":
         return ScaleFree("sums")
     if name == "scale-free, owners":
         return ScaleFree("owners")
