@@ -44,6 +44,7 @@ TESTED_IN = {
     "kernels/cost_to_go": "navigation/controllers/goal/test_planning",
     "kernels/decision": "navigation/test_kernels",
     "kernels/fit_points": "navigation/localisation/test_localiser",
+    "kernels/draw_bars": "scenes/test_bars",
     "kernels/field_sums": "vision/test_local",
     "kernels/filters": "vision/test_one_pass",
     "kernels/find_way": "navigation/controllers/goal/test_planning",

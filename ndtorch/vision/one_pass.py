@@ -36,19 +36,24 @@ def pixels(frame: Tensor) -> tuple[Any, bool]:
 
 
 def pass_over(
-    frame: Tensor, state: MotionState | None, motion: HassensteinReichardt, block: int, margin: int, into: MotionState
-) -> tuple[Tensor, Tensor]:
-    """Motion and color sums, `[7]` as of the kernel, and grey rows `[(H + 2 margin) / block, W]` of one frame.
+    frame: Tensor,
+    state: MotionState | None,
+    motion: HassensteinReichardt,
+    block: int,
+    margin: int,
+    into: MotionState,
+    sums: Any,
+) -> Tensor:
+    """Grey rows `[(H + 2 margin) / block, W]` of one frame, and its motion and color sums.
 
     Args:
         frame: `[3, H, W]`.
         state, into: before and after it; `into` is written, and may be `state`. None is settled on the frame.
         motion: the detectors.
         block, margin: see the kernel.
+        sums: array that gets them, `[7]` as of the kernel.
     """
-    sums = np.empty(7)
-    rows = by_kernel("front_end", frame, state, motion, (block, margin), into, sums)
-    return torch.from_numpy(sums), rows
+    return by_kernel("front_end", frame, state, motion, (block, margin), into, sums)
 
 
 def field_pass(

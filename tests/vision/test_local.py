@@ -71,7 +71,14 @@ def test_bad_pixels_are_refused() -> None:
 
 
 @pytest.mark.parametrize("border", ["wrap", "reflect"])
-@pytest.mark.parametrize("kind", [torch.uint8, torch.float32, torch.float64])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        torch.uint8,
+        pytest.param(torch.float32, marks=pytest.mark.long),
+        pytest.param(torch.float64, marks=pytest.mark.long),
+    ],
+)
 def test_kernels_give_what_torch_gives(kind: torch.dtype, border: Border) -> None:
     pytest.importorskip("numba")
     local = LocalFeatures(VisualFeatures((400, 40), border=border), 5)
@@ -92,6 +99,7 @@ def test_kernels_give_what_torch_gives(kind: torch.dtype, border: Border) -> Non
         torch.testing.assert_close(part, other, rtol=0, atol=1e-6)
 
 
+@pytest.mark.long
 def test_kernels_find_bad_pixels() -> None:
     frames = torch.rand(1, 3, 400, 40)
     frames[0, 1, 3, 5] = math.nan
