@@ -34,7 +34,7 @@ def follow(
         every pixel plus one, 0 where none is, `[h, w]`.
     """
     labels, height = regions.labels, regions.labels.shape[0]
-    late, kept = [], []
+    late, kept = list[Figure](), list[Figure]()
     for one in figures:
         (late if time - one.last_seen > patience(one, p) else kept).append(one)
     count = len(regions.areas)
