@@ -1,114 +1,83 @@
-"""One pass over a frame for many receptive fields: what `front_end` does, with sums over every field."""
+"""One pass over silhouettes: motion and color of each, and what their orientation is told from."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ndtorch.kernels.filters import Array, copy_row, filter_row
-from ndtorch.kernels.front_end import add_mirrored
-from ndtorch.kernels.inner import inner
+from ndtorch.kernels.filters import Array
 
 
 def field_sums(
-    frame: Array,
-    beside: bool,
-    unit: float,
-    settle: bool,
+    picture: Array,
+    ground: Array,
+    silhouettes: Array,
     slow: Array,
     delayed: Array,
     a_high: float,
     a_low: float,
-    wrap: bool,
-    block: int,
-    margin: int,
     new_slow: Array,
     new_delayed: Array,
-    rows: Array,
-    columns: Array,
-    spans: Array,
-    places: Array,
-    shares: Array,
+    strongest: Array,
     sums: Array,
 ) -> None:
-    """Motion and color in every field of `LocalFeatures`.
+    """The first part of `FigureSignals.forward`, at half the height and width.
 
     Args:
-        frame, beside, unit, settle, slow, delayed, a_high, a_low, wrap, block, margin: as of `front_end`, like
-            new_slow, new_delayed and rows, which are filled.
-        columns: weights of pixels, and of what lies between them, `[2, C, W]`.
-        spans: where those of each field are not zero, twice from here to there, `[2, C, 4]`.
-        places: the two rows of fields to which a row of pixels belongs, and what lies below it, `[2, H, 2]`.
-        shares: how much, `[2, H, 2]`.
-        sums: left, right, down, up, red, green, blue, `[7, R, C]`; they become those of this frame.
+        picture, ground: `[3, h, w]`.
+        silhouettes: `[h, w]` int32.
+        slow, delayed, new_slow, new_delayed: `MotionState` before and after, `[3, h / 2, w / 2]`.
+        a_high, a_low: shares of its filters.
+        strongest: becomes the largest difference from the ground among the colors, `[h / 2, w / 2]`.
+        sums: becomes pixels, motion across and along, and red, green and blue of each field, `[fields, 6]`.
     """
-    height, width = slow.shape
-    kind = slow.dtype.type
-    third, filters = kind(unit / 3), (a_high, a_low)
-    image, low = np.empty(width, slow.dtype), np.empty(width, slow.dtype)
-    more, less = np.zeros(width, slow.dtype), np.zeros(width, slow.dtype)
-    down, up = np.empty(width, slow.dtype), np.empty(width, slow.dtype)
-    highs, lates = np.empty((3, width), slow.dtype), np.empty((3, width), slow.dtype)
-    rows[:] = 0
-    sums[:] = 0
+    kind = picture.dtype.type
+    _, height, width = slow.shape
+    fields = sums.shape[0]
+    quarter, share, lag, tiny = kind(0.25), kind(a_high), kind(a_low), kind(1e-30)
+    high, color = np.empty((3, height, width), picture.dtype), np.empty(3, picture.dtype)
+    for n in range(fields):
+        for k in range(6):
+            sums[n, k] = 0
     for y in range(height):
-        now = 1 + y % 2 if y else 0
-        last = 2 - y % 2 if y > 1 else 0
-        high, late = highs[now], lates[now]
-        before = (slow[y], delayed[y])
-        if beside:
-            colors = (frame[y, :, 0], frame[y, :, 1], frame[y, :, 2])
-            filter_row(colors, third, settle, before, filters, image, low, high, late)
+        for x in range(width):
+            most = kind(0)
             for c in range(3):
-                pool_row(colors[c], columns[0], spans[0], places[0, y], shares[0, y], sums[4 + c])
-        else:
-            planes = (frame[0, y], frame[1, y], frame[2, y])
-            filter_row(planes, third, settle, before, filters, image, low, high, late)
+                total = kind(0)
+                for j in range(2):
+                    for i in range(2):
+                        if silhouettes[2 * y + j, 2 * x + i] > 0:
+                            total += picture[c, 2 * y + j, 2 * x + i] - ground[c, 2 * y + j, 2 * x + i]
+                seen = total * quarter
+                most = max(most, abs(seen))
+                mean = slow[c, y, x] + share * (seen - slow[c, y, x])
+                fast = seen - mean
+                late = delayed[c, y, x] + lag * (fast - delayed[c, y, x])
+                high[c, y, x] = fast
+                new_slow[c, y, x] = mean if abs(mean) > tiny else kind(0)
+                new_delayed[c, y, x] = late if abs(late) > tiny else kind(0)
+            strongest[y, x] = most
+    for y in range(height):
+        for x in range(width):
+            name = silhouettes[2 * y, 2 * x]
+            if name <= 0:
+                continue
+            n = (name - 1) % fields
+            across, along, grey = kind(0), kind(0), kind(0)
             for c in range(3):
-                pool_row(planes[c], columns[0], spans[0], places[0, y], shares[0, y], sums[4 + c])
-        copy_row(low, new_slow[y])
-        copy_row(late, new_delayed[y])
-        halves(high[1:], late[:-1], high[:-1], late[1:], more, less)
-        if wrap:
-            signed = high[0] * late[width - 1] - high[width - 1] * late[0]
-            more[width - 1], less[width - 1] = max(signed, kind(0)), max(-signed, kind(0))
-        pool_row(less, columns[1], spans[1], places[0, y], shares[0, y], sums[0])
-        pool_row(more, columns[1], spans[1], places[0, y], shares[0, y], sums[1])
-        if y:
-            halves(high, lates[last], highs[last], late, down, up)
-            pool_row(down, columns[0], spans[0], places[1, y - 1], shares[1, y - 1], sums[2])
-            pool_row(up, columns[0], spans[0], places[1, y - 1], shares[1, y - 1], sums[3])
-        add_mirrored(image, y, height, margin, block, rows)
-    if wrap:
-        end, y = 1 + (height - 1) % 2 if height > 1 else 0, height - 1
-        halves(highs[0], lates[end], highs[end], lates[0], down, up)
-        pool_row(down, columns[0], spans[0], places[1, y], shares[1, y], sums[2])
-        pool_row(up, columns[0], spans[0], places[1, y], shares[1, y], sums[3])
-    for c in range(4, 7):
-        for row in range(sums.shape[1]):
-            for column in range(sums.shape[2]):
-                sums[c, row, column] *= unit
-
-
-@inner
-def halves(high: Array, late_before: Array, high_before: Array, late: Array, more: Array, less: Array) -> None:
-    """Positive and negative part of `high late_before - high_before late`."""
-    none = more.dtype.type(0)
-    for x in range(high.shape[0]):
-        signed = high[x] * late_before[x] - high_before[x] * late[x]
-        more[x] = signed if signed > none else none
-        less[x] = -signed if signed < none else none
-
-
-@inner
-def pool_row(signal: Array, columns: Array, spans: Array, places: Array, shares: Array, sums: Array) -> None:
-    """Add what every column of fields sees of a row to two rows of fields, `[R, C]`."""
-    kind = columns.dtype.type
-    above, below = sums[places[0]], sums[places[1]]
-    for c in range(columns.shape[0]):
-        total, weights = kind(0), columns[c]
-        for x in range(spans[c, 0], spans[c, 1]):
-            total += kind(signal[x]) * weights[x]
-        for x in range(spans[c, 2], spans[c, 3]):
-            total += kind(signal[x]) * weights[x]
-        above[c] += shares[0] * total
-        below[c] += shares[1] * total
+                here, late = high[c, y, x], new_delayed[c, y, x]
+                if x + 1 < width:
+                    across += high[c, y, x + 1] * late - here * new_delayed[c, y, x + 1]
+                if y + 1 < height:
+                    along += high[c, y + 1, x] * late - here * new_delayed[c, y + 1, x]
+                color[c] = quarter * (
+                    picture[c, 2 * y, 2 * x]
+                    + picture[c, 2 * y, 2 * x + 1]
+                    + picture[c, 2 * y + 1, 2 * x]
+                    + picture[c, 2 * y + 1, 2 * x + 1]
+                )
+                grey += color[c] / 3
+            sums[n, 0] += 1
+            sums[n, 1] += across
+            sums[n, 2] += along
+            for c in range(3):
+                sums[n, 3 + c] += max(color[c] - grey, kind(0))

@@ -71,7 +71,7 @@ def field_pass(
         thinning: block and margin.
         tables, sums: the last arguments of the kernel.
     """
-    return by_kernel("field_sums", frame, state, motion, thinning, into, *tables, sums)
+    return by_kernel("local_sums", frame, state, motion, thinning, into, *tables, sums)
 
 
 def by_kernel(
