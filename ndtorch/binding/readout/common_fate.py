@@ -176,6 +176,8 @@ def centered(line: Tensor, which: int, reach: int) -> Tensor:
     part = part - 0.5 * part.amax()
     part = part.clamp_min(0)
     total = part.sum()
+    if not float(total) > 0:
+        return torch.tensor([column - reach, row - reach], dtype=line.dtype)
     x = (part.sum(0) * (columns - reach)).sum() / total
     y = (part.sum(1) * (rows - reach)).sum() / total
     return torch.stack([x, y])

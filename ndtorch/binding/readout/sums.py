@@ -101,7 +101,8 @@ def surprise(known: Tensor, now: Tensor) -> Tensor:
     unit = scale.unsqueeze(-1) * scale.unsqueeze(-2)
     then, here = (divide(part, unit)[..., LINEAR, LINEAR] for part in (known, now))
     floor = FAINT * torch.eye(then.shape[-1], dtype=then.dtype, device=then.device)
-    return (torch.linalg.inv(then + floor) * here).sum((-1, -2))
+    times: Tensor = (torch.linalg.inv(then + floor) * here).sum((-1, -2))
+    return times
 
 
 def sums_table(
@@ -223,7 +224,7 @@ def sources_of(covariances: Tensor, criteria: SourceCriteria, limits: SumCriteri
     if bool(again.any()):
         other = unmixed(flat, torch.where(again, fewer, count), wide, light, criteria)
         found = Sources(*(choose(again, a, b) for a, b in zip(other, found, strict=True)))
-    return Sources(*(part.reshape(*batch, *part.shape[1:]) for part in found))
+    return Sources(*(part.reshape((*batch, *part.shape[1:])) for part in found))
 
 
 def unmixed(flat: Tensor, count: Tensor, wide: Tensor, light: Tensor, criteria: SourceCriteria) -> Sources:
@@ -310,7 +311,8 @@ def without(white: Tensor, light: Tensor) -> Tensor:
     In white coordinates sources are at right angles, so the others lie in the plane across the light.
     """
     axis = white.mT @ light.unsqueeze(-1)
-    return white @ torch.linalg.svd(axis)[0][..., 1:]
+    others: Tensor = white @ torch.linalg.svd(axis)[0][..., 1:]
+    return others
 
 
 def unexplained(plain: Tensor, delayed: Tensor, count: Tensor, limits: SumCriteria) -> Tensor:

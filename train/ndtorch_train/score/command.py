@@ -77,7 +77,9 @@ class ScoreOptions:
     labelled: Path | None = None
     """Folder of clips with others' truth (clip.mp4 with gt.txt or masks.mkv): score on them instead (labelled.csv)."""
     methods: tuple[str, ...] = LABELLED
-    """Labelled: what to compare, or folders of models."""
+    """Labelled and common fate: what to compare; labelled: folders of models too."""
+    common_fate: int = 0
+    """Scenes of random dots of every condition: score who finds what moves together instead (common-fate.csv)."""
     disparities: tuple[int, int] = (8, 128)
     """Ranges: least and largest disparity that count, pixels."""
     rows: int = 0
@@ -136,6 +138,13 @@ class ScoreOptions:
             from ndtorch_train.score.labelled.command import Comparison
 
             return Comparison(self.labelled, self.methods, self.rows, told)
+        if self.common_fate:
+            if self.common_fate < 0:
+                raise InputError(f"common-fate must be a number of scenes >= 0, got {self.common_fate}")
+            from ndtorch_train.score.fate.command import FateComparison
+
+            named = () if self.methods == LABELLED else self.methods
+            return FateComparison(named, self.split, self.common_fate, told)
         if self.video:
             return VideoScore(self.clips, self.counts, self.fps, self.split, self.ablate, self.file, self.keep)
         check(self)

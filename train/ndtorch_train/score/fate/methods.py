@@ -102,13 +102,15 @@ class Flow:
     """
 
     def __init__(self, kind: str) -> None:
-        self.dis = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM) if kind == "dis" else None
+        self.dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM) if kind == "dis" else None
 
     def flow(self, before: Any, now: Any) -> Any:
         """Columns and rows that every pixel moved, `[H, W, 2]`."""
         if self.dis is not None:
             return self.dis.calc(before, now, None)
-        return cv2.calcOpticalFlowFarneback(before, now, None, 0.5, 3, 15, 3, 5, 1.2, 0)
+        return cv2.calcOpticalFlowFarneback(
+            before, now, np.zeros((*now.shape, 2), np.float32), 0.5, 3, 15, 3, 5, 1.2, 0
+        )
 
     def __call__(self, scene: CommonFate, moments: Sequence[int]) -> list[list[Found]]:
         before, mean, found = None, np.zeros((*scene.size, 2)), []
@@ -124,8 +126,8 @@ class Flow:
 
 def clusters(flow: Floats) -> list[Found]:
     """Things in a field of velocities `[H, W, 2]`: its modes among what differs from the median, and their parts."""
-    flow = cv2.GaussianBlur(flow, (0, 0), SMOOTH)
-    differs = flow - np.median(flow.reshape(-1, 2), 0)
+    smooth = np.asarray(cv2.GaussianBlur(flow, (0, 0), SMOOTH))
+    differs = smooth - np.median(smooth.reshape(-1, 2), 0)
     left = np.linalg.norm(differs, axis=-1) > STANDS_OUT
     found = []
     for _ in range(6):

@@ -11,6 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
+from ndtorch.errors import InputError
+from ndtorch.nearest import meant
 from ndtorch.scenes import CommonFate
 from ndtorch_train.score.choices import Split
 from ndtorch_train.score.fate.methods import METHODS, Found
@@ -120,3 +122,15 @@ def fate_rows(
             row = FateRow(condition, method, scores)
             told(f"{condition.name} {condition.value:g}, {method}: count {row.mean('count'):.2f}")
             yield row
+
+
+def wanted_methods(names: Sequence[str]) -> list[str]:
+    """The names, all of them of methods.
+
+    Raises:
+        InputError: one that is none.
+    """
+    for name in names:
+        if name not in METHODS:
+            raise InputError(f"methods must be among {', '.join(METHODS)}, got {name!r}{meant(name, METHODS)}")
+    return list(names)
