@@ -40,15 +40,16 @@ FILES = {
     "weights.png",
     "weights_over_time.png",
 }
+SMALL = (160, 160)
 CAR = Path(__file__).resolve().parents[2] / "shared" / "data" / "car-detection.mp4"
 
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One second of the two bars at 25 frames a second, as a video file."""
+    """One second of the two bars at 25 frames a second, small, as a video file."""
     path = tmp_path_factory.mktemp("clip") / "bars.avi"
-    with VideoWriter(path, 25, (500, 500)) as writer:
-        for chunk in two_bars(seconds=1.0, fps=25).chunks():
+    with VideoWriter(path, 25, SMALL) as writer:
+        for chunk in two_bars(seconds=1.0, size=SMALL, fps=25).chunks():
             for frame in chunk:
                 writer.write(frame)
     return path
