@@ -55,6 +55,12 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without figures, for tests of something else: drawing them takes longer than a short run."""
+    monkeypatch.setattr("ndtorch.report.folder.draw_all", lambda result, folder: [])
+
+
 def refused(arguments: list[str], capsys: pytest.CaptureFixture[str], *words: str) -> None:
     """The command ends with code 2, one line that holds the words, and nothing on stdout."""
     assert main(arguments) == 2
@@ -122,6 +128,7 @@ def same_state(whole: Path, rest: Path) -> dict[str, torch.Tensor]:
     return one
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_resumed_run_equals_an_uninterrupted_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     short = ["bind", "two-bars", "--settle", "0.3", "--pictures", "5"]
     assert main([*short, "--seconds", "1.1", "--out", str(tmp_path / "whole")]) == 0
@@ -134,6 +141,7 @@ def test_resumed_run_equals_an_uninterrupted_one(tmp_path: Path, capsys: pytest.
     assert float(state["second.weights"].max()) > 0
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     ("model", "options", "rows"),
     [
@@ -164,6 +172,7 @@ def test_resumed_video_goes_on_bit_for_bit_with_its_model(
         refused([*resumed, "--rule", "hebbian"], capsys, "--rule is an option of published", model)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_state_with_a_number_that_is_none_is_refused(
     clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -179,6 +188,7 @@ def test_a_state_with_a_number_that_is_none_is_refused(
     refused(["bind", "--resume", str(path.parent), "--out", str(tmp_path)], capsys, str(path), "second.weights", "NaN")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_folder_of_ones_own_is_a_model(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ndtorch.load("scale-free", gamma=0.4).save(tmp_path / "mine")
     asked = ["bind", str(clip), "--model", str(tmp_path / "mine"), "--seconds", "0.4", "--pictures", "0"]
@@ -211,6 +221,7 @@ def test_road_camera_gets_an_honest_verdict(
     assert {path.name for path in (tmp_path / "car-detection").iterdir()} == FILES
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_recording_is_written_beside_the_rest(tmp_path: Path) -> None:
     pytest.importorskip("rerun")
     rrd = tmp_path / "run.rrd"
@@ -469,6 +480,7 @@ def test_output_that_cannot_be_written_is_refused(tmp_path: Path, capsys: pytest
     assert blocked.read_text() == "in the way"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_resume_does_not_take_options_that_would_change_the_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
