@@ -33,8 +33,8 @@ from ndtorch.scenes.video import open_video
 
 STATE = "state.safetensors"
 CAMERA_MODELS = {"video": 224, "figures": 448}
-"""Kinds of models for video of a camera, which get whole pictures, and the most rows of those, shrunk as soon as they are
-decoded: `video` needs four for one of its own, `figures` two."""
+"""Kinds of models for video of a camera, which get whole pictures, and the most rows of those, shrunk as soon as they
+are decoded: `video` needs four for one of its own, `figures` two."""
 
 
 def is_number(value: Any, least: float, most: float) -> bool:

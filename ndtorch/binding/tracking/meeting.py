@@ -14,9 +14,9 @@ from ndtorch.binding.tracking.regions import Floats, Regions
 def visible(ones: list[Figure], area: float, p: FigureParams) -> tuple[list[Figure], list[Figure]]:
     """Of the tracks whose region is one: those that are seen in it, and those that were pieces of another one.
 
-    A track that runs into a known one soon after it began was a piece of it, and of such only the oldest stays. Known tracks
-    that are together much smaller than their region were pieces of one thing, and so was a small one that moves as the
-    largest does. Of the others, the oldest are seen for as many as there is room for; the rest is hidden.
+    A track that runs into a known one soon after it began was a piece of it, and of such only the oldest stays. Known
+    tracks that are together much smaller than their region were pieces of one thing, and so was a small one that moves
+    as the largest does. Of the others, the oldest are seen for as many as there is room for; the rest is hidden.
     """
     known = [one for one in ones if one.known]
     # One that was apart for a while, and is no small part of it, stays one of its own.
