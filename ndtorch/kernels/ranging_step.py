@@ -10,6 +10,7 @@ import numpy as np
 from ndtorch.kernels.arc import arc
 from ndtorch.kernels.cell_maxima import cell_maxima
 from ndtorch.kernels.load import FAST
+from ndtorch.kernels.match_cells import match_cells
 from ndtorch.kernels.ranging_control import ranging_control
 from ndtorch.kernels.row_ranges import row_ranges
 from ndtorch.kernels.strips import larger
@@ -17,6 +18,7 @@ from ndtorch.kernels.strips import larger
 Array = Any
 
 largest_in_cells = numba.njit(fastmath=FAST, error_model="numpy")(cell_maxima)
+matched = numba.njit(fastmath=FAST, error_model="numpy")(match_cells)
 ranged = numba.njit(fastmath=FAST, error_model="numpy")(row_ranges)
 driven = numba.njit(error_model="numpy")(arc)
 controlled = numba.njit(error_model="numpy")(ranging_control)
@@ -41,7 +43,8 @@ def ranging_step(
     valid: Array,
     sides: Array,
     after: Array,
-    size: tuple[int, int],
+    size: tuple[int, int, int],
+    match: tuple[Array, Array, tuple[int, int], int, int, float, float],
     memory: tuple[Array, Array, Array],
     new_memory: tuple[Array, Array, Array],
     tables: tuple[Array, Array, Array, Array],
@@ -55,15 +58,36 @@ def ranging_step(
     """The step of `Navigator` of one car and one frame: arguments and result as of `published_step`.
 
     Args:
-        size: `every` of `cell_maxima`, and blocks of cells.
+        size: `every` of `cell_maxima`, blocks of cells, and columns of the fields, every so many of them.
+        match: the tables of `match_cells`.
         memory: and the rest are those of `ranging_control`.
     """
     unit, count = grey
     tops, lefts = (where[0], where[1]), (where[2], where[3])
     bands, blocks = memory[0].size, size[1]
     every = size[0]
-    found, seen = np.empty((2, bands, blocks), low[0].dtype), np.empty((2, bands, blocks), low[0].dtype)
-    largest_in_cells(fields, beside[0], tops, lefts, every, unit, count, settle, low[0], shares[0], new_low[0], found)
+    found, seen = np.empty((2, bands, blocks), low[0].dtype), np.empty((4, bands, blocks), low[0].dtype)
+    rows_compared, shift, first, wide, tall, alike, least = match
+    cells = (lefts[0] + every * first[0], lefts[1] + every * first[1])
+    largest_in_cells(fields, beside[0], tops, cells, every, unit, count, settle, low[0], shares[0], new_low[0], found)
+    matched(
+        fields,
+        beside[0],
+        tops,
+        lefts,
+        every,
+        unit,
+        count,
+        size[2],
+        rows_compared,
+        shift,
+        first,
+        wide,
+        tall,
+        alike,
+        least,
+        seen[2:],
+    )
     largest = ranged(
         rows,
         beside[1],

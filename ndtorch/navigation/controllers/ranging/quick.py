@@ -47,11 +47,12 @@ class QuickRanging(QuickControl):
         places: Tensor,
         under: Tensor,
     ) -> None:
-        rect, p = look.fields[0], params.patch
+        rect, p = look.view.cells[0], params.patch
         self.shape = (2, rect.bottom - rect.top, (rect.right - rect.left) // EVERY)
         self.a = look.nd_min.a
         self.sizes = (params.floor.bands, p.size**2, 2 * p.size)
-        self.cells = (EVERY, params.floor.blocks)
+        self.cells = (EVERY, params.floor.blocks, (look.fields[0].right - look.fields[0].left) // EVERY)
+        self.match = look.match()
         keep, fade, stopped = (float(c) for c in (constants.keep, constants.fade, constants.stopped))
         worth = tuple(constants.evidence.tolist())
         patch = (keep, fade, stopped, p.reach, p.cell, -p.least, p.most, *constants.limits.tolist())
@@ -83,7 +84,7 @@ class QuickRanging(QuickControl):
 
     def arguments(self, kind: Any, before: Sequence[Any], after: Sequence[Any]) -> tuple[Any, ...]:
         """Those of `ranging_control` after the cells that are seen."""
-        return (self.cells, self.memory(before), self.memory(after), *self.fixed(kind))
+        return (self.cells, self.match, self.memory(before), self.memory(after), *self.fixed(kind))
 
     def memory(self, arrays: Sequence[Any]) -> tuple[Any, Any, Any]:
         """The arrays in their shapes."""

@@ -23,9 +23,9 @@ def nothing(*batch):
     return Ranges(blank, blank, blank, blank, blank, blank.bool())
 
 
-def floor(*batch):
-    """What open floor gives while the car moves at a steady speed, roughly: every cell alike."""
-    return torch.full((*batch, 2, 14, 8), 0.5)
+def floor(*batch, moves=True):
+    """What open floor gives while the car moves at a steady speed, roughly: every cell alike. Nothing while it stands."""
+    return torch.full((*batch, 2, 14, 8), 0.5 if moves else 0.0)
 
 
 def drive(control, steps, pose, state=None):
@@ -35,7 +35,8 @@ def drive(control, steps, pose, state=None):
     for _ in range(steps):
         if state is None:
             state = control.start(floor(*batch), pose)
-        command, state = control.step(floor(*batch), nothing(*batch), pose, command, state)
+        moves = bool((command.speed != 0).all())
+        command, state = control.step(floor(*batch, moves=moves), nothing(*batch), pose, command, state)
         pose = drive_step(pose, command.speed, command.curvature, DT)
     return pose, state, command
 
