@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     )
     from ndtorch.scenes.bars import Bar, BarScene
     from ndtorch.scenes.base import FrameSource
-    from ndtorch.scenes.common_fate import CommonFate, common_fate
+    from ndtorch.scenes.dots import CommonFate, common_fate
     from ndtorch.scenes.fluctuation import Distance, Fluctuation, NoFluctuation, RandomShadow, SineShadow
     from ndtorch.scenes.gratings import FlickeringGrating, MovingGrating
     from ndtorch.scenes.named import SCENES, NamedScene, make_scene, scene_names
@@ -82,7 +82,7 @@ if not TYPE_CHECKING:
                 "BarScene",
             ),
             "ndtorch.scenes.base": ("FrameSource",),
-            "ndtorch.scenes.common_fate": (
+            "ndtorch.scenes.dots": (
                 "CommonFate",
                 "common_fate",
             ),
