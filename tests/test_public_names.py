@@ -22,8 +22,8 @@ TOP = """
 """
 VISION = """
     Resample ResampleState
-    ANGLES FEATURES GROUPS NDS SPEED_SCALE CameraFrontEnd CameraParams CameraState ChahlSrinivasan CoherentMotion CoherentParams
-    CoherentState FieldSignals
+    ANGLES FEATURES GROUPS NDS SPEED_SCALE CameraFrontEnd CameraParams CameraState ChahlSrinivasan CoherentMotion
+    CoherentParams CoherentState FieldSignals
     FilterState HassensteinReichardt HighPass LocalFeatures LowPass MotionState NDMin NDMinus NDSState OrientedDoG
     RecentMax RecentMaxState ShiftState SpeedCurve VisualFeatures dog_spectrum field_weights judge_speed_curve
     low_pass_step row_shift smoothing_factor spatial_maximum speed_response

@@ -106,11 +106,10 @@ class Flow:
 
     def flow(self, before: Any, now: Any) -> Any:
         """Columns and rows that every pixel moved, `[H, W, 2]`."""
+        flow = np.zeros((*now.shape, 2), np.float32)
         if self.dis is not None:
-            return self.dis.calc(before, now, None)
-        return cv2.calcOpticalFlowFarneback(
-            before, now, np.zeros((*now.shape, 2), np.float32), 0.5, 3, 15, 3, 5, 1.2, 0
-        )
+            return self.dis.calc(before, now, flow)
+        return cv2.calcOpticalFlowFarneback(before, now, flow, 0.5, 3, 15, 3, 5, 1.2, 0)
 
     def __call__(self, scene: CommonFate, moments: Sequence[int]) -> list[list[Found]]:
         before, mean, found = None, np.zeros((*scene.size, 2)), []
