@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_tensor
 from ndtorch.errors import InputError
+from ndtorch.navigation.batch_step import batch_step
 from ndtorch.navigation.controllers.contract import (
     STOPPED,
     SUPPRESSED,
@@ -116,7 +117,10 @@ class Navigator(nn.Module):
         start: Pose | None = None,
     ) -> tuple[Command, NavigatorState]:
         ours, theirs = strips(left), strips(right)
-        step = self.whole_step()(ours, theirs, state, driven, start)
+        whole = self.whole_step()
+        step = whole(ours, theirs, state, driven, start)
+        if step is None and self.localiser is None:
+            step = batch_step(whole, ours, theirs, state, driven)
         if step is not None:
             return self.after(step, ours, theirs, state)
         command, state, ranges, poses = self.see_and_steer(left, right, state, driven, start)
