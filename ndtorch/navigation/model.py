@@ -46,9 +46,9 @@ class Navigator(nn.Module):
 
     Any `Controller` can sit at its wheel: `"ranging"`, which drives where it has seen floor, `"published"`, the
     saccades of [A], or one of your own. Only two rectangles, which the controller chooses, and the two horizon
-    rows are read. At the first frame the car is at the origin and stands still. Nearly all the time of a step goes
-    into calling torch, not into sums: it takes a fifth less under `torch.inference_mode()`, and a batch of 64 cars
-    takes four times as long as one.
+    rows are read. At the first frame the car is at the origin and stands still. In torch nearly all the time of a step
+    goes into calling it, not into sums. Under `torch.inference_mode()` on a CPU kernels make the steps of one car, or
+    of many cars one after the other.
 
     Shapes:
         left, right: frames `[..., T, C, H, W]` of the two cameras, uint8 or float in 0..1, C = 3 (RGB) or 1,
