@@ -52,6 +52,7 @@ TESTED_IN = {
     "kernels/folder": "kernels/test_load",
     "kernels/front_end": "vision/test_one_pass",
     "kernels/glance": "robot/test_eye",
+    "kernels/match_cells": "navigation/controllers/ranging/test_floor_match",
     "kernels/pair_spectrum": "vision/test_one_pass",
     "kernels/pair_sums": "vision/test_one_pass",
     "kernels/learn_ground": "vision/camera/test_figures",

@@ -146,6 +146,7 @@ class WholeStep:
             return None
         tops = [rect.top if shape[2:] == size else 0 for rect in fields]
         lefts = [rect.left if shape[2:] == size else 0 for rect in fields]
+        lefts = [left + inward for left, inward in zip(lefts, quick.inward, strict=True)]
         top = ranging.row.top if row[2:] == size else 0
         unit, count = (1 / (255 * shape[1]), 1) if kind == torch.uint8 else (1.0, shape[1])
         n, spacing, weakest, difference, reach, border, kept = ranging.finding

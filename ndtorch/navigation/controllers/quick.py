@@ -15,6 +15,7 @@ class QuickControl(ABC):
     Attributes:
         kernel: its name.
         shape: of the state of the fields' filters, `(2, h, w)`.
+        inward: pixels from the left edges of the fields to those of their cells.
         cells: how many columns of the fields make one that is looked at, and bands and blocks of cells.
         a: share of their high-pass.
         sizes: how many numbers each array of its state has.
@@ -25,6 +26,7 @@ class QuickControl(ABC):
     kernel: str
     shape: tuple[int, int, int]
     cells: tuple[int, int, int]
+    inward: tuple[int, int] = (0, 0)
     a: float
     count: int
     sizes: tuple[int, ...] = ()

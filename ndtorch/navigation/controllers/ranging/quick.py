@@ -50,7 +50,7 @@ class QuickRanging(QuickControl):
         under: Tensor,
         full_flow: Tensor,
     ) -> None:
-        rect, p = look.fields[0], params.patch
+        rect, p = look.view.cells[0], params.patch
         self.shape = (2, rect.bottom - rect.top, (rect.right - rect.left) // EVERY)
         self.a = look.nd_min.a
         self.sizes = (params.floor.bands, p.size**2, 2 * p.size)
@@ -64,8 +64,13 @@ class QuickRanging(QuickControl):
         choice = (constants.comparison.double().numpy(), constants.table.numpy(), moves)
         rest = tuple(float(part) for part in floor if part.ndim == 0)
         self.rest, self.choice = (rest, worth, patch, ways, choice, numbers), choice
-        self.whole = (p.size, arcs.leading, arcs.steps, len(arcs.curvature))
+        lines, shift, first, wide, tall, alike, least = look.match()
+        self.inward = (EVERY * first[0], EVERY * first[1])
+        columns = (look.fields[0].right - look.fields[0].left) // EVERY
+        self.whole = (p.size, arcs.leading, arcs.steps, len(arcs.curvature), *first, wide, tall, columns)
+        self.lines = (lines, shift)
         self.numbers = (*rest[:12], *worth, *patch, *numbers, arcs.step, params.least_noise, LEAST, FULL, STOPPED)
+        self.numbers += (alike, least)
         self.tensors = (floor.flow, floor.profile, places, under)
         self.full = -torch.expm1(full_flow * floor.saturation)
         self.learned = float(floor.learning)
@@ -98,10 +103,10 @@ class QuickRanging(QuickControl):
         return bool(numbers[6] + 1 > self.learned)
 
     def arrays(self, kind: Any) -> tuple[Any, ...]:
-        """Tables, and shares of the level that floor shows at full speed."""
+        """Tables, shares of the level that floor shows at full speed, and what both eyes compare."""
         self.fixed(kind)
         *tables, full = self.tables[kind]
-        return (*tables, *self.choice, full)
+        return (*tables, *self.choice, full, *self.lines)
 
     def memory(self, arrays: Sequence[Any]) -> tuple[Any, Any, Any]:
         """The arrays in their shapes."""
