@@ -141,7 +141,7 @@ def floor_likeness(left: Floats, right: Floats, rects: tuple[Rect, Rect], rig: S
     horizon = (rig.height - 1) / 2 - rig.focal * math.tan(rig.pitch)
     rows = np.arange(ours.top, ours.bottom)
     depth = rig.focal * rig.camera_height / np.maximum(rows - horizon, 1.0)
-    rows = rows[(depth >= p.floor_from) & (depth <= p.floor_to)]
+    rows = rows[(depth >= p.floor_from) & (depth <= p.floor_to)][::2]
     best = row_likeness(left, right, rows, 0, horizon, rects, rig, p)
     for offset in range(-p.tilt, p.tilt + 1, 2):
         if best >= p.floor:
@@ -162,25 +162,29 @@ def row_likeness(
 ) -> float:
     """The correlation over these rows for a horizon that lies `offset` rows higher."""
     ours, theirs = rects
-    per_row = rig.baseline / rig.camera_height
-    products, squares = 0.0, [0.0, 0.0]
-    count = 0
-    for row in rows:
-        shift = round(per_row * (row - horizon + offset))
-        # Columns of the left image whose partner lies in the right subfield.
-        begin, end = max(ours.left, theirs.left + shift), min(ours.right, theirs.right + shift)
-        if end - begin < params.narrowest:
-            continue
-        a = left[row - ours.top, begin - ours.left : end - ours.left]
-        b = right[row - theirs.top, begin - shift - theirs.left : end - shift - theirs.left]
-        a, b = a - a.mean(), b - b.mean()
-        products += float(a @ b)
-        squares[0] += float(a @ a)
-        squares[1] += float(b @ b)
-        count += end - begin
-    if count < params.pixels or min(squares) < count * params.blank**2:
+    shift = np.round(rig.baseline / rig.camera_height * (rows - horizon + offset)).astype(np.int64)[:, None]
+    # Columns of the left image whose partner lies in the right subfield.
+    first = max(ours.left, theirs.left + int(shift.min(initial=ours.right)))
+    columns = np.arange(first, ours.right)
+    partner = columns - shift - theirs.left
+    both = (partner >= 0) & (partner < theirs.right - theirs.left)
+    both &= both.sum(1, keepdims=True) >= params.narrowest
+    count = both.sum(1, keepdims=True)
+    if count.sum() < max(1, params.pixels):
         return 0.0
-    return products / math.sqrt(squares[0] * squares[1])
+
+    def less_mean(pixels: Floats) -> Floats:
+        """Of every row, 0 where there is no partner."""
+        kept = np.where(both, pixels, np.float32(0))
+        mean = kept.sum(1, keepdims=True) / np.maximum(count, 1)
+        return np.where(both, kept - mean.astype(np.float32), np.float32(0))
+
+    a = less_mean(left[rows - ours.top, first - ours.left :])
+    b = less_mean(right[(rows - theirs.top)[:, None], partner.clip(0, theirs.right - theirs.left - 1)])
+    squares = float(np.vdot(a, a)), float(np.vdot(b, b))
+    if min(squares) < float(count.sum()) * params.blank**2:
+        return 0.0
+    return float(np.vdot(a, b)) / math.sqrt(squares[0] * squares[1])
 
 
 class NearCheck:
