@@ -30,6 +30,7 @@ class NearParams:
         enough: places that must agree on something near.
         floor: correlation from which what both see right ahead is one floor.
         floor_from, floor_to: depths of the floor right ahead that must be seen, m.
+        floor_beside: how far to either side of the car's middle, m.
         tilt: rows by which the horizon may lie higher or lower than the rig says.
         narrowest, pixels: fewer columns of a row, or pixels in all, that both see are not compared.
         blank: standard deviation of the brightness below which nothing is seen.
@@ -48,6 +49,7 @@ class NearParams:
     floor: float = 0.7
     floor_from: float = 0.8
     floor_to: float = 1.15
+    floor_beside: float = 0.15
     tilt: int = 26
     narrowest: int = 5
     pixels: int = 150
@@ -56,6 +58,8 @@ class NearParams:
     def __post_init__(self) -> None:
         if not (0 < self.nearest < self.farthest < math.inf and self.beside > 0):
             raise InputError(f"expected 0 < nearest < farthest and beside > 0, got {self}")
+        if not self.floor_beside > 0:
+            raise InputError(f"expected floor_beside > 0, got {self.floor_beside}")
         if not (self.half >= 1 and 0 < self.ratio <= 1 and self.texture >= 0 and self.enough >= 1 and self.blank >= 0):
             raise InputError(f"expected half and enough >= 1 and 0 < ratio <= 1, got {self}")
 
@@ -168,6 +172,9 @@ def row_likeness(
     columns = np.arange(first, ours.right)
     partner = columns - shift - theirs.left
     both = (partner >= 0) & (partner < theirs.right - theirs.left)
+    # Where the middle between both cameras sees what lies right ahead; `shift` is focal * baseline / depth.
+    middle = (rig.width - 1) / 2 - columns + shift / 2
+    both &= np.abs(middle) * rig.baseline <= params.floor_beside * shift
     both &= both.sum(1, keepdims=True) >= params.narrowest
     count = both.sum(1, keepdims=True)
     if count.sum() < max(1, params.pixels):
