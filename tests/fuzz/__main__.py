@@ -22,7 +22,9 @@ SLOW = ("torch", "cv2", "pydantic", "pyarrow.parquet", "ndtorch.binding", "ndtor
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     parser.add_argument("--minutes", type=float, default=10.0)
-    parser.add_argument("--seed", type=int, default=1, help="the inputs are drawn by it: the same seed, the same inputs")
+    parser.add_argument(
+        "--seed", type=int, default=1, help="the inputs are drawn by it: the same seed, the same inputs"
+    )
     parser.add_argument("--only", nargs="*", default=list(TARGETS), choices=list(TARGETS), help="these readers")
     parser.add_argument("--out", type=Path, default=Path("out/fuzz"), help="where findings are kept")
     given = parser.parse_args()

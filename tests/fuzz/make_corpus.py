@@ -1,9 +1,10 @@
-"""`python -m tests.fuzz.make_corpus`: write the corpus anew, a few small files for every reader."""
+"""`python -m tests.fuzz.make_corpus [NAME ...]`: write the corpus anew, a few small files for every reader."""
 
 from __future__ import annotations
 
 import json
 import shutil
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,9 @@ SIZE = (12, 16)
 ARENA = """name = "lab"
 rooms = [[0, 0, 6, 4], [6, 1, 9, 3]]
 doors = [[5.9, 1.5, 6.1, 2.5]]
-blank_walls = [1]
 pillars = [{x = 4, y = 3, width = 0.4, round = true}]
-boxes = [{x = 1.0, y = 1.0, length = 0.5, width = 0.4, height = 0.3}]
-lamps = [{x = 3.0, y = 2.0}]
+boxes = [{at = [1.0, 1.0, 1.5, 1.4], height = 0.3}]
+lamps = [{x = 3.0, y = 2.0, radius = 1.0, gain = 0.5}]
 floor = "carpet"
 start = [2.0, 2.0, 0.0]
 """
@@ -39,18 +39,6 @@ BARN = {
         {"world": 6, "path_m": 10.0, "cylinders": [[2.0, 4.0]]},
     ],
 }
-
-SWEEP = """kind = "binding"
-count = 4
-seed = 1
-
-[vary]
-gamma = {from = 0.5, to = 20.0, scale = "log"}
-order = ["filter-first", "normalise-first"]
-
-[fixed]
-settle = 4.0
-"""
 
 DRIVE = """arena = "hallway"
 seed = 3
@@ -71,7 +59,9 @@ def state(folder: Path) -> None:
 
     chance = torch.Generator().manual_seed(1)
     for name, shape in (("one", (4, 3, 16, 20)), ("two", (2, 4, 3, 16, 20))):
-        save_state(small_model()(torch.rand(shape, generator=chance))[1], folder / f"{name}.safetensors", {"made": "here"})
+        save_state(
+            small_model()(torch.rand(shape, generator=chance))[1], folder / f"{name}.safetensors", {"made": "here"}
+        )
 
 
 def model(folder: Path) -> None:
@@ -85,14 +75,21 @@ def model(folder: Path) -> None:
 
 
 def run(folder: Path) -> None:
-    from ndtorch.commands import main
+    from ndtorch.binding.saving import save_state
+    from ndtorch.run.opening import STATE
 
-    with tempfile.TemporaryDirectory() as place:
-        given = ["bind", "two-bars", "--seconds", "0.05", "--size", "24", "--out", place, "--no-video", "--no-figures"]
-        main(given)
-        found = next(Path(place).rglob("*.safetensors"))
-        (folder / "bars").mkdir()
-        shutil.copy(found, folder / "bars" / found.name)
+    about = {
+        "model": "published",
+        "source": "two-bars",
+        "frames": 5,
+        "fps": 100.0,
+        "options": {},
+        "scene": {},
+        "without": [],
+    }
+    (folder / "bars").mkdir()
+    state = small_model()(torch.zeros(4, 3, 16, 20))[1]
+    save_state(state, folder / "bars" / STATE, {"run": json.dumps(about)})
 
 
 def maps(folder: Path) -> None:
@@ -118,11 +115,16 @@ def cars(folder: Path) -> None:
         shutil.copy(Path(__file__).parents[2] / "robot" / "configs" / f"{name}.toml", folder / f"{name}.toml")
 
 
+def sweeps(folder: Path) -> None:
+    for file in (Path(__file__).parents[2] / "train" / "sweeps").glob("*.toml"):
+        shutil.copy(file, folder / file.name)
+
+
 def calibration(folder: Path) -> None:
     from ndtorch_robot.calibration.model import Calibration, Lens, Quality, write_calibration
 
     lens = Lens(fx_px=430.0, fy_px=430.0, cx_px=320.0, cy_px=240.0, distortion=(-0.1, 0.01, 0.0, 0.0, 0.0))
-    quality = {name: 1.0 for name in Quality.model_fields} | {"views": 12}
+    quality = dict.fromkeys(Quality.model_fields, 1.0) | {"views": 12}
     made = Calibration(
         width_px=640,
         height_px=480,
@@ -156,7 +158,19 @@ def recordings(folder: Path) -> None:
 def replays(folder: Path) -> None:
     from ndtorch.commands import main
 
-    main(["drive", "--seconds", "0.2", "--record", str(folder / "drive"), "--out", str(folder / "out"), "--rate", "30"])
+    main(
+        [
+            "drive",
+            "--seconds",
+            "0.1",
+            "--record-format",
+            "jpeg",
+            "--record",
+            str(folder / "drive"),
+            "--out",
+            str(folder / "out"),
+        ]
+    )
     shutil.rmtree(folder / "out", ignore_errors=True)
 
 
@@ -222,7 +236,7 @@ MAKERS = {
     "run": run,
     "map": maps,
     "table": tables,
-    "sweep": texts("sweep.toml", SWEEP),
+    "sweep": sweeps,
     "car": cars,
     "drive": texts("drive.toml", DRIVE),
     "arena": texts("lab.toml", ARENA),
@@ -241,6 +255,8 @@ MAKERS = {
 def main() -> None:
     torch.set_num_threads(1)
     for name, make in MAKERS.items():
+        if sys.argv[1:] and name not in sys.argv[1:]:
+            continue
         folder = CORPUS / name
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)

@@ -10,13 +10,28 @@ from typing import Any
 
 import numpy as np
 
-INTERESTING = (0, 1, 2, 0x7F, 0x80, 0xFF, 0x7FFF, 0x8000, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 2**63 - 1, 2**64 - 1)
+INTERESTING = (0, 1, 2, 127, 128, 255, 2**15 - 1, 2**15, 2**16 - 1, 2**31 - 1, 2**31, 2**32 - 1, 2**63 - 1, 2**64 - 1)
 """Lengths and counts at which programs go wrong."""
 
 TOKENS = (
-    "nan", "inf", "-inf", "1e308", "-1e308", "1e-320", "0", "-1", "-0.0", "9" * 400, "9223372036854775808", "true", "null",
-    '""', '"x"', "[]", "{}", "[[[[1]]]]", "[" * 3000, '"\\u0000"', "1_0", "0x10", "1e3", "2020-01-01", "\u0660", "\ufeff", "\x00",
-)  # fmt: skip
+    *(
+        "nan",
+        "inf",
+        "-inf",
+        "1e308",
+        "-1e308",
+        "1e-320",
+        "0",
+        "-1",
+        "-0.0",
+        "9223372036854775808",
+        "1_0",
+        "0x10",
+        "1e3",
+    ),
+    *("true", "null", "[]", "{}", "[[[[1]]]]", "2020-01-01", "9" * 400, "9" * 5000, "[" * 3000),
+    *('""', '"x"', '"\\u0000"', "\u0660", "\ufeff", "\x00"),
+)
 """What may stand where a number or a word stood."""
 
 WORD = re.compile(r"[-+]?\d[\d_.eE+-]*|\"[^\"\n]*\"|\b[A-Za-z_]\w*\b")
@@ -73,9 +88,9 @@ def damaged_text(chance: random.Random, data: bytes, others: Sequence[bytes]) ->
     return text.encode("utf-8", "replace")
 
 
-ODD: tuple[Any, ...] = (
-    None, True, False, 0, -1, 1, 2**31, 2**63, 10**30, 0.5, -1e308, float("nan"), float("inf"), "", "x", "nan", [], [1], {}, {"a": 1},
-)  # fmt: skip
+NAN, INF = float("nan"), float("inf")
+NUMBERS = (0, -1, 1, 2**31, 2**63, 10**30, 0.5, -1e308, NAN, INF)
+ODD: tuple[Any, ...] = (None, True, False, *NUMBERS, "", "x", "nan", [], [1], {}, {"a": 1})
 """Values that may stand where another stood."""
 
 
@@ -95,7 +110,7 @@ def damaged_values(chance: random.Random, values: Any) -> Any:
         if kind == 0:
             return values[:at] + values[at + 1 :]
         if kind == 1:
-            return values[:at] + [values[at]] + values[at:]
+            return [*values[:at], values[at], *values[at:]]
         return [*values[:at], damaged_values(chance, values[at]), *values[at + 1 :]]
     if isinstance(values, int | float) and not isinstance(values, bool) and chance.random() < 0.3:
         return chance.choice((-values, values * 1000, values + 1, values / 3))

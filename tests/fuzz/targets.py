@@ -51,7 +51,9 @@ class Target:
         if len(files) > 1 and chance.random() < 0.05:
             file.unlink()
             return copy
-        others = [path.read_bytes() for path in islice(chance.sample(self.seeds(), len(self.seeds())), 2) if path.is_file()]
+        others = [
+            path.read_bytes() for path in islice(chance.sample(self.seeds(), len(self.seeds())), 2) if path.is_file()
+        ]
         damage = mutate.damaged_text if file.suffix in TEXT else mutate.damaged_bytes
         file.write_bytes(damage(chance, file.read_bytes(), others))
         return copy
@@ -76,11 +78,13 @@ def craft_tensors(chance: random.Random, path: Path) -> None:
     from ndtorch.checked import read_tensors, save_tensors
 
     file = path / "weights.safetensors" if path.is_dir() else path
+    if not file.exists():  # a model without a first stage gets one
+        save_tensors({"motion": torch.zeros(4, 4)}, file)
     flat, about = read_tensors(file, "a file")
     arrays = mutate.damaged_arrays(chance, {name: part.numpy() for name, part in flat.items()})
     if chance.random() < 0.2:
-        about = {str(key): str(value) for key, value in mutate.damaged_values(chance, dict(about) or {"a": "b"} | {}).items()} \
-            if isinstance(about, dict) else about
+        found = mutate.damaged_values(chance, {"a": "b"} | about)
+        about = {str(key): str(value) for key, value in found.items()} if isinstance(found, dict) else {}
     save_tensors({name: torch.from_numpy(part.copy()) for name, part in arrays.items()}, file, about)
 
 
@@ -244,7 +248,7 @@ def read_truth(path: Path) -> Any:
     from ndtorch_train.score.labelled.truth import read_clip
 
     clip = read_clip(path)
-    return clip, list(islice(clip.frames(), 8))
+    return list(islice(clip.clip.frames, 8)), list(islice(clip.truth(), 8))
 
 
 def read_barn(path: Path) -> Any:
