@@ -12,7 +12,7 @@ from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, v
 import ndtorch
 from ndtorch.code_digest import module_places
 from ndtorch.command_run import INTERRUPTED, UNUSABLE, Subcommand, missing, run_command
-from ndtorch.completion import completion
+from ndtorch.completion import SHELLS, completion
 from ndtorch.ending import NOTHING_KEPT, ended_like_ctrl_c
 from ndtorch.nearest import meant
 from ndtorch.optional import OURS
@@ -83,8 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(versions())
         return 0
     if given[0] == "--completion":
-        print(completion({name: flags_of_command(name, points) for name, points in commands.items()}), end="")
-        return 0
+        return print_completion(given[1:], commands)
     if given[0] not in commands:
         print(f"error: ndtorch has no command {given[0]!r}; {hint(given[0], commands)}", file=sys.stderr)
         return UNUSABLE
@@ -114,6 +113,16 @@ def program() -> int:
         print(NOTHING_KEPT, file=sys.stderr)
         code = INTERRUPTED
     return 128 + came[0] if code == INTERRUPTED and came else code
+
+
+def print_completion(shell: Sequence[str], commands: Mapping[str, Sequence[EntryPoint]]) -> int:
+    """Print what completes commands and flags in a shell, bash where none is named; gives the exit code."""
+    name = shell[0] if shell else "bash"
+    if len(shell) > 1 or name not in SHELLS:
+        print(f"error: --completion takes one of {', '.join(SHELLS)}; got {' '.join(shell)!r}", file=sys.stderr)
+        return UNUSABLE
+    print(completion(name, {name: flags_of_command(name, points) for name, points in commands.items()}), end="")
+    return 0
 
 
 def flags_of_command(name: str, points: Sequence[EntryPoint]) -> list[str]:
@@ -156,7 +165,7 @@ def overview(commands: Mapping[str, Sequence[EntryPoint]]) -> str:
         lines.append(f"  {name:14}{next(iter(text.strip().splitlines()), '')}")
     lines += ["", EVERY]
     lines += ["`ndtorch COMMAND --help` says what each takes, `ndtorch --version` what is installed."]
-    lines += ['`eval "$(ndtorch --completion)"` in ~/.bashrc completes commands and flags.']
+    lines += ['`eval "$(ndtorch --completion)"` in ~/.bashrc completes commands and flags; it knows zsh and fish too.']
     return "\n".join(lines)
 
 

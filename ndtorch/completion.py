@@ -1,10 +1,10 @@
-"""Completion in bash: `eval "$(ndtorch --completion)"` in ~/.bashrc; in zsh after `bashcompinit`."""
+"""Completion in a shell: a script that `ndtorch --completion SHELL` prints."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-SCRIPT = """_ndtorch() {{
+BASH = """_ndtorch() {{
     local cur="${{COMP_WORDS[COMP_CWORD]}}" words=""
     if [ "$COMP_CWORD" -eq 1 ]; then
         COMPREPLY=($(compgen -W "{commands}" -- "$cur"))
@@ -22,12 +22,45 @@ SCRIPT = """_ndtorch() {{
 complete -o filenames -F _ndtorch ndtorch
 """
 
+# `words`, `CURRENT` and `PREFIX` are zsh's own.
+ZSH = """_ndtorch() {{
+    local flags=""
+    if (( CURRENT == 2 )); then
+        compadd -- {commands}
+        return
+    fi
+    case "$words[2]" in
+{cases}
+    esac
+    if [[ "$PREFIX" == -* ]]; then
+        compadd -- ${{=flags}}
+    else
+        _files
+    fi
+}}
+compdef _ndtorch ndtorch
+"""
 
-def completion(flags: Mapping[str, Sequence[str]]) -> str:
-    """A script for bash that completes commands, their flags, and files.
+FISH = """complete -c ndtorch -e
+complete -c ndtorch -n __fish_use_subcommand -f -a "{commands}"
+{cases}
+"""
+
+SHELLS = {
+    "bash": (BASH, '        {name}) words="{flags}" ;;'),
+    "zsh": (ZSH, '        {name}) flags="{flags}" ;;'),
+    "fish": (FISH, 'complete -c ndtorch -n "__fish_seen_subcommand_from {name}" -a "{flags}"'),
+}
+"""The script of each shell, and what it says of one command."""
+
+
+def completion(shell: str, flags: Mapping[str, Sequence[str]]) -> str:
+    """A script for a shell that completes commands, their flags, and files.
 
     Args:
+        shell: one of `SHELLS`.
         flags: of every command.
     """
-    cases = "\n".join(f'        {name}) words="{" ".join(words)}" ;;' for name, words in flags.items())
-    return SCRIPT.format(commands=" ".join(flags), cases=cases)
+    script, case = SHELLS[shell]
+    cases = "\n".join(case.format(name=name, flags=" ".join(words)) for name, words in flags.items())
+    return script.format(commands=" ".join(flags), cases=cases)

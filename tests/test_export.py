@@ -49,8 +49,17 @@ def model(name: str, **options: Any) -> Any:
     return ndtorch.load(name, size=SIZE, **({"along": 4} if name == "retinotopic" else {}), **options)
 
 
+# `scale-free` has the signals of `published` and another rule, which tests/binding/test_feedback.py exports.
+PROGRAMS = ["published", "retinotopic", pytest.param("scale-free", marks=pytest.mark.long)]
+
+
+def test_every_model_is_exported_here_or_refused() -> None:
+    others = {"published", "retinotopic", "scale-free", "video", "figures"}
+    assert set(ndtorch.model_names()) == others
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in ndtorch.model_names() if name not in ("video", "figures")])
+@pytest.mark.parametrize("name", PROGRAMS)
 def test_an_exported_program_gives_the_same(name: str, tmp_path: Path) -> None:
     module = model(name)
     files = export(module, tmp_path, "pt2", FRAMES)
@@ -59,7 +68,7 @@ def test_an_exported_program_gives_the_same(name: str, tmp_path: Path) -> None:
     assert largest_difference(module, first, following, noise()) < 1e-4
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_exported_video_model_chooses_the_scale_of_motion_as_it_goes(tmp_path: Path) -> None:
     module, film = ndtorch.load("video", size=passing_scenes.SIZE, fps=25.0), crossing() / 255
     files = export(module, tmp_path, "pt2", 2)
@@ -83,16 +92,32 @@ def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
         export(model("published"), tmp_path, "tflite")  # type: ignore[arg-type]
 
 
-# With frames of a chunk. Each takes a C++ compiler minutes: one is in every run of the suite, the others in
-# `make test-long`.
-PACKAGES = [
-    pytest.param("published", 2, marks=pytest.mark.compiled),
-    pytest.param("scale-free", 5, marks=pytest.mark.long),
-    pytest.param("retinotopic", 5, marks=pytest.mark.long),
-    pytest.param("video", 2, marks=pytest.mark.long),
-]
+class Summed(torch.nn.Module):
+    """A program with a state, and small: what a whole model takes a C++ compiler is a minute."""
+
+    def forward(self, x: Tensor, total: Tensor) -> tuple[Tensor, Tensor]:
+        after = total + x.sum(0)
+        return after.sqrt(), after
 
 
+@pytest.mark.compiled
+@pytest.mark.skipif(shutil.which("g++") is None, reason="AOTInductor needs a C++ compiler")
+def test_a_compiled_package_is_written_and_runs(tmp_path: Path) -> None:
+    x, total = torch.rand(3, 5), torch.rand(5)
+    write(torch.export.export(Summed(), (x, total)), tmp_path / "next.pt2", "aoti")
+    following = torch._inductor.aoti_load_package(str(tmp_path / "next.pt2"))
+    for _ in range(2):
+        root, after = following(x, total)
+        torch.testing.assert_close(after, total + x.sum(0))
+        torch.testing.assert_close(root, after.sqrt())
+        total = after
+
+
+# With frames of a chunk.
+PACKAGES = [("published", 2), ("scale-free", 5), ("retinotopic", 5), ("video", 2)]
+
+
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "frames"), PACKAGES)
 @pytest.mark.skipif(shutil.which("g++") is None, reason="AOTInductor needs a C++ compiler")
 def test_a_compiled_package_gives_the_same(name: str, frames: int, tmp_path: Path) -> None:

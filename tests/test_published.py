@@ -121,18 +121,17 @@ def test_bars_that_do_not_fluctuate_are_called_static(films: Films) -> None:
     assert model.objects(state) == []
 
 
-@pytest.mark.parametrize(("patterns", "enough"), [(1, 1), pytest.param(20, 16, marks=pytest.mark.long)])
-def test_random_shadow_works_for_most_patterns(films: Films, patterns: int, enough: int) -> None:
+@pytest.mark.long
+def test_random_shadow_works_for_most_patterns(films: Films) -> None:
     """[B fig. 11e-f] One pattern was shown; claim B8 of `ndtorch reproduce` finds the bars in 19 of 20.
 
-    A model that finds them in 19 of 20 passes these with a probability of .95 and .997, one that finds them in half
-    with .5 and .006.
+    A model that finds them in 19 of 20 passes this with a probability of .997, one that finds them in half with .006.
     """
     right = 0
-    for seed in range(patterns):
+    for seed in range(20):
         _, state = learn(films(two_bars, fluctuation="random", seed=seed), gamma=4.0)
         right += names(state.second.weights) == ["red", "green"]
-    assert right >= enough
+    assert right >= 16
 
 
 def test_a_weak_first_stage_does_not_find_the_bars(films: Films) -> None:

@@ -31,8 +31,8 @@ VARIANTS = {
 }
 """Name and what it is like."""
 
-TURNS = ("plain", "no-home")
-"""Those that CI runs by turns: the ones that were seen to pass as a whole. `make test-variants` runs them all."""
+TURNS = ("plain", "no-vectors+old-blas+random-order+no-interrupt", "avx2+random-order+no-home", "busy+no-interrupt")
+"""What CI runs by turns: together they hold every variant. `make test-variants` runs each alone."""
 
 SET = {
     "no-vectors": {"ATEN_CPU_CAPABILITY": "default"},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ndtorch.kernels.strips import Array, grey_row, high_pass, larger
+from ndtorch.kernels.strips import Array, as_whole, grey_row, high_pass
 
 
 def cell_maxima(
@@ -33,19 +33,24 @@ def cell_maxima(
     """
     _, height, width = low.shape
     _, bands, blocks = cells.shape
-    grey, high, peak = np.empty(width, low.dtype), np.empty(width, low.dtype), np.empty(width, low.dtype)
     tall, wide = height // bands, width // blocks
+    # A band at a time: long loops, of numbers that stay in the cache.
+    grey, size, peak = np.empty((tall, width), low.dtype), np.empty(tall * width, low.dtype), np.empty(width, low.dtype)
+    sizes, peaks, largest = as_whole(size), as_whole(peak), as_whole(cells)
     for eye in range(2):
         for band in range(bands):
+            start = band * tall
+            for y in range(tall):
+                grey_row(frames[eye], beside, tops[eye] + start + y, lefts[eye], every, unit, count, grey[y])
+            before, after = low[eye, start : start + tall], new_low[eye, start : start + tall]
+            high_pass(grey.reshape(-1), before.reshape(-1), settle, a, after.reshape(-1), size)
             for x in range(width):
-                peak[x] = 0
-            for y in range(band * tall, (band + 1) * tall):
-                grey_row(frames[eye], beside, tops[eye] + y, lefts[eye], every, unit, count, grey)
-                high_pass(grey, low[eye, y], settle, a, new_low[eye, y], high)
+                peaks[x] = sizes[x]
+            for y in range(1, tall):
                 for x in range(width):
-                    peak[x] = larger(abs(high[x]), peak[x])
+                    peaks[x] = max(peaks[x], sizes[y * width + x])
             for block in range(blocks):
-                largest = peak[block * wide]
+                most = peaks[block * wide]
                 for x in range(block * wide + 1, (block + 1) * wide):
-                    largest = larger(peak[x], largest)
-                cells[eye, band, block] = largest
+                    most = max(most, peaks[x])
+                largest[eye, band, block] = most

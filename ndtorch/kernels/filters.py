@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
-
-from ndtorch.kernels.load import FAST
+from ndtorch.kernels.inner import inner
 
 Array = Any
 """A NumPy array, or one row of it."""
 
 
-@numba.njit(fastmath=FAST, error_model="numpy")
+@inner
 def filter_row(
     colors: tuple[Array, Array, Array],
     third: float,
@@ -60,7 +58,7 @@ def filter_row(
     return r, g, b
 
 
-@numba.njit(fastmath=FAST, error_model="numpy")
+@inner
 def correlate(
     high: Array, late: Array, high_before: Array, late_before: Array
 ) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -76,14 +74,14 @@ def correlate(
     return (across, across_size), (along + signed, along_size + abs(signed))
 
 
-@numba.njit(fastmath=FAST, error_model="numpy")
+@inner
 def add_weighted(row: Array, weight: float, total: Array) -> None:
     """`total += weight row`."""
     for x in range(row.shape[0]):
         total[x] += weight * row[x]
 
 
-@numba.njit(fastmath=FAST, error_model="numpy")
+@inner
 def copy_row(row: Array, into: Array) -> None:
     """Numbers of one row into another: less to do than an assignment, which looks for rows that overlap."""
     for x in range(row.shape[0]):

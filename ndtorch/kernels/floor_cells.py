@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba
 import numpy as np
+
+from ndtorch.kernels.inner import exactly
 
 Array = Any
 
@@ -82,7 +83,7 @@ def floor_cells(
     return noise
 
 
-@numba.njit(error_model="numpy")
+@exactly
 def learn(
     cells: Array, shape: Array, level: Array, profile: Array, moving: float, share: float, new_level: Array
 ) -> None:
@@ -99,7 +100,7 @@ def learn(
         new_level[b] = level[b] + share * (guess - level[b]) if level[b] > 0 else guess
 
 
-@numba.njit(error_model="numpy")
+@exactly
 def lower_median(values: Array) -> float:
     """As `torch.median`; the values, of which there are few, are put in order."""
     for k in range(1, len(values)):

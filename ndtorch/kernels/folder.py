@@ -73,13 +73,19 @@ def remove_stale(folder: Path, pattern: str) -> list[Path]:
 
 
 @contextmanager
-def locked(folder: Path | None) -> Iterator[None]:
-    """Alone in a folder, among processes that ask for the same."""
+def locked(folder: Path | None, part: str | None = None) -> Iterator[None]:
+    """Alone in a folder, or with a part of it, among processes that ask for the same."""
     if folder is None:
         yield
         return
     private_folder(folder)
     with (folder / "lock").open("w") as file:
         os.utime(file.fileno())
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield
+        if part is None:
+            fcntl.flock(file, fcntl.LOCK_EX)
+            yield
+            return
+        fcntl.flock(file, fcntl.LOCK_SH)
+        with (folder / f"{part}.lock").open("w") as own:
+            fcntl.flock(own, fcntl.LOCK_EX)
+            yield

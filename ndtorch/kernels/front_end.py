@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from ndtorch.kernels.filters import Array, add_weighted, copy_row, correlate, filter_row
-from ndtorch.kernels.load import FAST
+from ndtorch.kernels.inner import inner
 
 
 def front_end(
@@ -71,11 +70,7 @@ def front_end(
         if wrap:
             signed = high[0] * late[width - 1] - high[width - 1] * late[0]
             across, across_size = across + signed, across_size + abs(signed)
-        add_halved(image, y + margin, block, rows)
-        if 0 < y <= margin:
-            add_halved(image, margin - y, block, rows)
-        if 0 < height - 1 - y <= margin:
-            add_halved(image, margin + 2 * (height - 1) - y, block, rows)
+        add_mirrored(image, y, height, margin, block, rows)
     if wrap:
         end = 1 + (height - 1) % 2
         _, above = correlate(highs[0], lates[0], highs[end], lates[end])
@@ -84,7 +79,7 @@ def front_end(
     sums[4], sums[5], sums[6] = red * unit, green * unit, blue * unit
 
 
-@numba.njit(fastmath=FAST, error_model="numpy")
+@inner
 def add_halved(row: Array, place: int, block: int, rows: Array) -> None:
     """Add the row at `place` to what its block and the next become: a triangle of weights, as of `halve_rows`."""
     here, there = place // block, (place // block + 1) % rows.shape[0]
@@ -92,3 +87,13 @@ def add_halved(row: Array, place: int, block: int, rows: Array) -> None:
     add_weighted(row, rows.dtype.type(1 - share), rows[here])
     if share > 0:
         add_weighted(row, rows.dtype.type(share), rows[there])
+
+
+@inner
+def add_mirrored(row: Array, y: int, height: int, margin: int, block: int, rows: Array) -> None:
+    """Add a row of the image, and where it is mirrored in the margins, to what its blocks become."""
+    add_halved(row, y + margin, block, rows)
+    if 0 < y <= margin:
+        add_halved(row, margin - y, block, rows)
+    if 0 < height - 1 - y <= margin:
+        add_halved(row, margin + 2 * (height - 1) - y, block, rows)

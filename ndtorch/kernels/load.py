@@ -19,13 +19,13 @@ FAST = {"reassoc", "contract", "nsz"}
 class Kernel:
     """A kernel for one kind of arguments. Call `run`; the first call takes it from the cache or compiles it."""
 
-    def __init__(self, dispatcher: Callable[..., Any], folder: Path | None) -> None:
-        self.dispatcher, self.folder = dispatcher, folder
+    def __init__(self, name: str, dispatcher: Callable[..., Any], folder: Path | None) -> None:
+        self.name, self.dispatcher, self.folder = name, dispatcher, folder
         self.run: Callable[..., Any] = self.first
 
     def first(self, *given: Any) -> Any:
-        """Two processes that write the cache at once could mix up its entries: one after the other."""
-        with locked(self.folder):
+        """Two processes that write one kernel at once could mix up its entries: one after the other."""
+        with locked(self.folder, self.name):
             out = self.dispatcher(*given)
         self.run = self.dispatcher
         return out
@@ -49,7 +49,7 @@ def kernel(name: str, kind: Hashable = None) -> Kernel:
         compiled = numba.njit(function, cache=folder is not None, nogil=True, fastmath=FAST, error_model="numpy")
     finally:
         config.CACHE_DIR = before
-    return Kernel(compiled, folder)
+    return Kernel(name, compiled, folder)
 
 
 @cache

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ndtorch.kernels.filters import Array
 
 
@@ -17,12 +19,15 @@ def pair_spectrum(columns: Array, filters: Array, out: Array) -> None:
     count, rows, full = filters.shape
     length, half = columns.shape
     above = rows - (rows - 1) // 2
-    for f in range(count):
-        for r in range(rows):
-            place = r if r < above else length - rows + r
-            back = rows - r if r else 0
-            mirrored = back if back < above else length - rows + back
-            for c in range(half):
-                out[f, r, c] = columns[place, c] * filters[f, r, c]
-            for c in range(half, full):
-                out[f, r, c] = columns[mirrored, full - c].conjugate() * filters[f, r, c]
+    line = np.empty(full, columns.dtype)
+    for r in range(rows):
+        place = r if r < above else length - rows + r
+        back = rows - r if r else 0
+        mirrored = back if back < above else length - rows + back
+        for c in range(half):
+            line[c] = columns[place, c]
+        for c in range(half, full):
+            line[c] = columns[mirrored, full - c].conjugate()
+        for f in range(count):
+            for c in range(full):
+                out[f, r, c] = line[c] * filters[f, r, c]

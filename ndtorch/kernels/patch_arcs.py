@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba
 import numpy as np
+
+from ndtorch.kernels.inner import exactly
 
 Array = Any
 
@@ -80,7 +81,7 @@ def patch_arcs(
         lengths[0, arc], lengths[1, arc] = kind(free) * kind(step), kind(seen) * kind(step)
 
 
-@numba.njit(error_model="numpy")
+@exactly
 def turning(pose: tuple[float, float, float], cell: float, like: Array) -> tuple[float, float, float, float]:
     """Cosine and sine of the heading, and the place, in cells."""
     kind = like.dtype.type
@@ -88,7 +89,7 @@ def turning(pose: tuple[float, float, float], cell: float, like: Array) -> tuple
     return cos, sin, kind(pose[0]) / kind(cell), kind(pose[1]) / kind(cell)
 
 
-@numba.njit(error_model="numpy")
+@exactly
 def find(x: float, y: float, turn: tuple[float, float, float, float], size: int) -> tuple[int, int]:
     """The cell that holds a place of the body frame."""
     cos, sin, ahead, aside = turn
@@ -96,7 +97,7 @@ def find(x: float, y: float, turn: tuple[float, float, float, float], size: int)
     return int(row) & (size - 1), int(column) & (size - 1)
 
 
-@numba.njit(error_model="numpy")
+@exactly
 def move(
     evidence: Array,
     tag: Array,

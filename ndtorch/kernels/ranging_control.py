@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
 from ndtorch.kernels.decision import decision
 from ndtorch.kernels.floor_cells import floor_cells
-from ndtorch.kernels.load import FAST
+from ndtorch.kernels.inner import exactly, inner
 from ndtorch.kernels.patch_arcs import patch_arcs
 
 Array = Any
 
-seen_floor = numba.njit(fastmath=FAST, error_model="numpy")(floor_cells)
-free_arcs = numba.njit(fastmath=FAST, error_model="numpy")(patch_arcs)
-decided = numba.njit(error_model="numpy")(decision)
+seen_floor, free_arcs, decided = inner(floor_cells), inner(patch_arcs), exactly(decision)
 
 
 def ranging_control(

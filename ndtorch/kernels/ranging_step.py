@@ -4,112 +4,122 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
-from ndtorch.kernels.arc import arc
-from ndtorch.kernels.cell_maxima import cell_maxima
-from ndtorch.kernels.load import FAST
+from ndtorch.kernels.inner import inner, tuple_of
+from ndtorch.kernels.look_around import NUMBERS, WHOLE_NUMBERS, look_around
 from ndtorch.kernels.ranging_control import ranging_control
-from ndtorch.kernels.row_ranges import row_ranges
 from ndtorch.kernels.strips import larger
 
 Array = Any
 
-largest_in_cells = numba.njit(fastmath=FAST, error_model="numpy")(cell_maxima)
-ranged = numba.njit(fastmath=FAST, error_model="numpy")(row_ranges)
-driven = numba.njit(error_model="numpy")(arc)
-controlled = numba.njit(error_model="numpy")(ranging_control)
+seen, controlled = inner(look_around), inner(ranging_control)
+
+FLOOR, WORTH, PATCH, LIMITS = 12, 3, 9, 17
+"""How many numbers `ranging_control` takes of each."""
 
 
 def ranging_step(
-    fields: tuple[Array, Array],
-    rows: tuple[Array, Array],
-    beside: tuple[bool, bool],
-    where: tuple[int, int, int, int, int],
-    grey: tuple[float, int],
-    settle: bool,
-    shares: tuple[float, float],
-    low: tuple[Array, Array],
-    new_low: tuple[Array, Array],
-    finding: tuple[int, int, float, float, int, int, tuple[int, int, int]],
-    matching: tuple[float, float, bool, float],
-    rig: tuple[float, float, float, float, bool],
+    left_field: Array,
+    right_field: Array,
+    left_row: Array,
+    right_row: Array,
+    whole: Array,
     numbers: Array,
-    step: tuple[float, float, float, float],
-    out: Array,
+    dt: float,
+    drift: float,
+    scale: float,
+    settle: bool,
+    given: bool,
+    speed: float,
+    curvature: float,
+    large: Array,
+    small: Array,
+    new_large: Array,
+    new_small: Array,
     valid: Array,
-    sides: Array,
-    after: Array,
-    size: tuple[int, int],
-    memory: tuple[Array, Array, Array],
-    new_memory: tuple[Array, Array, Array],
-    tables: tuple[Array, Array, Array, Array],
-    floor: tuple[float, ...],
-    worths: tuple[float, float, float],
-    patch: tuple[float, float, float, float, float, float, float, float, float],
-    arcs: tuple[int, int, int, float],
-    choice: tuple[Array, Array, Array],
-    limits: tuple[float, ...],
-) -> tuple[float, float]:
+    flow: Array,
+    profile: Array,
+    places: Array,
+    under: Array,
+    comparison: Array,
+    table: Array,
+    moves: Array,
+    full: Array,
+) -> tuple[float, float, bool]:
     """The step of `Navigator` of one car and one frame: arguments and result as of `published_step`.
 
+    The controller's whole numbers are the size of the patch, and `leading`, steps and number of its arcs; its others
+    those of `ranging_control`, the length of a step of its arcs, the least noise of pictures, the shares of bands up
+    to which a car stands and from which on it is fast, and the mode in which it stands.
+
     Args:
-        size: `every` of `cell_maxima`, and blocks of cells.
-        memory: and the rest are those of `ranging_control`.
+        flow, profile, places, under: `tables` of `ranging_control`.
+        comparison, table, moves: `choice` of `ranging_control`.
+        full: share of its level that floor shows at full speed, `[bands]`.
     """
-    unit, count = grey
-    tops, lefts = (where[0], where[1]), (where[2], where[3])
-    bands, blocks = memory[0].size, size[1]
-    every = size[0]
-    found, seen = np.empty((2, bands, blocks), low[0].dtype), np.empty((2, bands, blocks), low[0].dtype)
-    largest_in_cells(fields, beside[0], tops, lefts, every, unit, count, settle, low[0], shares[0], new_low[0], found)
-    largest = ranged(
-        rows,
-        beside[1],
-        where[4],
-        unit,
-        count,
-        settle,
-        low[1],
-        shares[1],
-        new_low[1],
-        finding,
-        matching,
-        rig,
-        out,
-        valid,
+    bands, blocks, at = whole[9], whole[10], whole[23]
+    found, cells = np.empty((2, bands, blocks), large.dtype), np.empty((2, bands, blocks), large.dtype)
+    eyes = (left_field, right_field, left_row, right_row)
+    driven = (speed, curvature) if given else (float(small[0]), float(small[1]))
+    largest = seen(
+        eyes, whole, numbers, (dt, drift, scale), settle, driven, (large, small), (new_large, new_small), valid, found
     )
-    peak = sides.dtype.type(0)
+    kind = found.dtype.type
+    peak = kind(0)
     for eye in range(2):
-        highest = sides.dtype.type(0)
+        highest = kind(0)
         for band in range(bands):
             for block in range(blocks):
                 # The nearest band is the first, and the outermost block too.
                 worth = found[eye, bands - 1 - band, blocks - 1 - block if eye else block]
                 highest = larger(worth, highest)
-                seen[eye, band, block] = worth * sides.dtype.type(step[3])
+                cells[eye, band, block] = worth * kind(numbers[3])
         peak = larger(highest, peak)
-        sides[eye] = highest * sides.dtype.type(step[3])
-    now = np.empty(numbers.size, numbers.dtype)
-    for k in range(now.size):
-        now[k] = numbers[k]
-    x, y, heading = driven(float(now[2]), float(now[3]), float(now[4]), float(now[0]) * step[2], float(now[1]), step[0])
-    now[2], now[3], now[4] = x, y, heading + step[1]
-    after[2], after[3], after[4] = now[2], now[3], now[4]
+        new_small[at + eye] = highest * kind(numbers[3])
+    now = small[:at].copy()
+    now[0], now[1] = driven
+    now[2], now[3], now[4] = new_small[2], new_small[3], new_small[4]
+    own = whole[WHOLE_NUMBERS:]
+    size, leading, steps, arcs = own[0], own[1], own[2], own[3]
+    n = whole[14]
+    out = new_small[at + 4 : at + 4 + 5 * n].reshape((5, n))
+    worths, patch = NUMBERS + FLOOR, NUMBERS + FLOOR + WORTH
+    limits = patch + PATCH
+    # Behind fields and rows: level, evidence and tag.
+    begin = 2 * whole[11] * whole[12] + 2 * whole[13]
+    middle, end = begin + bands, begin + bands + size * size
+    floor = tuple_of(numbers[NUMBERS:worths], FLOOR)
     controlled(
-        seen,
+        cells,
         (out[3], out[4], valid),
         now,
-        memory,
-        new_memory,
-        after,
-        tables,
+        (large[begin:middle], large[middle:end].reshape((size, size)), large[end:].reshape((2, size))),
+        (
+            new_large[begin:middle],
+            new_large[middle:end].reshape((size, size)),
+            new_large[end:].reshape((2, size)),
+        ),
+        new_small,
+        (flow, profile, places, under),
         floor,
-        worths,
-        patch,
-        arcs,
-        choice,
-        limits,
+        tuple_of(numbers[worths:patch], WORTH),
+        tuple_of(numbers[patch:limits], PATCH),
+        (leading, steps, arcs, numbers[limits + LIMITS]),
+        (comparison, table, moves),
+        tuple_of(numbers[limits : limits + LIMITS], LIMITS),
     )
-    return float(peak), largest
+    learning = new_small[6] <= kind(floor[6])
+    if not learning:
+        # As `known_share` and `RangingControl.caution`.
+        rest = numbers[limits + LIMITS + 1 :]
+        noise, known = max(new_small[5], kind(rest[0])) * kind(floor[4]), 0
+        for band in range(bands):
+            known += new_large[begin + band] * full[band] > noise
+        share = min(max((kind(known) / kind(bands) - kind(rest[1])) / kind(rest[2] - rest[1]), kind(0)), kind(1))
+        if new_small[0] > 0:
+            new_small[0] *= share
+        if share <= 0:
+            new_small[0], new_small[1], new_small[7] = 0, 0, rest[3]
+    new_small[at + 2], new_small[at + 3] = new_small[0], new_small[1]
+    return float(peak), largest, learning

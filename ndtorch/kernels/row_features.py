@@ -4,45 +4,52 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
+from ndtorch.kernels.inner import exactly
 from ndtorch.kernels.strips import Array
 
 EDGE_SIDE, SAME_EDGE, BLUR = 1.5, 1.5, 2
 """As in `ndtorch.navigation.features`."""
 
 
-@numba.njit(error_model="numpy")
-def largest(motion: Array, start: int, end: int) -> int:
-    """Where the largest of `motion` from one column up to another is, 0 where that is none."""
-    best = 0
-    for x in range(start, end):
-        if motion[x] > motion[best] or motion[x] != motion[x]:
-            best = x
+@exactly
+def largest(whole: Array, start: int, end: int) -> int:
+    """Where the largest from one column up to another is, the first of them; 0 where there are none."""
+    if not start < end:
+        return 0
+    most = whole[start]
+    for x in range(start + 1, end):
+        most = max(most, whole[x])
+    best = start
+    while whole[best] != most:
+        best += 1
     return best
 
 
-@numba.njit(error_model="numpy")
-def strongest(motion: Array, spacing: int, kept: tuple[int, int, int], column: Array, strength: Array) -> None:
+@exactly
+def strongest(
+    motion: Array, whole: Array, spacing: int, kept: tuple[int, int, int], column: Array, strength: Array
+) -> None:
     """The largest of `motion` `[W]`, one after the other; it is spoiled.
 
     Args:
+        whole: the same numbers `as_whole`.
         kept: so many are looked for first, from this column up to that one.
     """
     width = motion.shape[0]
     motion[0] = motion[width - 1] = -1
     ahead, start, end = kept
     for k in range(column.shape[0]):
-        best = largest(motion, start, end) if k < ahead else 0
+        best = largest(whole, start, end) if k < ahead else 0
         if not motion[best] > 0:
-            best = largest(motion, 0, width)
+            best = largest(whole, 0, width)
         column[k], strength[k] = best, motion[best]
         for x in range(max(0, best - spacing), min(best + spacing + 1, width)):
             motion[x] = -1
 
 
-@numba.njit(error_model="numpy")
+@exactly
 def edge_place(row: Array, column: int, reach: int) -> float:
     """Where the edge is that made the motion at a column, see `edge_places`."""
     kind, width = row.dtype.type, row.shape[0]
@@ -63,7 +70,7 @@ def edge_place(row: Array, column: int, reach: int) -> float:
     return inside
 
 
-@numba.njit(error_model="numpy")
+@exactly
 def between(row: Array, place: float) -> float:
     """The row at a fraction of a pixel."""
     kind, width = row.dtype.type, row.shape[0]
@@ -74,7 +81,7 @@ def between(row: Array, place: float) -> float:
     return worth
 
 
-@numba.njit(error_model="numpy")
+@exactly
 def patch_error(one: Array, other: Array) -> float:
     """Squared difference of two patches."""
     a, b, c = one[0] - other[0], one[1] - other[1], one[2] - other[2]
@@ -82,7 +89,7 @@ def patch_error(one: Array, other: Array) -> float:
     return total
 
 
-@numba.njit(error_model="numpy")
+@exactly
 def describe(
     row: Array,
     column: Array,
@@ -126,7 +133,7 @@ def describe(
         good[i] = good[i] and not twin[i]
 
 
-@numba.njit(error_model="numpy")
+@exactly
 def match(
     column: Array, patch: Array, good: Array, params: tuple[float, float, bool, float], partner: Array, valid: Array
 ) -> None:

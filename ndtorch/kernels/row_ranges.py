@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.row_features import describe, match, strongest
-from ndtorch.kernels.strips import Array, grey_row, high_pass, larger
+from ndtorch.kernels.strips import Array, as_whole, grey_row, high_pass
 from ndtorch.kernels.triangulation import triangulate
 
 
@@ -41,21 +41,22 @@ def row_ranges(
     """
     n, spacing, weakest, difference, reach, border, kept = finding
     width = low.shape[1]
-    kind = low.dtype.type
     rows, motion = np.empty((2, width), low.dtype), np.empty(width, low.dtype)
     column, strength = np.empty((2, n), low.dtype), np.empty((2, n), low.dtype)
     patch, good = np.empty((2, n, 3), low.dtype), np.empty((2, n), np.bool_)
-    largest = kind(0)
+    most, whole = np.zeros(1, low.dtype), as_whole(motion)
+    largest = as_whole(most)
     for eye in range(2):
         grey_row(frames[eye], beside, top, 0, 1, unit, count, rows[eye])
         high_pass(rows[eye], low[eye], settle, a, new_low[eye], motion)
+        here = largest[0]
         for x in range(width):
-            motion[x] = abs(motion[x])
-            largest = larger(motion[x], largest)
+            here = max(here, whole[x])
+        largest[0] = here
         for x in range(border):
             motion[width - 1 - x if eye else x] = 0
-        strongest(motion, spacing, kept, column[eye], strength[eye])
+        strongest(motion, whole, spacing, kept, column[eye], strength[eye])
         describe(rows[eye], column[eye], strength[eye], spacing, weakest, difference, reach, patch[eye], good[eye])
     match(column, patch, good, matching, out[0], valid)
     triangulate(column[0], rig, out, valid)
-    return float(largest)
+    return float(most[0])

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
+import numba.extending
+import numpy as np
 
-from ndtorch.kernels.load import FAST
+from ndtorch.kernels.inner import exactly, inner
 
 Array = Any
 """A NumPy array, or one row of it."""
 
 
-@numba.njit(fastmath=FAST, error_model="numpy")
+@inner
 def grey_row(frame: Array, beside: bool, y: int, left: int, every: int, unit: float, count: int, grey: Array) -> None:
     """Every so many pixels of row `y` from column `left` on: sum of colors times `unit`, over `count`.
 
@@ -28,36 +29,57 @@ def grey_row(frame: Array, beside: bool, y: int, left: int, every: int, unit: fl
                 total += kind(frame[y, left + every * x, c])
             grey[x] = total * unit / count
         return
-    # Loops with a known step become vector instructions.
-    red, green, blue = (frame[0, y, left:], frame[frame.shape[0] // 2, y, left:], frame[frame.shape[0] - 1, y, left:])
-    if frame.shape[0] == 3 and every == 1:
+    # Loops with a known step become vector instructions. One color stands for three.
+    last = frame.shape[0] - 1
+    count = count if last else kind(3) * count
+    red, green, blue = frame[0, y, left:], frame[last // 2, y, left:], frame[last, y, left:]
+    if every == 1:
         for x in range(grey.shape[0]):
             grey[x] = (kind(red[x]) + kind(green[x]) + kind(blue[x])) * unit / count
-    elif frame.shape[0] == 3 and every == 2:
+    elif every == 2:
         for x in range(grey.shape[0]):
             grey[x] = (kind(red[2 * x]) + kind(green[2 * x]) + kind(blue[2 * x])) * unit / count
-    elif frame.shape[0] == 3:
-        for x in range(grey.shape[0]):
-            grey[x] = (kind(red[every * x]) + kind(green[every * x]) + kind(blue[every * x])) * unit / count
     else:
         for x in range(grey.shape[0]):
-            grey[x] = kind(red[every * x]) * unit / count
+            grey[x] = (kind(red[every * x]) + kind(green[every * x]) + kind(blue[every * x])) * unit / count
 
 
-@numba.njit(fastmath=FAST, error_model="numpy")
-def high_pass(grey: Array, low: Array, settle: bool, a: float, after: Array, high: Array) -> None:
-    """One step of `NDMin` of one row: new state into `after`, output into `high`. It starts at rest to `settle`."""
+@inner
+def high_pass(grey: Array, low: Array, settle: bool, a: float, after: Array, size: Array) -> None:
+    """One step of `NDMin` of many pixels in a row: new state into `after`, magnitude of the output into `size`.
+
+    It starts at rest to `settle`.
+    """
     kind = grey.dtype.type
-    share, rest = kind(a), kind(1 - a)
+    if settle:
+        for x in range(grey.shape[0]):
+            after[x] = grey[x]
+            size[x] = abs(grey[x] - grey[x])
+        return
+    # As `torch.lerp` rounds it: from the nearer end.
+    one, other, share = (low, grey, kind(a)) if kind(a) < kind(0.5) else (grey, low, kind(1 - a))
     for x in range(grey.shape[0]):
-        before = grey[x] if settle else low[x]
-        # As `torch.lerp` rounds it: from the nearer end.
-        mean = before + share * (grey[x] - before) if share < kind(0.5) else grey[x] - rest * (grey[x] - before)
+        mean = one[x] + share * (other[x] - one[x])
         after[x] = mean
-        high[x] = grey[x] - mean
+        size[x] = abs(grey[x] - mean)
 
 
-@numba.njit(error_model="numpy")
+def as_whole(size: Array) -> Array:
+    """Magnitudes as whole numbers of the same order, in which what is no number is larger than all.
+
+    Unlike those of floating point numbers, loops over their maxima become vector instructions.
+    """
+    return size.view(np.int32 if size.itemsize == 4 else np.int64)
+
+
+@numba.extending.overload(as_whole, strict=False)
+def compiled_as_whole(size: Any) -> Any:
+    """`as_whole` in kernels, where types are known before."""
+    kind = np.int32 if size.dtype.bitwidth == 32 else np.int64
+    return lambda size: size.view(kind)
+
+
+@exactly
 def larger(one: float, other: float) -> float:
     """The larger of two; what is no number is larger than all."""
     return one if one > other or one != one else other

@@ -21,13 +21,14 @@ from ndtorch.navigation.controllers.ranging import RangingParams
 from ndtorch.navigation.correspondence import MatchParams
 from ndtorch.navigation.features import FeatureParams
 from ndtorch.navigation.mapping import Grid, GridMap
-from ndtorch.navigation.model import Navigator, NavigatorState
+from ndtorch.navigation.model import Navigator
 from ndtorch.navigation.observations import ObservationList
 from ndtorch.navigation.odometry import DeadReckoning, Pose
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import Rect, StereoRig
 from ndtorch.navigation.row_ranging import RowRanging
+from ndtorch.navigation.state import NavigatorState
 from ndtorch.navigation.strips import Strips, cut_strips
 from ndtorch.navigation.tracking import AlphaBetaTracker
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+import operator
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -22,54 +23,21 @@ from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, make_con
 from ndtorch.navigation.correspondence import MatchParams
 from ndtorch.navigation.features import FeatureParams
 from ndtorch.navigation.localisation.localiser import Localiser, LocaliserState
-from ndtorch.navigation.mapping import GridMap, GridMapState
+from ndtorch.navigation.mapping import GridMap
 from ndtorch.navigation.near_check import NearCheck
-from ndtorch.navigation.observations import ObservationList, Observations
+from ndtorch.navigation.observations import ObservationList
 from ndtorch.navigation.odometry import DeadReckoning, Pose
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import AngleModel, StereoRig
-from ndtorch.navigation.row_ranging import RowRanging, RowRangingState
+from ndtorch.navigation.row_ranging import RowRanging
 from ndtorch.navigation.row_search import SearchParams
+from ndtorch.navigation.state import NavigatorState, StepState
 from ndtorch.navigation.strips import Strips, grey_pair, row_rect
-from ndtorch.navigation.tracking import AlphaBetaTracker, Tracks
-from ndtorch.navigation.whole_step import Going, Parts, Stepped, in_frames, whole_step
-from ndtorch.vision.temporal import FilterState
+from ndtorch.navigation.tracking import AlphaBetaTracker
+from ndtorch.navigation.whole_step import Parts, Stepped, WholeStep, in_frames
 
 STANDS = 0.05
 """m/s: a car slower than this stands."""
-
-
-class NavigatorState(NamedTuple):
-    """State of `Navigator`, and what it last saw.
-
-    Attributes:
-        fields, rows: states of what reads the subfields and the horizon rows; None has them settle on the next frame.
-        control: the controller's own state, a NamedTuple of tensors.
-        command: the last command, `[...]`, driven until the next frame.
-        pose: where the car was at the last frame by dead reckoning, `[...]`; `place` is the corrected one.
-        sides: speed estimates of the last frame, `[..., 2]`.
-        difference: what the controller weighed then, `[...]`; `Controller.trace` says what it is.
-        ranges: of the last frame, `[..., n]`.
-        map, observations, tracks, located: states of those parts, None where the navigator has none.
-    """
-
-    fields: FilterState | None
-    rows: RowRangingState | None
-    control: Any
-    command: Command
-    pose: Pose
-    sides: Tensor
-    difference: Tensor
-    ranges: Ranges
-    map: GridMapState | None
-    observations: Observations | None
-    tracks: Tracks | None
-    located: LocaliserState | None = None
-
-    @property
-    def place(self) -> Pose:
-        """Where the car was at the last frame as far as is known, `[...]`: corrected where there is a localiser."""
-        return self.pose if self.located is None else Pose(*(part.to(self.pose.x) for part in self.located.pose))
 
 
 class Navigator(nn.Module):
@@ -136,6 +104,7 @@ class Navigator(nn.Module):
         self.reckoning = DeadReckoning(dt)
         self.grid_map, self.observations, self.tracker, self.localiser = grid_map, observations, tracker, localiser
         self.row = row_rect(rig)
+        self.whole: WholeStep | None = None
         self.near = NearCheck(rig, self.controller.fields) if near_check and self.controller.looks_near else None
 
     def forward(
@@ -147,47 +116,40 @@ class Navigator(nn.Module):
         start: Pose | None = None,
     ) -> tuple[Command, NavigatorState]:
         ours, theirs = strips(left), strips(right)
-        parts = Parts(self.controller, self.ranging, self.reckoning)
-        step = None
-        if state is None or state.fields is None or state.rows is None:
-            if state is None and self.near is None:
-                step = whole_step(parts, ours, theirs, None, driven, start)
-        elif not self.at_a_stand(state):
-            going = Going(state.fields, state.rows, state.control, state.command, state.pose)
-            step = whole_step(parts, ours, theirs, going, driven, start)
+        step = self.whole_step()(ours, theirs, state, driven, start)
         if step is not None:
-            step = self.careful(step)
-            return step.command, self.after(step, ours, theirs, state)
+            return self.after(step, ours, theirs, state)
         command, state, ranges, poses = self.see_and_steer(left, right, state, driven, start)
         return command, self.remember(state, ranges, poses)
 
-    def at_a_stand(self, state: NavigatorState) -> bool:
-        """Whether the next step of one car may begin with a look at what is near, which no kernel does."""
-        if state.pose.x.ndim:
-            return False
-        mode = int(self.controller.mode(state.control))
-        return mode == STOPPED or (mode == SUPPRESSED and self.near is not None)
+    def whole_step(self) -> WholeStep:
+        """Steps of the parts that there are now."""
+        parts = Parts(self.controller, self.ranging, self.reckoning)
+        if self.whole is None or not all(map(operator.is_, self.whole.parts, parts)):
+            self.whole = WholeStep(parts, self.near is not None)
+        return self.whole
 
-    def careful(self, step: Stepped) -> Stepped:
-        """The step of a kernel with the caution of the controller."""
-        command, control = self.controller.caution(step.going.command, step.control, step.going.pose)
-        if command is step.going.command:
-            return step
-        ahead = Command(command.speed.unsqueeze(0), command.curvature.unsqueeze(0))
-        return step._replace(going=step.going._replace(command=command, control=control), command=ahead)
-
-    def after(self, step: Stepped, left: Strips, right: Strips, state: NavigatorState | None) -> NavigatorState:
-        """The state after a step that one kernel made: it remembers what was seen."""
-        memory = state[8:] if state else (None, None, None, None)
-        difference = self.controller.difference(step.control)
-        new = NavigatorState(*step.going, step.sides, difference, step.ranges, *memory)
-        if not any((self.grid_map, self.observations, self.tracker, self.localiser)):
-            return new
-        ranges, poses = in_frames(step)
-        if self.localiser is not None:
-            located, poses = self.locate(self.localiser, left.row, right.row, poses, state)
-            new = new._replace(located=located)
-        return self.remember(new, ranges, poses)
+    def after(
+        self, step: Stepped, left: Strips, right: Strips, state: NavigatorState | None
+    ) -> tuple[Command, NavigatorState]:
+        """Command and state after a step that one kernel made: what the controller is to be careful of, and memory."""
+        new, packed, command, careful = step
+        whole = True
+        if careful:
+            ahead, control = self.controller.caution(new.command, new.control, new.pose)
+            if ahead is not new.command:
+                new, whole = new._replace(command=ahead, control=control), False
+                command = Command(ahead.speed.unsqueeze(0), ahead.curvature.unsqueeze(0))
+        if self.grid_map or self.observations or self.tracker or self.localiser:
+            ranges, poses = in_frames(new.ranges, new.pose)
+            if self.localiser is not None:
+                located, poses = self.locate(self.localiser, left.row, right.row, poses, state)
+                new = new._replace(located=located)
+            new = self.remember(new, ranges, poses)
+        if whole:
+            new = StepState(*new)
+            new.packed = packed
+        return command, new
 
     def see_and_steer(
         self,

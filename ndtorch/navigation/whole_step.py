@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from itertools import accumulate, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,15 +10,16 @@ import torch
 from torch import Tensor
 
 from ndtorch.kernels.load import kernel
-from ndtorch.navigation.controllers.contract import Command, Controller
+from ndtorch.kernels.switch import kernels_wanted
+from ndtorch.navigation.controllers.contract import STOPPED, SUPPRESSED, Command, Controller
 from ndtorch.navigation.controllers.quick import QuickControl
 from ndtorch.navigation.odometry import DeadReckoning, Pose
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.row_ranging import RowRanging, RowRangingState
-from ndtorch.navigation.strip_kernels import Eyes, eyes
+from ndtorch.navigation.state import NavigatorState, Packed, StepState
 from ndtorch.navigation.strips import Strips, check_unit_range
 from ndtorch.vision.nondirectional import SPEED_SCALE
-from ndtorch.vision.one_pass import image_kind
+from ndtorch.vision.one_pass import KINDS, image_kind
 from ndtorch.vision.temporal import FilterState
 
 
@@ -31,168 +31,242 @@ class Parts(NamedTuple):
     reckoning: DeadReckoning
 
 
-class Going(NamedTuple):
-    """The first parts of `NavigatorState`, those that the next step goes on from."""
+class Seen(NamedTuple):
+    """Two frames as the kernel takes them.
 
-    fields: FilterState
-    rows: RowRangingState
-    control: Any
-    command: Command
-    pose: Pose
+    Attributes:
+        eyes: left and right, of the fields and of the rows.
+        whole, numbers: what the kernel has to know of them and of the parts.
+    """
+
+    eyes: tuple[Any, Any, Any, Any]
+    whole: Any
+    numbers: Any
 
 
 class Stepped(NamedTuple):
     """What a step gives.
 
     Attributes:
-        going: what the next step goes on from.
-        sides: speed estimates, `[2]`.
-        ranges: `[n]`.
+        state: all but the memory, which is that of before.
+        packed: the numbers of the state.
         command: `[1]`.
+        careful: whether the controller's caution has something to say.
     """
 
-    going: Going
-    sides: Tensor
-    ranges: Ranges
+    state: NavigatorState
+    packed: Packed
     command: Command
-
-    @property
-    def control(self) -> Any:
-        """The controller's state."""
-        return self.going.control
+    careful: bool
 
 
-class Before(NamedTuple):
-    """What a step starts from.
+class WholeStep:
+    """Steps of these parts, as long as there is a kernel for them.
 
-    Attributes:
-        numbers: speed and curvature driven, the pose, and those of the controller's state, `[5 + count]`.
-        arrays: of the controller's state.
-        low: states of the fields `[2, h, w]` and the rows `[2, W]`; None settles them.
+    Args:
+        parts: those of a navigator.
+        watched: whether what is near is looked at while the car stands, which no kernel does.
     """
 
-    numbers: Any
-    arrays: list[Any]
-    low: tuple[Any, Any] | None
+    def __init__(self, parts: Parts, watched: bool) -> None:
+        self.parts, self.watched = parts, watched
+        self.quick = None if parts.ranging.search or parts.ranging.follow else parts.controller.quick
+        self.forms: dict[Any, tuple[Any, Any] | None] = {}
 
-
-def whole_step(
-    parts: Parts, left: Strips, right: Strips, state: Going | None, driven: Command | None, start: Pose | None
-) -> Stepped | None:
-    """One step; None where the parts are to do it: several frames or cars, gradients, a part without a kernel."""
-    controller, ranging, _ = parts
-    quick = controller.quick
-    if quick is None or ranging.search is not None or ranging.follow is not None:
-        return None
-    size = (ranging.rig.height, ranging.rig.width)
-    fields = eyes(left.field, right.field, controller.fields, size)
-    if fields is None:
-        return None
-    top = ranging.row.top
-    if left.row is left.field and right.row is right.field and left.field.shape[2:] == size:
-        rows: Eyes | None = fields._replace(tops=(top, top))
-    else:
-        rows = eyes(left.row, right.row, (ranging.row, ranging.row), size)
-    if rows is None or rows.unit != fields.unit or rows.frames[0].dtype != fields.frames[0].dtype:
-        return None
-    before = begin(parts, quick, state, start, image_kind(left.field))
-    if before is None:
-        return None
-    if driven is not None:
-        if not isinstance(driven, Command) or driven.speed.shape != (1,) or driven.curvature.shape != (1,):
+    def __call__(
+        self, left: Strips, right: Strips, state: NavigatorState | None, driven: Command | None, start: Pose | None
+    ) -> Stepped | None:
+        """One step; None where the parts are to do it: several frames or cars, gradients, a part without a kernel."""
+        quick = self.quick
+        if quick is None:
             return None
-        speed, curvature = driven.speed.item(), driven.curvature.item()
-        if not (math.isfinite(speed) and math.isfinite(curvature)):
+        seen = self.look(quick, left, right)
+        if seen is None:
             return None
-        before.numbers[0], before.numbers[1] = speed, curvature
-    return run(parts, quick, (fields, rows), before, left.field)
+        before: Packed | None
+        kind = image_kind(left.field)
+        if state is None:
+            before = None if self.watched else self.begin(quick, start, kind)
+        elif isinstance(state, StepState) and state.packed is not None:
+            before = state.packed if numpy_kind(kind) == state.packed.small.dtype else None
+        else:
+            before = self.gather(quick, state, kind)
+        if before is None or (state is not None and self.at_a_stand(quick, before.small)):
+            return None
+        moved = (False, 0.0, 0.0)
+        if driven is not None:
+            if not isinstance(driven, Command) or driven.speed.shape != (1,) or driven.curvature.shape != (1,):
+                return None
+            moved = (True, driven.speed.item(), driven.curvature.item())
+            if not (math.isfinite(moved[1]) and math.isfinite(moved[2])):
+                return None
+        return self.run(quick, seen, before, state, moved, left.field)
 
+    def at_a_stand(self, quick: QuickControl, numbers: Any) -> bool:
+        """Whether the step may begin with something that no kernel does."""
+        mode = quick.mode(numbers)
+        return mode == STOPPED or (mode == SUPPRESSED and self.watched)
 
-def begin(
-    parts: Parts, quick: QuickControl, state: Going | None, start: Pose | None, kind: torch.dtype
-) -> Before | None:
-    """What a step starts from; None where that is of several cars or of another precision."""
-    lows: tuple[Tensor, ...] = ()
-    if state is None:
+    def look(self, quick: QuickControl, left: Strips, right: Strips) -> Seen | None:
+        """What the kernel sees of frames `[1, C, H, W]`; None where they are none that it takes."""
+        frames = (left.field, right.field, left.row, right.row)
+        if not all(isinstance(eye, Tensor) for eye in frames):
+            return None
+        shape, kind, row = frames[0].shape, frames[0].dtype, frames[2].shape
+        if frames[1].shape != shape or frames[3].shape != row or not (kind == frames[1].dtype == frames[2].dtype):
+            return None
+        if frames[3].dtype != kind or not kernels_wanted(*frames):
+            return None
+        (ours, beside), (theirs, also) = as_array(frames[0]), as_array(frames[1])
+        if frames[2] is frames[0] and frames[3] is frames[1]:
+            line, other, across, too = ours, theirs, beside, also
+        else:
+            (line, across), (other, too) = as_array(frames[2]), as_array(frames[3])
+        if beside != also or across != too:
+            return None
+        key = (shape, row, kind, beside, across)
+        if key not in self.forms:
+            self.forms[key] = self.form(quick, shape, row, kind, (beside, across))
+        form = self.forms[key]
+        return None if form is None else Seen((ours, theirs, line, other), *form)
+
+    def form(
+        self, quick: QuickControl, shape: torch.Size, row: torch.Size, kind: torch.dtype, beside: tuple[bool, bool]
+    ) -> tuple[Any, Any] | None:
+        """Whole and other numbers of `look_around` for such frames; None where they are none that it takes."""
+        controller, ranging, _ = self.parts
+        size, fields = (ranging.rig.height, ranging.rig.width), controller.fields
+        cut = (fields[0].bottom - fields[0].top, fields[0].right - fields[0].left)
+        if len(shape) != 4 or len(row) != 4 or shape[0] != 1 or row[0] != 1 or shape[1] != row[1]:
+            return None
+        if shape[1] not in (1, 3) or kind not in KINDS:
+            return None
+        if shape[2:] not in (size, cut) or row[2:] not in (size, (1, size[1])):
+            return None
+        tops = [rect.top if shape[2:] == size else 0 for rect in fields]
+        lefts = [rect.left if shape[2:] == size else 0 for rect in fields]
+        top = ranging.row.top if row[2:] == size else 0
+        unit, count = (1 / (255 * shape[1]), 1) if kind == torch.uint8 else (1.0, shape[1])
+        n, spacing, weakest, difference, reach, border, kept = ranging.finding
+        least, most, one_to_one, limit = ranging.limits
+        *geometry, exact = ranging.geometry
+        whole = [*beside, *tops, *lefts, top, count, *quick.cells, *quick.shape[1:], size[1]]
+        whole += [n, spacing, reach, border, *kept, one_to_one, exact, 5 + quick.count]
+        numbers = [unit, quick.a, ranging.nd_min.a, SPEED_SCALE, weakest, difference, least, most, limit, *geometry]
+        return np.array([*whole, *quick.whole], np.int64), np.array([*numbers, *quick.numbers])
+
+    def begin(self, quick: QuickControl, start: Pose | None, kind: torch.dtype) -> Packed | None:
+        """What a car starts from; None where its pose is none of one car."""
         still = torch.zeros((), dtype=kind)
         pose = start or Pose(still, still, still)
         if not isinstance(pose, Pose) or any(not isinstance(part, Tensor) or part.ndim for part in pose):
             return None
         if not all(map(math.isfinite, pose)):
             return None
-        last, control = Command(still, still), parts.controller.start(still.new_zeros(2), pose)
-    else:
-        last, pose, control = state.command, state.pose, state.control
+        control = self.parts.controller.start(still.new_zeros(2), pose)
+        rows = torch.empty(2, 1, self.parts.ranging.rig.width, dtype=kind)
+        return self.packed(
+            quick, (torch.empty(quick.shape, dtype=kind), rows), control, Command(still, still), pose, kind
+        )
+
+    def gather(self, quick: QuickControl, state: NavigatorState, kind: torch.dtype) -> Packed | None:
+        """What a step goes on from; None where that is of several cars or of another precision, or settles first."""
+        if state.fields is None or state.rows is None:
+            return None
         lows = (state.fields.low, state.rows.rows.low)
-        if lows[0].shape != quick.shape or lows[1].shape != (2, 1, parts.ranging.rig.width):
+        if lows[0].shape != quick.shape or lows[1].shape != (2, 1, self.parts.ranging.rig.width):
             return None
-    arrays, numbers = quick.take(control)
-    every = [*last, *pose, *numbers]
-    for part in (*every, *arrays, *lows):
-        if part.dtype != kind or not part.is_cpu:
+        return self.packed(quick, lows, state.control, state.command, state.pose, kind)
+
+    def packed(
+        self,
+        quick: QuickControl,
+        lows: tuple[Tensor, Tensor],
+        control: Any,
+        command: Command,
+        pose: Pose,
+        kind: torch.dtype,
+    ) -> Packed | None:
+        """Numbers of a state as the kernel takes them."""
+        arrays, numbers = quick.take(control)
+        every = [*command, *pose, *numbers]
+        large = [*lows, *arrays]
+        for part in (*every, *large):
+            if part.dtype != kind or not part.is_cpu:
+                return None
+        if any(part.ndim for part in every) or [part.numel() for part in arrays] != [*quick.sizes]:
             return None
-    if any(part.ndim for part in every) or [part.numel() for part in arrays] != [*quick.sizes]:
-        return None
-    low = (lows[0].contiguous().numpy(), lows[1].contiguous().numpy()[:, 0]) if lows else None
-    return Before(torch.stack(every).numpy(), [part.contiguous().numpy() for part in arrays], low)
+        return Packed(torch.cat([part.flatten() for part in large]).numpy(), torch.stack(every).numpy())
+
+    def run(
+        self,
+        quick: QuickControl,
+        seen: Seen,
+        before: Packed,
+        state: NavigatorState | None,
+        moved: tuple[bool, float, float],
+        frames: Tensor,
+    ) -> Stepped:
+        """The step itself."""
+        (_, ranging, reckoning), count = self.parts, 5 + quick.count
+        width, n, pixels = ranging.rig.width, ranging.features.count, math.prod(quick.shape)
+        # The images stay with the state; what is small may be kept for longer, and shall not hold on to them.
+        large = torch.empty(pixels + 2 * width + sum(quick.sizes), dtype=image_kind(frames))
+        small, found = torch.empty(count + 4 + 5 * n, dtype=large.dtype), torch.empty(n, dtype=torch.bool)
+        after = Packed(large.numpy(), small.numpy())
+        *peaks, careful = kernel(quick.kernel, (seen.eyes[0].dtype, after.large.dtype)).run(
+            *seen.eyes,
+            seen.whole,
+            seen.numbers,
+            reckoning.dt,
+            reckoning.drift * reckoning.dt,
+            1 + reckoning.scale_error,
+            state is None,
+            *moved,
+            *before,
+            *after,
+            found.numpy(),
+            *quick.arrays(after.large.dtype),
+        )
+        if frames.is_floating_point():
+            for peak in peaks:
+                check_unit_range(torch.tensor(peak), frames)
+        images, rows, *arrays = large.split_with_sizes((pixels, 2 * width, *quick.sizes))
+        parts = small.split_with_sizes((count, 2, 1, 1, 5 * n))
+        speed, curvature, x, y, heading, *control = parts[0].unbind()
+        distance, left, right, ahead, aside = parts[4].view(5, n).unbind()
+        going = quick.give(arrays, control)
+        memory = state[8:] if state else (None, None, None, None)
+        new = NavigatorState(
+            FilterState(images.view(quick.shape)),
+            RowRangingState(FilterState(rows.view(2, 1, width)), None),
+            going,
+            Command(speed, curvature),
+            Pose(x, y, heading),
+            parts[1],
+            self.parts.controller.difference(going),
+            Ranges(distance, left, right, ahead, aside, found),
+            *memory,
+        )
+        return Stepped(new, after, Command(parts[2], parts[3]), careful)
 
 
-def run(parts: Parts, quick: QuickControl, seen: tuple[Eyes, Eyes], before: Before, frames: Tensor) -> Stepped:
-    """The step itself."""
-    (_, ranging, reckoning), (fields, rows) = parts, seen
-    width, n, count = ranging.rig.width, ranging.features.count, len(before.numbers)
-    pixels = math.prod(quick.shape)
-    # The images stay with the state; what is small may be kept for longer, and shall not hold on to them.
-    large = np.empty(pixels + 2 * width + sum(quick.sizes), before.numbers.dtype)
-    small, found = np.empty(count + 4 + 5 * n, large.dtype), np.empty(n, np.bool_)
-    images = large[:pixels].reshape(quick.shape), large[pixels : pixels + 2 * width].reshape(2, width)
-    ends = list(accumulate(quick.sizes, initial=pixels + 2 * width))
-    arrays = [large[a:b] for a, b in pairwise(ends)]
-    after, sides, ranges = small[:count], small[count : count + 2], small[count + 4 :].reshape(5, n)
-    peaks = kernel(quick.kernel, (fields.frames[0].dtype, large.dtype, fields.frames[0].ndim)).run(
-        fields.frames,
-        rows.frames,
-        (fields.beside, rows.beside),
-        (*fields.tops, *fields.lefts, rows.tops[0]),
-        (fields.unit, fields.over),
-        before.low is None,
-        (quick.a, ranging.nd_min.a),
-        before.low or images,
-        images,
-        ranging.finding,
-        ranging.limits,
-        ranging.geometry,
-        before.numbers,
-        (reckoning.dt, reckoning.drift * reckoning.dt, 1 + reckoning.scale_error, SPEED_SCALE),
-        ranges,
-        found,
-        sides,
-        after,
-        *quick.arguments(large.dtype, before.arrays, arrays),
-    )
-    if frames.is_floating_point():
-        for peak in peaks:
-            check_unit_range(torch.tensor(peak), frames)
-    small[count + 2 : count + 4] = after[:2]
-    speed, curvature, x, y, heading, *control = torch.from_numpy(after).unbind()
-    distance, left, right, ahead, aside = torch.from_numpy(ranges).unbind()
-    seen_fields, seen_rows = torch.from_numpy(images[0]), torch.from_numpy(images[1].reshape(2, 1, width))
-    going = Going(
-        FilterState(seen_fields),
-        RowRangingState(FilterState(seen_rows), None),
-        quick.give([torch.from_numpy(part) for part in arrays], control),
-        Command(speed, curvature),
-        Pose(x, y, heading),
-    )
-    now = torch.from_numpy(small[count : count + 4]).split_with_sizes((2, 1, 1))
-    return Stepped(
-        going, now[0], Ranges(distance, left, right, ahead, aside, torch.from_numpy(found)), Command(now[1], now[2])
-    )
+def as_array(frame: Tensor) -> tuple[Any, bool]:
+    """A frame `[1, C, H, W]` as an array without gaps, and whether that is `[1, H, W, C]`: colors beside each other."""
+    if frame.is_contiguous():
+        return frame.numpy(), False
+    if frame.ndim == 4:
+        last = frame.permute(0, 2, 3, 1)
+        if last.is_contiguous():
+            return last.numpy(), True
+    return frame.contiguous().numpy(), False
 
 
-def in_frames(step: Stepped) -> tuple[Ranges, Pose]:
+def numpy_kind(kind: torch.dtype) -> Any:
+    """The precision of an image as NumPy calls it."""
+    return np.dtype(np.float64 if kind == torch.float64 else np.float32)
+
+
+def in_frames(ranges: Ranges, pose: Pose) -> tuple[Ranges, Pose]:
     """Ranges `[1, n]` and poses `[1]` of the one frame."""
-    return (
-        Ranges(*(part.unsqueeze(0) for part in step.ranges)),
-        Pose(*(part.unsqueeze(0) for part in step.going.pose)),
-    )
+    return Ranges(*(part.unsqueeze(0) for part in ranges)), Pose(*(part.unsqueeze(0) for part in pose))

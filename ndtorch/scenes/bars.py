@@ -12,6 +12,8 @@ import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
+from ndtorch.kernels.load import kernel
+from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.scenes.fluctuation import Fluctuation, NoFluctuation
 from ndtorch.scenes.rendered import RenderedScene
 
@@ -132,9 +134,26 @@ class BarScene(RenderedScene):
         if len(seconds):
             scale = self.fluctuation.scale(seconds)
             scale = scale.expand(*self.batch, len(self._reach), len(seconds))
+            if not self.batch and kernels_wanted(canvas):
+                self._paint_all(canvas.view(-1, 3, height, width), seconds, scale)
+                return canvas.view(-1, 3, height, width)
             for k in range(len(self._reach)):
                 self._paint(canvas, k, seconds, scale[..., k, :])
         return canvas.view(*canvas.shape[:-1], height, width)
+
+    def _paint_all(self, canvas: Tensor, seconds: Tensor, scale: Tensor) -> None:
+        """Paint all bars of one scene into `canvas` `[T, 3, H, W]` by a kernel."""
+        at, velocity = torch.stack((self._x, self._y), -1), torch.stack((self._vx, self._vy), -1)
+        sizes = torch.stack((self._width, self._length), -1) * scale.mT.unsqueeze(-1)
+        kernel("draw_bars").run(
+            (at + velocity * seconds[:, None, None]).numpy(),
+            sizes.numpy(),
+            np.array(self._reach),
+            torch.stack((self._cos, self._sin), -1).numpy(),
+            self._color.numpy(),
+            self._light.numpy(),
+            canvas.numpy(),
+        )
 
     def _paint(self, canvas: Tensor, k: int, seconds: Tensor, scale: Tensor) -> None:
         """Paint bar k into `canvas` `[*batch, T, 3, H W]`: only the patch around it is touched."""

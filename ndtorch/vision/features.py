@@ -136,13 +136,16 @@ class VisualFeatures(nn.Module):
     def _one_pass(self, frames: Tensor, state: MotionState | None) -> tuple[Tensor, MotionState]:
         """The sums of `[T, 3, H, W]` by kernels."""
         block, margin = self.orientation.thinning
-        into, out = fresh(frames), torch.empty(len(frames), 10, dtype=image_kind(frames))
-        for frame, sums in zip(frames.unbind(0), out.unbind(0), strict=True):
-            found, rows = pass_over(frame, state, self.motion, block, margin, into)
-            sums[:4] = self.motion.by_direction(found[:4])
-            sums[GROUPS["orientation"]] = self.orientation.sums_of_rows(rows)
-            sums[7:] = found[4:]
+        into, passed = fresh(frames), torch.empty(len(frames), 7, dtype=torch.float64)
+        oriented = []
+        for frame, sums in zip(frames.unbind(0), passed.numpy(), strict=True):
+            oriented.append(
+                self.orientation.sums_of_rows(pass_over(frame, state, self.motion, block, margin, into, sums))
+            )
             state = into
+        kind = image_kind(frames)
+        motion, color = self.motion.by_direction(passed[:, :4]).to(kind), passed[:, 4:].to(kind)
+        out = torch.cat([motion, torch.stack(oriented), color], -1)
         check_finite(out)
         return out, into
 

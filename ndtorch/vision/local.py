@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import torch
 from torch import Tensor, nn
 
@@ -10,6 +12,7 @@ from ndtorch.vision.features import VisualFeatures
 from ndtorch.vision.fields import field_weights
 from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.motion import MotionState, correlate
+from ndtorch.vision.one_pass import field_pass, fresh, one_pass_fits
 
 
 class LocalFeatures(nn.Module):
@@ -46,6 +49,7 @@ class LocalFeatures(nn.Module):
         self.spacing = min(height, width) / fields
         self.grid = (round(height / self.spacing), round(width / self.spacing))
         self.border = features.motion.border
+        self._made: dict[torch.dtype, tuple[Tensor, Tensor, Tensor, Tensor]] = {}
         for name, length, count in zip(("rows", "columns"), features.size, self.grid, strict=True):
             # A pixel lies at n + 1/2, and what two neighbours make of a motion between them.
             self.register_buffer(name, field_weights(torch.arange(length) + 0.5, length, count, self.border))
@@ -69,6 +73,8 @@ class LocalFeatures(nn.Module):
 
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
         frames = check_frames(frames, self.features.size)
+        if self.features.orientation.paired and one_pass_fits(frames, state):
+            return self._together(*self._one_pass(frames, state))
         signals = []
         for frame in frames.unbind(-4):
             frame = as_float(frame)
@@ -77,10 +83,37 @@ class LocalFeatures(nn.Module):
             motion = self._motion(high.squeeze(-3), delayed.squeeze(-3))
             signals.append(torch.cat([motion, self._orientation(image), self._pool(frame)], -3))
         assert state is not None
-        out = torch.stack(signals, -4).movedim(-3, -1)
+        return self._together(torch.stack(signals, -4), state)
+
+    def _together(self, signals: Tensor, state: MotionState) -> tuple[Tensor, MotionState]:
+        """Signals `[..., T, 10, R, C']` as they are given, if all are numbers."""
+        out = signals.movedim(-3, -1)
         if not torch.compiler.is_compiling() and not torch.isfinite(out).all():
             raise InputError("frames must be finite, got NaN or infinite values")
         return out, state
+
+    def _one_pass(self, frames: Tensor, state: MotionState | None) -> tuple[Tensor, MotionState]:
+        """Frames `[T, 3, H, W]` by kernels."""
+        orientation = self.features.orientation
+        into, out = fresh(frames), []
+        for frame in frames.unbind(0):
+            sums = torch.empty(7, *self.grid, dtype=torch.float64)
+            tables = [table.numpy() for table in self._tables(into.slow.dtype)]
+            rows = field_pass(frame, state, self.features.motion, orientation.thinning, into, tables, sums.numpy())
+            size = orientation.magnitudes_of_rows(rows)
+            pooled = (self.dog_rows.to(size).unsqueeze(1) @ size @ self.dog_columns.to(size).unsqueeze(1).mT).sum(0)
+            out.append(torch.cat([sums[:4].to(size), pooled, sums[4:].to(size)]))
+            state = into
+        return torch.stack(out), into
+
+    def _tables(self, kind: torch.dtype) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Weights of fields as the kernel takes them: `columns`, `spans`, `places`, `shares`."""
+        if kind not in self._made:
+            columns = torch.stack([self.columns, self.columns_between]).to(kind)
+            rows = torch.stack([self.rows, self.rows_between]).to(kind)
+            shares, places = rows.topk(2, 1)
+            self._made[kind] = (columns, spans(columns), places.mT.contiguous(), shares.mT.contiguous())
+        return self._made[kind]
 
     def _pool(self, images: Tensor, between: int = 0) -> Tensor:
         """Sums over every field, `[..., H, W]` -> `[..., R, C']`, of pixels or of what lies between two of them."""
@@ -109,3 +142,16 @@ class LocalFeatures(nn.Module):
         size = self.features.orientation.magnitudes(image)  # [..., grids, 3, h, w]
         rows, columns = self.dog_rows.to(size.dtype), self.dog_columns.to(size.dtype)
         return (rows.unsqueeze(1) @ size @ columns.unsqueeze(1).mT).sum(-4)
+
+
+def spans(weights: Tensor) -> Tensor:
+    """Where weights `[..., points]` are not zero, twice from here to there, `[..., 4]`: fields may go round a torus."""
+    points = weights.shape[-1]
+    found = torch.zeros(*weights.shape[:-1], 4, dtype=torch.int64)
+    for line, at in zip(weights.flatten(0, -2), found.view(-1, 4), strict=True):
+        inside = (line != 0).nonzero().flatten().tolist()
+        gap = next((n for n, (a, b) in enumerate(pairwise(inside)) if b > a + 1), len(inside) - 1)
+        at[:2] = torch.tensor([inside[0], inside[gap] + 1])
+        if gap + 1 < len(inside):
+            at[2:] = torch.tensor([inside[gap + 1], points])
+    return found

@@ -36,22 +36,60 @@ def pixels(frame: Tensor) -> tuple[Any, bool]:
 
 
 def pass_over(
-    frame: Tensor, state: MotionState | None, motion: HassensteinReichardt, block: int, margin: int, into: MotionState
-) -> tuple[Tensor, Tensor]:
-    """Motion and color sums, `[7]` as of the kernel, and grey rows `[(H + 2 margin) / block, W]` of one frame.
+    frame: Tensor,
+    state: MotionState | None,
+    motion: HassensteinReichardt,
+    block: int,
+    margin: int,
+    into: MotionState,
+    sums: Any,
+) -> Tensor:
+    """Grey rows `[(H + 2 margin) / block, W]` of one frame, and its motion and color sums.
 
     Args:
         frame: `[3, H, W]`.
         state, into: before and after it; `into` is written, and may be `state`. None is settled on the frame.
         motion: the detectors.
         block, margin: see the kernel.
+        sums: array that gets them, `[7]` as of the kernel.
     """
+    return by_kernel("front_end", frame, state, motion, (block, margin), into, sums)
+
+
+def field_pass(
+    frame: Tensor,
+    state: MotionState | None,
+    motion: HassensteinReichardt,
+    thinning: tuple[int, int],
+    into: MotionState,
+    tables: list[Any],
+    sums: Any,
+) -> Tensor:
+    """Grey rows as of `pass_over`, which has the other arguments, and motion and color of every field into `sums`.
+
+    Args:
+        thinning: block and margin.
+        tables, sums: the last arguments of the kernel.
+    """
+    return by_kernel("local_sums", frame, state, motion, thinning, into, *tables, sums)
+
+
+def by_kernel(
+    name: str,
+    frame: Tensor,
+    state: MotionState | None,
+    motion: HassensteinReichardt,
+    thinning: tuple[int, int],
+    into: MotionState,
+    *rest: Any,
+) -> Tensor:
+    """One pass over a frame: the grey rows."""
     given, beside = pixels(frame)
+    block, margin = thinning
     unit = 1 / 255 if frame.dtype == torch.uint8 else 1.0
     slow, delayed = (s.contiguous().numpy() for s in state or into)
     rows = np.empty(((slow.shape[0] + 2 * margin) // block, slow.shape[1]), slow.dtype)
-    sums = np.empty(7)
-    kernel("front_end", (given.dtype, slow.dtype)).run(
+    kernel(name, (given.dtype, slow.dtype)).run(
         given,
         beside,
         unit,
@@ -66,9 +104,9 @@ def pass_over(
         into.slow.numpy(),
         into.delayed.numpy(),
         rows,
-        sums,
+        *rest,
     )
-    return torch.from_numpy(sums), torch.from_numpy(rows)
+    return torch.from_numpy(rows)
 
 
 def fresh(frames: Tensor) -> MotionState:

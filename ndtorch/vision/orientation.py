@@ -202,10 +202,18 @@ class OrientedDoG(nn.Module):
         """`sums` by kernels of a grey image of which rows are mirrored and halved already, see `thinning`."""
         if self.exact:
             return self.images(rows).abs().sum((-1, -2))
+        return weighted_sums(*self._responses_of_rows(rows))
+
+    def magnitudes_of_rows(self, rows: Tensor) -> Tensor:
+        """`magnitudes` `[2, 3, h, w]` by kernels of such rows."""
+        found, _ = self._responses_of_rows(rows)
+        return found.abs_().movedim(-1, 0)
+
+    def _responses_of_rows(self, rows: Tensor) -> tuple[Tensor, Pairs]:
         left = self.margin[1]
         rows = F.pad(rows[None], (left, left), mode="reflect")[0] if left else rows
         pairs = Pairs(self.pair_filters, self.pair_rows, self.pair_columns)
-        return weighted_sums(responses(self._columns(rows), pairs), pairs)
+        return responses(self._columns(rows), pairs), pairs
 
     def _columns(self, rows: Tensor) -> Tensor:
         """The spectrum of halved rows, without high frequencies along rows."""

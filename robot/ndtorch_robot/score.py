@@ -20,6 +20,9 @@ NEAR = 0.10
 FAINTEST = 0.02
 """A peak of the map counts when it is at least this share of its largest."""
 
+REACH = 3
+"""Cells around what the map holds that smoothing can reach, and one more."""
+
 
 CONTRAST = 0.08
 """Smallest jump of brightness that is an edge: ND-min answers it with 0.01, the weakest that is a feature."""
@@ -117,12 +120,18 @@ def visible(plan: Plan, edges: Edges, poses: Floats, rig: StereoRig, times: int 
 
 def peaks(cells: torch.Tensor, grid: Grid) -> Floats:
     """Places of the map's peaks `[P, 2]`: largest within 7 cm after smoothing over 5 cm."""
-    pooled = torch.nn.functional.avg_pool2d(cells[None, None], 5, 1, 2)
+    used = cells.nonzero()
+    if not len(used):
+        return np.zeros((0, 2))
+    # The rest of the map is empty, and most of it is the rest.
+    low = (used.amin(0) - REACH).clamp(min=0).tolist()
+    high = (used.amax(0) + REACH + 1).tolist()
+    pooled = torch.nn.functional.avg_pool2d(cells[low[0] : high[0], low[1] : high[1]][None, None], 5, 1, 2)
     # The largest of each row and then of each column: a tenth of the time of the square.
     largest = torch.nn.functional.max_pool2d(pooled, (1, 15), 1, (0, 7))
     largest = torch.nn.functional.max_pool2d(largest, (15, 1), 1, (7, 0))
     row, column = torch.nonzero(((pooled == largest) & (pooled > FAINTEST * pooled.max()))[0, 0], as_tuple=True)
-    return torch.stack(grid.center(row, column), -1).double().numpy()
+    return torch.stack(grid.center(row + low[0], column + low[1]), -1).double().numpy()
 
 
 def score_map(

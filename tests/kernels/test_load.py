@@ -91,3 +91,11 @@ def test_folders_that_nobody_uses_go(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_a_folder_that_is_gone_is_made_anew(tmp_path: Path) -> None:
     with locked(tmp_path / "kernels-1"):
         assert (tmp_path / "kernels-1" / "lock").is_file()
+
+
+def test_parts_of_a_folder_are_locked_apart(tmp_path: Path) -> None:
+    folder = tmp_path / "kernels-1"
+    with locked(folder, "one"), locked(folder, "two"):
+        for name in ("one.lock", "two.lock", "lock"):
+            with (folder / name).open() as file, pytest.raises(BlockingIOError):
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

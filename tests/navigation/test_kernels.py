@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+
 import pytest
 import torch
 from torch import Tensor
@@ -16,6 +19,7 @@ from ndtorch.navigation import (
     GridMap,
     MatchParams,
     Navigator,
+    NavigatorState,
     Pose,
     RowRanging,
     StereoRig,
@@ -29,7 +33,8 @@ pytest.importorskip("numba")
 
 DT = 1 / 30
 RIG = StereoRig(width=320, height=240, focal=215.0, pitch=0.1, forward=0.15)
-KINDS = (torch.uint8, torch.float32, torch.float64)
+# Every kind is compiled, which takes a minute for all kernels together; double precision is the rarest.
+KINDS = (torch.uint8, torch.float32, pytest.param(torch.float64, marks=pytest.mark.long))
 
 
 def pairs(dtype: torch.dtype, channels: int = 3, frames: int = 5) -> tuple[Tensor, Tensor]:
@@ -217,3 +222,22 @@ def test_a_step_has_all_parts_of_its_state(controller: str) -> None:
     for wanted, found in zip(*flat, strict=True):
         assert wanted.shape == found.shape
         torch.testing.assert_close(found, wanted, rtol=1e-4, atol=1e-4)
+
+
+def test_a_step_goes_on_from_a_state_that_was_copied_or_changed() -> None:
+    navigator, (left, right) = Navigator(RIG, DT, controller="published"), pairs(torch.uint8, 1, 6)
+    with torch.inference_mode():
+        state = None
+        for n in range(5):
+            _, state = navigator(left[n : n + 1], right[n : n + 1], state)
+        last = left[5:], right[5:]
+        wanted, after = navigator(*last, state)
+        for same in (copy.deepcopy(state), pickle.loads(pickle.dumps(state)), NavigatorState(*state)):
+            found, other = navigator(*last, same)
+            assert torch.equal(found.speed, wanted.speed)
+            assert torch.equal(other.fields.low, after.fields.low)
+            assert torch.equal(torch.stack(other.pose), torch.stack(after.pose))
+        away = state._replace(pose=Pose(*torch.tensor([5.0, 6.0, 0.0])))
+        _, other = navigator(*last, away)
+        assert abs(float(other.pose.y) - 6) < 0.1
+        assert float(navigator(*last, state)[1].pose.y) == float(after.pose.y)

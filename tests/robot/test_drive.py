@@ -1,5 +1,7 @@
 """Whole drives: determinism, restarts, Ctrl-C, and the published figures."""
 
+import math
+
 import numpy as np
 import pytest
 import torch
@@ -32,7 +34,7 @@ def same(a, b):
 
 
 def test_same_seed_same_drive():
-    config = DriveConfig(arena="room", seed=1, seconds=14, moving=True, controller="published")
+    config = DriveConfig(arena="room", seed=1, seconds=6, moving=True, controller="published")
     first = drive(config)
     assert first.summary["collisions"] + first.summary["turns"] > 0
     same(first, drive(config))
@@ -41,12 +43,12 @@ def test_same_seed_same_drive():
 
 
 def test_looking_changes_nothing():
-    config = DriveConfig(arena="curve", seed=1, seconds=4)
+    config = DriveConfig(arena="curve", seed=1, seconds=2)
     same(drive(config), drive(config.model_copy(update={"whole": True})))
 
 
 def test_true_odometry_is_true():
-    record = drive(DriveConfig(arena="curve", seed=1, seconds=10, controller="published")).record
+    record = drive(DriveConfig(arena="curve", seed=1, seconds=6, controller="published")).record
     assert record.turns >= 1
     assert np.abs(record.array("pose") - record.array("believed")).max() < 2e-3
 
@@ -59,17 +61,17 @@ def test_noisy_odometry_drifts():
 
 
 def test_collision_restarts_and_keeps_the_map():
-    result = drive(DriveConfig(arena="room", seed=4, seconds=20, controller="published"), steer=straight)
+    result = drive(DriveConfig(arena="curve", seed=21, seconds=11, controller="published"), steer=straight)
     assert result.summary["collisions"] >= 1
     hit = result.simulation.collisions[0]
-    before = int(hit.time * 30)
+    before = math.ceil(hit.time * 30 - 1e-6) - 1  # the last frame that was taken
     record = result.record
     assert record.placed[:2] == [0, before + 1]
     jump = np.hypot(*(record.array("pose")[before + 1, :2] - record.array("pose")[before - 1, :2]))
     assert jump > 0.1
     assert np.abs(record.array("pose")[-1] - record.array("believed")[-1]).max() < 5e-3
     assert not record.ranges[before + 1][3].any()  # nothing is compared with what was seen before
-    assert result.summary["distance_m"] < 0.5 * 20
+    assert result.summary["distance_m"] < 0.5 * 11
 
 
 def test_blank_walls_stop_or_drive_on():
@@ -110,7 +112,7 @@ def test_columns_of_ranges():
         (11, {}, 0.6),
         pytest.param(13, {}, 0.6, marks=pytest.mark.long),
         pytest.param(11, {"prediction": True}, 0.6, marks=pytest.mark.long),
-        (11, {"places": "motion", "features": 5}, 0.5),
+        pytest.param(11, {"places": "motion", "features": 5}, 0.5, marks=pytest.mark.long),
     ],
 )
 def test_map_of_one_pass_of_the_hallway(seed, options, recall):
@@ -156,14 +158,14 @@ def against_truth(result, pixels):
     return np.array(found), np.array(true)
 
 
-@pytest.mark.parametrize(("seconds", "turns"), [(25, 2), pytest.param(60, 5, marks=pytest.mark.long)])
+@pytest.mark.parametrize(("seconds", "turns"), [(18, 2), pytest.param(60, 5, marks=pytest.mark.long)])
 def test_published_rule_in_the_curve(seconds, turns):
-    """A4: it drives on, for minutes in `ndtorch reproduce A4`; with reversed turns it collides within 15 s."""
+    """A4: it drives on, for minutes in `ndtorch reproduce A4`; with reversed turns it collides within 8 s."""
     result = drive(DriveConfig(arena="curve", seed=11, seconds=seconds, controller="published"))
     assert result.summary["collisions"] == 0
     assert result.summary["turns"] >= turns
     wrong = drive(
-        DriveConfig(arena="curve", seed=11, seconds=15, controller="published"),
+        DriveConfig(arena="curve", seed=11, seconds=8, controller="published"),
         steer=lambda c: DriveCommand(c.speed, -c.curvature),
     )
     assert wrong.summary["collisions"] >= 1

@@ -88,7 +88,7 @@ def test_the_car_is_stopped_first(monkeypatch, fault):
 
 @needs_gl
 def test_a_blank_building_is_no_fault():
-    assert drive(DriveConfig(arena="loop", walls="blank", seconds=6)).summary["simulated_seconds"] == 6.0
+    assert drive(DriveConfig(arena="loop", walls="blank", seconds=3)).summary["simulated_seconds"] == 3.0
 
 
 @needs_gl

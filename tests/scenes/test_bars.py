@@ -232,3 +232,17 @@ def test_scenes_that_cannot_be() -> None:
         scene(bar).chunks(0)
     with pytest.raises(InputError, match="start"):
         scene(bar).chunks(8, start=-1)
+
+
+@pytest.mark.parametrize("fluctuation", [None, SineShadow(), RandomShadow(3), Distance(2.0, (0.0, 90.0))])
+def test_the_kernel_paints_what_torch_paints(fluctuation: Fluctuation | None) -> None:
+    pytest.importorskip("numba")
+    bars = [Bar(RED, 30.0, (2.5, 70.0)), Bar(GREEN, 290.0, (10.0, 60.0), 15.0, 90.0, width=0.6)]
+    drawn = scene(*bars, fluctuation=fluctuation)
+    wanted = drawn.frames(3, 9)
+    with torch.inference_mode():
+        found = drawn.frames(3, 9)
+        late = drawn.frames(8, 9)
+    assert float(wanted.max()) > 0.2
+    torch.testing.assert_close(found, wanted, rtol=0, atol=1e-6)
+    assert torch.equal(found[-1:], late)

@@ -68,3 +68,40 @@ def test_bad_pixels_are_refused() -> None:
     frames[1, 0, 3, 3] = math.nan
     with pytest.raises(InputError, match="finite"):
         LocalFeatures(VisualFeatures((60, 80)), 5)(frames)
+
+
+@pytest.mark.parametrize("border", ["wrap", "reflect"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        torch.uint8,
+        pytest.param(torch.float32, marks=pytest.mark.long),
+        pytest.param(torch.float64, marks=pytest.mark.long),
+    ],
+)
+def test_kernels_give_what_torch_gives(kind: torch.dtype, border: Border) -> None:
+    pytest.importorskip("numba")
+    local = LocalFeatures(VisualFeatures((400, 40), border=border), 5)
+    frames = torch.randint(0, 256, (4, 3, 400, 40), dtype=torch.uint8)
+    frames = frames if kind == torch.uint8 else frames.to(kind) / 255
+    with torch.no_grad():
+        wanted, end = local(frames)
+    with torch.inference_mode():
+        beside = frames[:1].permute(0, 2, 3, 1).contiguous().permute(0, 3, 1, 2)
+        first, state = local(beside)
+        rest, last = local(frames[1:], state)
+    found = torch.cat([first, rest])
+    assert found.dtype == wanted.dtype
+    scale = wanted.flatten(0, 2).amax(0)
+    error = ((found - wanted).abs() / scale).amax()
+    assert float(error) < (1e-6 if kind == torch.float64 else 2e-5)
+    for part, other in zip(last, end, strict=True):
+        torch.testing.assert_close(part, other, rtol=0, atol=1e-6)
+
+
+@pytest.mark.long
+def test_kernels_find_bad_pixels() -> None:
+    frames = torch.rand(1, 3, 400, 40)
+    frames[0, 1, 3, 5] = math.nan
+    with torch.inference_mode(), pytest.raises(InputError, match="finite"):
+        LocalFeatures(VisualFeatures((400, 40)), 5)(frames)

@@ -18,7 +18,7 @@ from ndtorch.binding.objects import BoundObject
 from ndtorch.binding.readout.owners import features_by_group
 from ndtorch.binding.tracking.figures import Figure, figures_of, table_of
 from ndtorch.binding.tracking.following import follow
-from ndtorch.binding.tracking.regions import holes, regions_of
+from ndtorch.binding.tracking.regions import holes, parted, regions_of
 from ndtorch.errors import InputError
 from ndtorch.vision.camera.figure_signals import FigureSignals
 from ndtorch.vision.camera.figures import ground_start, ground_step
@@ -94,8 +94,9 @@ class FiguresModel(BindingModel):
             closing += [one for one in late if one.known]
             rows.append(signals)
             shapes.append(seen.silhouettes)
-            names = torch.tensor([one.number + 1 for one in open_ if one.known], dtype=torch.int32)
-            masks.append(torch.isin(seen.silhouettes, names).to(torch.uint8))
+            known = np.zeros(began + 1, np.uint8)
+            known[[one.number + 1 for one in open_ if one.known]] = 1
+            masks.append(torch.from_numpy(known[seen.silhouettes.numpy()]))
             times.append(time)
             who.append([one for one in open_ if one.last_seen == time])
         inputs = outputs = torch.zeros(0, self.config.fields.most, 10)
@@ -121,8 +122,8 @@ class FiguresModel(BindingModel):
             torch.tensor(time, dtype=torch.float64),
         )
         pictures = torch.stack(shapes) if shapes else torch.zeros(0, *self.small, dtype=torch.int32)
-        known = torch.stack(masks) if masks else pictures.to(torch.uint8)
-        return FiguresSignals(inputs, outputs, pictures, known, torch.tensor(times, dtype=torch.float64)), after
+        mask = torch.stack(masks) if masks else pictures.to(torch.uint8)
+        return FiguresSignals(inputs, outputs, pictures, mask, torch.tensor(times, dtype=torch.float64)), after
 
     def _start(self) -> FiguresState:
         """The state before the first frame."""
@@ -156,26 +157,21 @@ class FiguresModel(BindingModel):
         square = np.ones((3, 3), np.uint8)
         if seen is None:
             blank = torch.zeros(shape)
-            ground = ground_start(picture, g.least_noise)
-            before = torch.from_numpy(cv2.blur(picture.mean(0), (g.soft, g.soft)))
-            seen = SeenState(ground, before, blank, blank.to(torch.int32), blank.clone(), None)
+            seen = SeenState(ground_start(picture, g), blank.to(torch.int32), blank, None)
         standing, ground = ground_step(picture, seen.ground, seen.kept.numpy(), self.dt, g)
-        grey = standing.picture.mean(0)
-        soft = cv2.blur(grey, (g.soft, g.soft))
-        moved = (np.abs(soft - seen.before.numpy()) > g.moved).astype(np.uint8)
-        quiet = np.where(cv2.dilate(moved, square) > 0, 0, seen.quiet.numpy() + self.dt).astype(np.float32)
+        quiet = ground.quiet.numpy()
         # Plain parts of what moves are still too, and no holes.
         moving = np.zeros(began + 2, bool)
         moving[[one.number + 1 for one in open_ if one.known and time - one.moved < t.rests]] = True
         free = standing.figure & ~moving[seen.silhouettes.numpy()]
-        smallest = t.smallest * grey.size
-        hole = holes(free, quiet >= t.still, grey, standing.ground.mean(0), smallest)
+        smallest = t.smallest * standing.grey.size
+        hole = holes(free, quiet >= g.still, standing.grey, standing.ground.mean(0), smallest)
         if hole.any():
             wide = cv2.dilate(hole.astype(np.uint8), square) > 0
             mean = torch.where(torch.from_numpy(wide), torch.from_numpy(standing.picture), ground.mean)
             ground = ground._replace(mean=mean)
         figure = standing.figure & ~hole
-        regions = regions_of(figure, smallest, round(t.gap * shape[0]))
+        regions = parted(regions_of(figure, smallest, round(t.gap * shape[0])), t.notch, smallest)
         open_, late, silhouettes = follow(open_, time, regions, standing.picture, began, t)
         began = max([began, *(one.number + 1 for one in open_)])
         keep = np.zeros(began + 2, np.float32)
@@ -184,11 +180,9 @@ class FiguresModel(BindingModel):
             keep[one.number + 1] = time - since < patience
         kept = cv2.dilate(keep[silhouettes], square)
         shape_of = torch.from_numpy(silhouettes)
-        difference = torch.from_numpy((standing.picture - standing.ground) * (silhouettes > 0))
-        signals, fields = self.fields(difference, torch.from_numpy(standing.picture), shape_of, seen.fields)
-        after = SeenState(
-            ground, torch.from_numpy(soft), torch.from_numpy(quiet), shape_of, torch.from_numpy(kept), fields
-        )
+        here, behind = torch.from_numpy(standing.picture), torch.from_numpy(standing.ground)
+        signals, fields = self.fields(here, behind, shape_of, seen.fields)
+        after = SeenState(ground, shape_of, torch.from_numpy(kept), fields)
         return signals, after, open_, late, began
 
     def _each(self, frames: Tensor, state: Any) -> tuple[FiguresSignals, Any]:

@@ -53,17 +53,13 @@ class SeenState(NamedTuple):
     """What the eye remembers.
 
     Attributes:
-        ground: background and noise.
-        before: the picture before, grey and blurred, `[h, w]`.
-        quiet: seconds since something moved at a pixel, `[h, w]`.
+        ground: background, noise, and what moved.
         silhouettes: of the step before, `[h, w]` int32.
         kept: where the ground is not learned, `[h, w]`.
         fields: of the motion detectors.
     """
 
     ground: GroundState
-    before: Tensor
-    quiet: Tensor
     silhouettes: Tensor
     kept: Tensor
     fields: FieldsState | None

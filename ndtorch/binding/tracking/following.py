@@ -34,8 +34,9 @@ def follow(
         every pixel plus one, 0 where none is, `[h, w]`.
     """
     labels, height = regions.labels, regions.labels.shape[0]
-    late = [one for one in figures if time - one.last_seen > p.coast]
-    kept = [one for one in figures if time - one.last_seen <= p.coast]
+    late, kept = list[Figure](), list[Figure]()
+    for one in figures:
+        (late if time - one.last_seen > patience(one, p) else kept).append(one)
     count = len(regions.areas)
     given, pieces = meeting(kept, time, regions, p)
     taken = {k for ks in given.values() for k in ks}
@@ -77,6 +78,11 @@ def follow(
         ):
             one.known = True
     return [one for one in kept if one.number not in absorbed], late, silhouettes
+
+
+def patience(one: Figure, p: FigureParams) -> float:
+    """How long a track out of sight is waited for: one that is no object yet for no longer than it was in sight."""
+    return p.coast if one.known else min(p.coast, max(p.shortest, one.last_seen - one.first_seen))
 
 
 def travels(one: Figure, p: FigureParams) -> bool:

@@ -58,10 +58,14 @@ def meeting(
             r = int(inside[k].argmax())
             if inside[k, r] > p.shared * min(regions.areas[r], one.last[PIXELS] * height * height):
                 given[r].append(k)
+    largest = np.zeros(len(figures))
+    for r, ks in given.items():
+        largest[ks] = np.maximum(largest[ks], regions.areas[r])
     for r in range(count):
         if not given[r] and len(figures):
             k = int(inside[:, r].argmax())
-            if inside[k, r] > p.piece * regions.areas[r]:
+            # What is nearly as large as the rest of it is no piece: a group has parted.
+            if inside[k, r] > p.piece * regions.areas[r] and p.larger * regions.areas[r] < largest[k]:
                 pieces[r] = k
     return given, pieces
 

@@ -12,6 +12,10 @@ Bools = npt.NDArray[np.bool_]
 Labels = npt.NDArray[np.int32]
 
 
+PART = 0.2
+"""Smallest share of a region that is cut off."""
+
+
 class Regions(NamedTuple):
     """N connected regions.
 
@@ -48,6 +52,56 @@ def regions_of(figure: Bools, smallest: float, gap: int) -> Regions:
     return Regions(number[np.asarray(labels)], boxes, np.asarray(rows[:, 4], np.int64))
 
 
+def parted(regions: Regions, notch: float, least: float) -> Regions:
+    """Regions cut where they are narrow: things that stand or drive side by side, and hang together by little.
+
+    The pixels of a region are counted column by column, and smoothed over an eighth of its height. It is cut at the
+    smallest count between two peaks, where that is less than a share of the lower one and both sides are large
+    enough. Rows are left: people are narrow at the neck and at the waist.
+
+    Args:
+        regions: of a picture.
+        notch: largest count between two peaks, as a share of the lower one.
+        least: pixels of the smallest part.
+    """
+    labels, boxes, areas = regions
+    found_boxes, found_areas = boxes.tolist(), areas.tolist()
+    todo = [r for r, area in enumerate(found_areas) if area >= 2 * least]
+    while todo:
+        r = todo.pop()
+        top, left, bottom, right = found_boxes[r]
+        inside = labels[top:bottom, left:right] == r + 1
+        at = narrow(inside.sum(0), max(1, (bottom - top) // 8), notch, max(least, PART * found_areas[r]))
+        if not at:
+            continue
+        if len(found_areas) == len(areas):
+            labels = labels.copy()
+        for name, start, half in ((r, left, inside[:, :at]), (len(found_areas), left + at, inside[:, at:])):
+            rows, columns = np.flatnonzero(half.any(1)), np.flatnonzero(half.any(0))
+            found = [top + rows[0], start + columns[0], top + rows[-1] + 1, start + columns[-1] + 1]
+            if name == r:
+                found_boxes[r], found_areas[r] = found, int(half.sum())
+            else:
+                found_boxes.append(found)
+                found_areas.append(int(half.sum()))
+                labels[top:bottom, start : start + half.shape[1]][half] = name + 1
+            todo.append(name)
+    return Regions(labels, np.array(found_boxes, np.int64).reshape(-1, 4), np.array(found_areas, np.int64))
+
+
+def narrow(counts: npt.NDArray[np.int64], width: int, notch: float, least: float) -> int:
+    """Where a profile is cut in two, 0 for nowhere: at the deepest of its notches that leaves enough on both sides."""
+    width = min(width, len(counts))
+    smooth = np.convolve(counts, np.ones(width) / width, "same")
+    before, after = np.maximum.accumulate(smooth), np.maximum.accumulate(smooth[::-1])[::-1]
+    lower = np.minimum(before, after)
+    one = np.cumsum(counts) - counts
+    depth = np.where((one >= least) & (counts.sum() - one >= least), smooth / np.maximum(lower, 1), 1.0)
+    lowest = np.flatnonzero(depth == depth.min())
+    at = int(lowest[len(lowest) // 2])
+    return at if depth[at] < notch else 0
+
+
 def holes(figure: Bools, still: Bools, picture: Floats, ground: Floats, smallest: float) -> Bools:
     """Where the figure is a hole in memory, `[h, w]`: nothing has moved there for a while, and the edge between it and
     the rest of the picture stands in the remembered ground, not in the picture. Something was there and has left.
@@ -64,19 +118,26 @@ def holes(figure: Bools, still: Bools, picture: Floats, ground: Floats, smallest
     count = len(quiet.areas)
     if not count:
         return np.zeros(figure.shape, bool)
-    inside = (quiet.labels > 0).astype(np.uint8)
-    rim = (inside > 0) & (cv2.erode(inside, np.ones((3, 3), np.uint8)) == 0)
+    # Nothing beyond these regions is looked at.
+    top, left = np.maximum(quiet.boxes[:, :2].min(0) - 3, 0)
+    bottom, right = quiet.boxes[:, 2:].max(0) + 3
+    window = (slice(top, bottom), slice(left, right))
+    names = quiet.labels[window]
+    inside = (names > 0).astype(np.uint8)
+    square = np.ones((3, 3), np.uint8)
+    rim = (inside > 0) & (cv2.erode(inside, square) == 0)
     # The side towards what moves says nothing: that may be the thing itself.
-    outer = rim & (cv2.erode(figure.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0)
-    which = quiet.labels[outer]
+    outer = rim & (cv2.erode(figure[window].astype(np.uint8), square) == 0)
+    which = names[outer]
 
     def edges(image: Floats) -> npt.NDArray[np.float64]:
-        across, down = cv2.Sobel(image, cv2.CV_32F, 1, 0), cv2.Sobel(image, cv2.CV_32F, 0, 1)
-        size = cv2.dilate(np.abs(across) + np.abs(down), np.ones((3, 3), np.uint8))
+        part = image[window]
+        across, down = cv2.Sobel(part, cv2.CV_32F, 1, 0), cv2.Sobel(part, cv2.CV_32F, 0, 1)
+        size = cv2.dilate(np.abs(across) + np.abs(down), square)
         sums = np.bincount(which, np.asarray(size, np.float64)[outer], minlength=count + 1)
         return np.asarray(sums[1:], np.float64)
 
     around = np.bincount(which, minlength=count + 1)[1:]
-    whole = np.bincount(quiet.labels[rim], minlength=count + 1)[1:]
+    whole = np.bincount(names[rim], minlength=count + 1)[1:]
     hole = (2 * around > whole) & (edges(ground) > edges(picture))
     return np.concatenate([[False], hole])[quiet.labels]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from torch import Tensor
 
+from ndtorch.navigation.controllers.contract import CRUISE, STOPPED
 from ndtorch.navigation.controllers.quick import QuickControl
 
 
@@ -19,12 +21,12 @@ class QuickSaccades(QuickControl):
         state: makes its state of the numbers.
     """
 
-    kernel = "published_step"
+    kernel, count = "published_step", 3
 
     def __init__(
         self, shape: tuple[int, int, int], a: float, constants: tuple[float, ...], state: Callable[..., Any]
     ) -> None:
-        self.shape, self.a, self.constants, self.state = shape, a, constants, state
+        self.shape, self.cells, self.a, self.numbers, self.state = shape, (1, 1, 1), a, constants[:9], state
 
     def take(self, state: Any) -> tuple[Sequence[Tensor], Sequence[Tensor]]:
         """All of it."""
@@ -34,6 +36,6 @@ class QuickSaccades(QuickControl):
         """All of it."""
         return self.state(*numbers)
 
-    def arguments(self, kind: Any, before: Sequence[Any], after: Sequence[Any]) -> tuple[Any, ...]:
-        """The numbers of the state machine."""
-        return (self.constants,)
+    def mode(self, numbers: Any) -> int:
+        """Only a car that has stopped needs a look of its own."""
+        return STOPPED if numbers[6] == -math.inf else CRUISE

@@ -15,14 +15,21 @@ class QuickControl(ABC):
     Attributes:
         kernel: its name.
         shape: of the state of the fields' filters, `(2, h, w)`.
+        cells: how many columns of the fields make one that is looked at, and bands and blocks of cells.
         a: share of their high-pass.
         sizes: how many numbers each array of its state has.
+        count: of the single numbers of its state.
+        whole, numbers: what else the kernel has to know.
     """
 
     kernel: str
     shape: tuple[int, int, int]
+    cells: tuple[int, int, int]
     a: float
+    count: int
     sizes: tuple[int, ...] = ()
+    whole: tuple[int, ...] = ()
+    numbers: tuple[float, ...] = ()
 
     @abstractmethod
     def take(self, state: Any) -> tuple[Sequence[Tensor], Sequence[Tensor]]:
@@ -33,10 +40,9 @@ class QuickControl(ABC):
         """The state that has these, which are flat."""
 
     @abstractmethod
-    def arguments(self, kind: Any, before: Sequence[Any], after: Sequence[Any]) -> tuple[Any, ...]:
-        """The kernel's last arguments, which depend on the controller.
+    def mode(self, numbers: Any) -> int:
+        """What a car is doing, of which these are speed, curvature, pose, and the single numbers of the state."""
 
-        Args:
-            kind: precision, a NumPy dtype.
-            before, after: the arrays of its state.
-        """
+    def arrays(self, kind: Any) -> tuple[Any, ...]:
+        """The kernel's last arguments, which depend on the controller, of this precision, a NumPy dtype."""
+        return ()

@@ -10,6 +10,8 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from ndtorch.config import Constants
+from ndtorch.kernels.load import kernel
+from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.vision.motion import MotionState, correlate, motion_step
 from ndtorch.vision.orientation import OrientedDoG
 from ndtorch.vision.temporal import smoothing_factor
@@ -51,37 +53,61 @@ class FigureSignals(nn.Module):
         self.a_high, self.a_low = smoothing_factor(p.tau_high, dt), smoothing_factor(p.tau_low, dt)
 
     def forward(
-        self, difference: Tensor, picture: Tensor, silhouettes: Tensor, state: FieldsState | None
+        self, picture: Tensor, ground: Tensor, silhouettes: Tensor, state: FieldsState | None
     ) -> tuple[Tensor, FieldsState]:
         """One step.
 
         Args:
-            difference: from the ground, 0 where nothing stands out, `[3, h, w]`.
-            picture: `[3, h, w]`.
+            picture, ground: `[3, h, w]`.
             silhouettes: number of the track of every pixel plus one, 0 for none, `[h, w]`.
             state: of the step before.
 
         Returns:
             signals `[most, 10]`, that of track n in row n % most; state.
         """
-        small = halved(torch.cat([difference, picture]))
-        seen, colors = small[:3], small[3:]
-        motion = MotionState(seen, torch.zeros_like(seen)) if state is None else state.motion
-        high, delayed, motion = motion_step(seen, motion, self.a_high, self.a_low)
+        if state is None:
+            seen = halved((picture - ground) * (silhouettes > 0))
+            state = FieldsState(MotionState(seen, torch.zeros_like(seen)))
+        names = silhouettes[::2, ::2].reshape(-1)
+        count = self.params.most
+        if kernels_wanted(picture):
+            slow, delayed = state.motion
+            motion = MotionState(torch.empty_like(slow), torch.empty_like(delayed))
+            strongest, sums = torch.empty(self.size), torch.empty(count, 6)
+            filters = (slow.numpy(), delayed.numpy(), self.a_high, self.a_low)
+            after = (motion.slow.numpy(), motion.delayed.numpy(), strongest.numpy(), sums.numpy())
+            kernel("field_sums").run(picture.numpy(), ground.numpy(), silhouettes.numpy(), *filters, *after)
+        else:
+            strongest, sums, motion = self.sums(picture, ground, silhouettes, state)
+        there = bool(sums[:, 0].any())
+        if not there:
+            # Nothing stands out, nothing is sensed.
+            return torch.zeros(count, 10), FieldsState(motion)
+        slots = torch.where(names > 0, (names - 1) % count, count).long()
+        images = self.orientation.images(strongest).abs().flatten(1)
+        tilted = torch.zeros(count + 1, 3).index_add_(0, slots, images.mT)[:-1]
+        pixels = sums[:, :1].clamp_min(1)
+        x, y = sums[:, 1:3].div(pixels).unbind(1)
+        tilted = tilted / pixels
+        tilted = tilted - tilted.amin(1, keepdim=True)
+        directed = torch.stack([-x, x, y, -y], 1).clamp_min(0)
+        return torch.cat([directed, tilted, sums[:, 3:] / pixels], 1).sqrt(), FieldsState(motion)
+
+    def sums(
+        self, picture: Tensor, ground: Tensor, silhouettes: Tensor, state: FieldsState
+    ) -> tuple[Tensor, Tensor, MotionState]:
+        """The largest difference from the ground among the colors `[h / 2, w / 2]`; pixels, motion across and along,
+        and red, green and blue of each field `[most, 6]`; and the filters' state."""
+        seen, colors = halved((picture - ground) * (silhouettes > 0)), halved(picture)
+        high, delayed, motion = motion_step(seen, state.motion, self.a_high, self.a_low)
         across = F.pad(correlate(high, delayed, -1), (0, 1)).sum(-3)
         along = F.pad(correlate(high, delayed, -2), (0, 0, 0, 1)).sum(-3)
-        images = self.orientation.images(seen.abs().amax(0)).abs()
         own = (colors - colors.mean(0)).clamp_min(0)
-        stack = torch.cat([across[None], along[None], images, own]).flatten(1)
-        names = silhouettes[::2, ::2].reshape(-1)
-        slots = torch.where(names > 0, (names - 1) % self.params.most, self.params.most).long()
-        sums = torch.zeros(self.params.most + 1, 8).index_add_(0, slots, stack.mT)
-        counts = torch.zeros(self.params.most + 1).index_add_(0, slots, torch.ones(len(slots)))
-        fields = (sums / counts.clamp_min(1)[:, None])[:-1]
-        x, y = fields[:, 0], fields[:, 1]
-        directed = torch.stack([-x, x, y, -y], 1).clamp_min(0)
-        tilted = fields[:, 2:5] - fields[:, 2:5].amin(1, keepdim=True)
-        return torch.cat([directed, tilted, fields[:, 5:]], 1).sqrt(), FieldsState(motion)
+        stack = torch.cat([torch.ones_like(across[None]), across[None], along[None], own]).flatten(1)
+        names, count = silhouettes[::2, ::2].reshape(-1), self.params.most
+        slots = torch.where(names > 0, (names - 1) % count, count).long()
+        total = torch.zeros(count + 1, 6).index_add_(0, slots, stack.mT)[:-1]
+        return seen.abs().amax(0), total, motion
 
 
 def halved(images: Tensor) -> Tensor:

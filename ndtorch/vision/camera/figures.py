@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -12,28 +11,30 @@ from pydantic import Field
 from torch import Tensor
 
 from ndtorch.config import Constants
+from ndtorch.kernels.load import kernel
+from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.vision.temporal import smoothing_factor
 
 Floats = npt.NDArray[np.float32]
 Bools = npt.NDArray[np.bool_]
+Bytes = npt.NDArray[np.uint8]
 MEAN_SIZE, MEDIAN_SIZE = 0.798, 0.6745
 """Mean magnitude of a normal variable against its standard deviation, and median of its magnitude likewise."""
-
-
-SAMPLES = 11
-"""Pictures whose median is the background at first."""
 
 
 class GroundParams(Constants):
     """Constants of figure and ground; brightness as a share of full scale, times in seconds."""
 
-    height: int = Field(120, ge=16, description="rows of the image on which figures are told from the ground")
+    height: int = Field(112, ge=16, description="rows of the image on which figures are told from the ground")
     tau_ground: float = Field(10.0, gt=0, description="memory of the background")
     tau_noise: float = Field(4.0, gt=0, description="memory of the noise of every pixel")
     spread: float = Field(3.0, gt=0, description="standard deviations of the noise that count as standing out")
     least_noise: float = Field(0.006, gt=0, description="smallest standard deviation of the noise")
-    settle: float = Field(1.0, ge=0, description="the background of the first seconds is the median of what was seen")
     moved: float = Field(0.012, gt=0, description="smallest change from picture to picture that is motion")
+    still: float = Field(0.5, ge=0, description="what has not moved for this long is ground, or a hole in memory,")
+    settle: float = Field(2.0, gt=0, description="for less, by and by, where nothing was still so long until then")
+    broad: int = Field(7, ge=1, description="smallest side of what moves there, pixels of that image")
+    trail: float = Field(0.1, ge=0, description="what moved so long ago stands out where the ground is not known")
     hold: float = Field(0.05, ge=0, description="pace of the background where an object is, as a share")
     darkest: float = Field(0.3, ge=0, le=1, description="a shadow leaves at least this share of the light,")
     tint: float = Field(0.12, ge=0, description="changes the colors' shares by at most this,")
@@ -52,32 +53,55 @@ class GroundParams(Constants):
 
 
 class GroundState(NamedTuple):
-    """What changes: background and mean deviation from it, `[3, h, w]`, pictures of the first seconds,
-    `[SAMPLES, 3, h, w]`, and frames seen since it began, `[]`."""
+    """What changes: background, mean deviation from it, and the picture before, blurred, `[3, h, w]`; how much that
+    changes from picture to picture, seconds since something moved, and whether the ground is known, 1 or 0, `[h, w]`;
+    and frames seen since it began, `[]`."""
 
     mean: Tensor
     deviation: Tensor
-    samples: Tensor
+    before: Tensor
+    restless: Tensor
+    quiet: Tensor
+    known: Tensor
     frames: Tensor
 
 
 class Standing(NamedTuple):
-    """One step's result: exposure-corrected picture and background `[3, h, w]`, and which pixels stand out,
-    `[h, w]`."""
+    """One step's result: exposure-corrected picture and background `[3, h, w]`, the picture in grey, and which pixels
+    stand out, `[h, w]`."""
 
     picture: Floats
     ground: Floats
+    grey: Floats
     figure: Bools
 
 
-def ground_start(picture: Floats, deviation: float) -> GroundState:
-    """State settled on one picture `[3, h, w]`."""
+def ground_start(picture: Floats, p: GroundParams) -> GroundState:
+    """State settled on one picture `[3, h, w]`: no ground is known."""
+    # Nothing has moved yet.
+    blank = torch.zeros(picture.shape[1:])
     return GroundState(
         torch.from_numpy(picture.copy()),
-        torch.full(picture.shape, deviation, dtype=torch.float32),
-        torch.from_numpy(np.repeat(picture[None], SAMPLES, 0)),
+        torch.full(picture.shape, p.least_noise, dtype=torch.float32),
+        torch.from_numpy(softened(picture, p.soft)),
+        blank + p.least_noise,
+        blank + p.trail,
+        blank,
         torch.zeros((), dtype=torch.int64),
     )
+
+
+def softened(picture: Floats, side: int) -> Floats:
+    """Every color blurred by a square, `[3, h, w]`."""
+    import cv2
+
+    return np.stack([np.asarray(cv2.blur(plane, (side, side)), np.float32) for plane in picture])
+
+
+def grey_of(picture: Floats) -> Floats:
+    """The mean of the colors, `[h, w]`."""
+    grey: Floats = (picture[0] + picture[1] + picture[2]) * np.float32(1 / 3)
+    return grey
 
 
 def ground_step(
@@ -88,8 +112,11 @@ def ground_step(
     The exposure is corrected by the median ratio to the background, color by color. What differs by more than
     `spread` standard deviations of the noise stands out: of the picture's noise, or of the pixel's own where that is
     larger, as leaves and water flicker. What has only lost light, the same share in all colors and among
-    neighbours, is a shadow. The background follows at its pace, the mean of all frames at first; where `kept` is 1
-    (an object is there) only at `hold` of it.
+    neighbours, is a shadow. The background follows at its pace; where `kept` is 1 (an object is there) only at `hold`
+    of it.
+
+    The ground of a pixel is known once nothing has moved there for a while; before, it is the mean since something
+    did. Where it is not known, what moves stands out. So a film may begin with objects in view.
 
     Args:
         picture: `[3, h, w]`, 0..1.
@@ -100,51 +127,140 @@ def ground_step(
     import cv2
 
     p = params
-    ground, deviation = state.mean.numpy(), state.deviation.numpy()
+    raw, ground, deviation = picture, state.mean.numpy(), state.deviation.numpy()
     gain = exposure(picture, ground, p)
-    picture = np.asarray(picture / gain[:, None, None], np.float32)
-    difference = picture - ground
-    size = np.abs(difference)
-    middle = np.median(size[:, ::4, ::4].reshape(3, -1), axis=1) / MEDIAN_SIZE
-    noise = np.maximum(middle, p.least_noise).astype(np.float32)[:, None, None]
-    threshold = p.spread * np.maximum(noise, deviation * np.float32(1 / MEAN_SIZE))
-    over = size > threshold
-    out = over[0] | over[1] | over[2]
-    if out.mean() > p.cut:
-        fresh = ground_start(np.ascontiguousarray(picture * gain[:, None, None], np.float32), p.least_noise)
-        whole = fresh.mean.numpy()
-        return Standing(whole, whole, np.zeros(out.shape, bool)), fresh
-    shaded = shadow(picture, ground, p)
+    some = np.abs(picture[:, ::4, ::4] / gain[:, None, None] - ground[:, ::4, ::4]).reshape(3, -1)
+    noise = np.maximum(np.median(some, axis=1) / MEDIAN_SIZE, p.least_noise).astype(np.float32)
+    picture, grey, light, out, may_be = stand_out(picture, gain, ground, deviation, noise, p)
+    known = state.known.numpy()
     seen = int(state.frames) + 1
-    free = 1 - np.float32(1 - p.hold) * kept
-    pace = np.float32(max(1 / (seen + 1), smoothing_factor(p.tau_ground, dt))) * free
-    slow = np.float32(max(1 / (seen + 5), smoothing_factor(p.tau_noise, dt))) * free
-    limited = np.minimum(size, p.surprise * np.maximum(noise, deviation))
-    mean, samples = ground + pace * difference, state.samples
-    at, last = (math.floor(n * dt / p.settle * SAMPLES) if p.settle else SAMPLES for n in (seen, seen - 1))
-    if last < SAMPLES:
-        # What passes covers a place for less than half of the time.
-        mean = ground
-        if at > last:
-            samples = samples.clone()
-            samples[min(at, SAMPLES - 1) :] = torch.from_numpy(picture)
-            mean = np.median(samples[: min(at, SAMPLES - 1) + 1].numpy(), axis=0).astype(np.float32)
+    if out.mean() > p.cut:
+        return Standing(raw, raw, grey_of(raw), np.zeros(out.shape, bool)), ground_start(raw, p)
+    soft = softened(picture, p.soft)
+    quiet, restless = stillness(soft, out, state, dt, p)
+    needed = p.still * p.settle / max(p.settle, seen * dt)
+    mean, spread, settled = learn(picture, ground, deviation, noise, (kept, quiet, known), (needed, dt, seen), p)
     after = GroundState(
         torch.from_numpy(mean),
-        torch.from_numpy(deviation + slow * (limited - deviation)),
-        samples,
+        torch.from_numpy(spread),
+        torch.from_numpy(soft),
+        torch.from_numpy(restless),
+        torch.from_numpy(quiet),
+        torch.from_numpy(settled),
         torch.tensor(seen, dtype=torch.int64),
     )
-    core = (out & ~shaded).astype(np.uint8)
+    sure = (known > 0).astype(np.uint8)
+    out &= sure
+    core = out & ~shadow(light, may_be, p)
     # A dark coat looks like a shadow, but the rest of its wearer is around it.
     wide = 2 * round(p.around * core.shape[0] / 2) + 1
-    closed = cv2.morphologyEx(core, cv2.MORPH_CLOSE, np.ones((wide, wide), np.uint8))
-    figure = np.asarray(closed & out.astype(np.uint8), np.uint8) * np.uint8(255)
+    closed = np.asarray(cv2.morphologyEx(core, cv2.MORPH_CLOSE, np.ones((wide, wide), np.uint8)), np.uint8)
+    figure = np.asarray(closed & out, np.uint8)
+    if not sure.all():
+        # What moves there is believed where it is broad: edges of what stands still tremble.
+        young = ((quiet < p.trail) & (sure == 0)).astype(np.uint8)
+        figure |= np.asarray(cv2.morphologyEx(young, cv2.MORPH_OPEN, np.ones((p.broad, p.broad), np.uint8)), np.uint8)
     # A pixel alone is noise; a gap of a pixel is none.
-    figure = np.asarray(cv2.blur(figure, (p.speckle, p.speckle)), np.uint8)
     square = np.ones((p.speckle, p.speckle), np.uint8)
-    figure = np.asarray(cv2.morphologyEx((figure > 127).astype(np.uint8), cv2.MORPH_OPEN, square))
-    return Standing(picture, ground, np.asarray(figure > 0)), after
+    figure = np.asarray(cv2.morphologyEx(most_of(figure, p.speckle), cv2.MORPH_OPEN, square))
+    return Standing(picture, ground, grey, np.asarray(figure > 0)), after
+
+
+def most_of(image: Bytes, side: int) -> Bytes:
+    """1 where most pixels of a square around are 1, 0 elsewhere, `[h, w]`."""
+    import cv2
+
+    share = np.asarray(cv2.blur(image * np.uint8(255), (side, side)), np.uint8)
+    return (share > 127).astype(np.uint8)
+
+
+def stand_out(
+    picture: Floats, gain: Floats, ground: Floats, deviation: Floats, noise: Floats, p: GroundParams
+) -> tuple[Floats, Floats, Floats, Bytes, Bytes]:
+    """The picture without its gain `[3, h, w]`, in grey, its light over that of the ground, and where it stands out
+    and where it may be shadow, 1 or 0, `[h, w]`."""
+    if kernels_wanted():
+        new, out, may_be = np.empty_like(picture), *(np.empty(picture.shape[1:], np.uint8) for _ in range(2))
+        grey, light = (np.empty(picture.shape[1:], np.float32) for _ in range(2))
+        constants = (p.spread, MEAN_SIZE, p.offset, p.darkest, p.tint)
+        kernel("stand_out").run(picture, gain, ground, deviation, noise, *constants, new, grey, light, out, may_be)
+        return new, grey, light, out, may_be
+    picture = np.asarray(picture / gain[:, None, None], np.float32)
+    threshold = p.spread * np.maximum(noise[:, None, None], deviation * np.float32(1 / MEAN_SIZE))
+    over = np.abs(picture - ground) > threshold
+    small = np.float32(p.offset)
+    ratio = (picture + small) / (ground + small)
+    light = np.asarray((ratio[0] + ratio[1] + ratio[2]) * np.float32(1 / 3))
+    tint = (ratio.max(0) - ratio.min(0)) <= np.float32(p.tint * 2) * light
+    may_be = ((light < 1) & (light > np.float32(p.darkest)) & tint).astype(np.uint8)
+    return picture, grey_of(picture), light, (over[0] | over[1] | over[2]).astype(np.uint8), may_be
+
+
+def learn(
+    picture: Floats,
+    ground: Floats,
+    deviation: Floats,
+    noise: Floats,
+    where: tuple[Floats, Floats, Floats],
+    when: tuple[float, float, int],
+    p: GroundParams,
+) -> tuple[Floats, Floats, Floats]:
+    """Background and mean deviation from it `[3, h, w]`, and where the ground is known `[h, w]`, after a step.
+
+    The slow pace is that of known ground; before, the ground is the mean of what was seen since something moved.
+
+    Args:
+        picture, ground, deviation: `[3, h, w]`.
+        noise: of each color.
+        where: kept, seconds without motion, and known, `[h, w]`.
+        when: seconds without motion after which ground is known, seconds of a step, and steps so far.
+        p: constants.
+    """
+    (kept, quiet, known), (needed, dt, seen) = where, when
+    share = smoothing_factor(p.tau_ground, dt)
+    # The noise of the first pictures is learned as their mean.
+    follow = max(1 / (seen + 5), smoothing_factor(p.tau_noise, dt))
+    if kernels_wanted():
+        new, spread, settled = np.empty_like(ground), np.empty_like(ground), np.empty_like(known)
+        constants = (needed, dt, share, follow, p.hold, p.surprise, MEAN_SIZE)
+        kernel("learn_ground").run(
+            picture, ground, deviation, noise, kept, quiet, known, *constants, new, spread, settled
+        )
+        return new, spread, settled
+    free, step, least = 1 - np.float32(1 - p.hold) * kept, np.float32(dt), noise[:, None, None]
+    before = known > 0
+    now = before | (quiet >= np.float32(needed))
+    pace = np.where(before, np.float32(share) * free, step / (quiet + step))
+    slow = np.where(before, np.float32(follow) * free, np.float32(follow))
+    difference = picture - ground
+    limited = np.minimum(np.abs(difference), np.float32(p.surprise) * np.maximum(least, deviation))
+    spread = deviation + slow * (limited - deviation)
+    spread = np.where(now & ~before, np.minimum(spread, least * np.float32(MEAN_SIZE)), spread)
+    return np.asarray(ground + pace * difference), np.asarray(spread), now.astype(np.float32)
+
+
+def stillness(soft: Floats, out: Bytes, state: GroundState, dt: float, p: GroundParams) -> tuple[Floats, Floats]:
+    """Seconds since something moved at a pixel or beside it, and its mean change from picture to picture, `[h, w]`.
+
+    What moves changes by more than the noise of the picture and of that pixel, or is no more what it was since then,
+    where the ground is not known.
+    """
+    import cv2
+
+    change = grey_of(np.abs(soft - state.before.numpy()))
+    own = state.restless.numpy()
+    noise = np.float32(np.median(change[::4, ::4]) / MEDIAN_SIZE)
+    least = np.maximum(noise, own * np.float32(1 / MEAN_SIZE))
+    over = (change > np.maximum(np.float32(p.moved), np.float32(p.spread) * least)).astype(np.uint8)
+    moved = most_of(over, p.speckle)
+    follow = np.float32(max(1 / (int(state.frames) + 5), smoothing_factor(p.tau_noise, dt)))
+    own = own + follow * (np.minimum(change, np.float32(p.surprise) * least) - own)
+    known = state.known.numpy()
+    if not known.all():
+        moved |= most_of(out, p.speckle) * (known == 0)
+    moved = np.asarray(cv2.dilate(moved, np.ones((3, 3), np.uint8)), np.uint8)
+    quiet = np.where(moved > 0, np.float32(0), state.quiet.numpy() + np.float32(dt))
+    return np.asarray(quiet, np.float32), np.asarray(own, np.float32)
 
 
 def exposure(picture: Floats, ground: Floats, p: GroundParams) -> Floats:
@@ -159,18 +275,13 @@ def exposure(picture: Floats, ground: Floats, p: GroundParams) -> Floats:
     return gain
 
 
-def shadow(picture: Floats, ground: Floats, p: GroundParams) -> Bools:
-    """Where the picture is the background with less light, `[h, w]`."""
+def shadow(light: Floats, may_be: Bytes, p: GroundParams) -> Bytes:
+    """255 where the picture is the background with less light, evenly among neighbours, `[h, w]`."""
     import cv2
 
-    small = np.float32(p.offset)
-    ratio = (picture + small) / (ground + small)
-    light: Any = (ratio[0] + ratio[1] + ratio[2]) * np.float32(1 / 3)
-    tint = (ratio.max(0) - ratio.min(0)) <= np.float32(p.tint * 2) * light
     mean = cv2.blur(light, (p.patch, p.patch))
     varies = cv2.blur(light * light, (p.patch, p.patch)) - mean * mean
-    may_be = ((light < 1) & (light > p.darkest) & tint).astype(np.uint8)
-    inner = (may_be > 0) & (mean > p.darkest) & (varies < p.uneven**2)
+    inner = may_be * ((mean > p.darkest) & (varies < p.uneven**2))
     # Its edge, where neighbours differ, belongs to it.
-    wide = cv2.dilate(inner.astype(np.uint8), np.ones((2 * p.penumbra + 1,) * 2, np.uint8))
-    return np.asarray((wide & may_be) > 0)
+    wide = np.asarray(cv2.dilate(inner, np.ones((2 * p.penumbra + 1,) * 2, np.uint8)), np.uint8)
+    return (wide & may_be) * np.uint8(255)

@@ -266,7 +266,7 @@ with Recorder(folder, configuration(CHOICE, RIG, 30.0), format="raw", when_full=
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_memory_stays_flat(tmp_path):
     """Cameras, navigator and recorder for 1200 steps: 40 s of driving at speed."""
     done = subprocess.run(

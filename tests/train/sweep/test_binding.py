@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from ndtorch_train.superposed import Bars
 from ndtorch_train.sweep import binding, driving
 from ndtorch_train.sweep.parameters import Trial, trial_id
 
@@ -17,8 +18,9 @@ def trial(**options: Any) -> Trial:
 
 
 @pytest.mark.slow
-def test_a_batch_gives_what_single_trials_give() -> None:
+def test_a_batch_gives_what_single_trials_give(bars: Bars, monkeypatch: pytest.MonkeyPatch) -> None:
     """And the right answers: two bars at 290° are found, a Hebbian network and bars in phase are not."""
+    monkeypatch.setattr(binding, "film", lambda: bars)  # as it films them, once for all tests
     trials = [trial(), trial(phase=0.0), trial(gamma=0.0), trial(bars=1), trial(bars=3), trial(noise=0.05, seed=7)]
     together = binding.run_block(trials)
     assert [r["owners"] for r in together][:1] == ["red+green"]

@@ -78,7 +78,7 @@ class RangingControl(Controller):
         self.constants = ranging_constants(p, dt)
         self.full_flow = view.sweep * (dt * p.speed)
         self.quick: QuickRanging = QuickRanging(
-            self.look, p, self.constants, self.floor, self.arcs, self.places, self.under
+            self.look, p, self.constants, self.floor, self.arcs, self.places, self.under, self.full_flow
         )
 
     @classmethod

@@ -11,9 +11,10 @@ from torch import Tensor
 
 from ndtorch.kernels.decision import NUMBERS
 from ndtorch.kernels.load import kernel
-from ndtorch.navigation.controllers.contract import Command
+from ndtorch.navigation.controllers.contract import STOPPED, Command
 from ndtorch.navigation.controllers.quick import QuickControl
 from ndtorch.navigation.controllers.ranging.arcs import ArcTable
+from ndtorch.navigation.controllers.ranging.caution import FULL, LEAST
 from ndtorch.navigation.controllers.ranging.decision import Constants, RangingState
 from ndtorch.navigation.controllers.ranging.floor import FloorConstants, FloorState
 from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
@@ -33,9 +34,10 @@ class QuickRanging(QuickControl):
         arcs: the table of arcs.
         places: body frame, `[2, K]`: the cells that are seen, what is under the car, and those of the arcs.
         under: evidence under the car.
+        full_flow: of `known_share`.
     """
 
-    kernel = "ranging_step"
+    kernel, count = "ranging_step", 9
 
     def __init__(
         self,
@@ -46,12 +48,13 @@ class QuickRanging(QuickControl):
         arcs: ArcTable,
         places: Tensor,
         under: Tensor,
+        full_flow: Tensor,
     ) -> None:
         rect, p = look.fields[0], params.patch
         self.shape = (2, rect.bottom - rect.top, (rect.right - rect.left) // EVERY)
         self.a = look.nd_min.a
         self.sizes = (params.floor.bands, p.size**2, 2 * p.size)
-        self.cells = (EVERY, params.floor.blocks)
+        self.cells = (EVERY, params.floor.bands, params.floor.blocks)
         keep, fade, stopped = (float(c) for c in (constants.keep, constants.fade, constants.stopped))
         worth = tuple(constants.evidence.tolist())
         patch = (keep, fade, stopped, p.reach, p.cell, -p.least, p.most, *constants.limits.tolist())
@@ -60,15 +63,18 @@ class QuickRanging(QuickControl):
         moves = torch.stack((constants.speeds, constants.bends)).double().numpy()
         choice = (constants.comparison.double().numpy(), constants.table.numpy(), moves)
         rest = tuple(float(part) for part in floor if part.ndim == 0)
-        self.rest = (rest, worth, patch, ways, choice, numbers)
+        self.rest, self.choice = (rest, worth, patch, ways, choice, numbers), choice
+        self.whole = (p.size, arcs.leading, arcs.steps, len(arcs.curvature))
+        self.numbers = (*rest[:12], *worth, *patch, *numbers, arcs.step, params.least_noise, LEAST, FULL, STOPPED)
         self.tensors = (floor.flow, floor.profile, places, under)
+        self.full = -torch.expm1(full_flow * floor.saturation)
         self.tables: dict[Any, Any] = {}
 
     def fixed(self, kind: Any) -> tuple[Any, ...]:
         """The tables and numbers of this precision, a NumPy dtype, in the order of `ranging_control`."""
         if kind not in self.tables:
-            self.tables[kind] = tuple(part.numpy().astype(kind) for part in self.tensors)
-        return (self.tables[kind], *self.rest)
+            self.tables[kind] = tuple(part.numpy().astype(kind) for part in (*self.tensors, self.full))
+        return (self.tables[kind][:4], *self.rest)
 
     def take(self, state: RangingState) -> tuple[Sequence[Tensor], Sequence[Tensor]]:
         """What was learned and remembered, and the rest."""
@@ -81,9 +87,15 @@ class QuickRanging(QuickControl):
         noise, age, *machine = numbers
         return RangingState(FloorState(level, noise, age), Patch(evidence, tag.view(2, -1)), *machine)
 
-    def arguments(self, kind: Any, before: Sequence[Any], after: Sequence[Any]) -> tuple[Any, ...]:
-        """Those of `ranging_control` after the cells that are seen."""
-        return (self.cells, self.memory(before), self.memory(after), *self.fixed(kind))
+    def mode(self, numbers: Any) -> int:
+        """The first number after what the floor has."""
+        return int(numbers[7])
+
+    def arrays(self, kind: Any) -> tuple[Any, ...]:
+        """Tables, and shares of the level that floor shows at full speed."""
+        self.fixed(kind)
+        *tables, full = self.tables[kind]
+        return (*tables, *self.choice, full)
 
     def memory(self, arrays: Sequence[Any]) -> tuple[Any, Any, Any]:
         """The arrays in their shapes."""

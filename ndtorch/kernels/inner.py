@@ -1,0 +1,28 @@
+"""Functions that only kernels call: compiled without what Python would need to call them, and once for all kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numba
+from numba.np.unsafe.ndarray import to_fixed_tuple
+
+from ndtorch.kernels.load import FAST
+
+ALONE: Any = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+tuple_of: Any = to_fixed_tuple
+"""The first numbers of an array as a tuple: `tuple_of(array, how many)`."""
+
+
+@cache
+def inner(function: Callable[..., Any]) -> Any:
+    """A function with sums in any order, as `FAST` says."""
+    return numba.njit(fastmath=FAST, **ALONE)(function)
+
+
+@cache
+def exactly(function: Callable[..., Any]) -> Any:
+    """A function whose order of operations stays as it is written."""
+    return numba.njit(**ALONE)(function)

@@ -1,0 +1,72 @@
+"""What a navigator passes from step to step."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from torch import Tensor
+
+from ndtorch.navigation.controllers.contract import Command
+from ndtorch.navigation.localisation.localiser import LocaliserState
+from ndtorch.navigation.mapping import GridMapState
+from ndtorch.navigation.observations import Observations
+from ndtorch.navigation.odometry import Pose
+from ndtorch.navigation.ranging import Ranges
+from ndtorch.navigation.row_ranging import RowRangingState
+from ndtorch.navigation.tracking import Tracks
+from ndtorch.vision.temporal import FilterState
+
+
+class NavigatorState(NamedTuple):
+    """State of `Navigator`, and what it last saw.
+
+    Attributes:
+        fields, rows: states of what reads the subfields and the horizon rows; None has them settle on the next frame.
+        control: the controller's own state, a NamedTuple of tensors.
+        command: the last command, `[...]`, driven until the next frame.
+        pose: where the car was at the last frame by dead reckoning, `[...]`; `place` is the corrected one.
+        sides: speed estimates of the last frame, `[..., 2]`.
+        difference: what the controller weighed then, `[...]`; `Controller.trace` says what it is.
+        ranges: of the last frame, `[..., n]`.
+        map, observations, tracks, located: states of those parts, None where the navigator has none.
+    """
+
+    fields: FilterState | None
+    rows: RowRangingState | None
+    control: Any
+    command: Command
+    pose: Pose
+    sides: Tensor
+    difference: Tensor
+    ranges: Ranges
+    map: GridMapState | None
+    observations: Observations | None
+    tracks: Tracks | None
+    located: LocaliserState | None = None
+
+    @property
+    def place(self) -> Pose:
+        """Where the car was at the last frame as far as is known, `[...]`: corrected where there is a localiser."""
+        return self.pose if self.located is None else Pose(*(part.to(self.pose.x) for part in self.located.pose))
+
+
+class Packed(NamedTuple):
+    """What the tensors of a state are views of, as kernels take it; `look_around` says what is where."""
+
+    large: Any
+    small: Any
+
+
+class StepState(NavigatorState):
+    """A state that the kernel of a whole step made: the next one need not gather its numbers.
+
+    What is made of it, by `_replace`, by copying or by loading, is a plain state again, or one without `packed`.
+
+    Attributes:
+        packed: None where something of it was replaced.
+    """
+
+    packed: Packed | None = None
+
+    def __reduce__(self) -> tuple[type[NavigatorState], tuple[Any, ...]]:
+        return NavigatorState, tuple(self)

@@ -1,0 +1,33 @@
+"""Regions of what stands out: those that hang together by little are cut."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ndtorch.binding.tracking.regions import parted, regions_of
+
+
+def test_two_that_touch_side_by_side_are_cut_and_one_alone_is_not() -> None:
+    picture = np.zeros((60, 80), bool)
+    picture[10:40, 5:15] = True
+    picture[12:40, 18:27] = True
+    picture[35:40, 15:18] = True
+    # One with a narrow neck, and a thing with a little one at its side.
+    picture[44:48, 40:46] = True
+    picture[48:58, 38:50] = True
+    picture[10:40, 60:74] = True
+    picture[30:32, 74:80] = True
+    before = regions_of(picture, 10, 0)
+    assert sorted(before.areas.tolist()) == [144, 432, 567]
+    after = parted(before, 0.7, 10)
+    neck, one, other, alone = sorted(after.areas.tolist())
+    assert (neck, one + other, alone) == (144, 567, 432)
+    # Both have their height, and what joined them goes to either.
+    assert 252 <= one <= 267
+    for r, (top, left, bottom, right) in enumerate(after.boxes.tolist()):
+        rows, columns = np.nonzero(after.labels == r + 1)
+        assert len(rows) == after.areas[r]
+        assert (rows.min(), columns.min(), rows.max() + 1, columns.max() + 1) == (top, left, bottom, right)
+    # What was given is as it was.
+    assert (before.labels == regions_of(picture, 10, 0).labels).all()
+    assert len(parted(before, 0.0, 10).areas) == 3

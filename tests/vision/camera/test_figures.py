@@ -1,0 +1,88 @@
+"""Figure and ground: kernels do what their references do, and a film may begin with objects in view."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from ndtorch.vision.camera import figure_signals, figures
+from ndtorch.vision.camera.figure_signals import FigureSignals
+from ndtorch.vision.camera.figures import GroundParams, ground_start, ground_step
+from tests.vision.camera.passing_scenes import SIZE, passing
+
+DT = 0.04
+PARAMS = GroundParams()
+
+
+def steps(frames: Any, wanted: bool, monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
+    """What every step gives, by kernels or by NumPy."""
+    for module in (figures, figure_signals):
+        monkeypatch.setattr(module, "kernels_wanted", lambda *given: wanted)
+    sense, fields = FigureSignals(SIZE, DT), None
+    state, kept, found = None, np.zeros(SIZE, np.float32), []
+    for frame in frames.numpy():
+        state = ground_start(frame, PARAMS) if state is None else state
+        standing, state = ground_step(frame, state, kept, DT, PARAMS)
+        kept = standing.figure.astype(np.float32)
+        shapes = torch.from_numpy(standing.figure.astype(np.int32) * 3)
+        signals, fields = sense(torch.from_numpy(standing.picture), torch.from_numpy(standing.ground), shapes, fields)
+        found.append((standing, state, signals))
+    return found
+
+
+def test_kernels_are_their_references(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("numba")
+    generator = torch.Generator().manual_seed(2)
+    frames = passing(30, 4.0, first=16)
+    frames = (frames + 0.01 * torch.randn(frames.shape, generator=generator)).clamp(0, 1)
+    # A shadow, and an exposure that changes.
+    frames[20:, :, 80:100, 20:80] *= 0.7
+    frames[24:] *= 0.9
+    plain, quick = (steps(frames, wanted, monkeypatch) for wanted in (False, True))
+    for (one, before, signals), (other, after, sensed) in zip(plain, quick, strict=True):
+        assert np.allclose(one.picture, other.picture, atol=1e-5)
+        for name in ("mean", "deviation"):
+            assert torch.allclose(getattr(before, name), getattr(after, name), atol=1e-4)
+        # Rounding may move a pixel at a threshold.
+        assert (one.figure != other.figure).mean() < 1e-3
+        assert torch.allclose(signals, sensed, atol=0.02)
+    assert plain[-1][0].figure.any()
+    assert float(plain[-1][2][2].max()) > 0.1
+
+
+def test_what_moves_in_view_from_the_first_frame_stands_out_and_leaves_no_hole() -> None:
+    frames = passing(40, 3.0, first=0)
+    state, shares = ground_start(frames[0].numpy(), PARAMS), []
+    for n, frame in enumerate(frames.numpy()):
+        standing, state = ground_step(frame, state, np.zeros(SIZE, np.float32), DT, PARAMS)
+        true = np.zeros(SIZE, bool)
+        true[44:68, 3 * n : 3 * n + 24] = True
+        shares.append((standing.figure[true].mean(), standing.figure[~true].mean()))
+    # Its plain inside is still, but its edges stand out at once.
+    assert min(inside for inside, _ in shares[2:]) > 0.2
+    assert max(outside for _, outside in shares) < 0.03
+    # Once the ground under it is known, all of it does, and the place where it began does not.
+    assert shares[-1][0] > 0.8
+    assert state.known[44:68, :24].all()
+    assert float((state.mean[:, 44:68, :20] - frames[-1][:, 44:68, :20]).abs().max()) < 0.02
+
+
+def test_noise_is_no_motion_and_ground_is_known_in_the_end() -> None:
+    generator = torch.Generator().manual_seed(3)
+    still = passing(1, 1.0, first=9)[0]
+    state = ground_start(still.numpy(), PARAMS)
+    for _ in range(30):
+        noisy = (still + 0.04 * torch.randn(still.shape, generator=generator)).numpy()
+        standing, state = ground_step(noisy, state, np.zeros(SIZE, np.float32), DT, PARAMS)
+    assert state.known.mean() > 0.95
+    assert standing.figure.mean() < 0.01
+    # What never comes to rest is ground by and by: leaves.
+    flicker = still.clone()
+    for n in range(250):
+        flicker[:, 20:40, 20:60] = 0.3 + 0.4 * (n % 2)
+        standing, state = ground_step(flicker.numpy(), state, np.zeros(SIZE, np.float32), DT, PARAMS)
+    assert state.known.all()
+    assert not standing.figure.any()
