@@ -93,7 +93,7 @@ def check_numbers(params: Any) -> None:
         if isinstance(usual, bool):
             wanted = "" if isinstance(value, bool) else "True or False"
         elif isinstance(usual, int):
-            wanted = "" if isinstance(value, Integral) and type(value) is not bool else "a whole number"
+            wanted = "" if not isinstance(value, bool) and isinstance(value, Integral) else "a whole number"
         elif isinstance(usual, float) or (usual is None and value is not None):
             wanted = "" if is_number(value) else "a number"
         else:
@@ -104,7 +104,7 @@ def check_numbers(params: Any) -> None:
 
 def is_number(value: object) -> bool:
     """Whether it is a number that float64 can hold, or infinity."""
-    if not isinstance(value, Real) or type(value) is bool:
+    if isinstance(value, bool) or not isinstance(value, Real):
         return False
     try:
         return not math.isnan(float(value))
