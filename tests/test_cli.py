@@ -40,18 +40,25 @@ FILES = {
     "weights.png",
     "weights_over_time.png",
 }
+SMALL = (160, 160)
 CAR = Path(__file__).resolve().parents[2] / "shared" / "data" / "car-detection.mp4"
 
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One second of the two bars at 25 frames a second, as a video file."""
+    """One second of the two bars at 25 frames a second, small, as a video file."""
     path = tmp_path_factory.mktemp("clip") / "bars.avi"
-    with VideoWriter(path, 25, (500, 500)) as writer:
-        for chunk in two_bars(seconds=1.0, fps=25).chunks():
+    with VideoWriter(path, 25, SMALL) as writer:
+        for chunk in two_bars(seconds=1.0, size=SMALL, fps=25).chunks():
             for frame in chunk:
                 writer.write(frame)
     return path
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without figures, for tests of something else: drawing them takes longer than a short run."""
+    monkeypatch.setattr("ndtorch.report.folder.draw_all", lambda result, folder: [])
 
 
 def refused(arguments: list[str], capsys: pytest.CaptureFixture[str], *words: str) -> None:
@@ -121,6 +128,7 @@ def same_state(whole: Path, rest: Path) -> dict[str, torch.Tensor]:
     return one
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_resumed_run_equals_an_uninterrupted_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     short = ["bind", "two-bars", "--settle", "0.3", "--pictures", "5"]
     assert main([*short, "--seconds", "1.1", "--out", str(tmp_path / "whole")]) == 0
@@ -133,6 +141,7 @@ def test_resumed_run_equals_an_uninterrupted_one(tmp_path: Path, capsys: pytest.
     assert float(state["second.weights"].max()) > 0
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     ("model", "options", "rows"),
     [
@@ -163,6 +172,7 @@ def test_resumed_video_goes_on_bit_for_bit_with_its_model(
         refused([*resumed, "--rule", "hebbian"], capsys, "--rule is an option of published", model)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_state_with_a_number_that_is_none_is_refused(
     clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -178,6 +188,7 @@ def test_a_state_with_a_number_that_is_none_is_refused(
     refused(["bind", "--resume", str(path.parent), "--out", str(tmp_path)], capsys, str(path), "second.weights", "NaN")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_folder_of_ones_own_is_a_model(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ndtorch.load("scale-free", gamma=0.4).save(tmp_path / "mine")
     asked = ["bind", str(clip), "--model", str(tmp_path / "mine"), "--seconds", "0.4", "--pictures", "0"]
@@ -210,6 +221,7 @@ def test_road_camera_gets_an_honest_verdict(
     assert {path.name for path in (tmp_path / "car-detection").iterdir()} == FILES
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_recording_is_written_beside_the_rest(tmp_path: Path) -> None:
     pytest.importorskip("rerun")
     rrd = tmp_path / "run.rrd"
@@ -468,6 +480,7 @@ def test_output_that_cannot_be_written_is_refused(tmp_path: Path, capsys: pytest
     assert blocked.read_text() == "in the way"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_resume_does_not_take_options_that_would_change_the_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

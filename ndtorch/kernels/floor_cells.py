@@ -28,7 +28,7 @@ def floor_cells(
     """`floor_step` of one car.
 
     Args:
-        cells: `[2, bands, blocks]`, as `evidence`.
+        cells: `[4, bands, blocks]`, or `[2, bands, blocks]` as `evidence`.
         driven: speed and curvature.
         level, noise, age: of `FloorState` before; `new_level` after, `[bands]`; `age` is that of this step.
         flow, profile: of `FloorConstants`, `[bands]`.
@@ -41,7 +41,7 @@ def floor_cells(
     """
     yaw, saturation, least, tolerance, clear, standing, learns, learn_share, share = numbers[:9]
     moving, still, noise_share = numbers[9:12]
-    _, bands, blocks = cells.shape
+    eyes, bands, blocks = cells.shape
     kind = cells.dtype.type
     speed, turning = abs(kind(driven[0])), kind(driven[1]) * kind(yaw)
     learning = age <= learns
@@ -51,22 +51,29 @@ def floor_cells(
         shape[b] = -math.expm1(passing * kind(saturation))
         gained[b] = kind(0)
         known[b] = level[b] * shape[b] > kind(noise) * kind(clear) and not learning
+    excess = np.zeros((bands, blocks), cells.dtype)
+    floor = np.zeros((bands, blocks), np.bool_)
     for eye in range(2):
+        mistaken = False
+        for b in range(bands):
+            expected = max(level[b] * shape[b], kind(least))
+            for k in range(blocks):
+                if known[b]:
+                    excess[b, k] = kind(math.log(max(cells[eye, b, k], kind(least)) / expected))
+                    floor[b, k] = abs(excess[b, k]) < kind(tolerance)
+                    mistaken = mistaken or (eyes == 4 and not floor[b, k] and cells[eye + 2, b, k] > 0)
         for k in range(blocks):
             reached = True
             for b in range(bands):
-                excess = kind(0)
-                floor = False
-                if known[b]:
-                    expected = max(level[b] * shape[b], kind(least))
-                    excess = kind(math.log(max(cells[eye, b, k], kind(least)) / expected))
-                    floor = abs(excess) < kind(tolerance)
-                seen = reached and floor
-                ends = reached and known[b] and not floor
+                both = cells[eye + 2, b, k] if eyes == 4 else kind(0)
+                looks = floor[b, k] or (known[b] and both > 0)
+                goes_on = looks or (mistaken and both < 0)
+                seen = reached and looks
+                ends = reached and known[b] and not goes_on
                 evidence[eye, b, k] = kind(worth[0]) if ends else -kind(worth[1]) if seen else kind(0)
-                if seen:
-                    gained[b] += excess
-                reached = seen
+                if seen and floor[b, k]:
+                    gained[b] += excess[b, k]
+                reached = reached and goes_on
     for b in range(bands):
         new_level[b] = level[b] * kind(math.exp(gained[b] * kind(share)))
     if learning:
@@ -75,8 +82,8 @@ def floor_cells(
         if age > standing and speed > kind(moving):
             learn(cells, shape, level, profile, kind(moving), kind(learn_share), new_level)
     if speed < kind(still):
-        values = np.empty(cells.size, cells.dtype)
-        for k in range(cells.size):
+        values = np.empty(2 * bands * blocks, cells.dtype)
+        for k in range(values.size):
             values[k] = cells[k // (bands * blocks), k // blocks % bands, k % blocks]
         middle = lower_median(values)
         return float(kind(noise) + kind(noise_share) * (middle - kind(noise)))

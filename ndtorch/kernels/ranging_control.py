@@ -34,7 +34,7 @@ def ranging_control(
     """`RangingControl.step`.
 
     Args:
-        cells: `[2, bands, blocks]`.
+        cells: `[4, bands, blocks]`, or the first half of it.
         ranges: x, y and valid, `[n]`.
         numbers: speed and curvature driven; pose; noise and age of the floor, and `Machine`.
         memory, new_memory: level `[bands]`, evidence `[size, size]` and tag `[2, size]`.
@@ -50,7 +50,8 @@ def ranging_control(
     level, evidence, tag = memory
     flow, profile, places, under = tables
     _, bands, blocks = cells.shape
-    marks, evident = np.empty(cells.size + under.size, cells.dtype), np.empty(cells.shape, cells.dtype)
+    evident = np.empty((2, bands, blocks), cells.dtype)
+    marks = np.empty(evident.size + under.size, cells.dtype)
     speed, noise, age = float(numbers[0]), float(numbers[5]), float(numbers[6]) + 1
     noise = seen_floor(
         cells,
@@ -66,10 +67,10 @@ def ranging_control(
         evident,
     )
     for k in range(marks.size):
-        if k < cells.size:
+        if k < evident.size:
             marks[k] = evident[k // (bands * blocks), k // blocks % bands, k % blocks]
         else:
-            marks[k] = under[k - cells.size]
+            marks[k] = under[k - evident.size]
     leading, steps, count, step = arcs
     keep, fade, stopped, reach, cell, least, most, blocked, unknown = patch
     lengths = np.empty((2, count), cells.dtype)

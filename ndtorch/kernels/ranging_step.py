@@ -8,12 +8,13 @@ import numpy as np
 
 from ndtorch.kernels.inner import inner, tuple_of
 from ndtorch.kernels.look_around import NUMBERS, WHOLE_NUMBERS, look_around
+from ndtorch.kernels.match_cells import match_cells
 from ndtorch.kernels.ranging_control import ranging_control
 from ndtorch.kernels.strips import larger
 
 Array = Any
 
-seen, controlled = inner(look_around), inner(ranging_control)
+seen, matched, controlled = inner(look_around), inner(match_cells), inner(ranging_control)
 
 FLOOR, WORTH, PATCH, LIMITS = 12, 3, 9, 17
 """How many numbers `ranging_control` takes of each."""
@@ -46,20 +47,25 @@ def ranging_step(
     table: Array,
     moves: Array,
     full: Array,
+    lines: Array,
+    shift: Array,
 ) -> tuple[float, float, bool]:
     """The step of `Navigator` of one car and one frame: arguments and result as of `published_step`.
 
-    The controller's whole numbers are the size of the patch, and `leading`, steps and number of its arcs; its others
-    those of `ranging_control`, the length of a step of its arcs, the least noise of pictures, the shares of bands up
-    to which a car stands and from which on it is fast, and the mode in which it stands.
+    The controller's whole numbers are the size of the patch; `leading`, steps and number of its arcs; `first`, `wide`
+    and `tall` of `match_cells`, and the columns of the fields, every so many of them. Its others are those of
+    `ranging_control`, the length of a step of its arcs, the least noise of pictures, the shares of bands up
+    to which a car stands and from which on it is fast, the mode in which it stands, and `alike` and
+    `least` of `match_cells`.
 
     Args:
         flow, profile, places, under: `tables` of `ranging_control`.
         comparison, table, moves: `choice` of `ranging_control`.
         full: share of its level that floor shows at full speed, `[bands]`.
+        lines, shift: rows and shift of `match_cells`.
     """
     bands, blocks, at = whole[9], whole[10], whole[23]
-    found, cells = np.empty((2, bands, blocks), large.dtype), np.empty((2, bands, blocks), large.dtype)
+    found, cells = np.empty((2, bands, blocks), large.dtype), np.empty((4, bands, blocks), large.dtype)
     eyes = (left_field, right_field, left_row, right_row)
     driven = (speed, curvature) if given else (float(small[0]), float(small[1]))
     largest = seen(
@@ -77,15 +83,34 @@ def ranging_step(
                 cells[eye, band, block] = worth * kind(numbers[3])
         peak = larger(highest, peak)
         new_small[at + eye] = highest * kind(numbers[3])
+    own = whole[WHOLE_NUMBERS:]
+    worths, patch = NUMBERS + FLOOR, NUMBERS + FLOOR + WORTH
+    limits = patch + PATCH
+    rest = numbers[limits + LIMITS + 1 :]
+    matched(
+        (left_field[0], right_field[0]),
+        whole[0] != 0,
+        (whole[2], whole[3]),
+        (whole[4] - whole[8] * own[4], whole[5] - whole[8] * own[5]),
+        whole[8],
+        numbers[0],
+        whole[7],
+        own[8],
+        lines,
+        shift,
+        (own[4], own[5]),
+        own[6],
+        own[7],
+        rest[4],
+        rest[5],
+        cells[2:],
+    )
     now = small[:at].copy()
     now[0], now[1] = driven
     now[2], now[3], now[4] = new_small[2], new_small[3], new_small[4]
-    own = whole[WHOLE_NUMBERS:]
     size, leading, steps, arcs = own[0], own[1], own[2], own[3]
     n = whole[14]
     out = new_small[at + 4 : at + 4 + 5 * n].reshape((5, n))
-    worths, patch = NUMBERS + FLOOR, NUMBERS + FLOOR + WORTH
-    limits = patch + PATCH
     # Behind fields and rows: level, evidence and tag.
     begin = 2 * whole[11] * whole[12] + 2 * whole[13]
     middle, end = begin + bands, begin + bands + size * size
@@ -112,7 +137,6 @@ def ranging_step(
     learning = new_small[6] <= kind(floor[6])
     if not learning:
         # As `known_share` and `RangingControl.caution`.
-        rest = numbers[limits + LIMITS + 1 :]
         noise, known = max(new_small[5], kind(rest[0])) * kind(floor[4]), 0
         for band in range(bands):
             known += new_large[begin + band] * full[band] > noise

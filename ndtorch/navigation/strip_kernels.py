@@ -89,6 +89,17 @@ def largest_of_cells(
     return FilterState(low)
 
 
+def matched_cells(seen: Eyes, like: Tensor, width: int, every: int, tables: tuple[Any, ...]) -> Tensor:
+    """What both eyes see in every cell, `[2, bands, blocks]`, see `floor_match`."""
+    rows, _, first, wide, tall = tables[:5]
+    bands, blocks = (int(rows[-1]) + tall) // tall, (width - first[1]) // wide
+    found = torch.empty(2, bands, blocks, dtype=image_kind(like))
+    kernel("match_cells", (seen.frames[0].dtype, found.numpy().dtype, seen.beside)).run(
+        seen.frames, seen.beside, seen.tops, seen.lefts, every, seen.unit, seen.over, width, *tables, found.numpy()
+    )
+    return found
+
+
 def ranges_of_rows(
     seen: Eyes,
     state: FilterState | None,

@@ -88,7 +88,8 @@ class WholeStep:
         if state is None:
             before = None if self.watched else self.begin(quick, start, kind)
         elif isinstance(state, StepState) and state.packed is not None:
-            before = state.packed if numpy_kind(kind) == state.packed.small.dtype else None
+            small = state.packed.small
+            before = state.packed if small.ndim == 1 and numpy_kind(kind) == small.dtype else None
         else:
             before = self.gather(quick, state, kind)
         if before is None or (state is not None and self.at_a_stand(quick, before.small)):
@@ -145,6 +146,7 @@ class WholeStep:
             return None
         tops = [rect.top if shape[2:] == size else 0 for rect in fields]
         lefts = [rect.left if shape[2:] == size else 0 for rect in fields]
+        lefts = [left + inward for left, inward in zip(lefts, quick.inward, strict=True)]
         top = ranging.row.top if row[2:] == size else 0
         unit, count = (1 / (255 * shape[1]), 1) if kind == torch.uint8 else (1.0, shape[1])
         n, spacing, weakest, difference, reach, border, kept = ranging.finding
@@ -268,5 +270,5 @@ def numpy_kind(kind: torch.dtype) -> Any:
 
 
 def in_frames(ranges: Ranges, pose: Pose) -> tuple[Ranges, Pose]:
-    """Ranges `[1, n]` and poses `[1]` of the one frame."""
-    return Ranges(*(part.unsqueeze(0) for part in ranges)), Pose(*(part.unsqueeze(0) for part in pose))
+    """Ranges `[..., 1, n]` and poses `[..., 1]` of the one frame."""
+    return Ranges(*(part.unsqueeze(-2) for part in ranges)), Pose(*(part.unsqueeze(-1) for part in pose))

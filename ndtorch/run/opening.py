@@ -32,10 +32,9 @@ from ndtorch.scenes import SCENES, FrameSource, make_scene
 from ndtorch.scenes.video import open_video
 
 STATE = "state.safetensors"
-CAMERA_MODELS = ("video", "figures")
-"""Kinds of models for video of a camera, which get whole pictures."""
-ROWS = 224
-"""Height to which those models get their frames, as soon as they are decoded: four pixels for one of its own."""
+CAMERA_MODELS = {"video": 224, "figures": 448}
+"""Kinds of models for video of a camera, which get whole pictures, and the most rows of those, shrunk as soon as they
+are decoded: `video` needs four for one of its own, `figures` two."""
 
 
 def is_number(value: Any, least: float, most: float) -> bool:
@@ -111,7 +110,7 @@ def prepare(job: BindJob) -> Prepared:
         model = make_model(about, source.size, source.fps, "wrap")
         source, first = open_scene(job, about, model.settle), about["frames"]
     else:
-        source = open_place(job, about, ROWS if kind in CAMERA_MODELS else None)
+        source = open_place(job, about, CAMERA_MODELS.get(kind))
         model = make_model(about, source.size, source.fps, "reflect")
     about["fps"] = source.fps
     state = None

@@ -51,8 +51,9 @@ class FiguresModel(BindingModel):
         n = c.network
         self.group = max(1, math.ceil(c.fps / c.fastest))
         self.dt, self.settle = self.group / c.fps, 0.0
-        rows = min(c.ground.height, c.size[0]) // 4 * 4
-        self.small = (rows, max(16, round(rows * c.size[1] / c.size[0] / 4) * 4))
+        # Shrinking by a whole number is quick.
+        shrink = math.ceil(c.size[0] / c.ground.height)
+        self.small = (max(16, c.size[0] // shrink // 4 * 4), max(16, c.size[1] // shrink // 4 * 4))
         self.fields = FigureSignals(self.small, self.dt, c.fields)
         self.normalise = FieldInputs(self.dt, c.normalise.memory, c.normalise.floor)
         self.network = InhibitoryNetwork(
@@ -171,7 +172,7 @@ class FiguresModel(BindingModel):
             mean = torch.where(torch.from_numpy(wide), torch.from_numpy(standing.picture), ground.mean)
             ground = ground._replace(mean=mean)
         figure = standing.figure & ~hole
-        regions = parted(regions_of(figure, smallest, round(t.gap * shape[0])), t.notch, smallest)
+        regions = parted(regions_of(figure, smallest, t.gap), t.notch, smallest)
         open_, late, silhouettes = follow(open_, time, regions, standing.picture, began, t)
         began = max([began, *(one.number + 1 for one in open_)])
         keep = np.zeros(began + 2, np.float32)

@@ -14,15 +14,18 @@ from ndtorch.binding.tracking.regions import Floats, Regions
 def visible(ones: list[Figure], area: float, p: FigureParams) -> tuple[list[Figure], list[Figure]]:
     """Of the tracks whose region is one: those that are seen in it, and those that were pieces of another one.
 
-    A young track that runs into a known one was a piece of it, and of young ones only the oldest stays. Known tracks
-    that are together much smaller than their region were pieces of one thing, and so was a small one that moves as the
-    largest does. Of the others, the oldest are seen for as many as there is room for; the rest is hidden.
+    A track that runs into a known one soon after it began was a piece of it, and of such only the oldest stays. Known
+    tracks that are together much smaller than their region were pieces of one thing, and so was a small one that moves
+    as the largest does. Of the others, the oldest are seen for as many as there is room for; the rest is hidden.
     """
     known = [one for one in ones if one.known]
+    # One that was apart for a while, and is no small part of it, stays one of its own.
+    most = max((one.last[PIXELS] for one in known or ones), default=0.0)
+    known += [one for one in ones if not one.known and lasted(one, p) and p.larger * one.last[PIXELS] >= most]
     if not known:
         first = sorted(ones, key=lambda one: one.number)
         return first[:1], first[1:]
-    parts = [one for one in ones if not one.known]
+    parts = [one for one in ones if all(one is not other for other in known)]
     known.sort(key=lambda one: one.number)
     if len(known) > 1 and sum(one.last[PIXELS] for one in known) < area / p.larger:
         return known[:1], parts + known[1:]
@@ -35,6 +38,11 @@ def visible(ones: list[Figure], area: float, p: FigureParams) -> tuple[list[Figu
         elif not shown or sum(other.last[PIXELS] for other in shown) + p.room * one.last[PIXELS] < area:
             shown.append(one)
     return shown or [largest], parts
+
+
+def lasted(one: Figure, p: FigureParams) -> bool:
+    """Whether a track was in sight for long enough to be an object."""
+    return one.last_seen - one.first_seen >= p.shortest
 
 
 def meeting(

@@ -15,6 +15,7 @@ class QuickControl(ABC):
     Attributes:
         kernel: its name.
         shape: of the state of the fields' filters, `(2, h, w)`.
+        inward: pixels from the left edges of the fields to those of their cells.
         cells: how many columns of the fields make one that is looked at, and bands and blocks of cells.
         a: share of their high-pass.
         sizes: how many numbers each array of its state has.
@@ -25,6 +26,7 @@ class QuickControl(ABC):
     kernel: str
     shape: tuple[int, int, int]
     cells: tuple[int, int, int]
+    inward: tuple[int, int] = (0, 0)
     a: float
     count: int
     sizes: tuple[int, ...] = ()
@@ -42,6 +44,10 @@ class QuickControl(ABC):
     @abstractmethod
     def mode(self, numbers: Any) -> int:
         """What a car is doing, of which these are speed, curvature, pose, and the single numbers of the state."""
+
+    def ready(self, numbers: Any) -> bool:
+        """Whether the kernel alone makes the next step of a car with these, without the controller's caution."""
+        return True
 
     def arrays(self, kind: Any) -> tuple[Any, ...]:
         """The kernel's last arguments, which depend on the controller, of this precision, a NumPy dtype."""

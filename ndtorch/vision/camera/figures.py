@@ -25,7 +25,7 @@ MEAN_SIZE, MEDIAN_SIZE = 0.798, 0.6745
 class GroundParams(Constants):
     """Constants of figure and ground; brightness as a share of full scale, times in seconds."""
 
-    height: int = Field(112, ge=16, description="rows of the image on which figures are told from the ground")
+    height: int = Field(224, ge=16, description="most rows of the image on which figures are told from the ground")
     tau_ground: float = Field(10.0, gt=0, description="memory of the background")
     tau_noise: float = Field(4.0, gt=0, description="memory of the noise of every pixel")
     spread: float = Field(3.0, gt=0, description="standard deviations of the noise that count as standing out")
@@ -33,7 +33,7 @@ class GroundParams(Constants):
     moved: float = Field(0.012, gt=0, description="smallest change from picture to picture that is motion")
     still: float = Field(0.5, ge=0, description="what has not moved for this long is ground, or a hole in memory,")
     settle: float = Field(2.0, gt=0, description="for less, by and by, where nothing was still so long until then")
-    broad: int = Field(7, ge=1, description="smallest side of what moves there, pixels of that image")
+    broad: float = Field(0.06, ge=0, description="smallest side of what moves there, as a share of the height")
     trail: float = Field(0.1, ge=0, description="what moved so long ago stands out where the ground is not known")
     hold: float = Field(0.05, ge=0, description="pace of the background where an object is, as a share")
     darkest: float = Field(0.3, ge=0, le=1, description="a shadow leaves at least this share of the light,")
@@ -158,8 +158,8 @@ def ground_step(
     figure = np.asarray(closed & out, np.uint8)
     if not sure.all():
         # What moves there is believed where it is broad: edges of what stands still tremble.
-        young = ((quiet < p.trail) & (sure == 0)).astype(np.uint8)
-        figure |= np.asarray(cv2.morphologyEx(young, cv2.MORPH_OPEN, np.ones((p.broad, p.broad), np.uint8)), np.uint8)
+        young, side = ((quiet < p.trail) & (sure == 0)).astype(np.uint8), max(1, round(p.broad * len(sure)))
+        figure |= np.asarray(cv2.morphologyEx(young, cv2.MORPH_OPEN, np.ones((side, side), np.uint8)), np.uint8)
     # A pixel alone is noise; a gap of a pixel is none.
     square = np.ones((p.speckle, p.speckle), np.uint8)
     figure = np.asarray(cv2.morphologyEx(most_of(figure, p.speckle), cv2.MORPH_OPEN, square))

@@ -127,6 +127,22 @@ def test_two_that_cross_keep_who_they_are() -> None:
         assert abs(thing.path[-1][1] - thing.path[0][1]) > 100
 
 
+def test_two_that_come_as_one_and_part_are_two() -> None:
+    frames = squares(38, (64, -2.0, 40, (0.85, 0.2, 0.2)), (88, 2.0, 46, (0.2, 0.75, 0.2)))
+    _, state = run(frames)
+    assert sorted(thing.direction for thing in model().objects(state)) == ["left", "right"]
+    for thing in model().in_sight(state):
+        assert thing.box is not None
+        assert thing.box[2] - thing.box[0] == pytest.approx(24, abs=6)
+
+
+def test_one_in_view_from_the_first_frame_is_one_and_leaves_none_behind() -> None:
+    _, state = run(passing(40, 3.0, first=0))
+    (thing,) = model().objects(state)
+    assert thing.box is not None
+    assert (thing.box[0], thing.box[2]) == pytest.approx((117, 141), abs=6)
+
+
 def test_what_stops_stays_an_object_and_what_does_not_travel_is_none() -> None:
     frames = squares(80, (0, 4.0, 44, (0.85, 0.2, 0.2)))
     frames[40:] = frames[40]

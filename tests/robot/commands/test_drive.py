@@ -66,7 +66,8 @@ def test_a_map_is_made_and_known_again(tmp_path, capsys):
 
 
 @needs_gl
-def test_words_and_file(tmp_path, capsys):
+def test_words_and_file(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("ndtorch_robot.figures.write_figures", lambda result, folder: None)  # drawn in other tests
     config = tmp_path / "drive.toml"
     config.write_text(f'arena = "room"\nseconds = 9\nseed = 3\nout = "{tmp_path / "out"}"')
     assert main(["drive", str(config), "--seconds", "2"]) == 0

@@ -15,7 +15,7 @@ import numpy as np
 import ndtorch
 from ndtorch.binding import BoundObject
 from ndtorch.binding.models.video import switched_off
-from ndtorch.run.opening import ROWS
+from ndtorch.run.opening import CAMERA_MODELS
 from ndtorch.run.result import RunResult
 from ndtorch.run.run import run_model
 from ndtorch.scenes.video import open_video
@@ -72,7 +72,8 @@ def score_clip(clip: Clip, path: Path, without: Sequence[str] = ()) -> ClipScore
 
 def run_video(path: Path, without: Sequence[str] = ()) -> RunResult:
     """The model video over a file, without pictures."""
-    source = open_video(path, (ROWS, ROWS), fit="reduce")
+    rows = CAMERA_MODELS["video"]
+    source = open_video(path, (rows, rows), fit="reduce")
     model = ndtorch.load("video", size=source.size, fps=source.fps, **switched_off(without))
     if "fields" not in without:
         return run_model(model, source, pictures_per_second=0)

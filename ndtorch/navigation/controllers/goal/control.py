@@ -27,10 +27,12 @@ from ndtorch.navigation.controllers.goal.params import GoalParams
 from ndtorch.navigation.controllers.goal.planning import Planned, clearance, plan, to_place, to_unvisited
 from ndtorch.navigation.controllers.goal.speeds import allowed_speeds, speed_towards
 from ndtorch.navigation.controllers.goal.state import LONGEST, GoalState, put_together, take
+from ndtorch.navigation.controllers.ranging.caution import woken
 from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.controllers.ranging.decision import decide
 from ndtorch.navigation.controllers.ranging.patch import Patch, cell_numbers, move_patch
 from ndtorch.navigation.controllers.registry import register
+from ndtorch.navigation.near_check import Near
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import StereoRig
@@ -62,6 +64,7 @@ class GoalControl(Controller):
 
     name, Params, modes = "goal", GoalParams, (CRUISE, TURN, SUPPRESSED, STOPPED, REVERSE, ARRIVED)
     has_goals = True
+    looks_near = True
 
     def __init__(self, rig: StereoRig, dt: float, params: GoalParams | None = None) -> None:
         super().__init__(rig, dt, params)
@@ -125,6 +128,14 @@ class GoalControl(Controller):
         self, seen: Tensor, ranges: Ranges, pose: Pose, driven: Command, state: GoalState
     ) -> tuple[Command, GoalState]:
         """Remember what is seen, plan where it is time to, follow the way, and listen to the reactive controller."""
+        woke = woken(state.reactive.mode, state.reactive.floor, self.reactive.floor)
+        state = state._replace(reactive=state.reactive._replace(mode=woke))
+        return self.caution(*self.steer(seen, ranges, pose, driven, state), pose)
+
+    def steer(
+        self, seen: Tensor, ranges: Ranges, pose: Pose, driven: Command, state: GoalState
+    ) -> tuple[Command, GoalState]:
+        """`step` without caution."""
         c = self.reactive.constants
         before = state.reactive
         lengths, floor, patch = self.reactive.sense(seen, ranges, pose, driven, before, self.rays(ranges))
@@ -145,9 +156,26 @@ class GoalControl(Controller):
         commands, states = zip(*made, strict=True)
         return put_together(list(commands), batch), put_together(list(states), batch)
 
+    def caution(self, command: Command, state: GoalState, pose: Pose) -> tuple[Command, GoalState]:
+        """As `RangingControl.caution`."""
+        command, reactive = self.reactive.caution(command, state.reactive, pose)
+        if reactive is state.reactive:
+            return command, state
+        stands = (reactive.mode == STOPPED) & (state.reactive.mode != STOPPED) & (state.mode != ARRIVED)
+        mode = torch.where(stands, reactive.mode, state.mode)
+        return command, state._replace(reactive=reactive, mode=mode)
+
+    def told_near(self, state: GoalState, pose: Pose, things: Near, across: Near, floor_seen: bool) -> GoalState:
+        """As `RangingControl.told_near`."""
+        return state._replace(reactive=self.reactive.told_near(state.reactive, pose, things, across, floor_seen))
+
     def settled(self, state: GoalState) -> bool:
         """As `RangingControl.settled`."""
         return self.reactive.settled(state.reactive)
+
+    def trouble(self, state: GoalState) -> str | None:
+        """As `RangingControl.trouble`."""
+        return self.reactive.trouble(state.reactive)
 
     def warm_up(self) -> None:
         """Plan once, so that the searches are compiled."""

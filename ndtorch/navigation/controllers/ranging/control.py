@@ -41,7 +41,7 @@ from ndtorch.navigation.rig import StereoRig
 class RangingControl(Controller):
     """Drives where floor was seen, and away from where it ends or a range says that something is.
 
-    What is seen are the cells of `FloorMotion`, `[..., T, 2, bands, blocks]`. The state starts at the first pose,
+    What is seen are the cells of `FloorMotion`, `[..., T, 4, bands, blocks]`. The state starts at the first pose,
     standing.
 
     Args:
@@ -95,14 +95,14 @@ class RangingControl(Controller):
 
     def sides(self, seen: Tensor) -> Tensor:
         """The largest cell of each image."""
-        return seen.flatten(-2).amax(-1)
+        return seen[..., :2, :, :].flatten(-2).amax(-1)
 
     def forward(
         self, seen: Tensor, ranges: Ranges, pose: Pose, driven: Command, state: RangingState | None = None
     ) -> tuple[Command, Any]:
         p: RangingParams = self.params
-        if seen.shape[-3:] != (2, p.floor.bands, p.floor.blocks):
-            raise InputError(f"expected cells [..., T, 2, {p.floor.bands}, {p.floor.blocks}], got {tuple(seen.shape)}")
+        if seen.shape[-3:] not in ((4, p.floor.bands, p.floor.blocks), (2, p.floor.bands, p.floor.blocks)):
+            raise InputError(f"expected cells [..., T, 4, {p.floor.bands}, {p.floor.blocks}], got {tuple(seen.shape)}")
         return super().forward(seen, ranges, pose, driven, state)
 
     def start(self, seen: Tensor, pose: Pose) -> RangingState:
@@ -119,7 +119,7 @@ class RangingControl(Controller):
         """Remember what is seen, measure the free arcs, decide.
 
         Args:
-            seen: cells `[..., 2, bands, blocks]`.
+            seen: cells `[..., 4, bands, blocks]`.
             ranges, pose, driven, state: as `Controller.step`.
         """
         state = state._replace(mode=woken(state.mode, state.floor, self.floor))

@@ -102,16 +102,20 @@ def floor_constants(rig: StereoRig, params: FloorParams, view: FloorView, dt: fl
 def floor_step(
     cells: Tensor, speed: Tensor, curvature: Tensor, state: FloorState, constants: FloorConstants
 ) -> tuple[FloorSeen, FloorState]:
-    """One time step: which cells look like floor that moves as the car does, and learning what floor looks like.
+    """One time step: which cells look like floor, and learning how fast floor looks.
 
     Output grows with image speed v as `level (1 - exp(-v / saturation))`; the level follows the floor. A blank
-    wall gives less, the foot of a wall and a textured wall more.
+    wall gives less, the foot of a wall and a textured wall more. So do lines, joints and checks; but there both eyes
+    see one floor, and it goes on. What only one eye sees is believed to be an end of the floor as long as this eye is
+    not mistaken elsewhere.
 
     Args:
-        cells: outputs of `FloorMotion` at one time, `[..., 2, bands, blocks]`.
+        cells: outputs of `FloorMotion` at one time, `[..., 4, bands, blocks]`; without what both eyes see
+            `[..., 2, bands, blocks]`.
         speed, curvature: what the car drove since the last frame, `[...]`.
     """
     c = constants
+    cells, both = cells[..., :2, :, :], cells[..., 2:, :, :]
     speed = speed.abs()
     flow = (c.flow + (curvature * c.yaw).square().unsqueeze(-1)).sqrt() * speed.unsqueeze(-1)
     shape = -torch.expm1(flow * c.saturation)
@@ -122,12 +126,18 @@ def floor_step(
     excess = (cells.clamp(min=c.least) / expected.clamp(min=c.least).unsqueeze(-1).unsqueeze(-3)).log()
     sure = known.unsqueeze(-1).unsqueeze(-3)
     floor = (excess.abs() < c.tolerance) & sure
-    free = floor.to(cells.dtype).cumprod(-2)
-    reached = torch.cat((torch.ones_like(free[..., :1, :]), free[..., :-1, :]), -2)
-    ends = (reached - free) * sure
+    goes_on, looks = floor, floor
+    if both.shape[-3]:
+        line = (both > 0) & sure & ~floor
+        mistaken = line.any(-1, keepdim=True).any(-2, keepdim=True)
+        looks = floor | line
+        goes_on = looks | (mistaken & (both < 0))
+    way = goes_on.to(cells.dtype).cumprod(-2)
+    reached = torch.cat((torch.ones_like(way[..., :1, :]), way[..., :-1, :]), -2)
+    free, ends = way * looks, (reached - way) * sure
 
     # What looks like floor teaches what floor looks like; at the start most of the nearest cells are floor.
-    level = state.level * torch.exp((free * excess).sum((-3, -1)) * c.share)
+    level = state.level * torch.exp((free * excess * floor).sum((-3, -1)) * c.share)
     near = max(1, cells.shape[-2] * 2 // 5)
     steady = cells / shape.clamp(min=c.moving).unsqueeze(-1).unsqueeze(-3)
     median = steady[..., :near, :].flatten(-3).median(-1).values.unsqueeze(-1) * c.profile

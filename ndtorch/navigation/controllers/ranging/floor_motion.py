@@ -1,13 +1,16 @@
-"""Speed of the image in every cell of floor."""
+"""Speed of the image in every cell of floor, and whether both eyes see one floor there."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 
+from ndtorch.navigation.controllers.ranging.floor_match import floor_match, match_tables
 from ndtorch.navigation.controllers.ranging.floor_view import EVERY, FloorParams, floor_view
 from ndtorch.navigation.rig import StereoRig
-from ndtorch.navigation.strip_kernels import eyes, largest_of_cells, state_fits
+from ndtorch.navigation.strip_kernels import eyes, largest_of_cells, matched_cells, state_fits
 from ndtorch.navigation.strips import check_eyes, check_unit_range, grey_pair
 from ndtorch.vision.nondirectional import SPEED_SCALE, NDMin
 from ndtorch.vision.one_pass import image_kind
@@ -15,13 +18,13 @@ from ndtorch.vision.temporal import FilterState
 
 
 class FloorMotion(nn.Module):
-    """Speed of the image in the cells of both subfields: ND-min, largest |output| of each cell.
+    """Speed of the image in the cells of both subfields: ND-min, largest |output| of each cell; and `floor_match`.
 
     Shapes:
         left, right: frames `[..., T, C, H, W]`, or cut to the subfields, as `SubfieldMotion`
-            -> `[..., T, 2, bands, blocks]`, left image first, nearest band and outermost block first, in
-            the units of the thresholds of [A], raw output x 20.
-        State: the pixels read, every second column of the subfields; `None` settles on the first frame.
+            -> `[..., T, 4, bands, blocks]`, left image first, nearest band and outermost block first: the speeds of
+            both images in the units of the thresholds of [A], raw output x 20, then what both eyes see there.
+        State: the pixels of the cells, every second column; `None` settles on the first frame.
 
     Args:
         rig: the camera pair.
@@ -38,6 +41,9 @@ class FloorMotion(nn.Module):
         self.params = params or FloorParams()
         self.view = floor_view(rig, self.params)
         self.fields = self.view.rects
+        self.tables = match_tables(rig, self.params, self.view)
+        wide = self.params.blocks * self.tables.wide
+        self.parts = tuple(slice(first, first + wide) for first in self.tables.first)
         self.size = (rig.height, rig.width)
         self.nd_min = NDMin(tau_high, dt)
 
@@ -47,24 +53,36 @@ class FloorMotion(nn.Module):
         if quick is not None:
             return quick
         pair = grey_pair(left, right, *self.fields, self.size, EVERY)
-        motion, state = self.nd_min.scan(pair, state, pair.ndim - 4)
+        ours, theirs = pair.unbind(-3)
+        cut = torch.stack((ours[..., self.parts[0]], theirs[..., self.parts[1]]), -3)
+        motion, state = self.nd_min.scan(cut, state, cut.ndim - 4)
         bands, blocks = self.params.bands, self.params.blocks
         # One dimension after the other: much faster than both at once.
         cells = motion.abs().unflatten(-2, (bands, -1)).amax(-2).unflatten(-1, (blocks, -1)).amax(-1)  # type: ignore[no-untyped-call]
         check_unit_range(cells, left)
         ours, theirs = cells.mul(SPEED_SCALE).unbind(-3)
         # From the top row down to the bottom one first: the nearest band shall be the first, the outermost block too.
-        return torch.stack((ours.flip(-2), theirs.flip((-2, -1))), -3), state
+        speeds = torch.stack((ours.flip(-2), theirs.flip((-2, -1))), -3)
+        return torch.cat((speeds, floor_match(pair, self.tables)), -3), state
 
     def by_kernels(self, left: Tensor, right: Tensor, state: FilterState | None) -> tuple[Tensor, FilterState] | None:
         """One frame by kernels; None where torch is to do it."""
-        rect, bands, blocks = self.fields[0], self.params.bands, self.params.blocks
+        rect, bands, blocks = self.view.cells[0], self.params.bands, self.params.blocks
         shape = (2, rect.bottom - rect.top, (rect.right - rect.left) // EVERY)
         seen = eyes(left, right, self.fields, self.size) if state_fits(state, left, shape) else None
         if seen is None:
             return None
         cells = torch.empty(2, bands, blocks, dtype=image_kind(left))
-        state = largest_of_cells(seen, state, left, shape, EVERY, self.nd_min.a, cells.numpy())
+        first = self.tables.first
+        lefts = (seen.lefts[0] + EVERY * first[0], seen.lefts[1] + EVERY * first[1])
+        within = seen._replace(lefts=lefts)
+        state = largest_of_cells(within, state, left, shape, EVERY, self.nd_min.a, cells.numpy())
         check_unit_range(cells, left)
         cells.mul_(SPEED_SCALE)
-        return torch.stack((cells[0].flip(-2), cells[1].flip((-2, -1)))).unsqueeze(0), state
+        both = matched_cells(seen, left, (self.fields[0].right - self.fields[0].left) // EVERY, EVERY, self.match())
+        return torch.stack((cells[0].flip(-2), cells[1].flip((-2, -1)), *both)).unsqueeze(0), state
+
+    def match(self) -> tuple[Any, ...]:
+        """The tables as the kernel `match_cells` takes them."""
+        t = self.tables
+        return (t.rows.numpy(), t.shift.numpy(), t.first, t.wide, t.tall, t.alike, t.least)

@@ -29,6 +29,8 @@ class FloorParams:
         learning_time: then it drives straight this long, s, to learn what its floor looks like.
         adaptation: time constant of learning after that, from cells that look like floor, s.
         clear: floor is unknown where its low threshold is less than this many times the noise.
+        alike: correlation of both images from which on a cell, and the one behind it, are one floor.
+        texture: least change from pixel to pixel for that, as a share of white.
     """
 
     near: float = 0.65
@@ -43,6 +45,8 @@ class FloorParams:
     learning_time: float = 0.4
     adaptation: float = 5.0
     clear: float = 1.5
+    alike: float = 0.7
+    texture: float = 0.002
 
     def __post_init__(self) -> None:
         if not (0 < self.near < self.far < math.inf and -math.pi / 2 < self.inner < self.outer < math.pi / 2):
@@ -51,6 +55,8 @@ class FloorParams:
             raise InputError(f"expected bands >= 2 and blocks >= 1, got {self.bands} and {self.blocks}")
         if not (self.tolerance > 1 and self.saturation > 0 and self.adaptation > 0 and self.clear > 0):
             raise InputError(f"expected tolerance > 1 and positive saturation, adaptation and clear, got {self}")
+        if not (0 < self.alike < 1 and self.texture >= 0):
+            raise InputError(f"expected 0 < alike < 1 and texture >= 0, got {self.alike} and {self.texture}")
         if not (0 <= self.standing_time < math.inf and 0 < self.learning_time < math.inf):
             raise InputError(f"expected standing_time >= 0 and learning_time > 0, got {self}")
 
@@ -63,13 +69,16 @@ class FloorView(NamedTuple):
     """Geometry of the cells, all tables of plain tensors.
 
     Attributes:
-        rects: subfields of the left and the right image.
+        rects: that are read of the left and the right image: the cells, and inward of them what the other eye
+            needs to see the floor of its own cells a second time.
+        cells: of these the parts that have cells.
         depth: of the middle of each band ahead of the cameras, m, `[bands]`, nearest first.
         x, y: floor at the middle of each cell in the body frame, m, `[2, bands, blocks]`, left image first.
         sweep: image speed of the floor in each band when driving 1 m/s, pixels a second, `[bands]`.
     """
 
     rects: tuple[Rect, Rect]
+    cells: tuple[Rect, Rect]
     depth: Tensor
     x: Tensor
     y: Tensor
@@ -103,7 +112,10 @@ def floor_view(rig: StereoRig, params: FloorParams) -> FloorView:
             f"{rig.width}x{rig.height} frames"
         )
     mirror = rig.width + aside_px
-    rects = Rect(top, bottom, left, right), Rect(top, bottom, mirror - right, mirror - left)
+    cells = Rect(top, bottom, left, right), Rect(top, bottom, mirror - right, mirror - left)
+    end = rig.width + min(aside_px, 0)
+    end -= (end - right) % EVERY
+    rects = Rect(top, bottom, left, end), Rect(top, bottom, mirror - end, mirror - left)
     rows = bottom - 0.5 - tall * (torch.arange(p.bands, dtype=torch.float64) + 0.5)
     down = (rows - rig.center[1]) / rig.focal
     # The ray through the row: (cos - down sin) ahead for every (sin + down cos) down.
@@ -118,5 +130,10 @@ def floor_view(rig: StereoRig, params: FloorParams) -> FloorView:
     sweep = rig.focal * rig.camera_height / along.square()
     dtype = torch.get_default_dtype()
     return FloorView(
-        rects, depth.to(dtype), torch.stack((x, x)).to(dtype), torch.stack((aside, -aside)).to(dtype), sweep.to(dtype)
+        rects,
+        cells,
+        depth.to(dtype),
+        torch.stack((x, x)).to(dtype),
+        torch.stack((aside, -aside)).to(dtype),
+        sweep.to(dtype),
     )

@@ -50,7 +50,7 @@ class QuickRanging(QuickControl):
         under: Tensor,
         full_flow: Tensor,
     ) -> None:
-        rect, p = look.fields[0], params.patch
+        rect, p = look.view.cells[0], params.patch
         self.shape = (2, rect.bottom - rect.top, (rect.right - rect.left) // EVERY)
         self.a = look.nd_min.a
         self.sizes = (params.floor.bands, p.size**2, 2 * p.size)
@@ -64,10 +64,16 @@ class QuickRanging(QuickControl):
         choice = (constants.comparison.double().numpy(), constants.table.numpy(), moves)
         rest = tuple(float(part) for part in floor if part.ndim == 0)
         self.rest, self.choice = (rest, worth, patch, ways, choice, numbers), choice
-        self.whole = (p.size, arcs.leading, arcs.steps, len(arcs.curvature))
+        lines, shift, first, wide, tall, alike, least = look.match()
+        self.inward = (EVERY * first[0], EVERY * first[1])
+        columns = (look.fields[0].right - look.fields[0].left) // EVERY
+        self.whole = (p.size, arcs.leading, arcs.steps, len(arcs.curvature), *first, wide, tall, columns)
+        self.lines = (lines, shift)
         self.numbers = (*rest[:12], *worth, *patch, *numbers, arcs.step, params.least_noise, LEAST, FULL, STOPPED)
+        self.numbers += (alike, least)
         self.tensors = (floor.flow, floor.profile, places, under)
         self.full = -torch.expm1(full_flow * floor.saturation)
+        self.learned = float(floor.learning)
         self.tables: dict[Any, Any] = {}
 
     def fixed(self, kind: Any) -> tuple[Any, ...]:
@@ -85,17 +91,22 @@ class QuickRanging(QuickControl):
         """The reverse of `take`."""
         level, evidence, tag = arrays
         noise, age, *machine = numbers
-        return RangingState(FloorState(level, noise, age), Patch(evidence, tag.view(2, -1)), *machine)
+        places = tag.view(*tag.shape[:-1], 2, -1)
+        return RangingState(FloorState(level, noise, age), Patch(evidence, places), *machine)
 
     def mode(self, numbers: Any) -> int:
         """The first number after what the floor has."""
         return int(numbers[7])
 
+    def ready(self, numbers: Any) -> bool:
+        """It knows its floor."""
+        return bool(numbers[6] + 1 > self.learned)
+
     def arrays(self, kind: Any) -> tuple[Any, ...]:
-        """Tables, and shares of the level that floor shows at full speed."""
+        """Tables, shares of the level that floor shows at full speed, and what both eyes compare."""
         self.fixed(kind)
         *tables, full = self.tables[kind]
-        return (*tables, *self.choice, full)
+        return (*tables, *self.choice, full, *self.lines)
 
     def memory(self, arrays: Sequence[Any]) -> tuple[Any, Any, Any]:
         """The arrays in their shapes."""

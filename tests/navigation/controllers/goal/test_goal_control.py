@@ -2,15 +2,17 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 
 from ndtorch.errors import InputError
 from ndtorch.kernels.load import kernel
-from ndtorch.navigation import ARRIVED, CRUISE, Command, NavigatorOptions, Pose, StereoRig
+from ndtorch.navigation import ARRIVED, CRUISE, STOPPED, Command, NavigatorOptions, Pose, StereoRig
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
 from ndtorch.navigation.controllers.goal.params import reactive_params
 from ndtorch.navigation.controllers.ranging.patch import PatchParams
+from ndtorch.navigation.near_check import Near
 from ndtorch.navigation.odometry import drive_step
 from ndtorch.navigation.ranging import Ranges
 
@@ -23,9 +25,9 @@ def nothing(*batch):
     return Ranges(blank, blank, blank, blank, blank, blank.bool())
 
 
-def floor(*batch):
-    """What open floor gives while the car moves at a steady speed, roughly: every cell alike."""
-    return torch.full((*batch, 2, 14, 8), 0.5)
+def floor(*batch, moves=True):
+    """What open floor gives while the car moves at a steady speed, roughly; nothing while it stands."""
+    return torch.full((*batch, 2, 14, 8), 0.5 if moves else 0.0)
 
 
 def drive(control, steps, pose, state=None):
@@ -35,7 +37,8 @@ def drive(control, steps, pose, state=None):
     for _ in range(steps):
         if state is None:
             state = control.start(floor(*batch), pose)
-        command, state = control.step(floor(*batch), nothing(*batch), pose, command, state)
+        moves = bool((command.speed != 0).all())
+        command, state = control.step(floor(*batch, moves=moves), nothing(*batch), pose, command, state)
         pose = drive_step(pose, command.speed, command.curvature, DT)
     return pose, state, command
 
@@ -121,3 +124,21 @@ def test_no_controller_is_told_to_go_faster_than_its_cruise_speed(name):
     for key in ("tight_speed", "reverse_speed", "slow", "creep"):
         assert getattr(params, key, 0) <= 0.25
         assert getattr(reactive, key, 0) <= 0.25
+
+
+def test_it_does_not_begin_with_something_near_and_says_so():
+    control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL))
+    here, still = place(0.0, 0.0, 0.0), Command(torch.tensor(0.0), torch.tensor(0.0))
+    across = Near(np.full(9, 0.4, np.float32), np.linspace(-0.3, 0.3, 9, dtype=np.float32))
+    nobody = Near(np.zeros(0, np.float32), np.zeros(0, np.float32))
+    state, command = control.start(floor(), here), still
+    for _ in range(8):
+        state = control.told_near(state, here, nobody, across, False)
+        command, state = control.step(floor(moves=False), nothing(), here, still, state)
+    assert float(command.speed) == 0
+    assert int(control.mode(state)) == STOPPED
+    assert "it cannot begin" in control.trouble(state)
+    for _ in range(8):
+        state = control.told_near(state, here, nobody, across, True)
+        command, state = control.step(floor(moves=False), nothing(), here, still, state)
+    assert float(command.speed) > 0

@@ -37,9 +37,8 @@ def learned(level=LEVEL, noise=0.0):
 
 
 def test_the_cells_lie_where_their_pixels_see_the_floor():
-    left, right = VIEW.rects
-    assert left == Rect(302, 372, 80, 400)
-    assert right == Rect(302, 372, 240, 560)
+    assert VIEW.cells == (Rect(302, 372, 80, 400), Rect(302, 372, 240, 560))
+    assert VIEW.rects == (Rect(302, 372, 80, 640), Rect(302, 372, 0, 560))
     # The middle of the nearest band is row 369, 129.5 pixels below the middle of the image: 86 / 129.5 m.
     assert float(VIEW.depth[0]) == pytest.approx(86 / 129.5, rel=1e-6)
     assert float(VIEW.depth[-1]) == pytest.approx(86 / 64.5, rel=1e-6)
@@ -55,7 +54,7 @@ def test_a_pitched_camera_sees_the_same_places():
     """Project the middle of every cell into the image of a camera that looks down: it is in that cell."""
     rig = StereoRig(forward=0.1, pitch=0.15, camera_height=0.25)
     view = floor_view(rig, PARAMS)
-    rect = view.rects[0]
+    rect = view.cells[0]
     tall, wide = (rect.bottom - rect.top) / BANDS, (rect.right - rect.left) / BLOCKS
     column, row = rig.project(view.x[0] - rig.forward, view.y[0] - rig.baseline / 2, -rig.camera_height)
     band = (rect.bottom - 0.5 - row) / tall
@@ -68,9 +67,9 @@ def test_motion_of_the_cells_against_its_definition():
     generator = torch.Generator().manual_seed(1)
     left, right = torch.rand(2, 3, 3, 480, 640, generator=generator)
     cells, _ = FloorMotion(RIG, DT)(left, right)
-    assert cells.shape == (3, 2, BANDS, BLOCKS)
-    assert (cells[0] == 0).all()
-    for image, rect, k in ((left, VIEW.rects[0], 0), (right, VIEW.rects[1], 1)):
+    assert cells.shape == (3, 4, BANDS, BLOCKS)
+    assert (cells[0, :2] == 0).all()
+    for image, rect, k in ((left, VIEW.cells[0], 0), (right, VIEW.cells[1], 1)):
         motion, _ = NDMin(0.005, DT)(image.mean(-3, keepdim=True))
         for band, block in ((0, 0), (3, 5), (13, 7)):
             column = rect.left + 40 * block if k == 0 else rect.right - 40 * (block + 1)

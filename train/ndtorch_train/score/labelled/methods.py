@@ -12,14 +12,13 @@ import numpy as np
 import torch
 
 import ndtorch
-from ndtorch.run.opening import ROWS
+from ndtorch.loading import model_kind
+from ndtorch.run.opening import CAMERA_MODELS
 from ndtorch.scenes.video import reduced
 from ndtorch_train.score.labelled.peers import BoxTracker, ByteTrack, Norfair, Subtraction
 from ndtorch_train.score.labelled.sight import Box, Clip, Packed, Pixels, Seen, Sight
 
 TRACKERS: dict[str, Callable[[float], BoxTracker]] = {"norfair": Norfair, "bytetrack": ByteTrack}
-WORKING_ROWS = ROWS
-"""Most rows that a model gets, as `ndtorch bind` gives them."""
 
 
 def see(method: str, clip: Clip, rows: int = 0) -> Seen:
@@ -75,7 +74,9 @@ def packed(mask: Any, size: tuple[int, int]) -> Packed:
 def see_model(name: str, clip: Clip, rows: int) -> Seen:
     """A model with tracks: objects are said from their first sighting on, once they are known to be objects."""
     seen = Seen()
-    frames = list(shrunk(clip, min(rows or clip.size[0], WORKING_ROWS)))
+    # As `ndtorch bind` gives them.
+    most = CAMERA_MODELS.get(model_kind(name), clip.size[0])
+    frames = list(shrunk(clip, min(rows or clip.size[0], most)))
     height, width = frames[0].shape[:2]
     model, state = ndtorch.load(name, size=(height, width), fps=clip.fps), None
     shapes: list[Any] = []
