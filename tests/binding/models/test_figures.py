@@ -147,7 +147,8 @@ def test_the_network_names_features_and_moves_no_place() -> None:
     _, state = run(film(), learn=False)
     (off,), (on,) = model().objects(state), model().objects(whole()[1])
     assert (off.path, off.boxes) == (on.path, on.boxes)
-    assert not state.network.weights.any() and whole()[1].network.weights.any()
+    assert not state.network.weights.any()
+    assert whole()[1].network.weights.any()
 
 
 def test_what_stops_stays_an_object_and_what_does_not_travel_is_none() -> None:
