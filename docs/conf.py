@@ -13,6 +13,7 @@ from pygments.lexers.special import TextLexer
 
 project = "ndtorch"
 author = "the ndtorch maintainers"
+copyright = "2026 The ndtorch authors"
 release = importlib.metadata.version("ndtorch")
 
 extensions = [

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-HEAVY = ("cv2", "numba", "torchvision", "rerun", "matplotlib", "mujoco", "tyro", "serial")
+HEAVY = ("cv2", "numba", "scipy", "torchvision", "rerun", "matplotlib", "mujoco", "tyro", "serial")
 
 PACKAGES = ("ndtorch", "ndtorch_robot", "ndtorch_train")
 

@@ -34,7 +34,7 @@ BINDING = """
     train_first_stage weight_change
 """
 NAVIGATION = """
-    ARRIVED CRUISE REVERSE STOPPED SUPPRESSED TURN AlphaBetaTracker AvoidanceParams Command Controller
+    ARRIVED CRUISE REVERSE STOPPED SUPPRESSED TURN AlphaBetaTracker AvoidanceParams Avoider Command Controller
     DeadReckoning FeatureParams Grid GridMap MatchParams Navigator NavigatorOptions NavigatorState ObservationList Pose
     Ranges RangingParams Rect RowRanging StereoRig Strips controller_names cut_strips make_controller
 """

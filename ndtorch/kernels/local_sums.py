@@ -25,7 +25,6 @@ def local_sums(
     new_delayed: Array,
     rows: Array,
     columns: Array,
-    spans: Array,
     places: Array,
     shares: Array,
     sums: Array,
@@ -36,7 +35,6 @@ def local_sums(
         frame, beside, unit, settle, slow, delayed, a_high, a_low, wrap, block, margin: as of `front_end`, like
             new_slow, new_delayed and rows, which are filled.
         columns: weights of pixels, and of what lies between them, `[2, C, W]`.
-        spans: where those of each field are not zero, twice from here to there, `[2, C, 4]`.
         places: the two rows of fields to which a row of pixels belongs, and what lies below it, `[2, H, 2]`.
         shares: how much, `[2, H, 2]`.
         sums: left, right, down, up, red, green, blue, `[7, R, C]`; they become those of this frame.
@@ -49,7 +47,8 @@ def local_sums(
     down, up = np.empty(width, slow.dtype), np.empty(width, slow.dtype)
     highs, lates = np.empty((3, width), slow.dtype), np.empty((3, width), slow.dtype)
     rows[:] = 0
-    sums[:] = 0
+    # Rows first: what belongs to a row of fields stays in the cache while it grows.
+    bands = np.zeros((7, sums.shape[1], width), slow.dtype)
     for y in range(height):
         now = 1 + y % 2 if y else 0
         last = 2 - y % 2 if y > 1 else 0
@@ -59,34 +58,36 @@ def local_sums(
             colors = (frame[y, :, 0], frame[y, :, 1], frame[y, :, 2])
             filter_row(colors, third, settle, before, filters, image, low, high, late)
             for c in range(3):
-                pool_row(colors[c], columns[0], spans[0], places[0, y], shares[0, y], sums[4 + c])
+                add_row(colors[c], places[0, y], shares[0, y], bands[4 + c])
         else:
             planes = (frame[0, y], frame[1, y], frame[2, y])
             filter_row(planes, third, settle, before, filters, image, low, high, late)
             for c in range(3):
-                pool_row(planes[c], columns[0], spans[0], places[0, y], shares[0, y], sums[4 + c])
+                add_row(planes[c], places[0, y], shares[0, y], bands[4 + c])
         copy_row(low, new_slow[y])
         copy_row(late, new_delayed[y])
         halves(high[1:], late[:-1], high[:-1], late[1:], more, less)
         if wrap:
             signed = high[0] * late[width - 1] - high[width - 1] * late[0]
             more[width - 1], less[width - 1] = max(signed, kind(0)), max(-signed, kind(0))
-        pool_row(less, columns[1], spans[1], places[0, y], shares[0, y], sums[0])
-        pool_row(more, columns[1], spans[1], places[0, y], shares[0, y], sums[1])
+        add_row(less, places[0, y], shares[0, y], bands[0])
+        add_row(more, places[0, y], shares[0, y], bands[1])
         if y:
             halves(high, lates[last], highs[last], late, down, up)
-            pool_row(down, columns[0], spans[0], places[1, y - 1], shares[1, y - 1], sums[2])
-            pool_row(up, columns[0], spans[0], places[1, y - 1], shares[1, y - 1], sums[3])
+            add_row(down, places[1, y - 1], shares[1, y - 1], bands[2])
+            add_row(up, places[1, y - 1], shares[1, y - 1], bands[3])
         add_mirrored(image, y, height, margin, block, rows)
     if wrap:
         end, y = 1 + (height - 1) % 2 if height > 1 else 0, height - 1
         halves(highs[0], lates[end], highs[end], lates[0], down, up)
-        pool_row(down, columns[0], spans[0], places[1, y], shares[1, y], sums[2])
-        pool_row(up, columns[0], spans[0], places[1, y], shares[1, y], sums[3])
-    for c in range(4, 7):
+        add_row(down, places[1, y], shares[1, y], bands[2])
+        add_row(up, places[1, y], shares[1, y], bands[3])
+    for signal in range(7):
+        weights = columns[1 if signal < 2 else 0]
+        scale = unit if signal > 3 else 1.0
         for row in range(sums.shape[1]):
             for column in range(sums.shape[2]):
-                sums[c, row, column] *= unit
+                sums[signal, row, column] = scale * dot(bands[signal, row], weights[column])
 
 
 @inner
@@ -100,15 +101,21 @@ def halves(high: Array, late_before: Array, high_before: Array, late: Array, mor
 
 
 @inner
-def pool_row(signal: Array, columns: Array, spans: Array, places: Array, shares: Array, sums: Array) -> None:
-    """Add what every column of fields sees of a row to two rows of fields, `[R, C]`."""
-    kind = columns.dtype.type
-    above, below = sums[places[0]], sums[places[1]]
-    for c in range(columns.shape[0]):
-        total, weights = kind(0), columns[c]
-        for x in range(spans[c, 0], spans[c, 1]):
-            total += kind(signal[x]) * weights[x]
-        for x in range(spans[c, 2], spans[c, 3]):
-            total += kind(signal[x]) * weights[x]
-        above[c] += shares[0] * total
-        below[c] += shares[1] * total
+def add_row(signal: Array, places: Array, shares: Array, bands: Array) -> None:
+    """Add a row to the two bands `[R, W]` it belongs to."""
+    kind = bands.dtype.type
+    one, other = shares[0], shares[1]
+    above, below = bands[places[0]], bands[places[1]]
+    for x in range(signal.shape[0]):
+        value = kind(signal[x])
+        above[x] += one * value
+        below[x] += other * value
+
+
+@inner
+def dot(row: Array, weights: Array) -> float:
+    """Sum of products."""
+    total = row.dtype.type(0)
+    for x in range(row.shape[0]):
+        total += row[x] * weights[x]
+    return float(total)

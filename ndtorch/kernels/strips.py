@@ -22,16 +22,19 @@ def grey_row(frame: Array, beside: bool, y: int, left: int, every: int, unit: fl
     """
     kind = grey.dtype.type
     unit, count = kind(unit), kind(count)
-    if beside:
-        for x in range(grey.shape[0]):
-            total = kind(0)
-            for c in range(frame.shape[2]):
-                total += kind(frame[y, left + every * x, c])
-            grey[x] = total * unit / count
-        return
-    # Loops with a known step become vector instructions. One color stands for three.
-    last = frame.shape[0] - 1
+    # One color stands for three. Loops with a known step become vector instructions.
+    last = frame.shape[2 if beside else 0] - 1
     count = count if last else kind(3) * count
+    if beside:
+        line, step, middle = frame[y, left:].reshape(-1), every * (last + 1), last // 2
+        if last == 2 and every == 1:
+            for x in range(grey.shape[0]):
+                grey[x] = (kind(line[3 * x]) + kind(line[3 * x + 1]) + kind(line[3 * x + 2])) * unit / count
+            return
+        for x in range(grey.shape[0]):
+            k = step * x
+            grey[x] = (kind(line[k]) + kind(line[k + middle]) + kind(line[k + last])) * unit / count
+        return
     red, green, blue = frame[0, y, left:], frame[last // 2, y, left:], frame[last, y, left:]
     if every == 1:
         for x in range(grey.shape[0]):

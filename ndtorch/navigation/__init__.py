@@ -4,6 +4,7 @@ Here are the names that people start with; the rest comes from its file.
 """
 
 from ndtorch.lazy import lazy
+from ndtorch.navigation.avoider import Avoider
 from ndtorch.navigation.controllers import (
     ARRIVED,
     CRUISE,
@@ -41,6 +42,7 @@ __all__ = [
     "TURN",
     "AlphaBetaTracker",
     "AvoidanceParams",
+    "Avoider",
     "Command",
     "Controller",
     "DeadReckoning",

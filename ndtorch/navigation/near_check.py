@@ -30,6 +30,7 @@ class NearParams:
         enough: places that must agree on something near.
         floor: correlation from which what both see right ahead is one floor.
         floor_from, floor_to: depths of the floor right ahead that must be seen, m.
+        floor_beside: how far to either side of the car's middle, m.
         tilt: rows by which the horizon may lie higher or lower than the rig says.
         narrowest, pixels: fewer columns of a row, or pixels in all, that both see are not compared.
         blank: standard deviation of the brightness below which nothing is seen.
@@ -48,6 +49,7 @@ class NearParams:
     floor: float = 0.7
     floor_from: float = 0.8
     floor_to: float = 1.15
+    floor_beside: float = 0.15
     tilt: int = 26
     narrowest: int = 5
     pixels: int = 150
@@ -56,6 +58,8 @@ class NearParams:
     def __post_init__(self) -> None:
         if not (0 < self.nearest < self.farthest < math.inf and self.beside > 0):
             raise InputError(f"expected 0 < nearest < farthest and beside > 0, got {self}")
+        if not self.floor_beside > 0:
+            raise InputError(f"expected floor_beside > 0, got {self.floor_beside}")
         if not (self.half >= 1 and 0 < self.ratio <= 1 and self.texture >= 0 and self.enough >= 1 and self.blank >= 0):
             raise InputError(f"expected half and enough >= 1 and 0 < ratio <= 1, got {self}")
 
@@ -141,7 +145,7 @@ def floor_likeness(left: Floats, right: Floats, rects: tuple[Rect, Rect], rig: S
     horizon = (rig.height - 1) / 2 - rig.focal * math.tan(rig.pitch)
     rows = np.arange(ours.top, ours.bottom)
     depth = rig.focal * rig.camera_height / np.maximum(rows - horizon, 1.0)
-    rows = rows[(depth >= p.floor_from) & (depth <= p.floor_to)]
+    rows = rows[(depth >= p.floor_from) & (depth <= p.floor_to)][::2]
     best = row_likeness(left, right, rows, 0, horizon, rects, rig, p)
     for offset in range(-p.tilt, p.tilt + 1, 2):
         if best >= p.floor:
@@ -162,25 +166,32 @@ def row_likeness(
 ) -> float:
     """The correlation over these rows for a horizon that lies `offset` rows higher."""
     ours, theirs = rects
-    per_row = rig.baseline / rig.camera_height
-    products, squares = 0.0, [0.0, 0.0]
-    count = 0
-    for row in rows:
-        shift = round(per_row * (row - horizon + offset))
-        # Columns of the left image whose partner lies in the right subfield.
-        begin, end = max(ours.left, theirs.left + shift), min(ours.right, theirs.right + shift)
-        if end - begin < params.narrowest:
-            continue
-        a = left[row - ours.top, begin - ours.left : end - ours.left]
-        b = right[row - theirs.top, begin - shift - theirs.left : end - shift - theirs.left]
-        a, b = a - a.mean(), b - b.mean()
-        products += float(a @ b)
-        squares[0] += float(a @ a)
-        squares[1] += float(b @ b)
-        count += end - begin
-    if count < params.pixels or min(squares) < count * params.blank**2:
+    shift = np.round(rig.baseline / rig.camera_height * (rows - horizon + offset)).astype(np.int64)[:, None]
+    # Columns of the left image whose partner lies in the right subfield.
+    first = max(ours.left, theirs.left + int(shift.min(initial=ours.right)))
+    columns = np.arange(first, ours.right)
+    partner = columns - shift - theirs.left
+    both = (partner >= 0) & (partner < theirs.right - theirs.left)
+    # Where the middle between both cameras sees what lies right ahead; `shift` is focal * baseline / depth.
+    middle = (rig.width - 1) / 2 - columns + shift / 2
+    both &= np.abs(middle) * rig.baseline <= params.floor_beside * shift
+    both &= both.sum(1, keepdims=True) >= params.narrowest
+    count = both.sum(1, keepdims=True)
+    if count.sum() < max(1, params.pixels):
         return 0.0
-    return products / math.sqrt(squares[0] * squares[1])
+
+    def less_mean(pixels: Floats) -> Floats:
+        """Of every row, 0 where there is no partner."""
+        kept = np.where(both, pixels, np.float32(0))
+        mean = kept.sum(1, keepdims=True) / np.maximum(count, 1)
+        return np.where(both, kept - mean.astype(np.float32), np.float32(0))
+
+    a = less_mean(left[rows - ours.top, first - ours.left :])
+    b = less_mean(right[(rows - theirs.top)[:, None], partner.clip(0, theirs.right - theirs.left - 1)])
+    squares = float(np.vdot(a, a)), float(np.vdot(b, b))
+    if min(squares) < float(count.sum()) * params.blank**2:
+        return 0.0
+    return float(np.vdot(a, b)) / math.sqrt(squares[0] * squares[1])
 
 
 class NearCheck:

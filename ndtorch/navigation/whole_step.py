@@ -88,7 +88,8 @@ class WholeStep:
         if state is None:
             before = None if self.watched else self.begin(quick, start, kind)
         elif isinstance(state, StepState) and state.packed is not None:
-            before = state.packed if numpy_kind(kind) == state.packed.small.dtype else None
+            small = state.packed.small
+            before = state.packed if small.ndim == 1 and numpy_kind(kind) == small.dtype else None
         else:
             before = self.gather(quick, state, kind)
         if before is None or (state is not None and self.at_a_stand(quick, before.small)):
@@ -269,5 +270,5 @@ def numpy_kind(kind: torch.dtype) -> Any:
 
 
 def in_frames(ranges: Ranges, pose: Pose) -> tuple[Ranges, Pose]:
-    """Ranges `[1, n]` and poses `[1]` of the one frame."""
-    return Ranges(*(part.unsqueeze(0) for part in ranges)), Pose(*(part.unsqueeze(0) for part in pose))
+    """Ranges `[..., 1, n]` and poses `[..., 1]` of the one frame."""
+    return Ranges(*(part.unsqueeze(-2) for part in ranges)), Pose(*(part.unsqueeze(-1) for part in pose))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import torch
 from torch import Tensor, nn
 
@@ -49,7 +47,7 @@ class LocalFeatures(nn.Module):
         self.spacing = min(height, width) / fields
         self.grid = (round(height / self.spacing), round(width / self.spacing))
         self.border = features.motion.border
-        self._made: dict[torch.dtype, tuple[Tensor, Tensor, Tensor, Tensor]] = {}
+        self._made: dict[torch.dtype, tuple[Tensor, Tensor, Tensor]] = {}
         for name, length, count in zip(("rows", "columns"), features.size, self.grid, strict=True):
             # A pixel lies at n + 1/2, and what two neighbours make of a motion between them.
             self.register_buffer(name, field_weights(torch.arange(length) + 0.5, length, count, self.border))
@@ -106,13 +104,13 @@ class LocalFeatures(nn.Module):
             state = into
         return torch.stack(out), into
 
-    def _tables(self, kind: torch.dtype) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Weights of fields as the kernel takes them: `columns`, `spans`, `places`, `shares`."""
+    def _tables(self, kind: torch.dtype) -> tuple[Tensor, Tensor, Tensor]:
+        """Weights of fields as the kernel takes them: `columns`, `places`, `shares`."""
         if kind not in self._made:
             columns = torch.stack([self.columns, self.columns_between]).to(kind)
             rows = torch.stack([self.rows, self.rows_between]).to(kind)
             shares, places = rows.topk(2, 1)
-            self._made[kind] = (columns, spans(columns), places.mT.contiguous(), shares.mT.contiguous())
+            self._made[kind] = (columns, places.mT.contiguous(), shares.mT.contiguous())
         return self._made[kind]
 
     def _pool(self, images: Tensor, between: int = 0) -> Tensor:
@@ -142,16 +140,3 @@ class LocalFeatures(nn.Module):
         size = self.features.orientation.magnitudes(image)  # [..., grids, 3, h, w]
         rows, columns = self.dog_rows.to(size.dtype), self.dog_columns.to(size.dtype)
         return (rows.unsqueeze(1) @ size @ columns.unsqueeze(1).mT).sum(-4)
-
-
-def spans(weights: Tensor) -> Tensor:
-    """Where weights `[..., points]` are not zero, twice from here to there, `[..., 4]`: fields may go round a torus."""
-    points = weights.shape[-1]
-    found = torch.zeros(*weights.shape[:-1], 4, dtype=torch.int64)
-    for line, at in zip(weights.flatten(0, -2), found.view(-1, 4), strict=True):
-        inside = (line != 0).nonzero().flatten().tolist()
-        gap = next((n for n, (a, b) in enumerate(pairwise(inside)) if b > a + 1), len(inside) - 1)
-        at[:2] = torch.tensor([inside[0], inside[gap] + 1])
-        if gap + 1 < len(inside):
-            at[2:] = torch.tensor([inside[gap + 1], points])
-    return found

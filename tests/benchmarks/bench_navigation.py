@@ -15,6 +15,7 @@ import numpy as np
 import torch
 
 from ndtorch.navigation import (
+    Avoider,
     Command,
     FeatureParams,
     GridMap,
@@ -23,6 +24,8 @@ from ndtorch.navigation import (
     Pose,
     RowRanging,
     StereoRig,
+    Strips,
+    cut_strips,
 )
 from ndtorch.navigation.controllers.published import SaccadeAvoidance
 from ndtorch.navigation.controllers.ranging.control import RangingControl
@@ -31,6 +34,7 @@ from ndtorch.navigation.controllers.subfields import SubfieldMotion
 from tests.benchmarks.timing import Row, reference, table
 
 DT = 1 / 30
+CARS = 64
 WHOLE = "whole navigation step"
 EDGES = FeatureParams(7, edge_reach=4, shared=True)
 """As the simulated drives have it."""
@@ -139,6 +143,7 @@ def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
 
     result = [
         Timed("ranging controller", *median_time(drive), "floor cells, patch, free arcs, state machine"),
+        avoider_row(),
         Timed("avoidance step", *median_time(avoid), "subfields, ND-min, maxima, state machine"),
         Timed("features, ranges and grid map", *median_time(range_and_map), f"5 features, {found} ranges"),
     ]
@@ -152,13 +157,42 @@ def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
         "whole step, 7 features at edges": Navigator(rig, DT, controller="published", features=EDGES),
         "what `ndtorch drive` does": Navigator(rig, DT, features=EDGES, grid_map=GridMap(rig)),
     }.items():
-        _, state = navigator(left, right)
-        _, state = navigator(left, right, state)
+        state = None
+        # Until it knows its floor.
+        for n in range(30):
+            _, state = navigator(*tensors[n % 3], state, Command(torch.tensor([0.5]), torch.zeros(1)))
         call = lambda n=navigator, s=state: n(next_left, next_right, s)  # noqa: E731
         result.append(Timed(name, *median_time(call), "two 640x480 RGB frames, uint8"))
         if name in (WHOLE, "whole step, ranging controller"):
             apart = lambda n=navigator, s=state: n.see_and_steer(next_left, next_right, s)  # noqa: E731
             result.append(Timed(f"{name}, part by part", *median_time(apart), "as before one kernel did it"))
+    return [*result, *many_cars(tensors)]
+
+
+def avoider_row() -> Timed:
+    """Avoidance on plain arrays."""
+    avoider, eyes = Avoider(StereoRig(), DT), [stereo_pair(step) for step in range(2)]
+    _, state = avoider(*eyes[0])
+    return Timed("avoidance alone", *median_time(lambda: avoider(*eyes[1], state)), "`Avoider`, uint8 arrays")
+
+
+def many_cars(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
+    """Of a step of 64 cars, what one car takes; strips, as the simulator gives them."""
+    result, rig = [], StereoRig()
+    for name in ("published", "ranging"):
+        navigator = Navigator(rig, DT, controller=name)
+        fields, state = navigator.controller.fields, None
+        moved = Command(torch.full((CARS, 1), 0.5), torch.zeros(CARS, 1))
+        cut = [
+            [cut_strips(eye.expand(CARS, *eye.shape), f, rig) for eye, f in zip(pair, fields, strict=True)]
+            for pair in tensors
+        ]
+        eyes = [[Strips(*(part.contiguous() for part in eye)) for eye in pair] for pair in cut]
+        for n in range(30):
+            _, state = navigator(*eyes[n % 3], state, moved)
+        call = lambda n=navigator, e=eyes[0], s=state: n(*e, s, moved)  # noqa: E731, B023
+        time_of_all, cost = median_time(call, 0.5)
+        result.append(Timed(f"{CARS} cars, {name}, one car's share", time_of_all / CARS, cost / CARS, "uint8 strips"))
     return result
 
 

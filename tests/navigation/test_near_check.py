@@ -71,6 +71,16 @@ def test_floor_is_floor():
     assert likeness == 0.0
 
 
+def test_what_stands_beside_does_not_hide_the_floor_ahead():
+    frames, chance = pair(3.0), np.random.default_rng(5)
+    rows, columns = np.mgrid[0:480, 0:640]
+    for frame, side in zip(frames, (0.15, -0.15), strict=True):
+        y = side + RIG.focal * RIG.camera_height / np.maximum(rows - 239.5, 1) * (319.5 - columns) / RIG.focal
+        beside = torch.from_numpy((rows > 239) & (np.abs(y) > 0.3))
+        frame[0, 0][beside] = torch.from_numpy(chance.integers(0, 256, int(beside.sum()), dtype=np.uint8))
+    assert looked(*frames)[1] > 0.9
+
+
 def test_what_cannot_be():
     with pytest.raises(InputError, match="nearest < farthest"):
         NearParams(nearest=1.0, farthest=0.5)

@@ -45,6 +45,10 @@ class QuickControl(ABC):
     def mode(self, numbers: Any) -> int:
         """What a car is doing, of which these are speed, curvature, pose, and the single numbers of the state."""
 
+    def ready(self, numbers: Any) -> bool:
+        """Whether the kernel alone makes the next step of a car with these, without the controller's caution."""
+        return True
+
     def arrays(self, kind: Any) -> tuple[Any, ...]:
         """The kernel's last arguments, which depend on the controller, of this precision, a NumPy dtype."""
         return ()

@@ -180,7 +180,13 @@ class ScoreOptions:
         write_text(out / "leaderboard.md", text)
         write_csv(rows, out / "leaderboard.csv")
         picture = draw(rows, out / "leaderboard.png", f"split {self.split}, {self.scenes} random scenes")
-        shown = [Shown(picture, "The same as a picture", "Bars: two standard errors.")]
+        shown = [
+            Shown(
+                picture,
+                "The same as a picture",
+                "Lines span two standard errors on either side.",
+            )
+        ]
         write_score_page("Binding rules on random scenes", text, shown, out)
         return read_rows(out / "leaderboard.csv"), text
 
@@ -214,7 +220,8 @@ def heading(options: ScoreOptions, wall: float) -> str:
         f"Split {options.split}: seeds from {first} on, {options.scenes} random scenes"
         f"{f', {options.stress} of each stress set' if options.stress else ''}"
         f"{f', {options.hard} of each hard set' if options.hard else ''}. "
-        f"Shares ± their standard errors over scenes; seconds count after {SETTLE:g} s of settling, "
-        f"`right from` from the first frame. {wall:.0f} s on one core ({platform.machine()}, "
+        f"Shares ± their standard errors over scenes. Count: the right number of objects; F1: how well the features of "
+        f"the objects agree with the truth, 1 is best; ok: number and features right. Seconds count after {SETTLE:g} s "
+        f"of settling, those of 'right from' from the first frame. {wall:.0f} s on one core ({platform.machine()}, "
         f"torch {torch.__version__}).\n\n"
     )

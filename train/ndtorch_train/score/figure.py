@@ -22,7 +22,8 @@ def draw(rows: Sequence[Row], path: Path, title: str) -> Path:
     tests = list(dict.fromkeys((row.test, row.seconds) for row in others))
     height = 1.6 + 0.26 * max(len(random), len(tests) + len(methods) / 2, 6)
     figure = Figure(figsize=(13.0 if others else 7.5, height), dpi=110, layout="constrained")
-    figure.suptitle(title)
+    if others:
+        figure.suptitle(title)
     panels = figure.subplots(1, 2 if others else 1, squeeze=False)[0]
     axes = panels[0]
     for metric, marker in (("count", "o"), ("f1", "s"), ("ok", "D")):
@@ -32,13 +33,14 @@ def draw(rows: Sequence[Row], path: Path, title: str) -> Path:
             axes.errorbar(
                 value, -place, xerr=2 * error, fmt=marker, color=colors[row.method], mfc=filled, ms=6, capsize=2, lw=1
             )
-        axes.plot([], [], marker, color="0.3", mfc="0.3" if metric == "count" else "white", label=metric)
+        label, filled = "F1" if metric == "f1" else metric, "0.3" if metric == "count" else "white"
+        axes.plot([], [], marker, color="0.3", mfc=filled, label=label)
     axes.set_yticks([-n for n in range(len(random))], [f"{row.method}, {row.seconds:g} s" for row in random])
     axes.set_xlim(-0.03, 1.03)
     axes.set_xlabel("share of scenes (count, ok) or mean (F1); bars: two standard errors")
-    axes.set_title("random scenes")
+    axes.set_title("random scenes" if others else title)
     axes.grid(axis="x", color="0.9")
-    axes.legend(loc="lower left", fontsize=8)
+    axes.legend(loc="center left", fontsize=8)
     if others:
         axes = panels[1]
         for n, name in enumerate(methods):

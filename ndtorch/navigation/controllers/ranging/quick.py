@@ -73,6 +73,7 @@ class QuickRanging(QuickControl):
         self.numbers += (alike, least)
         self.tensors = (floor.flow, floor.profile, places, under)
         self.full = -torch.expm1(full_flow * floor.saturation)
+        self.learned = float(floor.learning)
         self.tables: dict[Any, Any] = {}
 
     def fixed(self, kind: Any) -> tuple[Any, ...]:
@@ -90,11 +91,16 @@ class QuickRanging(QuickControl):
         """The reverse of `take`."""
         level, evidence, tag = arrays
         noise, age, *machine = numbers
-        return RangingState(FloorState(level, noise, age), Patch(evidence, tag.view(2, -1)), *machine)
+        places = tag.view(*tag.shape[:-1], 2, -1)
+        return RangingState(FloorState(level, noise, age), Patch(evidence, places), *machine)
 
     def mode(self, numbers: Any) -> int:
         """The first number after what the floor has."""
         return int(numbers[7])
+
+    def ready(self, numbers: Any) -> bool:
+        """It knows its floor."""
+        return bool(numbers[6] + 1 > self.learned)
 
     def arrays(self, kind: Any) -> tuple[Any, ...]:
         """Tables, shares of the level that floor shows at full speed, and what both eyes compare."""
