@@ -11,10 +11,15 @@ from tests import variants
 
 def test_joined_names_hold_together(tmp_path: Path) -> None:
     names = variants.parts("no-vectors+old-blas+random-order+no-home")
-    changed = variants.environment(names, tmp_path)
-    assert changed == {"ATEN_CPU_CAPABILITY": "default", "OPENBLAS_CORETYPE": "Prescott", "HOME": str(tmp_path)}
+    changed = variants.environment(names, tmp_path / "home", tmp_path)
+    assert changed == {
+        "ATEN_CPU_CAPABILITY": "default",
+        "OPENBLAS_CORETYPE": "Prescott",
+        "HOME": str(tmp_path / "home"),
+        "TORCHINDUCTOR_CACHE_DIR": str(tmp_path / "compiled"),
+    }
     assert variants.options(names, 7) == ["-p", "tests.shuffle", "--shuffle", "7"]
-    assert variants.environment(["plain"], tmp_path) == {}
+    assert variants.environment(["plain"], tmp_path, tmp_path) == {}
     assert variants.options(["plain"], 7) == []
 
 

@@ -58,9 +58,12 @@ def parts(joined: str) -> list[str]:
     return names
 
 
-def environment(names: Sequence[str], home: Path) -> dict[str, str]:
-    """The variables that differ."""
+def environment(names: Sequence[str], home: Path, folder: Path) -> dict[str, str]:
+    """The variables that differ, where `folder` is one of the run's own."""
     changed = {key: value for name in names for key, value in SET.get(name, {}).items()}
+    if "ATEN_CPU_CAPABILITY" in changed:
+        # Another machine would not find what this one has compiled: with it, compiled sums were seen to be wrong.
+        changed["TORCHINDUCTOR_CACHE_DIR"] = str(folder / "compiled")
     return changed | ({"HOME": str(home)} if "no-home" in names else {})
 
 
@@ -80,11 +83,12 @@ def run(joined: str, arguments: Sequence[str]) -> int:
             # Root may write anywhere, but not below a file.
             home = Path(folder) / "file" / "home"
             home.parent.write_text("")
+        changed = environment(names, home, Path(folder))
         command = [sys.executable, "-m", "pytest", *options(names, seed), *(arguments or PLAIN)]
         busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2 * ("busy" in names))]
         before = signal.signal(signal.SIGINT, signal.SIG_IGN) if "no-interrupt" in names else None
         try:
-            return subprocess.run(command, cwd=ROOT, env=os.environ | environment(names, home), check=False).returncode
+            return subprocess.run(command, cwd=ROOT, env=os.environ | changed, check=False).returncode
         finally:
             if before is not None:
                 signal.signal(signal.SIGINT, before)
