@@ -9,6 +9,7 @@
 # make wheels  each distribution alone in an empty environment
 # make soak    half an hour of simulated driving with faults by chance; MINUTES=600 for a night, and it goes on where it was
 # make mutants  small changes of the source by chance, and which of them no test notices; SAMPLE=0 for all, SEED=... for others
+# make fuzz    damaged files for everything that reads one; MINUTES=10, and what was found lies in out/fuzz
 # make lock    the lock files in requirements/      make sbom   what is installed, out/sbom.json      make audit  known holes in it
 # make reproduce        every published claim again      make reproduce-quick  the same in under two minutes
 PYTHON ?= python3
@@ -19,7 +20,7 @@ STAMP  := $(VENV)/.installed
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: setup demo test test-unit test-long test-variants check docs docs-quick wheels bench bench-compare soak mutants lock sbom audit reproduce reproduce-quick clean
+.PHONY: setup demo test test-unit test-long test-variants check docs docs-quick wheels bench bench-compare soak mutants fuzz lock sbom audit reproduce reproduce-quick clean
 
 setup: $(STAMP)
 
@@ -86,6 +87,9 @@ bench-compare: $(STAMP)
 MINUTES ?= 30
 soak: $(STAMP)
 	$(BIN)/ndtorch soak --minutes $(MINUTES) --out out/soak
+
+fuzz: $(STAMP)
+	nice $(BIN)/python -m tests.fuzz --minutes $(MINUTES) --seed $(SEED)
 
 # Tools that look at packages have an environment of their own: what they need is not what is looked at.
 SUPPLY := .venv/supply

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterable
+from numbers import Integral, Real
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -79,3 +82,31 @@ def surely_finite(values: Iterable[object]) -> bool:
     except RuntimeError:  # a meta tensor has no numbers to give
         return False
     return math.isfinite(total)
+
+
+def check_numbers(params: Any) -> None:
+    """Raise `InputError` where a field of a dataclass is not of the kind of its default: a truth value, a whole number,
+    or a number; None may take a number's place where it is the default. NaN is no number.
+    """
+    for field in dataclasses.fields(params):
+        value, usual = getattr(params, field.name), field.default
+        if isinstance(usual, bool):
+            wanted = "" if isinstance(value, bool) else "True or False"
+        elif isinstance(usual, int):
+            wanted = "" if not isinstance(value, bool) and isinstance(value, Integral) else "a whole number"
+        elif isinstance(usual, float) or (usual is None and value is not None):
+            wanted = "" if is_number(value) else "a number"
+        else:
+            continue
+        if wanted:
+            raise InputError(f"{field.name} must be {wanted}, got {repr(value)[:40]}")
+
+
+def is_number(value: object) -> bool:
+    """Whether it is a number that float64 can hold, or infinity."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return False
+    try:
+        return not math.isnan(float(value))
+    except OverflowError:
+        return False

@@ -44,7 +44,8 @@ def checksum(flat: Mapping[str, Tensor], about: Mapping[str, str]) -> str:
     """SHA-256 over names, types, shapes, values and strings."""
     digest = hashlib.sha256(json.dumps(sorted(about.items())).encode())
     for name in sorted(flat):
-        part = flat[name].detach().cpu().contiguous()
+        # A single number may have any stride, which `contiguous` leaves as it is and `view` refuses.
+        part = flat[name].detach().cpu().clone(memory_format=torch.contiguous_format)
         digest.update(f"{name} {part.dtype} {list(part.shape)}".encode())
         digest.update(part.reshape(-1).view(torch.uint8).numpy().tobytes())
     return digest.hexdigest()

@@ -21,6 +21,9 @@ class Strict(BaseModel):
 
 Table = TypeVar("Table", bound=BaseModel)
 
+LONGEST = 200
+"""Characters of a value that a message shows."""
+
 
 def toml_values(path: Path) -> dict[str, Any]:
     """What a file holds, unchecked.
@@ -36,6 +39,10 @@ def toml_values(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not a TOML file: {error}") from None
+    except (RecursionError, ValueError):  # brackets in brackets in brackets; a number of thousands of digits
+        raise InputError(
+            f"{path}: not a TOML file that can be read: it is nested too deep, or a number is too long"
+        ) from None
 
 
 def read_toml(path: Path, table: type[Table]) -> Table:
@@ -64,14 +71,20 @@ def what_is_wrong(error: ValidationError, table: type[BaseModel]) -> str:
     key = ".".join(str(part) for part in first["loc"])
     if first["type"] == "extra_forbidden":
         known = [field.alias or name for name, field in table.model_fields.items()]
-        return f"unknown key {key!r}" + (f"; {suggestion(key, known)}" if len(first["loc"]) == 1 else "")
+        return f"unknown key {shown(key)}" + (f"; {suggestion(key, known)}" if len(first["loc"]) == 1 else "")
     if first["type"] == "missing":
         return f"{key} is missing"
     inner = first.get("ctx", {}).get("error")
     if key and isinstance(inner, InputError):
         return f"{key}: {inner}"
     reason = str(first["msg"]).removeprefix("Value error, ").removeprefix("Input ")
-    return f"{key} = {first.get('input')!r}: {reason}" if key else reason
+    return f"{key} = {shown(first.get('input'))}: {reason}" if key else reason
+
+
+def shown(value: object) -> str:
+    """A value in a message: what a file holds may be of any length."""
+    text = repr(value)
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:

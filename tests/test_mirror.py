@@ -213,6 +213,7 @@ TESTED_IN = {
     "robot/soak/table": "robot/soak/test_piece",
     "robot/soak/trial": "robot/soak/test_piece",
     "robot/sim/trials": "robot/sim/test_plan",
+    "robot/trouble": "robot/test_safety",
     "robot/view/background": "robot/view/test_car_view",
     "robot/view/drawing": "robot/view/test_car_view",
     "robot/view/opening": "robot/view/test_car_view",

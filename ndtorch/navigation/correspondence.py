@@ -9,6 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation.features import Features, patch_error
 
@@ -29,6 +30,7 @@ class MatchParams:
     max_error: float = math.inf
 
     def __post_init__(self) -> None:
+        check_numbers(self)
         if not 0 <= self.min_disparity < self.max_disparity:
             raise InputError(
                 f"expected 0 <= min_disparity < max_disparity, got {self.min_disparity}, {self.max_disparity}"

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 
 
@@ -40,6 +41,7 @@ class FeatureParams:
     ahead: int = 0
 
     def __post_init__(self) -> None:
+        check_numbers(self)
         if not 0 <= self.ahead <= self.count:
             raise InputError(f"ahead must lie between 0 and count, got ahead={self.ahead}, count={self.count}")
         if self.edge_reach < 0 or self.follow < 0:

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple, get_args
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_tensor, surely_finite
+from ndtorch.arguments import check_numbers, check_tensor, surely_finite
 from ndtorch.errors import InputError
 from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import kernels_wanted
@@ -41,10 +41,12 @@ class Grid:
     cell: float = 0.01
 
     def __post_init__(self) -> None:
+        check_numbers(self)
         if not (self.left < self.right and self.bottom < self.top and self.cell > 0):
             raise InputError(f"expected left < right, bottom < top and cell > 0, got {self}")
-        if not self.rows * self.columns < 2**31:
-            raise InputError(f"{self} has {self.rows} x {self.columns} cells, which is too many")
+        wide, high = (self.right - self.left) / self.cell, (self.top - self.bottom) / self.cell
+        if not (wide < 2**31 and high < 2**31 and self.rows * self.columns < 2**31):
+            raise InputError(f"{self} has {high:.4g} x {wide:.4g} cells, which is too many")
 
     @property
     def rows(self) -> int:
@@ -93,6 +95,7 @@ class LogOdds:
     limit: float = 6.0
 
     def __post_init__(self) -> None:
+        check_numbers(self)
         if not (self.hit > 0 and self.miss >= 0 and 0 < self.clear < 1 and self.limit > 0):
             raise InputError(f"expected hit > 0, miss >= 0, 0 < clear < 1 and limit > 0, got {self}")
 

@@ -12,6 +12,7 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 
 AngleModel = Literal["atan", "linear"]
@@ -21,6 +22,10 @@ Matrix = Sequence[Sequence[float]] | Tensor | npt.NDArray[Any]
 
 ALIKE = 1e-3
 """Share of the focal length by which matrices of a rectified pair may differ: files give a few decimals."""
+
+
+LONGEST_SIDE = 2**20
+"""Pixels of a side of a frame, at most."""
 
 
 class Rect(NamedTuple):
@@ -100,6 +105,7 @@ class StereoRig:
         return cls(baseline, focal, width, height, cx=float(p[0, 2]), cy=float(p[1, 2]), **where)
 
     def __post_init__(self) -> None:
+        check_numbers(self)
         for name in ("baseline", "focal", "width", "height", "camera_height"):
             if not 0 < getattr(self, name) < math.inf:
                 raise InputError(f"{name} must be a positive number, got {getattr(self, name)}")
@@ -111,10 +117,12 @@ class StereoRig:
             place = getattr(self, name)
             if place is not None and not 0 <= place <= size - 1:
                 raise InputError(f"{name} must lie inside the frame, between 0 and {size - 1}, got {place}")
+        if max(self.width, self.height) > LONGEST_SIDE:
+            raise InputError(f"width and height must be at most {LONGEST_SIDE}, got {self.width}x{self.height}")
         if self.width < 8 or not 0 <= self.row < self.height:
             raise InputError(
-                f"the horizon must lie inside frames 8 pixels wide or more, got {self.width}x{self.height} "
-                f"with the horizon in row {self.row}"
+                f"the horizon must lie inside frames 8 pixels wide or more, got width {self.width} and height "
+                f"{self.height}, and by pitch and focal the horizon in row {self.row}"
             )
 
     @property

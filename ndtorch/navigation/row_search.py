@@ -22,6 +22,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import kernels_wanted
@@ -72,6 +73,7 @@ class SearchParams:
     ahead: int = 0
 
     def __post_init__(self) -> None:
+        check_numbers(self)
         if not (self.count >= 1 and self.half >= 1 and self.spacing >= 1 and self.level >= 0):
             raise InputError(f"count, half and spacing must be 1 or more, and level 0 or more, got {self}")
         if not (self.rows >= 1 and self.rows % 2 == 1 and 0 <= self.ahead <= self.count):

@@ -18,6 +18,7 @@ from ndtorch_robot.loop import CameraClock, Loop
 from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import STAND, CameraPair, DriveCommand, Observer, Step, StereoFrames
 from ndtorch_robot.safety import SafeDrive
+from ndtorch_robot.trouble import Kind
 
 NOT_YET = "not yet told to drive"
 
@@ -73,7 +74,7 @@ class Car:
             if self.safe.sight is not None:
                 self.safe.sight.watch.warm_up()
         if self.go is not None:
-            self.safe.fault(NOT_YET, passes=False)
+            self.safe.fault(NOT_YET, Kind.NOT_TOLD)
         end = None if seconds is None else self.loop.clock.now() + seconds
 
         def step(number: int, now: float) -> bool:
@@ -152,7 +153,9 @@ class Car:
         return {
             "steps": self.loop.steps,
             "late": self.loop.late,
-            "faults": [{"time_s": round(max(0.0, when - self.began), 3), "why": why} for when, why in self.safe.faults],
+            "faults": [
+                {"time_s": round(max(0.0, stop.time - self.began), 3), "why": stop.why} for stop in self.safe.faults
+            ],
             "standing": self.safe.standing,
             "troubles": self.troubles,
             "round_trip_ms": percentiles(trips),

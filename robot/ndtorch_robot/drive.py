@@ -33,6 +33,7 @@ from ndtorch_robot.sim.plan import Plan
 from ndtorch_robot.sim.put_back import PutBack, TellAgain
 from ndtorch_robot.sim.simulation import RIG, Simulation
 from ndtorch_robot.sim.stress import read_stress
+from ndtorch_robot.trouble import Kind
 from ndtorch_robot.watch import PATIENCE
 
 LIMITS = SafetyLimits(speed=0.6, curvature=2.2, silence=0.1, age=0.1)
@@ -129,7 +130,7 @@ def drive(
         car.observers += [] if view is None else [view]
         car.observers += [put_back, TellAgain(car.safe, put_back), *observers]
         if stress.none:
-            car.observers.append(end_unless_blank)
+            car.observers.append(EndUnlessBlank(car.safe))
         began, interrupted = time.perf_counter(), False
         try:
             pilot.warm_up()  # before the time is taken
@@ -156,10 +157,15 @@ def drive_pilot(config: DriveConfig, plan: Plan) -> Pilot:
     return Pilot(config.options(), RIG, config.rate, plan.grid())
 
 
-def end_unless_blank(step: Step) -> None:
+@dataclass
+class EndUnlessBlank:
     """An observer: simulated cameras do not recover. A car that sees only blank wall is put elsewhere instead."""
-    if step.standing is not None and "shows nothing" not in step.standing:
-        raise InputError(step.standing)
+
+    safe: SafeDrive
+
+    def __call__(self, step: Step) -> None:
+        if step.standing is not None and self.safe.kind is not Kind.BLANK:
+            raise InputError(step.standing)
 
 
 def shown(config: DriveConfig) -> bool:
@@ -275,6 +281,6 @@ def summarise(
         "found_s": found_after(record, config),
         "stress": config.stress,
         "troubles": car.troubles,
-        "faults": [why for _, why in car.safe.faults],
+        "faults": [stop.why for stop in car.safe.faults],
         "parts_ms": timing,
     }

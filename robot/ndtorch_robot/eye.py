@@ -18,6 +18,7 @@ from ndtorch.kernels.glance import BLOCK, TAIL
 from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import installed, switched_on
 from ndtorch.navigation import Strips
+from ndtorch_robot.trouble import Kind, Wrong
 
 Floats = npt.NDArray[np.float32]
 
@@ -170,19 +171,19 @@ def shape(means: Floats, lag: int) -> Floats:
     return shaped
 
 
-def blindness(eye: Eye, limits: SightLimits) -> str | None:
-    """Why nothing can be seen in a picture, in words; None when something can."""
+def blindness(eye: Eye, limits: SightLimits) -> Wrong | None:
+    """Why nothing can be seen in a picture; None when something can."""
     seen = eye.figures
     shown = seen.row_spread >= max(limits.row_contrast, limits.row_relative * seen.level)
     if not shown and seen.field_spread < max(limits.field_contrast, limits.field_relative * seen.floor):
-        return f"shows nothing: contrast {seen.row_spread:.1f} at level {seen.level:.0f} of 255"
+        return Wrong(Kind.BLANK, f"shows nothing: contrast {seen.row_spread:.1f} at level {seen.level:.0f} of 255")
     if not shown:
         return None
     if seen.rough > limits.noise**2 and seen.rough > seen.spread**2:
-        return f"shows noise: neighbouring pixels differ by {seen.rough**0.5:.0f} levels"
+        return Wrong(Kind.NOISE, f"shows noise: neighbouring pixels differ by {seen.rough**0.5:.0f} levels")
     if seen.extent >= limits.sharp_range and seen.step < limits.sharpness * seen.extent:
         share = 100 * seen.step / seen.extent
-        return f"is blurred: no edge of its row is steeper than {share:.0f} % of its range"
+        return Wrong(Kind.BLURRED, f"is blurred: no edge of its row is steeper than {share:.0f} % of its range")
     return None
 
 

@@ -10,6 +10,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
 from ndtorch_robot.eye import SightLimits
 from ndtorch_robot.ports import _SEAL, STAND, Clock, Drive, DriveCommand, Report, SafeCommand, StereoFrames
+from ndtorch_robot.trouble import Kind, SightError, Stop, Wrong
 from ndtorch_robot.watch import CameraWatch
 
 WISH = 10.0
@@ -45,7 +46,7 @@ class SafetyLimits:
 
 
 class Sight:
-    """Can the frames be steered by? Says why not, in words.
+    """Can the frames be steered by? Says why not.
 
     Beyond `CameraWatch`, with less patience, it looks at their age, at times that lie ahead, at their rate, and at
     both pictures standing still together.
@@ -77,7 +78,7 @@ class Sight:
         self.time = -math.inf
         self.late = 0
 
-    def judge(self, frames: StereoFrames, speed: float, now: float, curvature: float = 0.0) -> str | None:
+    def judge(self, frames: StereoFrames, speed: float, now: float, curvature: float = 0.0) -> Wrong | None:
         """Look at new frames; returns what is wrong with them.
 
         Args:
@@ -85,19 +86,19 @@ class Sight:
             now: on the clock of the frames.
         """
         if not math.isfinite(frames.time) or frames.time > now + 0.01:
-            return f"the time of the frames is {frames.time - now:.3f} s ahead"
+            return Wrong(Kind.TIMES, f"the time of the frames is {frames.time - now:.3f} s ahead")
         old = now - frames.time
         if old > self.age:
             self.time = frames.time
-            return f"the frames are {old:.3f} s old"
+            return Wrong(Kind.AGE, f"the frames are {old:.3f} s old")
         gap, self.time = frames.time - self.time, frames.time
         self.late = self.late + 1 if self.SLOW / self.rate < gap < math.inf else 0
         try:
             self.watch.check(frames, speed, curvature)
-        except InputError as error:
-            return str(error)
+        except SightError as error:
+            return Wrong(error.kind, str(error))
         if self.late >= 2:
-            return f"the cameras give {1 / gap:.0f} frames a second, {self.rate:.0f} are wanted"
+            return Wrong(Kind.SLOW, f"the cameras give {1 / gap:.0f} frames a second, {self.rate:.0f} are wanted")
         return None
 
 
@@ -105,8 +106,8 @@ class SafeDrive:
     """A drive with the safety layer around it: the only way to move one.
 
     Drives obey nothing but a `SafeCommand`, only `send` of this class makes those, and the loop accepts no other
-    drive. Faults are of two kinds. One that passes, such as late frames, lets the car stand until all has been
-    well for `limits.recovery` seconds. One that does not, such as a lost link, needs `resume`.
+    drive. A fault that passes, such as late frames, lets the car stand until all has been well for
+    `limits.recovery` seconds. One that does not, such as a lost link, needs `resume`; see `Kind`.
 
     Being told to go is never lost: while the drive cannot obey, or fails again before the car has moved, it is told
     again, until the car moves, somebody stops it, or the time for it is over, which is said.
@@ -121,7 +122,8 @@ class SafeDrive:
 
     Attributes:
         standing: why the car is kept standing, or None.
-        faults: all faults so far, with their times.
+        kind: of the fault that keeps it standing, or None.
+        faults: all stops so far.
     """
 
     def __init__(
@@ -136,13 +138,14 @@ class SafeDrive:
         self.report = report or (lambda line: None)
         self.lock = threading.RLock()
         self.standing: str | None = None
+        self.kind: Kind | None = None
         self.passes = True
         self.well_since = math.inf
         self.seen = -math.inf
         self.blindness: str | None = "no frames yet"
         self.sent = STAND
         self.sent_at: float | None = None
-        self.faults: list[tuple[float, str]] = []
+        self.faults: list[Stop] = []
         self.interrupted = False
         self.wish_ends: float | None = None  # told to go, but has not moved yet
         self.tried = -math.inf
@@ -154,30 +157,28 @@ class SafeDrive:
             speed, curvature: of the car since the last ones, m/s and 1/m.
         """
         assert self.sight is not None
-        why = self.sight.judge(frames, speed, self.clock.now(), curvature)
-        if why is not None:
-            # A picture that stands still cannot be seen to move again by a car that stands, and cameras that are
-            # swapped do not change back.
-            self.blind(why, passes=not any(word in why for word in ("same picture", "swapped", "upside down")))
+        wrong = self.sight.judge(frames, speed, self.clock.now(), curvature)
+        if wrong is not None:
+            self.blind(wrong.words, wrong.kind)
             return False
         self.seen, self.blindness = frames.time, None
         return True
 
-    def blind(self, why: str, passes: bool = True) -> None:
+    def blind(self, why: str, kind: Kind = Kind.MISSING) -> None:
         """There are no frames to steer by."""
         self.blindness = why
-        self.fault(why, passes)
+        self.fault(why, kind)
 
-    def fault(self, why: str, passes: bool) -> None:
+    def fault(self, why: str, kind: Kind) -> None:
         """The car stands, for this reason."""
         with self.lock:
             self.well_since, self.interrupted = math.inf, True
             if self.standing is not None:
-                self.passes = self.passes and passes
+                self.passes = self.passes and kind.passes
                 return
-            self.standing, self.passes, self.sent = why, passes, STAND
+            self.standing, self.kind, self.passes, self.sent = why, kind, kind.passes, STAND
             self.drive.stop()
-            self.faults.append((self.clock.now(), why))
+            self.faults.append(Stop(self.clock.now(), why, kind))
         self.report(f"stopped: {why}")
 
     def take_interruption(self) -> bool:
@@ -211,21 +212,21 @@ class SafeDrive:
         """Everything that can be wrong when a command comes."""
         limits = self.limits
         if not (math.isfinite(command.speed) and math.isfinite(command.curvature)):
-            self.fault(f"the command is not finite: {command}", passes=False)
+            self.fault(f"the command is not finite: {command}", Kind.COMMAND)
             raise InputError(f"commands must be finite, got {command}")
         trouble = self.drive.trouble()
         if trouble is not None:
-            self.fault(trouble, passes=False)
+            self.fault(trouble, Kind.DRIVE)
         if self.sent_at is not None and now - self.sent_at > limits.silence:
-            self.fault(f"a step took {now - self.sent_at:.3f} s, {limits.silence:.3f} s are allowed", passes=True)
+            self.fault(f"a step took {now - self.sent_at:.3f} s, {limits.silence:.3f} s are allowed", Kind.SILENCE)
         if abs(command.speed) > limits.speed or abs(command.curvature) > limits.curvature:
             self.fault(
                 f"the command is out of limits: {command.speed:.2f} m/s and {command.curvature:.2f} 1/m, "
                 f"{limits.speed:.2f} and {limits.curvature:.2f} are allowed",
-                passes=True,
+                Kind.LIMITS,
             )
         if self.sight is not None and self.blindness is None and now - self.seen > limits.age:
-            self.blind(f"the frames are {now - self.seen:.3f} s old")
+            self.blind(f"the frames are {now - self.seen:.3f} s old", Kind.AGE)
 
     def try_to_go_on(self, now: float) -> None:
         """Drive on when all has been well for long enough and nobody needs to say so, or somebody has said so."""
@@ -246,7 +247,7 @@ class SafeDrive:
         self.tried = now
         if not self.drive.resume():
             return False
-        was, self.standing, self.passes = self.standing, None, True
+        was, self.standing, self.kind, self.passes = self.standing, None, None, True
         if self.sight is not None:
             self.sight.watch.agreement.forget()  # whoever says go has put the cameras right
         self.well_since, self.sent = math.inf, STAND
@@ -286,11 +287,12 @@ class SafeDrive:
         self.wish_ends = None
         if self.standing is not None:
             self.report(f"emergency stop: {why}; it stood already: {self.standing}")
-        self.fault(f"emergency stop: {why}", passes=False)
+        self.fault(f"emergency stop: {why}", Kind.EMERGENCY)
 
     def stop(self) -> None:
         """Stand still until `resume`. The end of every drive."""
         self.drive.stop()
         with self.lock:
             self.wish_ends = None
-            self.standing, self.passes, self.sent = self.standing or "told to stop", False, STAND
+            self.standing, self.kind = self.standing or "told to stop", self.kind or Kind.EMERGENCY
+            self.passes, self.sent = False, STAND

@@ -8,12 +8,12 @@ from collections import deque
 import torch
 from torch import Tensor
 
-from ndtorch.errors import InputError
 from ndtorch.kernels.glance import BLOCK
 from ndtorch.navigation import StereoRig, Strips, cut_strips
 from ndtorch_robot.agreement import PATCH, Agreement, partners
 from ndtorch_robot.eye import Eye, SightLimits, blindness, change, likeness, look
 from ndtorch_robot.ports import StereoFrames
+from ndtorch_robot.trouble import Kind, SightError
 
 NAMES = ("left", "right")
 
@@ -34,7 +34,7 @@ KEPT = 6
 
 
 class CameraWatch:
-    """Raises `InputError` when frames cannot be trusted; the loop then stops the car.
+    """Raises `SightError` when frames cannot be trusted; the loop then stops the car.
 
     Noticed at once: a camera without a frame, times that do not increase, cameras that give frames of two
     sizes or kinds. After `patience` frames: a camera that sees black, and a camera whose picture stays the same
@@ -91,7 +91,9 @@ class CameraWatch:
             speed, curvature: of the car since the last ones, m/s and 1/m.
         """
         if not frames.time > self.time:
-            raise InputError(f"times of frames must increase, got {frames.time:.3f} s after {self.time:.3f} s")
+            raise SightError(
+                Kind.TIMES, f"times of frames must increase, got {frames.time:.3f} s after {self.time:.3f} s"
+            )
         passed = min(frames.time - self.time, 0.5) if self.time > -math.inf else 0.0
         self.time = frames.time
         self.driven += abs(speed) * passed
@@ -99,9 +101,10 @@ class CameraWatch:
         eyes = [self.strips(frames.left, 0), self.strips(frames.right, 1)]
         left, right = (eye.row for eye in eyes)
         if left.shape != right.shape or left.dtype != right.dtype:
-            raise InputError(
+            raise SightError(
+                Kind.SHAPE,
                 f"left and right frames must be alike, got rows of {left.dtype} {tuple(left.shape)} "
-                f"and {right.dtype} {tuple(right.shape)}"
+                f"and {right.dtype} {tuple(right.shape)}",
             )
         self.check_exactly(eyes, speed)
         self.seen += 1
@@ -122,9 +125,11 @@ class CameraWatch:
             self.dark[k] = self.dark[k] + 1 if float(eyes[k].row.max()) <= darkest else 0
             self.frozen[k] = self.frozen[k] + 1 if stuck else 0
             if self.dark[k] >= self.patience:
-                raise InputError(f"the {name} camera has seen nothing but black for {self.patience} frames")
+                raise SightError(Kind.BLACK, f"the {name} camera has seen nothing but black for {self.patience} frames")
             if self.frozen[k] >= self.patience:
-                raise InputError(f"the {name} camera has given the same picture for {self.patience} frames")
+                raise SightError(
+                    Kind.FROZEN, f"the {name} camera has given the same picture for {self.patience} frames"
+                )
 
     def check_pictures(self, eyes: tuple[Eye, Eye]) -> None:
         """What is in the pictures, against the way that the wheels say was driven."""
@@ -136,34 +141,35 @@ class CameraWatch:
         for k, name in enumerate(NAMES):
             self.blind[k] = self.count(self.blind[k], reasons[k] is not None)
             self.stuck[k] = self.count(self.stuck[k], same[k] and reasons[k] is None)
-            if self.blind[k] >= self.wrong_for and reasons[k] is not None:
-                raise InputError(f"the {name} camera {reasons[k]}")
+            reason = reasons[k]
+            if self.blind[k] >= self.wrong_for and reason is not None:
+                raise SightError(reason.kind, f"the {name} camera {reason.words}")
             if self.stuck[k] >= self.wrong_for and away is not None:
                 way = f"{1e3 * (self.driven - away[0]):.0f} mm driven"
-                raise InputError(f"the {name} camera shows the same picture after {way}, but for noise")
+                raise SightError(Kind.FROZEN, f"the {name} camera shows the same picture after {way}, but for noise")
         self.carried = self.count(self.carried, self.moved_by_others(eyes))
         self.before.append((self.driven, self.turned, eyes))
         if self.carried >= self.wrong_for:
-            raise InputError("both pictures move although the wheels stand")
+            raise SightError(Kind.CARRIED, "both pictures move although the wheels stand")
         wrong = self.agreement.compare(*eyes) if reasons == [None, None] else None
         if wrong is not None:
-            raise InputError(wrong)
+            raise SightError(Kind.MOUNTING, wrong)
 
     def check_mounting(self, frames: StereoFrames) -> None:
         """Only whether both cameras show something, and lie the right way round, however the car is moved.
 
         Raises:
-            InputError: what is wrong.
+            SightError: what is wrong.
         """
         left, right = look(self.strips(frames.left, 0)), look(self.strips(frames.right, 1))
         for k, eye in enumerate((left, right)):
             reason = blindness(eye, self.limits)
             self.blind[k] = self.count(self.blind[k], reason is not None)
-            if self.blind[k] >= self.wrong_for:
-                raise InputError(f"the {NAMES[k]} camera {reason}")
+            if self.blind[k] >= self.wrong_for and reason is not None:
+                raise SightError(reason.kind, f"the {NAMES[k]} camera {reason.words}")
         wrong = self.agreement.compare(left, right)
         if wrong is not None:
-            raise InputError(wrong)
+            raise SightError(Kind.MOUNTING, wrong)
 
     def count(self, before: int, wrong: bool) -> int:
         """Pictures that look wrong, less those that look right."""
@@ -193,12 +199,13 @@ class CameraWatch:
     def strips(self, eye: Tensor | Strips | None, k: int) -> Strips:
         """The subfield and the horizon row of one camera."""
         if eye is None:
-            raise InputError(f"the {NAMES[k]} camera gave no frame")
+            raise SightError(Kind.MISSING, f"the {NAMES[k]} camera gave no frame")
         if isinstance(eye, Strips):
             return eye
         if tuple(eye.shape[-2:]) != (self.rig.height, self.rig.width):
-            raise InputError(
+            raise SightError(
+                Kind.SHAPE,
                 f"the {NAMES[k]} camera gives {eye.shape[-1]}x{eye.shape[-2]} frames, "
-                f"{self.rig.width}x{self.rig.height} are wanted"
+                f"{self.rig.width}x{self.rig.height} are wanted",
             )
         return cut_strips(eye, self.fields[k], self.rig)

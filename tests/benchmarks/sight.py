@@ -20,6 +20,7 @@ from ndtorch_robot.ports import Step, StereoFrames
 from ndtorch_robot.safety import Sight
 from ndtorch_robot.sim.arenas import ARENAS
 from ndtorch_robot.sim.simulation import RIG
+from ndtorch_robot.trouble import Kind
 
 LIGHTS = ((1.0, 0.0), (1.0, 2.0), (0.25, 1.0), (1.4, 1.0))
 """Factor on the light, and standard deviation of the noise in levels of 255."""
@@ -43,10 +44,10 @@ class Judge:
             if why is None:
                 continue
             self.sights[light] = Sight(RIG, RATE, 0.1)
-            if "shows nothing" in why and "blank" in self.name:
+            if why.kind is Kind.BLANK and "blank" in self.name:
                 self.blank += 1
             else:
-                self.stops.append(f"{self.name} light {light} at {step.time:.1f} s: {why}")
+                self.stops.append(f"{self.name} light {light} at {step.time:.1f} s: {why.words}")
 
     def lit(self, eye: torch.Tensor | Strips, factor: float, noise: float) -> Strips:
         """Strips as they would be at another light."""

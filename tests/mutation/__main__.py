@@ -5,19 +5,20 @@ from __future__ import annotations
 import argparse
 import random
 import sys
-import tempfile
 import time
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 
 from tests.mutation import c_changes, python_changes
 from tests.mutation.change import Change
+from tests.mutation.table import UNASKED, Table, WrongTable, interval, sample_name
 from tests.mutation.trial import Bench
 
 ROOT = Path(__file__).parents[2]
 
 
-def files_of(areas: list[str]) -> list[str]:
+def files_of(areas: Sequence[str]) -> list[str]:
     """All sources in those folders, sorted."""
     found: set[Path] = set()
     for area in areas:
@@ -28,16 +29,20 @@ def files_of(areas: list[str]) -> list[str]:
     return sorted(file.relative_to(ROOT).as_posix() for file in found if file.name != "__init__.py")
 
 
-def drawn(files: list[str], number: int | None, seed: int, without: list[str]) -> tuple[list[Change], int]:
-    """Changes at `number` different places, one a place, drawn by this seed; and the number of places."""
+def drawn(
+    texts: dict[str, str], number: int | None, seed: int, without: list[str], kept: Path
+) -> tuple[list[Change], int]:
+    """Changes at `number` different places, one a place, drawn by this seed; and the number of places.
+
+    The first of them are the same whatever `number` is.
+    """
     chance = random.Random(seed)
-    texts = {file: (ROOT / file).read_text(encoding="utf-8") for file in files}
     everywhere = []
     for file, text in texts.items():
         if file.endswith(".c"):
             everywhere += [(file, changes) for changes in c_changes.places(file, text)]
         else:
-            everywhere += [(file, changes) for changes in python_changes.places(text, without)]
+            everywhere += [(file, changes) for changes in python_changes.kept_places(text, without, kept)]
     chance.shuffle(everywhere)
     changes: list[Change] = []
     for file, options in everywhere:
@@ -57,31 +62,40 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", help="these files or folders; all areas of mutation.toml otherwise")
     parser.add_argument("--python", default=sys.executable, help="runs the tests")
     parser.add_argument("--mirrored", action="store_true", help="ask the mirrored test files alone: quicker, stricter")
+    parser.add_argument("--again", action="store_true", help="ask about those that survived once more")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no further change after this long")
-    parser.add_argument("--out", type=Path, default=Path("out/mutants.tsv"), help="one line for every change")
+    parser.add_argument("--out", type=Path, default=Path("out/mutants/mutants.tsv"), help="one line for every change")
     given = parser.parse_args()
     settings = tomllib.loads((Path(__file__).parent / "mutation.toml").read_text(encoding="utf-8"))
-    files = files_of(given.only or settings["areas"])
-    changes, number = drawn(files, given.sample or None, given.seed, settings["without"])
-    print(f"{number} places in {len(files)} files; {len(changes)} changes, seed {given.seed}")
-    given.out.parent.mkdir(parents=True, exist_ok=True)
-    began, tried, noticed = time.monotonic(), 0, 0
-    with tempfile.TemporaryDirectory(prefix="mutants-") as folder, given.out.open("w", encoding="utf-8") as table:
-        bench = Bench(ROOT, Path(folder), given.python, settings, given.mirrored)
-        table.write("outcome\tplace\tkind\tchange\n")
-        for change in changes:
+    work = given.out.parent
+    work.mkdir(parents=True, exist_ok=True)
+    texts = {file: (ROOT / file).read_text(encoding="utf-8") for file in files_of(given.only or settings["areas"])}
+    changes, number = drawn(texts, given.sample or None, given.seed, settings["without"], work / "places")
+    try:
+        table = Table(given.out, sample_name(given.seed, texts, settings["without"]))
+    except WrongTable as error:
+        sys.exit(str(error))
+    done = table.counts()[1]
+    print(f"{number} places in {len(texts)} files; {len(changes)} changes, seed {given.seed}, {done} known", flush=True)
+    began = time.monotonic()
+    with Bench(ROOT, (work / "tree").resolve(), given.python, settings, given.mirrored) as bench:
+        for place, change in enumerate(changes):
+            known = table.outcome(place)
+            asked = known is not None and not (known == UNASKED and not given.mirrored)
+            if asked and not (given.again and str(known).startswith("survived")):
+                continue
             if time.monotonic() - began > 60 * given.minutes:
-                print(f"{len(changes) - tried} were not begun: the time is over")
+                print("the rest was not begun: the time is over")
                 break
-            outcome = bench.try_change(change)
-            shown = change.shown((ROOT / change.file).read_text(encoding="utf-8"))
-            table.write(f"{outcome}\t{change.file}:{change.line}\t{change.kind}\t{shown}\n")
-            table.flush()
-            tried += outcome != "does not compile"
-            noticed += outcome.startswith("noticed")
-            if outcome == "survived":
-                print(f"survived  {change.file}:{change.line}  {shown}", flush=True)
-    print(f"{noticed} of {tried} noticed ({100 * noticed / max(tried, 1):.0f} %), {given.out}")
+            outcome = bench.try_change(change, begin=int(known == UNASKED and not given.again))
+            shown = change.shown(texts[change.file])
+            table.put(place, outcome, f"{change.file}:{change.line}", change.kind, shown)
+            if outcome.startswith("survived"):
+                print(f"{place} {outcome}  {change.file}:{change.line}  {shown}", flush=True)
+    noticed, tried = table.counts()
+    low, high = interval(noticed, tried)
+    share = f"{100 * noticed / max(tried, 1):.0f} %, 95 % interval {100 * low:.0f} to {100 * high:.0f} %"
+    print(f"{noticed} of {tried} noticed ({share}), {given.out}")
 
 
 if __name__ == "__main__":

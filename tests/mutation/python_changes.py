@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import ast
+import hashlib
+import json
 import re
 from collections.abc import Collection, Iterator
+from importlib.metadata import version
+from pathlib import Path
 
 from cosmic_ray.ast import ast_nodes, get_ast
 from cosmic_ray.mutating import mutate_code
@@ -34,6 +38,20 @@ def places(text: str, without: Collection[str]) -> list[list[tuple[str, int, int
             if not any(first <= start < last for first, last in passed_over):
                 found.setdefault((start, end), []).append((name, occurrence, start[0]))
     return [found[place] for place in sorted(found)]
+
+
+def kept_places(text: str, without: Collection[str], folder: Path) -> list[list[tuple[str, int, int]]]:
+    """The same, looked up in `folder` where it was found before: a file takes seconds."""
+    digest = hashlib.sha256(repr((version("cosmic-ray"), text, list(without))).encode()).hexdigest()[:32]
+    path = folder / f"{digest}.json"
+    if path.is_file():
+        return [
+            [(name, occurrence, line) for name, occurrence, line in place] for place in json.loads(path.read_text())
+        ]
+    found = places(text, without)
+    folder.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(found))
+    return found
 
 
 def unread(tree: ast.Module) -> Iterator[tuple[Position, Position]]:

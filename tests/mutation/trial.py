@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -9,7 +10,7 @@ import subprocess
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from tests.mutation.change import Change
 from tests.test_mirror import MIRRORS, TESTED_IN
@@ -17,7 +18,15 @@ from tests.test_mirror import MIRRORS, TESTED_IN
 NO_TESTS = 5
 """Exit status of pytest where the marks leave no test."""
 
-Outcome = Literal["noticed", "noticed: too long", "survived", "does not compile"]
+Outcome = Literal["noticed", "noticed: too long", "survived", "survived the mirrored file", "does not compile"]
+
+
+class Ended(NamedTuple):
+    """How a command ended: its exit status, None when it took too long, and what it took, in seconds."""
+
+    status: int | None
+    cpu: float
+    wall: float
 
 
 def copy_of(root: Path, folder: Path) -> None:
@@ -62,69 +71,117 @@ class Bench:
         self.mirrored = mirrored
         self.root, self.folder, self.settings = root, folder, settings
         self.python = python
-        self.seconds: dict[tuple[str, ...], float] = {}
+        self.took: dict[tuple[str, ...], Ended] = {}
+        self.server: subprocess.Popen[str] | None = None
         copy_of(root, folder)
 
+    def __enter__(self) -> Bench:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the server."""
+        if self.server is not None:
+            assert self.server.stdin is not None
+            self.server.stdin.close()
+            self.server.wait()
+            self.server = None
+
     def commands(self, file: str) -> list[tuple[str, ...]]:
-        """What to run, one after the other, until one notices something."""
+        """What to run, one after the other, until one notices something: `pytest` and its arguments, or a program's."""
         if file.endswith(".c"):
             make = "make -s -C robot/firmware HOST='cc -w'"
             return [("sh", "-c", f"{make} build/test && robot/firmware/build/test"), ("sh", "-c", f"{make} test")]
-        stages = tests_of(file, self.folder, self.settings["also"])[: 1 if self.mirrored else None]
+        stages = tests_of(file, self.folder, self.settings["also"])
         quiet = ["-x", "-q", "-p", "no:cacheprovider", "-n", "0", "--tb=no", "-m", self.settings["marks"]]
-        return [(self.python, "-m", "pytest", *quiet, *tests) for tests in stages]
+        return [("pytest", *quiet, *tests) for tests in stages]
 
-    def run(self, command: Sequence[str], limit: float) -> int | None:
-        """Exit status; None when it took too long, and everything it began is gone."""
+    def environment(self) -> dict[str, str]:
+        """One thread; the copy's sources; hypothesis draws the same examples every time and keeps none."""
         paths = os.pathsep.join(str(self.folder / part) for part in ("", "robot", "train"))
         threads = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "MUJOCO_GL": os.environ.get("MUJOCO_GL", "egl")}
-        environment = os.environ | threads | {"PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1"}
+        return os.environ | threads | {"PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1", "CI": "1"}
+
+    def run(self, command: Sequence[str], cpu: float, wall: float) -> Ended:
+        """Exit status; None when it took too long, and everything it began is gone."""
+        if command[0] == "pytest":
+            return self.forked(command[1:], cpu, wall)
+        began = time.monotonic()
+        silent = subprocess.DEVNULL
         process = subprocess.Popen(
-            command,
-            cwd=self.folder,
-            env=environment,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
+            command, cwd=self.folder, env=self.environment(), stdout=silent, stderr=silent, start_new_session=True
         )
+        status = None
         try:
-            return process.wait(limit)
+            status = process.wait(wall)
         except subprocess.TimeoutExpired:
-            return None
+            pass
         finally:
             if process.poll() is None:
                 os.killpg(process.pid, signal.SIGKILL)
                 process.wait()
+        took = time.monotonic() - began
+        return Ended(status, took, took)
 
-    def unchanged(self, command: tuple[str, ...]) -> float:
-        """Seconds that these tests take without any change.
+    def forked(self, arguments: Sequence[str], cpu: float, wall: float) -> Ended:
+        """By the server, which is started when it is first wanted."""
+        if self.server is None:
+            self.server = subprocess.Popen(
+                [self.python, str(Path(__file__).with_name("forks.py")), *self.settings["preload"]],
+                cwd=self.folder,
+                env=self.environment(),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
+            )
+        assert self.server.stdin is not None
+        assert self.server.stdout is not None
+        self.server.stdin.write(json.dumps({"arguments": list(arguments), "cpu": cpu, "wall": wall}) + "\n")
+        self.server.stdin.flush()
+        answer = self.server.stdout.readline()
+        if not answer:
+            raise RuntimeError("the process that runs the tests has ended")
+        return Ended(**json.loads(answer))
+
+    def unchanged(self, command: tuple[str, ...]) -> Ended:
+        """What these tests take without any change.
 
         Raises:
             RuntimeError: they fail, so they can say nothing about a change.
         """
-        if command not in self.seconds:
-            began = time.monotonic()
-            if self.run(command, 600) not in (0, NO_TESTS):
-                raise RuntimeError(f"these tests fail without any change: {' '.join(command)}")
-            self.seconds[command] = time.monotonic() - began
-        return self.seconds[command]
+        if command not in self.took:
+            ended = self.run(command, 900, 1800)
+            if ended.status not in (0, NO_TESTS):
+                raise RuntimeError(f"these tests fail without any change ({ended.status}): {' '.join(command)}")
+            self.took[command] = ended
+        return self.took[command]
 
-    def try_change(self, change: Change) -> Outcome:
-        """Do the tests notice this change?"""
+    def try_change(self, change: Change, begin: int = 0) -> Outcome:
+        """Do the tests notice this change?
+
+        Args:
+            begin: 1 where the mirrored file is known to notice nothing.
+        """
         path = self.folder / change.file
         text = path.read_text(encoding="utf-8")
-        for command in self.commands(change.file):
-            limit = 3 * self.unchanged(command) + self.settings["patience"]
+        commands = self.commands(change.file)
+        for command in commands[begin : 1 if self.mirrored else None]:
+            took = self.unchanged(command)
+            # Processor time is what is judged: on a busy machine the clock says nothing.
+            cpu, wall = 3 * took.cpu + self.settings["patience"], 10 * took.wall + 10 * self.settings["patience"]
             path.write_text(change.applied(text), encoding="utf-8")
             try:
                 check = ["cc", "-fsyntax-only", "-std=c11", str(path)]
-                if change.file.endswith(".c") and self.run(check, limit) != 0:
+                if change.file.endswith(".c") and self.run(check, cpu, wall).status != 0:
                     return "does not compile"
-                status = self.run(command, limit)
+                status = self.run(command, cpu, wall).status
             finally:
                 path.write_text(text, encoding="utf-8")
             if status is None:
                 return "noticed: too long"
             if status not in (0, NO_TESTS):
                 return "noticed"
-        return "survived"
+        return "survived the mirrored file" if self.mirrored and len(commands) > 1 else "survived"

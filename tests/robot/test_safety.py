@@ -14,6 +14,7 @@ from ndtorch.navigation import StereoRig
 from ndtorch_robot.loop import SimulatedClock
 from ndtorch_robot.ports import DriveCommand, SafeCommand, StereoFrames, unseal
 from ndtorch_robot.safety import SafeDrive, SafetyLimits, Sight
+from ndtorch_robot.trouble import Kind, Wrong
 from tests.robot.support.plain_drive import PlainDrive
 
 ROBOT = Path(__file__).resolve().parents[2] / "robot" / "ndtorch_robot"
@@ -187,3 +188,29 @@ def test_unlimited_layer_changes_nothing():
         clock.time += 10.0
     assert drive.sent == wanted
     assert drive.stops == 0
+
+
+@pytest.mark.parametrize("kind", Kind)
+def test_whether_a_fault_passes_hangs_on_its_kind_and_not_on_its_words(kind):
+    """The same words for all of them."""
+    clock, drive, _, safe = make(sight=True)
+    said = iter([Wrong(kind, "the cameras are swapped, and show nothing but the same picture"), *[None] * 100])
+    safe.sight.judge = lambda *_: next(said)
+    eye = torch.zeros(1, 3, 48, 64)
+    steps(clock, safe, 2.0, frames=lambda: StereoFrames(eye, eye, clock.time))
+    assert safe.faults[0].kind is kind
+    assert (safe.standing is None) == kind.passes
+    assert (safe.kind is None) == kind.passes
+    assert any(command.speed for command in drive.sent) == kind.passes
+
+
+def test_kinds_are_told_apart():
+    assert len({kind.words for kind in Kind}) == len(Kind)
+    assert {kind for kind in Kind if not kind.passes} == {
+        Kind.FROZEN,
+        Kind.MOUNTING,
+        Kind.COMMAND,
+        Kind.DRIVE,
+        Kind.NOT_TOLD,
+        Kind.EMERGENCY,
+    }

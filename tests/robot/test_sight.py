@@ -62,7 +62,7 @@ def stopped(parts, speed=SPEED, curvature=0.0):
     for n, part in enumerate(parts):
         why = sight.judge(frames(part, n), speed, n / RATE, curvature)
         if why is not None:
-            return n, why
+            return n, why.words
     return None, ""
 
 

@@ -12,6 +12,7 @@ from ndtorch.binding.first_stage import write_first_stage as write_weights
 from ndtorch.binding.models.published import PublishedConfig
 from ndtorch.config import config_text
 from ndtorch.errors import InputError
+from ndtorch.files import write_text
 from ndtorch.run.progress import progress_bar
 
 SHARING = ("scale-free", "retinotopic")
@@ -34,8 +35,8 @@ def write_first_stage(gamma: float, radius: float, folder: Path) -> FirstStage:
         for name in SHARING if folder.name == "published" else ():
             if (folder.parent / name).is_dir():
                 write_weights(stage, folder.parent / name / "weights.safetensors")
-        (folder / "config.toml").write_text(config_text(PublishedConfig()), encoding="utf-8")
-        (folder / "README.md").write_text(card(gamma, radius, stage), encoding="utf-8")
+        write_text(folder / "config.toml", config_text(PublishedConfig()))
+        write_text(folder / "README.md", card(gamma, radius, stage))
     except OSError as error:
         raise InputError(f"{folder} cannot be written: {error.strerror}") from None
     return stage

@@ -173,7 +173,7 @@ class FiguresModel(BindingModel):
             ground = ground._replace(mean=mean)
         figure = standing.figure & ~hole
         regions = parted(regions_of(figure, smallest, t.gap), t.notch, smallest)
-        open_, late, silhouettes = follow(open_, time, regions, standing.picture, began, t)
+        open_, late, silhouettes = follow(open_, time, regions, standing.picture, began, self.dt, t)
         began = max([began, *(one.number + 1 for one in open_)])
         keep = np.zeros(began + 2, np.float32)
         for one in open_:

@@ -29,6 +29,7 @@ class FigureParams(Constants):
     ahead: float = Field(0.5, ge=0, description="for how much of that its place is taken on at its velocity")
     warm_up: float = Field(1.0, ge=0, description="nothing is called an object before; the ground is not known yet")
     shortest: float = Field(0.3, ge=0, description="smallest time in sight of an object")
+    steady: float = Field(0.5, ge=0, le=1, description="and smallest share of the time since it was first seen")
     travel: float = Field(0.7, ge=0, description="smallest way gone; 0 reports what does not travel too")
     larger: float = Field(2.0, ge=1, description="a track of this many times its pixels,")
     beside: float = Field(1.0, ge=0, description="nearer than this share of the other's size,")

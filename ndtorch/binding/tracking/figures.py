@@ -89,14 +89,14 @@ class Figure:
     @property
     def size(self) -> float:
         """Mean of height and width."""
-        return float(self.extent.mean())
+        tall, wide = self.extent.tolist()
+        return float(tall + wide) / 2
 
     def expected(self, time: float, most: float) -> Numbers:
         """Row and column it should have reached, going on for `most` seconds after it was last seen."""
         last = self.last
         # What is lost is not followed out of the picture for ever.
-        ahead = min(time - last[0], most)
-        return np.array(last[FOLLOWED]) + self.velocity * ahead
+        return np.array(last[FOLLOWED]) + self.velocity * min(time - last[0], most)
 
     def box(self, time: float, most: float) -> Numbers:
         """Top, left, bottom and right of where it should be, as `expected`."""

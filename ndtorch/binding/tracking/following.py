@@ -14,7 +14,13 @@ from ndtorch.binding.tracking.silhouettes import Sighting, bounds, share, sighti
 
 
 def follow(
-    figures: list[Figure], time: float, regions: Regions, picture: Floats, began: int, p: FigureParams
+    figures: list[Figure],
+    time: float,
+    regions: Regions,
+    picture: Floats,
+    began: int,
+    dt: float,
+    p: FigureParams,
 ) -> tuple[list[Figure], list[Figure], Labels]:
     """One step: every track to the region that fills most of its expected box, those left over by distance and color.
 
@@ -27,6 +33,7 @@ def follow(
         regions: of this step.
         picture: `[3, h, w]`.
         began: tracks begun so far.
+        dt: seconds of a step.
         p: constants.
 
     Returns:
@@ -73,7 +80,7 @@ def follow(
             time >= p.warm_up
             and not one.known
             and one.last_seen == time
-            and travels(one, p)
+            and travels(one, dt, p)
             and not part_of_another(one, kept, p)
         ):
             one.known = True
@@ -85,10 +92,12 @@ def patience(one: Figure, p: FigureParams) -> float:
     return p.coast if one.known else min(p.coast, max(p.shortest, one.last_seen - one.first_seen))
 
 
-def travels(one: Figure, p: FigureParams) -> bool:
-    """Whether a track has been in sight for long enough and has gone far enough."""
+def travels(one: Figure, dt: float, p: FigureParams) -> bool:
+    """Whether a track has been in sight for long enough, and for most of that time, and has gone far enough."""
     far = float(np.hypot(*(np.array(one.last[FOLLOWED]) - one.start)))
-    return far >= p.travel * one.size and one.last_seen - one.first_seen >= p.shortest
+    span = one.last_seen - one.first_seen
+    seen = (len(one.before) + len(one.late)) * dt
+    return far >= p.travel * one.size and span >= p.shortest and seen >= p.steady * (span + dt)
 
 
 def part_of_another(one: Figure, others: Sequence[Figure], p: FigureParams) -> bool:

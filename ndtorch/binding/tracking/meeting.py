@@ -53,7 +53,7 @@ def meeting(
     count = len(regions.areas)
     inside = np.zeros((len(figures), count))
     for k, one in enumerate(figures):
-        box = one.box(time, p.ahead) * height
+        box = (one.box(time, p.ahead) * height).tolist()
         top, left = max(0, math.floor(box[0])), max(0, math.floor(box[1]))
         bottom, right = min(height, math.ceil(box[2])), min(width, math.ceil(box[3]))
         if bottom > top and right > left and count:
@@ -95,20 +95,27 @@ def apart(
         return []
     height = regions.labels.shape[0]
     cost = np.full((len(lost), len(free)), 1e3)
+    found = False
+    expected = [figures[k].expected(time, p.ahead).tolist() for k in lost]
+    reaches = [p.gate * figures[k].size * (1 + p.reach * (time - figures[k].last_seen)) for k in lost]
+    pixels = [max(figures[k].last[PIXELS], 1e-9) for k in lost]
     for j, r in enumerate(free):
-        top, left, bottom, right = regions.boxes[r]
-        window = regions.labels[top:bottom, left:right] == r + 1
-        color = picture[:, top:bottom, left:right][:, window].mean(1)
-        place = np.array([(top + bottom) / 2, (left + right) / 2]) / height
+        top, left, bottom, right = regions.boxes[r].tolist()
+        row, column = (top + bottom) / 2 / height, (left + right) / 2 / height
+        area, color = regions.areas[r] / height**2, None
         for i, k in enumerate(lost):
-            one = figures[k]
-            ratio = regions.areas[r] / height**2 / max(one.last[PIXELS], 1e-9)
-            if not 1 / p.alike_size < ratio < p.alike_size:
+            if not 1 / p.alike_size < area / pixels[i] < p.alike_size:
                 continue
-            reach = p.gate * one.size * (1 + p.reach * (time - one.last_seen))
-            away = float(np.hypot(*(place - one.expected(time, p.ahead)))) / reach
-            value = away + p.unlike * float(np.abs(color - one.color).max())
+            value = math.hypot(row - expected[i][0], column - expected[i][1]) / reaches[i]
+            if value >= 1:
+                continue
+            if color is None:
+                window = regions.labels[top:bottom, left:right] == r + 1
+                color = picture[:, top:bottom, left:right][:, window].mean(1)
+            value += p.unlike * float(np.abs(color - figures[k].color).max())
             if value < 1:
-                cost[i, j] = value
+                cost[i, j], found = value, True
+    if not found:
+        return []
     rows, columns = linear_sum_assignment(cost)
     return [(lost[i], free[j]) for i, j in zip(rows, columns, strict=True) if cost[i, j] < 1]

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_tensor
+from ndtorch.arguments import check_numbers, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.kernels.avoidance import avoidance
 from ndtorch.kernels.switch import kernels_wanted
@@ -64,6 +64,7 @@ class AvoidanceParams:
     start_time: float = 0.5
 
     def __post_init__(self) -> None:
+        check_numbers(self)
         for name, value in vars(self).items():
             if not (math.isfinite(value) and value >= 0):
                 raise InputError(f"{name} must be a number >= 0, got {value}")

@@ -92,5 +92,5 @@ def read_worlds(file: Path) -> list[World]:
         ]
     except OSError as error:
         raise InputError(f"{file}: cannot be read ({error.strerror})") from None
-    except (ValueError, KeyError, TypeError, IndexError) as error:
+    except (ValueError, KeyError, TypeError, IndexError, OverflowError, RecursionError) as error:
         raise InputError(f"{file}: not a file of BARN worlds ({type(error).__name__}: {error})") from None

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from ndtorch.errors import InputError
+
 if TYPE_CHECKING:
     from ndtorch_robot.recording import Comparison, Recording
 
@@ -64,6 +66,12 @@ class Replay:
             print(describe(recording, result))
         if self.view_at:
             self.serve()
+        if self.rrd is not None:
+            from ndtorch.report.recording import why_not_whole
+
+            half = why_not_whole(self.rrd)
+            if half is not None:
+                raise InputError(half)
         gaps = bool(comparison.skipped or recording.missing or recording.damaged)
         if recording.lossless and not gaps and comparison.same < comparison.steps:
             return DIFFERENT

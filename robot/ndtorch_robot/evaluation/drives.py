@@ -65,10 +65,9 @@ class Cache:
         """The summary of a drive that was done before, or None."""
         try:
             found = json.loads(self.file(config).read_text())
-        except (FileNotFoundError, json.JSONDecodeError):
+        except (FileNotFoundError, ValueError, RecursionError):
             return None
-        assert isinstance(found, dict)
-        return found
+        return found if isinstance(found, dict) else None
 
     def put(self, config: DriveConfig, summary: Summary) -> None:
         """Keep a summary. Written beside and moved, so that there is never half a file."""

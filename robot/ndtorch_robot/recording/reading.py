@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -88,19 +89,24 @@ class Recording:
             if values.get("end"):
                 self.complete = True
                 return None
-            number, time = int(values["n"]), float(values["time"])
-            commands = {key: DriveCommand(*values[key]) for key in ("driven", "command", "sent") if key in values}
+            number, (time,) = int(values["n"]), numbers([values["time"]], 1)
+            commands = {
+                key: DriveCommand(*numbers(values[key], 2)) for key in ("driven", "command", "sent") if key in values
+            }
             driven, command = commands["driven"], commands["command"]
             where = values.get("frames")
             frames = None if where is None else self.frames(where, time)
             if where is not None and frames is None:
                 self.trouble = self.trouble or f"the frames of step {number} are damaged, or not wholly there"
                 return None
-            placed = tuple(values["placed"]) if "placed" in values else None
+            placed = numbers(values["placed"], 3) if "placed" in values else None
+            telemetry = dict(values.get("telemetry") or {})
+            standing = telemetry.pop("standing", None)
+            if not isinstance(standing, str | None):
+                raise TypeError("standing must be text")
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
             self.trouble = self.trouble or "a line is damaged"
             return None
-        telemetry = dict(values.get("telemetry") or {})
         return Step(
             number,
             time,
@@ -108,10 +114,10 @@ class Recording:
             driven,
             command,
             commands.get("sent", command),
-            standing=telemetry.pop("standing", None),
+            standing=standing,
             used=bool(values.get("used", True)),
             restarted=bool(values.get("restarted", False)),
-            placed=cast("Placed", placed),
+            placed=None if placed is None else cast("Placed", tuple(placed)),
             telemetry=telemetry,
         )
 
@@ -143,6 +149,18 @@ class Recording:
         return self.files[file].read(count)
 
 
+def numbers(values: Any, count: int) -> list[float]:
+    """So many finite numbers.
+
+    Raises:
+        ValueError: other ones, or other things.
+    """
+    found = [float(value) for value in values if isinstance(value, int | float)]
+    if len(found) != count or len(values) != count or not all(map(math.isfinite, found)):
+        raise ValueError(f"expected {count} numbers, got {values}")
+    return found
+
+
 def open_recording(folder: Path) -> Recording:
     """Open a recording.
 
@@ -155,6 +173,8 @@ def open_recording(folder: Path) -> Recording:
         if header["format"] != "ndtorch recording":
             raise KeyError
         version, kind, configuration = header["version"], header["frames"], header["configuration"]
+        if not isinstance(kind, str) or not isinstance(configuration, dict):
+            raise TypeError
         intact = header.pop("crc", None) == crc_of(header)
     except FileNotFoundError:
         raise InputError(f"{folder}: not a recording ({HEADER} is missing)") from None
@@ -168,4 +188,4 @@ def open_recording(folder: Path) -> Recording:
         raise InputError(f"{path}: damaged, its checksum does not fit")
     if not (folder / STEPS).exists():
         raise InputError(f"{folder}: the recording holds no steps ({STEPS} is missing)")
-    return Recording(folder, configuration, kind)
+    return Recording(folder, configuration, cast("Format", kind))

@@ -8,6 +8,7 @@ from typing import Any
 from ndtorch.errors import InputError
 from ndtorch_robot.ports import Drive, DriveCommand, Placed, SafeCommand, Step, StereoFrames, unseal
 from ndtorch_robot.safety import SafeDrive
+from ndtorch_robot.trouble import Kind
 
 
 class RecordedWorld(Drive):
@@ -92,7 +93,7 @@ class RecordedSafety(SafeDrive):
         """Whether these frames were steered by then."""
         return self.world.recorded.used
 
-    def blind(self, why: str, passes: bool = True) -> None:
+    def blind(self, why: str, kind: Kind = Kind.MISSING) -> None:
         """The recording says by itself why the car stood."""
 
     def take_interruption(self) -> bool:

@@ -101,6 +101,10 @@ def square(x: float, y: float, side: float, turned: float) -> list[Point]:
     ]
 
 
+WIDEST = 500.0
+"""Metres of a side of a building, at most: places to begin at are looked for on a grid of all of it."""
+
+
 @dataclass(frozen=True)
 class Plan:
     """A building: the free space inside `outline` and outside all `solids`.
@@ -137,6 +141,11 @@ class Plan:
             raise InputError(f"arena {self.name}: height must be 1 to 10 m, got {self.height}")
         for shape in self.rings:
             check_ring(shape, self.name)
+        if not np.ptp(self.outline.array, 0).max() <= WIDEST:
+            wide, deep = np.ptp(self.outline.array, 0)
+            raise InputError(
+                f"arena {self.name}: {wide:.4g} x {deep:.4g} m is too large, {WIDEST:g} m a side are the most"
+            )
         for solid in self.solids:
             middle = solid.array.mean(0)
             if not bool(inside(self.outline, middle[None])[0]):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ndtorch.navigation import Strips
-from ndtorch_robot.car import NOT_YET, Car
+from ndtorch_robot.car import Car
 from ndtorch_robot.eye import SightLimits, blindness, look
 from ndtorch_robot.ports import Step
 from ndtorch_robot.sim.board import Pulse
@@ -18,6 +18,7 @@ from ndtorch_robot.soak.cable import FailingCable
 from ndtorch_robot.soak.disk import DiskTrial
 from ndtorch_robot.soak.eyes import FailingCameras
 from ndtorch_robot.soak.faults import FAULTS, Fault
+from ndtorch_robot.trouble import Kind
 
 MOVES = 2.0
 """Microseconds by which a pulse of the motor is off its neutral when the wheels turn."""
@@ -107,10 +108,10 @@ class Trials:
     def look_for_unexplained(self) -> None:
         """Stops that no fault has brought about."""
         faults = self.car.safe.faults
-        for when, why in faults[self.counted :]:
-            if self.fault is None and when > self.mended + AFTER and why != NOT_YET:
-                blank = "shows nothing" in why and self.nothing_to_see()
-                (self.blank if blank else self.unexplained).append(f"{when:.2f} s: {why}")
+        for stop in faults[self.counted :]:
+            if self.fault is None and stop.time > self.mended + AFTER and stop.kind is not Kind.NOT_TOLD:
+                blank = stop.kind is Kind.BLANK and self.nothing_to_see()
+                (self.blank if blank else self.unexplained).append(f"{stop.time:.2f} s: {stop.why}")
         self.counted = len(faults)
 
     def nothing_to_see(self) -> bool:
@@ -142,7 +143,7 @@ class Trials:
         """It is well again: what happened meanwhile?"""
         self.cameras.fault = None
         self.cable.mend()
-        said = [why for _, why in self.car.safe.faults[self.stops :]]
+        said = [stop.why for stop in self.car.safe.faults[self.stops :]]
         turned = max(0.0, self.turned - self.began)
         row: Row = {"part": fault.part, "fault": fault.name, "at": round(self.began, 3), "said": said[:1]}
         row["turned"] = round(turned, 3) if fault.within is not None else None

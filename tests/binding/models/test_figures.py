@@ -143,6 +143,14 @@ def test_one_in_view_from_the_first_frame_is_one_and_leaves_none_behind() -> Non
     assert (thing.box[0], thing.box[2]) == pytest.approx((117, 141), abs=6)
 
 
+def test_the_network_names_features_and_moves_no_place() -> None:
+    _, state = run(film(), learn=False)
+    (off,), (on,) = model().objects(state), model().objects(whole()[1])
+    assert (off.path, off.boxes) == (on.path, on.boxes)
+    assert not state.network.weights.any()
+    assert whole()[1].network.weights.any()
+
+
 def test_what_stops_stays_an_object_and_what_does_not_travel_is_none() -> None:
     frames = squares(80, (0, 4.0, 44, (0.85, 0.2, 0.2)))
     frames[40:] = frames[40]

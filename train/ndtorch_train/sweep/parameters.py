@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from ndtorch.errors import InputError
 from ndtorch.nearest import meant
+from ndtorch.toml import shown
 
 Value = float | int | str
 Trial = dict[str, Value]
@@ -36,11 +37,11 @@ class Parameter:
                 )
             return str(value)
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise InputError(f"{where}: {name} must be a number, got {value!r}")
-        if isinstance(self.default, int) and value != int(value):
-            raise InputError(f"{where}: {name} must be a whole number, got {value!r}")
+            raise InputError(f"{where}: {name} must be a number, got {shown(value)}")
         if not self.low <= value <= self.high:
-            raise InputError(f"{where}: {name} must lie in {self.low:g}..{self.high:g}, got {value!r}")
+            raise InputError(f"{where}: {name} must lie in {self.low:g}..{self.high:g}, got {shown(value)}")
+        if isinstance(self.default, int) and not (math.isfinite(value) and value == int(value)):
+            raise InputError(f"{where}: {name} must be a whole number, got {shown(value)}")
         return int(value) if isinstance(self.default, int) else float(value)
 
 

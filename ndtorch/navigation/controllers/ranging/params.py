@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.ranging.arcs import Body
 from ndtorch.navigation.controllers.ranging.floor_view import FloorParams
@@ -67,6 +68,7 @@ class RangingParams:
     floor: FloorParams = field(default_factory=FloorParams)
 
     def __post_init__(self) -> None:
+        check_numbers(self)
         for name, value in vars(self).items():
             if isinstance(value, float) and not (value > 0 and (math.isfinite(value) or name == "grace")):
                 raise InputError(f"{name} must be a number > 0, got {value}")

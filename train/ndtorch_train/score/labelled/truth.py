@@ -150,6 +150,8 @@ def boxes(path: Path) -> Iterator[RealFrame]:
         raise InputError(f"{path} is not in MOT format: numbers between commas") from None
     if rows.size and rows.shape[1] < 6:
         raise InputError(f"{path} must have at least six columns, got {rows.shape[1]}")
+    if not np.isfinite(rows).all():
+        raise InputError(f"{path} must hold finite numbers")
     by_frame: dict[int, list[Real]] = {}
     for row in rows.tolist():
         if len(row) < 7 or row[6]:

@@ -1,0 +1,121 @@
+"""Every command that writes, on a disk that is full: one line, an exit code that is not 0, and no half files.
+
+What is full is made by the limit on the size of a file: it holds for whatever writes, in Python and below it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import resource
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from ndtorch.commands import installed, main
+from ndtorch.installed import toml_file
+from tests.fuzz.targets import CORPUS
+from tests.robot.support.gl_needed import needs_gl
+
+SWEEP = 'kind = "binding"\n[vary]\ngamma = [0.5, 5.0]\n[fixed]\nseconds = 0.2\n'
+
+WRITERS = {
+    "bind": "bind two-bars --seconds 0.2 --settle 0.1 --pictures 1 --out {out}",
+    "bind --rrd": "bind two-bars --seconds 0.2 --settle 0.1 --pictures 0 --rrd {out}/run.rrd --out {out}",
+    "render": "render three-bars {out}/bars.mp4 --seconds 0.2",
+    "drive": "drive --seconds 0.2 --out {out}",
+    "drive --record": "drive --seconds 0.2 --record {out}/r --out {out}/o",
+    "drive --rrd": "drive --seconds 0.2 --rrd {out}/run.rrd --out {out}/o",
+    "evaluate": "evaluate --arenas room --seeds 7 --seconds 0.2 --controllers published --jobs 1 --out {out}",
+    "barn": "barn {barn} --jobs 1 --controller published --worlds 5 --out {out}",
+    "replay": "replay {recording} --rrd {out}/replay.rrd",
+    "run": "run {car} --go --seconds 0.5 --record {out}/r",
+    "run --save-map": "run {car} --go --seconds 0.5 --save-map {out}/map",
+    "first-stage": "first-stage --gamma 50 --out {out}",
+    "score": "score --scenes 1 --seconds 0.3 --rules published --out {out}",
+    "score ranges": "score ranges {ranges} --disparities 2 8 --out {out}",
+    "score --video": "score --video --clips 1 --counts 1 --fps 30 --out {out}",
+    "reproduce": "reproduce A3 --quick --jobs 1 --out {out}",
+    "sweep": "sweep {sweep} --jobs 1 --out {out}",
+    "soak": "soak --minutes 0.17 --piece 10 --out {out}",
+}
+"""Commands that write, as briefly as they can be asked."""
+
+FULL = re.compile("File too large|cannot be written|not whole|cannot be opened for writing|disk was full")
+
+SILENT = {"arenas", "cameras", "check", "scenes"}
+"""Commands that write nothing."""
+
+ELSEWHERE = {"calibrate": "tests/robot/calibration/test_calibration.py"}
+
+QUICK = ("bind", "render")
+
+
+def test_every_command_is_tried() -> None:
+    assert {name.split()[0] for name in WRITERS} | SILENT | set(ELSEWHERE) == set(installed())
+
+
+@contextlib.contextmanager
+def full_disk(most: int) -> Iterator[None]:
+    """No file grows beyond so many bytes."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def arguments(name: str, out: Path, given: Path) -> list[str]:
+    """What is typed, with what it needs."""
+    sweep = given / "sweep.toml"
+    sweep.write_text(SWEEP)
+    car = given / "car.toml"
+    text = toml_file(Path("sim"), "ndtorch_robot", "configs").read_text()
+    text = text.replace('"simulated-board"', '"simulated-world"').replace(
+        "map_half_size_m = 0.0", "map_half_size_m = 5.0"
+    )
+    car.write_text(text)
+    recording = next((CORPUS / "replay").iterdir())
+    places = {"out": out, "car": car, "sweep": sweep, "recording": recording, "barn": CORPUS / "barn" / "worlds.json"}
+    return WRITERS[name].format(**places, ranges=CORPUS / "ranges").split()
+
+
+def said(lines: str) -> list[str]:
+    """What is said of an error."""
+    return [line for line in lines.splitlines() if line.startswith(("error:", "Traceback"))]
+
+
+def check(name: str, most: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    given = arguments(name, out, tmp_path)
+    with full_disk(most):
+        code = main(given)
+    printed = capfd.readouterr().err
+    whole = [path for path in out.rglob("*") if path.is_file() and not path.name.startswith("part-")]
+    assert code not in (0, None), f"{most}: exit code {code}, {sorted(path.name for path in whole)}\n{printed}"
+    assert "Traceback" not in printed
+    assert len(said(printed)) == 1, printed
+    assert FULL.search(said(printed)[0]), printed
+    recorded = {".jpeg", ".mjpeg", ".pngs", ".jsonl"}  # what grows while it is recorded, and is read up to its end
+    half = [path.name for path in whole if path.stat().st_size >= most and path.suffix not in recorded]
+    assert half == [], "these were cut off"
+    shutil.rmtree(out)
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_a_full_disk(name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    check(name, 3000, tmp_path, capfd)
+
+
+@pytest.mark.long
+@needs_gl
+@pytest.mark.parametrize("most", [0, 700, 20_000])
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_disk_that_is_full_sooner_or_later(
+    name: str, most: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    check(name, most, tmp_path, capfd)

@@ -1,0 +1,181 @@
+"""What `make fuzz` is made of: every seed can be read, some damaged files, and those that were findings once."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from ndtorch.errors import InputError
+from tests.fuzz import worker
+from tests.fuzz.make_corpus import BARN, MAKERS
+from tests.fuzz.targets import CORPUS, TARGETS, Target
+
+QUICK = sorted(set(TARGETS) - {"replay", "video"})
+
+
+def test_every_reader_has_a_corpus_of_small_files() -> None:
+    assert set(MAKERS) == set(TARGETS) == {path.name for path in CORPUS.iterdir()}
+    assert all(target.seeds() for target in TARGETS.values())
+    assert max(path.stat().st_size for path in CORPUS.rglob("*")) < 50_000
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_seeds_are_read_and_some_damaged_files_do_no_harm(name: str, tmp_path: Path) -> None:
+    target = TARGETS[name]
+    for seed in target.seeds():
+        target.read(seed)
+    found = []
+    for number in range(6):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        outcome, line = worker.attempt(target, 1, number, folder)
+        found += [f"input {number}: {line}"] * (outcome == worker.FOUND)
+    assert not found
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", TARGETS)
+def test_many_damaged_files(name: str, tmp_path: Path) -> None:
+    mine = worker.Worker(TARGETS[name], 2, tmp_path)
+    mine.work(5.0)
+    assert mine.tried > 0
+    assert not mine.findings
+
+
+def raises(error: BaseException) -> Callable[[Path], None]:
+    def read(path: Path) -> None:
+        raise error
+
+    return read
+
+
+@pytest.mark.parametrize(
+    ("read", "outcome", "line"),
+    [
+        (lambda path: None, worker.READ, ""),
+        (raises(InputError("no such thing")), worker.REFUSED, "no such thing"),
+        (raises(InputError("two\nlines")), worker.FOUND, "not one line"),
+        (raises(InputError(" ")), worker.FOUND, "not one line"),
+        (raises(InputError("x" * 3000)), worker.FOUND, "3000 characters"),
+        (raises(KeyError("a")), worker.FOUND, "KeyError at "),
+        (raises(worker.Hang("more than 10 s")), worker.FOUND, "Hang at "),
+    ],
+)
+def test_what_is_a_finding(read: Callable[[Path], None], outcome: int, line: str, tmp_path: Path) -> None:
+    found = worker.attempt(Target("barn", read), 1, 0, tmp_path)
+    assert found[0] == outcome
+    assert line in found[1]
+
+
+def test_a_process_that_crashes_is_a_finding_and_the_file_is_kept(tmp_path: Path) -> None:
+    def crash(path: Path) -> None:
+        if path.parent != CORPUS / "barn":
+            import os
+            import signal
+
+            os.kill(os.getpid(), signal.SIGSEGV)
+
+    mine = worker.Worker(Target("barn", crash), 1, tmp_path)
+    mine.work(20.0)
+    assert mine.tried == 1
+    assert "signal 11" in next(iter(mine.findings.values()))
+    assert (tmp_path / "barn-1-0" / "worlds.json").is_file()
+
+
+DEEP = "[" * 4000
+
+
+def car(text: str) -> Callable[[Path], None]:
+    def make(path: Path) -> None:
+        path.write_text(f"x = {text}\n")
+
+    return make
+
+
+def barn(path: Path) -> None:
+    path.write_text(json.dumps(BARN | {"radius_m": 10**400}))
+
+
+def step_of(**changed: object) -> Callable[[Path], None]:
+    def make(path: Path) -> None:
+        from ndtorch_robot.recording.streams import checked_line
+
+        lines = (path / "steps.jsonl").read_bytes().splitlines()
+        first = json.loads(lines[0])
+        del first["crc"]
+        lines[0] = checked_line(first | changed).rstrip(b"\n")
+        (path / "steps.jsonl").write_bytes(b"\n".join(lines) + b"\n")
+
+    return make
+
+
+def header_of(**changed: object) -> Callable[[Path], None]:
+    def make(path: Path) -> None:
+        from ndtorch_robot.recording.streams import crc_of
+
+        header = json.loads((path / "recording.json").read_text()) | changed
+        del header["crc"]
+        header["crc"] = crc_of(header)
+        (path / "recording.json").write_text(json.dumps(header))
+
+    return make
+
+
+def truth(path: Path) -> None:
+    (path / "gt.txt").write_text("1,nan,2,3,5,4,1\n")
+
+
+REFUSED = {
+    "toml that is nested too deep": ("car", "sim.toml", car(DEEP)),
+    "a number of 5000 digits": ("car", "sim.toml", car("9" * 5000)),
+    "barn that is nested too deep": ("barn", "worlds.json", lambda path: path.write_text(DEEP)),
+    "a radius of 400 digits": ("barn", "worlds.json", barn),
+    "frames of no kind": ("recording", "raw", header_of(frames={})),
+    "a configuration that is none": ("recording", "raw", header_of(configuration=[1])),
+    "an identity that is no number": ("truth", "clip", truth),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_findings_are_refused_now(name: str, tmp_path: Path) -> None:
+    reader, seed, make = REFUSED[name]
+    path = copied(reader, seed, tmp_path)
+    make(path)
+    with pytest.raises(InputError) as error:
+        TARGETS[reader].read(path)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"command": ["x", 0.0]},
+        {"command": [0.5]},
+        {"driven": {"a": 1}},
+        {"sent": [float("nan"), 0.0]},
+        {"placed": [1.0]},
+        {"telemetry": [1]},
+        {"telemetry": {"standing": 3}},
+        {"time": "x"},
+    ],
+    ids=str,
+)
+def test_a_step_that_says_nonsense_is_damaged_whatever_its_checksum(changed: dict[str, object], tmp_path: Path) -> None:
+    from ndtorch_robot.recording import open_recording
+
+    path = copied("recording", "raw", tmp_path)
+    step_of(**changed)(path)
+    recording = open_recording(path)
+    assert [step.number for step in recording.steps()] == [1, 2, 3]
+    assert recording.damaged == 1
+
+
+def copied(reader: str, seed: str, folder: Path) -> Path:
+    source = CORPUS / reader / seed
+    copy = folder / seed
+    (shutil.copytree if source.is_dir() else shutil.copy)(source, copy)
+    return copy
