@@ -22,7 +22,7 @@ Floats = npt.NDArray[np.float64]
 MEMORY = 0.4
 """Seconds over which optical flow is averaged: that of our own correlations."""
 STANDS_OUT = 10.0
-"""Pixels a second by which averaged flow must differ from that of most pixels; best of 5, 10, 15 and 20 on tune."""
+"""Pixels a second by which averaged flow must differ from that of most pixels: a third of the dots' pace, not tuned."""
 SMOOTH = 4.0
 """Deviation of the window in which it is averaged, pixels: that of our own closer look."""
 ONE_WAY = 12.0
