@@ -18,7 +18,7 @@ QUICK = sorted(set(TARGETS) - {"replay", "video"})
 
 
 def test_every_reader_has_a_corpus_of_small_files() -> None:
-    assert set(MAKERS) == set(TARGETS) == {path.name for path in CORPUS.iterdir()}
+    assert set(MAKERS) == {path.name for path in CORPUS.iterdir()} == set(TARGETS) - {"model"}
     assert all(target.seeds() for target in TARGETS.values())
     assert max(path.stat().st_size for path in CORPUS.rglob("*")) < 50_000
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import math
+import pickle
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import pydantic
 import pytest
 import torch
@@ -90,6 +92,7 @@ PARTS: dict[str, Part] = {
     "CameraFrontEnd": Part(
         lambda: vision.CameraFrontEnd((40, 48), 30.0), lambda draw: (draw(3, 40, 48),), batched=False
     ),
+    "CoherentMotion": Part(lambda: vision.CoherentMotion((40, 48), DT), lambda draw: (draw(3, 40, 48),)),
     "BindingInputs": Part(lambda: binding.BindingInputs(), signals),
     "InhibitoryNetwork": Part(lambda: binding.InhibitoryNetwork(settle=0.02), signals),
     "Windows": Part(lambda: binding.Windows((4, 4), 4.0), lambda draw: (draw(4, 4, 10),)),
@@ -334,7 +337,21 @@ def strips_are_cut_out(seed: int, n: int) -> None:
     assert torch.equal(navigation.cut_strips(frames[1], field, RIG, 3).row, strips.row[1])
 
 
+def an_avoider_stays_within_its_speeds_and_goes_on_where_it_was(seed: int, count: int) -> None:
+    chance = np.random.default_rng(seed)
+    frames = chance.integers(0, 256, (count + 2, 2, RIG.height, RIG.width, 3), dtype=np.uint8)
+    one, other = navigation.Avoider(RIG, DT), navigation.Avoider(RIG, DT)
+    state = again = None
+    for left, right in frames:
+        (speed, curvature), state = one(left, right, state)
+        resumed, again = other(left, right, None if again is None else pickle.loads(pickle.dumps(again)))
+        assert resumed == (speed, curvature)
+        assert 0 <= speed <= 1
+        assert np.isfinite(curvature)
+
+
 FUNCTIONS: dict[str, Callable[[int, int], None]] = {
+    "Avoider": an_avoider_stays_within_its_speeds_and_goes_on_where_it_was,
     "dog_spectrum": a_dog_spectrum_is_even_and_sums_to_zero,
     "field_weights": fields_add_up_to_one,
     "judge_speed_curve": a_speed_curve_is_judged_the_same_in_any_unit,

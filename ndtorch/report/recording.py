@@ -6,6 +6,7 @@ recording is for looking, not an archive of the numbers.
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -44,6 +45,19 @@ def why_not_whole(path: Path) -> str | None:
     except OSError as error:
         return f"the recording {path} cannot be read: {error.strerror}"
     return f"the recording {path} is not whole: the disk was full, or failed"
+
+
+def end_stream(stream: Any, patience: float = 30.0) -> None:
+    """Write what is waiting and close a stream; `why_not_whole` tells what could not be written.
+
+    On a full disk the writer of the SDK has ended, and a flush would wait for it forever.
+
+    Args:
+        patience: longest time to wait, s.
+    """
+    with contextlib.suppress(RuntimeError):
+        stream.flush(timeout_sec=patience)
+    stream.disconnect()
 
 
 class Recording:
@@ -112,8 +126,7 @@ class Recording:
         if self._stream is None:
             return
         self._write_outputs()
-        self._stream.flush()
-        self._stream.disconnect()
+        end_stream(self._stream)
         self._stream = None
 
     def __enter__(self) -> Self:

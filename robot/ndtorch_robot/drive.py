@@ -164,7 +164,8 @@ class EndUnlessBlank:
     safe: SafeDrive
 
     def __call__(self, step: Step) -> None:
-        if step.standing is not None and self.safe.kind is not Kind.BLANK:
+        # Whoever came before may have told it to go on already: the last fault is what it stood for.
+        if step.standing is not None and self.safe.faults[-1].kind is not Kind.BLANK:
             raise InputError(step.standing)
 
 

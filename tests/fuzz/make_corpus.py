@@ -64,16 +64,6 @@ def state(folder: Path) -> None:
         )
 
 
-def model(folder: Path) -> None:
-    from ndtorch.loading import model_folders
-
-    for name, path in model_folders().items():
-        (folder / name).mkdir()
-        for file in ("config.toml", "weights.safetensors"):
-            if (path / file).exists():
-                shutil.copy(path / file, folder / name / file)
-
-
 def run(folder: Path) -> None:
     from ndtorch.binding.saving import save_state
     from ndtorch.run.opening import STATE
@@ -232,7 +222,6 @@ def texts(name: str, text: str) -> Any:
 
 MAKERS = {
     "state": state,
-    "model": model,
     "run": run,
     "map": maps,
     "table": tables,

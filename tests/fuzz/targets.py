@@ -15,6 +15,7 @@ from typing import Any
 from tests.fuzz import mutate
 
 CORPUS = Path(__file__).parent / "corpus"
+MODELS = Path(__file__).resolve().parents[2] / "models"
 TEXT = (".toml", ".json", ".jsonl", ".txt", ".md")
 
 
@@ -23,7 +24,8 @@ class Target:
     """A reader.
 
     Args:
-        name: the folder of its corpus: every file or folder in it is one that can be read.
+        name: the folder of its corpus: every file or folder in it is one that can be read. Models are those that are
+            shipped.
         read: all that there is to read of a file, or of a folder.
         craft: damages values and writes them with a checksum that fits; None where nothing has one.
         share: of the inputs that are crafted.
@@ -36,6 +38,8 @@ class Target:
 
     def seeds(self) -> list[Path]:
         """What is damaged."""
+        if self.name == "model":
+            return sorted(path.parent for path in MODELS.glob("*/config.toml"))
         return sorted(path for path in (CORPUS / self.name).iterdir())
 
     def make(self, chance: random.Random, folder: Path) -> Path:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ndtorch.navigation import Grid, NavigatorState, Rect, StereoRig
-from ndtorch.report.recording import import_rerun
+from ndtorch.report.recording import end_stream, import_rerun
 from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.view.drawing import (
     CAR,
@@ -146,8 +146,7 @@ class CarView:
         self.numbers()
         if self.path:
             self.draw_path()
-        self.stream.flush(timeout_sec=3.0)
-        self.stream.disconnect()
+        end_stream(self.stream, patience=3.0)
 
     def pictures(self, frames: StereoFrames, state: NavigatorState | None) -> None:
         """Both images, and the features that were ranged in them."""

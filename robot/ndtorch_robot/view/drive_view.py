@@ -10,7 +10,7 @@ import numpy.typing as npt
 from torch import Tensor
 
 from ndtorch.navigation import Grid, Rect, StereoRig
-from ndtorch.report.recording import import_rerun
+from ndtorch.report.recording import end_stream, import_rerun
 from ndtorch_robot.ports import Observer, Step, StereoFrames
 from ndtorch_robot.record import Record
 from ndtorch_robot.sim.plan import Plan
@@ -110,8 +110,7 @@ class DriveView:
         if record.time:
             self._numbers(record)
             self._paths(record)
-        self._stream.flush()
-        self._stream.disconnect()
+        end_stream(self._stream)
         self._stream = None
 
     def _fixed(self, plan: Plan, fields: tuple[Rect, Rect]) -> None:
