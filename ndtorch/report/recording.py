@@ -6,7 +6,7 @@ recording is for looking, not an archive of the numbers.
 
 from __future__ import annotations
 
-import contextlib
+import ctypes
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -47,16 +47,22 @@ def why_not_whole(path: Path) -> str | None:
     return f"the recording {path} is not whole: the disk was full, or failed"
 
 
-def end_stream(stream: Any, patience: float = 30.0) -> None:
+def end_stream(stream: Any, patience: float = 15.0) -> None:
     """Write what is waiting and close a stream; `why_not_whole` tells what could not be written.
 
-    On a full disk the writer of the SDK has ended, and a flush would wait for it forever.
+    On a full disk the writer of the SDK ends by itself. Whatever waits for it then waits forever: a flush, closing the
+    stream, and the end of the program. Such a stream is left as it is.
 
     Args:
         patience: longest time to wait, s.
     """
-    with contextlib.suppress(RuntimeError):
+    try:
         stream.flush(timeout_sec=patience)
+    except RuntimeError:
+        import_rerun().unregister_shutdown()
+        for kept in (stream, stream.inner):
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(kept))  # never closed
+        return
     stream.disconnect()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
@@ -152,3 +153,25 @@ def test_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(InputError, match=r"pip install 'rerun-sdk.*of ndtorch\[view\]"):
         Recording(tmp_path / "run.rrd")
+
+
+def test_a_program_ends_whose_disk_was_full(tmp_path: Path) -> None:
+    """The writer of the SDK is gone then, and nobody may wait for it."""
+    program = (
+        "import resource, sys\n"
+        "import numpy as np, rerun as rr\n"
+        "from ndtorch.report.recording import end_stream\n"
+        "stream = rr.RecordingStream('x')\n"
+        "stream.set_sinks(rr.FileSink(sys.argv[1]))\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, resource.RLIM_INFINITY))\n"
+        "for _ in range(20):\n"
+        "    stream.log('a', rr.Image(np.random.randint(0, 255, (200, 200, 3), dtype=np.uint8)))\n"
+        "end_stream(stream, patience=1.0)\n"
+        "print('ended')\n"
+    )
+    file = tmp_path / "half.rrd"
+    done = subprocess.run(
+        [sys.executable, "-c", program, file], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stdout) == (0, "ended\n"), done.stderr
+    assert why_not_whole(file) is not None
