@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
+import os
+import re
 import struct
 import zipfile
 import zlib
@@ -67,7 +70,10 @@ def save_tensors(flat: Mapping[str, Tensor], path: str | Path, about: Mapping[st
         with replacing(path) as beside:
             save_file(dict(flat), str(beside), metadata=strings | {CHECKSUM: checksum(flat, strings)})
     except SafetensorError as error:
-        raise OSError(f"{path} cannot be written: {error}") from None
+        # Which error of the system it was stands in the words alone.
+        found = re.search(r"os error (\d+)", str(error))
+        number = int(found[1]) if found else errno.EIO
+        raise OSError(number, os.strerror(number), str(path)) from None
 
 
 def read_tensors(path: str | Path, what: str) -> tuple[dict[str, Tensor], dict[str, str]]:

@@ -21,7 +21,7 @@ UNUSABLE = 2
 """Exit code for input that cannot be used."""
 
 
-UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EACCES, errno.EPERM)
+UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EACCES, errno.EPERM, errno.EIO)
 """Errors of the disk that a user can mend, told in one line."""
 
 

@@ -237,6 +237,7 @@ def draw(config: SweepConfig, rows: Sequence[Row], folder: Path) -> list[str]:
     for value in config.show[3]:
         figure = heat_map(config, rows, value)
         for kind in ("svg", "png"):
-            figure.savefig(folder / f"heatmap-{value}.{kind}", dpi=110)
+            with replacing(folder / f"heatmap-{value}.{kind}") as beside:
+                figure.savefig(beside, format=kind, dpi=110)
         names.append(f"heatmap-{value}.png")
     return names
