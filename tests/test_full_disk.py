@@ -86,7 +86,8 @@ def arguments(name: str, out: Path, given: Path) -> list[str]:
 def said(lines: str) -> list[str]:
     """What is said of an error: a car that drives on says it with its other lines."""
     told = ("error:", "failed:", "Traceback")
-    return [line for line in lines.splitlines() if line.startswith(told) or "has stopped after" in line]
+    lists = [line for line in lines.splitlines() if not line.startswith("note:")]
+    return [line for line in lists if line.startswith(told) or "has stopped after" in line]
 
 
 def check(name: str, most: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
