@@ -62,6 +62,7 @@ def test_a_random_sweep_is_the_same_every_time() -> None:
         ({"vary": {"bars": [1.5]}}, "bars must be a whole number"),
         ({"vary": {"rule": ["hebb"]}}, "rule must be one of competitive"),
         ({"vary": {"gamma": 3}}, "must be a list or"),
+        ({"vary": {"gamma": {"from": 1, "to": 2, "steps": 2**63}}}, "gamma: steps"),
         ({"vary": {"gamma": {"from": 1, "to": 3}}}, "gamma needs steps"),
         ({"vary": {"gamma": {"from": 0, "to": 3, "steps": 2, "scale": "log"}}}, "positive on a logarithmic"),
         ({"vary": {"gamma": {"form": 0, "to": 3, "steps": 2}}}, "gamma: unknown key 'form'; did you mean from?"),

@@ -36,7 +36,7 @@ class Span(Strict):
 
     low: float = Field(alias="from")
     high: float = Field(alias="to")
-    steps: Annotated[int, Field(ge=0)] | None = None
+    steps: Annotated[int, Field(ge=0, le=1_000_000)] | None = None
     scale: Literal["linear", "log"] = "linear"
 
 
