@@ -14,6 +14,10 @@ from ndtorch.vision.features import GROUPS
 
 LINEAR = slice(GROUPS["motion"].stop, None)
 """Signals that are proportional to brightness: orientations and colors."""
+WAYS = 4
+"""Signals of motion: so many sources move every way there is."""
+KNOWN = 0.05
+"""Share of the largest under which a direction of motion is none."""
 WEAKEST = 3
 """Directions that are taken for noise."""
 
@@ -60,11 +64,17 @@ def unexplained(plain: Tensor, delayed: Tensor, count: Tensor, limits: SumCriter
         values, vectors = torch.linalg.eigh(here[:, LINEAR, LINEAR])
         white = vectors[..., -m:] / values[:, None, -m:].clamp_min(1e-12).sqrt()
         along = here[:, motion, LINEAR] @ white
-        left = torch.linalg.eigvalsh(here[:, motion, motion] - along @ along.mT)[:, -1]
-        at_once = torch.linalg.eigvalsh(plain[at][:, motion, motion] - along @ along.mT)[:, -1]
+        # Motion of a known source has a time course of its own: that is no other source. Another moves another way.
+        other = torch.eye(WAYS, dtype=along.dtype).expand(len(at), WAYS, WAYS)
+        if m < WAYS:
+            other = other - along @ torch.linalg.pinv(along, rtol=KNOWN)
+        left, at_once = (
+            torch.linalg.eigvalsh(other @ (part[:, motion, motion] - along @ along.mT) @ other.mT)[:, -1]
+            for part in (here, plain[at])
+        )
         largest = torch.linalg.eigvalsh(here[:, motion, motion])[:, -1]
         noise = torch.maximum(values[:, 0].abs(), torch.linalg.eigvalsh(plain[at][:, LINEAR, LINEAR])[:, 0])
         clean = noise < limits.quiet * values[:, -1]
         # White noise is gone after the delay.
-        found[at] = clean & (left > limits.moved * largest) & (left > 0.5 * at_once)
+        found[at] = clean & (left > (limits.elsewhere if m < WAYS else limits.moved) * largest) & (left > 0.5 * at_once)
     return found

@@ -21,6 +21,7 @@ from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.delays import DELAYS, Separation, assigned, without_lighting
 from ndtorch.binding.readout.directions import LINEAR
 from ndtorch.binding.readout.params import SourceCriteria, SumCriteria
+from ndtorch.binding.readout.undisturbed import undisturbed
 from ndtorch.binding.readout.unmixing import choose, sources_of
 from ndtorch.errors import InputError
 
@@ -39,7 +40,8 @@ class SumStatistics(nn.Module):
     """What `sums_table` looks at: covariances of the sums with their own past.
 
     The first of three memories tells what is still there, the second what has left, the third what objects are like. A
-    fourth begins anew whenever something comes into view that has no part in what was known.
+    fourth begins anew whenever something comes into view that has no part in what was known. The third is kept
+    second by second, so that those in which bars come near each other can be left out (`undisturbed`).
 
     Args:
         dt: time step in seconds.
@@ -48,6 +50,8 @@ class SumStatistics(nn.Module):
         tau_high: high-pass on the sums, seconds.
         every: time between updates, seconds.
         most: of `surprise`; beyond that the fourth begins anew.
+        pieces: how many stretches of time the third memory consists of,
+        piece: and how long each is, seconds.
 
     Shapes:
         sums `[..., T, 10]` -> state. `None` starts at rest, with zeros.
@@ -66,12 +70,16 @@ class SumStatistics(nn.Module):
         tau_high: float = 2.0,
         every: float = 0.1,
         most: float = 40.0,
+        pieces: int = 24,
+        piece: float = 1.0,
     ) -> None:
         super().__init__()
         if not delays or not all(delay > 0 for delay in delays):
             raise InputError(f"delays must be positive seconds, got {delays}")
-        lags, memories = (0.0, *delays), (tau_recent, tau_fast, tau_slow)
-        self.all = RunningCovariances(dt, memories, lags, tau_high, every=every, at_first=True)
+        lags = (0.0, *delays)
+        self.all = RunningCovariances(
+            dt, (tau_recent, tau_fast), lags, tau_high, every=every, at_first=True, pieces=pieces, piece=piece
+        )
         anew = Anew(surprise, most)
         self.scene = RunningCovariances(dt, (tau_slow,), lags, tau_high, every=every, at_first=True, anew=anew)
 
@@ -105,6 +113,8 @@ def sums_table(
     criteria: SourceCriteria | None = None,
     limits: SumCriteria | None = None,
     smallest: float = 1 / 3,
+    tau: float = 12.0,
+    piece: float = 1.0,
 ) -> ObjectTable:
     """The objects: sources of the long memory that are still there, or fewer if only a shorter one sees some leave.
 
@@ -117,9 +127,11 @@ def sums_table(
         first_stage: weights of the first stage, `[10, 10]`.
         criteria, limits: what a source must have.
         smallest: share of its group's largest that makes a feature.
+        tau, piece: the long memory, and what it is of, seconds.
     """
     c, limit = criteria or SourceCriteria(), limits or SumCriteria()
-    recent, fast, slow = statistics.all.covariances.unbind(-4)
+    recent, fast = statistics.all.covariances.unbind(-4)
+    slow = undisturbed(statistics.all, tau, piece, limit)
     still = steady(statistics.all.low, recent, limit)
     short, gone = present_sources(fast, recent, first_stage, c, limit)
     long, left = present_sources(slow, recent, first_stage, c, limit)
