@@ -25,7 +25,7 @@ def passing(seconds: float, begin: float, end: float, bars: int) -> Tensor:
 
 @pytest.mark.parametrize("bars", [2, 3])
 def test_bars_that_pass_each_other_are_no_further_thing(bars: int) -> None:
-    assert count(SumStatistics()(passing(14, 5.0, 7.0, bars))) == bars
+    assert count(SumStatistics()(passing(14, 11.8, 13.8, bars))) == bars
 
 
 def test_the_seconds_of_passing_are_left_out_and_the_rest_is_as_strong_as_before() -> None:
