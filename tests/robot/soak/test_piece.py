@@ -118,6 +118,7 @@ class OneAfterTheOther(Trials):
         if self.wanted:
             self.waiting = [self.wanted.pop(0)]
             super().begin(now)
+            self.calm = 0.5
 
 
 def soak(folder, *names):
