@@ -77,4 +77,5 @@ def beside_colors(delayed: Tensor, weight: Tensor, there: Tensor, limits: SumCri
     left = rest.diagonal(dim1=-2, dim2=-1).sum(-1)
     middle = torch.where(there, left, torch.nan).nanmedian(-1, keepdim=True).values
     largest = whole[..., orientation, orientation].diagonal(dim1=-2, dim2=-1).sum(-1, keepdim=True)
-    return there & (left <= torch.maximum(limits.covered * middle, limits.beside * largest))
+    kept: Tensor = there & (left <= torch.maximum(limits.covered * middle, limits.beside * largest))
+    return kept
