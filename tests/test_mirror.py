@@ -244,6 +244,7 @@ TESTED_IN = {
     "train/score/fate/methods": "train/score/test_fate",
     "train/score/fate/scoring": "train/score/test_fate",
     "train/score/labelled/command": "train/score/test_labelled",
+    "train/score/labelled/empty": "train/score/test_empty",
     "train/score/labelled/methods": "train/score/test_labelled",
     "train/score/labelled/metrics": "train/score/test_metrics",
     "train/score/labelled/peers": "train/score/test_labelled",
