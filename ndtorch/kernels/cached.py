@@ -1,4 +1,4 @@
-"""Numba's cache of compiled functions, without what only compiling needs."""
+"""Numba's compiler and cache for a kernel, without what a kernel does not need."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import numba
 from numba.core import caching
-from numba.core.runtime.nrt import rtsys
+from numba.core.runtime import nrt
 
 FunctionCache: Any = caching.FunctionCache
 
@@ -21,12 +21,24 @@ class QuickCache(FunctionCache):  # type: ignore[misc]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The compiled function of this signature; None where it is not in the cache."""
-        rtsys.initialize(target_context)
+        runtime: Any = nrt.rtsys
+        runtime.initialize(target_context)
         return self._load_overload(sig, target_context)
 
 
-def cached(function: Callable[..., Any], options: dict[str, Any]) -> Any:
-    """`numba.njit(function, cache=True, **options)` with a `QuickCache`; where it keeps things `numba.config` says."""
+def compiled(function: Callable[..., Any], options: dict[str, Any], keep: bool) -> Any:
+    """`numba.njit(function, cache=keep, **options)`: where it keeps things `numba.config` says."""
     dispatcher: Any = numba.njit(function, **options)
-    dispatcher._cache = QuickCache(function)
+    if keep:
+        dispatcher._cache = QuickCache(function)
+    compiler = dispatcher._compiler
+    usual = compiler.compile
+
+    def compile_once(args: Any, return_type: Any) -> Any:
+        from ndtorch.kernels.late import optimised_once
+
+        with optimised_once(function.__qualname__):
+            return usual(args, return_type)
+
+    compiler.compile = compile_once
     return dispatcher

@@ -43,7 +43,7 @@ def kernel(name: str, kind: Hashable = None) -> Kernel:
     """
     import numba
 
-    from ndtorch.kernels.cached import cached
+    from ndtorch.kernels.cached import compiled
 
     config: Any = numba.config
     function = getattr(import_module(f"ndtorch.kernels.{name}"), name)
@@ -51,10 +51,10 @@ def kernel(name: str, kind: Hashable = None) -> Kernel:
     before = config.CACHE_DIR
     try:
         config.CACHE_DIR = "" if folder is None else str(folder)
-        compiled = numba.njit(function, **OPTIONS) if folder is None else cached(function, OPTIONS)
+        dispatcher = compiled(function, OPTIONS, keep=folder is not None)
     finally:
         config.CACHE_DIR = before
-    return Kernel(name, compiled, folder)
+    return Kernel(name, dispatcher, folder)
 
 
 @cache
