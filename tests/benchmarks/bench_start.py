@@ -1,6 +1,6 @@
 """How long a navigator waits for its kernels: compiled once, and loaded, beside Numba's own way with the same code.
 
-`python -m tests.benchmarks.bench_start`; a minute and more.
+`python -m tests.benchmarks.bench_start`; two minutes and more, or with the name of one controller less.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import tempfile
 from tests.benchmarks.timing import Row, table
 
 TITLE = "Start of a navigator"
+CONTROLLERS = ("published", "ranging")
 
 STEP = """
 import sys, time
@@ -40,18 +41,22 @@ def waits(controller: str, how: str, folder: str) -> tuple[float, float]:
 
 
 def rows(device: str | None = None) -> list[Row]:
-    """Both controllers, first with an empty cache, then with what that left; both ways in turn."""
+    """Of both controllers."""
+    return [row for controller in CONTROLLERS for row in start_of(controller)]
+
+
+def start_of(controller: str) -> list[Row]:
+    """First with an empty cache, then with what that left; both ways in turn."""
     found = []
-    for controller in ("published", "ranging"):
-        with tempfile.TemporaryDirectory() as ours, tempfile.TemporaryDirectory() as plain:
-            for done, turns in (("compiled", 1), ("loaded", 3)):
-                pairs = [(waits(controller, "", ours), waits(controller, "plain", plain)) for _ in range(turns)]
-                (own, cost), (other, _) = min(a for a, _ in pairs), min(b for _, b in pairs)
-                against = f"`numba.njit(cache=True)` {other:.2f} s"
-                what = f"step of `{controller}`, {done}"
-                found.append(Row(what, f"{own:.2f} s", against, f"{other / own:.1f}x", cost))
+    with tempfile.TemporaryDirectory() as ours, tempfile.TemporaryDirectory() as plain:
+        for done, turns in (("compiled", 1), ("loaded", 3)):
+            pairs = [(waits(controller, "", ours), waits(controller, "plain", plain)) for _ in range(turns)]
+            (own, cost), (other, _) = min(a for a, _ in pairs), min(b for _, b in pairs)
+            against = f"`numba.njit(cache=True)` {other:.2f} s"
+            what = f"step of `{controller}`, {done}"
+            found.append(Row(what, f"{own:.2f} s", against, f"{other / own:.1f}x", cost))
     return found
 
 
 if __name__ == "__main__":
-    print(table(TITLE, rows()))
+    print(table(TITLE, [row for name in sys.argv[1:] or CONTROLLERS for row in start_of(name)]))
