@@ -25,30 +25,30 @@ def grey_row(frame: Array, beside: bool, y: int, left: int, every: int, unit: fl
     unit, count = kind(unit), kind(count)
     # One color stands for three. Loops with a known step become vector instructions.
     last = frame.shape[2 if beside else 0] - 1
-    share = unit / (count if last else kind(3) * count)
+    count = count if last else kind(3) * count
     if beside:
         line, step, middle = frame[y, left:].reshape(-1), every * (last + 1), last // 2
         if last == 2 and every == 1:
             for x in range(grey.shape[0]):
-                grey[x] = (kind(line[3 * x]) + kind(line[3 * x + 1]) + kind(line[3 * x + 2])) * share
+                grey[x] = (kind(line[3 * x]) + kind(line[3 * x + 1]) + kind(line[3 * x + 2])) * unit / count
         elif last == 2 and every == 2:
             for x in range(grey.shape[0]):
-                grey[x] = (kind(line[6 * x]) + kind(line[6 * x + 1]) + kind(line[6 * x + 2])) * share
+                grey[x] = (kind(line[6 * x]) + kind(line[6 * x + 1]) + kind(line[6 * x + 2])) * unit / count
         else:
             for x in range(grey.shape[0]):
                 k = step * x
-                grey[x] = (kind(line[k]) + kind(line[k + middle]) + kind(line[k + last])) * share
+                grey[x] = (kind(line[k]) + kind(line[k + middle]) + kind(line[k + last])) * unit / count
         return
     red, green, blue = frame[0, y, left:], frame[last // 2, y, left:], frame[last, y, left:]
     if every == 1:
         for x in range(grey.shape[0]):
-            grey[x] = (kind(red[x]) + kind(green[x]) + kind(blue[x])) * share
+            grey[x] = (kind(red[x]) + kind(green[x]) + kind(blue[x])) * unit / count
     elif every == 2:
         for x in range(grey.shape[0]):
-            grey[x] = (kind(red[2 * x]) + kind(green[2 * x]) + kind(blue[2 * x])) * share
+            grey[x] = (kind(red[2 * x]) + kind(green[2 * x]) + kind(blue[2 * x])) * unit / count
     else:
         for x in range(grey.shape[0]):
-            grey[x] = (kind(red[every * x]) + kind(green[every * x]) + kind(blue[every * x])) * share
+            grey[x] = (kind(red[every * x]) + kind(green[every * x]) + kind(blue[every * x])) * unit / count
 
 
 @inner
@@ -80,7 +80,7 @@ def as_whole(size: Array) -> Array:
 
 
 def view_of_whole(typing: Any, size: Any) -> Any:
-    """The array with another type; compiling `size.view` takes 20 times as long."""
+    """The array with another type; `size.view` does the same, but compiling it takes most of a second."""
     whole = size.copy(dtype=numba.types.Integer.from_bitwidth(size.dtype.bitwidth))
 
     def make(context: Any, builder: Any, signature: Any, given: Any) -> Any:
