@@ -24,6 +24,9 @@ STALL = 0.06
 PRIORITY = 20
 """Above the loop (3) and the simulated board (5), which therefore cannot delay the meter."""
 
+WINDOW = 0.25
+"""Several short stalls of one processor within this time count together, s: the wheels must stand within it."""
+
 ATTEMPTS = 3
 
 PATIENCE = 150.0
@@ -48,15 +51,16 @@ class StallMeter:
             time.sleep(0.01)
 
     def late(self, since):
-        """How late the meter woke, s, each time it did so since then."""
+        """When a thread woke late, how late, s, and on which processor, each time it did so since then."""
         text = self.file.read_text()
         lines = [line.split() for line in text[: text.rfind("\n") + 1].splitlines()]
-        return [float(seconds) for when, seconds in lines if float(when) > since]
+        woken = [(float(when), float(seconds), int(cpu)) for when, seconds, cpu in lines]
+        return [one for one in woken if one[0] > since]
 
     def worst(self, since):
-        """The longest stall that ended since then, s."""
+        """The most that a processor lost within a moment that ended since then, s."""
         time.sleep(0.1)  # until a stall that lasts has been noted
-        return max([*self.late(since), *(seconds for when, seconds in OTHERS if when > since)], default=0.0)
+        return max(lost(self.late(since)), *(seconds for when, seconds in OTHERS if when > since), 0.0)
 
     def close(self):
         self.process.stdin.close()
@@ -66,6 +70,16 @@ class StallMeter:
             self.process.kill()
             self.process.wait()
         self.folder.cleanup()
+
+
+def lost(woken):
+    """The most that one processor lost within `WINDOW`, s, of times when it woke, how late, and which it was."""
+    worst = 0.0
+    for cpu in {one[2] for one in woken}:
+        ours = [(when, late) for when, late, which in woken if which == cpu]
+        for end, _ in ours:
+            worst = max(worst, sum(late for when, late in ours if end - WINDOW < when <= end))
+    return worst
 
 
 class Again:
@@ -109,7 +123,7 @@ def measure(cpu, file):
         time.sleep(STEP)
         now = time.monotonic()
         if now - due > NOTED:
-            file.write(f"{now:.4f} {now - due:.4f}\n")
+            file.write(f"{now:.4f} {now - due:.4f} {cpu}\n")
 
 
 def main(path):

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from tests.stalls import ATTEMPTS, Again, StallMeter
+from tests.stalls import ATTEMPTS, Again, StallMeter, lost
 
 
 def attempts(outcomes, stalls):
@@ -36,6 +36,12 @@ def test_patience_ends():
     again.patience = 0.1
     assert again.run(lambda: time.sleep(0.06)) == (None, [0.3] * 3)  # the first attempt costs nothing
     assert again.run(lambda: time.sleep(0.06)) == (None, [0.3])
+
+
+def test_short_stalls_of_one_processor_count_together():
+    assert lost([]) == 0.0
+    assert lost([(1.0, 0.03, 0), (1.1, 0.03, 0), (1.2, 0.02, 0)]) == pytest.approx(0.08)
+    assert lost([(1.0, 0.03, 0), (1.1, 0.03, 1), (1.4, 0.02, 0)]) == pytest.approx(0.03)
 
 
 def test_the_meter_notices_a_stall():

@@ -201,6 +201,12 @@ class GridMap(nn.Module):
             tiles = add_at(tiles, at, now, self.odds.limit)
         return GridMapState(tiles)
 
+    def warm_up(self) -> None:
+        """Have the kernels ready that it uses once something is ranged."""
+        one, still = torch.ones(1, 1), torch.zeros(1)
+        right_ahead = Ranges(one, 0.1 * one, -0.1 * one, one, 0 * one, one > 0)
+        self.update(right_ahead, Pose(still, still, still))
+
     def beams(self, ranges: Ranges, pose: Pose) -> tuple[Tensor, Tensor]:
         """Numbers of cells and their weights, `[k]`, of one frame `[1, n]` by a kernel."""
         kind, grid, rig = ranges.x.dtype, self.grid, self.rig

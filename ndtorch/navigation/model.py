@@ -212,16 +212,31 @@ class Navigator(nn.Module):
             _, tracks = self.tracker(ranges, poses, tracks)
         return state._replace(map=grid, observations=seen, tracks=tracks)
 
-    def warm_up(self) -> None:
+    def warm_up(self, frame: Tensor | None = None) -> None:
         """Have the kernels ready that steps under `torch.inference_mode()` use, before a car depends on them.
 
         The first time they are compiled, which takes some seconds; later they are loaded.
+
+        Args:
+            frame: one like those that will come, `[1, C, H, W]`; kernels differ with its dtype and its layout. By
+                default a color picture as OpenCV has it, uint8, the colors of a pixel beside each other.
         """
-        blank = torch.zeros(1, 1, self.ranging.rig.height, self.ranging.rig.width, dtype=torch.uint8)
+        if frame is None:
+            height, width = self.ranging.rig.height, self.ranging.rig.width
+            frame = torch.zeros(1, height, width, 3, dtype=torch.uint8).permute(0, 3, 1, 2)
         with torch.inference_mode():
-            _, state = self(blank, blank)
-            self(blank, blank, state)
+            # Before a blank wall the car stands, and its parts look for a way, one after the other.
+            _, state = self(frame, frame)
+            self(frame, frame, state)
             self.controller.warm_up()
+            for memory in (self.grid_map, self.localiser):
+                if memory is not None:
+                    memory.warm_up()
+            # While it drives, one kernel does it.
+            eye = strips(frame)
+            step = WholeStep(self.whole_step().parts, watched=False)(eye, eye, None, None, None)
+            if step is not None:
+                self.after(step, eye, eye, None)
 
     def mode(self, state: NavigatorState) -> Tensor:
         """What the controller is doing, `[...]`: one of its `modes`, `CRUISE`, `TURN`, ..."""

@@ -31,6 +31,7 @@ from ndtorch.navigation.controllers.published import SaccadeAvoidance
 from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
 from ndtorch.navigation.controllers.subfields import SubfieldMotion
+from ndtorch.navigation.near_check import NearCheck
 from tests.benchmarks.timing import Row, reference, table
 
 DT = 1 / 30
@@ -138,6 +139,12 @@ def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
     start = control.start(torch.zeros(0), Pose(*torch.zeros(3)))
     moved = Command(torch.full((1,), 0.5), torch.zeros(1))
 
+    check = NearCheck(rig, control.fields)
+    eyes = ((left[0], right[0]), (left[0], right[0]))
+
+    def near() -> object:
+        return check(*eyes)
+
     def drive() -> object:
         return control(look(next_left, next_right, floor)[0], ranges, here, moved, start)
 
@@ -145,6 +152,7 @@ def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
         Timed("ranging controller", *median_time(drive), "floor cells, patch, free arcs, state machine"),
         avoider_row(),
         Timed("avoidance step", *median_time(avoid), "subfields, ND-min, maxima, state machine"),
+        Timed("near check of a car that stands", *median_time(near), "both rows compared, floor right ahead"),
         Timed("features, ranges and grid map", *median_time(range_and_map), f"5 features, {found} ranges"),
     ]
     for name, navigator in {

@@ -8,7 +8,9 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Command, Navigator, Pose, StereoRig
-from ndtorch.navigation.near_check import NearParams, floor_likeness, near_things
+from ndtorch.navigation.near_floor import floor_likeness
+from ndtorch.navigation.near_params import NearParams
+from ndtorch.navigation.near_things import compared, compared_by_kernel, near_things
 
 RIG = StereoRig(forward=0.15)
 DT = 1 / 30
@@ -41,14 +43,17 @@ def pair(wall, floor=0.15, paint=0.15, turned_down=0.0):
     return frames
 
 
-def looked(left, right):
+def looked(left, right, by_kernel=False):
     rects = Navigator(RIG, DT).controller.fields
     fields = [
         eye[0, 0, r.top : r.bottom, r.left : r.right].numpy() / np.float32(255)
         for eye, r in zip((left, right), rects, strict=True)
     ]
     rows = [eye[0, 0, RIG.row].numpy() / np.float32(255) for eye in (left, right)]
-    return near_things(*rows, RIG, NearParams()), floor_likeness(*fields, rects, RIG, NearParams())
+    return (
+        near_things(*rows, RIG, NearParams(), by_kernel),
+        floor_likeness(*fields, rects, RIG, NearParams(), by_kernel),
+    )
 
 
 @pytest.mark.parametrize("wall", [0.35, 0.5, 0.8])
@@ -79,6 +84,25 @@ def test_what_stands_beside_does_not_hide_the_floor_ahead():
         beside = torch.from_numpy((rows > 239) & (np.abs(y) > 0.3))
         frame[0, 0][beside] = torch.from_numpy(chance.integers(0, 256, int(beside.sum()), dtype=np.uint8))
     assert looked(*frames)[1] > 0.9
+
+
+@pytest.mark.parametrize("frames", [(0.35,), (0.8,), (3.0,), (3.0, 0.15, 0.15, 0.04), (0.4, 0.15, 0.0), (3.0, 0.0)])
+def test_kernels_see_the_same(frames):
+    pytest.importorskip("numba")
+    drawn = pair(*frames)
+    (things, likeness), (also, too) = looked(*drawn), looked(*drawn, by_kernel=True)
+    assert np.array_equal(things.x, also.x)
+    assert np.array_equal(things.y, also.y)
+    assert too == pytest.approx(likeness, abs=1e-4)
+
+
+def test_kernels_see_the_same_beyond_the_rows():
+    """A narrow image, where no window of the nearest disparities fits."""
+    pytest.importorskip("numba")
+    chance = np.random.default_rng(3)
+    left, right = (chance.random(60, dtype=np.float32) for _ in range(2))
+    for ours, theirs in zip(compared(left, right, 1, 43, 8), compared_by_kernel(left, right, 1, 43, 8), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-6)
 
 
 def test_what_cannot_be():

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.quick import QuickControl
-from ndtorch.navigation.near_check import Near
+from ndtorch.navigation.near_things import Near
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import Rect, StereoRig

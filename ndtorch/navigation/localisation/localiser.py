@@ -92,6 +92,16 @@ class Localiser(nn.Module):
         self.known = known
         self.picture = None if known is None else draw(known, self.params)
 
+    def warm_up(self) -> None:
+        """Have the kernels ready that it uses once it has seen something."""
+        ahead = np.linspace(1.0, 2.0, 8)
+        wall, here = Scan(ahead, ahead - 1.5, np.ones_like(ahead)), (0.0, 0.0, 0.0)
+        walls = add_scan(empty_walls(self.params), wall, here, self.params)
+        fit_scan(walls, wall, here, (0.1, 0.1), self.params)
+        if self.picture is not None:
+            pattern = torch.from_numpy(np.stack((wall.x, wall.y), -1))
+            vote(no_hunt()._replace(pattern=pattern, turn=number(0.0)), self.picture, self.params)
+
     def due(self, state: LocaliserState | None) -> bool:
         """Whether the next step looks at its rows."""
         return state is None or int(state.age) % self.every == 0

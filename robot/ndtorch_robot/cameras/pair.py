@@ -78,6 +78,7 @@ class StereoCameras:
         self.count = self.seen = 0
         self.played: list[Capture] = []
         self.readers: list[CameraReader] = []
+        self.begun = False
         try:
             if settings.pace == "read" and not any(source.live for source in self.sources):
                 self.played = [opener(source, settings) for source in self.sources]
@@ -89,19 +90,27 @@ class StereoCameras:
             raise
 
     def start(self, opener: Opener) -> None:
-        """Start both readers, the right one when the left one gives frames."""
+        """Open both, and start the readers of cameras, the right one when the left one gives frames.
+
+        Files begin to play when they are first read: who reads may have to get ready before.
+        """
         for side, source in enumerate(self.sources):
             reader = CameraReader(source, self.settings, opener, partial(self.add, side))
             self.readers.append(reader)
         captures = [reader.capture for reader in self.readers if reader.capture is not None]
         self.check_lengths(captures)
-        live = any(source.live for source in self.sources)
+        if any(source.live for source in self.sources):
+            self.begin(one_after_the_other=True)
+
+    def begin(self, one_after_the_other: bool = False) -> None:
+        """Let the readers run; which camera does not come is told by one after the other."""
         start = time.monotonic() + 0.05
         for side, reader in enumerate(self.readers):
             reader.due = start
             reader.thread.start()
-            if live:  # one after the other tells which one does not come
+            if one_after_the_other:
                 self.wait_for_first(side)
+        self.begun = True
 
     def check_lengths(self, captures: list[Capture]) -> None:
         """Two folders must hold as many images; what a video says of its length is not always true."""
@@ -169,6 +178,8 @@ class StereoCameras:
 
     def next_pair(self) -> Pair:
         """Wait for a pair that was not read before."""
+        if not self.begun:
+            self.begin()
         limit = self.settings.max_age_ms / 1e3
         began = time.monotonic()
         with self.changed:

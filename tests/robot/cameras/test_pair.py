@@ -102,6 +102,14 @@ def test_files_at_their_rate(tmp_path):
     assert times[-1] - times[0] == pytest.approx(11 / 30, abs=1e-6)
 
 
+def test_a_film_begins_when_it_is_first_read(tmp_path):
+    """Who reads may have to get ready before, for longer than the film lasts."""
+    left, right = folder_of(tmp_path / "l", 3), folder_of(tmp_path / "r", 3)
+    with StereoCameras(CameraSettings(left=str(left), right=str(right), rate_hz=25, max_age_ms=5000, **SMALL)) as films:
+        time.sleep(0.3)
+        assert taken_or_none(films) is not None
+
+
 @pytest.mark.realtime
 def test_newest_pair_only_and_each_once():
     with live(LiveCapture(), LiveCapture(phase=0.002)) as cameras:

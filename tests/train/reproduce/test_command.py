@@ -12,6 +12,7 @@ import pytest
 
 from ndtorch.commands import main
 from ndtorch_train.reproduce.claims import CLAIMS, chosen
+from ndtorch_train.reproduce.command import looking_at
 from ndtorch_train.reproduce.context import ResultCache
 from ndtorch_train.reproduce.page import BEGIN, END
 
@@ -135,6 +136,14 @@ def test_a_full_disk_is_one_line(
     monkeypatch.setattr("ndtorch_train.reproduce.page.write_text", full)
     assert main(["reproduce", "A3", "--out", str(tmp_path), "--jobs", "1"]) == 2
     assert capsys.readouterr().err.splitlines()[-1].endswith("cannot be written: No space left on device")
+
+
+def test_the_clip_goes_to_both_tries() -> None:
+    claim = looking_at(chosen(["B9"])[0], Path("road.mp4"))
+    assert claim.better is not None
+    assert (claim.full["clip"], claim.better.full["clip"]) == ("road.mp4", "road.mp4")
+    other = chosen(["B7"])[0]
+    assert looking_at(other, Path("road.mp4")) is other
 
 
 HOLD = {"A1", "A2", "A3", "B2", "B3", "B4", "B5", "B6", "C1", "C2", "C4", "C7"}

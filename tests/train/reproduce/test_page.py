@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ndtorch_train.reproduce.page import BEGIN, END, put_table
+from ndtorch_train.reproduce.claims import chosen
+from ndtorch_train.reproduce.outcome import Outcome
+from ndtorch_train.reproduce.page import BEGIN, END, Entry, as_json, markdown, not_run, page, put_table, tally
 
 
 def test_a_table_goes_behind_a_file_without_marks(tmp_path: Path) -> None:
@@ -12,3 +14,37 @@ def test_a_table_goes_behind_a_file_without_marks(tmp_path: Path) -> None:
     put_table(path, "| t |\n")
     put_table(path, "| u |\n")
     assert path.read_text() == f"{BEGIN}\n| u |\n{END}\n"
+
+
+def entries() -> list[Entry]:
+    """A claim that holds, one that holds with better parts only, and one whose better parts were not tried."""
+    holds, fails, slow = chosen(["A3", "B7", "C8"])
+    assert fails.better is not None
+    assert slow.better is not None
+    with_them = Entry(fails.better, Outcome("80 of 90", "holds", "Because."), {"seconds": 1}, [], None)
+    return [
+        Entry(holds, Outcome("yes", "holds", ""), {}, [], None),
+        Entry(fails, Outcome("31 of 90", "partly", "Too few."), {}, [], None, with_them),
+        Entry(slow, Outcome("one", "does not hold", ""), {}, [], None, not_run(slow.better)),
+    ]
+
+
+def test_the_second_verdict_is_counted_only_where_it_was_tried() -> None:
+    words = "1 holds, 1 partly, 1 does not hold; with the better parts 2 holds, 1 does not hold"
+    assert tally(entries()) == words
+    assert tally(entries()[:1]) == "1 holds"
+
+
+def test_both_verdicts_stand_in_table_json_and_page() -> None:
+    (_, row, _) = [
+        line for line in markdown(entries(), False, "x").splitlines() if line[:4] in ("| A3", "| B7", "| C8")
+    ]
+    assert "| **partly** | Too few. | holds, the scale-free model: 80 of 90. Because. |" in row
+    first, second, _ = map(as_json, entries())
+    assert first["better"] is None
+    assert (second["verdict"], second["better"]["verdict"]) == ("partly", "holds")
+    assert second["better"]["parts"] == "the scale-free model"
+    assert "tolerance" not in second["better"]
+    text = page(entries(), False, "x")
+    assert "with the better parts" in text
+    assert "the scale-free model: 80 of 90. Because." in text

@@ -2,17 +2,30 @@
 
 Tolerances were written down before the results were looked at, with three exceptions: B4's says "to one digit" since
 0.59 and 0.83 were seen, A5 moved from the curved hallway, which bends one way only, to the room, and C9's became
-stricter when every neuron was seen to own an object.
+stricter when every neuron was seen to own an object. Where a claim does not hold, or only in part, the same is tried
+once more with parts that came later, within the same tolerance.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from ndtorch.errors import InputError
 from ndtorch.nearest import meant
-from ndtorch_train.reproduce import bars, driving, first_stage, mapping, mixtures, objects, sensors, two_neurons, video
+from ndtorch_train.reproduce import (
+    bars,
+    better,
+    driving,
+    first_stage,
+    mapping,
+    mixtures,
+    objects,
+    sensors,
+    two_neurons,
+    video,
+)
 from ndtorch_train.reproduce.drives import DRIVES
 from ndtorch_train.reproduce.outcome import Claim
 from ndtorch_train.reproduce.signals import BINDING, HOUSE
@@ -36,9 +49,17 @@ def _claim(
     quick: dict[str, Any] | None,
     seconds: tuple[float, float],
     uses: tuple[str, ...],
+    better: tuple[str, Any, dict[str, Any], dict[str, Any] | None, tuple[float, float]] | None = None,
 ) -> Claim:
     # The experiment's own file, and what it uses.
-    return Claim(id, source, text, printed, tolerance, run, full, quick, seconds, (run.__module__, *uses))
+    claim = Claim(id, source, text, printed, tolerance, run, full, quick, seconds, (run.__module__, *uses))
+    if better is None:
+        return claim
+    parts, again, whole, short, cost = better
+    # It may draw as the first experiment does.
+    used = (again.__module__, run.__module__, *uses)
+    one = Claim(f"{id}+", source, text, printed, tolerance, again, whole, short, cost, used, parts=parts)
+    return replace(claim, better=one)
 
 
 CLAIMS: tuple[Claim, ...] = (
@@ -66,6 +87,9 @@ CLAIMS: tuple[Claim, ...] = (
          "other_seconds": 120.0},
         {"curve_seeds": [0], "curve_seconds": 30.0, "other": ["loop"], "seed": 1, "other_seconds": 30.0},
         (200, 10), MAPS,
+        ("the ranging controller", driving.free_driving,
+         {"curve_seeds": SEEDS, "curve_seconds": 300.0, "other": ["loop", "room", "office"], "seed": 1,
+          "other_seconds": 120.0, "controller": "ranging"}, None, (600, 0)),
     ),
     _claim(
         "A5", "A fig. 7", "the difference of both sides starts saccades away from the faster side",
@@ -92,6 +116,9 @@ CLAIMS: tuple[Claim, ...] = (
         mapping.feature_count,
         {"seeds": SEEDS, "seconds": 36.0, "counts": [1, 2, 3, 4, 5, 6, 7, 8, 10, 12]},
         {"seeds": [0], "seconds": 20.0, "counts": [1, 2, 3, 5, 7, 10]}, (40, 5), MAPS,
+        ("features at the edges that moved, to a fraction of a pixel", mapping.feature_count,
+         {"seeds": SEEDS, "seconds": 36.0, "counts": [1, 2, 3, 4, 5, 6, 7, 8, 10, 12], "places": "edges"},
+         None, (40, 0)),
     ),
     _claim(
         "A9", "A §2.3", "thousands of frames a second", "thousands", "over 1000 a second",
@@ -120,8 +147,9 @@ CLAIMS: tuple[Claim, ...] = (
     _claim(
         "B5", "B fig. 8", "two bars: exactly a red and a green object, and their features",
         "red: right > down, 0° ~ 120°; green: left > down, 0°, 60°; largest weight 0.85", "these owners; .10",
-        bars.two_bars, {"seconds": 15.0, "phase_step": 15, "rendered_phases": [165.0, 180.0, 195.0]},
-        {"seconds": 15.0, "phase_step": 30, "rendered_phases": []}, (30, 8), BIND,
+        bars.two_bars,
+        {"seconds": 15.0, "phase_step": 15, "rendered_phases": [165.0, 180.0, 195.0], "later": 60.0},
+        {"seconds": 15.0, "phase_step": 30, "rendered_phases": [], "later": 15.0}, (40, 8), BIND,
     ),
     _claim(
         "B6", "B fig. 9", "a first stage trained to a radius of 0.1 makes learning far slower, or wrong",
@@ -132,6 +160,8 @@ CLAIMS: tuple[Claim, ...] = (
         "B7", "B fig. 10", "one, two, three bars are one, two, three objects", "1, 2, 3",
         "at the default phase, and three bars at over half of 90 combinations of phase and offset",
         bars.number_of_bars, {"seconds": 15.0, "phase_step": 20, "offset_step": 10}, None, (18, 0), BIND,
+        ("the scale-free model", better.number_of_bars,
+         {"seconds": 15.0, "phase_step": 20, "offset_step": 10}, None, (18, 0)),
     ),
     _claim(
         "B8", "B fig. 11", "distance and random shadow do as well as sine shadow", "red and green each time",
@@ -142,12 +172,15 @@ CLAIMS: tuple[Claim, ...] = (
         "B9", "B fig. 12", "a real video of one moving object: one column", "one column, left, 0.53",
         "one column above a tenth of the largest weight",
         video.one_object, {"seed": 0, "clip": ""}, None, (25, 0), BIND,
+        ("the video model", better.one_object, {"seed": 0, "clip": ""}, None, (20, 0)),
     ),
     _claim(
         "B10", "B §3.4.1", "learning rates over 10 times larger learn stably as well", "data not shown",
         "right at 90 % as many phases as the usual rate",
         bars.learning_rates, {"seconds": 15.0, "phase_step": 15, "rates": RATES},
         {"seconds": 15.0, "phase_step": 60, "rates": [0.5, 5.0]}, (6, 3), BIND,
+        ("the scale-free model", better.learning_rates,
+         {"seconds": 15.0, "phase_step": 15, "times": [1.0, 2.0, 5.0, 10.0]}, None, (20, 0)),
     ),
     _claim(
         "C1", "C fig. 3", "the competitive rule solves it, the cooperative one does not", "figure",
@@ -190,6 +223,8 @@ CLAIMS: tuple[Claim, ...] = (
         "three objects",
         objects.equal_bars, {"seconds": 15.0, "kinds": ["shadow", "distance", "random"]},
         {"seconds": 15.0, "kinds": ["shadow"]}, (16, 5), BIND,
+        ("the retinotopic model", better.equal_objects,
+         {"seconds": 15.0, "kinds": ["shadow", "distance", "random"], "size": 500}, None, (60, 0)),
     ),
     _claim(
         "C9", "C §5.5.2", "objects that leave are forgotten, new ones learned", "claimed, not shown",
@@ -197,6 +232,9 @@ CLAIMS: tuple[Claim, ...] = (
         objects.scene_change,
         {"before": 15.0, "after": 30.0, "phases": PHASES, "offsets": [0.0, 20.0, 40.0]},
         {"before": 15.0, "after": 15.0, "phases": [90.0, 270.0], "offsets": [20.0]}, (8, 4), BIND,
+        ("the scale-free model", better.scene_change,
+         {"before": 15.0, "after": 30.0, "phases": PHASES, "offsets": [0.0, 20.0, 40.0]},
+         {"before": 15.0, "after": 15.0, "phases": [90.0, 270.0], "offsets": [20.0]}, (15, 6)),
     ),
 )  # fmt: skip
 """Every claim."""

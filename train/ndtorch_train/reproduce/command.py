@@ -55,6 +55,7 @@ class Reproduce:
         from ndtorch.report.page import NAME, open_in_browser
         from ndtorch_train.reproduce.claims import chosen
         from ndtorch_train.reproduce.context import code_of
+        from ndtorch_train.reproduce.outcome import with_better
         from ndtorch_train.reproduce.page import markdown, publish, put_table, tally
 
         claims = chosen(self.ids)
@@ -65,7 +66,8 @@ class Reproduce:
         jobs = cores() if self.jobs is None else self.jobs
         if jobs < 1:
             raise InputError(f"--jobs must be at least 1, got {jobs}")
-        made_by = {claim.id: [code_of(claim.uses), claim.parameters(self.quick)] for claim in claims}
+        tried = with_better(claims)
+        made_by = {claim.id: [code_of(claim.uses), claim.parameters(self.quick)] for claim in tried}
         settings = {"command": "reproduce", "quick": self.quick, "claims": made_by}
         place = place_for(self.out, settings, self.fresh, self.force)
         place.take_over("cache")
@@ -82,6 +84,9 @@ class Reproduce:
         else:
             for entry in entries:
                 print(f"{entry.claim.id:4}{entry.outcome.verdict:17}{entry.outcome.ours}")
+                if entry.better is not None:
+                    claim, outcome, *_ = entry.better
+                    print(f"{claim.id:4}{outcome.verdict:17}{claim.parts}: {outcome.ours}")
             print(f"{tally(entries)}; written to {out / NAME}")
         if self.open:
             open_in_browser(out / NAME)
@@ -97,13 +102,14 @@ class Reproduce:
     def collect(self, claims: Sequence[Claim], jobs: int, out: Path) -> tuple[list[Entry], dict[str, str]]:
         """Results of all claims, from the cache or computed now, and why some could not be had."""
         from ndtorch_train.reproduce.context import ResultCache
+        from ndtorch_train.reproduce.outcome import with_better
         from ndtorch_train.reproduce.page import Entry, not_run
 
         store = ResultCache(out / "cache")
         store.folder.mkdir(exist_ok=True)
         store.tidy()
         todo, other_code = [], []
-        for claim in claims:
+        for claim in with_better(claims):
             if claim.parameters(self.quick) is None:
                 continue
             result, outdated = store.load(claim, self.quick)
@@ -114,16 +120,19 @@ class Reproduce:
         if other_code:
             print(f"note: results of {', '.join(other_code)} are of other code and not used", file=sys.stderr)
         failed = compute(todo, self.quick, jobs, store.folder)
-        entries = []
-        for claim in claims:
+
+        def entry(claim: Claim) -> Entry | None:
+            """What is known of a claim; None if it could not be tried."""
+            better = None if claim.better is None else entry(claim.better)
             if claim.parameters(self.quick) is None:
-                entries.append(not_run(claim))
-                continue
+                return not_run(claim)._replace(better=better)
             result, _ = store.load(claim, self.quick)
-            if result is not None:
-                place = store.place(claim, self.quick)
-                entries.append(Entry(claim, result["outcome"], result["parameters"], result["drawings"], place))
-        return entries, failed
+            if result is None:
+                return None
+            place = store.place(claim, self.quick)
+            return Entry(claim, result["outcome"], result["parameters"], result["drawings"], place, better)
+
+        return [found for found in map(entry, claims) if found is not None], failed
 
 
 def compute(claims: Sequence[Claim], quick: bool, jobs: int, folder: Path) -> dict[str, str]:
@@ -176,4 +185,7 @@ def _task(task: tuple[Claim, str], report: Report, *, quick: bool, folder: Path)
 
 def looking_at(claim: Claim, clip: Path) -> Claim:
     """A claim that looks at this clip too, if it is one that looks at clips."""
-    return replace(claim, full=dict(claim.full) | {"clip": str(clip)}) if "clip" in claim.full else claim
+    if "clip" not in claim.full:
+        return claim
+    better = None if claim.better is None else looking_at(claim.better, clip)
+    return replace(claim, full=dict(claim.full) | {"clip": str(clip)}, better=better)

@@ -59,19 +59,29 @@ def path_panel(axes: Any, seen: Recorded) -> None:
 
 
 def free_driving(
-    context: Context, curve_seeds: list[int], curve_seconds: float, other: list[str], seed: int, other_seconds: float
+    context: Context,
+    curve_seeds: list[int],
+    curve_seconds: float,
+    other: list[str],
+    seed: int,
+    other_seconds: float,
+    controller: str = "published",
 ) -> Outcome:
     """The curved hallway for minutes, and arenas with walls met head-on."""
     tasks = [("curve", s, curve_seconds) for s in curve_seeds] + [(a, seed, other_seconds) for a in other]
+    published = controller == "published"
+    # What stands beside the controller is published with it, or as the package has it.
+    options: dict[str, Any] = {} if published else {"controller": controller, "features": 7, "places": "edges"}
     drives = []
     for n, (arena, s, seconds) in enumerate(tasks):
-        drives.append(recorded(context, arena, s, seconds, (n / len(tasks), (n + 1) / len(tasks))))
+        drives.append(recorded(context, arena, s, seconds, (n / len(tasks), (n + 1) / len(tasks)), **options))
     shown = [drives[0], *drives[len(curve_seeds) :]]
     figure, axes = panels(1, len(shown), 6.2 * len(shown), 6)
     for one, seen in zip(axes, shown, strict=True):
         path_panel(one, seen)
-    caption = "Paths of the published rule: a hallway whose walls are met obliquely, and arenas with walls met head-on."
-    context.draw("A8-paths", figure, "A fig. 8", caption, drives=tasks)
+    caption = f"Paths of the {controller} controller: a hallway whose walls are met obliquely, and walls met head-on."
+    name = "A8-paths" if published else f"A8-paths-{controller}"
+    context.draw(name, figure, "A fig. 8", caption, drives=tasks)
 
     def troubles(seen: Recorded) -> int:
         return len(seen.collisions) + len(seen.stops)
@@ -93,8 +103,10 @@ def free_driving(
     words = [f"{d.arena} {len(d.collisions)} hits, {len(d.stops)} stops in {other_seconds:.0f} s" for d in rest]
     ours = f"curve {fine:.1f} min without trouble; " + "; ".join(words)
     first = [n["first trouble at"] for n in numbers.values() if n["first trouble at"] is not None]
-    why = "Walls met obliquely are avoided. At walls met head-on it stops for good (both sides low) or hits them"
-    why += f", the first time after {min(first):.0f}-{max(first):.0f} s." if first else "."
+    why = f"The first trouble comes after {min(first):.0f}-{max(first):.0f} s." if first else ""
+    if published:
+        head_on = "At walls met head-on it stops for good (both sides low) or hits them."
+        why = f"Walls met obliquely are avoided. {head_on} {why}".strip()
     return judged(context, ours, why, parts, numbers)
 
 

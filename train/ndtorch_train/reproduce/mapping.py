@@ -11,6 +11,7 @@ from torch import Tensor
 from ndtorch.navigation import FeatureParams, Ranges, StereoRig
 from ndtorch.navigation.certainty import beam, certainty
 from ndtorch.navigation.features import Features, find_features
+from ndtorch.navigation.options import EDGE_REACH
 from ndtorch.navigation.prediction import PredictedFeatures
 from ndtorch.vision import NDMin
 from ndtorch_train.recorded import RATE, Recorded, map_of, quality, ranges_of, score_of
@@ -245,13 +246,17 @@ def show_map(axes: Any, seen: Recorded) -> None:
     axes.imshow(image, origin="lower", extent=extent, zorder=2, interpolation="nearest", aspect="equal")
 
 
-def feature_count(context: Context, seeds: list[int], seconds: float, counts: list[int]) -> Outcome:
-    """Maps of the same drives with 1 to 12 features a frame."""
+def feature_count(
+    context: Context, seeds: list[int], seconds: float, counts: list[int], places: str = "motion"
+) -> Outcome:
+    """Maps of the same drives with 1 to 12 features a frame; `places` as in `NavigatorOptions`."""
+    edges = places == "edges"
     found = np.full((len(seeds), len(counts), 3), np.nan)
     for i, seed in enumerate(seeds):
         seen = recorded(context, "hallway", seed, seconds, (i / len(seeds), (i + 0.5) / len(seeds)))
         for j, count in enumerate(counts):
-            score = score_of(seen, map_of(seen, ranges_of(seen, FeatureParams(count=count)), 3.0))
+            params = FeatureParams(count, edge_reach=EDGE_REACH, shared=True) if edges else FeatureParams(count)
+            score = score_of(seen, map_of(seen, ranges_of(seen, params), 3.0))
             found[i, j] = score["precision"] or 0, score["recall"] or 0, quality(score)
             context.report((i + 0.5 + 0.5 * j / len(counts)) / len(seeds))
     mean = found.mean(0)
@@ -265,7 +270,8 @@ def feature_count(context: Context, seeds: list[int], seconds: float, counts: li
     one.set(xlabel="features a frame", ylabel="share", ylim=(0, 1), title="hallway maps, mean and range of the seeds")
     one.legend(frameon=False, title="both: harmonic mean")
     words = "Precision, recall and their harmonic mean of hallway maps against the number of features (grey: 3 to 7)."
-    context.draw("A-feature-count", figure, "A Methods", words, seeds=seeds, counts=counts, seconds=seconds)
+    name = "A-feature-count-edges" if edges else "A-feature-count"
+    context.draw(name, figure, "A Methods", words, seeds=seeds, counts=counts, seconds=seconds, places=places)
     best = counts[int(mean[:, 2].argmax())]
     inside = [m for c, m in zip(counts, mean[:, 2], strict=True) if 3 <= c <= 7]
     parts = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -42,6 +42,9 @@ class Claim:
         quick: those of `--quick`; None where there is no quick form.
         seconds: how long it takes on one core, full and quick, to order the work and guess the time left.
         uses: modules and packages whose code the result depends on, as `ndtorch.code_digest` takes them.
+        better: the same claim, source and tolerance, tried with parts that came later; its name ends in +. None where
+            the claim holds as published, or where there are none.
+        parts: which parts those are; empty for the published ones.
     """
 
     id: str
@@ -54,6 +57,8 @@ class Claim:
     quick: Mapping[str, Any] | None
     seconds: tuple[float, float]
     uses: tuple[str, ...]
+    better: Claim | None = None
+    parts: str = ""
 
     def parameters(self, quick: bool) -> Mapping[str, Any] | None:
         """The parameters of that kind of run."""
@@ -75,6 +80,11 @@ class Drawing:
     title: str
     caption: str
     parameters: dict[str, Any]
+
+
+def with_better(claims: Sequence[Claim]) -> list[Claim]:
+    """The claims, and behind each the same with better parts, where there are any."""
+    return [one for claim in claims for one in (claim, claim.better) if one is not None]
 
 
 def verdict_of(*parts: bool) -> Verdict:

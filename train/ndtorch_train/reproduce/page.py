@@ -25,13 +25,25 @@ BEGIN, END = "<!-- claims: begin -->", "<!-- claims: end -->"
 
 
 class Entry(NamedTuple):
-    """A claim with what came out, its figures `[{name, title, caption, parameters}]`, and the folder they are in."""
+    """A claim with what came out, its figures `[{name, title, caption, parameters}]`, the folder they are in, and the
+    same with better parts."""
 
     claim: Claim
     outcome: Outcome
     parameters: dict[str, Any]
     drawings: list[dict[str, Any]]
     place: Path | None
+    better: Entry | None = None
+
+    @property
+    def best(self) -> Entry:
+        """With the better parts, where they were tried."""
+        return self if self.better is None or not self.better.tried else self.better
+
+    @property
+    def tried(self) -> bool:
+        """Whether anything was measured."""
+        return self.outcome.verdict != "not run in quick"
 
 
 def not_run(claim: Claim) -> Entry:
@@ -44,7 +56,7 @@ def publish(entries: Sequence[Entry], out: Path, quick: bool, command: str) -> N
     """Write report.html, claims.json and figures/ into `out`."""
     figures = out / "figures"
     figures.mkdir(parents=True, exist_ok=True)
-    for entry in entries:
+    for entry in [one for pair in entries for one in (pair, pair.better) if one is not None]:
         for drawing in entry.drawings:
             for kind in ("svg", "png"):
                 assert entry.place is not None
@@ -57,6 +69,11 @@ def publish(entries: Sequence[Entry], out: Path, quick: bool, command: str) -> N
 def as_json(entry: Entry) -> dict[str, Any]:
     """A claim as claims.json has it."""
     claim, outcome = entry.claim, entry.outcome
+    better = None
+    if entry.better is not None:
+        same = ("id", "source", "claim", "printed", "tolerance", "better")
+        better = {"parts": entry.better.claim.parts}
+        better |= {key: value for key, value in as_json(entry.better).items() if key not in same}
     return {
         "id": claim.id,
         "source": claim.source,
@@ -69,13 +86,21 @@ def as_json(entry: Entry) -> dict[str, Any]:
         "parameters": entry.parameters,
         "numbers": outcome.numbers,
         "figures": [drawing["name"] for drawing in entry.drawings],
+        "better": better,
     }
 
 
 def tally(entries: Sequence[Entry]) -> str:
-    """How many claims hold."""
-    counts = {verdict: sum(e.outcome.verdict == verdict for e in entries) for verdict in COLORS}
-    return ", ".join(f"{n} {verdict}" for verdict, n in counts.items() if n)
+    """How many claims hold, as published and with the better parts."""
+
+    def counted(verdicts: list[str]) -> str:
+        counts = {verdict: verdicts.count(verdict) for verdict in COLORS}
+        return ", ".join(f"{n} {verdict}" for verdict, n in counts.items() if n)
+
+    words = counted([e.outcome.verdict for e in entries])
+    if any(e.best is not e for e in entries):
+        words += f"; with the better parts {counted([e.best.outcome.verdict for e in entries])}"
+    return words
 
 
 def markdown(entries: Sequence[Entry], quick: bool, command: str) -> str:
@@ -84,16 +109,25 @@ def markdown(entries: Sequence[Entry], quick: bool, command: str) -> str:
     def cell(text: str) -> str:
         return text.replace("|", "\\|").replace("\n", " ")
 
+    def said(outcome: Outcome) -> str:
+        return f"**{outcome.verdict}**" if outcome.verdict != "holds" else "holds"
+
     lines = [
         f"Written by `{command}`: {tally(entries)}." + (" A quick run: fewer or shorter trials." if quick else ""),
         "",
-        "| | claim | printed | ours | tolerance | verdict | why |",
-        "|---|---|---|---|---|---|---|",
+        "| | claim | printed | ours | tolerance | verdict | why | with the better parts |",
+        "|---|---|---|---|---|---|---|---|",
     ]
-    for claim, outcome, *_ in entries:
+    for entry in entries:
+        claim, outcome = entry.claim, entry.outcome
         cells = [f"{claim.text} [{claim.source}]", claim.printed, outcome.ours, claim.tolerance]
-        verdict = f"**{outcome.verdict}**" if outcome.verdict != "holds" else "holds"
-        lines.append(f"| {claim.id} | {' | '.join(map(cell, cells))} | {verdict} | {cell(outcome.why)} |")
+        cells += [said(outcome), outcome.why]
+        if entry.better is None:
+            cells.append("")
+        else:
+            parts, with_them = entry.better.claim.parts, entry.better.outcome
+            cells.append(f"{said(with_them)}, {parts}: {with_them.ours}. {with_them.why}")
+        lines.append(f"| {claim.id} | {' | '.join(map(cell, cells))} |")
     return "\n".join(lines) + "\n"
 
 

@@ -76,14 +76,18 @@ class ScoreOptions:
     """Show report.html in the browser when it is written."""
     labelled: Path | None = None
     """Folder of clips with others' truth (clip.mp4 with gt.txt or masks.mkv): score on them instead (labelled.csv)."""
+    empty: Path | None = None
+    """A picture or video: score on noise, rain, changing light and leaves over its first frame, where nothing is."""
+    empty_seconds: float = 60.0
+    """Empty: length of each of these clips."""
     methods: tuple[str, ...] = LABELLED
-    """Labelled and common fate: what to compare; labelled: folders of models too."""
+    """Labelled, empty and common fate: what to compare; the first two: folders of models too."""
     common_fate: int = 0
     """Scenes of random dots of every condition: score who finds what moves together instead (common-fate.csv)."""
     disparities: tuple[int, int] = (8, 128)
     """Ranges: least and largest disparity that count, pixels."""
     rows: int = 0
-    """Labelled: height of the frames that all methods get; 0 for their own."""
+    """Labelled and empty: height of the frames that all methods get; 0 for their own."""
 
     gone: ClassVar[dict[str, str]] = {"--rates": "it is called --fps now"}
 
@@ -135,9 +139,15 @@ class ScoreOptions:
 
             return RangeScore(Path(self.what[1]), self.disparities, told)
         if self.labelled is not None:
-            from ndtorch_train.score.labelled.command import Comparison
+            from ndtorch_train.score.labelled.command import Comparison, labelled_clips
 
-            return Comparison(self.labelled, self.methods, self.rows, told)
+            return Comparison(labelled_clips(self.labelled), self.methods, self.rows, told)
+        if self.empty is not None:
+            from ndtorch_train.score.labelled.command import Comparison
+            from ndtorch_train.score.labelled.empty import empty_clips
+
+            clips = empty_clips(self.empty, self.empty_seconds, self.split)
+            return Comparison(clips, self.methods, self.rows, told)
         if self.common_fate:
             if self.common_fate < 0:
                 raise InputError(f"common-fate must be a number of scenes >= 0, got {self.common_fate}")

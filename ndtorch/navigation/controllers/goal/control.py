@@ -32,7 +32,7 @@ from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.controllers.ranging.decision import decide
 from ndtorch.navigation.controllers.ranging.patch import Patch, cell_numbers, move_patch
 from ndtorch.navigation.controllers.registry import register
-from ndtorch.navigation.near_check import Near
+from ndtorch.navigation.near_things import Near
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import StereoRig
@@ -182,6 +182,11 @@ class GoalControl(Controller):
         origin = torch.zeros(())
         state = self.start(torch.zeros_like(self.look.view.x), Pose(origin, origin, origin))  # type: ignore[union-attr, arg-type]
         self.replan(state, (0.0, 0.0, 0.0))
+        # Where nothing is seen there is nowhere to go.
+        patch, p = self.params.reactive.patch, self.params.way
+        around = surroundings(state.reactive.patch.evidence, 0.0, 0.0, patch, 1.0, 1.0)
+        ahead = to_place(around, (1.0, 0.0), p)
+        plan(around, clearance(around.blocked, around.cell), ahead, (0.0, 0.0, 0.0), 0.0, 1.0, p)
 
     def rays(self, ranges: Ranges) -> tuple[Tensor, Tensor]:
         """Places on the lines of sight, and what is taken from each."""

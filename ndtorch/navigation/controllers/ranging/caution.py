@@ -8,7 +8,7 @@ from torch import Tensor
 from ndtorch.navigation.controllers.contract import STOPPED, SUPPRESSED
 from ndtorch.navigation.controllers.ranging.floor import FloorConstants, FloorState
 from ndtorch.navigation.controllers.ranging.patch import Patch, PatchParams, cell_numbers
-from ndtorch.navigation.near_check import Near
+from ndtorch.navigation.near_things import Near
 from ndtorch.navigation.odometry import Pose
 
 LEAST, FULL = 0.25, 0.75

@@ -31,7 +31,7 @@ from ndtorch.navigation.controllers.ranging.params import RangingParams
 from ndtorch.navigation.controllers.ranging.patch import Patch, add_evidence, cell_numbers, empty_patch, move_patch
 from ndtorch.navigation.controllers.ranging.quick import QuickRanging
 from ndtorch.navigation.controllers.registry import register
-from ndtorch.navigation.near_check import Near
+from ndtorch.navigation.near_things import Near
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import StereoRig

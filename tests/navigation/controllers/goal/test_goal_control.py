@@ -12,7 +12,7 @@ from ndtorch.navigation import ARRIVED, CRUISE, STOPPED, Command, NavigatorOptio
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
 from ndtorch.navigation.controllers.goal.params import reactive_params
 from ndtorch.navigation.controllers.ranging.patch import PatchParams
-from ndtorch.navigation.near_check import Near
+from ndtorch.navigation.near_things import Near
 from ndtorch.navigation.odometry import drive_step
 from ndtorch.navigation.ranging import Ranges
 

@@ -29,19 +29,21 @@ NOTE = (
 
 
 class Comparison:
-    """Score methods on every clip of a folder; call it with a folder for labelled.csv, labelled.md and report.html.
+    """Score methods on clips; call it with a folder for labelled.csv, labelled.md and report.html.
 
     Args:
-        folder: of folders with clip.mp4, and gt.txt or masks.mkv, or one of them.
+        clips: to score on.
         methods: names among `LABELLED`, or folders of models.
         rows: height of the frames; 0 for their own.
         told: is told how far it is.
 
     Raises:
-        InputError: a folder without clips, an unknown method, or rows that are none.
+        InputError: an unknown method, or rows that are none.
     """
 
-    def __init__(self, folder: Path, methods: Sequence[str], rows: int, told: Callable[[str], None]) -> None:
+    def __init__(
+        self, clips: Sequence[Labelled], methods: Sequence[str], rows: int, told: Callable[[str], None]
+    ) -> None:
         if rows != 0 and rows < 32:
             raise InputError(f"rows must be 0 or at least 32, got {rows}")
         for name in methods:
@@ -50,8 +52,7 @@ class Comparison:
                 raise InputError(
                     f"methods must be among {', '.join(LABELLED)} or folders of models, got {name!r}{hint}"
                 )
-        self.clips = [read_clip(path) for path in clip_folders(folder)]
-        self.methods, self.rows, self.told = methods, rows, told
+        self.clips, self.methods, self.rows, self.told = clips, methods, rows, told
 
     def __call__(self, out: Path) -> tuple[list[dict[str, Any]], str]:
         """Write the table; returns its rows, and the words to print."""
@@ -69,6 +70,15 @@ class Comparison:
                 write(table, note, out)
         text = write(table, note, out)
         return read_rows(out / "labelled.csv"), text
+
+
+def labelled_clips(folder: Path) -> list[Labelled]:
+    """The clips of a folder of folders with clip.mp4, and gt.txt or masks.mkv, or of one of them.
+
+    Raises:
+        InputError: none there, or one that cannot be read.
+    """
+    return [read_clip(path) for path in clip_folders(folder)]
 
 
 def mog2_seconds(labelled: Labelled, rows: int) -> float:

@@ -1,0 +1,115 @@
+"""What is in the path and nearer than the ranging looks: both horizon rows compared."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ndtorch.kernels.load import kernel
+from ndtorch.navigation.near_params import NearParams
+from ndtorch.navigation.rig import StereoRig
+
+Floats = npt.NDArray[np.float32]
+Whole = npt.NDArray[np.int64]
+
+
+class Near(NamedTuple):
+    """What a near check has found, body frame, m: places where something is; none where nothing was seen there."""
+
+    x: Floats
+    y: Floats
+
+
+NEIGHBORS = 4
+"""Disparities this near to the best one do not count as elsewhere."""
+
+
+class Compared(NamedTuple):
+    """Two rows compared, for every column of the left one `[W]`.
+
+    Attributes:
+        best: the disparity at which it differs least, less the first one that was tried.
+        back: the same of its partner, seen from the right.
+        value: by how much it differs there.
+        elsewhere: by how much at least at other disparities.
+    """
+
+    best: Whole
+    back: Whole
+    value: Floats
+    elsewhere: Floats
+
+
+def near_things(left: Floats, right: Floats, rig: StereoRig, params: NearParams, by_kernel: bool = False) -> Near:
+    """Things in the path and near, from two rows `[W]` in 0..1.
+
+    Every place of the left row with some texture is looked for in the whole right row (sum of absolute differences);
+    a match counts that is unlike all others and is found from the right as well.
+    """
+    p, focal = params, rig.focal / 2
+    left, right = pairs_of(left), pairs_of(right)
+    width, size = len(left), 2 * params.half + 1
+    low = max(2, math.floor(focal * rig.baseline / p.farthest))
+    high = min(width - size - 1, math.ceil(focal * rig.baseline / p.nearest))
+    first = max(1, low // 8)  # what is farther must be able to match where it is
+    none = np.zeros(0, np.float32)
+    if high <= low:
+        return Near(none, none)
+    compare = compared_by_kernel if by_kernel else compared
+    best, back, value, elsewhere = compare(left, right, first, high, p.half)
+    columns, disparity, mutual = np.arange(width), best + first, np.abs(back - best) <= 2
+    steps = np.abs(np.diff(left, prepend=left[:1]))
+    busy = np.convolve(steps, np.ones(size) / size, "same") >= p.texture
+    depth = focal * rig.baseline / disparity
+    aside = rig.baseline / 2 + depth * ((width - 1) / 2 - columns) / focal
+    good = mutual & busy & (value < p.ratio * elsewhere) & (disparity >= low) & (np.abs(aside) <= p.beside)
+    # Neighbors that agree: a mismatch seldom has any.
+    depths = np.where(good, depth, np.nan)
+    found = [k for k in np.flatnonzero(good).tolist() if agreeing(depths, k, p)]
+    x, y = rig.forward + depth[found], aside[found]
+    return Near(np.asarray(x, np.float32), np.asarray(y, np.float32))
+
+
+def compared(left: Floats, right: Floats, first: int, high: int, half: int) -> Compared:
+    """Two rows at the disparities from `first` up to `high`, windows of `half` columns to either side."""
+    width, size, depth = len(left), 2 * half + 1, high - first
+    cost = np.full((depth, width), 9.0, np.float32)
+    for d in range(first, high):
+        sums = np.cumsum(np.abs(left[d:] - right[: width - d]), dtype=np.float64)
+        windows = np.concatenate((sums[size - 1 : size], sums[size:] - sums[:-size])) / size
+        cost[d - first, d + half : d + half + len(windows)] = windows
+    columns = np.arange(width)
+    best = cost.argmin(0)
+    # From the right: the best left partner of the column that was found.
+    partner = np.clip(columns - best - first, 0, width - 1)
+    places = np.arange(first, high)[:, None] + partner[None]
+    from_right = np.where(places < width, cost[np.arange(depth)[:, None], np.minimum(places, width - 1)], 9.0)
+    apart = np.abs(np.arange(depth)[:, None] - best[None]) > NEIGHBORS
+    elsewhere = np.where(apart, cost, np.float32(9)).min(0)
+    return Compared(best, from_right.argmin(0), cost[best, columns], elsewhere)
+
+
+def compared_by_kernel(left: Floats, right: Floats, first: int, high: int, half: int) -> Compared:
+    """The same; 0.3 ms instead of 15."""
+    best, back, costs = (
+        np.empty(len(left), np.int64),
+        np.empty(len(left), np.int64),
+        np.empty((2, len(left)), np.float32),
+    )
+    kernel("near_rows").run(left, right, first, high, half, NEIGHBORS, best, back, costs)
+    return Compared(best, back, *costs)
+
+
+def pairs_of(row: Floats) -> Floats:
+    """Means of two pixels each: a quarter of the work, and what is near is coarse."""
+    row = row[: len(row) // 2 * 2]
+    return np.asarray((row[::2] + row[1::2]) / 2, np.float32)
+
+
+def agreeing(depths: npt.NDArray[np.float64], k: int, params: NearParams) -> bool:
+    """Whether enough places around column `k` have its depth, within a tenth."""
+    around = depths[max(0, k - params.half) : k + params.half + 1]
+    return int((np.abs(around - depths[k]) < 0.1 * depths[k]).sum()) >= params.enough

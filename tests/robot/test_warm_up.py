@@ -1,0 +1,50 @@
+"""What a drive needs is compiled or loaded before it begins: later the loop would stand still for it."""
+
+import pytest
+
+from ndtorch.kernels import load
+from ndtorch_robot.run import open_car
+from ndtorch_robot.run_config import NavigationTable, RunConfig, SimulationTable
+from ndtorch_robot.trouble import Kind
+from tests.robot.support.gl_needed import needs_gl
+
+pytest.importorskip("numba")
+
+OPTIONS = (
+    NavigationTable(controller="published", map_half_size_m=8.0),
+    NavigationTable(controller="ranging", ranging="search", map_half_size_m=8.0),
+    NavigationTable(controller="ranging", localise=True),
+    NavigationTable(controller="goal", to="4,0"),
+)
+
+
+@needs_gl
+@pytest.mark.parametrize("options", OPTIONS, ids=("published", "search", "localise", "goal"))
+def test_no_kernel_is_loaded_on_the_way(options, monkeypatch):
+    loaded, first = [], load.Kernel.first
+
+    def told(kernel, *given):
+        loaded.append(kernel.name)
+        return first(kernel, *given)
+
+    load.kernel.cache_clear()  # as in a new process
+    monkeypatch.setattr(load.Kernel, "first", told)
+    table, world = {"kind": "simulated-world"}, SimulationTable(arena="room", seed=3)
+    config = RunConfig(robot="sim", link=table, simulation=world, navigation=options)
+    before = []
+
+    def look(step):
+        if step.number == 0:
+            before.extend(loaded)
+        if step.number == 45:
+            car.safe.fault("by hand", Kind.NOT_TOLD)
+        if step.number == 50:  # it stands, looks at what is near, and drives on
+            car.safe.resume()
+
+    with open_car(config, lambda line: None, True, [look]) as car:
+        car.run(3.0)
+        assert car.pilot.state is not None
+        assert max(float(part) for part in car.pilot.state.pose[:2]) > 0.5  # it has driven
+    assert len(car.safe.faults) > 1
+    assert before
+    assert loaded == before

@@ -1,0 +1,64 @@
+"""Better parts on claims that do not hold as published."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from ndtorch.binding import BoundObject
+from ndtorch.scenes import BarScene, FrameSource, SineShadow
+from ndtorch_train.reproduce import better
+from ndtorch_train.reproduce.context import Context
+from ndtorch_train.reproduce.video import ParkingLot
+
+
+def test_exactly_means_each_color_once() -> None:
+    found = [["green", "red"], ["red"], ["red", "red"], ["red", "green", "blue"]]
+    assert better.exactly(found, ["red", "green"]) == [True, False, False, False]
+
+
+def test_colors_at_are_those_of_the_moment() -> None:
+    """A red object alone, and then a blue one in its place."""
+    time = torch.arange(1200) / 100
+    light = 0.5 + 0.4 * torch.sin(6.0 * time)
+    red = torch.tensor([0, 1.0, 0, 0, 1.0, 0.2, 0.2, 1.0, 0.1, 0.1])
+    blue = torch.tensor([1.0, 0, 0, 0, 0.2, 1.0, 0.2, 0.1, 0.1, 1.0])
+    sums = light[:, None] * torch.where(time[:, None] < 6, red, blue)
+    first, last = better.colors_at(sums[None], [600, 1200])
+    assert (first, last) == ([["red"]], [["blue"]])
+
+
+@pytest.fixture
+def context(tmp_path: Path) -> Context:
+    return Context(tmp_path, tmp_path, True, lambda share: None)
+
+
+def test_what_was_counted_decides_and_is_drawn(context: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The verdict of C8 is that of the numbers of objects at the end."""
+
+    def watched(
+        model: object, source: FrameSource, *_: object
+    ) -> tuple[list[BoundObject], list[tuple[float, int]], object]:
+        assert isinstance(source, BarScene)
+        number = 3 if isinstance(source.fluctuation, SineShadow) else 1
+        return [BoundObject("green", 8, {"green": 1.0})] * number, [(0.0, 0), (1.0, number)], None
+
+    monkeypatch.setattr(better, "watched", watched)
+    outcome = better.equal_objects(context, 2.0, ["shadow", "distance"], 250)
+    assert outcome.verdict == "partly"
+    assert outcome.ours == "shadow: 3; distance: 1"
+    assert (context.folder / "C-equal-bars-retinotopic.svg").is_file()
+
+
+def test_without_a_clip_the_road_is_left_out(context: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Still(ParkingLot):
+        def __init__(self, settle: float, seconds: float, seed: int) -> None:
+            super().__init__(settle, 0.2 - settle, seed)
+
+    monkeypatch.setattr(better, "ParkingLot", Still)
+    outcome = better.one_object(context, 0, "")
+    assert outcome.ours == "stand-in: 0 (none)"
+    assert outcome.verdict == "does not hold"
+    assert "No road clip given" in outcome.why
