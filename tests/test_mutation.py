@@ -6,10 +6,11 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from tests.mutation import c_changes, forks, trial
+from tests.mutation import c_changes, forks, whom
 from tests.mutation.change import Change
 from tests.mutation.table import HEADER, UNASKED, Table, WrongTable, interval, sample_name
 from tests.mutation.trial import Bench
@@ -54,19 +55,39 @@ def test_a_change_says_what_it_is() -> None:
 
 
 @pytest.mark.parametrize(
-    ("file", "stages"),
+    ("file", "asked"),
     [
-        ("ndtorch/vision/temporal.py", [["tests/vision/test_temporal.py"], ["tests/also.py"]]),
-        ("ndtorch/navigation/features.py", [["tests/navigation/test_row_features.py"]]),
-        ("robot/ndtorch_robot/safety.py", [["tests/robot/test_safety.py"], ["tests/near.py"]]),
+        ("ndtorch/vision/temporal.py", ["tests/vision/test_temporal.py", "tests/also.py"]),
+        ("ndtorch/navigation/features.py", ["tests/navigation/test_row_features.py"]),
+        ("robot/ndtorch_robot/safety.py", ["tests/robot/test_safety.py", "tests/near.py"]),
     ],
 )
-def test_whom_it_asks(file: str, stages: list[list[str]], tmp_path: Path) -> None:
-    for name in {name for stage in stages for name in stage}:
+def test_whom_it_asks(file: str, asked: list[str], tmp_path: Path) -> None:
+    for name in (file, *asked):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("")
     also = {"ndtorch": ["tests/not/there.py"], "ndtorch/vision": ["tests/also.py"], "robot": ["tests/near.py"]}
-    assert trial.tests_of(file, tmp_path, also) == stages
+    assert whom.tests_of(file, tmp_path, also, 5) == asked
+
+
+def test_after_the_mirrored_file_it_asks_those_that_use_most(tmp_path: Path) -> None:
+    for name, text in {
+        "ndtorch/vision/near.py": "def near(): ...\n\n\ndef unseen(): ...\n",
+        "ndtorch/vision/above.py": "from ndtorch.vision.near import near\n",
+        "ndtorch/vision/other.py": "near = 1\n",
+        "tests/vision/test_near.py": "from ndtorch.vision.near import near\n",
+        "tests/vision/test_above.py": "",
+        "tests/vision/test_a.py": "from ndtorch.vision import (\n    near,\n)\n\nnear()\n",
+        "tests/vision/test_b.py": "from ndtorch.vision import far, near\n\nnear()\nnear()\n",
+        "tests/vision/test_c.py": "import ndtorch.vision.near\n",
+        "tests/vision/test_d.py": "from ndtorch.scenes import near\n\nnear()\n",
+        "tests/vision/test_e.py": "def near(): ...\n",
+    }.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    names = [f"tests/vision/test_{name}.py" for name in ("near", "c", "b", "a", "above")]
+    assert whom.tests_of("ndtorch/vision/near.py", tmp_path, {}, 9) == names
+    assert whom.tests_of("ndtorch/vision/near.py", tmp_path, {}, 2) == names[:3]
 
 
 def test_a_table_goes_on_where_it_was(tmp_path: Path) -> None:
@@ -103,6 +124,9 @@ def test_the_interval_of_a_share() -> None:
     assert interval(0, 20) == pytest.approx((0.0, 0.1611), abs=1e-4)
 
 
+SETTINGS: dict[str, Any] = {"also": {}, "marks": "", "preload": ["pytest"], "patience": 5, "wider": 5, "longest": 3}
+
+
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
     """Of a project that is one line."""
@@ -112,6 +136,8 @@ def checkout(tmp_path: Path) -> Path:
         "ndtorch/__init__.py": "",
         "tests/test_near.py": "from ndtorch.near import near\n\n\ndef test_it():\n    assert near(1)\n",
         "tests/test_more.py": "from ndtorch.near import near\n\n\ndef test_it():\n    assert not near(2)\n",
+        "tests/test_slow.py": "def test_it():\n    while True:\n        pass\n",
+        "tests/test_bad.py": "def test_it():\n    assert False\n",
         "pyproject.toml": "[tool.pytest.ini_options]\naddopts = '--import-mode=importlib'\n",
         "ignored.txt": "",
         ".gitignore": "ignored.txt\n",
@@ -129,23 +155,29 @@ def less_to(new: str) -> Change:
 
 
 def test_a_change_is_tried_in_a_copy(checkout: Path, tmp_path: Path) -> None:
-    settings = {"also": {"ndtorch": ["tests/test_more.py"]}, "marks": "", "preload": ["pytest"], "patience": 5}
+    settings = {
+        "also": {"ndtorch": ["tests/test_more.py"]},
+        "marks": "",
+        "preload": ["pytest"],
+        "patience": 5,
+        "wider": 5,
+        "longest": 40,
+    }
     folder = tmp_path / "tree"
     with Bench(checkout, folder, sys.executable, settings, mirrored=True) as bench:
         assert not (folder / "ignored.txt").exists()
         assert bench.try_change(less_to(">")) == "noticed"
         assert bench.try_change(less_to("<=")) == "survived the mirrored file"
         bench.mirrored = False
-        assert bench.try_change(less_to("<="), begin=1) == "noticed"
+        assert bench.try_change(less_to("<="), begin=1) == "noticed: wider list"
         assert bench.try_change(less_to("<  ")) == "survived"
         assert (folder / "ndtorch/near.py").read_text() == (checkout / "ndtorch/near.py").read_text()
 
 
 def test_tests_that_fail_by_themselves_say_nothing(checkout: Path, tmp_path: Path) -> None:
     (checkout / "tests/test_near.py").write_text("def test_it():\n    assert False\n")
-    settings = {"also": {}, "marks": "", "preload": [], "patience": 5}
     with (
-        Bench(checkout, tmp_path / "tree", sys.executable, settings) as bench,
+        Bench(checkout, tmp_path / "tree", sys.executable, SETTINGS) as bench,
         pytest.raises(RuntimeError, match="fail without any change"),
     ):
         bench.try_change(less_to(">"))

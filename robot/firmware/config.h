@@ -21,8 +21,10 @@
 #define MOTOR_DEAD_BAND_US 30
 #define MOTOR_US_PER_M_S 200
 #define MOTOR_BRAKE_US 1350
+#define MOTOR_TAP_US 1465 /* the brake where it may be taken for reverse: just beyond the dead band */
 #define BRAKE_MS 300 /* a pulse below neutral after driving forward is the brake ... */
-#define PAUSE_MS 120 /* ... and after a pause at neutral it is reverse */
+#define PAUSE_MS 120 /* ... and after a pause at neutral it is reverse ... */
+#define FORWARD_MS 60 /* ... until it has driven forward for so long */
 
 /* Any pulse, whatever the sums say. */
 #define MIN_PULSE_US 1000

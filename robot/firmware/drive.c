@@ -7,6 +7,7 @@
 _Static_assert(sizeof ROBOT_NAME == 9, "ROBOT_NAME must have eight characters");
 _Static_assert(MIN_PULSE_US >= 500 && MAX_PULSE_US <= 2500 && MIN_PULSE_US < MAX_PULSE_US, "pulses that servos understand");
 _Static_assert(MIN_PULSE_US <= MOTOR_BRAKE_US && MOTOR_BRAKE_US <= MOTOR_NEUTRAL_US, "the brake is a pulse below neutral");
+_Static_assert(MOTOR_BRAKE_US <= MOTOR_TAP_US && MOTOR_TAP_US < MOTOR_NEUTRAL_US - MOTOR_DEAD_BAND_US, "a tap is a weak brake");
 _Static_assert(MIN_PULSE_US < MOTOR_NEUTRAL_US && MOTOR_NEUTRAL_US < MAX_PULSE_US, "the motor's neutral is a pulse");
 _Static_assert(MIN_PULSE_US < FRONT_NEUTRAL_US && FRONT_NEUTRAL_US < MAX_PULSE_US, "the front neutral is a pulse");
 _Static_assert(MIN_PULSE_US < REAR_NEUTRAL_US && REAR_NEUTRAL_US < MAX_PULSE_US, "the rear neutral is a pulse");
@@ -36,6 +37,7 @@ static void stand(struct drive *d, uint8_t fault) {
 
 void drive_init(struct drive *d, uint8_t watchdog_reset) {
     memset(d, 0, sizeof *d);
+    d->may_reverse = 1; /* the motor controller may have been on for long */
     stand(d, watchdog_reset ? FAULT_WATCHDOG : 0);
 }
 
@@ -111,7 +113,9 @@ static int16_t fastest(const struct drive *d) {
     return d->faults & FAULT_BATTERY ? BATTERY_LOW_SPEED_MM_S : MAX_SPEED_MM_S;
 }
 
-/* A motor controller of model cars takes the first pulse below neutral for the brake. */
+/* A motor controller of model cars takes the first pulse below neutral for the brake, and the next one for reverse, until
+ * it drives forward again. Some forget a brake that was broken off, others do not. So nothing but the first brake after
+ * driving forward is strong: a weak one counts as well, and hardly moves the car where it is taken for reverse. */
 static void shift(struct drive *d, uint16_t elapsed_ms, uint32_t now_ms) {
     int16_t target = clip(d->target_speed, fastest(d));
     switch (d->gear) {
@@ -120,6 +124,8 @@ static void shift(struct drive *d, uint16_t elapsed_ms, uint32_t now_ms) {
         if (target < 0 && d->speed == 0) {
             d->gear = BRAKING;
             d->gear_ms = now_ms;
+            d->brake_us = d->may_reverse ? MOTOR_TAP_US : MOTOR_BRAKE_US;
+            d->may_reverse = 1;
         }
         break;
     case BRAKING:
@@ -161,6 +167,8 @@ void drive_tick(struct drive *d, uint32_t now_ms) {
         if (d->noise) d->noise--;
     }
     look_at_battery(d, now_ms);
+    if (d->speed <= 0) d->stood_ms = now_ms;
+    else if (now_ms - d->stood_ms >= FORWARD_MS) d->may_reverse = 0;
     if (d->state != ARMED) return;
     if (now_ms - d->commanded_ms >= COMMAND_TIMEOUT_MS) stand(d, FAULT_COMMAND);
     if (now_ms - d->beaten_ms >= HEARTBEAT_TIMEOUT_MS) stand(d, FAULT_HEARTBEAT);
@@ -171,7 +179,7 @@ void drive_tick(struct drive *d, uint32_t now_ms) {
     int32_t offset = (int32_t)d->speed * MOTOR_US_PER_M_S / 1000;
     if (d->speed > 0) offset += MOTOR_DEAD_BAND_US;
     if (d->speed < 0) offset -= MOTOR_DEAD_BAND_US;
-    if (d->gear == BRAKING) offset = MOTOR_BRAKE_US - MOTOR_NEUTRAL_US;
+    if (d->gear == BRAKING) offset = d->brake_us - MOTOR_NEUTRAL_US;
     d->motor_us = pulse(MOTOR_NEUTRAL_US, offset);
     d->front_us = pulse(FRONT_NEUTRAL_US, (int32_t)d->curvature * FRONT_US_PER_1_M / 1000);
     d->rear_us = pulse(REAR_NEUTRAL_US, (int32_t)d->curvature * REAR_US_PER_1_M / 1000);

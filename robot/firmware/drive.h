@@ -29,6 +29,9 @@ struct drive {
     int16_t target_speed, target_curvature; /* mm/s, 1/km */
     int16_t speed, curvature;               /* applied */
     enum gear gear;
+    uint8_t may_reverse; /* the motor controller may take a pulse below neutral for reverse */
+    uint32_t stood_ms;   /* when it last did not drive forward */
+    uint16_t brake_us;
     uint16_t motor_us, front_us, rear_us;
     uint16_t remainder; /* of the ramp, in mm/s / 1000 */
 };

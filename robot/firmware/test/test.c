@@ -203,7 +203,8 @@ static void test_brake_then_reverse(void) {
     CHECK(d.speed == 200 && d.gear == FORWARD);
 }
 
-/* The motor controller forgets a brake when the pulse goes back to neutral, so half a brake counts for nothing. */
+/* Some motor controllers forget a brake when the pulse goes back to neutral, so half a brake counts for nothing. Others
+ * do not: they take the next one for reverse, so that it must be weak. */
 static void test_a_brake_begun_begins_again(void) {
     for (enum gear phase = BRAKING; phase <= PAUSING; phase++) {
         begin();
@@ -218,12 +219,38 @@ static void test_a_brake_begun_begins_again(void) {
         uint32_t braked = 0;
         while (d.speed >= 0 && now < 4000) {
             pass(5, 1, 1, -300, 0);
-            if (d.gear == BRAKING) braked += 5;
+            if (d.gear == BRAKING) {
+                braked += 5;
+                CHECK(d.motor_us == MOTOR_TAP_US);
+            }
         }
         CHECK(braked == BRAKE_MS);
         say(STOP, 0, 0);
         CHECK(d.gear == REVERSE); /* which needs no brake */
     }
+}
+
+static uint16_t next_brake(void) {
+    while (d.gear != BRAKING && now < 9000) pass(5, 1, 1, -300, 0);
+    CHECK(d.gear == BRAKING && d.motor_us < MOTOR_NEUTRAL_US - MOTOR_DEAD_BAND_US);
+    return d.motor_us;
+}
+
+static void test_only_the_first_brake_after_driving_forward_is_strong(void) {
+    begin();
+    say(ARM, 0, 0);
+    CHECK(next_brake() == MOTOR_TAP_US); /* nobody knows what was before */
+    pass(FORWARD_MS - 5, 1, 1, 500, 0);  /* two pulses may be one */
+    CHECK(d.speed > 0 && next_brake() == MOTOR_TAP_US);
+    pass(FORWARD_MS + 60, 1, 1, 500, 0);
+    CHECK(next_brake() == MOTOR_BRAKE_US);
+    pass(BRAKE_MS - 50, 1, 1, -300, 0);
+    CHECK(d.gear == BRAKING && d.motor_us == MOTOR_BRAKE_US); /* to its end */
+    pass(800, 1, 1, -300, 0);
+    CHECK(d.speed == -300);
+    pass(160, 1, 1, 1, 0); /* out of reverse, and hardly forward */
+    while (d.gear == REVERSE && now < 9000) pass(5, 1, 1, 1, 0);
+    CHECK(next_brake() == MOTOR_TAP_US);
 }
 
 /* Driving goes on while the battery is so. */
@@ -298,6 +325,7 @@ int main(void) {
     test_bad_lines();
     test_brake_then_reverse();
     test_a_brake_begun_begins_again();
+    test_only_the_first_brake_after_driving_forward_is_strong();
     test_battery();
     printf("%d checks passed\n", checks);
     return 0;

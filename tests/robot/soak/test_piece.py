@@ -8,11 +8,12 @@ import pytest
 
 from ndtorch.errors import InputError
 from ndtorch_robot.commands.soak import Soak, kept
-from ndtorch_robot.link.messages import Frame, Type, encode_frame
+from ndtorch_robot.link.messages import Frame, Type, encode_frame, read_telemetry
 from ndtorch_robot.link.parser import Parser
 from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import RunConfig, SimulationTable
 from ndtorch_robot.sim.hosted_board import HostedBoard
+from ndtorch_robot.sim.pulse_world import Electronics
 from ndtorch_robot.soak.cable import FailingCable
 from ndtorch_robot.soak.eyes import FailingCameras
 from ndtorch_robot.soak.faults import FAULTS, Fault
@@ -51,6 +52,46 @@ def test_the_board_obeys_and_stands_when_it_is_not_spoken_to():
     board.close()
 
 
+@needs_compiler
+def test_no_wheel_turns_backwards_while_the_board_says_that_they_stand():
+    """A motor controller may take a brake that begins again for reverse."""
+    board, electronics, sequence = HostedBoard(), Electronics(), 0
+
+    def say(now, *kinds):
+        nonlocal sequence
+        data = b""
+        for kind, body in kinds:
+            sequence += 1
+            data += encode_frame(Frame(1, kind, sequence, body))
+        answers, pulses = board.run(now, data)
+        for pulse in pulses:
+            electronics.take(pulse)
+        told = [read_telemetry(f.body).applied.speed for f in Parser().feed(answers) if f.type == Type.TELEMETRY]
+        return told[-1] if told else None
+
+    def drive(begin, end, speed):
+        """Lowest speed of the wheels while the board says 0, and what it says at last."""
+        said, lowest = 0.0, 0.0
+        command = np.array([speed, 0], "<i2").tobytes()
+        for n in range(round((end - begin) / 0.02)):
+            heard = say(begin + 0.02 * n, (Type.HEARTBEAT, b""), (Type.COMMAND, command))
+            said = said if heard is None else heard
+            if said == 0:
+                lowest = min(lowest, electronics.drives(begin + 0.02 * n).speed)
+        return lowest, said
+
+    say(0.002, (Type.HELLO, b""))
+    say(0.004, (Type.HEARTBEAT, b""), (Type.ARM, b""))
+    assert drive(0.02, 1.0, 500) == (0.0, 0.5)
+    assert drive(1.0, 1.4, -300) == (0.0, 0.0)  # in the middle of the brake
+    say(1.7)
+    say(1.704, (Type.HEARTBEAT, b""), (Type.ARM, b""))
+    lowest, said = drive(1.72, 2.6, -300)
+    assert said == -0.3
+    assert -0.03 <= lowest < 0
+    board.close()
+
+
 @needs_gl
 @needs_compiler
 def test_the_board_goes_on_while_frames_are_lost():
@@ -77,6 +118,7 @@ class OneAfterTheOther(Trials):
         if self.wanted:
             self.waiting = [self.wanted.pop(0)]
             super().begin(now)
+            self.calm = 0.5
 
 
 def soak(folder, *names):
