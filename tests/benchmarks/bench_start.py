@@ -20,11 +20,11 @@ import sys, time
 from ndtorch.navigation import Navigator, StereoRig
 from tests.benchmarks.timing import in_turn, reference
 navigator = Navigator(StereoRig(), 1 / 30, controller=sys.argv[1])
+start = time.thread_time()
 if sys.argv[2] == "plain":
     import numba
     from ndtorch.kernels import cached
     cached.compiled = lambda function, options, keep: numba.njit(function, cache=keep, **options)
-start = time.thread_time()
 navigator.warm_up()
 taken = time.thread_time() - start
 print(taken, taken / in_turn({"reference": reference})["reference"])
