@@ -57,6 +57,7 @@ TESTED_IN = {
     "kernels/near_rows": "navigation/test_near_check",
     "kernels/pair_spectrum": "vision/test_one_pass",
     "kernels/pair_sums": "vision/test_one_pass",
+    "kernels/late": "kernels/test_cached",
     "kernels/learn_ground": "vision/camera/test_figures",
     "kernels/partners": "robot/test_agreement",
     "kernels/inner": "navigation/test_kernels",
