@@ -42,7 +42,7 @@ def avoid(
     kind, cells = low.dtype.type, np.empty((2, 1, 1), low.dtype)
     tops, lefts = (where[1], where[2]), (where[3], where[4])
     largest_in_cells(
-        (left, right), where[0] != 0, tops, lefts, 1, numbers[0], 1, settle, low, numbers[1], new_low, cells
+        (left, right), where[0] != 0, tops, lefts, 1, numbers[0], 1, settle, low, 1.0, numbers[1], new_low, cells
     )
     ours, theirs = cells[0, 0, 0] * kind(numbers[2]), cells[1, 0, 0] * kind(numbers[2])
     before = (float(machine[0]), float(machine[1]), float(machine[2]))

@@ -17,6 +17,7 @@ def cell_maxima(
     count: int,
     settle: bool,
     low: Array,
+    gain: float,
     a: float,
     new_low: Array,
     cells: Array,
@@ -29,6 +30,7 @@ def cell_maxima(
         every: take only every so many columns.
         settle, a: see `high_pass`.
         low, new_low: states `[2, h, w]`.
+        gain: how much brighter the light is than in the state, 1 where that is not asked.
         cells: `[2, bands, blocks]`.
     """
     _, height, width = low.shape
@@ -36,6 +38,8 @@ def cell_maxima(
     tall, wide = height // bands, width // blocks
     # A band at a time: long loops, of numbers that stay in the cache.
     grey, size, peak = np.empty((tall, width), low.dtype), np.empty(tall * width, low.dtype), np.empty(width, low.dtype)
+    lit, one = np.empty((tall, width), low.dtype), low.dtype.type(1)
+    bright = low.dtype.type(gain)
     sizes, peaks, largest = as_whole(size), as_whole(peak), as_whole(cells)
     for eye in range(2):
         for band in range(bands):
@@ -43,6 +47,9 @@ def cell_maxima(
             for y in range(tall):
                 grey_row(frames[eye], beside, tops[eye] + start + y, lefts[eye], every, unit, count, grey[y])
             before, after = low[eye, start : start + tall], new_low[eye, start : start + tall]
+            if bright != one and not settle:
+                lit[:] = before * bright
+                before = lit
             high_pass(grey.reshape(-1), before.reshape(-1), settle, a, after.reshape(-1), size)
             for x in range(width):
                 peaks[x] = sizes[x]

@@ -15,6 +15,9 @@ from ndtorch.kernels.folder import UnusableFolder, cache_folder, locked, private
 FAST = {"reassoc", "contract", "nsz"}
 """Sums may be taken in any order, and a product be added in one operation; NaN and infinity stay what they are."""
 
+OPTIONS: dict[str, Any] = {"nogil": True, "fastmath": FAST, "error_model": "numpy"}
+"""How Numba compiles a kernel."""
+
 
 class Kernel:
     """A kernel for one kind of arguments. Call `run`; the first call takes it from the cache or compiles it."""
@@ -40,16 +43,18 @@ def kernel(name: str, kind: Hashable = None) -> Kernel:
     """
     import numba
 
+    from ndtorch.kernels.cached import compiled
+
     config: Any = numba.config
     function = getattr(import_module(f"ndtorch.kernels.{name}"), name)
     folder = code_folder(numba.__version__)
     before = config.CACHE_DIR
     try:
         config.CACHE_DIR = "" if folder is None else str(folder)
-        compiled = numba.njit(function, cache=folder is not None, nogil=True, fastmath=FAST, error_model="numpy")
+        dispatcher = compiled(function, OPTIONS, keep=folder is not None)
     finally:
         config.CACHE_DIR = before
-    return Kernel(name, compiled, folder)
+    return Kernel(name, dispatcher, folder)
 
 
 @cache

@@ -28,6 +28,7 @@ def look_around(
     after: tuple[Array, Array],
     valid: Array,
     cells: Array,
+    gain: float,
 ) -> float:
     """Cells, ranges and the pose.
 
@@ -48,6 +49,7 @@ def look_around(
             and ranges `[5, n]`. Of `after`, fields, rows, pose and ranges are filled here.
         valid: of the ranges, `[n]`.
         cells: becomes the largest motion in every cell, `[2, bands, blocks]`.
+        gain: of `cell_maxima`.
 
     Returns:
         The largest motion in the rows.
@@ -68,6 +70,7 @@ def look_around(
         whole[7],
         settle,
         low,
+        gain,
         numbers[1],
         new_low,
         cells,

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from ndtorch.kernels.inner import inner
 from ndtorch.kernels.strips import Array, grey_row
 
 
@@ -36,9 +37,12 @@ def match_cells(
         found: `[2, bands, blocks]`, nearest band and outermost block first.
     """
     _, bands, blocks = found.shape
-    kind = found.dtype.type
+    kind, n = found.dtype.type, wide - 1
+    each = kind(1) / kind(n)
     grey = np.empty((2, width), found.dtype)
     change = np.empty((2, width - 1), found.dtype)
+    # Of the rows of one band so far, in every column: long loops over neighbours. Blocks are summed up once a band.
+    columns = np.zeros((2, 3, blocks * wide), found.dtype)
     sums = np.zeros((2, bands + 1, blocks, 3), found.dtype)
     seen = np.zeros((2, bands + 1, blocks), np.int64)
     for r in range(rows.size):
@@ -50,22 +54,46 @@ def match_cells(
                 change[eye, x] = grey[eye, x + 1] - grey[eye, x]
         for eye in range(2):
             away = -shift[r] if eye else shift[r]
+            begin, end = blocks, 0
             for k in range(blocks):
                 start = first[eye] + wide * k
-                if start + away < 0 or start + away + wide - 1 > width - 1:
+                if start + away < 0 or start + away + n > width - 1:
                     continue
-                mine, his = kind(0), kind(0)
-                product, square, other = kind(0), kind(0), kind(0)
-                for x in range(start, start + wide - 1):
-                    a, b = change[eye, x], change[1 - eye, x + away]
-                    mine, his = mine + a, his + b
-                    product, square, other = product + a * b, square + a * a, other + b * b
+                begin, end = min(begin, k), k + 1
+                # Changes add up to the difference of the last pixel and the first.
+                mine = grey[eye, start + n] - grey[eye, start]
+                his = grey[1 - eye, start + away + n] - grey[1 - eye, start + away]
                 place = blocks - 1 - k if eye else k
-                n = kind(wide - 1)
-                sums[eye, band, place, 0] += product - mine * his / n
-                sums[eye, band, place, 1] += square - mine * mine / n
-                sums[eye, band, place, 2] += other - his * his / n
+                of_all = mine * each
+                total = sums[eye, band, place]
+                total[0] -= of_all * his
+                total[1] -= of_all * mine
+                total[2] -= his * his * each
                 seen[eye, band, place] += 1
+            if begin < end:
+                start, length = first[eye] + wide * begin, wide * (end - begin) - 1
+                ours, theirs = (
+                    change[eye, start : start + length],
+                    change[1 - eye, start + away : start + away + length],
+                )
+                column = wide * begin
+                # One after the other these become vector instructions, together they do not.
+                add_products(ours, theirs, columns[eye, 0, column : column + length])
+                add_products(ours, ours, columns[eye, 1, column : column + length])
+                add_products(theirs, theirs, columns[eye, 2, column : column + length])
+        if r + 1 == rows.size or band != max(0, bands - 1 - rows[r + 1] // tall):
+            for eye in range(2):
+                for k in range(blocks):
+                    product, square, other = kind(0), kind(0), kind(0)
+                    for x in range(wide * k, wide * k + n):
+                        product += columns[eye, 0, x]
+                        square += columns[eye, 1, x]
+                        other += columns[eye, 2, x]
+                    place = blocks - 1 - k if eye else k
+                    sums[eye, band, place, 0] += product
+                    sums[eye, band, place, 1] += square
+                    sums[eye, band, place, 2] += other
+            columns[:] = 0
     step = 2 if rows.size < 2 else rows[1] - rows[0]
     for eye in range(2):
         for band in range(bands):
@@ -78,3 +106,10 @@ def match_cells(
                 same = product > kind(alike) * kind(math.sqrt(max(square, kind(0)) * max(other, kind(0))))
                 verdict = kind(1) if same and min(square, other) > enough else kind(0)
                 found[eye, band, k] = kind(-1) if 2 * step * compared < tall else verdict
+
+
+@inner
+def add_products(one: Array, other: Array, sums: Array) -> None:
+    """Add the product of every two numbers to its sum."""
+    for x in range(sums.shape[0]):
+        sums[x] += one[x] * other[x]

@@ -53,7 +53,17 @@ def published_step(
     eyes = (left_field, right_field, left_row, right_row)
     driven = (speed, curvature) if given else (float(small[0]), float(small[1]))
     largest = seen(
-        eyes, whole, numbers, (dt, drift, scale), settle, driven, (large, small), (new_large, new_small), valid, cells
+        eyes,
+        whole,
+        numbers,
+        (dt, drift, scale),
+        settle,
+        driven,
+        (large, small),
+        (new_large, new_small),
+        valid,
+        cells,
+        1.0,
     )
     kind, at = cells.dtype.type, whole[23]
     peak = larger(cells[0, 0, 0], cells[1, 0, 0])

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ndtorch.kernels.inner import inner, tuple_of
+from ndtorch.kernels.light_gain import light_gain
 from ndtorch.kernels.look_around import NUMBERS, WHOLE_NUMBERS, look_around
 from ndtorch.kernels.match_cells import match_cells
 from ndtorch.kernels.ranging_control import ranging_control
@@ -14,9 +15,9 @@ from ndtorch.kernels.strips import larger
 
 Array = Any
 
-seen, matched, controlled = inner(look_around), inner(match_cells), inner(ranging_control)
+seen, lit, matched, controlled = inner(look_around), inner(light_gain), inner(match_cells), inner(ranging_control)
 
-FLOOR, WORTH, PATCH, LIMITS = 12, 3, 9, 17
+FLOOR, WORTH, PATCH, LIMITS = 13, 3, 9, 17
 """How many numbers `ranging_control` takes of each."""
 
 
@@ -55,8 +56,8 @@ def ranging_step(
     The controller's whole numbers are the size of the patch; `leading`, steps and number of its arcs; `first`, `wide`
     and `tall` of `match_cells`, and the columns of the fields, every so many of them. Its others are those of
     `ranging_control`, the length of a step of its arcs, the least noise of pictures, the shares of bands up
-    to which a car stands and from which on it is fast, the mode in which it stands, and `alike` and
-    `least` of `match_cells`.
+    to which a car stands and from which on it is fast, the mode in which it stands, `alike` and
+    `least` of `match_cells`, and `limits` of `light_gain`.
 
     Args:
         flow, profile, places, under: `tables` of `ranging_control`.
@@ -68,8 +69,35 @@ def ranging_step(
     found, cells = np.empty((2, bands, blocks), large.dtype), np.empty((4, bands, blocks), large.dtype)
     eyes = (left_field, right_field, left_row, right_row)
     driven = (speed, curvature) if given else (float(small[0]), float(small[1]))
+    own, gain = whole[WHOLE_NUMBERS:], 1.0
+    rest = numbers[NUMBERS + FLOOR + WORTH + PATCH + LIMITS + 1 :]
+    if not settle:
+        height, width = whole[11], whole[12]
+        gain = lit(
+            (left_field[0], right_field[0]),
+            whole[0] != 0,
+            (whole[2], whole[3]),
+            (whole[4], whole[5]),
+            whole[8],
+            numbers[0],
+            whole[7],
+            large[: 2 * height * width].reshape((2, height, width)),
+            bands,
+            blocks,
+            (float(rest[6]), float(rest[7]), float(rest[8])),
+        )
     largest = seen(
-        eyes, whole, numbers, (dt, drift, scale), settle, driven, (large, small), (new_large, new_small), valid, found
+        eyes,
+        whole,
+        numbers,
+        (dt, drift, scale),
+        settle,
+        driven,
+        (large, small),
+        (new_large, new_small),
+        valid,
+        found,
+        gain,
     )
     kind = found.dtype.type
     peak = kind(0)
@@ -83,10 +111,8 @@ def ranging_step(
                 cells[eye, band, block] = worth * kind(numbers[3])
         peak = larger(highest, peak)
         new_small[at + eye] = highest * kind(numbers[3])
-    own = whole[WHOLE_NUMBERS:]
     worths, patch = NUMBERS + FLOOR, NUMBERS + FLOOR + WORTH
     limits = patch + PATCH
-    rest = numbers[limits + LIMITS + 1 :]
     matched(
         (left_field[0], right_field[0]),
         whole[0] != 0,

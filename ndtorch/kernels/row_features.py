@@ -43,7 +43,7 @@ def strongest(
     for k in range(column.shape[0]):
         best = largest(whole, start, end) if k < ahead else 0
         if not motion[best] > 0:
-            best = largest(whole, 0, width)
+            best = largest(whole, np.intp(0), width)
         column[k], strength[k] = best, motion[best]
         for x in range(max(0, best - spacing), min(best + spacing + 1, width)):
             motion[x] = -1

@@ -46,8 +46,10 @@ def row_ranges(
     patch, good = np.empty((2, n, 3), low.dtype), np.empty((2, n), np.bool_)
     most, whole = np.zeros(1, low.dtype), as_whole(motion)
     largest = as_whole(most)
+    # Plain numbers in the call would be types of their own, and the function be compiled once more.
+    left, every = np.intp(0), np.intp(1)
     for eye in range(2):
-        grey_row(frames[eye], beside, top, 0, 1, unit, count, rows[eye])
+        grey_row(frames[eye], beside, top, left, every, unit, count, rows[eye])
         high_pass(rows[eye], low[eye], settle, a, new_low[eye], motion)
         here = largest[0]
         for x in range(width):

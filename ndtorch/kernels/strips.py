@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numba
 import numba.extending
 import numpy as np
 
@@ -30,10 +31,13 @@ def grey_row(frame: Array, beside: bool, y: int, left: int, every: int, unit: fl
         if last == 2 and every == 1:
             for x in range(grey.shape[0]):
                 grey[x] = (kind(line[3 * x]) + kind(line[3 * x + 1]) + kind(line[3 * x + 2])) * unit / count
-            return
-        for x in range(grey.shape[0]):
-            k = step * x
-            grey[x] = (kind(line[k]) + kind(line[k + middle]) + kind(line[k + last])) * unit / count
+        elif last == 2 and every == 2:
+            for x in range(grey.shape[0]):
+                grey[x] = (kind(line[6 * x]) + kind(line[6 * x + 1]) + kind(line[6 * x + 2])) * unit / count
+        else:
+            for x in range(grey.shape[0]):
+                k = step * x
+                grey[x] = (kind(line[k]) + kind(line[k + middle]) + kind(line[k + last])) * unit / count
         return
     red, green, blue = frame[0, y, left:], frame[last // 2, y, left:], frame[last, y, left:]
     if every == 1:
@@ -75,11 +79,30 @@ def as_whole(size: Array) -> Array:
     return size.view(np.int32 if size.itemsize == 4 else np.int64)
 
 
+def view_of_whole(typing: Any, size: Any) -> Any:
+    """The array with another type; `size.view` does the same, but compiling it takes most of a second."""
+    whole = size.copy(dtype=numba.types.Integer.from_bitwidth(size.dtype.bitwidth))
+
+    def make(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        before = context.make_array(size)(context, builder, given[0])
+        after = context.make_array(whole)(context, builder)
+        for part in ("meminfo", "parent", "nitems", "itemsize", "shape", "strides"):
+            setattr(after, part, getattr(before, part))
+        after.data = builder.bitcast(before.data, after.data.type)
+        out = after._getvalue()
+        context.nrt.incref(builder, whole, out)
+        return out
+
+    return whole(size), make
+
+
+seen_as_whole: Any = numba.extending.intrinsic(view_of_whole)
+
+
 @numba.extending.overload(as_whole, strict=False)
 def compiled_as_whole(size: Any) -> Any:
     """`as_whole` in kernels, where types are known before."""
-    kind = np.int32 if size.dtype.bitwidth == 32 else np.int64
-    return lambda size: size.view(kind)
+    return lambda size: seen_as_whole(size)
 
 
 @exactly

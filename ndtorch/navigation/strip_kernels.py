@@ -14,6 +14,8 @@ from ndtorch.navigation.rig import Rect
 from ndtorch.vision.one_pass import KINDS, image_kind, pixels
 from ndtorch.vision.temporal import FilterState
 
+LightLimits = tuple[float, float, float]
+
 
 class Eyes(NamedTuple):
     """One rectangle of each of two frames, as kernels take them.
@@ -66,13 +68,30 @@ def state_fits(state: FilterState | None, frames: Tensor, shape: tuple[int, ...]
 
 
 def largest_of_cells(
-    seen: Eyes, state: FilterState | None, like: Tensor, shape: tuple[int, int, int], every: int, a: float, cells: Any
+    seen: Eyes,
+    state: FilterState | None,
+    like: Tensor,
+    shape: tuple[int, int, int],
+    every: int,
+    a: float,
+    cells: Any,
+    *,
+    lit: LightLimits | None = None,
 ) -> FilterState:
-    """The largest |ND-min| of every cell into `cells` `[2, bands, blocks]`, and the state `[2, h, w]` after."""
+    """The largest |ND-min| of every cell into `cells` `[2, bands, blocks]`, and the state `[2, h, w]` after.
+
+    Args:
+        lit: limits of `light_gain`; without them the light is taken to be steady.
+    """
     low = torch.empty(shape, dtype=image_kind(like))
     after = low.numpy()
     before = after if state is None else state.low.contiguous().numpy()
-    kernel("cell_maxima", (seen.frames[0].dtype, after.dtype, seen.beside)).run(
+    kind, gain = (seen.frames[0].dtype, after.dtype, seen.beside), 1.0
+    if lit is not None and state is not None:
+        bands, blocks = cells.shape[1:]
+        pixels = (seen.frames, seen.beside, seen.tops, seen.lefts, every, seen.unit, seen.over)
+        gain = kernel("light_gain", kind).run(*pixels, before, bands, blocks, lit)
+    kernel("cell_maxima", kind).run(
         seen.frames,
         seen.beside,
         seen.tops,
@@ -82,6 +101,7 @@ def largest_of_cells(
         seen.over,
         state is None,
         before,
+        gain,
         a,
         after,
         cells,

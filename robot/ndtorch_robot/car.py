@@ -25,6 +25,10 @@ NOT_YET = "not yet told to drive"
 KEPT = 30_000
 """Steps whose times are kept for the summary, a quarter of an hour: 1 MB for each part that is timed."""
 
+LASTS = 0.2
+"""Seconds for which a reason to stand must hold before it is said. Just after the wheels came to rest the filters still
+hold motion, which is taken for noise for some frames."""
+
 
 class Car:
     """The parts of a car and what passes between them.
@@ -59,6 +63,7 @@ class Car:
         self.observers, self.go, self.steer = list(observers), go, steer
         self.ended = threading.Event()
         self.troubles: list[str] = []
+        self.reason: tuple[str | None, int] = (None, 0)
         self.began = 0.0
         self.starts: list[float] = []
         self.loop = Loop(pilot.rate, safe.clock, max_steps)
@@ -124,9 +129,12 @@ class Car:
         timing.forget(KEPT)
 
     def tell_trouble(self) -> None:
-        """Say why the navigator stands or goes slowly, once for each reason."""
+        """Say why the navigator stands or goes slowly, once for each reason that lasts."""
         trouble = self.pilot.trouble() if self.pilot.mode() == STOPPED else None
-        if trouble is not None and trouble not in self.troubles:
+        reason, since = self.reason
+        self.reason = (trouble, since + 1 if trouble == reason else 1)
+        lasts = self.reason[1] >= LASTS * self.pilot.rate
+        if trouble is not None and lasts and trouble not in self.troubles:
             self.troubles.append(trouble)
             self.safe.report(f"stands: {trouble}")
 

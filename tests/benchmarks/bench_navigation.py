@@ -174,7 +174,15 @@ def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
         if name in (WHOLE, "whole step, ranging controller"):
             apart = lambda n=navigator, s=state: n.see_and_steer(next_left, next_right, s)  # noqa: E731
             result.append(Timed(f"{name}, part by part", *median_time(apart), "as before one kernel did it"))
+            eyes = [beside(frame) for frame in (next_left, next_right)]
+            of_camera = lambda n=navigator, s=state, e=eyes: n(*e, s)  # noqa: E731
+            result.append(Timed(f"{name}, frames of OpenCV", *median_time(of_camera), "colors beside each other"))
     return [*result, *many_cars(tensors)]
+
+
+def beside(frame: torch.Tensor) -> torch.Tensor:
+    """The same frame `[1, C, H, W]` with the colors of a pixel beside each other in memory."""
+    return frame.contiguous(memory_format=torch.channels_last)
 
 
 def avoider_row() -> Timed:

@@ -147,3 +147,15 @@ def test_the_navigator_is_told_of_a_low_limit_of_speed():
     assert slow.make(StereoRig(), 1 / 30).params.tight_speed < 0.4
     assert within_limits(NavigatorOptions(), SafetyLimits(speed=0.6)) == NavigatorOptions()
     assert within_limits(NavigatorOptions("published"), SafetyLimits(speed=0.4)).cruise == 0.4
+
+
+def test_why_it_stands_is_said_once_it_lasts(monkeypatch):
+    """Just after the wheels came to rest the filters still hold motion, which looks like noise for some frames."""
+    car, _, lines = film(60)
+    said = {**dict.fromkeys(range(10, 40), "no floor"), **dict.fromkeys(range(12, 16), "no floor, and noise")}
+    step = iter(range(60))
+    monkeypatch.setattr(car.pilot, "mode", lambda: ndtorch_robot.car.STOPPED)
+    monkeypatch.setattr(car.pilot, "trouble", lambda: said.get(next(step)))
+    car.run(58.5 / 30)
+    assert car.troubles == ["no floor"]
+    assert [line for line in lines if line.startswith("stands")] == ["stands: no floor"]

@@ -74,6 +74,15 @@ def test_one_object_its_features_place_and_velocity() -> None:
     assert float(state.age[k]) == pytest.approx(10.0, abs=0.3)
 
 
+def test_the_velocity_of_a_fast_object() -> None:
+    """Over six fields a second: 200 pixels in fields of 31, as the shipped model has them."""
+    module = windows()
+    counts, state = module(blob(RIGHT_RED, wave(60, 1.1), (4.0, 3.0), (0.0, 6.4)))
+    assert counts[-1] == 1
+    _, velocity = module.places(state)
+    assert tuple(velocity[module.confirmed(state)][0].tolist()) == pytest.approx((6.4 * 30, 0.0), rel=0.1, abs=5)
+
+
 def test_two_equal_objects_are_two() -> None:
     one = blob(RIGHT_RED, wave(300, 1.1), (4.0, 3.0), (0.0, 1.5))
     other = blob(RIGHT_RED, wave(300, 0.7), (4.0, 7.0), (0.0, 1.5))

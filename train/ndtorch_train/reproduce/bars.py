@@ -99,7 +99,7 @@ def two_bars(context: Context, seconds: float, phase_step: int, rendered_phases:
     wrong = ", ".join(f"{p:g}" for p, r in zip(phases, right, strict=True) if not r)
     why = f"At 290°. Superposed sums: right at {len(good)} of {len(phases)} phases, wrong at {wrong}°."
     if later > seconds:
-        why += f" After {later:g} s it is right at {sum(still)} of {len(phases)}: most scenes are not stable."
+        why += f" After {later:g} s it is right at {sum(still)} of {len(phases)}."
     if films:
         again = [f"{p:g}" for p, film in films.items() if owners(film) == PAIR]
         why += f" From rendered frames also right at {', '.join(again)}°." if again else ""

@@ -52,6 +52,8 @@ class ScoreOptions:
     """Random scenes that are also rendered as frames, from the first on (about 10 s each)."""
     retinotopic: int = 0
     """Scenes of each set for object files over retinotopic signals, hard sets too if those are wanted; 0: none."""
+    retinotopic_rendered: int = 0
+    """Rendered scenes of each set for the same: textured ground, steady, fast and large bars; 0: none."""
     out: Path = Path("out/score")
     """Folder for leaderboard.md, leaderboard.csv, leaderboard.png and report.html; where it is taken score-2."""
     force: bool = False
@@ -174,6 +176,7 @@ class ScoreOptions:
         from ndtorch_train.score.report import read_rows, write_score_page
         from ndtorch_train.score.retinotopic import rendered_row, retinotopic_rows
         from ndtorch_train.score.retinotopic_hard import hard_retinotopic_rows
+        from ndtorch_train.score.retinotopic_rendered import rendered_local_rows
 
         rows: list[Row] = []
         began = time.perf_counter()
@@ -195,6 +198,8 @@ class ScoreOptions:
                 rows += hard_retinotopic_rows(self.split, min(self.hard, self.retinotopic), self.out)
             if self.rendered:
                 rows.append(rendered_row(self.split, self.rendered, min(self.seconds)))
+        if self.retinotopic_rendered:
+            rows += rendered_local_rows(self.split, self.retinotopic_rendered)
         text = heading(self, time.perf_counter() - began) + markdown(rows)
         write_text(out / "leaderboard.md", text)
         write_csv(rows, out / "leaderboard.csv")
@@ -223,7 +228,7 @@ def check(options: ScoreOptions) -> None:
     if not options.seconds or not all(0 < s <= LONGEST - SETTLE for s in options.seconds):
         raise InputError(f"seconds must lie between 0 and {LONGEST - SETTLE:g}, got {options.seconds}")
     seeds(options.split, max(1, options.scenes))
-    for name in ("scenes", "stress", "hard", "rendered", "retinotopic"):
+    for name in ("scenes", "stress", "hard", "rendered", "retinotopic", "retinotopic_rendered"):
         if getattr(options, name) < 0:
             raise InputError(f"{name} must be a number of scenes >= 0, got {getattr(options, name)}")
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -21,11 +20,13 @@ from ndtorch.navigation.controllers.contract import (
     Task,
     Trace,
 )
+from ndtorch.navigation.controllers.goal.errands import DONE, EXPLORE, asked, finds_nothing, next_errand
 from ndtorch.navigation.controllers.goal.following import follow
-from ndtorch.navigation.controllers.goal.memory import disc_cells, surroundings, visited_cells
+from ndtorch.navigation.controllers.goal.memory import disc_cells, surroundings
 from ndtorch.navigation.controllers.goal.params import GoalParams
-from ndtorch.navigation.controllers.goal.planning import Planned, clearance, plan, to_place, to_unvisited
-from ndtorch.navigation.controllers.goal.speeds import allowed_speeds, speed_towards
+from ndtorch.navigation.controllers.goal.planning import clearance, plan, to_place
+from ndtorch.navigation.controllers.goal.replanning import replan
+from ndtorch.navigation.controllers.goal.speeds import speed_towards
 from ndtorch.navigation.controllers.goal.state import LONGEST, GoalState, put_together, take
 from ndtorch.navigation.controllers.ranging.caution import woken
 from ndtorch.navigation.controllers.ranging.control import RangingControl
@@ -39,9 +40,6 @@ from ndtorch.navigation.rig import StereoRig
 
 RAY = 24
 """Places on the line of sight before a range that count as seen free."""
-
-TO, EXPLORE, BACK, DONE = 0, 1, 2, 3
-"""Errands, one after the other; those that were not asked for are left out."""
 
 
 @register
@@ -76,8 +74,7 @@ class GoalControl(Controller):
         self.line = torch.linspace(0.15, 0.88, RAY)
         self.disc = disc_cells(p.passed, p.reactive.patch)
         self.ones = torch.ones(self.disc.shape[-1])
-        wanted = [(TO, p.to is not None), (EXPLORE, p.explore or not (p.to or p.back)), (BACK, p.back), (DONE, True)]
-        self.errands = [errand for errand, asked in wanted if asked]
+        self.errands = asked(p)
         self.explores = EXPLORE in self.errands
 
     @classmethod
@@ -118,6 +115,7 @@ class GoalControl(Controller):
             blank,
             blank,
             blank + 1,
+            blank,
             blank,
             blank,
             blank,
@@ -181,7 +179,7 @@ class GoalControl(Controller):
         """Plan once, so that the searches are compiled."""
         origin = torch.zeros(())
         state = self.start(torch.zeros_like(self.look.view.x), Pose(origin, origin, origin))  # type: ignore[union-attr, arg-type]
-        self.replan(state, (0.0, 0.0, 0.0))
+        replan(state, (0.0, 0.0, 0.0), self.params, self.every)
         # Where nothing is seen there is nowhere to go.
         patch, p = self.params.reactive.patch, self.params.way
         around = surroundings(state.reactive.patch.evidence, 0.0, 0.0, patch, 1.0, 1.0)
@@ -220,16 +218,20 @@ class GoalControl(Controller):
         here = (float(pose.x), float(pose.y), float(pose.heading))
         if learning:
             return reaction, state
-        state = self.next_errand(state, here)
+        state = next_errand(state, here, self.errands, self.params)
         if int(state.errand) == DONE:
             still = torch.zeros_like(pose.x)
             return Command(still, still), state._replace(mode=still + ARRIVED)
-        lost = int(state.lost)
-        if lost > 0:
+        if int(state.lost) <= 0 and int(state.due) <= 0:
+            state = replan(state, here, self.params, self.every)
+        nothing = finds_nothing(state)
+        state = state._replace(fruitless=state.fruitless + self.dt if nothing else state.fruitless * 0)
+        if nothing and int(state.lost) <= 0:
+            # What was not seen yet is found by driving.
+            state = state._replace(lost=torch.full_like(state.lost, 1 / self.dt))
+        if int(state.lost) > 0:
             state = state._replace(lost=state.lost - 1, due=state.due * 0, mode=state.reactive.mode)
             return reaction, state
-        if int(state.due) <= 0:
-            state = self.replan(state, here)
         way = state.way[: int(state.places)].numpy()
         p = self.params
         aim = follow(way, int(state.at), here, p.ahead, p.tightest)
@@ -261,52 +263,6 @@ class GoalControl(Controller):
         if blocked:
             speed = 0.0
         return Command(new(pose.x, speed * aim.direction), new(pose.x, aim.curvature)), state
-
-    def next_errand(self, state: GoalState, here: tuple[float, float, float]) -> GoalState:
-        """The errand after this one, when this one is done."""
-        errand = int(state.errand)
-        place = self.place(state)
-        done = place is not None and math.hypot(place[0] - here[0], place[1] - here[1]) <= self.params.arrived
-        # Nothing left to explore: no way to anywhere new was found.
-        done = done or (errand == EXPLORE and math.isinf(float(state.cost)))
-        if not done or errand == DONE:
-            return state
-        after = self.errands[self.errands.index(errand) + 1]
-        return state._replace(errand=torch.full_like(state.errand, after), due=state.due * 0, cost=state.cost * 0)
-
-    def place(self, state: GoalState) -> tuple[float, float] | None:
-        """Where the errand ends, if that is one place."""
-        errand = int(state.errand)
-        if errand == TO:
-            return self.params.to  # type: ignore[no-any-return]
-        return (float(state.home[0]), float(state.home[1])) if errand == BACK else None
-
-    def replan(self, state: GoalState, here: tuple[float, float, float]) -> GoalState:
-        """A new way from here."""
-        p, patch = self.params, self.params.reactive.patch
-        blocked = p.reactive.blocked
-        around = surroundings(state.reactive.patch.evidence, here[0], here[1], patch, blocked, -0.1 * blocked)
-        clear = clearance(around.blocked, around.cell)
-        place = self.place(state)
-        if place is None:
-            visited = visited_cells(state.visited, here[0], here[1], patch)
-            seed = to_unvisited(around, visited, clear, p.way)
-        else:
-            seed = to_place(around, place, p.way)
-        at = min(int(state.at) + 1, max(0, int(state.places) - 1))
-        curvature = float(state.way[at, 3]) if int(state.places) else 0.0
-        made: Planned = plan(around, clear, seed, here, curvature, float(state.direction), p.way)
-        way = made.way[:LONGEST]
-        speeds = allowed_speeds(way, around, made, p)
-        kept = np.zeros((LONGEST, 6), np.float32)
-        kept[: len(way), :5], kept[: len(way), 5] = way, speeds
-        return state._replace(
-            way=torch.from_numpy(kept).to(state.way.dtype),
-            places=torch.full_like(state.places, len(way) if len(way) > 1 else 0),
-            at=state.at * 0,
-            due=torch.full_like(state.due, self.every),
-            cost=torch.full_like(state.cost, made.cost),
-        )
 
     def free_ahead(self, lengths: Tensor, direction: float, curvature: float) -> float:
         """How far the reactive controller sees room on the arcs nearest to the one that is wanted, m."""

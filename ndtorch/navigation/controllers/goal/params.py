@@ -73,6 +73,7 @@ class GoalParams:
         tightest: largest curvature, 1/m, to come back to a way whose arcs are a little wider.
         ahead: the way is followed by aiming so far ahead, m.
         passed: exploring, places within this of the way driven count as done, m.
+        patience: exploring ends when for so long no way to anywhere new was found, s.
         miss: evidence that a range takes away from each cell before it.
         reactive: numbers of the controller that keeps the last word.
         way: how ways are planned.
@@ -90,6 +91,7 @@ class GoalParams:
     tightest: float = 2.15
     ahead: float = 0.3
     passed: float = 0.9
+    patience: float = 10.0
     miss: float = 0.15
     reactive: RangingParams = field(default_factory=reactive_params)
     way: WayParams = field(default_factory=WayParams)
@@ -97,6 +99,6 @@ class GoalParams:
     def __post_init__(self) -> None:
         if self.to is not None and not all(math.isfinite(v) for v in self.to):
             raise InputError(f"to must be x, y in m, got {self.to}")
-        for name in ("arrived", "speed", "slow", "creep", "braking", "lag", "ahead", "passed"):
+        for name in ("arrived", "speed", "slow", "creep", "braking", "lag", "ahead", "passed", "patience"):
             if not 0 < getattr(self, name) < math.inf:
                 raise InputError(f"{name} must be a number > 0, got {getattr(self, name)}")

@@ -29,6 +29,7 @@ class GoalState(NamedTuple):
         vetoed: time steps in a row in which the reactive controller saw no room for what was planned.
         lost: time steps for which the reactive controller drives alone.
         cost: of the way to the end of the errand, as last planned; inf where there is none.
+        fruitless: seconds for which exploring has found no way to anywhere new.
         mode: what the car is doing.
     """
 
@@ -44,6 +45,7 @@ class GoalState(NamedTuple):
     vetoed: Tensor
     lost: Tensor
     cost: Tensor
+    fruitless: Tensor
     mode: Tensor
 
 

@@ -17,7 +17,7 @@ from ndtorch.navigation.controllers.ranging.arcs import ArcTable
 from ndtorch.navigation.controllers.ranging.caution import FULL, LEAST
 from ndtorch.navigation.controllers.ranging.decision import Constants, RangingState
 from ndtorch.navigation.controllers.ranging.floor import FloorConstants, FloorState
-from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
+from ndtorch.navigation.controllers.ranging.floor_motion import LIMITS, FloorMotion
 from ndtorch.navigation.controllers.ranging.floor_view import EVERY
 from ndtorch.navigation.controllers.ranging.params import RangingParams
 from ndtorch.navigation.controllers.ranging.patch import Patch
@@ -69,8 +69,8 @@ class QuickRanging(QuickControl):
         columns = (look.fields[0].right - look.fields[0].left) // EVERY
         self.whole = (p.size, arcs.leading, arcs.steps, len(arcs.curvature), *first, wide, tall, columns)
         self.lines = (lines, shift)
-        self.numbers = (*rest[:12], *worth, *patch, *numbers, arcs.step, params.least_noise, LEAST, FULL, STOPPED)
-        self.numbers += (alike, least)
+        self.numbers = (*rest[:13], *worth, *patch, *numbers, arcs.step, params.least_noise, LEAST, FULL, STOPPED)
+        self.numbers += (alike, least, *LIMITS)
         self.tensors = (floor.flow, floor.profile, places, under)
         self.full = -torch.expm1(full_flow * floor.saturation)
         self.learned = float(floor.learning)

@@ -1,0 +1,62 @@
+"""How long a navigator waits for its kernels: compiled once, and loaded, beside Numba's own way with the same code.
+
+`python -m tests.benchmarks.bench_start`; two minutes and more, or with the name of one controller less.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+
+from tests.benchmarks.timing import Row, table
+
+TITLE = "Start of a navigator"
+CONTROLLERS = ("published", "ranging")
+
+STEP = """
+import sys, time
+from ndtorch.navigation import Navigator, StereoRig
+from tests.benchmarks.timing import in_turn, reference
+navigator = Navigator(StereoRig(), 1 / 30, controller=sys.argv[1])
+start = time.thread_time()
+if sys.argv[2] == "plain":
+    import numba
+    from ndtorch.kernels import cached
+    cached.compiled = lambda function, options, keep: numba.njit(function, cache=keep, **options)
+navigator.warm_up()
+taken = time.thread_time() - start
+print(taken, taken / in_turn({"reference": reference})["reference"])
+"""
+
+
+def waits(controller: str, how: str, folder: str) -> tuple[float, float]:
+    """Seconds of the processor until the first fast step is done, and over `reference`, in a new process."""
+    env = {**os.environ, "XDG_CACHE_HOME": folder, "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+    ask = [sys.executable, "-c", STEP, controller, how]
+    said = subprocess.run(ask, env=env, capture_output=True, text=True, check=True)
+    seconds, cost = map(float, said.stdout.split())
+    return seconds, cost
+
+
+def rows(device: str | None = None) -> list[Row]:
+    """Of both controllers."""
+    return [row for controller in CONTROLLERS for row in start_of(controller)]
+
+
+def start_of(controller: str) -> list[Row]:
+    """First with an empty cache, then with what that left; both ways in turn."""
+    found = []
+    with tempfile.TemporaryDirectory() as ours, tempfile.TemporaryDirectory() as plain:
+        for done, turns in (("compiled", 1), ("loaded", 3)):
+            pairs = [(waits(controller, "", ours), waits(controller, "plain", plain)) for _ in range(turns)]
+            (own, cost), (other, _) = min(a for a, _ in pairs), min(b for _, b in pairs)
+            against = f"`numba.njit(cache=True)` {other:.2f} s"
+            what = f"step of `{controller}`, {done}"
+            found.append(Row(what, f"{own:.2f} s", against, f"{other / own:.1f}x", cost))
+    return found
+
+
+if __name__ == "__main__":
+    print(table(TITLE, [row for name in sys.argv[1:] or CONTROLLERS for row in start_of(name)]))

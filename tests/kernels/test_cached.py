@@ -1,0 +1,43 @@
+"""Kernels from the cache are ready without what compiling needs, and compiling still works after one."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ndtorch.kernels import load
+
+USE = """
+import sys
+import numpy as np
+from ndtorch.kernels.load import kernel
+
+def sums(kind):
+    tiles = np.zeros((1, 4), kind)
+    kernel("tile_sums", kind).run(np.array([1, 1, 3]), np.array([0.5, 0.25, 2], kind), np.array([0]), tiles)
+    return tiles[0].tolist()
+
+print(sums(np.float32), "numba.np.linalg" in sys.modules, "scipy.linalg" in sys.modules)
+print(sums(np.float64), "numba.np.linalg" in sys.modules)
+"""
+
+
+def test_a_kernel_is_loaded_without_what_compiling_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("numba")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    load.code_folder.cache_clear()
+    try:
+        compiled = load.kernel.__wrapped__("tile_sums")
+        tiles = np.zeros((1, 4), np.float32)
+        compiled.run(np.array([2]), np.ones(1, np.float32), np.array([0]), tiles)
+    finally:
+        load.code_folder.cache_clear()
+    assert tiles.tolist() == [[0, 0, 1, 0]]
+    said = subprocess.run([sys.executable, "-c", USE], capture_output=True, text=True, timeout=120, check=True)
+    # The second precision is not in the cache: it is compiled, in the same process.
+    assert said.stdout.splitlines() == ["[0.0, 0.75, 0.0, 2.0] False False", "[0.0, 0.75, 0.0, 2.0] True"]
