@@ -83,7 +83,6 @@ TESTED_IN = {
     "navigation/controllers/ranging/caution": "navigation/test_near_check",
     "navigation/controllers/goal/control": "navigation/controllers/goal/test_goal_control",
     "navigation/controllers/goal/following": "navigation/controllers/goal/test_planning",
-    "navigation/controllers/goal/memory": "navigation/controllers/goal/test_goal_control",
     "navigation/controllers/goal/params": "navigation/controllers/goal/test_goal_control",
     "navigation/controllers/goal/replanning": "navigation/controllers/goal/test_goal_control",
     "navigation/controllers/goal/speeds": "navigation/controllers/goal/test_goal_control",

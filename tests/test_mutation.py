@@ -202,3 +202,16 @@ def test_what_takes_too_long_is_ended(tmp_path: Path) -> None:
     assert busy["status"] is None
     assert idle["status"] is None
     assert busy["cpu"] > idle["cpu"]
+
+
+def test_a_file_that_is_too_slow_for_one_list_is_asked_where_it_is_the_mirrored_one(
+    checkout: Path, tmp_path: Path
+) -> None:
+    slow = "from ndtorch.near import near\n\n\ndef test_it():\n    import time\n\n    end = time.process_time() + 1.5\n"
+    (checkout / "tests/test_near.py").write_text(
+        slow + "    while time.process_time() < end:\n        pass\n    assert not near(2)\n"
+    )
+    with Bench(checkout, tmp_path / "tree", sys.executable, SETTINGS) as bench:
+        command = bench.commands("ndtorch/near.py")[0]
+        assert bench.unchanged(command, 1).status is None
+        assert bench.try_change(less_to("<=")) == "noticed"

@@ -35,6 +35,9 @@ class CovarianceState(NamedTuple):
             are not wanted.
         steps: samples taken, int64 scalar.
         age: seconds since the memories began or began anew, `[...]`; below 0 they still wait.
+        pieces: sums, over updates, of the mean products in each of the latest P stretches of time, oldest first,
+            `[..., P, L, N, N]`.
+        held: updates in each of them, int64 `[P]`.
     """
 
     low: Tensor
@@ -44,6 +47,8 @@ class CovarianceState(NamedTuple):
     differences: Tensor
     steps: Tensor
     age: Tensor
+    pieces: Tensor
+    held: Tensor
 
 
 @dataclass(frozen=True)
@@ -76,6 +81,8 @@ class Constants:
         differences: whether differences are looked at.
         anew: when the memories begin anew; None for never.
         dt, tau: seconds, of a time step and of the last memory.
+        pieces: how many.
+        updates: in each of them.
     """
 
     lags: tuple[int, ...]
@@ -86,6 +93,8 @@ class Constants:
     anew: Anew | None
     dt: float
     tau: float
+    pieces: int
+    updates: int
 
 
 class RunningCovariances(nn.Module):
@@ -101,6 +110,8 @@ class RunningCovariances(nn.Module):
         every: time between updates, seconds.
         at_first: the high-pass starts settled on the first sample, for signals that are not around zero.
         anew: when all begins anew, which needs a covariance proper; None for never.
+        pieces: how many of the latest stretches of time are kept apart too, for those who choose among them.
+        piece: length of each, seconds.
 
     Shapes:
         signals `[..., T, N]` -> state, up to the last update. `None` starts at rest, with zeros.
@@ -119,6 +130,8 @@ class RunningCovariances(nn.Module):
         every: float = 0.1,
         at_first: bool = False,
         anew: Anew | None = None,
+        pieces: int = 0,
+        piece: float = 1.0,
     ) -> None:
         super().__init__()
         self.at_first = at_first
@@ -140,6 +153,8 @@ class RunningCovariances(nn.Module):
             anew=anew,
             dt=dt,
             tau=memories[-1],
+            pieces=pieces,
+            updates=max(1, round(piece / (self.every * dt))),
         )
 
     def start(self, first: Tensor) -> CovarianceState:
@@ -154,6 +169,8 @@ class RunningCovariances(nn.Module):
             differences=first.new_zeros(*batch, len(c.memories) if c.differences else 0, n, n),
             steps=torch.zeros((), dtype=torch.int64),
             age=first.new_zeros(batch),
+            pieces=first.new_zeros(*batch, c.pieces, len(c.lags), n, n),
+            held=torch.zeros(c.pieces, dtype=torch.int64),
         )
 
     def forward(self, signals: Tensor, state: CovarianceState | None = None) -> CovarianceState:
@@ -178,6 +195,16 @@ def covariance_step(block: Tensor, state: CovarianceState, constants: Constants)
     known = torch.cat([state.past, high], -2)
     before = torch.stack([known.narrow(-2, c.longest - lag, steps) for lag in c.lags], -3)
     weights = [memory.weights(high) for memory in c.memories]
+    pieces, held = state.pieces, state.held
+    if c.pieces:
+        over = held[-1] >= c.updates
+        pieces = torch.where(
+            over, torch.cat([pieces[..., 1:, :, :, :], torch.zeros_like(pieces[..., :1, :, :, :])], -4), pieces
+        )
+        held = torch.where(over, torch.cat([held[1:], torch.zeros_like(held[:1])]), held)
+        now = symmetric(high.unsqueeze(-3).mT @ before) / steps
+        pieces = torch.cat([pieces[..., :-1, :, :, :], pieces[..., -1:, :, :, :] + now.unsqueeze(-4)], -4)
+        held = torch.cat([held[:-1], held[-1:] + 1])
     covariances = [
         kept * old + symmetric((high.unsqueeze(-3) * taken[:, None]).mT @ before)
         for (kept, taken), old in zip(weights, state.covariances.unbind(-4), strict=True)
@@ -196,6 +223,8 @@ def covariance_step(block: Tensor, state: CovarianceState, constants: Constants)
         covariances=torch.stack(covariances, -4),
         differences=differences,
         age=state.age + steps * c.dt,
+        pieces=pieces,
+        held=held,
     )
     return after if c.anew is None else begun_anew(after, state, block, high, c, c.anew)
 
@@ -221,6 +250,7 @@ def begun_anew(
         covariances=at_rest(after.covariances),
         differences=at_rest(after.differences),
         age=age,
+        pieces=at_rest(after.pieces),
     )
 
 

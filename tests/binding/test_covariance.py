@@ -25,7 +25,7 @@ def noise(length: int, signals: int) -> torch.Tensor:
 @given(lengths=chunkings(230))
 def test_statistics_do_not_depend_on_chunks(lengths: list[int]) -> None:
     signals = noise(230, 10)
-    for module in (signal_statistics(), SumStatistics().scene):
+    for module in (signal_statistics(), SumStatistics().scene, SumStatistics().all):
         state: Any = None
         for chunk in torch.split(signals, lengths):
             state = module(chunk, state)
@@ -69,7 +69,9 @@ class Exported(torch.nn.Module):
         return tuple(part.clone() for part in self.module(signals, CovarianceState(*state)))
 
 
-@pytest.mark.parametrize("module", [signal_statistics(), RunningCovariances(0.01, (3.0, 9.0), (0.01, 0.2))])
+@pytest.mark.parametrize(
+    "module", [signal_statistics(), RunningCovariances(0.01, (3.0, 9.0), (0.01, 0.2), pieces=2, piece=0.2)]
+)
 def test_a_program_goes_on_wherever_a_chunk_begins(module: Any) -> None:
     # Seven samples a chunk against blocks of ten: chunks with no, and with one whole block.
     chunks = torch.split(noise(70, 3), 7)
@@ -88,3 +90,13 @@ def test_memories_and_delays_that_cannot_be_are_refused() -> None:
         RunningCovariances(memories=())
     with pytest.raises(InputError, match=r"delays must be seconds >= 0, got \(-0.1,\)"):
         RunningCovariances(delays=(-0.1,))
+
+
+def test_pieces_are_the_means_of_each_stretch_of_time() -> None:
+    # Pieces of two updates of ten samples, of which the latest two are kept; the last five samples have to wait.
+    signals = noise(75, 2)
+    state = RunningCovariances(0.01, (1.0,), (0.0,), tau_high=math.inf, pieces=2, piece=0.2)(signals)
+    assert state.held.tolist() == [2, 1]
+    for n, (start, stop) in enumerate(((40, 60), (60, 70))):
+        part = signals[start:stop]
+        assert_allclose(state.pieces[n, 0] / state.held[n], part.T @ part / len(part), atol=1e-12)

@@ -11,6 +11,7 @@ from ndtorch.navigation import Command, Navigator, Pose, StereoRig
 from ndtorch.navigation.near_floor import floor_likeness
 from ndtorch.navigation.near_params import NearParams
 from ndtorch.navigation.near_things import compared, compared_by_kernel, near_things
+from ndtorch.tree import leaves
 
 RIG = StereoRig(forward=0.15)
 DT = 1 / 30
@@ -148,6 +149,21 @@ def test_memory_outlives_a_fault():
     assert float(far[0].curvature) == 0
     assert float(far[0].speed) == pytest.approx(0.5)
     assert float(near[0].speed) <= 0 or float(near[0].curvature) != 0
+
+
+def test_a_step_goes_on_from_the_state_that_it_is_given():
+    """A command that was changed for what is near is the one that the next step goes on from."""
+    navigator, still = Navigator(RIG, DT, near_check=True), Command(torch.zeros(1), torch.zeros(1))
+    state = None
+    with torch.inference_mode():
+        for distance in (0.5, 0.5, 3.0, 3.0, 3.0, 0.5, 0.5):
+            given, (left, right) = state, pair(distance)
+            command, state = navigator(left, right, given, still)
+            if given is not None:
+                again, same = navigator(left, right, given._replace(), still)  # nothing is known but the state
+                for a, b in ((command, again), (state.command, same.command), (state.control, same.control)):
+                    ours, theirs = leaves(a).values(), leaves(b).values()
+                    assert all(torch.allclose(x, y, atol=1e-5) for x, y in zip(ours, theirs, strict=True))
 
 
 def test_slower_on_floor_that_is_told_worse_from_noise():

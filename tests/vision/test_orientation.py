@@ -192,6 +192,18 @@ def test_gradients(border: Border, exact: bool, center: tuple[float, float], sur
     assert torch.autograd.gradcheck(module.sums, (noise(10, 8).requires_grad_(),))
 
 
+@pytest.mark.parametrize("border", BORDERS)
+def test_coarse_grids_begin_where_the_margin_does(border: Border) -> None:
+    """Pixel n of the frame is at n + 1/2, so the first pixel of the margin is at 1/2 less the margin."""
+    module = OrientedDoG((96, 120), border=border)
+    for grid, padded, size in zip(module.places(), module.padded, module.size, strict=True):
+        cell = padded / grid.shape[1]
+        margin = (padded - size) / 2
+        assert (margin == 0) == (border == "wrap")
+        assert_allclose(grid.diff(dim=1), cell, rtol=1e-5)
+        assert_allclose(grid[:, 0], [0.5 - margin, 0.5 - margin + cell / 2], rtol=1e-5)
+
+
 def test_unknown_border_is_refused() -> None:
     with pytest.raises(InputError, match=r"border must be one of wrap, reflect, got 'zero'"):
         OrientedDoG((20, 20), border="zero")  # type: ignore[arg-type]

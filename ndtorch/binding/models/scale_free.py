@@ -66,7 +66,9 @@ class OwnerReadout(SumCriteria, SourceCriteria, OwnerCriteria):
     delays: tuple[float, ...] = Field(DELAYS, min_length=1, description="delays of the others,")
     tau_recent: float = Field(0.75, gt=0, description="memory of what is still there,")
     tau_fast: float = Field(3.5, gt=0, description="their short")
-    tau_slow: float = Field(12.0, gt=0, description="and long memory")
+    tau_slow: float = Field(12.0, gt=0, description="and long memory,")
+    pieces: int = Field(24, gt=0, description="which is of so many stretches of time,")
+    piece: float = Field(1.0, gt=0, description="each so long")
     stable_window: float = Field(1.0, gt=0, description="tau_s of the stability criterion")
     stable_mean: float = Field(2.0, ge=0, description="time constant of the mean weights it looks at")
     stable_change: float = Field(0.5, gt=0, description="S_thr of the stability criterion, weight per window")
@@ -143,7 +145,8 @@ class ScaleFreeStage(nn.Module):
             tau_mean=r.stable_mean,
         )
         self.statistics = signal_statistics(dt, r.tau_owners, r.tau_high, r.update)
-        self.sums = SumStatistics(dt, r.delays, r.tau_recent, r.tau_fast, r.tau_slow, r.tau_high, r.update, r.surprise)
+        taus = (r.tau_recent, r.tau_fast, r.tau_slow, r.tau_high)
+        self.sums = SumStatistics(dt, r.delays, *taus, r.update, r.surprise, r.pieces, r.piece)
         self.register_buffer("first_stage", first_stage)
 
     def forward(self, refined: Tensor, sums: Tensor, state: StageState | None = None) -> tuple[Tensor, StageState]:
@@ -159,7 +162,7 @@ class ScaleFreeStage(nn.Module):
         table = owner_table(state.weights, state.statistics, r, dt=self.dt)
         if r.readout == "owners":
             return plain_table(table, state.weights, self.first_stage, r)
-        return sums_table(table, state.weights, state.sums, self.first_stage, r, r, r.smallest)
+        return sums_table(table, state.weights, state.sums, self.first_stage, r, r, r.smallest, r.tau_slow, r.piece)
 
 
 class ScaleFreeModel(WholeFieldModel):

@@ -67,6 +67,23 @@ def test_it_has_no_table_of_owners() -> None:
         module.table(module(noise(1))[1])
 
 
+def test_an_object_says_when_it_was_seen() -> None:
+    module = model()
+    signals, state = module(noise(12))
+    windows = state.windows
+    one = torch.zeros_like(windows.open)
+    one[3] = True
+    age = module.config.tracking.confirm + 0.04
+    state = state._replace(
+        windows=windows._replace(open=one, age=age * one.float(), unseen=0.03 * one.float()),
+    )
+    (thing,) = module.objects(state)
+    now = float(signals.time[-1])
+    assert thing.track == 3
+    assert thing.last_seen == pytest.approx(now - 0.03)
+    assert thing.first_seen == pytest.approx(now - age)
+
+
 @pytest.mark.slow
 def test_three_equal_bars_are_three_objects() -> None:
     """Claim C8 [C §5.5.2]: wide-field sums see one object, fields see three."""
