@@ -9,6 +9,9 @@ import numba
 from numba.core import caching
 from numba.core.runtime import nrt
 
+KNOWN = ("0.68",)
+"""Versions of Numba whose inner parts are used here; any other compiles and keeps kernels as it does itself."""
+
 FunctionCache: Any = caching.FunctionCache
 
 
@@ -28,6 +31,8 @@ class QuickCache(FunctionCache):  # type: ignore[misc]
 
 def compiled(function: Callable[..., Any], options: dict[str, Any], keep: bool) -> Any:
     """`numba.njit(function, cache=keep, **options)`: where it keeps things `numba.config` says."""
+    if not numba.__version__.startswith(KNOWN):
+        return numba.njit(function, cache=keep, **options)
     dispatcher: Any = numba.njit(function, **options)
     if keep:
         dispatcher._cache = QuickCache(function)

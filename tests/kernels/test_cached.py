@@ -41,3 +41,18 @@ def test_a_kernel_is_loaded_without_what_compiling_needs(tmp_path: Path, monkeyp
     said = subprocess.run([sys.executable, "-c", USE], capture_output=True, text=True, timeout=120, check=True)
     # The second precision is not in the cache: it is compiled, in the same process.
     assert said.stdout.splitlines() == ["[0.0, 0.75, 0.0, 2.0] False False", "[0.0, 0.75, 0.0, 2.0] True"]
+
+
+def test_with_another_numba_that_does_it_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    numba = pytest.importorskip("numba")
+    from ndtorch.kernels import cached
+    from ndtorch.kernels.tile_sums import tile_sums
+
+    monkeypatch.setattr(numba, "__version__", "0.99.0")
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    usual = cached.compiled(tile_sums, load.OPTIONS, keep=True)
+    assert not isinstance(usual._cache, cached.QuickCache)
+    tiles = np.zeros((1, 4), np.float32)
+    usual(np.array([2]), np.ones(1, np.float32), np.array([0]), tiles)
+    assert tiles.tolist() == [[0, 0, 1, 0]]
+    assert list(tmp_path.rglob("*.nbc"))
