@@ -11,9 +11,6 @@ from ndtorch.kernels.inner import exactly
 
 Array = Any
 
-JUDGED = 6
-"""As in `floor_step`."""
-
 
 def floor_cells(
     cells: Array,
@@ -43,7 +40,7 @@ def floor_cells(
         The noise after.
     """
     yaw, saturation, least, tolerance, clear, standing, learns, learn_share, share = numbers[:9]
-    moving, still, noise_share, trust = numbers[9:13]
+    moving, still, noise_share = numbers[9:12]
     eyes, bands, blocks = cells.shape
     kind = cells.dtype.type
     speed, turning = abs(kind(driven[0])), kind(driven[1]) * kind(yaw)
@@ -54,36 +51,28 @@ def floor_cells(
         shape[b] = -math.expm1(passing * kind(saturation))
         gained[b] = kind(0)
         known[b] = level[b] * shape[b] > kind(noise) * kind(clear) and not learning
-    excess = np.zeros((2, bands, blocks), cells.dtype)
-    floor = np.zeros((2, bands, blocks), np.bool_)
-    mistaken = np.zeros(2, np.bool_)
-    judged, agreed = 0, 0
+    excess = np.zeros((bands, blocks), cells.dtype)
+    floor = np.zeros((bands, blocks), np.bool_)
     for eye in range(2):
+        mistaken = False
         for b in range(bands):
             expected = max(level[b] * shape[b], kind(least))
             for k in range(blocks):
                 if known[b]:
-                    excess[eye, b, k] = kind(math.log(max(cells[eye, b, k], kind(least)) / expected))
-                    floor[eye, b, k] = abs(excess[eye, b, k]) < kind(tolerance)
-                    if eyes == 4:
-                        both = cells[eye + 2, b, k]
-                        mistaken[eye] = mistaken[eye] or (not floor[eye, b, k] and both > 0)
-                        judged += floor[eye, b, k] and both >= 0
-                        agreed += floor[eye, b, k] and both > 0
-    trusted = eyes == 4 and kind(agreed) >= kind(judged) * kind(trust) and judged * JUDGED >= 2 * bands * blocks
-    for eye in range(2):
+                    excess[b, k] = kind(math.log(max(cells[eye, b, k], kind(least)) / expected))
+                    floor[b, k] = abs(excess[b, k]) < kind(tolerance)
+                    mistaken = mistaken or (eyes == 4 and not floor[b, k] and cells[eye + 2, b, k] > 0)
         for k in range(blocks):
             reached = True
             for b in range(bands):
                 both = cells[eye + 2, b, k] if eyes == 4 else kind(0)
-                # As in `floor_step`.
-                looks = (floor[eye, b, k] and not (trusted and both == 0)) or (known[b] and both > 0)
-                goes_on = looks or (mistaken[eye] and both < 0)
+                looks = floor[b, k] or (known[b] and both > 0)
+                goes_on = looks or (mistaken and both < 0)
                 seen = reached and looks
                 ends = reached and known[b] and not goes_on
                 evidence[eye, b, k] = kind(worth[0]) if ends else -kind(worth[1]) if seen else kind(0)
-                if seen and floor[eye, b, k]:
-                    gained[b] += excess[eye, b, k]
+                if seen and floor[b, k]:
+                    gained[b] += excess[b, k]
                 reached = reached and goes_on
     for b in range(bands):
         new_level[b] = level[b] * kind(math.exp(gained[b] * kind(share)))

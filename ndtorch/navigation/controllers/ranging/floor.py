@@ -11,9 +11,6 @@ from torch import Tensor
 from ndtorch.navigation.controllers.ranging.floor_view import FloorParams, FloorView
 from ndtorch.navigation.rig import StereoRig
 
-JUDGED = 6
-"""Both eyes are asked only where they judge more than one of so many cells."""
-
 
 class FloorState(NamedTuple):
     """State of `floor_step`, what was learned of the floor.
@@ -60,7 +57,6 @@ class FloorConstants(NamedTuple):
     moving: Tensor
     still: Tensor
     noise_share: Tensor
-    trust: Tensor
     one: Tensor
 
 
@@ -86,7 +82,7 @@ def floor_constants(rig: StereoRig, params: FloorParams, view: FloorView, dt: fl
         ),
     )
     yaw, saturation, least, tolerance, clear, stands, learns, learn_share, share = numbers
-    rest = map(torch.tensor, (0.1, 0.02, 0.3, p.trust, 1.0))
+    rest = map(torch.tensor, (0.1, 0.02, 0.3, 1.0))
     return FloorConstants(
         (view.sweep * dt).square(),
         yaw,
@@ -111,8 +107,7 @@ def floor_step(
     Output grows with image speed v as `level (1 - exp(-v / saturation))`; the level follows the floor. A blank
     wall gives less, the foot of a wall and a textured wall more. So do lines, joints and checks; but there both eyes
     see one floor, and it goes on. What only one eye sees is believed to be an end of the floor as long as this eye is
-    not mistaken elsewhere. And where both eyes see one floor in nearly all of what looks like floor, the few cells in
-    which they do not are none: a thin pole straight ahead hardly moves in the image, and hides only a part of a cell.
+    not mistaken elsewhere.
 
     Args:
         cells: outputs of `FloorMotion` at one time, `[..., 4, bands, blocks]`; without what both eyes see
@@ -135,10 +130,7 @@ def floor_step(
     if both.shape[-3]:
         line = (both > 0) & sure & ~floor
         mistaken = line.any(-1, keepdim=True).any(-2, keepdim=True)
-        judged, agreed = ((floor & (both >= 0)).to(cells.dtype), (floor & (both > 0)).to(cells.dtype))
-        judged, agreed = (part.sum((-3, -2, -1), keepdim=True) for part in (judged, agreed))
-        trusted = (agreed >= judged * c.trust) & (judged * JUDGED >= both[..., :2, :, :].shape[-3:].numel())
-        looks = (floor & ~((both == 0) & trusted)) | line
+        looks = floor | line
         goes_on = looks | (mistaken & (both < 0))
     way = goes_on.to(cells.dtype).cumprod(-2)
     reached = torch.cat((torch.ones_like(way[..., :1, :]), way[..., :-1, :]), -2)

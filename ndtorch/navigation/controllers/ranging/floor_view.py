@@ -30,8 +30,6 @@ class FloorParams:
         adaptation: time constant of learning after that, from cells that look like floor, s.
         clear: floor is unknown where its low threshold is less than this many times the noise.
         alike: correlation of both images from which on a cell, and the one behind it, are one floor.
-        trust: both eyes are believed that a cell is no floor, though it moves like floor, where they see one floor in
-            this share of such cells.
         texture: least change from pixel to pixel for that, as a share of white.
     """
 
@@ -48,7 +46,6 @@ class FloorParams:
     adaptation: float = 5.0
     clear: float = 1.5
     alike: float = 0.7
-    trust: float = 0.8
     texture: float = 0.002
 
     def __post_init__(self) -> None:
@@ -58,8 +55,6 @@ class FloorParams:
             raise InputError(f"expected bands >= 2 and blocks >= 1, got {self.bands} and {self.blocks}")
         if not (self.tolerance > 1 and self.saturation > 0 and self.adaptation > 0 and self.clear > 0):
             raise InputError(f"expected tolerance > 1 and positive saturation, adaptation and clear, got {self}")
-        if not 0 < self.trust <= 1:
-            raise InputError(f"expected 0 < trust <= 1, got {self.trust}")
         if not (0 < self.alike < 1 and self.texture >= 0):
             raise InputError(f"expected 0 < alike < 1 and texture >= 0, got {self.alike} and {self.texture}")
         if not (0 <= self.standing_time < math.inf and 0 < self.learning_time < math.inf):

@@ -100,25 +100,6 @@ def test_what_both_eyes_do_not_see_as_floor_ends_it():
     assert (step(motion, both)[0].ends[:, 6] == 1).all()
 
 
-def test_what_moves_like_floor_but_is_none_to_both_eyes_ends_it_where_they_mostly_agree():
-    """A thin pole straight ahead."""
-    motion, both = moving_floor(), torch.ones(2, BANDS, BLOCKS)
-    both[0, 5, 4] = both[1, 7, 6] = 0
-    seen, _ = step(motion, both)
-    assert seen.ends.nonzero().tolist() == [[0, 5, 4], [1, 7, 6]]
-    assert seen.free[0, :5, 4].all()
-    assert not seen.free[0, 5:, 4].any()
-    # On a floor that they cannot compare they are not asked, nor where they judge few cells.
-    both[:, :, :2] = 0
-    assert step(motion, both)[0].ends.sum() == 0
-    few = torch.full((2, BANDS, BLOCKS), -1.0)
-    few[:, :, 3] = 1
-    few[0, 5, 3] = 0
-    assert step(motion, few)[0].ends.sum() == 0
-
-
 def test_bad_numbers():
     with pytest.raises(InputError, match="alike"):
         FloorParams(alike=1.0)
-    with pytest.raises(InputError, match="trust"):
-        FloorParams(trust=0.0)
