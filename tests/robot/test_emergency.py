@@ -21,6 +21,7 @@ from tests.robot.support.plain_drive import PlainDrive
 drive = PlainDrive()
 safe = SafeDrive(drive, MonotonicClock(), report=lambda line: print(f"{time.monotonic():.4f} {line}", flush=True))
 with emergency_stops(safe) as ended:
+    safe.send(DriveCommand(0.5, 0.0))
     print("ready", flush=True)
     while not ended.is_set():
         safe.send(DriveCommand(0.5, 0.0))

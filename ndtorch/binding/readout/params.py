@@ -44,7 +44,7 @@ class SumCriteria(Constants):
     least: float = Field(0.01, ge=0, description="deviation against the level, or nothing fluctuates")
     doubtful: float = Field(2e-3, ge=0, description="share of the largest of a further source beside two of one rate")
     lit: float = Field(0.012, ge=0, description="sine of the angle between even light and the sources: it is one,")
-    unmoved: float = Field(0.03, ge=0, description="if its share of the largest motion is below this")
+    unmoved: float = Field(0.1, ge=0, description="if its share of the largest motion is below this")
     moved: float = Field(0.115, ge=0, description="share of the largest motion without a source that makes one more,")
     elsewhere: float = Field(0.03, ge=0, description="the same another way than all sources move,")
     quiet: float = Field(5e-4, ge=0, description="where noise is less than this share of the largest")

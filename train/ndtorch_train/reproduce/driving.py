@@ -65,13 +65,16 @@ def free_driving(
     other: list[str],
     seed: int,
     other_seconds: float,
-    controller: str = "published",
+    better: str = "",
 ) -> Outcome:
-    """The curved hallway for minutes, and arenas with walls met head-on."""
+    """The curved hallway for minutes, and arenas with walls met head-on.
+
+    Args:
+        better: the controller that drives instead of the published one.
+    """
     tasks = [("curve", s, curve_seconds) for s in curve_seeds] + [(a, seed, other_seconds) for a in other]
-    published = controller == "published"
     # What stands beside the controller is published with it, or as the package has it.
-    options: dict[str, Any] = {} if published else {"controller": controller, "features": 7, "places": "edges"}
+    options: dict[str, Any] = {"controller": better, "features": 7, "places": "edges"} if better else {}
     drives = []
     for n, (arena, s, seconds) in enumerate(tasks):
         drives.append(recorded(context, arena, s, seconds, (n / len(tasks), (n + 1) / len(tasks)), **options))
@@ -79,8 +82,9 @@ def free_driving(
     figure, axes = panels(1, len(shown), 6.2 * len(shown), 6)
     for one, seen in zip(axes, shown, strict=True):
         path_panel(one, seen)
-    caption = f"Paths of the {controller} controller: a hallway whose walls are met obliquely, and walls met head-on."
-    name = "A8-paths" if published else f"A8-paths-{controller}"
+    who = better or "published"
+    caption = f"Paths of the {who} controller: a hallway whose walls are met obliquely, and walls met head-on."
+    name = f"A8-paths-{better}" if better else "A8-paths"
     context.draw(name, figure, "A fig. 8", caption, drives=tasks)
 
     def troubles(seen: Recorded) -> int:
@@ -104,7 +108,7 @@ def free_driving(
     ours = f"curve {fine:.1f} min without trouble; " + "; ".join(words)
     first = [n["first trouble at"] for n in numbers.values() if n["first trouble at"] is not None]
     why = f"The first trouble comes after {min(first):.0f}-{max(first):.0f} s." if first else ""
-    if published:
+    if not better:
         head_on = "At walls met head-on it stops for good (both sides low) or hits them."
         why = f"Walls met obliquely are avoided. {head_on} {why}".strip()
     return judged(context, ours, why, parts, numbers)

@@ -141,13 +141,15 @@ class ScoreOptions:
 
             return RangeScore(Path(self.what[1]), self.disparities, told)
         if self.labelled is not None:
-            from ndtorch_train.score.labelled.command import Comparison, labelled_clips
+            from ndtorch_train.score.labelled.command import Comparison, check_methods, labelled_clips
 
+            check_methods(self.methods, self.rows)
             return Comparison(labelled_clips(self.labelled), self.methods, self.rows, told)
         if self.empty is not None:
-            from ndtorch_train.score.labelled.command import Comparison
+            from ndtorch_train.score.labelled.command import Comparison, check_methods
             from ndtorch_train.score.labelled.empty import empty_clips
 
+            check_methods(self.methods, self.rows)
             clips = empty_clips(self.empty, self.empty_seconds, self.split)
             return Comparison(clips, self.methods, self.rows, told)
         if self.common_fate:

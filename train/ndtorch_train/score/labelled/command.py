@@ -44,14 +44,7 @@ class Comparison:
     def __init__(
         self, clips: Sequence[Labelled], methods: Sequence[str], rows: int, told: Callable[[str], None]
     ) -> None:
-        if rows != 0 and rows < 32:
-            raise InputError(f"rows must be 0 or at least 32, got {rows}")
-        for name in methods:
-            if name not in LABELLED and not Path(name).is_dir():
-                hint = meant(name, LABELLED)
-                raise InputError(
-                    f"methods must be among {', '.join(LABELLED)} or folders of models, got {name!r}{hint}"
-                )
+        check_methods(methods, rows)
         self.clips, self.methods, self.rows, self.told = clips, methods, rows, told
 
     def __call__(self, out: Path) -> tuple[list[dict[str, Any]], str]:
@@ -70,6 +63,20 @@ class Comparison:
                 write(table, note, out)
         text = write(table, note, out)
         return read_rows(out / "labelled.csv"), text
+
+
+def check_methods(methods: Sequence[str], rows: int) -> None:
+    """What can be known to be wrong before a clip is looked for.
+
+    Raises:
+        InputError: an unknown method, or rows that are none.
+    """
+    if rows != 0 and rows < 32:
+        raise InputError(f"rows must be 0 or at least 32, got {rows}")
+    for name in methods:
+        if name not in LABELLED and not Path(name).is_dir():
+            hint = meant(name, LABELLED)
+            raise InputError(f"methods must be among {', '.join(LABELLED)} or folders of models, got {name!r}{hint}")
 
 
 def labelled_clips(folder: Path) -> list[Labelled]:
