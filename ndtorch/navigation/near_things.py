@@ -93,7 +93,7 @@ def compared(left: Floats, right: Floats, first: int, high: int, half: int) -> C
 
 
 def compared_by_kernel(left: Floats, right: Floats, first: int, high: int, half: int) -> Compared:
-    """The same; 0.3 ms instead of 15."""
+    """The same, by a kernel."""
     best, back, costs = (
         np.empty(len(left), np.int64),
         np.empty(len(left), np.int64),

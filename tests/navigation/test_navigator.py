@@ -24,6 +24,8 @@ from ndtorch.navigation import (
 )
 from ndtorch.navigation.controllers.published import SaccadeAvoidance
 from ndtorch.navigation.controllers.subfields import SubfieldMotion
+from ndtorch.navigation.model import strips
+from ndtorch.navigation.state import StepState
 from ndtorch.vision.nondirectional import NDMin, spatial_maximum
 
 DT = 1 / 30
@@ -251,3 +253,24 @@ def test_cuda():
     there = leaves(navigator.to("cuda")(left.cuda(), right.cuda()))
     for a, b in zip(here, there, strict=True):
         torch.testing.assert_close(a, b.cpu(), atol=1e-4, rtol=1e-4)
+
+
+def test_a_step_that_caution_slowed_goes_on_from_the_slower_one(monkeypatch):
+    """Its numbers are no more those that the kernel left: the next step gathers them anew."""
+    pytest.importorskip("numba")
+    navigator = Navigator(RIG, DT, controller="published")
+    left, right = frames(4)
+    with torch.inference_mode():
+        whole, eyes = navigator.whole_step(), [strips(eye[:1]) for eye in (left, right)]
+        step = whole(*eyes, None, None, None)
+        command, state = navigator.after(step._replace(careful=False), *eyes, None)
+        assert state.packed is step.packed
+        assert float(command.speed) == float(state.command.speed) > 0
+        monkeypatch.setattr(
+            navigator.controller, "caution", lambda given, control, pose: (Command(*(0.5 * v for v in given)), control)
+        )
+        slower, changed = navigator.after(step._replace(careful=True), *eyes, None)
+        assert not isinstance(changed, StepState)
+        assert float(slower.speed) == float(changed.command.speed) == 0.5 * float(command.speed)
+        _, went = navigator(left[1:2], right[1:2], changed)
+    assert float(went.pose.x) == pytest.approx(0.5 * float(navigator(left[1:2], right[1:2], state)[1].pose.x))
