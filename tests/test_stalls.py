@@ -20,9 +20,14 @@ def attempts(outcomes, stalls):
     return Again(lambda since: stalls[len(ran) - 1]).run(work), len(ran)
 
 
-def test_what_fails_on_a_machine_that_works_fails_at_once():
-    assert attempts([False, True], [0.05, 0.0]) == ((False, []), 1)
-    assert attempts([False, False, True], [0.3, 0.01, 0.0]) == ((False, [0.3]), 2)
+def test_what_fails_twice_on_a_machine_that_works_has_failed():
+    assert attempts([False, False], [0.05, 0.0]) == ((False, [0.05]), 2)
+    assert attempts([False, True], [0.05, 0.0]) == ((True, [0.05]), 2)
+    assert attempts([False, False, False], [0.3, 0.01, 0.0]) == ((False, [0.3, 0.01]), 3)
+
+
+def test_one_failure_among_stalls_shows_nothing():
+    assert attempts([False] * ATTEMPTS, [0.3, 0.01, 0.3]) == ((None, [0.3, 0.01, 0.3]), ATTEMPTS)
 
 
 def test_what_fails_in_a_stall_is_run_again():

@@ -98,6 +98,15 @@ class Bench:
         assert not moved, (self.lines, moved)
         return max([when for when in self.moving() if when > fault], default=fault) - fault
 
+    def last_moments(self):
+        """What the loop did of late, to find out where time went."""
+        loop, faults = self.car.loop, self.car.safe.faults
+        parts = {name: [round(1e3 * s) for s in list(seconds)[-90:]] for name, seconds in loop.timing.seconds.items()}
+        slow = {name: [s for s in times if s > 50] for name, times in parts.items()}
+        starts = [round(when - self.cameras.began, 3) for when in self.car.starts[-90:]]
+        told = [(round(stop.time - self.cameras.began, 3), stop.why) for stop in faults[-3:]]
+        return f"since the fault: steps at {starts}, parts of over 50 ms {slow}, stopped {told}"
+
     def steps_go_on(self):
         before = self.car.loop.steps
         time.sleep(0.3)
@@ -171,7 +180,7 @@ class Garage:
         try:
             took = try_it(self.get())
             print(f"stood after {1e3 * took:.0f} ms")
-            assert took <= LIMIT, f"the wheels stood {1e3 * took:.0f} ms after the fault"
+            assert took <= LIMIT, f"the wheels stood {1e3 * took:.0f} ms after the fault; {self.car.last_moments()}"
         except BaseException:
             self.close()
             raise
