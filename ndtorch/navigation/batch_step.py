@@ -1,11 +1,10 @@
-"""Steps of many cars, one frame of each camera of each: one kernel makes the whole step of one car after the other."""
+"""Steps of many cars, one frame of each camera of each: the kernel of a whole step for one car after the other."""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -46,13 +45,14 @@ def batch_step(
     form = whole.form(quick, torch.Size(shape[1:]), torch.Size(row[1:]), kind, (False, False))
     if before is None or form is None or not all(map(quick.ready, before.small)):
         return None
-    moved = None
+    moved: Any = [(False, 0.0, 0.0)] * cars
     if driven is not None:
         if not isinstance(driven, Command) or any(part.shape != (cars, 1) for part in driven):
             return None
-        moved = torch.cat([part.double() for part in driven], 1)
-        if not moved.isfinite().all():
+        speeds, bends = (part.flatten().tolist() for part in driven)
+        if not all(map(math.isfinite, (*speeds, *bends))):
             return None
+        moved = [(True, *pair) for pair in zip(speeds, bends, strict=True)]
     return run(whole, quick, frames, form, before, state, moved)
 
 
@@ -83,7 +83,7 @@ def run(
     form: tuple[Any, Any],
     before: Packed,
     state: NavigatorState,
-    moved: Tensor | None,
+    moved: Any,
 ) -> Stepped:
     """The step itself."""
     (controller, ranging, reckoning), count, cars = whole.parts, 5 + quick.count, len(before.small)
@@ -92,18 +92,25 @@ def run(
     small = torch.empty(cars, count + 4 + 5 * n, dtype=large.dtype)
     found = torch.empty(cars, n, dtype=torch.bool)
     after, valid = Packed(large.numpy(), small.numpy()), found.numpy()
-    eyes = tuple(eye.contiguous().numpy() for eye in frames)
-    largest = kernel(f"{quick.kernel}s", (eyes[0].dtype, after.large.dtype)).run(
-        eyes,
-        *form,
-        (reckoning.dt, reckoning.drift * reckoning.dt, 1 + reckoning.scale_error),
-        moved is not None,
-        np.zeros((cars, 2)) if moved is None else moved.numpy(),
-        (before.large, before.small),
-        (after.large, after.small),
-        valid,
-        *quick.arrays(after.large.dtype),
-    )
+    eyes = [eye.contiguous().numpy() for eye in frames]
+    step = kernel(quick.kernel, (eyes[0].dtype, after.large.dtype)).run
+    clock = (reckoning.dt, reckoning.drift * reckoning.dt, 1 + reckoning.scale_error)
+    rest = quick.arrays(after.large.dtype)
+    largest = 0.0
+    for car in range(cars):
+        one, other, _ = step(
+            *(eye[car] for eye in eyes),
+            *form,
+            *clock,
+            False,
+            *moved[car],
+            *(part[car] for part in before),
+            *(part[car] for part in after),
+            valid[car],
+            *rest,
+        )
+        for peak in (one, other):
+            largest = peak if peak > largest or math.isnan(peak) else largest
     if frames[0].is_floating_point():
         check_unit_range(torch.tensor(largest), frames[0])
     images, rows, *arrays = large.split_with_sizes((pixels, 2 * width, *quick.sizes), 1)
