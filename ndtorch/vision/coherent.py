@@ -89,7 +89,7 @@ class CoherentMotion(nn.Module):
         """Seconds between kept frames."""
         self.kept = max(2, round(c.kept / self.apart))
         self.a_high = smoothing_factor(c.tau_high, dt)
-        self.grid = tuple(round(side / c.coarse) for side in size)
+        self.grid = (round(size[0] / c.coarse), round(size[1] / c.coarse))
         if min(round(side / c.field) for side in size) < 1:
             raise InputError(f"frames of {size[0]}x{size[1]} pixels have no field of {c.field:g} pixels")
         for name, length, count in zip(("rows", "columns"), size, self.grid, strict=True):
@@ -161,7 +161,7 @@ class CoherentMotion(nn.Module):
     def energy(self, moved: Tensor) -> Tensor:
         """Products of frames that were moved on `[..., B, H, W]` at all delays, their mean, `[..., H, W]`."""
         flat = moved.flatten(-2)
-        return ((self.band.to(flat.dtype) @ flat) * flat).sum(-2).unflatten(-1, moved.shape[-2:])
+        return ((self.band.to(flat.dtype) @ flat) * flat).sum(-2).reshape(*moved.shape[:-3], *moved.shape[-2:])
 
 
 def windows(length: int, points: int, count: int, deviation: float) -> Tensor:

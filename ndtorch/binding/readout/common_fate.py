@@ -183,9 +183,10 @@ def layer_of(motion: CoherentMotion, state: CoherentState, velocity: Tensor, cri
 
 def centered(line: Tensor, which: int, velocities: Tensor, near: float) -> Tensor:
     """The velocity of a peak of `line` `[D]`, between those of the grid `[D, 2]` too."""
-    around = (velocities - velocities[which]).norm(dim=-1) < near
+    around: Tensor = (velocities - velocities[which]).norm(dim=-1) < near
     weights = ((line - 0.5 * line[which]).clamp_min(0) * around)[:, None]
-    return (weights * velocities).sum(0) / weights.sum()
+    center: Tensor = (weights * velocities).sum(0) / weights.sum()
+    return center
 
 
 def refined(
