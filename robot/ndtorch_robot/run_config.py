@@ -90,6 +90,8 @@ class SightTable(Strict):
     mirrored: Annotated[float, Field(ge=0, le=2)] = 0.1
     agreement_patches: Positive = 20.0
     agreement_s: Positive = 2.0
+    turns: Positive = 3.0
+    backwards: Annotated[float, Field(ge=0, le=3)] = 0.3
 
     def limits(self) -> SightLimits:
         """For the safety layer."""

@@ -143,7 +143,11 @@ def soak(folder, *names, steer=None, observe=None):
                 if trials.fault is None and np.hypot(*(simulation.pose - start)[:2]) > 0.5:
                     simulation.place(*start)
 
-        car.observers += [from_the_start, trials, lambda step: car.ended.set() if len(trials.rows) == len(names) else None]
+        car.observers += [
+            from_the_start,
+            trials,
+            lambda step: car.ended.set() if len(trials.rows) == len(names) else None,
+        ]
         car.run(120.0)
     assert [row["fault"] for row in trials.rows] == list(names)
     return trials
@@ -174,7 +178,7 @@ BACK = DriveCommand(-0.3, 0.0)
 
 
 def soak_backwards(folder, *names):
-    """Drive backwards through these faults, each from where the drive began; returns the trials and the lowest speed."""
+    """Drive backwards through these faults; returns the trials and the lowest speed."""
     lowest = 0.0
 
     def watch(step):
