@@ -64,7 +64,7 @@ class SightLimits:
     row_change: float = 1.0
     field_change: float = 0.45
     still: float = 0.5
-    swapped: float = 0.03
+    swapped: float = 0.1
     mirrored: float = 0.1
     agreement_patches: float = 20.0
     agreement_s: float = 2.0
