@@ -50,7 +50,7 @@ def model(name: str, **options: Any) -> Any:
 
 
 # `scale-free` has the signals of `published` and another rule, which tests/binding/test_feedback.py exports.
-PROGRAMS = ["published", "retinotopic", pytest.param("scale-free", marks=pytest.mark.long)]
+PROGRAMS = ["published", *(pytest.param(name, marks=pytest.mark.long) for name in ("retinotopic", "scale-free"))]
 
 
 def test_every_model_is_exported_here_or_refused() -> None:

@@ -1,4 +1,4 @@
-"""Bars painted into black frames, one pixel after the other: only those that a bar touches."""
+"""Bars painted into black frames, or into those of before: only pixels that a bar touches."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ Array = Any
 
 
 def draw_bars(
-    centers: Array, sizes: Array, reach: Array, turns: Array, colors: Array, light: Array, canvas: Array
+    before: Array, centers: Array, sizes: Array, reach: Array, turns: Array, colors: Array, light: Array, canvas: Array
 ) -> None:
     """`BarScene.frames` of one scene.
 
     Args:
+        before: centers of bars that were painted into the first of these frames and are wiped out, `[T', K, 2]`.
         centers: columns and rows of the bars, `[T, K, 2]` float64.
         sizes: widths and lengths, `[T, K, 2]` float64.
         reach: how far from its center a bar may touch a pixel, in columns and in rows, `[K, 2]` float64.
@@ -26,6 +27,14 @@ def draw_bars(
     """
     kind, (times, _, height, width) = canvas.dtype.type, canvas.shape
     none, half, one = kind(0), 0.5, 1.0
+    for t in range(before.shape[0]):
+        for k in range(reach.shape[0]):
+            left, top = math.ceil(before[t, k, 0] - reach[k, 0]), math.ceil(before[t, k, 1] - reach[k, 1])
+            for c in range(3):
+                for i in range(math.floor(2 * reach[k, 1]) + 1):
+                    line = canvas[t, c, (top + i) % height]
+                    for j in range(math.floor(2 * reach[k, 0]) + 1):
+                        line[(left + j) % width] = none
     across_x, along_x = np.empty(width, canvas.dtype), np.empty(width, canvas.dtype)
     for t in range(times):
         for k in range(reach.shape[0]):

@@ -15,12 +15,11 @@ def filter_row(
     colors: tuple[Array, Array, Array],
     third: float,
     settle: bool,
-    before: tuple[Array, Array],
+    slow: Array,
+    delayed: Array,
     shares: tuple[float, float],
     image: Array,
-    low: Array,
     high: Array,
-    late: Array,
 ) -> tuple[float, float, float]:
     """Grey and `motion_step` of one row in one loop: every number is read and written once.
 
@@ -29,11 +28,11 @@ def filter_row(
     Args:
         colors: red, green and blue.
         third: scales their sum to grey in 0..1.
-        settle: the state before is that of filters settled on this row.
-        before: states, slow and delayed. What is written must lie elsewhere: where rows could overlap, loops are not
-            made of vector instructions.
+        settle: the state before is that of filters settled on this row, whatever is given.
+        slow, delayed: states, which become those after it. None of these arrays may overlap another: loops would not
+            be made of vector instructions.
         shares: of the high-pass and of the low-pass.
-        image, low, high, late: become grey, the slow state, the high-passed row, and the delayed state.
+        image, high: become grey and the high-passed row.
 
     Returns:
         Sums of the colors.
@@ -41,7 +40,6 @@ def filter_row(
     kind = image.dtype.type
     tiny, a_high, a_low = kind(1e-30), kind(shares[0]), kind(shares[1])
     red, green, blue = colors
-    slow, delayed = before
     r, g, b = kind(0), kind(0), kind(0)
     for x in range(image.shape[0]):
         one, two, three = kind(red[x]), kind(green[x]), kind(blue[x])
@@ -52,9 +50,9 @@ def filter_row(
         mean = mean + a_high * (grey - mean)
         fast = grey - mean
         last = last + a_low * (fast - last)
-        last = last if abs(last) > tiny else kind(0)
-        high[x], late[x] = fast, last
-        low[x] = mean if abs(mean) > tiny else kind(0)
+        high[x] = fast
+        delayed[x] = last if abs(last) > tiny else kind(0)
+        slow[x] = mean if abs(mean) > tiny else kind(0)
     return r, g, b
 
 
@@ -82,7 +80,9 @@ def add_weighted(row: Array, weight: float, total: Array) -> None:
 
 
 @inner
-def copy_row(row: Array, into: Array) -> None:
-    """Numbers of one row into another: less to do than an assignment, which looks for rows that overlap."""
+def add_to_two(row: Array, weights: tuple[float, float], here: Array, there: Array) -> None:
+    """`add_weighted` to two others."""
+    one, two = weights
     for x in range(row.shape[0]):
-        into[x] = row[x]
+        here[x] += one * row[x]
+        there[x] += two * row[x]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ndtorch.kernels.filters import Array, add_weighted, copy_row, correlate, filter_row
+from ndtorch.kernels.filters import Array, add_to_two, add_weighted, correlate, filter_row
 from ndtorch.kernels.inner import inner
 
 
@@ -20,8 +20,6 @@ def front_end(
     wrap: bool,
     block: int,
     margin: int,
-    new_slow: Array,
-    new_delayed: Array,
     rows: Array,
     sums: Array,
 ) -> None:
@@ -31,7 +29,7 @@ def front_end(
         frame: `[3, H, W]`, or `[H, W, 3]` where colors lie `beside` each other.
         unit: factor that scales it to 0..1.
         settle: the state before is that of filters settled on this frame, whatever is given.
-        slow, delayed, new_slow, new_delayed: `MotionState` before and after, `[H, W]`; they may be the same.
+        slow, delayed: `MotionState` before, `[H, W]`; they become that after it.
         a_high, a_low: shares of the filters.
         wrap: correlate across the border as well.
         block: rows that become one, a power of two.
@@ -42,9 +40,9 @@ def front_end(
     height, width = slow.shape
     kind = slow.dtype.type
     third, shares = kind(unit / 3), (a_high, a_low)
-    image, low = np.empty(width, slow.dtype), np.empty(width, slow.dtype)
+    image = np.empty(width, slow.dtype)
     # The first row is kept for where the torus closes; the others take turns.
-    highs, lates = np.empty((3, width), slow.dtype), np.empty((3, width), slow.dtype)
+    highs = np.empty((3, width), slow.dtype)
     for place in range(rows.shape[0]):
         for x in range(width):
             rows[place, x] = 0
@@ -52,18 +50,15 @@ def front_end(
     for y in range(height):
         now = 1 + y % 2 if y else 0
         last = 2 - y % 2 if y > 1 else 0
-        high, late = highs[now], lates[now]
-        before = (slow[y], delayed[y])
+        high, late = highs[now], delayed[y]
         if beside:
             colors = (frame[y, :, 0], frame[y, :, 1], frame[y, :, 2])
-            r, g, b = filter_row(colors, third, settle, before, shares, image, low, high, late)
+            r, g, b = filter_row(colors, third, settle, slow[y], late, shares, image, high)
         else:
             planes = (frame[0, y], frame[1, y], frame[2, y])
-            r, g, b = filter_row(planes, third, settle, before, shares, image, low, high, late)
-        copy_row(low, new_slow[y])
-        copy_row(late, new_delayed[y])
+            r, g, b = filter_row(planes, third, settle, slow[y], late, shares, image, high)
         red, green, blue = red + r, green + g, blue + b
-        left, above = correlate(high, late, highs[last], lates[last])
+        left, above = correlate(high, late, highs[last], delayed[max(y - 1, 0)])
         across, across_size = across + left[0], across_size + left[1]
         if y:
             along, along_size = along + above[0], along_size + above[1]
@@ -73,7 +68,7 @@ def front_end(
         add_mirrored(image, y, height, margin, block, rows)
     if wrap:
         end = 1 + (height - 1) % 2
-        _, above = correlate(highs[0], lates[0], highs[end], lates[end])
+        _, above = correlate(highs[0], delayed[0], highs[end], delayed[height - 1])
         along, along_size = along + above[0], along_size + above[1]
     sums[0], sums[1], sums[2], sums[3] = across, across_size, along, along_size
     sums[4], sums[5], sums[6] = red * unit, green * unit, blue * unit
@@ -84,9 +79,11 @@ def add_halved(row: Array, place: int, block: int, rows: Array) -> None:
     """Add the row at `place` to what its block and the next become: a triangle of weights, as of `halve_rows`."""
     here, there = place // block, (place // block + 1) % rows.shape[0]
     share = (place % block) / block
-    add_weighted(row, rows.dtype.type(1 - share), rows[here])
-    if share > 0:
-        add_weighted(row, rows.dtype.type(share), rows[there])
+    kind = rows.dtype.type
+    if share > 0 and here != there:
+        add_to_two(row, (kind(1 - share), kind(share)), rows[here], rows[there])
+    else:
+        add_weighted(row, kind(1), rows[here])
 
 
 @inner

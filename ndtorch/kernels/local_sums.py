@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ndtorch.kernels.filters import Array, copy_row, filter_row
+from ndtorch.kernels.filters import Array, filter_row
 from ndtorch.kernels.front_end import add_mirrored
 from ndtorch.kernels.inner import inner
 
@@ -21,8 +21,6 @@ def local_sums(
     wrap: bool,
     block: int,
     margin: int,
-    new_slow: Array,
-    new_delayed: Array,
     rows: Array,
     columns: Array,
     places: Array,
@@ -32,8 +30,8 @@ def local_sums(
     """Motion and color in every field of `LocalFeatures`.
 
     Args:
-        frame, beside, unit, settle, slow, delayed, a_high, a_low, wrap, block, margin: as of `front_end`, like
-            new_slow, new_delayed and rows, which are filled.
+        frame, beside, unit, settle, slow, delayed, a_high, a_low, wrap, block, margin: as of `front_end`, like rows,
+            which are filled.
         columns: weights of pixels, and of what lies between them, `[2, C, W]`.
         places: the two rows of fields to which a row of pixels belongs, and what lies below it, `[2, H, 2]`.
         shares: how much, `[2, H, 2]`.
@@ -42,30 +40,27 @@ def local_sums(
     height, width = slow.shape
     kind = slow.dtype.type
     third, filters = kind(unit / 3), (a_high, a_low)
-    image, low = np.empty(width, slow.dtype), np.empty(width, slow.dtype)
+    image = np.empty(width, slow.dtype)
     more, less = np.zeros(width, slow.dtype), np.zeros(width, slow.dtype)
     down, up = np.empty(width, slow.dtype), np.empty(width, slow.dtype)
-    highs, lates = np.empty((3, width), slow.dtype), np.empty((3, width), slow.dtype)
+    highs = np.empty((3, width), slow.dtype)
     rows[:] = 0
     # Rows first: what belongs to a row of fields stays in the cache while it grows.
     bands = np.zeros((7, sums.shape[1], width), slow.dtype)
     for y in range(height):
         now = 1 + y % 2 if y else 0
         last = 2 - y % 2 if y > 1 else 0
-        high, late = highs[now], lates[now]
-        before = (slow[y], delayed[y])
+        high, late = highs[now], delayed[y]
         if beside:
             colors = (frame[y, :, 0], frame[y, :, 1], frame[y, :, 2])
-            filter_row(colors, third, settle, before, filters, image, low, high, late)
+            filter_row(colors, third, settle, slow[y], late, filters, image, high)
             for c in range(3):
                 add_row(colors[c], places[0, y], shares[0, y], bands[4 + c])
         else:
             planes = (frame[0, y], frame[1, y], frame[2, y])
-            filter_row(planes, third, settle, before, filters, image, low, high, late)
+            filter_row(planes, third, settle, slow[y], late, filters, image, high)
             for c in range(3):
                 add_row(planes[c], places[0, y], shares[0, y], bands[4 + c])
-        copy_row(low, new_slow[y])
-        copy_row(late, new_delayed[y])
         halves(high[1:], late[:-1], high[:-1], late[1:], more, less)
         if wrap:
             signed = high[0] * late[width - 1] - high[width - 1] * late[0]
@@ -73,13 +68,13 @@ def local_sums(
         add_row(less, places[0, y], shares[0, y], bands[0])
         add_row(more, places[0, y], shares[0, y], bands[1])
         if y:
-            halves(high, lates[last], highs[last], late, down, up)
+            halves(high, delayed[y - 1], highs[last], late, down, up)
             add_row(down, places[1, y - 1], shares[1, y - 1], bands[2])
             add_row(up, places[1, y - 1], shares[1, y - 1], bands[3])
         add_mirrored(image, y, height, margin, block, rows)
     if wrap:
         end, y = 1 + (height - 1) % 2 if height > 1 else 0, height - 1
-        halves(highs[0], lates[end], highs[end], lates[0], down, up)
+        halves(highs[0], delayed[y], highs[end], delayed[0], down, up)
         add_row(down, places[1, y], shares[1, y], bands[2])
         add_row(up, places[1, y], shares[1, y], bands[3])
     for signal in range(7):

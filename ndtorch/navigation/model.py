@@ -32,8 +32,8 @@ from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import AngleModel, StereoRig
 from ndtorch.navigation.row_ranging import RowRanging
 from ndtorch.navigation.row_search import SearchParams
-from ndtorch.navigation.state import NavigatorState, StepState
-from ndtorch.navigation.strips import Strips, grey_pair, row_rect
+from ndtorch.navigation.state import NavigatorState, StepState, place_of
+from ndtorch.navigation.strips import Strips, grey_pair, row_rect, strips
 from ndtorch.navigation.tracking import AlphaBetaTracker
 from ndtorch.navigation.whole_step import Parts, Stepped, WholeStep, in_frames
 
@@ -70,8 +70,8 @@ class Navigator(nn.Module):
         grid_map, observations, tracker: parts to fill with the ranges; none by default.
         near_check: while one car stands, at the start or boxed in, look at what is right ahead with both cameras, and
             tell the controller.
-        localiser: corrects the poses at which these parts are filled; the controller steers by dead reckoning,
-            which never jumps. None by default.
+        localiser: corrects the poses at which these parts are filled, and tells the controller where the car is, so
+            that it finds its goals; it steers by dead reckoning, which never jumps. None by default.
 
     Raises:
         InputError: an unknown controller, or parameters of the other one; frames that cannot be used: two sizes,
@@ -144,12 +144,10 @@ class Navigator(nn.Module):
             if ahead is not new.command:
                 new, whole = new._replace(command=ahead, control=control), False
                 command = Command(ahead.speed.unsqueeze(0), ahead.curvature.unsqueeze(0))
-        if self.grid_map or self.observations or self.tracker or self.localiser:
-            ranges, poses = in_frames(new.ranges, new.pose)
-            if self.localiser is not None:
-                located, poses = self.locate(self.localiser, left.row, right.row, poses, state)
-                new = new._replace(located=located)
-            new = self.remember(new, ranges, poses)
+        if self.localiser is not None:
+            new = new._replace(located=self.locate(left.row, right.row, new.pose, state.located if state else None))
+        if self.grid_map or self.observations or self.tracker:
+            new = self.remember(new, *in_frames(new.ranges, new.place))
         if whole:
             new = StepState(*new)
             new.packed = packed
@@ -175,31 +173,24 @@ class Navigator(nn.Module):
                 f"got {tuple(left_field.shape)} and {tuple(left_row.shape)}"
             )
         eyes = (left_field, right_field), (left_row, right_row)
-        command, control, poses, pose = self.steer(seen, ranges, state, driven, start, eyes)
+        command, control, poses, pose, located = self.steer(seen, ranges, state, driven, start, eyes)
         sides, difference = self.controller.sides(seen), self.controller.difference(control)
         last = Command(command.speed[..., -1], command.curvature[..., -1])
         now = Ranges(*(part[..., -1, :] for part in ranges))
         memory = (state.map, state.observations, state.tracks) if state else (None, None, None)
-        located = None
-        if self.localiser is not None:
-            located, poses = self.locate(self.localiser, left_row, right_row, poses, state)
         state = NavigatorState(fields, rows, control, last, pose, sides[..., -1, :], difference, now, *memory, located)
         return command, state, ranges, poses
 
-    def locate(
-        self, localiser: Localiser, left: Tensor, right: Tensor, poses: Pose, state: NavigatorState | None
-    ) -> tuple[LocaliserState | None, Pose]:
-        """Correct the poses `[T]` of frames, one after the other."""
-        located, corrected = state.located if state else None, []
-        for t in range(poses.x.shape[-1]):
-            rows = None
-            if localiser.due(located):
-                now = [eye[..., t : t + 1, :, :, :] for eye in (left, right)]
-                size = (self.ranging.rig.height, self.ranging.rig.width)
-                rows = grey_pair(now[0], now[1], self.row, self.row, size).squeeze(-2)[..., 0, :, :]
-            located = localiser(rows, Pose(*(part[..., t] for part in poses)), located)
-            corrected.append(located.pose)
-        return located, Pose(*(in_time(parts).to(poses.x) for parts in zip(*corrected, strict=True)))
+    def locate(self, left: Tensor, right: Tensor, pose: Pose, located: LocaliserState | None) -> LocaliserState | None:
+        """Correct the pose of a frame, whose rows are `[1, C, H, W]`; None where there is no localiser."""
+        if self.localiser is None:
+            return None
+        rows = None
+        if self.localiser.due(located):
+            size = (self.ranging.rig.height, self.ranging.rig.width)
+            rows = grey_pair(left, right, self.row, self.row, size).squeeze(-2)[..., 0, :, :]
+        new: LocaliserState = self.localiser(rows, pose, located)
+        return new
 
     def remember(self, state: NavigatorState, ranges: Ranges, poses: Pose) -> NavigatorState:
         """Fill the map, the observation list and the tracks, as far as there are any."""
@@ -256,14 +247,19 @@ class Navigator(nn.Module):
         driven: Command | None,
         start: Pose | None = None,
         eyes: tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]] | None = None,
-    ) -> tuple[Command, Any, Pose, Pose]:
-        """Frame by frame, because what is done at one frame is what was driven on the way to the next."""
+    ) -> tuple[Command, Any, Pose, Pose, LocaliserState | None]:
+        """Frame by frame, because what is done at one frame is what was driven on the way to the next.
+
+        Returns commands, the controller's state, the corrected poses, the last one of dead reckoning, and the
+        localiser's state.
+        """
         still = torch.zeros_like(ranges.x[..., 0, 0])
         pose = state.pose if state else start or Pose(still, still, still)
         last = state.command if state else Command(still, still)
         dim = ranges.x.ndim - 2
         control = state.control if state else self.controller.start(seen.select(dim, 0), pose)
         commands, poses = [], []
+        located = state.located if state else None
         for t in range(ranges.x.shape[-2]):
             if driven is not None:
                 last = Command(driven.speed[..., t], driven.curvature[..., t])
@@ -273,14 +269,21 @@ class Navigator(nn.Module):
                 fields, rows = (tuple(eye[..., t, :, :, :] for eye in part) for part in eyes)
                 things, floor_seen = self.near(fields, rows)  # type: ignore[arg-type]
                 control = self.controller.told_near(control, pose, things, self.near.across, floor_seen)
+            if eyes is not None and self.localiser is not None:
+                left, right = (eye[..., t : t + 1, :, :, :] for eye in eyes[1])
+                located = self.locate(left, right, pose, located)
+            place = place_of(pose, located)
+            if located is not None:
+                control = self.controller.told_place(control, pose, place if located.hunt is None else None)
             last, control = self.controller.step(seen.select(dim, t), ranges_at(ranges, t), pose, last, control)
             commands.append(last)
-            poses.append(pose)
+            poses.append(place)
         return (
             stack_commands(commands),
             control,
             Pose(*(in_time(parts) for parts in zip(*poses, strict=True))),
             pose,
+            located,
         )
 
 
@@ -295,8 +298,3 @@ def check_motion(driven: Command | None, start: Pose | None) -> None:
             check_tensor(f"{name}.{part}", value)
             if name == "driven" and value.ndim < 1:
                 raise InputError(f"{name}.{part} must be [..., T], got a single number")
-
-
-def strips(eye: Tensor | Strips) -> Strips:
-    """Whole frames stand for both of their strips: each step cuts its own."""
-    return eye if isinstance(eye, Strips) else Strips(eye, eye)

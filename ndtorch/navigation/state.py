@@ -47,7 +47,12 @@ class NavigatorState(NamedTuple):
     @property
     def place(self) -> Pose:
         """Where the car was at the last frame as far as is known, `[...]`: corrected where there is a localiser."""
-        return self.pose if self.located is None else Pose(*(part.to(self.pose.x) for part in self.located.pose))
+        return place_of(self.pose, self.located)
+
+
+def place_of(pose: Pose, located: LocaliserState | None) -> Pose:
+    """Where a car is whose dead reckoning has led to `pose`: corrected where there is a localiser."""
+    return pose if located is None else Pose(*(part.to(pose.x) for part in located.pose))
 
 
 class Packed(NamedTuple):

@@ -25,6 +25,11 @@ class Strips(NamedTuple):
     row: Tensor
 
 
+def strips(eye: Tensor | Strips) -> Strips:
+    """Whole frames stand for both of their strips: each step cuts its own."""
+    return eye if isinstance(eye, Strips) else Strips(eye, eye)
+
+
 def cut_strips(frames: Tensor, field: Rect, rig: StereoRig, rows: int = 1) -> Strips:
     """The subfield and the horizon row, or rows, of one camera's frames `[..., T, C, H, W]`, as views."""
     return Strips(cut(frames, field), cut(frames, row_rect(rig, rows)))

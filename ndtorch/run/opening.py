@@ -204,9 +204,15 @@ class Limited(FrameSource):
         self.length = frames if source.length is None else min(frames, source.length)
 
     def chunks(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:
+        return self._first(self.source.chunks(frames, start))
+
+    def borrowed(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:
+        return self._first(self.source.borrowed(frames, start))
+
+    def _first(self, chunks: Iterator[Tensor]) -> Iterator[Tensor]:
         left = self.length
         assert left is not None
-        for chunk in self.source.chunks(frames, start):
+        for chunk in chunks:
             yield chunk[:left]
             left -= len(chunk)
             if left <= 0:

@@ -61,7 +61,7 @@ def run_model(
     began = time.perf_counter()
     try:
         with torch.inference_mode(), maker:
-            for frames in source.chunks(length, start):
+            for frames in source.borrowed(length, start):
                 frames = frames.to(device)
                 signals, after = model(frames, state)
                 # The limit on the radius keeps no non-normal weights from blowing up: stop at the last numbers.
@@ -80,7 +80,7 @@ def run_model(
                 due = pictures_per_second > 0 and frames_seen % every == 0
                 if due and (model.tracks or len(signals.time) > 0):
                     table = None if model.tracks else model.table(state)
-                    maker.look(Glimpse(now, frames[-1], signals, state, table))
+                    maker.look(Glimpse(now, frames[-1].clone(), signals, state, table))
                 if report is not None:
                     report(len(frames))
                 if frames_seen // TIDY_FRAMES > (frames_seen - len(frames)) // TIDY_FRAMES:

@@ -87,7 +87,10 @@ def by_kernel(
     given, beside = pixels(frame)
     block, margin = thinning
     unit = 1 / 255 if frame.dtype == torch.uint8 else 1.0
-    slow, delayed = (s.contiguous().numpy() for s in state or into)
+    if state is not None and state is not into:
+        for part, before in zip(into, state, strict=True):
+            part.copy_(before)
+    slow, delayed = (part.numpy() for part in into)
     rows = np.empty(((slow.shape[0] + 2 * margin) // block, slow.shape[1]), slow.dtype)
     kernel(name, (given.dtype, slow.dtype)).run(
         given,
@@ -101,8 +104,6 @@ def by_kernel(
         motion.border == "wrap",
         block,
         margin,
-        into.slow.numpy(),
-        into.delayed.numpy(),
         rows,
         *rest,
     )

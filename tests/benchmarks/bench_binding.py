@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import statistics
 import time
+from collections.abc import Callable
+from typing import Any
 
 import torch
 
@@ -11,7 +14,7 @@ from ndtorch.binding import InhibitoryNetwork
 from ndtorch.run.run import run_model
 from ndtorch.scenes import two_bars
 from ndtorch.vision import VisualFeatures
-from tests.benchmarks.timing import Row, in_turn
+from tests.benchmarks.timing import Row, in_turn, reference
 
 TITLE = "Binding"
 STEPS = 100
@@ -19,7 +22,7 @@ TRIALS = 256
 
 
 def rows(device: str | None = None) -> list[Row]:
-    found = [*network_rows("cpu"), *job_rows()]
+    found = [*network_rows("cpu"), *model_rows(), *job_rows()]
     if device is not None:
         found += network_rows(device)
     return found
@@ -82,6 +85,48 @@ def network_rows(device: str) -> list[Row]:
             f"{times['scale-free batch'] / times['batch']:.2f}x its time",
         ),
     ]
+
+
+def model_rows(rounds: int = 7) -> list[Row]:
+    """A second of two bars through two models: drawing, pixels and the rest, each as so many transforms a frame."""
+    found = []
+    for name in ("published", "retinotopic"):
+        model = ndtorch.load(name)
+        eyes = model.features if name == "published" else model.eyes
+        follow = model.from_sums if name == "published" else model.from_fields
+        samples: list[dict[str, float]] = []
+        with torch.inference_mode():
+            for _ in range(rounds):
+                spent = dict.fromkeys(("drawing", "pixels", "networks", "transform"), 0.0)
+                state, scene = None, two_bars(seconds=1.0)
+                chunks = scene.borrowed(8)
+
+                def timed(part: str, job: Callable[..., Any], *given: Any, to: dict[str, float] = spent) -> Any:
+                    start = time.thread_time()
+                    out = job(*given)
+                    to[part] += time.thread_time() - start
+                    return out
+
+                while (frames := timed("drawing", next, chunks, None)) is not None:
+                    signals, motion = timed("pixels", eyes, frames, None if state is None else state.motion)
+                    _, state = timed("networks", follow, signals, state)
+                    state = state._replace(motion=motion)
+                    for _ in range(len(frames)):
+                        timed("transform", reference)
+                samples.append(spent)
+        middle = {part: statistics.median(sample[part] for sample in samples[1:]) for part in samples[0]}
+        one = middle.pop("transform")
+        whole = sum(middle.values())
+        found.append(
+            Row(
+                f"{name}: drawing, model and networks of a frame",
+                f"{10 * whole:.2f} ms, " + ", ".join(f"{part} {10 * taken:.2f}" for part, taken in middle.items()),
+                f"real time; transform {10 * one:.2f} ms",
+                f"{1 / whole:.1f}x; {whole / one:.1f} transforms",
+                whole / one,
+            )
+        )
+    return found
 
 
 def job_rows() -> list[Row]:

@@ -24,8 +24,8 @@ from ndtorch.navigation import (
 )
 from ndtorch.navigation.controllers.published import SaccadeAvoidance
 from ndtorch.navigation.controllers.subfields import SubfieldMotion
-from ndtorch.navigation.model import strips
 from ndtorch.navigation.state import StepState
+from ndtorch.navigation.strips import strips
 from ndtorch.vision.nondirectional import NDMin, spatial_maximum
 
 DT = 1 / 30

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ndtorch.errors import InputError
+from ndtorch.kernels.switch import installed
 from ndtorch.scenes import Bar, BarScene, Distance, Fluctuation, NoFluctuation, RandomShadow, SineShadow
 
 WHITE = (1.0, 1.0, 1.0)
@@ -246,3 +247,19 @@ def test_the_kernel_paints_what_torch_paints(fluctuation: Fluctuation | None) ->
     assert float(wanted.max()) > 0.2
     torch.testing.assert_close(found, wanted, rtol=0, atol=1e-6)
     assert torch.equal(found[-1:], late)
+
+
+@pytest.mark.parametrize("frames", [1, 4])
+def test_borrowed_frames_are_those_of_chunks(frames: int) -> None:
+    bars = [Bar(RED, 30.0, (2.5, 70.0)), Bar(GREEN, 290.0, (10.0, 60.0), speed=900.0)]
+    drawn = scene(*bars, fluctuation=SineShadow(), seconds=0.1)
+    with torch.inference_mode():
+        wanted, found, memory = list(drawn.chunks(frames, 1)), [], set()
+        for chunk in drawn.borrowed(frames, 1):
+            found.append(chunk.clone())
+            memory.add(chunk.data_ptr())
+    assert [len(chunk) for chunk in found] == [len(chunk) for chunk in wanted]
+    assert torch.equal(torch.cat(found), torch.cat(wanted))
+    assert len(memory) == (1 if installed() else len(found))
+    with pytest.raises(InputError, match="frames"):
+        drawn.borrowed(0)

@@ -193,6 +193,16 @@ class Controller(nn.Module, ABC):
         """
         return state
 
+    def told_place(self, state: Any, pose: Pose, place: Pose | None) -> Any:
+        """The state of one car that is told where it is; steps that one kernel makes whole do not tell.
+
+        Args:
+            state: before.
+            pose: where dead reckoning has led, without dimensions; the controller goes on to steer by it.
+            place: where the car is as far as known; None while it looks for itself in a known map.
+        """
+        return state
+
     def caution(self, command: Command, state: Any, pose: Pose) -> tuple[Command, Any]:
         """The command that may be given of the one that is wanted, and the state that goes with it."""
         return command, state

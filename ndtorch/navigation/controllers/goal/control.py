@@ -20,7 +20,7 @@ from ndtorch.navigation.controllers.contract import (
     Task,
     Trace,
 )
-from ndtorch.navigation.controllers.goal.errands import DONE, EXPLORE, asked, finds_nothing, next_errand
+from ndtorch.navigation.controllers.goal.errands import DONE, EXPLORE, asked, finds_nothing, next_errand, told_place
 from ndtorch.navigation.controllers.goal.following import follow
 from ndtorch.navigation.controllers.goal.memory import disc_cells, surroundings
 from ndtorch.navigation.controllers.goal.params import GoalParams
@@ -109,6 +109,8 @@ class GoalControl(Controller):
             self.reactive.start(seen, pose),
             blank.new_zeros(*blank.shape, size),
             torch.stack((pose.x, pose.y), -1),
+            blank.new_zeros(*blank.shape, 3),
+            blank,
             blank + self.errands[0],
             blank.new_zeros(*blank.shape, LONGEST, 6),
             blank,
@@ -167,6 +169,10 @@ class GoalControl(Controller):
         """As `RangingControl.told_near`."""
         return state._replace(reactive=self.reactive.told_near(state.reactive, pose, things, across, floor_seen))
 
+    def told_place(self, state: GoalState, pose: Pose, place: Pose | None) -> GoalState:
+        """As `Controller.told_place`: goals are where the car is told that it is, not where dead reckoning has them."""
+        return told_place(state, pose, place)
+
     def settled(self, state: GoalState) -> bool:
         """As `RangingControl.settled`."""
         return self.reactive.settled(state.reactive)
@@ -222,6 +228,9 @@ class GoalControl(Controller):
         if int(state.errand) == DONE:
             still = torch.zeros_like(pose.x)
             return Command(still, still), state._replace(mode=still + ARRIVED)
+        if int(state.told) < 0:
+            # A place in a known map means nothing before the car has found itself there.
+            return reaction, state._replace(due=state.due * 0, mode=state.reactive.mode)
         if int(state.lost) <= 0 and int(state.due) <= 0:
             state = replan(state, here, self.params, self.every)
         nothing = finds_nothing(state)

@@ -19,7 +19,10 @@ class GoalState(NamedTuple):
     Attributes:
         reactive: of the controller that keeps the last word, with all that is remembered of the surroundings.
         visited: `[..., size * size]`, 1 in cells that were passed; no cells where nothing is to be explored.
-        home: x, y where the drive began, `[..., 2]`, m.
+        home: x, y where the drive began, `[..., 2]`, m, where goals are counted from.
+        frame: that frame in dead reckoning's: x, y, m, and heading, radians, `[..., 3]`. It changes as the error of
+            dead reckoning becomes known.
+        told: 1 once the car was told where it is, -1 while it looks for itself in a known map; 0 is dead reckoning.
         errand: `TO`, `EXPLORE`, `BACK` or `DONE`.
         way: the way that is followed, `[..., LONGEST, 6]`: x, y, heading, curvature, direction, and the speed that
             is allowed there, m/s; the first `places` of it count.
@@ -36,6 +39,8 @@ class GoalState(NamedTuple):
     reactive: RangingState
     visited: Tensor
     home: Tensor
+    frame: Tensor
+    told: Tensor
     errand: Tensor
     way: Tensor
     places: Tensor

@@ -1,10 +1,23 @@
 """What the goal controller is about, and when that is done."""
 
+import math
+
+import pytest
 import torch
 
 from ndtorch.navigation import ARRIVED
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
-from ndtorch.navigation.controllers.goal.errands import BACK, DONE, EXPLORE, TO, asked, finds_nothing, next_errand
+from ndtorch.navigation.controllers.goal.errands import (
+    BACK,
+    DONE,
+    EXPLORE,
+    TO,
+    asked,
+    finds_nothing,
+    next_errand,
+    place_of_errand,
+    told_place,
+)
 from tests.navigation.controllers.goal.test_goal_control import DT, RIG, SMALL, drive, floor, nothing, place
 
 HERE = (0.0, 0.0, 0.0)
@@ -42,6 +55,36 @@ def test_where_no_floor_was_seen_yet_the_reactive_controller_drives_before_explo
         moved, steps = moved or float(command.speed) > 0, steps + 1
     assert moved
     assert 28 <= steps <= 35
+
+
+def test_goals_are_where_the_car_is_told_that_it_is():
+    """Dead reckoning believes to have driven 10 % farther and has turned by a quarter too much."""
+    params = GoalParams(to=(2.0, 1.0), back=True, reactive=SMALL)
+    control = GoalControl(RIG, DT, params)
+    state = control.start(floor(), place(*HERE))
+    reckons, is_at = place(1.1, 0.0, math.pi / 2), place(1.0, 0.0, 0.0)
+    told = control.told_place(state, reckons, is_at)
+    # One metre ahead and one to the left, seen from the car, however it counts.
+    assert place_of_errand(told, params) == pytest.approx((0.1, 1.0), abs=1e-5)
+    assert int(next_errand(told, (2.0, 1.0, 0.0), control.errands, params).errand) == TO
+    assert int(next_errand(told, (0.1, 1.0, 0.0), control.errands, params).errand) == BACK
+
+
+def test_while_the_car_looks_for_itself_in_a_known_map_no_goal_is_reached_and_home_stays_where_it_was():
+    params = GoalParams(to=(0.0, 0.0), back=True, reactive=SMALL)
+    control = GoalControl(RIG, DT, params)
+    pose, _, _ = drive(control, 20, place(*HERE))
+    state = told_place(control.start(floor(), place(*HERE)), pose, None)
+    assert int(next_errand(state, HERE, control.errands, params).errand) == TO
+    _, after, _ = drive(control, 20, pose, state)
+    assert int(after.places) == 0
+    # Found: the car is at 5, 5 and heads along y. Where it began lies behind it.
+    found = told_place(state, place(1.0, 0.0, 0.0), place(5.0, 5.0, math.pi / 2))
+    assert found.home.tolist() == pytest.approx([5.0, 4.0], abs=1e-5)
+    assert place_of_errand(found._replace(errand=torch.tensor(float(BACK))), params) == pytest.approx((0, 0), abs=1e-5)
+    # Later corrections move it with the building.
+    later = told_place(found, place(1.0, 0.0, 0.0), place(5.0, 5.5, math.pi / 2))
+    assert later.home.tolist() == pytest.approx([5.0, 4.0], abs=1e-5)
 
 
 def blind(state):

@@ -8,10 +8,11 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.kernels.load import kernel
-from ndtorch.navigation import ARRIVED, CRUISE, STOPPED, Command, NavigatorOptions, Pose, StereoRig
+from ndtorch.navigation import ARRIVED, CRUISE, STOPPED, Command, Navigator, NavigatorOptions, Pose, StereoRig
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
 from ndtorch.navigation.controllers.goal.params import reactive_params
 from ndtorch.navigation.controllers.ranging.patch import PatchParams
+from ndtorch.navigation.localisation import LocaliserState
 from ndtorch.navigation.near_things import Near
 from ndtorch.navigation.odometry import drive_step
 from ndtorch.navigation.ranging import Ranges
@@ -124,6 +125,34 @@ def test_no_controller_is_told_to_go_faster_than_its_cruise_speed(name):
     for key in ("tight_speed", "reverse_speed", "slow", "creep"):
         assert getattr(params, key, 0) <= 0.25
         assert getattr(reactive, key, 0) <= 0.25
+
+
+class Shifted(torch.nn.Module):
+    """Stands in for a localiser: the car is a metre farther ahead than dead reckoning says, and ever more."""
+
+    def due(self, state):
+        return False
+
+    def forward(self, rows, reckoned, state=None):
+        still = torch.zeros((), dtype=torch.float64)
+        age = still if state is None else state.age + 1
+        pose = Pose(reckoned.x.double() + 1 + 0.1 * age, reckoned.y.double(), reckoned.heading.double())
+        return LocaliserState(still, pose, reckoned, *[still] * 5, age, still, still)
+
+
+def test_the_navigator_tells_it_where_it_is_at_every_frame():
+    pytest.importorskip("numba")
+    params = GoalParams(to=(3.0, 0.0), reactive=SMALL)
+    navigator = Navigator(RIG, DT, controller="goal", params=params, localiser=Shifted())
+    eyes = torch.zeros(3, 1, 480, 640, dtype=torch.uint8)
+    command, state = navigator(eyes, eyes)
+    assert state.control.frame.tolist() == pytest.approx([-1.2, 0.0, 0.0])
+    assert float(state.place.x) == pytest.approx(float(state.pose.x) + 1.2)
+    one = None
+    for t in range(3):
+        single, one = navigator(eyes[t : t + 1], eyes[t : t + 1], one)
+        assert float(single.speed) == float(command.speed[t])
+    assert torch.equal(one.control.frame, state.control.frame)
 
 
 def test_it_does_not_begin_with_something_near_and_says_so():
