@@ -50,8 +50,8 @@ def find_way(
         step: length of an arc, m.
         hard, soft: the discs keep `hard` metres away, and nearer than `soft` costs up to `tight_price` a metre more.
         unknown_price, bend_price: of a metre more, and of a unit of curvature a metre.
-        hidden_price: of a metre in which the leading half of the body covers what was not seen, in the first `seen_soon`
-            metres; farther on it will have been seen.
+        hidden_price: of a metre in which the leading half of the body covers what was not seen, in the first
+            `seen_soon` metres; farther on it will have been seen.
         swing_price: of a change of the curvature by one unit.
         reverse_price, switch_price: of a metre backward, and of changing the direction.
         most: nodes looked at.
