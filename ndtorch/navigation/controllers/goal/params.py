@@ -49,7 +49,7 @@ class WayParams:
     every: float = 0.2
     tight_price: float = 1.5
     unknown_price: float = 0.3
-    hidden_price: float = 2.0
+    hidden_price: float = 1.0
     seen_soon: float = 1.0
     bend_price: float = 0.05
     swing_price: float = 0.05
