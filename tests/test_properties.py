@@ -27,7 +27,7 @@ from ndtorch.binding.models.scale_free import ScaleFreeConfig
 from ndtorch.binding.models.video import VideoConfig
 from ndtorch.errors import InputError
 from ndtorch.tree import leaves, mapped
-from tests.properties import KINDS, Part, check, samples
+from tests.properties import KINDS, Part, check, cut, samples, trial
 from tests.strategies import chunkings
 
 PUBLIC: tuple[ModuleType, ...] = (vision, binding, navigation)
@@ -92,7 +92,10 @@ PARTS: dict[str, Part] = {
     "CameraFrontEnd": Part(
         lambda: vision.CameraFrontEnd((40, 48), 30.0), lambda draw: (draw(3, 40, 48),), batched=False
     ),
-    "CoherentMotion": Part(lambda: vision.CoherentMotion((40, 48), DT), lambda draw: (draw(3, 40, 48),)),
+    "CoherentMotion": Part(
+        lambda: vision.CoherentMotion((40, 48), DT, vision.CoherentParams(kept=0.3, fastest=9.0)),
+        lambda draw: (draw(3, 40, 48),),
+    ),
     "BindingInputs": Part(lambda: binding.BindingInputs(), signals),
     "InhibitoryNetwork": Part(lambda: binding.InhibitoryNetwork(settle=0.02), signals),
     "Windows": Part(lambda: binding.Windows((4, 4), 4.0), lambda draw: (draw(4, 4, 10),)),
@@ -130,7 +133,7 @@ def runs(draw: st.DrawFn) -> tuple[str, int, int, int, list[int]]:
     """Kind of pictures, seed, trials, time steps, and where they are cut."""
     steps = draw(st.integers(2, 7))
     lengths = draw(chunkings(steps))
-    cuts = [sum(lengths[:n]) for n in range(1, len(lengths))]
+    cuts = [sum(lengths[:n]) for n in range(1, len(lengths))] or [1]
     return draw(st.sampled_from(KINDS)), draw(st.integers(0, 2**31)), draw(st.integers(1, 3)), steps, cuts
 
 
@@ -153,6 +156,42 @@ LONG = settings(QUICK, max_examples=200, derandomize=False)
 @given(run=runs())
 def test_chunks_batches_and_resuming_change_nothing(name: str, run: Any) -> None:
     try_part(PARTS[name], run)
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_outputs_depend_on_what_is_given_and_on_the_state(name: str) -> None:
+    """Else all that is said above would hold of a module that does nothing."""
+    part = PARTS[name]
+    assert any(depends(part, kind, with_state=name in WAITING) for kind in ("noise", "edges"))
+
+
+WAITING = {"Windows", "GridMap", "Navigator", "Controller"}
+"""Modules that give the same in their first steps, whatever they see: what they keep is not the same."""
+
+
+def depends(part: Part, kind: str, with_state: bool) -> bool:
+    """Whether other pictures of this kind, and another state, give something else."""
+
+    def made(streams: Any, state: Any = None) -> dict[str, Tensor]:
+        out, kept = part.run(streams, state)
+        return out | leaves(kept, "state") if with_state else out
+
+    chance = torch.Generator().manual_seed(1)
+    one, other = (part.given(lambda *shape: samples((2, 8, *shape), kind, chance)) for _ in range(2))
+    if not part.batched:
+        one, other = trial(one, 0), trial(other, 0)
+    dim = int(part.batched)
+    late = cut(one, dim, 6, 8)
+    with torch.no_grad():
+        if not differ(made(one), made(other)):
+            return False
+        return not part.state or differ(made(late, part.run(cut(one, dim, 0, 6))[1]), made(late))
+
+
+def differ(a: dict[str, Tensor], b: dict[str, Tensor]) -> bool:
+    """Whether two runs gave something else."""
+    assert a.keys() == b.keys()
+    return any(a[name].shape != b[name].shape or not torch.equal(a[name], b[name]) for name in a)
 
 
 @pytest.mark.long
@@ -256,6 +295,7 @@ def objects_have_one_owner_each(seed: int, n: int) -> None:
     table = binding.object_table(weights)
     close(binding.object_table(weights[1]).rows, table.rows[1])
     things = binding.bound_objects(binding.object_table(weights[1]))
+    assert len(things) == int(table.owners[1].sum())
     assert [thing.index for thing in things] == table.owners[1].nonzero().flatten().tolist()
     for thing in things:
         assert all(math.isfinite(value) and value > 0 for value in thing.features.values())
@@ -289,7 +329,9 @@ def a_radius_scales_with_its_weights(seed: int, n: int) -> None:
 
 def every_solution_separates(seed: int, n: int) -> None:
     mixing = numbers(seed, 4, 1 + n % 4) + 0.1
-    for solution in binding.solutions(mixing):
+    solutions = binding.solutions(mixing)
+    assert len(solutions) == math.perm(4, 1 + n % 4)
+    for solution in solutions:
         gains = binding.separated(mixing, solution.weights) / mixing.max()
         assert bool(((gains.abs() > 1e-6).sum(0) == 1).all())
         assert bool(((gains.abs() > 1e-6).sum(1) <= 1).all())
@@ -308,7 +350,7 @@ def a_state_comes_back_from_its_file(seed: int, n: int) -> None:
 
 def same_leaves(a: Any, b: Any) -> None:
     assert type(a) is type(b)
-    assert leaves(a).keys() == leaves(b).keys()
+    assert leaves(a).keys() == leaves(b).keys() != set()
     assert all(
         torch.equal(x, y) and x.dtype == y.dtype for x, y in zip(leaves(a).values(), leaves(b).values(), strict=True)
     )

@@ -46,6 +46,9 @@ class SightLimits:
         mirrored: how much better they must fit when one is mirrored.
         agreement_patches: so many patches of the row must have been compared before.
         agreement_s: seconds over which they are averaged.
+        turns: so many comparisons of pictures from before and after a turn must have been made before.
+        backwards: how much better they must fit when turned the wrong way. The natural logarithm of what is left
+            unexplained must be less by so much.
     """
 
     patience_s: float = 0.25
@@ -61,10 +64,12 @@ class SightLimits:
     row_change: float = 1.0
     field_change: float = 0.45
     still: float = 0.5
-    swapped: float = 0.03
+    swapped: float = 0.1
     mirrored: float = 0.1
     agreement_patches: float = 20.0
     agreement_s: float = 2.0
+    turns: float = 3.0
+    backwards: float = 0.3
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

@@ -14,6 +14,7 @@ from ndtorch_robot.agreement import PATCH, Agreement, partners
 from ndtorch_robot.eye import Eye, SightLimits, blindness, change, likeness, look
 from ndtorch_robot.ports import StereoFrames
 from ndtorch_robot.trouble import Kind, SightError
+from ndtorch_robot.turning import MOST, Turning
 
 NAMES = ("left", "right")
 
@@ -29,6 +30,12 @@ MOVING = 0.1
 EVERY = 2
 """Frames of which one is looked into: half the work, and soon enough."""
 
+TURN = 0.08
+"""Radians of a turn after which a picture is compared with one from before: eight blocks."""
+
+TIGHT = 0.4
+"""Radians to a meter from which a turn counts: in a wide one things beside the car go the other way."""
+
 KEPT = 6
 """Pictures that are kept to compare with: 0.4 s at 30 frames a second."""
 
@@ -43,7 +50,8 @@ class CameraWatch:
 
     After `limits.patience_s` of pictures that look wrong (one that looks right takes one back): a camera that
     shows nothing or is blurred, one whose picture hardly changes on a way on which it must, both pictures moving
-    while the wheels stand. After `limits.agreement_s`: cameras that are swapped, upside down or turned.
+    while the wheels stand. After `limits.agreement_s`: cameras that are swapped, upside down or turned. After some
+    sharp turns: a camera whose picture turns the wrong way, because it is upside down.
 
     Args:
         rig: the camera pair.
@@ -65,6 +73,8 @@ class CameraWatch:
         self.together, self.rate, self.limits = together, rate, limits or SightLimits()
         self.wrong_for = max(2, round(self.limits.patience_s * rate / EVERY))
         self.agreement = Agreement(rate / EVERY, self.limits)
+        self.turning = [Turning(rig.focal, self.limits) for _ in NAMES]
+        self.compared_at = 0.0
         self.time = -math.inf
         self.last: list[Tensor | None] = [None, None]
         self.dark = [0, 0]
@@ -148,12 +158,34 @@ class CameraWatch:
                 way = f"{1e3 * (self.driven - away[0]):.0f} mm driven"
                 raise SightError(Kind.FROZEN, f"the {name} camera shows the same picture after {way}, but for noise")
         self.carried = self.count(self.carried, self.moved_by_others(eyes))
+        if reasons == [None, None]:
+            self.check_turning(eyes)
         self.before.append((self.driven, self.turned, eyes))
         if self.carried >= self.wrong_for:
             raise SightError(Kind.CARRIED, "both pictures move although the wheels stand")
         wrong = self.agreement.compare(*eyes) if reasons == [None, None] else None
         if wrong is not None:
             raise SightError(Kind.MOUNTING, wrong)
+
+    def check_turning(self, eyes: tuple[Eye, Eye]) -> None:
+        """Whether both pictures turn as the wheels say, after every piece of a sharp turn."""
+        if abs(self.turned - self.compared_at) < TURN:
+            return
+        for driven, turned, old in reversed(self.before):
+            turn = self.turned - turned
+            if TURN <= abs(turn) <= MOST and abs(turn) >= TIGHT * (self.driven - driven):
+                self.compared_at = self.turned
+                wrong = [seen.compare(new, was, turn) for seen, new, was in zip(self.turning, eyes, old, strict=True)]
+                if any(wrong):
+                    which = "both cameras are" if all(wrong) else f"the {NAMES[wrong.index(True)]} camera is"
+                    raise SightError(Kind.MOUNTING, f"{which} upside down: pictures turn the wrong way")
+                return
+
+    def forget_mounting(self) -> None:
+        """Somebody may have put the cameras right."""
+        self.agreement.forget()
+        for judge in self.turning:
+            judge.forget()
 
     def check_mounting(self, frames: StereoFrames) -> None:
         """Only whether both cameras show something, and lie the right way round, however the car is moved.

@@ -65,11 +65,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=12.0, help="of simulated driving, each judged at every light")
     parser.add_argument("--seconds", type=float, default=60.0, help="of one drive")
+    parser.add_argument("--seed", type=int, default=100, help="of the first building")
     chosen = parser.parse_args()
     torch.set_num_threads(1)
     driven = blank = 0
     stops: list[str] = []
-    for seed in itertools.count(100):
+    for seed in itertools.count(chosen.seed):
         for arena, walls in itertools.product(ARENAS, ("textured", "blank")):
             judge = Judge(f"{arena} {walls} seed {seed}")
             drive(

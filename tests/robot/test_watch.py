@@ -28,12 +28,26 @@ def see(change, speed=0.5, count=2 * PATIENCE, dtype=torch.uint8, limits=None):
     for n in range(count):
         frames = StereoFrames(picture(2 * n, dtype), picture(2 * n + 1, dtype), n / 30)
         watch.check(change(n, frames), speed)
+    return watch
+
+
+def counts(watch):
+    """How many pictures looked wrong of late, in each way."""
+    return watch.dark, watch.frozen, watch.blind, watch.stuck, watch.carried
+
+
+GOOD = [0, 0], [0, 0], [0, 0], [0, 0], 0
 
 
 @pytest.mark.parametrize("dtype", [torch.uint8, torch.float32])
 def test_good_frames(dtype):
-    see(lambda n, f: f, dtype=dtype)
-    see(lambda n, f: StereoFrames(*(Strips(eye[..., :9, :9], eye[..., :1, :]) for eye in f[:2]), f.time), dtype=dtype)
+    watch = see(lambda n, f: f, dtype=dtype)
+    assert (counts(watch), watch.seen) == (GOOD, 2 * PATIENCE)
+    assert watch.driven == pytest.approx(0.5 * (2 * PATIENCE - 1) / 30)
+    watch = see(
+        lambda n, f: StereoFrames(*(Strips(eye[..., :9, :9], eye[..., :1, :]) for eye in f[:2]), f.time), dtype=dtype
+    )
+    assert (counts(watch), watch.seen) == (GOOD, 2 * PATIENCE)
 
 
 @pytest.mark.parametrize("dtype", [torch.uint8, torch.float32])
@@ -56,11 +70,42 @@ def test_bad_frames(change, message, dtype):
     assert "\n" not in str(error.value)
 
 
-def test_what_is_no_fault():
-    see(lambda n, f: f._replace(left=picture(1)), speed=0.0)  # standing still
-    see(lambda n, f: f._replace(left=picture(1), right=picture(2)))  # both at once: the world may have stopped
-    see(lambda n, f: f._replace(left=torch.full_like(f.left, 99)), limits=DRAWN)  # a wall that is drawn blank
-    see(lambda n, f: f if n % 3 else f._replace(left=f.left * 0))  # single black frames
+def left_stays(n, frames):
+    return frames._replace(left=picture(1))
+
+
+def both_stay(n, frames):
+    return frames._replace(left=picture(1), right=picture(2))
+
+
+def wall(n, frames):
+    return frames._replace(left=torch.full_like(frames.left, 99))
+
+
+def third_black(n, frames):
+    return frames if n % 3 else frames._replace(left=frames.left * 0)
+
+
+def most_black(n, frames):
+    return frames if n < PATIENCE // 2 else frames._replace(left=frames.left * 0)
+
+
+@pytest.mark.parametrize(
+    ("change", "speed", "limits", "seen", "fault", "fast"),
+    [
+        # What is seen, at what speed and with which limits; what is left to be seen wrong; and what would be a fault.
+        (left_stays, 0.0, None, GOOD, left_stays, 0.5),  # standing still
+        (both_stay, 0.5, None, GOOD, left_stays, 0.5),  # both at once: the world may have stopped
+        (wall, 0.5, DRAWN, ([0, 0], [0, 0], [PATIENCE, 0], [0, 0], 0), wall, 0.5),  # a wall that is drawn blank
+        (third_black, 0.5, None, None, most_black, 0.5),  # single black frames
+    ],
+)
+def test_what_is_no_fault_and_what_would_be_one(change, speed, limits, seen, fault, fast):
+    watch = see(change, speed=speed, limits=limits)
+    assert watch.seen == 2 * PATIENCE
+    assert seen is None or counts(watch) == seen
+    with pytest.raises(InputError, match="left camera"):
+        see(fault, speed=fast)
 
 
 @needs_gl
@@ -88,7 +133,10 @@ def test_the_car_is_stopped_first(monkeypatch, fault):
 
 @needs_gl
 def test_a_blank_building_is_no_fault():
-    assert drive(DriveConfig(arena="loop", walls="blank", seconds=3)).summary["simulated_seconds"] == 3.0
+    summary = drive(DriveConfig(arena="loop", walls="blank", seconds=3)).summary
+    assert summary["simulated_seconds"] == 3.0
+    assert summary["distance_m"] > 1.0
+    assert summary["faults"] == []
 
 
 @needs_gl

@@ -98,7 +98,7 @@ class Trials:
             self.driving = 0.0
             if not self.car.safe.passes and now > self.mended + TELL_AFTER:
                 self.car.safe.resume()
-        elif step.driven.speed > 0.15:
+        elif abs(step.driven.speed) > 0.15:
             self.driving += 1 / self.car.pilot.rate
         if self.rows and "on after" not in self.rows[-1]:
             self.wait_to_drive(self.rows[-1], now)

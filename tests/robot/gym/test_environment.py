@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -129,8 +131,26 @@ def test_frames_hold_the_strips(env: DriveEnv, small: str) -> None:
     assert set(strips) == set(PARTS)
 
 
+class Lying(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Gives what is no observation of its space."""
+
+    def reset(self, **how: Any) -> Any:
+        seen, told = self.env.reset(**how)
+        return {name: part[..., :-1] for name, part in seen.items()}, told
+
+
+def complaints(env: gymnasium.Env[Any, Any], **how: bool) -> list[str]:
+    """What Gymnasium's checker says of it, but for the unit of actions: they are m/s and 1/m."""
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        check_env(env, **how)
+    return [str(one.message) for one in said if "symmetric and normalized" not in str(one.message)]
+
+
 def test_the_checker_is_content(env: DriveEnv) -> None:
-    check_env(env, skip_render_check=True, skip_close_check=True)
+    assert complaints(env, skip_render_check=True, skip_close_check=True) == []
+    with pytest.raises(AssertionError, match="observation"):
+        check_env(Lying(env), skip_render_check=True, skip_close_check=True)
 
 
 def test_many_at_once(small: str) -> None:
@@ -149,7 +169,7 @@ def test_many_at_once(small: str) -> None:
 def test_the_checker_is_content_with_a_real_arena() -> None:
     register()
     env = gymnasium.make("ndtorch/Curve-v0", seconds=2.0, building=0, render_mode="rgb_array")
-    check_env(env.unwrapped)
+    assert complaints(env.unwrapped) == []
     env.close()
 
 

@@ -10,13 +10,14 @@ from ndtorch.errors import InputError
 from ndtorch_robot.commands.soak import Soak, kept
 from ndtorch_robot.link.messages import Frame, Type, encode_frame, read_telemetry
 from ndtorch_robot.link.parser import Parser
+from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import RunConfig, SimulationTable
 from ndtorch_robot.sim.hosted_board import HostedBoard
 from ndtorch_robot.sim.pulse_world import Electronics
 from ndtorch_robot.soak.cable import FailingCable
 from ndtorch_robot.soak.eyes import FailingCameras
-from ndtorch_robot.soak.faults import FAULTS, Fault
+from ndtorch_robot.soak.faults import FAULTS, TOLD, Fault
 from ndtorch_robot.soak.table import report, summary, troubles
 from ndtorch_robot.soak.trial import Trials
 from tests.robot.support.gl_needed import needs_gl
@@ -121,19 +122,32 @@ class OneAfterTheOther(Trials):
             self.calm = 0.5
 
 
-def soak(folder, *names):
-    """Drive through these faults."""
+def soak(folder, *names, steer=None, observe=None):
+    """Drive through these faults; `steer` changes what the navigator wants."""
     by_name = {fault.name: fault for fault in FAULTS}
     simulation = SimulationTable(arena="curve", seed=3)
     config = RunConfig(robot="maxston8", link={"kind": "hosted-board"}, simulation=simulation)
     lines = []
     with open_car(config, lines.append, go=True) as car:
         cameras = FailingCameras(car.drive.world, 0)
-        car.cameras = cameras
+        car.cameras, car.steer = cameras, steer
         trials = OneAfterTheOther(car, car.drive.world, cameras, 0, folder)
         trials.calm = 0.1
         trials.wanted = [by_name[name] for name in names]
-        car.observers += [trials, lambda step: car.ended.set() if len(trials.rows) == len(names) else None]
+        simulation, start = car.drive.world.simulation, np.array(car.drive.world.simulation.pose)
+
+        def from_the_start(step):
+            """Whoever goes back comes to a wall sooner or later."""
+            if observe is not None:
+                observe(step)
+                if trials.fault is None and np.hypot(*(simulation.pose - start)[:2]) > 0.5:
+                    simulation.place(*start)
+
+        car.observers += [
+            from_the_start,
+            trials,
+            lambda step: car.ended.set() if len(trials.rows) == len(names) else None,
+        ]
         car.run(120.0)
     assert [row["fault"] for row in trials.rows] == list(names)
     return trials
@@ -157,6 +171,44 @@ def test_every_fault_stops_the_wheels_in_time_and_nothing_else_does(tmp_path):
     assert trials.unexplained == []
     assert any("No space left on device" in line for line in trials.lines)
     assert not (tmp_path / "recording").exists()
+
+
+BACK = DriveCommand(-0.3, 0.0)
+"""What the controller asks for that goes back from a wall."""
+
+
+def soak_backwards(folder, *names):
+    """Drive backwards through these faults; returns the trials and the lowest speed."""
+    lowest = 0.0
+
+    def watch(step):
+        nonlocal lowest
+        lowest = min(lowest, step.driven.speed)
+
+    trials = soak(folder, *names, steer=lambda wanted: BACK, observe=watch)
+    return trials, lowest
+
+
+@needs_gl
+@needs_compiler
+@pytest.mark.slow
+def test_faults_of_cameras_link_and_loop_stop_wheels_that_turn_backwards(tmp_path):
+    trials, lowest = soak_backwards(tmp_path, "no frames", "cable pulled", "loop stalls")
+    assert lowest == pytest.approx(-0.3, abs=0.02)
+    for row in trials.rows:
+        assert row["bad"] is None, row
+        assert 0 < row["turned"] <= 0.25
+
+
+@needs_gl
+@needs_compiler
+@pytest.mark.long
+def test_every_fault_stops_wheels_that_turn_backwards(tmp_path):
+    names = [fault.name for fault in FAULTS if fault.within is not None and fault.within < TOLD]
+    trials, lowest = soak_backwards(tmp_path / "recording", *names)
+    assert lowest == pytest.approx(-0.3, abs=0.02)
+    assert [row for row in trials.rows if row["bad"] is not None] == []
+    assert trials.unexplained == []
 
 
 class NoWorld:
