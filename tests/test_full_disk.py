@@ -107,13 +107,13 @@ def opens(path: Path) -> bool:
     return path.stat().st_size > 0
 
 
-def check(name: str, most: int, tmp_path: Path, capfd: pytest.CaptureFixture[str], room: bool = False) -> None:
+def check(name: str, most: int, tmp_path: Path, capsys: pytest.CaptureFixture[str], room: bool = False) -> None:
     out = tmp_path / "out"
     out.mkdir()
     given = arguments(name, out, tmp_path)
     with full_disk(most):
         code = main(given)
-    printed = capfd.readouterr().err
+    printed = capsys.readouterr().err
     whole = [path for path in out.rglob("*") if path.is_file() and not path.name.startswith("part-")]
     if code == 0 and room:  # for all that it writes
         assert whole
@@ -132,17 +132,17 @@ def check(name: str, most: int, tmp_path: Path, capfd: pytest.CaptureFixture[str
     shutil.rmtree(out)
 
 
-def test_a_whole_video_stays_when_the_disk_is_full(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_whole_video_stays_when_the_disk_is_full(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     film = tmp_path / "bars.mp4"
     asked = ["render", "three-bars", str(film), "--seconds", "0.2"]
     assert main(asked) == 0
     assert opens(film)
     before = film.read_bytes()
-    capfd.readouterr()
+    capsys.readouterr()
     with full_disk(700):
         code = main(asked)
     assert code not in (0, None)
-    assert len(said(capfd.readouterr().err)) == 1
+    assert len(said(capsys.readouterr().err)) == 1
     assert film.read_bytes() == before
     assert [path.name for path in tmp_path.iterdir()] == ["bars.mp4"]
 
@@ -161,8 +161,8 @@ def test_a_whole_calibration_stays_when_the_disk_is_full(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("name", QUICK)
-def test_a_full_disk(name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    check(name, 3000, tmp_path, capfd)
+def test_a_full_disk(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    check(name, 3000, tmp_path, capsys)
 
 
 @pytest.mark.long
@@ -170,6 +170,6 @@ def test_a_full_disk(name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str
 @pytest.mark.parametrize("most", [0, 700, 20_000])
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_disk_that_is_full_sooner_or_later(
-    name: str, most: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    name: str, most: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    check(name, most, tmp_path, capfd, room=most > 0)
+    check(name, most, tmp_path, capsys, room=most > 0)

@@ -90,7 +90,7 @@ def test_bad_pixels_are_found() -> None:
         VisualFeatures(SIZE)(frames)
 
 
-@torch.no_grad()
+@torch.inference_mode()
 def test_kernels_do_not_take_a_state_of_another_size_or_kind() -> None:
     frames = torch.zeros(2, 3, 8, 9)
 
