@@ -92,7 +92,10 @@ PARTS: dict[str, Part] = {
     "CameraFrontEnd": Part(
         lambda: vision.CameraFrontEnd((40, 48), 30.0), lambda draw: (draw(3, 40, 48),), batched=False
     ),
-    "CoherentMotion": Part(lambda: vision.CoherentMotion((40, 48), DT), lambda draw: (draw(3, 40, 48),)),
+    "CoherentMotion": Part(
+        lambda: vision.CoherentMotion((40, 48), DT, vision.CoherentParams(kept=0.3, fastest=9.0)),
+        lambda draw: (draw(3, 40, 48),),
+    ),
     "BindingInputs": Part(lambda: binding.BindingInputs(), signals),
     "InhibitoryNetwork": Part(lambda: binding.InhibitoryNetwork(settle=0.02), signals),
     "Windows": Part(lambda: binding.Windows((4, 4), 4.0), lambda draw: (draw(4, 4, 10),)),

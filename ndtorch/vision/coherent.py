@@ -1,7 +1,8 @@
-"""Motion in every direction and at every pace, in overlapping fields: correlators with long bases."""
+"""Motion in every direction and at every pace: space-time energy at a grid of velocities, in overlapping fields."""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import torch
@@ -11,9 +12,12 @@ from torch.nn import functional
 
 from ndtorch.config import Constants
 from ndtorch.errors import InputError
-from ndtorch.vision.fields import field_weights, pool
+from ndtorch.vision.fields import pool
 from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.temporal import low_pass_step, smoothing_factor
+
+LEAST = 0.6
+"""Power of a field, against the mean of the frame, under which a share of it would be of a dot or two."""
 
 
 class CoherentParams(Constants):
@@ -21,12 +25,16 @@ class CoherentParams(Constants):
 
     around: int = Field(9, gt=0, description="side of the window whose mean is taken off, pixels, odd")
     tau_high: float = Field(0.5, ge=0, description="high-pass of every pixel, seconds")
-    delay: float = Field(0.16, gt=0, description="between the two moments that are compared, seconds")
+    every: float = Field(0.08, gt=0, description="time between frames that are kept, seconds")
+    kept: float = Field(2.0, gt=0, description="time for which they are kept, seconds")
+    last: float = Field(
+        0.4, gt=0, description="delay beyond which frames are not compared, shorter ones the more, seconds"
+    )
     fastest: float = Field(45.0, gt=0, description="fastest motion that is looked for, pixels a second")
-    field: float = Field(12.0, gt=0, description="distance of neighbouring fields, pixels")
-    tau: float = Field(0.4, ge=0, description="memory of the correlations, seconds")
-    every: float = Field(0.08, gt=0, description="time between comparisons, seconds")
-    kept: float = Field(1.0, gt=0, description="time for which frames are kept for a closer look, seconds")
+    step: float = Field(9.0, gt=0, description="distance of neighbouring velocities, pixels a second")
+    coarse: float = Field(2.0, ge=1, description="pixels of a frame that are one, a side, where all are looked for")
+    field: float = Field(8.0, gt=0, description="distance of neighbouring fields, pixels")
+    window: float = Field(16.0, gt=0, description="deviation of a field, pixels")
 
 
 class CoherentState(NamedTuple):
@@ -34,26 +42,23 @@ class CoherentState(NamedTuple):
 
     Attributes:
         slow: what the high-pass has taken for the mean, `[..., H, W]`.
-        past: the latest high-passed frames, oldest first, `[..., B, H, W]`.
-        correlations: running means of products with the past, `[..., D, R, C]`.
-        power: running means of squares, `[..., R, C]`.
+        past: high-passed frames, `every` apart, oldest first, `[..., B, H, W]`.
         steps: frames taken, int64 scalar.
     """
 
     slow: Tensor
     past: Tensor
-    correlations: Tensor
-    power: Tensor
     steps: Tensor
 
 
 class CoherentMotion(nn.Module):
-    """How much of what is in a field has moved by each displacement within `delay`.
+    """How much of what is in a field moves at each velocity of a grid.
 
-    A Hassenstein-Reichardt detector multiplies what is at a place with what was at its neighbor a moment ago. Here the
-    product is taken over every displacement up to `fastest`, and averaged over a field and a memory: each field holds
-    a map of directions and paces. Random dots that move each its own way fill a ring of the map, dots that move
-    together make a peak. Contrast of both signs counts, light alone does not.
+    A Hassenstein-Reichardt detector multiplies what is at a place with what was at its neighbor a moment ago. Here all
+    frames of `kept` seconds are moved on to where they would be now at a velocity, and multiplied at every delay up to
+    `last`: correlators with many bases that agree, whose memory moves along. Random dots that move each its own way
+    fill a ring of velocities, dots that move together make a peak. Contrast of both signs counts, light alone does
+    not. All velocities are tried at a coarse resolution; `energies` looks closer at one.
 
     Args:
         size: height and width of the frames.
@@ -61,8 +66,9 @@ class CoherentMotion(nn.Module):
         params: constants.
 
     Shapes:
-        frames `[..., T, C, H, W]` -> `[..., T, D, R, C']`, D displacements, R x C' fields; 1 is a field in which
-        everything has moved so. State: `CoherentState`; `None` settles on the first frame.
+        frames `[..., T, C, H, W]` -> `[..., T, D, R, C']`, D velocities, R x C' fields; 1 is a field in which
+        everything moves so. State: `CoherentState`; `None` settles on the first frame. The maps of one frame take as
+        long as many frames without: `advance` and `maps` are for those who want few.
 
     Raises:
         InputError: frames that cannot be used, or fewer than one field.
@@ -70,41 +76,37 @@ class CoherentMotion(nn.Module):
 
     rows: Tensor
     columns: Tensor
-    displacements: Tensor
+    velocities: Tensor
+    band: Tensor
+    seen: Tensor
 
     def __init__(self, size: tuple[int, int], dt: float = 0.04, params: CoherentParams | None = None) -> None:
         super().__init__()
         c = self.params = params or CoherentParams()
         self.size, self.dt = size, dt
-        self.lag = max(1, round(c.delay / dt))
-        self.kept = max(self.lag + 1, round(c.kept / dt))
         self.every = max(1, round(c.every / dt))
-        self.reach = max(1, round(c.fastest * self.lag * dt))
-        self.a_high, self.a = smoothing_factor(c.tau_high, dt), smoothing_factor(c.tau, self.every * dt)
-        grid = tuple(round(side / c.field) for side in size)
-        if min(grid) < 1:
+        self.apart = self.every * dt
+        """Seconds between kept frames."""
+        self.kept = max(2, round(c.kept / self.apart))
+        self.a_high = smoothing_factor(c.tau_high, dt)
+        self.grid = (round(size[0] / c.coarse), round(size[1] / c.coarse))
+        if min(round(side / c.field) for side in size) < 1:
             raise InputError(f"frames of {size[0]}x{size[1]} pixels have no field of {c.field:g} pixels")
-        for name, length, count in zip(("rows", "columns"), size, grid, strict=True):
-            self.register_buffer(name, field_weights(torch.arange(length) + 0.5, length, count, "reflect"))
-        one = torch.arange(-self.reach, self.reach + 1)
-        # Column and row by which each displacement goes.
-        self.register_buffer("displacements", torch.stack(torch.meshgrid(one, one, indexing="xy"), -1).reshape(-1, 2))
-
-    @property
-    def velocities(self) -> Tensor:
-        """Columns and rows a second of every displacement, `[D, 2]`."""
-        return self.displacements / (self.lag * self.dt)
+        for name, length, count in zip(("rows", "columns"), size, self.grid, strict=True):
+            self.register_buffer(name, windows(length, count, max(1, round(length / c.field)), c.window))
+        reach = math.floor(c.fastest / c.step)
+        one = c.step * torch.arange(-reach, reach + 1)
+        every = torch.stack(torch.meshgrid(one, one, indexing="xy"), -1).reshape(-1, 2)
+        # Columns and rows a second.
+        self.register_buffer("velocities", every[every.norm(dim=-1) <= c.fastest * (1 + 1e-6)])
+        self.register_buffer("band", delays(self.kept, c.last / self.apart))
+        # How much of each field was in the frame all the time, at each velocity, `[D, R, C']`.
+        self.register_buffer("seen", self.pooled(torch.ones(self.kept, *self.grid)))
 
     def start(self, image: Tensor) -> CoherentState:
         """State settled on one grey image `[..., H, W]`."""
-        batch, fields = image.shape[:-2], (self.rows.shape[0], self.columns.shape[0])
-        return CoherentState(
-            image,
-            image.new_zeros(*batch, self.kept, *self.size),
-            image.new_zeros(*batch, len(self.displacements), *fields),
-            image.new_zeros(*batch, *fields),
-            torch.zeros((), dtype=torch.int64),
-        )
+        past = image.new_zeros(*image.shape[:-2], self.kept, *self.size)
+        return CoherentState(image, past, torch.zeros((), dtype=torch.int64))
 
     def forward(self, frames: Tensor, state: CoherentState | None = None) -> tuple[Tensor, CoherentState]:
         images = grey(as_float(check_frames(frames, self.size))).unbind(-3)
@@ -124,38 +126,81 @@ class CoherentMotion(nn.Module):
 
     def step(self, image: Tensor, state: CoherentState) -> CoherentState:
         """The state after one more grey image `[..., H, W]`."""
-        slow = low_pass_step(image, state.slow, self.a_high)
-        high = without_mean(image - slow, self.params.around)
-        past = torch.cat([state.past[..., 1:, :, :], high.unsqueeze(-3)], -3)
-        steps = state.steps + 1
+        slow, steps = low_pass_step(image, state.slow, self.a_high), state.steps + 1
         if int(steps) % self.every:
-            return state._replace(slow=slow, past=past, steps=steps)
-        before = past[..., -1 - self.lag, :, :]
-        rows, columns = self.rows.to(high.dtype), self.columns.to(high.dtype)
-        wide = functional.pad(before, (self.reach,) * 4)
-        height, width = self.size
-        count = 2 * self.reach + 1
-        parts = []
-        for down in range(count):
-            # What moved by (x, y) was at (-x, -y) before.
-            line = wide[..., 2 * self.reach - down : 2 * self.reach - down + height, :]
-            shifted = line.unfold(-1, width, 1).movedim(-2, -3).flip(-3)
-            parts.append(pool(shifted * high.unsqueeze(-3), rows, columns))
-        products = torch.cat(parts, -3)
-        power = pool((high.square() + before.square()) / 2, rows, columns)
-        return CoherentState(
-            slow,
-            past,
-            torch.lerp(state.correlations, products, self.a),
-            torch.lerp(state.power, power, self.a),
-            steps,
-        )
+            return state._replace(slow=slow, steps=steps)
+        high = without_mean(image - slow, self.params.around)
+        return CoherentState(slow, torch.cat([state.past[..., 1:, :, :], high.unsqueeze(-3)], -3), steps)
+
+    @property
+    def inside(self) -> Tensor:
+        """How much of each field is within the frame, `[R, C']`."""
+        return self.rows.sum(1)[:, None] * self.columns.sum(1)
+
+    def since(self, state: CoherentState) -> float:
+        """Seconds since the latest frame that was kept."""
+        return float(int(state.steps) % self.every) * self.dt
 
     def maps(self, state: CoherentState) -> Tensor:
-        """Correlations over the power of their field, `[..., D, R, C']`; 0 where nothing is."""
-        level = state.power.amax((-1, -2), keepdim=True)
-        power = torch.maximum(state.power, 0.05 * level).clamp_min(torch.finfo(level.dtype).tiny).unsqueeze(-3)
-        return state.correlations / power
+        """What moves at each velocity over the power of its field, `[..., D, R, C']`; 0 where nothing is."""
+        batch = state.past.shape[:-2]
+        past = functional.adaptive_avg_pool2d(state.past.reshape(-1, 1, *self.size), self.grid)
+        past = past.reshape(*batch, *self.grid)
+        power = pool(past.square().mean(-3), self.rows.to(past.dtype), self.columns.to(past.dtype))
+        level = past.square().mean((-1, -2, -3))[..., None, None] * self.inside.to(past.dtype)
+        power = torch.maximum(power, LEAST * level)
+        return self.pooled(past) / power.clamp_min(torch.finfo(power.dtype).tiny).unsqueeze(-3)
+
+    def pooled(self, past: Tensor) -> Tensor:
+        """Energy of coarse frames `[..., B, H', W']` at every velocity in every field, `[..., D, R, C']`."""
+        scale = torch.tensor([g / side for g, side in zip(self.grid[::-1], self.size[::-1], strict=True)])
+        pace = (self.apart * scale * self.velocities.cpu()).tolist()
+        rows, columns = self.rows.to(past.dtype), self.columns.to(past.dtype)
+        return torch.stack([pool(self.energy(moved_on(past, one)), rows, columns) for one in pace], -3)
+
+    def energy(self, moved: Tensor) -> Tensor:
+        """Products of frames that were moved on `[..., B, H, W]` at all delays, their mean, `[..., H, W]`."""
+        flat = moved.flatten(-2)
+        return ((self.band.to(flat.dtype) @ flat) * flat).sum(-2).reshape(*moved.shape[:-3], *moved.shape[-2:])
+
+
+def windows(length: int, points: int, count: int, deviation: float) -> Tensor:
+    """Gaussian windows over a line of `points`, `[count, points]`; what lies beyond the line is taken for nothing."""
+    places = (torch.arange(points) + 0.5) * (length / points)
+    centers = (torch.arange(count) + 0.5) * (length / count)
+    weights = torch.exp(-0.5 * ((places - centers[:, None]) / deviation) ** 2)
+    return weights * (length / points / (deviation * math.sqrt(2 * math.pi)))
+
+
+def delays(count: int, last: float) -> Tensor:
+    """Weights of products of `count` frames, `[B, B]`: less with delay, none from `last` steps on; they add up to 1.
+
+    That is how many dots are still there after a delay, where they live for `last` steps.
+    """
+    share = torch.tensor([max(1.0 - lag / last, 0.0) for lag in range(count)])
+    share[1] = max(float(share[1]), 1e-3)
+    share = share / share[1:].sum()
+    weights = torch.zeros(count, count)
+    for lag in range(1, count):
+        weights += share[lag] * torch.ones(count - lag).diag(-lag) / (count - lag)
+    return weights
+
+
+def moved_on(past: Tensor, pace: tuple[float, float] | list[float]) -> Tensor:
+    """Images `[..., B, H, W]`, the latest last, each moved by whole pixels to where it would be now; 0 comes in.
+
+    Args:
+        past: the images.
+        pace: columns and rows from one to the next.
+    """
+    count, height, width = past.shape[-3:]
+    out = torch.zeros_like(past)
+    for n in range(count):
+        x, y = (round(part * (count - 1 - n)) for part in pace)
+        if abs(x) < width and abs(y) < height:
+            new = out[..., n, max(0, y) : height + min(0, y), max(0, x) : width + min(0, x)]
+            new.copy_(past[..., n, max(0, -y) : height + min(0, -y), max(0, -x) : width + min(0, -x)])
+    return out
 
 
 def without_mean(image: Tensor, side: int) -> Tensor:

@@ -6,7 +6,10 @@ import pytest
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.vision import CoherentMotion
+from ndtorch.vision import CoherentMotion, CoherentParams
+from ndtorch.vision.coherent import delays, moved_on
+
+FEW = CoherentParams(kept=0.5, fastest=27.0, step=13.5)
 
 
 def drift(step: tuple[int, int], frames: int = 16, size: tuple[int, int] = (48, 60)) -> torch.Tensor:
@@ -18,29 +21,55 @@ def drift(step: tuple[int, int], frames: int = 16, size: tuple[int, int] = (48, 
 @pytest.mark.parametrize("step", [(1, 0), (0, -1), (-1, 1)])
 def test_the_peak_is_at_the_velocity(step: tuple[int, int]) -> None:
     motion = CoherentMotion((48, 60), 0.04)
-    maps, _ = motion(drift(step))
-    best = maps[-1].flatten(1).mean(1).argmax()
-    assert motion.velocities[best].tolist() == pytest.approx([25 * step[0], 25 * step[1]])
+    maps = motion.maps(motion.advance(drift(step)))
+    best = motion.velocities[maps.flatten(1).mean(1).argmax()]
+    nearest = (motion.velocities - 25 * torch.tensor(step)).norm(dim=-1).argmin()
+    assert best.tolist() == motion.velocities[nearest].tolist()
+
+
+def test_what_moves_together_is_much_and_what_does_not_is_little() -> None:
+    # Dots are 27 pixels a second on, which the grid holds; others are drawn anew in every frame.
+    motion = CoherentMotion((48, 60), 1 / 27, FEW)
+    anew = (torch.rand(30, 1, 48, 60, generator=torch.Generator().manual_seed(1)) < 0.05).float()
+    (which,) = (motion.velocities == torch.tensor([27.0, 0.0])).all(1).nonzero()[0].tolist()
+    together, apart = (motion.maps(motion.advance(frames))[which] for frames in (drift((1, 0), 30), anew))
+    assert float(together[:, 3:].amin()) > 0.5
+    assert float(apart.abs().amax()) < 0.25
 
 
 def test_chunks_and_batches_give_the_same() -> None:
-    motion = CoherentMotion((48, 60), 0.04)
-    frames = torch.stack([drift((1, 0)), drift((0, 1))])
+    motion = CoherentMotion((48, 60), 0.04, FEW)
+    frames = torch.stack([drift((1, 0), 8), drift((0, 1), 8)])
     whole, last = motion(frames)
-    first, state = motion(frames[:, :5])
-    second, state = motion(frames[:, 5:], state)
+    first, state = motion(frames[:, :3])
+    second, state = motion(frames[:, 3:], state)
     torch.testing.assert_close(torch.cat([first, second], 1), whole)
     torch.testing.assert_close(motion.maps(motion.advance(frames[1])), whole[1, -1])
-    assert int(last.steps) == int(state.steps) == 16
+    assert int(last.steps) == int(state.steps) == 8
 
 
 def test_mirrored_frames_give_mirrored_maps() -> None:
     motion = CoherentMotion((48, 60), 0.04)
-    frames = drift((1, 0))
-    maps, mirrored = motion(frames)[0][-1], motion(frames.flip(-1))[0][-1]
-    side = 2 * motion.reach + 1
-    shape = (side, side, *maps.shape[1:])
-    torch.testing.assert_close(mirrored.reshape(shape), maps.reshape(shape).flip(1).flip(-1), atol=1e-5, rtol=1e-4)
+    maps, mirrored = (motion.maps(motion.advance(frames)) for frames in (drift((1, 0)), drift((1, 0)).flip(-1)))
+    back = [(motion.velocities == v * torch.tensor([-1.0, 1.0])).all(1).nonzero()[0, 0] for v in motion.velocities]
+    torch.testing.assert_close(mirrored[torch.stack(back)].flip(-1), maps, atol=1e-5, rtol=1e-4)
+
+
+def test_shorter_delays_count_more_and_all_add_up_to_one() -> None:
+    weights = delays(6, 4.0)
+    assert float(weights.sum()) == pytest.approx(1)
+    shares = [float(weights.diagonal(-lag).sum()) for lag in range(6)]
+    assert shares == pytest.approx([0, 1 / 2, 1 / 3, 1 / 6, 0, 0])
+
+
+def test_images_are_moved_to_where_they_would_be_now() -> None:
+    past = torch.zeros(3, 5, 7)
+    for n in range(3):
+        past[n, 1, 2 + 2 * n] = 1
+    moved = moved_on(past, (2.0, 0.0))
+    assert moved[:, 1, 6].tolist() == [1, 1, 1]
+    assert float(moved.sum()) == 3
+    assert float(moved_on(past, (9.0, 0.0))[:2].sum()) == 0
 
 
 def test_bad_input() -> None:

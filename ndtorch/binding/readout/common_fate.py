@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import cv2
@@ -13,27 +14,34 @@ from torch.nn import functional
 
 from ndtorch.config import Constants
 from ndtorch.errors import InputError
-from ndtorch.vision.coherent import CoherentMotion, CoherentState
+from ndtorch.vision.coherent import CoherentMotion, CoherentState, moved_on, windows
 
 LEAST = 0.4
 """Contrast in a window, against that of the frame, under which a share of it would be of a dot or two."""
+
+UPS = 0.25
+"""Share of the ground's motion by which its places differ."""
 
 
 class FateCriteria(Constants):
     """When motion is common, and where it ends."""
 
-    clear: float = Field(4.0, gt=0, description="peak of a map of motion over the deviation of all maps")
-    least: float = Field(0.15, gt=0, description="share of the contrast in a wide window that moves so, above others,")
+    clear: float = Field(5.5, gt=0, description="peak of a map of motion over the deviation of all maps")
+    beside: float = Field(0.35, ge=0, le=1, description="share of the clearest peak that a further motion has at least")
+    least: float = Field(0.08, gt=0, description="share of the contrast in a wide window that moves so, above others,")
     wide: float = Field(8.0, gt=0, description="deviation of that window, pixels")
     most: int = Field(6, gt=0, description="velocities that are looked for at most")
     spread: float = Field(
         4.0, gt=0, description="deviation of the window in which it ends, pixels; wider where little moves so"
     )
-    first: float = Field(0.08, gt=0, description="shortest and")
-    last: float = Field(0.32, gt=0, description="longest delay at which it compares frames, seconds")
     edge: float = Field(0.5, gt=0, lt=1, description="share of its level at which a patch ends")
+    piece: float = Field(0.7, ge=0, lt=1, description="share of its level that every piece of a patch reaches")
     smallest: float = Field(0.006, gt=0, description="smallest patch, as a share of the frame")
     alike: float = Field(15.0, gt=0, description="velocities nearer than this are one, pixels a second")
+    echo: float = Field(
+        0.7, gt=0, lt=1, description="share of a clearer motion that other velocities have at its place"
+    )
+    refine: float = Field(4.0, gt=0, description="step with which a velocity is looked at closer, pixels a second")
 
 
 class Patch(NamedTuple):
@@ -52,19 +60,36 @@ class Patch(NamedTuple):
     strength: float
 
 
-def standing_out(maps: Tensor) -> tuple[Tensor, Tensor]:
+def standing_out(maps: Tensor, seen: Tensor, inside: Tensor) -> tuple[Tensor, Tensor]:
     """Maps `[D, R, C]` less what most fields have, and the deviation of what is left.
 
-    The ground is what most fields have: a ring of all directions, a peak where it moves as a whole.
+    The ground is what most fields have: a ring of all directions, a peak where it moves as a whole. What came into the
+    frame lately has less of it. Few dots make a few high values, so the deviation is that of the upper tail.
+
+    Args:
+        maps: of `CoherentMotion`.
+        seen: how much of each field was in the frame at each velocity, like `maps`.
+        inside: how much of each field is in the frame, `[R, C]`: of a smaller one less is known.
     """
-    left = maps - maps.flatten(1).median(1).values[:, None, None]
-    return left, 1.4826 * left.abs().median()
+    seen = seen / inside
+    ground = (maps / seen).masked_fill(seen < 0.5, torch.nan).flatten(1).nanmedian(1).values.nan_to_num(0)
+    left = (maps - ground[:, None, None] * seen) * inside.sqrt()
+    tail = left.flatten().kthvalue(math.ceil(0.95 * left.numel())).values / 1.645
+    # Where the ground is strong, its own ups and downs are too.
+    return left - UPS * ground.clamp_min(0)[:, None, None], tail
 
 
-def aligned(past: Tensor, velocity: Tensor, dt: float) -> Tensor:
-    """Frames `[B, H, W]`, the latest last, each moved on to where it would be now at that velocity."""
+def aligned(past: Tensor, velocity: Tensor, apart: float, since: float = 0.0) -> Tensor:
+    """Frames `[B, H, W]`, the latest last, each moved on to where it would be now at that velocity.
+
+    Args:
+        past: the frames.
+        velocity: columns and rows a second.
+        apart: seconds between frames.
+        since: seconds since the latest.
+    """
     count, height, width = past.shape
-    age = dt * torch.arange(count - 1, -1, -1, dtype=past.dtype)
+    age = since + apart * torch.arange(count - 1, -1, -1, dtype=past.dtype)
     shift = age[:, None] * velocity.to(past.dtype)
     x = torch.arange(width, dtype=past.dtype) - shift[:, :1]
     y = torch.arange(height, dtype=past.dtype) - shift[:, 1:]
@@ -87,17 +112,6 @@ def blurred(image: Tensor, deviation: float) -> Tensor:
     return functional.conv2d(flat, line[None, None, :, None], padding=(reach, 0))[0, 0]
 
 
-def energies(past: Tensor, velocity: Tensor, dt: float, criteria: FateCriteria) -> tuple[Tensor, Tensor]:
-    """What moves at a velocity, and all contrast, at every pixel `[H, W]`: energy oriented in space and time."""
-    moved = aligned(past, velocity, dt)
-    first, last = max(1, round(criteria.first / dt)), max(1, round(criteria.last / dt))
-    last = min(max(first, last), len(moved) - 1)
-    together = torch.zeros_like(moved[0])
-    for lag in range(first, last + 1):
-        together += (moved[lag:] * moved[:-lag]).mean(0)
-    return together / (last - first + 1), moved.square().mean(0)
-
-
 def ratio(together: Tensor, power: Tensor, spread: float) -> Tensor:
     """The share that moves so in a window around every pixel; little where there is little contrast."""
     power = blurred(power, spread)
@@ -108,8 +122,8 @@ def ratio(together: Tensor, power: Tensor, spread: float) -> Tensor:
 def coherent_patches(motion: CoherentMotion, state: CoherentState, criteria: FateCriteria | None = None) -> list[Patch]:
     """What moves together at this moment, of one trial, clearest first.
 
-    A peak in the maps names a velocity. Space-time energy at that velocity, over all frames that are kept, tells where
-    it ends: where it falls below `edge` of its level. Every pixel belongs to the velocity that explains most of it.
+    A peak in the maps names a velocity. Space-time energy at that velocity, at full resolution, tells where it ends:
+    where it falls below `edge` of its level. Every pixel belongs to the velocity that explains most of it.
 
     Args:
         motion: the detectors.
@@ -120,21 +134,22 @@ def coherent_patches(motion: CoherentMotion, state: CoherentState, criteria: Fat
         InputError: a state of several trials.
     """
     c = criteria or FateCriteria()
-    if state.power.ndim != 2:
-        raise InputError(f"state must be of one trial, got {list(state.power.shape[:-2])} of them")
-    maps, velocities = motion.maps(state), motion.velocities.to(state.power.dtype)
-    left, deviation = standing_out(maps)
+    if state.past.ndim != 3:
+        raise InputError(f"state must be of one trial, got {list(state.past.shape[:-3])} of them")
+    velocities = motion.velocities.to(state.past.dtype)
+    left, deviation = standing_out(motion.maps(state), motion.seen, motion.inside)
     found: list[Layer] = []
+    enough = max(c.clear * float(deviation), c.beside * float(left.amax()))
     for _ in range(c.most):
-        peak = int(left.argmax())
-        which, row, column = (int(part) for part in torch.unravel_index(torch.tensor(peak), left.shape))
-        if float(left[which, row, column]) < c.clear * float(deviation):
+        which, row, column = (int(part) for part in torch.unravel_index(left.argmax(), left.shape))
+        if float(left[which, row, column]) <= enough or not float(deviation) > 0:
             break
-        velocity = centered(left[:, row, column], which, motion.reach) / (motion.lag * motion.dt)
-        layer = layer_of(state.past, velocity, motion.dt, c)
+        velocity = centered(left[:, row, column], which, velocities, 1.5 * motion.params.step)
+        velocity = refined(motion, state, velocity, (row, column), c.refine)
+        layer = layer_of(motion, state, velocity, c)
         if float(layer.wide.amax()) > c.least:
             found.append(layer)
-        left = left.clone()
+        left = left - c.echo * left[which].clamp_min(0)
         left[(velocities - velocity).norm(dim=-1) < c.alike] = -torch.inf
     if not found:
         return []
@@ -153,9 +168,10 @@ class Layer(NamedTuple):
     wide: Tensor
 
 
-def layer_of(past: Tensor, velocity: Tensor, dt: float, criteria: FateCriteria) -> Layer:
+def layer_of(motion: CoherentMotion, state: CoherentState, velocity: Tensor, criteria: FateCriteria) -> Layer:
     """A closer look at a velocity; where little moves so, the window is wider."""
-    together, power = energies(past, velocity, dt, criteria)
+    moved = aligned(state.past, velocity, motion.apart, motion.since(state))
+    together, power = motion.energy(moved), moved.square().mean(0)
     wide = ratio(together, power, criteria.wide)
     wide = wide - wide.median()
     level = float(wide.amax())
@@ -165,22 +181,36 @@ def layer_of(past: Tensor, velocity: Tensor, dt: float, criteria: FateCriteria) 
     return Layer(velocity, share / max(level, 1e-6), wide)
 
 
-def centered(line: Tensor, which: int, reach: int) -> Tensor:
-    """Column and row displacement of a peak of `line` `[D]`, between pixels too."""
-    side = 2 * reach + 1
-    image = line.reshape(side, side).clamp_min(0)
-    row, column = divmod(which, side)
-    rows = torch.arange(max(0, row - 1), min(side, row + 2))
-    columns = torch.arange(max(0, column - 1), min(side, column + 2))
-    part = image[rows][:, columns]
-    part = part - 0.5 * part.amax()
-    part = part.clamp_min(0)
-    total = part.sum()
-    if not float(total) > 0:
-        return torch.tensor([column - reach, row - reach], dtype=line.dtype)
-    x = (part.sum(0) * (columns - reach)).sum() / total
-    y = (part.sum(1) * (rows - reach)).sum() / total
-    return torch.stack([x, y])
+def centered(line: Tensor, which: int, velocities: Tensor, near: float) -> Tensor:
+    """The velocity of a peak of `line` `[D]`, between those of the grid `[D, 2]` too."""
+    around: Tensor = (velocities - velocities[which]).norm(dim=-1) < near
+    weights = ((line - 0.5 * line[which]).clamp_min(0) * around)[:, None]
+    center: Tensor = (weights * velocities).sum(0) / weights.sum()
+    return center
+
+
+def refined(
+    motion: CoherentMotion, state: CoherentState, velocity: Tensor, field: tuple[int, int], step: float
+) -> Tensor:
+    """A velocity, corrected by the energy in one field at full resolution a `step` to all sides of it."""
+    rows, columns = (
+        windows(side, side, len(all), motion.params.window)[n].to(state.past.dtype)
+        for side, all, n in zip(motion.size, (motion.rows, motion.columns), field, strict=True)
+    )
+
+    def energy(at: Tensor) -> float:
+        moved = moved_on(state.past, (motion.apart * at).tolist())
+        return float(rows @ motion.energy(moved) @ columns)
+
+    middle, better = energy(velocity), velocity.clone()
+    for axis in (0, 1):
+        off = torch.zeros_like(velocity)
+        off[axis] = step
+        less, more = energy(velocity - off), energy(velocity + off)
+        bend = less - 2 * middle + more
+        away = (less - more) / (2 * bend) if bend < 0 else float(more > less) - float(less > more)
+        better[axis] += step * min(max(away, -1.0), 1.0)
+    return better
 
 
 def pieces(mask: Tensor, layer: Layer, criteria: FateCriteria) -> list[Patch]:
@@ -192,7 +222,7 @@ def pieces(mask: Tensor, layer: Layer, criteria: FateCriteria) -> list[Patch]:
         cv2.drawContours(filled, [outline], -1, 1, -1)
         part = torch.from_numpy(filled).bool()
         large = int(part.sum()) >= criteria.smallest * mask.numel()
-        if large and float(layer.wide[part].amax()) > criteria.least:
+        if large and float(layer.wide[part].amax()) > max(criteria.least, criteria.piece * float(layer.wide.amax())):
             rows, columns = part.nonzero().double().mean(0).tolist()
             across, down = layer.velocity.tolist()
             found.append(Patch(part, (columns, rows), (across, down), float(layer.wide[part].mean())))

@@ -11,7 +11,7 @@ from ndtorch.errors import InputError
 from ndtorch.scenes import CommonFate
 from ndtorch_train.score.fate.command import FateComparison
 from ndtorch_train.score.fate.methods import METHODS, Found
-from ndtorch_train.score.fate.scoring import FIRST_SEED, conditions, scored, wanted_methods
+from ndtorch_train.score.fate.scoring import FIRST_SEED, conditions, scored, wanted_conditions, wanted_methods
 
 
 def masks() -> np.ndarray:
@@ -52,8 +52,15 @@ def test_unknown_methods_are_refused() -> None:
         wanted_methods(["moog"])
 
 
+def test_conditions_are_chosen_by_name() -> None:
+    assert [one.value for one in wanted_conditions(["ground"])] == [0.5, 1.0]
+    assert wanted_conditions([]) == conditions()
+    with pytest.raises(InputError, match="did you mean density"):
+        wanted_conditions(["densty"])
+
+
 def test_the_table_has_a_row_for_every_condition_and_method(tmp_path: Path) -> None:
-    asked = [one for one in conditions() if one.name == "coherence"][:1]
+    asked = wanted_conditions(["coherence"])[:1]
     rows, text = FateComparison(["mog2"], "tune", 1, lambda words: None, asked)(tmp_path)
     assert [(row["condition"], row["value"], row["method"]) for row in rows] == [("coherence", 1, "mog2")]
     assert "| coherence 1 |" in text

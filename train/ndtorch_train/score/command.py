@@ -86,6 +86,8 @@ class ScoreOptions:
     """Labelled, empty and common fate: what to compare; the first two: folders of models too."""
     common_fate: int = 0
     """Scenes of random dots of every condition: score who finds what moves together instead (common-fate.csv)."""
+    conditions: tuple[str, ...] = ()
+    """Common fate: which of coherence, density, lifetime, ground and patches are varied; none for all."""
     disparities: tuple[int, int] = (8, 128)
     """Ranges: least and largest disparity that count, pixels."""
     rows: int = 0
@@ -156,9 +158,10 @@ class ScoreOptions:
             if self.common_fate < 0:
                 raise InputError(f"common-fate must be a number of scenes >= 0, got {self.common_fate}")
             from ndtorch_train.score.fate.command import FateComparison
+            from ndtorch_train.score.fate.scoring import wanted_conditions
 
             named = () if self.methods == LABELLED else self.methods
-            return FateComparison(named, self.split, self.common_fate, told)
+            return FateComparison(named, self.split, self.common_fate, told, wanted_conditions(self.conditions))
         if self.video:
             return VideoScore(self.clips, self.counts, self.fps, self.split, self.ablate, self.file, self.keep)
         check(self)

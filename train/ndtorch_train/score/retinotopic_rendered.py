@@ -41,6 +41,8 @@ class LocalScenes:
         steady: the bars' brightness stays .6.
         speed: pixels a second.
         length, width: of the bars, pixels.
+        cross: a grey cross stands before them, with arms of so many pixels; 0: none.
+        stands: seconds for which the bars stand still after every 1.5 s of motion.
     """
 
     name: str
@@ -49,6 +51,8 @@ class LocalScenes:
     speed: float = SPEED
     length: float = LENGTH
     width: float = WIDTH
+    cross: int = 0
+    stands: float = 0.0
 
 
 SETS = (
@@ -56,7 +60,11 @@ SETS = (
     LocalScenes("steady brightness", steady=True),
     LocalScenes("200 px/s", speed=200.0),
     LocalScenes("bars of 90 x 25", length=90.0, width=25.0),
+    LocalScenes("behind an occluder", cross=60),
+    LocalScenes("stop-and-go", stands=0.5),
 )
+GOES = 1.5
+"""Seconds of motion between stops."""
 
 
 def ground(seed: int, size: tuple[int, int] = SIZE) -> Tensor:
@@ -88,8 +96,21 @@ class OnGround(RenderedScene):
         for bar, cover in zip(self.scene.bars, self.covers, strict=True):
             light = torch.from_numpy(bar.light[start * every : stop * every : every].copy())[:, None, None, None]
             light = torch.full_like(light, 0.6) if self.kind.steady else light
-            canvas = torch.lerp(canvas, torch.tensor(bar.color)[:, None, None] * light, cover.frames(start, stop))
+            when = moved(torch.arange(start, stop), self.kind.stands)
+            shape = cover.frames(int(when[0]), int(when[-1]) + 1)[when - when[0]]
+            canvas = torch.lerp(canvas, torch.tensor(bar.color)[:, None, None] * light, shape)
+        if self.kind.cross:
+            canvas = canvas.clone()
+            for side in (-1, -2):
+                middle = self.size[side] // 2
+                canvas.narrow(side, middle - self.kind.cross // 2, self.kind.cross).fill_(0.3)
         return canvas
+
+
+def moved(frames: Tensor, stands: float) -> Tensor:
+    """For how many frames what goes `GOES` and stands `stands` seconds in turn has moved, at each frame `[T]`."""
+    goes, both = round(GOES * RATE), round((GOES + stands) * RATE)
+    return frames // both * goes + (frames % both).clamp_max(goes)
 
 
 def truth_of(scene: Scene, kind: LocalScenes) -> Tensor:

@@ -124,6 +124,20 @@ def fate_rows(
             yield row
 
 
+def wanted_conditions(names: Sequence[str]) -> list[Condition]:
+    """The conditions of those names; all of them without names.
+
+    Raises:
+        InputError: one that is none.
+    """
+    every = conditions()
+    known = list(dict.fromkeys(one.name for one in every))
+    for name in names:
+        if name not in known:
+            raise InputError(f"conditions must be among {', '.join(known)}, got {name!r}{meant(name, known)}")
+    return [one for one in every if not names or one.name in names]
+
+
 def wanted_methods(names: Sequence[str]) -> list[str]:
     """The names, all of them of methods.
 
