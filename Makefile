@@ -127,8 +127,7 @@ sbom: $(SUPPLY)/bin/uv
 	rm out/sbom.part
 
 audit: $(SUPPLY)/bin/uv
-	for lock in requirements/*.txt; do $(SUPPLY)/bin/pip-audit --disable-pip --require-hashes -r $$lock || exit 1; done
-	$(SUPPLY)/bin/pip-audit --disable-pip --no-deps -r constraints.txt
+	$(BIN)/python requirements/audit.py $(SUPPLY)/bin/pip-audit
 
 # A video of a road camera that B9 looks at, where there is one.
 CLIP := $(wildcard ../shared/data/car-detection.mp4)

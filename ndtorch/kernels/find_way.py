@@ -15,6 +15,7 @@ HEADINGS = 24
 def find_way(
     clear: Floats,
     unknown: Floats,
+    hidden: Floats,
     heuristic: Floats,
     left: float,
     bottom: float,
@@ -29,6 +30,8 @@ def find_way(
     soft: float,
     tight_price: float,
     unknown_price: float,
+    hidden_price: float,
+    seen_soon: float,
     bend_price: float,
     swing_price: float,
     reverse_price: float,
@@ -39,6 +42,7 @@ def find_way(
 
     Args:
         clear: distance to what is blocked, m, `[R, C]`; unknown: 1 where nothing is known.
+        hidden: 1 where a disc of the body would cover what was not seen.
         heuristic: `cost_to_go` on cells of `coarse` metres, with the same lower left corner.
         start: x, y, heading, curvature and direction (+1 or -1) now.
         bends: curvatures of the arcs, 1/m.
@@ -46,6 +50,8 @@ def find_way(
         step: length of an arc, m.
         hard, soft: the discs keep `hard` metres away, and nearer than `soft` costs up to `tight_price` a metre more.
         unknown_price, bend_price: of a metre more, and of a unit of curvature a metre.
+        hidden_price: of a metre in which the leading half of the body covers what was not seen, in the first
+            `seen_soon` metres; farther on it will have been seen.
         swing_price: of a change of the curvature by one unit.
         reverse_price, switch_price: of a metre backward, and of changing the direction.
         most: nodes looked at.
@@ -106,6 +112,12 @@ def find_way(
                     price += tight_price * (soft - near) / (soft - hard)
                 if look(unknown, nx + 0.25 * math.cos(nth), ny + 0.25 * math.sin(nth), left, bottom, cell) > 0:
                     price += unknown_price
+                if driven[n] < seen_soon:
+                    for d in discs:
+                        at = look(hidden, nx + d * math.cos(nth), ny + d * math.sin(nth), left, bottom, cell)
+                        if d * to > 0 and at > 0:
+                            price += hidden_price
+                            break
                 if backward:
                     price *= reverse_price
                 g = gone[n] + price * step + swing_price * abs(bend - k)

@@ -40,7 +40,7 @@ def floor_cells(
         The noise after.
     """
     yaw, saturation, least, tolerance, clear, standing, learns, learn_share, share = numbers[:9]
-    moving, still, noise_share = numbers[9:12]
+    moving, still, noise_share, upright = numbers[9:13]
     eyes, bands, blocks = cells.shape
     kind = cells.dtype.type
     speed, turning = abs(kind(driven[0])), kind(driven[1]) * kind(yaw)
@@ -62,18 +62,28 @@ def floor_cells(
                     excess[b, k] = kind(math.log(max(cells[eye, b, k], kind(least)) / expected))
                     floor[b, k] = abs(excess[b, k]) < kind(tolerance)
                     mistaken = mistaken or (eyes == 4 and not floor[b, k] and cells[eye + 2, b, k] > 0)
-        for k in range(blocks):
-            reached = True
+        beside = bands
+        for k in range(blocks - 1, -1, -1):
+            reached, end = True, bands
+            # As `stands`; of these cells only the nearest matters, since nothing behind it is reached.
+            foot, none, b = bands, 0, bands - 1
+            while eyes == 4 and b >= 0 and cells[eye + 2, b, k] <= 0:
+                if cells[eye + 2, b, k] == 0:
+                    none += 1
+                    foot = b if kind(none) >= kind(upright) else foot
+                b -= 1
             for b in range(bands):
                 both = cells[eye + 2, b, k] if eyes == 4 else kind(0)
-                looks = floor[b, k] or (known[b] and both > 0)
+                looks = (floor[b, k] and b != foot) or (known[b] and both > 0)
                 goes_on = looks or (mistaken and both < 0)
-                seen = reached and looks
+                seen = reached and looks and not (both < 0 and b >= beside)
                 ends = reached and known[b] and not goes_on
+                end = b if ends else end
                 evidence[eye, b, k] = kind(worth[0]) if ends else -kind(worth[1]) if seen else kind(0)
                 if seen and floor[b, k]:
                     gained[b] += excess[b, k]
                 reached = reached and goes_on
+            beside = end
     for b in range(bands):
         new_level[b] = level[b] * kind(math.exp(gained[b] * kind(share)))
     if learning:

@@ -118,3 +118,9 @@ def test_projection_matrices_of_kitti_and_opencv():
     for values in ({"cx": 700.0}, {"cy": -1.0}):
         with pytest.raises(InputError, match="inside the frame"):
             StereoRig(**values)
+
+
+@pytest.mark.parametrize("pitch", [2.0, -2.0, math.pi / 2])
+def test_a_camera_that_looks_up_or_down_is_refused(pitch: float) -> None:
+    with pytest.raises(InputError, match="pitch within"):
+        StereoRig(pitch=pitch)

@@ -39,3 +39,12 @@ def test_tiles_of_another_grid_are_refused() -> None:
     check_tiles(tiles, (2,), SIDE, 2 * SIDE)
     with pytest.raises(InputError, match=r"tiles \[..., rows, columns\] of \(2, 1, 2\) do not fit batch \(2,\)"):
         check_tiles(tiles, (2,), SIDE, SIDE)
+
+
+def test_a_grid_of_one_tile() -> None:
+    tiles = empty_tiles((), SIDE, SIDE, torch.zeros(1))
+    assert len(tiles.rows) == len(tiles.rows[0]) == 1
+    down, across = cell_tables(SIDE, SIDE)
+    added = add_at(tiles, (down[3] + across[4]).view(1), torch.full((1,), 0.5))
+    assert added.cells[3, 4] == 0.5
+    assert added.cells.sum() == 0.5

@@ -11,6 +11,7 @@ from torch import Tensor
 from ndtorch.errors import InputError
 from ndtorch.vision import VisualFeatures
 from ndtorch.vision.motion import BORDERS, Border, MotionState
+from ndtorch.vision.one_pass import one_pass_fits
 
 pytest.importorskip("numba")
 
@@ -87,3 +88,18 @@ def test_bad_pixels_are_found() -> None:
     frames[0, 1, 3, 5] = math.nan
     with torch.inference_mode(), pytest.raises(InputError, match="finite"):
         VisualFeatures(SIZE)(frames)
+
+
+@torch.inference_mode()
+def test_kernels_do_not_take_a_state_of_another_size_or_kind() -> None:
+    frames = torch.zeros(2, 3, 8, 9)
+
+    def state(*size: int, kind: torch.dtype = torch.float32) -> MotionState:
+        return MotionState(*(torch.zeros(size, dtype=kind) for _ in MotionState._fields))
+
+    if not one_pass_fits(frames, None):
+        pytest.skip("there are no kernels here")
+    assert one_pass_fits(frames, state(8, 9))
+    assert not one_pass_fits(frames, state(9, 8))
+    assert not one_pass_fits(frames, state(8, 9, kind=torch.float64))
+    assert not one_pass_fits(frames[0], state(8, 9))

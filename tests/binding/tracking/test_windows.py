@@ -14,7 +14,7 @@ from ndtorch import InputError
 from ndtorch.binding import Windows
 from ndtorch.binding.readout.covariances import single_table
 from ndtorch.binding.tracking.params import WindowParams
-from ndtorch.binding.tracking.windows import WindowState
+from ndtorch.binding.tracking.windows import DIRECTIONS, WindowState
 from ndtorch.vision import FEATURES
 
 GRID = (16, 16)
@@ -194,3 +194,7 @@ def test_bad_input() -> None:
         windows()(torch.zeros(4, 16, 15, 10))
     with pytest.raises(InputError, match="at least 3 x 3 fields"):
         Windows((2, 5), 30.0)
+
+
+def test_motion_points_one_field_left_right_down_and_up() -> None:
+    assert DIRECTIONS == ((0.0, -1.0), (0.0, 1.0), (1.0, 0.0), (-1.0, 0.0))

@@ -86,3 +86,11 @@ def test_noise_is_no_motion_and_ground_is_known_in_the_end() -> None:
         standing, state = ground_step(flicker.numpy(), state, np.zeros(SIZE, np.float32), DT, PARAMS)
     assert state.known.all()
     assert not standing.figure.any()
+
+
+def test_a_shadow_is_255_where_it_may_be_and_0_elsewhere() -> None:
+    may_be = np.zeros((24, 24), np.uint8)
+    may_be[:, :12] = 1
+    found = figures.shadow(np.full((24, 24), 0.5, np.float32), may_be, PARAMS)
+    assert set(found[:, :12].ravel().tolist()) == {255}
+    assert not found[:, 12:].any()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 import torch
 from hypothesis import given, settings
@@ -9,6 +11,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from ndtorch.errors import InputError
+from ndtorch.vision.camera.figures import GroundParams
 from ndtorch.vision.camera.front_end import CameraFrontEnd, FieldSignals, small_size
 from ndtorch.vision.camera.params import CameraParams
 from tests.strategies import chunkings
@@ -103,3 +106,18 @@ def test_unusable_arguments_are_refused() -> None:
     bad[1] = torch.nan
     with pytest.raises(InputError, match="finite"):
         CameraFrontEnd(SIZE, 25)(bad)
+
+
+@pytest.mark.parametrize("kind", [CameraParams, GroundParams])
+def test_defaults_are_within_the_limits_that_they_have(kind: type[CameraParams] | type[GroundParams]) -> None:
+    values = kind().model_dump()
+    assert kind(**values) == kind()
+
+
+@pytest.mark.parametrize(
+    ("kind", "wrong"),
+    [(CameraParams, {"lit": 1.5}), (CameraParams, {"shade": 1.25}), (GroundParams, {"speckle": 0})],
+)
+def test_numbers_beyond_their_limits_are_refused(kind: type[Any], wrong: dict[str, float]) -> None:
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        kind(**wrong)

@@ -32,7 +32,8 @@ class WayParams:
         step: length of the arcs of the lattice, m.
         horizon: length of a way, m.
         every: time between two plans, s.
-        tight_price, unknown_price, bend_price, swing_price, reverse_price, switch_price: see `kernels.find_way`.
+        tight_price, unknown_price, hidden_price, seen_soon, bend_price, swing_price, reverse_price, switch_price: see
+            `kernels.find_way`.
         blocked_price: of a metre through what is blocked, where there is no other way to the goal.
         coarse: cells of `step` of the map that make one for the way to the goal.
         most: nodes that a search looks at.
@@ -48,6 +49,8 @@ class WayParams:
     every: float = 0.2
     tight_price: float = 1.5
     unknown_price: float = 0.3
+    hidden_price: float = 1.0
+    seen_soon: float = 1.0
     bend_price: float = 0.05
     swing_price: float = 0.05
     reverse_price: float = 2.5

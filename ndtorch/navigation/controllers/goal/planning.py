@@ -46,6 +46,18 @@ def clearance(blocked: Bools, cell: float) -> Floats:
     return np.asarray(cv2.distanceTransform((~blocked).astype(np.uint8), cv2.DIST_L2, 5), np.float32) * np.float32(cell)
 
 
+def hidden_cells(unknown: Bools, cell: float, radius: float) -> Floats:
+    """1 where a disc would cover what was not seen; single cells that were missed do not count."""
+    import cv2
+
+    square = np.ones((3, 3), np.uint8)
+    inside = cv2.morphologyEx(unknown.astype(np.uint8), cv2.MORPH_OPEN, square)
+    if not inside.any():
+        return np.zeros(unknown.shape, np.float32)
+    away = cv2.distanceTransform(1 - inside, cv2.DIST_L2, 5)
+    return np.asarray(away * cell < radius, np.float32)
+
+
 def coarser(values: npt.NDArray[np.generic], by: int) -> Floats:
     """The least of each square of cells."""
     rows, columns = values.shape[0] // by * by, values.shape[1] // by * by
@@ -147,6 +159,7 @@ def plan(
     way = kernel("find_way").run(
         clear,
         away,
+        hidden_cells(unknown, s.cell, p.disc),
         cost,
         s.left,
         s.bottom,
@@ -161,6 +174,8 @@ def plan(
         p.soft,
         p.tight_price,
         p.unknown_price,
+        p.hidden_price,
+        p.seen_soon,
         p.bend_price,
         p.swing_price,
         p.reverse_price,

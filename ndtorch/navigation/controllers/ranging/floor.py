@@ -57,6 +57,7 @@ class FloorConstants(NamedTuple):
     moving: Tensor
     still: Tensor
     noise_share: Tensor
+    upright: Tensor
     one: Tensor
 
 
@@ -82,7 +83,7 @@ def floor_constants(rig: StereoRig, params: FloorParams, view: FloorView, dt: fl
         ),
     )
     yaw, saturation, least, tolerance, clear, stands, learns, learn_share, share = numbers
-    rest = map(torch.tensor, (0.1, 0.02, 0.3, 1.0))
+    rest = map(torch.tensor, (0.1, 0.02, 0.3, float(p.standing), 1.0))
     return FloorConstants(
         (view.sweep * dt).square(),
         yaw,
@@ -109,6 +110,11 @@ def floor_step(
     see one floor, and it goes on. What only one eye sees is believed to be an end of the floor as long as this eye is
     not mistaken elsewhere.
 
+    What moves like floor may still be a thing that stands: a pole straight ahead hardly moves in the image, and while
+    the car turns all that is in it moves alike. It hides all floor behind it, up to the horizon. So where both eyes
+    see no one floor in some bands of a block, and in none behind them, the floor ends. What only one eye sees, as far
+    out as that end or farther in the block beside it, is not called free: it most often shows the same thing.
+
     Args:
         cells: outputs of `FloorMotion` at one time, `[..., 4, bands, blocks]`; without what both eyes see
             `[..., 2, bands, blocks]`.
@@ -130,11 +136,13 @@ def floor_step(
     if both.shape[-3]:
         line = (both > 0) & sure & ~floor
         mistaken = line.any(-1, keepdim=True).any(-2, keepdim=True)
-        looks = floor | line
+        looks = (floor & ~stands(both, c.upright)) | line
         goes_on = looks | (mistaken & (both < 0))
     way = goes_on.to(cells.dtype).cumprod(-2)
     reached = torch.cat((torch.ones_like(way[..., :1, :]), way[..., :-1, :]), -2)
     free, ends = way * looks, (reached - way) * sure
+    if both.shape[-3]:
+        free = free * ~((both < 0) & beside_an_end(ends))
 
     # What looks like floor teaches what floor looks like; at the start most of the nearest cells are floor.
     level = state.level * torch.exp((free * excess * floor).sum((-3, -1)) * c.share)
@@ -147,3 +155,17 @@ def floor_step(
     median_now = cells.flatten(-3).median(-1).values
     noise = torch.where(speed < c.still, torch.lerp(state.noise, median_now, c.noise_share), state.noise)
     return FloorSeen(free, ends, known), FloorState(level, noise, age)
+
+
+def stands(both: Tensor, upright: Tensor) -> Tensor:
+    """Cells in which both eyes see no one floor, nor behind them, in so many bands: `[..., bands, blocks]`, bool."""
+    from_here = both.flip(-2)
+    floor_behind = (from_here > 0).cumsum(-2).flip(-2) > 0
+    none = (from_here == 0).cumsum(-2).flip(-2)
+    return (both == 0) & ~floor_behind & (none >= upright)
+
+
+def beside_an_end(ends: Tensor) -> Tensor:
+    """Cells next to a block that has ended here or nearer, on their inner side: `[..., bands, blocks]`, bool."""
+    ended = ends.cumsum(-2) > 0
+    return torch.cat((ended[..., 1:], torch.zeros_like(ended[..., :1])), -1)

@@ -31,6 +31,7 @@ class FloorParams:
         clear: floor is unknown where its low threshold is less than this many times the noise.
         alike: correlation of both images from which on a cell, and the one behind it, are one floor.
         texture: least change from pixel to pixel for that, as a share of white.
+        standing: something stands where both eyes see no one floor in so many bands of a block, and none behind.
     """
 
     near: float = 0.65
@@ -47,6 +48,7 @@ class FloorParams:
     clear: float = 1.5
     alike: float = 0.7
     texture: float = 0.002
+    standing: int = 3
 
     def __post_init__(self) -> None:
         if not (0 < self.near < self.far < math.inf and -math.pi / 2 < self.inner < self.outer < math.pi / 2):
@@ -57,6 +59,8 @@ class FloorParams:
             raise InputError(f"expected tolerance > 1 and positive saturation, adaptation and clear, got {self}")
         if not (0 < self.alike < 1 and self.texture >= 0):
             raise InputError(f"expected 0 < alike < 1 and texture >= 0, got {self.alike} and {self.texture}")
+        if self.standing < 1:
+            raise InputError(f"expected standing >= 1, got {self.standing}")
         if not (0 <= self.standing_time < math.inf and 0 < self.learning_time < math.inf):
             raise InputError(f"expected standing_time >= 0 and learning_time > 0, got {self}")
 

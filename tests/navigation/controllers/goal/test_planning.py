@@ -1,13 +1,21 @@
 """Planning on a map that is given: ways fit the outline, keep to the turning circle, and lead to the goal."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from ndtorch.navigation.controllers.goal.following import follow
 from ndtorch.navigation.controllers.goal.params import WayParams
-from ndtorch.navigation.controllers.goal.planning import Surroundings, clearance, plan, to_place, to_unvisited
+from ndtorch.navigation.controllers.goal.planning import (
+    Surroundings,
+    clearance,
+    hidden_cells,
+    plan,
+    to_place,
+    to_unvisited,
+)
 
 CELL, SIDE = 0.05, 160
 PARAMS = WayParams()
@@ -62,6 +70,36 @@ def test_out_of_a_dead_end_it_backs_where_floor_was_seen_and_not_into_what_was_n
     around = world(*walls)
     unseen = around._replace(free=np.zeros_like(around.free))
     assert (planned(unseen, (2.0, 0.0)).way[:, 4] == 1).all()
+
+
+def covers_the_unseen(made, around):
+    """How many places of the next metre have the front of the body over cells that were not seen free."""
+    count = 0
+    for x, y, heading, _, direction in made.way[1:6]:
+        across = 0.15 * np.array([-np.sin(heading), np.cos(heading)])
+        front = np.array([x, y]) + 0.2 * direction * np.array([np.cos(heading), np.sin(heading)])
+        count += any(not around.free[around.cell_of(*(front + side * across))] for side in (-1, 0, 1))
+    return count
+
+
+def test_it_does_not_turn_round_a_corner_into_what_it_has_not_seen():
+    around = world()
+    a, b, c, d = (round((v + 4) / CELL) for v in (-1.5, -0.6, -1.5, -0.2))
+    around.free[c:d, a:b] = False
+    clear, seed = clearance(around.blocked, CELL), to_place(around, (-0.9, -3.0), PARAMS)
+    bold = plan(around, clear, seed, (-2.0, 0.0, 0.0), 0.0, 1.0, replace(PARAMS, hidden_price=0.0))
+    careful = plan(around, clear, seed, (-2.0, 0.0, 0.0), 0.0, 1.0, PARAMS)
+    assert covers_the_unseen(bold, around) > covers_the_unseen(careful, around) == 0
+
+
+def test_single_cells_that_were_missed_hide_nothing():
+    unknown = np.zeros((40, 40), bool)
+    unknown[::4, ::4] = True
+    assert hidden_cells(unknown, CELL, PARAMS.disc).max() == 0
+    unknown[10:14, 10:14] = True
+    hidden = hidden_cells(unknown, CELL, PARAMS.disc)
+    assert hidden[12, 16] == 1
+    assert hidden[12, 20] == 0
 
 
 def test_a_goal_outside_is_approached_over_the_nearest_border():

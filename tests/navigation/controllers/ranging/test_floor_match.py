@@ -5,9 +5,13 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
+from ndtorch.navigation.controllers.contract import Command
+from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.controllers.ranging.floor import FloorState, floor_constants, floor_step
 from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
 from ndtorch.navigation.controllers.ranging.floor_view import FloorParams, floor_view
+from ndtorch.navigation.odometry import Pose
+from ndtorch.navigation.ranging import Ranges
 from tests.navigation.test_near_check import pair
 
 RIG, DT, PARAMS = StereoRig(forward=0.15), 1 / 30, FloorParams()
@@ -100,6 +104,61 @@ def test_what_both_eyes_do_not_see_as_floor_ends_it():
     assert (step(motion, both)[0].ends[:, 6] == 1).all()
 
 
+def test_what_stands_and_moves_like_floor_ends_it():
+    """A pole straight ahead hides all floor behind it; a patch that looks odd does not."""
+    motion, both = moving_floor(), torch.ones(2, BANDS, BLOCKS)
+    both[0, 6:, 5] = 0
+    both[0, 6:8, 4] = 0
+    both[1, -2:, 5] = 0
+    seen, _ = step(motion, both)
+    assert seen.ends[0, 6, 5] == 1
+    assert (seen.free[0, :6, 5] == 1).all()
+    assert (seen.free[0, 6:, 5] == 0).all()
+    # Floor is seen behind it; too little of it is seen yet.
+    assert seen.ends.sum() == 1
+    # What one eye sees stays as it is.
+    both[0, :, 5] = -1
+    assert step(motion, both)[0].ends.sum() == 0
+
+
+def test_what_one_eye_sees_beside_an_end_is_not_called_free():
+    motion, both = moving_floor(), torch.ones(2, BANDS, BLOCKS)
+    both[:, :, :3] = -1
+    both[0, 6:, 3] = 0
+    seen, _ = step(motion, both)
+    assert seen.ends[0, 6, 3] == seen.ends.sum() == 1
+    assert (seen.free[0, :6, 2] == 1).all()
+    assert (seen.free[0, 6:, 2] == 0).all()
+    assert (seen.free[0, :, :2] == 1).all()
+    assert (seen.free[0, :, 4:] == 1).all()
+
+
+def test_the_kernel_judges_cells_alike():
+    pytest.importorskip("numba")
+    control = RangingControl(RIG, DT)
+    pose, no_ranges = Pose(*torch.zeros(3)), Ranges(*torch.zeros(5, 1), torch.zeros(1, dtype=torch.bool))
+    chance = torch.Generator().manual_seed(5)
+    for _ in range(20):
+        motion = moving_floor() * torch.where(torch.rand(2, BANDS, BLOCKS, generator=chance) < 0.95, 1.0, 5.0)
+        both = torch.ones(2, BANDS, BLOCKS)
+        foot = torch.randint(0, BANDS + 3, (2, 1, BLOCKS), generator=chance)
+        both[torch.arange(BANDS).view(1, -1, 1) >= foot] = 0
+        both[torch.rand(2, BANDS, BLOCKS, generator=chance) < 0.1] = 0
+        both[torch.rand(2, BANDS, BLOCKS, generator=chance) < 0.1] = -1
+        both[:, :, 0] = -1
+        cells = torch.cat((motion, both))
+        state = control.start(cells, pose)
+        state = state._replace(floor=FloorState(torch.full((BANDS,), 0.2), torch.tensor(0.0), torch.tensor(100.0)))
+        driven = Command(torch.tensor(0.5), torch.tensor(0.0))
+        _, slow = control.steer(cells, no_ranges, pose, driven, state)
+        with torch.inference_mode():
+            _, quick = control.steer(cells, no_ranges, pose, driven, state)
+        torch.testing.assert_close(quick.floor.level, slow.floor.level)
+        torch.testing.assert_close(quick.patch.evidence, slow.patch.evidence)
+
+
 def test_bad_numbers():
     with pytest.raises(InputError, match="alike"):
         FloorParams(alike=1.0)
+    with pytest.raises(InputError, match="standing"):
+        FloorParams(standing=0)
