@@ -12,14 +12,22 @@ Floats = npt.NDArray[Any]
 
 
 def partners(
-    left: Floats, right: Floats, patch: int, reach: int, least: float, flat: float, soft: float, found: Floats
+    left: Floats,
+    right: Floats,
+    patch: int,
+    reach: int,
+    mirrored_reach: int,
+    least: float,
+    flat: float,
+    soft: float,
+    found: Floats,
 ) -> int:
     """Best correlations of the patches of the left row that show something.
 
     Args:
         left, right: block means, `[n]`.
         patch: blocks of a patch; every half of one begins another.
-        reach: how far partners may lie, blocks.
+        reach, mirrored_reach: how far partners, and mirrored ones, may lie, blocks.
         least, flat: standard deviation that a patch must have, in levels and as a share of the mean of the left row.
         soft: added to the standard deviation of what a patch is compared with.
         found: `[3, patches]`: with a partner to the left, to the right, and anywhere when mirrored; filled.
@@ -79,7 +87,8 @@ def partners(
         best, wrong, turned = -1.0, -1.0, -1.0
         for w in range(near):
             score = scores[w] * weights[w] / size
-            turned = max(turned, mirrored[w] * weights[w] / size)
+            if abs(w + first - start) <= mirrored_reach:
+                turned = max(turned, mirrored[w] * weights[w] / size)
             if w + first < start:
                 best = max(best, score)
             elif w + first > start + 1:

@@ -19,6 +19,12 @@ FLAT = 0.02
 SOFT = 0.3
 """Levels that are added to the standard deviation of what a patch is compared with."""
 
+REACH = 240
+"""Largest disparity, pixels: that of a wall .54 m ahead. What is nearer has no partner, and fits by chance."""
+
+MIRRORED = 160
+"""How far apart patches may lie that fit when mirrored, pixels. Both sides of a corridor do, further apart."""
+
 EVERY = 3
 """Frames of which one is compared: it costs as much as all else."""
 
@@ -35,7 +41,7 @@ class Agreement:
         reach: largest disparity, pixels.
     """
 
-    def __init__(self, rate: float, limits: SightLimits, reach: int = 200) -> None:
+    def __init__(self, rate: float, limits: SightLimits, reach: int = REACH) -> None:
         self.limits, self.reach = limits, reach // BLOCK
         self.keep = math.exp(-EVERY / (rate * max(limits.agreement_s, 1e-6)))
         self.seen = 0
@@ -66,20 +72,24 @@ class Agreement:
         self.flipped = self.flipped * self.keep + float((mirrored - np.maximum(right, wrong)).sum())
 
 
-def partners(left: Floats, right: Floats, reach: int, limits: SightLimits) -> tuple[Floats, Floats, Floats]:
+def partners(
+    left: Floats, right: Floats, reach: int, limits: SightLimits, mirrored: int = MIRRORED // BLOCK
+) -> tuple[Floats, Floats, Floats]:
     """Best correlations of the patches of a left row of block means, for those that show something.
 
     Returns:
-        With a partner up to `reach` blocks to the left, to the right, and anywhere when mirrored.
+        With a partner up to `reach` blocks to the left, to the right, and up to `mirrored` blocks away when mirrored.
     """
     if not compiled():
-        return partners_slowly(left, right, reach, limits)
+        return partners_slowly(left, right, reach, limits, mirrored)
     found = np.empty((3, len(left) // (PATCH // 2)), np.float32)
-    shown = kernel("partners").run(left, right, PATCH, reach, limits.row_contrast, FLAT, SOFT, found)
+    shown = kernel("partners").run(left, right, PATCH, reach, mirrored, limits.row_contrast, FLAT, SOFT, found)
     return found[0, :shown], found[1, :shown], found[2, :shown]
 
 
-def partners_slowly(left: Floats, right: Floats, reach: int, limits: SightLimits) -> tuple[Floats, Floats, Floats]:
+def partners_slowly(
+    left: Floats, right: Floats, reach: int, limits: SightLimits, mirrored: int = MIRRORED // BLOCK
+) -> tuple[Floats, Floats, Floats]:
     """The same without Numba."""
     windows = np.lib.stride_tricks.sliding_window_view(right, PATCH)
     theirs = windows - windows.mean(1, keepdims=True)
@@ -92,11 +102,11 @@ def partners_slowly(left: Floats, right: Floats, reach: int, limits: SightLimits
     # Both sides must be as likely by chance: only patches from where both reach as far.
     shown &= (starts >= reach // 2) & (starts < len(windows) - reach // 2)
     ours, starts = ours[shown] / size[shown, None], starts[shown]
-    scores, mirrored = ours @ theirs.T, ours[:, ::-1] @ theirs.T
+    scores, turned = ours @ theirs.T, ours[:, ::-1] @ theirs.T
     away = starts[:, None] - np.arange(len(windows))
     low = np.float32(-1)
     return (
         np.where((away >= 1) & (away <= reach), scores, low).max(1, initial=-1),
         np.where((away <= -2) & (away >= -reach), scores, low).max(1, initial=-1),
-        np.where(abs(away) <= reach, mirrored, low).max(1, initial=-1),
+        np.where(abs(away) <= mirrored, turned, low).max(1, initial=-1),
     )

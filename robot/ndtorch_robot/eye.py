@@ -66,7 +66,7 @@ class SightLimits:
     still: float = 0.5
     swapped: float = 0.1
     mirrored: float = 0.1
-    agreement_patches: float = 20.0
+    agreement_patches: float = 25.0
     agreement_s: float = 2.0
     turns: float = 3.0
     backwards: float = 0.3

@@ -88,7 +88,7 @@ class SightTable(Strict):
     still: Annotated[float, Field(ge=-1, le=1)] = 0.5
     swapped: Annotated[float, Field(ge=0, le=2)] = 0.1
     mirrored: Annotated[float, Field(ge=0, le=2)] = 0.1
-    agreement_patches: Positive = 20.0
+    agreement_patches: Positive = 25.0
     agreement_s: Positive = 2.0
     turns: Positive = 3.0
     backwards: Annotated[float, Field(ge=0, le=3)] = 0.3

@@ -5,7 +5,9 @@ import pytest
 
 from ndtorch_robot import agreement
 from ndtorch_robot.agreement import partners
+from ndtorch_robot.drive import DriveConfig, drive
 from ndtorch_robot.eye import SightLimits
+from tests.robot.support.gl_needed import needs_gl
 
 LIMITS, REACH = SightLimits(), 50
 
@@ -26,7 +28,7 @@ def test_patches_lie_where_the_row_was_moved_to(monkeypatch, quickly, moved, whi
     assert len(found[0]) == 9
     assert found[which].min() > 0.98
     assert max(found[2].max(), found[1 - which].max()) < 0.9
-    mirrored = partners(left, np.roll(left[::-1], 3).copy(), 2 * REACH, LIMITS)[2]
+    mirrored = partners(left, np.roll(left[::-1], 3).copy(), 2 * REACH, LIMITS, 2 * REACH)[2]
     assert len(mirrored) == 5
     assert mirrored.max() > 0.98
 
@@ -49,3 +51,12 @@ def test_kernel_and_numpy_find_the_same(monkeypatch, kind):
     assert len(quick[0]) == len(slow[0]) > 0
     for a, b in zip(quick, slow, strict=True):
         np.testing.assert_allclose(a, b, atol=2e-5)
+
+
+@needs_gl
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [100, 101, 105])
+def test_good_cameras_in_a_dead_end_are_right(seed):
+    """Walls on three sides, nearer than partners are looked for."""
+    result = drive(DriveConfig(arena="dead-end", seed=seed, seconds=25))  # raises where a drive is ended
+    assert result.summary["simulated_seconds"] == 25
