@@ -12,6 +12,7 @@ import torch
 from ndtorch.errors import InputError
 from ndtorch_robot.run import open_car, real_time_priority
 from ndtorch_robot.run_config import RunConfig, SimulationTable
+from ndtorch_robot.watch import MOVING
 from tests.stalls import OTHERS
 
 NEUTRAL, SLACK, STEERING_SLACK = 1500.0, 2.0, 12.0
@@ -76,15 +77,19 @@ class Bench:
         return [p.time for p in self.board.pulses if p.name == "motor" and abs(p.width - NEUTRAL) > SLACK]
 
     def wait_to_move(self, seconds=10.0):
-        """Until it has driven for a while. Told to resume again every two seconds when the link broke: it may break
-        on a machine that stalls, and waiting is no claim. Other reasons to stand must pass by themselves."""
+        """Until it has driven for a while, at a speed at which pictures must change.
+
+        Told to resume again every two seconds when the link broke: it may break on a machine that stalls, and waiting
+        is no claim. Other reasons to stand must pass by themselves.
+        """
         began = told = time.monotonic()
         while time.monotonic() < began + seconds:
             if time.monotonic() > told + 2.0 and self.car.drive.trouble() is not None:
                 told = time.monotonic()
                 self.car.safe.resume()
             recent = [p for p in self.board.pulses[-75:] if p.name == "motor"]
-            if len(recent) > 20 and all(p.time > began and p.width > NEUTRAL + SLACK for p in recent[-15:]):
+            moves = len(recent) > 20 and all(p.time > began and p.width > NEUTRAL + SLACK for p in recent[-15:])
+            if moves and self.car.safe.sent.speed > 2 * MOVING:
                 return
             time.sleep(0.05)
         raise AssertionError(f"does not drive: {self.lines}")
