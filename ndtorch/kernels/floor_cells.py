@@ -40,7 +40,7 @@ def floor_cells(
         The noise after.
     """
     yaw, saturation, least, tolerance, clear, standing, learns, learn_share, share = numbers[:9]
-    moving, still, noise_share, upright = numbers[9:13]
+    moving, still, noise_share, upright, least_agreed = numbers[9:14]
     eyes, bands, blocks = cells.shape
     kind = cells.dtype.type
     speed, turning = abs(kind(driven[0])), kind(driven[1]) * kind(yaw)
@@ -53,6 +53,14 @@ def floor_cells(
         known[b] = level[b] * shape[b] > kind(noise) * kind(clear) and not learning
     excess = np.zeros((bands, blocks), cells.dtype)
     floor = np.zeros((bands, blocks), np.bool_)
+    # As `agree`.
+    one, seen_by_both = 0, 0
+    for eye in range(2, eyes):
+        for b in range(bands):
+            for k in range(blocks):
+                one += cells[eye, b, k] > 0
+                seen_by_both += cells[eye, b, k] >= 0
+    trusted = one > 0 and kind(one) >= kind(least_agreed) * kind(seen_by_both)
     for eye in range(2):
         mistaken = False
         for b in range(bands):
@@ -67,7 +75,7 @@ def floor_cells(
             reached, end = True, bands
             # As `stands`; of these cells only the nearest matters, since nothing behind it is reached.
             foot, none, b = bands, 0, bands - 1
-            while eyes == 4 and b >= 0 and cells[eye + 2, b, k] <= 0:
+            while trusted and b >= 0 and cells[eye + 2, b, k] <= 0:
                 if cells[eye + 2, b, k] == 0:
                     none += 1
                     foot = b if kind(none) >= kind(upright) else foot
@@ -76,7 +84,7 @@ def floor_cells(
                 both = cells[eye + 2, b, k] if eyes == 4 else kind(0)
                 looks = (floor[b, k] and b != foot) or (known[b] and both > 0)
                 goes_on = looks or (mistaken and both < 0)
-                seen = reached and looks and not (both < 0 and b >= beside)
+                seen = reached and looks and not (trusted and both < 0 and b >= beside)
                 ends = reached and known[b] and not goes_on
                 end = b if ends else end
                 evidence[eye, b, k] = kind(worth[0]) if ends else -kind(worth[1]) if seen else kind(0)

@@ -58,6 +58,7 @@ class FloorConstants(NamedTuple):
     still: Tensor
     noise_share: Tensor
     upright: Tensor
+    trusted: Tensor
     one: Tensor
 
 
@@ -83,7 +84,7 @@ def floor_constants(rig: StereoRig, params: FloorParams, view: FloorView, dt: fl
         ),
     )
     yaw, saturation, least, tolerance, clear, stands, learns, learn_share, share = numbers
-    rest = map(torch.tensor, (0.1, 0.02, 0.3, float(p.standing), 1.0))
+    rest = map(torch.tensor, (0.1, 0.02, 0.3, float(p.standing), p.trusted, 1.0))
     return FloorConstants(
         (view.sweep * dt).square(),
         yaw,
@@ -113,7 +114,8 @@ def floor_step(
     What moves like floor may still be a thing that stands: a pole straight ahead hardly moves in the image, and while
     the car turns all that is in it moves alike. It hides all floor behind it, up to the horizon. So where both eyes
     see no one floor in some bands of a block, and in none behind them, the floor ends. What only one eye sees, as far
-    out as that end or farther in the block beside it, is not called free: it most often shows the same thing.
+    out as that end or farther in the block beside it, is not called free: it most often shows the same thing. Both hold
+    only where the eyes agree on enough floor elsewhere: those of a pair that was not measured well never do.
 
     Args:
         cells: outputs of `FloorMotion` at one time, `[..., 4, bands, blocks]`; without what both eyes see
@@ -136,13 +138,14 @@ def floor_step(
     if both.shape[-3]:
         line = (both > 0) & sure & ~floor
         mistaken = line.any(-1, keepdim=True).any(-2, keepdim=True)
-        looks = (floor & ~stands(both, c.upright)) | line
+        trusted = agree(both, c.trusted)
+        looks = (floor & ~(stands(both, c.upright) & trusted)) | line
         goes_on = looks | (mistaken & (both < 0))
     way = goes_on.to(cells.dtype).cumprod(-2)
     reached = torch.cat((torch.ones_like(way[..., :1, :]), way[..., :-1, :]), -2)
     free, ends = way * looks, (reached - way) * sure
     if both.shape[-3]:
-        free = free * ~((both < 0) & beside_an_end(ends))
+        free = free * ~((both < 0) & beside_an_end(ends) & trusted)
 
     # What looks like floor teaches what floor looks like; at the start most of the nearest cells are floor.
     level = state.level * torch.exp((free * excess * floor).sum((-3, -1)) * c.share)
@@ -155,6 +158,12 @@ def floor_step(
     median_now = cells.flatten(-3).median(-1).values
     noise = torch.where(speed < c.still, torch.lerp(state.noise, median_now, c.noise_share), state.noise)
     return FloorSeen(free, ends, known), FloorState(level, noise, age)
+
+
+def agree(both: Tensor, trusted: Tensor) -> Tensor:
+    """Whether both eyes see one floor in enough of the cells that both see: `[..., 1, 1, 1]`, bool."""
+    one, seen = ((cells.flatten(-3).sum(-1)) for cells in (both > 0, both >= 0))
+    return ((one > 0) & (one >= trusted * seen))[..., None, None, None]
 
 
 def stands(both: Tensor, upright: Tensor) -> Tensor:

@@ -32,6 +32,7 @@ class FloorParams:
         alike: correlation of both images from which on a cell, and the one behind it, are one floor.
         texture: least change from pixel to pixel for that, as a share of white.
         standing: something stands where both eyes see no one floor in so many bands of a block, and none behind.
+        trusted: share of the cells seen by both eyes in which they must agree on floor to be believed about that.
     """
 
     near: float = 0.65
@@ -49,6 +50,7 @@ class FloorParams:
     alike: float = 0.7
     texture: float = 0.002
     standing: int = 3
+    trusted: float = 0.25
 
     def __post_init__(self) -> None:
         if not (0 < self.near < self.far < math.inf and -math.pi / 2 < self.inner < self.outer < math.pi / 2):
@@ -61,6 +63,8 @@ class FloorParams:
             raise InputError(f"expected 0 < alike < 1 and texture >= 0, got {self.alike} and {self.texture}")
         if self.standing < 1:
             raise InputError(f"expected standing >= 1, got {self.standing}")
+        if not 0 <= self.trusted <= 1:
+            raise InputError(f"expected trusted in 0..1, got {self.trusted}")
         if not (0 <= self.standing_time < math.inf and 0 < self.learning_time < math.inf):
             raise InputError(f"expected standing_time >= 0 and learning_time > 0, got {self}")
 

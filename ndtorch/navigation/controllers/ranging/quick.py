@@ -69,7 +69,7 @@ class QuickRanging(QuickControl):
         columns = (look.fields[0].right - look.fields[0].left) // EVERY
         self.whole = (p.size, arcs.leading, arcs.steps, len(arcs.curvature), *first, wide, tall, columns)
         self.lines = (lines, shift)
-        self.numbers = (*rest[:13], *worth, *patch, *numbers, arcs.step, params.least_noise, LEAST, FULL, STOPPED)
+        self.numbers = (*rest[:14], *worth, *patch, *numbers, arcs.step, params.least_noise, LEAST, FULL, STOPPED)
         self.numbers += (alike, least, *LIMITS)
         self.tensors = (floor.flow, floor.profile, places, under)
         self.full = -torch.expm1(full_flow * floor.saturation)

@@ -121,6 +121,16 @@ def test_what_stands_and_moves_like_floor_ends_it():
     assert step(motion, both)[0].ends.sum() == 0
 
 
+def test_eyes_that_agree_on_hardly_any_floor_are_not_believed_about_that():
+    """As those of a pair whose pitch or baseline is not what it should be: all of their floor would stand."""
+    motion, both = moving_floor(), torch.zeros(2, BANDS, BLOCKS)
+    assert step(motion, both)[0].ends.sum() == 0
+    both[:, :2] = 1
+    assert step(motion, both)[0].ends.sum() == 0
+    both[:, : BANDS // 4 + 1] = 1
+    assert step(motion, both)[0].ends.sum() > 0
+
+
 def test_what_one_eye_sees_beside_an_end_is_not_called_free():
     motion, both = moving_floor(), torch.ones(2, BANDS, BLOCKS)
     both[:, :, :3] = -1
@@ -138,13 +148,14 @@ def test_the_kernel_judges_cells_alike():
     control = RangingControl(RIG, DT)
     pose, no_ranges = Pose(*torch.zeros(3)), Ranges(*torch.zeros(5, 1), torch.zeros(1, dtype=torch.bool))
     chance = torch.Generator().manual_seed(5)
-    for _ in range(20):
+    for n in range(20):
         motion = moving_floor() * torch.where(torch.rand(2, BANDS, BLOCKS, generator=chance) < 0.95, 1.0, 5.0)
         both = torch.ones(2, BANDS, BLOCKS)
         foot = torch.randint(0, BANDS + 3, (2, 1, BLOCKS), generator=chance)
         both[torch.arange(BANDS).view(1, -1, 1) >= foot] = 0
         both[torch.rand(2, BANDS, BLOCKS, generator=chance) < 0.1] = 0
         both[torch.rand(2, BANDS, BLOCKS, generator=chance) < 0.1] = -1
+        both[torch.rand(2, BANDS, BLOCKS, generator=chance) < (0.7 if n % 4 == 0 else 0.0)] = 0
         both[:, :, 0] = -1
         cells = torch.cat((motion, both))
         state = control.start(cells, pose)
