@@ -64,6 +64,8 @@ def environment(names: Sequence[str], home: Path, folder: Path) -> dict[str, str
     if "ATEN_CPU_CAPABILITY" in changed:
         # Another machine would not find what this one has compiled: with it, compiled sums were seen to be wrong.
         changed["TORCHINDUCTOR_CACHE_DIR"] = str(folder / "compiled")
+    # A folder of bytecode spares every process that a test starts a second.
+    changed["PYTHONDONTWRITEBYTECODE"] = ""
     return changed | ({"HOME": str(home)} if "no-home" in names else {})
 
 
