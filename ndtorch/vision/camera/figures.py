@@ -49,7 +49,12 @@ class GroundParams(Constants):
     speckle: int = Field(3, ge=1, description="side of the window in which most must stand out, and of what is left")
     surprise: float = Field(3.0, gt=0, description="the noise learns no more at a time than so many times itself")
     soft: int = Field(3, ge=1, description="side of the window that smooths pictures before motion is told")
-    cut: float = Field(0.7, gt=0, le=1, description="share of the picture standing out that makes it a new scene")
+    cut: float = Field(0.7, gt=0, le=1, description="share of the picture standing out that makes it a new scene,")
+    block: int = Field(8, ge=1, description="or means of blocks of so many pixels, where noise is little:")
+    most: float = Field(0.6, gt=0, le=1, description="more than this share of them differs")
+    other: float = Field(0.02, gt=0, description="by more than this,")
+    alike: float = Field(0.7, ge=-1, le=1, description="and their correlation with the ground is below this")
+    tau_exposure: float = Field(10.0, ge=0, description="the ground takes on the exposure of the pictures")
 
 
 class GroundState(NamedTuple):
@@ -67,13 +72,14 @@ class GroundState(NamedTuple):
 
 
 class Standing(NamedTuple):
-    """One step's result: exposure-corrected picture and background `[3, h, w]`, the picture in grey, and which pixels
-    stand out, `[h, w]`."""
+    """One step's result: exposure-corrected picture and background `[3, h, w]`, the picture in grey, which pixels
+    stand out, `[h, w]`, and whether a new scene begins."""
 
     picture: Floats
     ground: Floats
     grey: Floats
     figure: Bools
+    cut: bool
 
 
 def ground_start(picture: Floats, p: GroundParams) -> GroundState:
@@ -134,8 +140,8 @@ def ground_step(
     picture, grey, light, out, may_be = stand_out(picture, gain, ground, deviation, noise, p)
     known = state.known.numpy()
     seen = int(state.frames) + 1
-    if out.mean() > p.cut:
-        return Standing(raw, raw, grey_of(raw), np.zeros(out.shape, bool)), ground_start(raw, p)
+    if out.mean() > p.cut or new_scene(raw, gain, ground, p):
+        return Standing(raw, raw, grey_of(raw), np.zeros(out.shape, bool), True), ground_start(raw, p)
     soft = softened(picture, p.soft)
     quiet, restless = stillness(soft, out, state, dt, p)
     needed = p.still * p.settle / max(p.settle, seen * dt)
@@ -163,7 +169,7 @@ def ground_step(
     # A pixel alone is noise; a gap of a pixel is none.
     square = np.ones((p.speckle, p.speckle), np.uint8)
     figure = np.asarray(cv2.morphologyEx(most_of(figure, p.speckle), cv2.MORPH_OPEN, square))
-    return Standing(picture, ground, grey, np.asarray(figure > 0)), after
+    return Standing(picture, ground, grey, np.asarray(figure > 0), False), after
 
 
 def most_of(image: Bytes, side: int) -> Bytes:
@@ -273,6 +279,29 @@ def exposure(picture: Floats, ground: Floats, p: GroundParams) -> Floats:
         np.float32
     )
     return gain
+
+
+def new_scene(raw: Floats, gain: Floats, ground: Floats, p: GroundParams) -> bool:
+    """Whether most of the picture `[3, h, w]` is another than the ground.
+
+    The noise of a picture is told from all of it, so that a cut would pass for noise. The means of blocks hold little
+    noise, and are compared with a fixed difference. They must be unlike, too: other light leaves what is bright
+    bright. A gain beyond its limits is more than a camera's exposure does.
+    """
+    import cv2
+
+    if (np.abs(np.log(gain)) >= np.log(p.gain_limit) * (1 - 1e-6)).sum() > 1:
+        return True
+    size = (max(1, raw.shape[2] // p.block), max(1, raw.shape[1] // p.block))
+    here, there = (
+        np.stack([np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), np.float32) for plane in image])
+        for image in (raw, ground)
+    )
+    here = here / gain[:, None, None]
+    if (np.abs(here - there).max(0) > p.other).mean() <= p.most:
+        return False
+    one, other = (grey_of(image) - grey_of(image).mean() for image in (here, there))
+    return bool((one * other).sum() < p.alike * np.sqrt((one * one).sum() * (other * other).sum()))
 
 
 def shadow(light: Floats, may_be: Bytes, p: GroundParams) -> Bytes:
