@@ -102,7 +102,9 @@ def travels(one: Figure, dt: float, p: FigureParams) -> bool:
     far = float(np.hypot(*(np.array(one.last[FOLLOWED]) - one.start)))
     span = one.last_seen - one.first_seen
     seen = (len(one.before) + len(one.late)) * dt
-    return far >= p.travel * one.size and span >= p.shortest and seen >= p.steady * (span + dt)
+    # Small pieces of noise, leaves and a codec's blocks wander by more than their own size.
+    enough = max(p.travel * one.size, p.way) if p.travel else 0.0
+    return far >= enough and span >= p.shortest and seen >= p.steady * (span + dt)
 
 
 def part_of_another(one: Figure, others: Sequence[Figure], p: FigureParams) -> bool:
