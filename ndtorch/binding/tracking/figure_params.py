@@ -31,7 +31,7 @@ class FigureParams(Constants):
     shortest: float = Field(0.3, ge=0, description="smallest time in sight of an object")
     steady: float = Field(0.5, ge=0, le=1, description="and smallest share of the time since it was first seen")
     travel: float = Field(0.7, ge=0, description="smallest way gone; 0 reports what does not travel too,")
-    way: float = Field(0.1, ge=0, description="otherwise it is at least this share of the picture's height")
+    way: float = Field(0.05, ge=0, description="otherwise it is at least this share of the picture's height")
     larger: float = Field(2.0, ge=1, description="a track of this many times its pixels,")
     beside: float = Field(1.0, ge=0, description="nearer than this share of the other's size,")
     fate: float = Field(0.5, ge=0, description="whose velocity differs by less than this share, is what it is part of")

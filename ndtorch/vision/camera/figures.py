@@ -51,9 +51,9 @@ class GroundParams(Constants):
     soft: int = Field(3, ge=1, description="side of the window that smooths pictures before motion is told")
     cut: float = Field(0.7, gt=0, le=1, description="share of the picture standing out that makes it a new scene,")
     block: int = Field(8, ge=1, description="or means of blocks of so many pixels, where noise is little:")
-    most: float = Field(0.6, gt=0, le=1, description="more than this share of them differs")
+    most: float = Field(0.6, gt=0, le=1, description="more than this share of them differs from those before")
     other: float = Field(0.02, gt=0, description="by more than this,")
-    alike: float = Field(0.7, ge=-1, le=1, description="and their correlation with the ground is below this")
+    alike: float = Field(0.25, ge=-1, le=1, description="and their correlation with those before is below this")
     tau_exposure: float = Field(10.0, ge=0, description="the ground takes on the exposure of the pictures")
 
 
@@ -140,9 +140,9 @@ def ground_step(
     picture, grey, light, out, may_be = stand_out(picture, gain, ground, deviation, noise, p)
     known = state.known.numpy()
     seen = int(state.frames) + 1
-    if np.count_nonzero(out) > p.cut * out.size or new_scene(raw, gain, ground, p):
-        return Standing(raw, raw, grey_of(raw), np.zeros(out.shape, bool), True), ground_start(raw, p)
     soft = softened(picture, p.soft)
+    if np.count_nonzero(out) > p.cut * out.size or new_scene(raw, gain, soft, state, p):
+        return Standing(raw, raw, grey_of(raw), np.zeros(out.shape, bool), True), ground_start(raw, p)
     quiet, restless = stillness(soft, out, state, dt, p)
     needed = p.still * p.settle / max(p.settle, seen * dt)
     mean, spread, settled = learn(picture, ground, deviation, noise, (kept, quiet, known), (needed, dt, seen), p)
@@ -288,27 +288,40 @@ def medians(rows: Floats) -> Floats:
     return np.asarray(both.mean(1))
 
 
-def new_scene(raw: Floats, gain: Floats, ground: Floats, p: GroundParams) -> bool:
-    """Whether most of the picture `[3, h, w]` is another than the ground.
+def new_scene(raw: Floats, gain: Floats, soft: Floats, state: GroundState, p: GroundParams) -> bool:
+    """Whether the picture is another all of a sudden, or the first after the dark.
 
     The noise of a picture is told from all of it, so that a cut would pass for noise. The means of blocks hold little
-    noise, and are compared with a fixed difference. They must be unlike, too: other light leaves what is bright
-    bright. A gain beyond its limits is more than a camera's exposure does.
+    noise, and are compared with a fixed difference from those of the picture before. They must be unlike, too: other
+    light leaves what is bright bright. In the dark there is nothing to compare with, and a gain beyond its limits is
+    more than a camera's exposure does.
+
+    Args:
+        raw, soft: the picture as it is, and blurred without its gain, `[3, h, w]`.
+        gain: of each color, `[3]`.
+        state: before this picture.
+        p: constants.
     """
     import cv2
 
     if (np.abs(np.log(gain)) >= np.log(p.gain_limit) * (1 - 1e-6)).sum() > 1:
         return True
+    if lit(state.mean.numpy(), p) < p.light <= lit(raw, p):
+        return True
     size = (max(1, raw.shape[2] // p.block), max(1, raw.shape[1] // p.block))
     here, there = (
         np.stack([np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), np.float32) for plane in image])
-        for image in (raw, ground)
+        for image in (soft, state.before.numpy())
     )
-    here = here / gain[:, None, None]
     if (np.abs(here - there).max(0) > p.other).mean() <= p.most:
         return False
     one, other = (grey_of(image) - grey_of(image).mean() for image in (here, there))
     return bool((one * other).sum() < p.alike * np.sqrt((one * one).sum() * (other * other).sum()))
+
+
+def lit(picture: Floats, p: GroundParams) -> float:
+    """Share of every sixteenth pixel that is not dark, `[3, h, w]`."""
+    return float((picture[:, ::4, ::4].min(0) > p.dark).mean())
 
 
 def shadow(light: Floats, may_be: Bytes, p: GroundParams) -> Bytes:
