@@ -15,6 +15,7 @@ from zlib import crc32
 from torch import Tensor
 
 from ndtorch.errors import InputError
+from ndtorch.files import write_text
 from ndtorch_robot.ports import DriveCommand, Placed, Report, StereoFrames
 from ndtorch_robot.recording.streams import JPEG_QUALITY, SUFFIXES, Format, checked_line, crc_of, encode, pictures
 
@@ -102,7 +103,7 @@ class Recorder:
             if (folder / HEADER).exists() or (folder / STEPS).exists():
                 raise InputError(f"{folder} holds a recording already: choose another folder")
             text = json.dumps(header | {"crc": crc_of(header)}, indent=1)
-            (folder / HEADER).write_text(text + "\n", encoding="utf-8")
+            write_text(folder / HEADER, text + "\n")
             self.open(STEPS)
         except OSError as error:
             raise InputError(f"{folder}: cannot record into this folder ({error.strerror})") from None
