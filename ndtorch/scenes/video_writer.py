@@ -176,4 +176,4 @@ def as_long_as_it_says(path: Path) -> bool:
     """Whether an .avi has as many bytes as its first chunk claims."""
     with path.open("rb") as file:
         name, length = struct.unpack("<4sI", file.read(8).ljust(8, b"\0"))
-        return name == b"RIFF" and file.seek(0, os.SEEK_END) >= 8 + length
+        return bool(name == b"RIFF" and file.seek(0, os.SEEK_END) >= 8 + length)
