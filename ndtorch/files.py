@@ -37,7 +37,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
         sync(path.parent)
     except OSError as error:
         # On a full disk it is a write that fails, and that knows no name.
-        error.filename = error.filename or str(path)
+        with contextlib.suppress(AttributeError):  # PyAV's cannot be told one
+            error.filename = error.filename or str(path)
         raise
     finally:
         beside.unlink(missing_ok=True)

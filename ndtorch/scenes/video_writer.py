@@ -134,14 +134,16 @@ class VideoWriter:
         self._written += 1
 
     def close(self) -> None:
-        """Finish the file. Closing twice does nothing.
+        """Finish the file; without any frame there is none. Closing twice does nothing.
 
         Raises:
             InputError: what was written cannot be read again, as on a full disk, of which the encoders say nothing.
         """
         was, self._open = self._open, False
         self._writer.close()
-        if was and self._written and not self.is_whole():
+        if was and not self._written:
+            self.path.unlink(missing_ok=True)
+        elif was and not self.is_whole():
             raise InputError(f"video {self.path} is not whole: the disk may be full")
 
     def is_whole(self) -> bool:

@@ -411,3 +411,9 @@ def test_a_video_that_promises_what_is_cut_off_is_told(tmp_path, name, share):
     os.truncate(tmp_path / name, int(share * (tmp_path / name).stat().st_size))
     with pytest.raises(InputError, match="not whole: the disk may be full"):
         video.close()
+
+
+def test_a_video_without_frames_is_no_file(tmp_path):
+    for name in ("clip.mp4", "clip.mkv", "clip.avi"):
+        VideoWriter(tmp_path / name, 25, SIZE).close()
+    assert list(tmp_path.iterdir()) == []

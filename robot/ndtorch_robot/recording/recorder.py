@@ -15,7 +15,6 @@ from zlib import crc32
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch.files import write_text
 from ndtorch_robot.ports import DriveCommand, Placed, Report, StereoFrames
 from ndtorch_robot.recording.streams import JPEG_QUALITY, SUFFIXES, Format, checked_line, crc_of, encode, pictures
 
@@ -103,7 +102,7 @@ class Recorder:
             if (folder / HEADER).exists() or (folder / STEPS).exists():
                 raise InputError(f"{folder} holds a recording already: choose another folder")
             text = json.dumps(header | {"crc": crc_of(header)}, indent=1)
-            write_text(folder / HEADER, text + "\n")
+            (folder / HEADER).write_text(text + "\n", encoding="utf-8")
             self.open(STEPS)
         except OSError as error:
             raise InputError(f"{folder}: cannot record into this folder ({error.strerror})") from None

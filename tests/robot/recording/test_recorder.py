@@ -278,6 +278,7 @@ def test_a_disk_that_fails_late(tmp_path, monkeypatch):
     while not recorder.failed and time.monotonic() < end:
         recorder.record_step(step(0), STILL, STILL)
         time.sleep(0.02)
+    assert recorder.failed, "nothing was said while it recorded"
     recorder.close()
     assert said == [recorder.failed]
     assert "Input/output error" in recorder.failed
