@@ -169,7 +169,7 @@ def test_frames_faster_than_the_updates() -> None:
     assert counts[-1] == 2
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(st.floats(1e-3, 1e3), st.integers(0, 15), st.integers(0, 15))
 def test_brightness_and_place_do_not_matter(gain: float, down: int, right: int) -> None:
     module = windows()
