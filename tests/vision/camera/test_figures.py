@@ -9,8 +9,9 @@ import pytest
 import torch
 
 from ndtorch.vision.camera import figure_signals, figures
-from ndtorch.vision.camera.figure_signals import FigureSignals
+from ndtorch.vision.camera.figure_signals import FieldsState, FigureSignals
 from ndtorch.vision.camera.figures import GroundParams, ground_start, ground_step
+from ndtorch.vision.motion import MotionState
 from tests.vision.camera.passing_scenes import SIZE, ground, passing
 
 DT = 0.04
@@ -115,3 +116,18 @@ def test_a_shadow_is_255_where_it_may_be_and_0_elsewhere() -> None:
     found = figures.shadow(np.full((24, 24), 0.5, np.float32), may_be, PARAMS)
     assert set(found[:, :12].ravel().tolist()) == {255}
     assert not found[:, 12:].any()
+
+
+def test_what_lies_outside_of_all_silhouettes_is_not_sensed() -> None:
+    """Though it differs from the ground as much as what lies inside."""
+    signals = FigureSignals((32, 48), 1 / 25)
+    picture, ground = torch.rand(3, 32, 48, generator=torch.Generator().manual_seed(0)), torch.zeros(3, 32, 48)
+    silhouettes = torch.zeros(32, 48, dtype=torch.int32)
+    silhouettes[8:24, 8:24] = 1
+    nothing = torch.zeros(3, 16, 24)
+    strongest, sums, _ = signals.sums(picture, ground, silhouettes, FieldsState(MotionState(nothing, nothing)))
+    inside = torch.zeros(16, 24, dtype=torch.bool)
+    inside[4:12, 4:12] = True
+    assert not strongest[~inside].any()
+    assert strongest[inside].min() > 0.05
+    assert sums[0, 0] == inside.sum()
