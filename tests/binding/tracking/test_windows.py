@@ -198,3 +198,16 @@ def test_bad_input() -> None:
 
 def test_motion_points_one_field_left_right_down_and_up() -> None:
     assert DIRECTIONS == ((0.0, -1.0), (0.0, 1.0), (1.0, 0.0), (-1.0, 0.0))
+
+
+def test_no_window_of_a_batch_is_faster_than_it_may_be() -> None:
+    """Two scenes at once, both with things that go aslant and are faster: as fast as may be, and just as alone."""
+    module = Windows(GRID, 30.0, DT, params=WindowParams(fastest=0.5))
+    right = blob(RIGHT_RED, wave(60, 1.1), (4.0, 3.0), (1.1, 1.2))
+    up = blob(UP_BLUE, wave(60, 0.9), (9.0, 8.0), (-1.2, 0.9))
+    _, both = module(torch.stack([right, up]))
+    fastest = both.velocity.norm(dim=-1).amax(-1)
+    assert fastest.tolist() == pytest.approx([0.5, 0.5])
+    for one, scene in enumerate((right, up)):
+        _, alone = module(scene)
+        torch.testing.assert_close(both.velocity[one], alone.velocity)
