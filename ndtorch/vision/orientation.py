@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from ndtorch.errors import InputError
 from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.motion import Border, check_border
-from ndtorch.vision.paired_grids import PairFields, field_sums, pair_fields, pair_up, responses
+from ndtorch.vision.paired_grids import PairFields, field_sums, pair_up, responses, weighted_sums
 from ndtorch.vision.thinning import (
     halve_rows,
     halving_gain,
@@ -95,8 +95,7 @@ class OrientedDoG(nn.Module):
     row_weights: Tensor
     column_weights: Tensor
     pair_filters: Tensor
-    pair_places: Tensor
-    pair_shares: Tensor
+    pair_rows: Tensor
     pair_columns: Tensor
 
     def __init__(
@@ -153,9 +152,8 @@ class OrientedDoG(nn.Module):
         if border == "wrap":  # nothing lies outside
             inside = (torch.ones_like(self.row_weights), torch.ones_like(self.column_weights))
         self.register_buffer("pair_filters", pair_up(self.fast_spectrum, self.grid[1]))
-        # The whole picture is one field.
-        for name, part in pair_fields(*(weights.unsqueeze(1) for weights in inside))._asdict().items():
-            self.register_buffer(f"pair_{name}", part)
+        self.register_buffer("pair_rows", inside[0])
+        self.register_buffer("pair_columns", inside[1].T.flatten())
 
     def extra_repr(self) -> str:
         return f"size={self.size}, border={self.border!r}, exact={self.exact}, grid={self.grid}"
@@ -205,14 +203,16 @@ class OrientedDoG(nn.Module):
         """`sums` by kernels of a grey image of which rows are mirrored and halved already, see `thinning`."""
         if self.exact:
             return self.images(rows).abs().sum((-1, -2))
-        fields = PairFields(self.pair_places, self.pair_shares, self.pair_columns)
-        return self.fields_of_rows(rows, fields).flatten(1).squeeze(1)
+        return weighted_sums(self._responses_of_rows(rows), self.pair_rows, self.pair_columns)
 
     def fields_of_rows(self, rows: Tensor, fields: PairFields) -> Tensor:
         """Sums over fields `[3, R, C]` by kernels of such rows."""
+        return field_sums(self._responses_of_rows(rows), fields)
+
+    def _responses_of_rows(self, rows: Tensor) -> Tensor:
         left = self.margin[1]
         rows = F.pad(rows[None], (left, left), mode="reflect")[0] if left else rows
-        return field_sums(responses(self._columns(rows), self.pair_filters), fields)
+        return responses(self._columns(rows), self.pair_filters)
 
     def _columns(self, rows: Tensor) -> Tensor:
         """The spectrum of halved rows, without high frequencies along rows."""

@@ -49,10 +49,7 @@ def pair_up(spectra: Tensor, points: int) -> Tensor:
 def pair_fields(rows: Tensor, columns: Tensor) -> PairFields:
     """From weights `[2, R', R]` and `[2, C', C]` of the points of both grids, of which at most two rows are not zero
     at a point."""
-    rows = torch.cat([rows, torch.zeros_like(rows)], -2) if rows.shape[-2] == 1 else rows
     shares, places = rows.mT.topk(2, -1)
-    # A single field has no second row: its share is zero.
-    places = places.where(shares != 0, 0)
     line = columns.new_zeros(2, columns.shape[-2], columns.shape[-1], 2)
     line[0, ..., 0], line[1, ..., 1] = columns[0], columns[1]
     return PairFields(places.contiguous(), shares.contiguous(), line.flatten(-2))
@@ -67,6 +64,19 @@ def responses(columns: Tensor, filters: Tensor) -> Tensor:
     out = np.empty(wanted.shape, wanted.dtype)
     kernel("pair_spectrum", out.dtype).run(spectrum, wanted, out)
     return torch.view_as_real(torch.fft.ifft2(torch.from_numpy(out)))
+
+
+def weighted_sums(found: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
+    """Sums over both grids of the magnitudes of `responses`, `[F]`.
+
+    Args:
+        rows: weights of rows, `[2, R]`.
+        columns: weights of columns, the two grids in turn, `[2 C]`.
+    """
+    values = found.flatten(-2).numpy()
+    sums = np.empty(len(values), values.dtype)
+    kernel("pair_sums", values.dtype).run(values, rows.to(found.dtype).numpy(), columns.to(found.dtype).numpy(), sums)
+    return torch.from_numpy(sums)
 
 
 def field_sums(found: Tensor, fields: PairFields) -> Tensor:
