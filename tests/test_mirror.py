@@ -26,7 +26,6 @@ TESTED_IN = {
     "binding/tracking/detections": "binding/tracking/test_tracks",
     "binding/tracking/figure_params": "binding/models/test_figures",
     "binding/tracking/figures": "binding/models/test_figures",
-    "binding/tracking/following": "binding/models/test_figures",
     "binding/tracking/meeting": "binding/models/test_figures",
     "binding/tracking/params": "binding/tracking/test_windows",
     "binding/tracking/silhouettes": "binding/models/test_figures",

@@ -8,17 +8,18 @@ from pathlib import Path
 from typing import Any
 
 from ndtorch.binding import BoundObject
+from ndtorch.report.words import numbered
 from ndtorch.run.result import RunResult
 
 Row = tuple[int, int, float, float, float, float]
-"""Frame from 1, number of the object from 1, left, top, width and height in pixels."""
+"""Frame from 1, number of the object, left, top, width and height in pixels."""
 
 
 def box_rows(things: list[BoundObject], fps: float) -> Iterator[Row]:
     """Boxes of every sighting, in the order of frames."""
     rows = [
         (round(time * fps) + 1, number, left, top, right - left, bottom - top)
-        for number, thing in enumerate(things, 1)
+        for number, thing in numbered(things)
         for (time, *_), (left, top, right, bottom) in zip(thing.path, thing.boxes, strict=False)
     ]
     return iter(sorted(rows))

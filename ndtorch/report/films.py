@@ -153,7 +153,7 @@ def marked(frame: Pixels, things: tuple[BoundObject, ...]) -> Pixels:
 
 
 def mark_of(thing: BoundObject) -> str:
-    """The number that an object has in the overlay: that of its track, from 1. Not every track becomes an object."""
+    """The number of an object that is followed, as in the table."""
     return "" if thing.track is None else f"#{thing.track + 1}"
 
 

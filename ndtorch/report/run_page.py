@@ -5,15 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 from ndtorch.binding import BoundObject
-from ndtorch.report.films import mark_of
 from ndtorch.report.page import Page, Shown, Table, command_line, versions
-from ndtorch.report.words import NOTHING_LEARNED, VERDICTS, words
+from ndtorch.report.words import NOTHING_LEARNED, VERDICTS, numbered, words
 from ndtorch.run.result import RunResult
 from ndtorch.vision import FEATURES
 
 SHOWN = (
-    ("overlay.mp4", "The video, objects marked", "A circle or box in its color, its number as in the table under "
-     "'mark', its color in words, an arrow where it moves, and the clock."),
+    ("overlay.mp4", "The video, objects marked", "A circle or box in its color, its number, its color in "
+     "words, an arrow where it moves, and the clock. What was in sight for a moment has a number, but is no object."),
     ("timeline.png", "Objects over time", "Above: a lane an object, thick while it is in sight. Below: where it went."),
     ("enhanced.mp4", "Input and attention", "Left: what the model sees. Right: the same, weighted by the features of "
      "the winning neuron, brightened as far as the input."),
@@ -39,7 +38,7 @@ def write_run_page(result: RunResult, folder: Path, chosen: str) -> Path:
     """
     count = len(result.objects)
     found = [f"{count} object{'s' * (count != 1)} found." if count else "No objects found."]
-    found += [f"Object {number}: {words(thing).strip()}." for number, thing in enumerate(result.objects, 1)]
+    found += [f"Object {number}: {words(thing).strip()}." for number, thing in numbered(result.objects)]
     if result.table is not None:
         untaught = result.verdict == "learning" and not result.objects
         found.append(f"Verdict: {NOTHING_LEARNED if untaught else VERDICTS[result.verdict]}.")
@@ -59,11 +58,9 @@ def write_run_page(result: RunResult, folder: Path, chosen: str) -> Path:
 
 def features_table(things: list[BoundObject]) -> Table:
     """A row an object, a column a feature."""
-    marked = any(thing.track is not None for thing in things)
-    heads = ["object", *(["mark"] if marked else []), "neuron", *FEATURES]
+    heads = ["object", "neuron", *FEATURES]
     rows = []
-    for number, thing in enumerate(things, 1):
-        mark = [] if not marked else [mark_of(thing)]
+    for number, thing in numbered(things):
         cells = [f"{thing.features[name]:.2f}" if name in thing.features else "" for name in FEATURES]
-        rows.append([str(number), *mark, thing.neuron, *cells])
+        rows.append([str(number), thing.neuron, *cells])
     return Table("Features of every object", heads, rows, "Shares of the strongest; an empty cell: none of it.")

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ndtorch.binding import BoundObject
 from ndtorch.report.palette import GREY, STYLES
-from ndtorch.report.words import record
+from ndtorch.report.words import numbered, record
 from ndtorch.run.result import RunResult
 
 Floats = npt.NDArray[np.float64]
@@ -19,7 +19,7 @@ Floats = npt.NDArray[np.float64]
 
 def write_timeline(result: RunResult, path: Path) -> None:
     """timeline.jsonl: one line an object, in the order of appearance."""
-    lines = [json.dumps(record(n, thing, result.size), ensure_ascii=False) for n, thing in enumerate(result.objects, 1)]
+    lines = [json.dumps(record(n, thing, result.size), ensure_ascii=False) for n, thing in numbered(result.objects)]
     path.write_text("".join(line + "\n" for line in lines), encoding="utf-8")
 
 
@@ -39,7 +39,7 @@ def draw_timeline(result: RunResult, path: Path) -> Path:
     above, below = 1.2 + 0.42 * max(count, 2), min(9.0 / aspect, 7.5) + 0.8
     figure = Figure(figsize=(10.0, above + below), dpi=100, layout="constrained")
     lanes, picture = figure.subplots(2, 1, height_ratios=[above, below])
-    for lane, thing in enumerate(result.objects):
+    for lane, (number, thing) in enumerate(numbered(result.objects)):
         color = color_of(thing)
         times, columns, rows = sightings(thing, result.size)
         # Out of sight: a thin line; in sight: a thick one.
@@ -61,7 +61,7 @@ def draw_timeline(result: RunResult, path: Path) -> Path:
         side = -1 if lane % 2 else 1  # objects that come one after the other often come in at one place
         place = (min(max(float(columns[0]) - 0.015 * side, 0.04), aspect - 0.04), max(float(rows[0]) - 0.015, 0.07))
         picture.annotate(
-            str(lane + 1),
+            str(number),
             place,
             color=color,
             weight="bold",
@@ -72,7 +72,7 @@ def draw_timeline(result: RunResult, path: Path) -> Path:
     for time in result.cuts:
         lanes.axvline(time, color="0.5", lw=1, ls=":")
         lanes.text(time, -0.55, " new scene", color="0.4", fontsize=8, va="top")
-    names = [f"{n}: {thing.color}, {thing.direction or 'no direction'}" for n, thing in enumerate(result.objects, 1)]
+    names = [f"{n}: {thing.color}, {thing.direction or 'no direction'}" for n, thing in numbered(result.objects)]
     lanes.set_yticks(range(count), names)
     lanes.set_xlim(0, end)
     lanes.set_ylim(max(count, 1) - 0.4, -0.6)

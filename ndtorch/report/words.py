@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -29,7 +30,7 @@ def summary(result: RunResult) -> dict[str, Any]:
     return {
         "source": result.source,
         "model": result.model,
-        "objects": [record(number, thing, result.size) for number, thing in enumerate(result.objects, 1)],
+        "objects": [record(number, thing, result.size) for number, thing in numbered(result.objects)],
         "cuts": [round(time, 3) for time in result.cuts],
         "verdict": result.verdict,
         "max_weight": float(weights.max()),
@@ -39,6 +40,14 @@ def summary(result: RunResult) -> dict[str, Any]:
         "wall_seconds": result.wall_seconds,
         "frames_per_second": result.frames / max(result.wall_seconds, 1e-9),
     }
+
+
+def numbered(things: Sequence[BoundObject]) -> list[tuple[int, BoundObject]]:
+    """The objects with their numbers: that of the track, which the overlay shows too, or the place in the list.
+
+    Numbers of tracks have gaps, because not all that was followed for a moment became an object.
+    """
+    return [(place if thing.track is None else thing.track + 1, thing) for place, thing in enumerate(things, 1)]
 
 
 def record(number: int, thing: BoundObject, size: tuple[int, int]) -> dict[str, Any]:
@@ -73,7 +82,7 @@ def record(number: int, thing: BoundObject, size: tuple[int, int]) -> dict[str, 
 def in_words(result: RunResult) -> str:
     """The objects and the verdict, as text for people."""
     lines = [f"{result.source}: {result.simulated_seconds:g} s seen in {result.wall_seconds:.1f} s", ""]
-    lines += [f"object {number}: {words(thing)}" for number, thing in enumerate(result.objects, 1)]
+    lines += [f"object {number}: {words(thing)}" for number, thing in numbered(result.objects)]
     if not result.objects:
         lines.append("no objects")
     if result.table is not None:

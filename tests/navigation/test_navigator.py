@@ -259,7 +259,7 @@ def test_a_step_that_caution_slowed_goes_on_from_the_slower_one(monkeypatch):
     """Its numbers are no more those that the kernel left: the next step gathers them anew."""
     pytest.importorskip("numba")
     navigator = Navigator(RIG, DT, controller="published")
-    left, right = frames(4)
+    left, right = ((255 * eye).to(torch.uint8) for eye in frames(4))
     with torch.inference_mode():
         whole, eyes = navigator.whole_step(), [strips(eye[:1]) for eye in (left, right)]
         step = whole(*eyes, None, None, None)

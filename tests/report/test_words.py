@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
 from ndtorch.binding import BoundObject, Verdict, bound_objects, object_table
+from ndtorch.report.exports import box_rows
+from ndtorch.report.films import mark_of
 from ndtorch.report.words import in_words, summary
 from ndtorch.run.result import RunResult, Trace
 
@@ -32,6 +35,15 @@ CAR = BoundObject(
     heading=(1.0, 0.0),
     path=((1.0, 8.0, 30.0), (1.1, 12.0, 30.0), (1.2, 16.0, 30.0), (2.0, 40.0, 30.0)),
 )
+
+
+def test_an_object_has_one_number_in_words_files_and_overlay() -> None:
+    later = replace(CAR, track=10, boxes=((1.0, 2.0, 3.0, 4.0),) * 4)
+    result = run_of([CAR, later], owners=False)
+    assert "object 11:" in in_words(result)
+    assert [thing["object"] for thing in summary(result)["objects"]] == [1, 11]
+    assert {row[1] for row in box_rows([CAR, later], 10)} == {11}  # the first has no boxes
+    assert mark_of(later) == "#11"
 
 
 def test_an_object_with_a_time_is_told_with_it() -> None:

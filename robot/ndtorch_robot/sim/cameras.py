@@ -69,6 +69,7 @@ class Cameras:
         self.pixels: Image = np.empty((strip_height, rig.width, 3), np.uint8)
         size = (rig.width, max(rig.height, strip_height) if whole else strip_height)
         model.vis.global_.offwidth, model.vis.global_.offheight = size
+        model.vis.quality.shadowsize = 0  # no shadows are drawn: a buffer for them takes a tenth of a second to make
         self.context = make_context(*size)
         self.frame = Rect(0, rig.height, 0, rig.width)
         self.gl: Any = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)

@@ -170,7 +170,7 @@ def test_frames_faster_than_the_updates() -> None:
     assert counts[-1] == 2
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(st.floats(1e-3, 1e3), st.integers(0, 15), st.integers(0, 15))
 def test_brightness_and_place_do_not_matter(gain: float, down: int, right: int) -> None:
     module = windows()
@@ -226,3 +226,16 @@ def test_the_kernel_gives_what_torch_gives(border: Border) -> None:
         assert torch.equal(part, before)  # a state that is given is never written
     for name, found, other in zip(WindowState._fields, state, end, strict=True):
         torch.testing.assert_close(found, other, rtol=1e-3, atol=1e-4, msg=name)
+
+
+def test_no_window_of_a_batch_is_faster_than_it_may_be() -> None:
+    """Two scenes at once, both with things that go aslant and are faster: as fast as may be, and just as alone."""
+    module = Windows(GRID, 30.0, DT, params=WindowParams(fastest=0.5))
+    right = blob(RIGHT_RED, wave(60, 1.1), (4.0, 3.0), (1.1, 1.2))
+    up = blob(UP_BLUE, wave(60, 0.9), (9.0, 8.0), (-1.2, 0.9))
+    _, both = module(torch.stack([right, up]))
+    fastest = both.velocity.norm(dim=-1).amax(-1)
+    assert fastest.tolist() == pytest.approx([0.5, 0.5])
+    for one, scene in enumerate((right, up)):
+        _, alone = module(scene)
+        torch.testing.assert_close(both.velocity[one], alone.velocity)
