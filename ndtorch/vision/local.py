@@ -30,6 +30,11 @@ class LocalFeatures(nn.Module):
 
     Raises:
         InputError: fewer than 3 fields, more fields than pixels, or frames that cannot be used.
+
+    >>> from ndtorch.vision import VisualFeatures
+    >>> signals, state = LocalFeatures(VisualFeatures(size=(60, 80)), fields=5)(torch.rand(2, 3, 60, 80))
+    >>> signals.shape
+    torch.Size([2, 5, 7, 10])
     """
 
     rows: Tensor

@@ -88,6 +88,12 @@ class OrientedDoG(nn.Module):
     Shapes:
         frames `[..., C, H, W]` with C = 3 or 1 and one leading dim or more -> `[..., 3, H, W]`, signed.
         No state: call it with whatever frames you have.
+
+    >>> image = torch.zeros(1, 1, 100, 100)
+    >>> image[..., 40:60, 49:52] = 1.0  # an upright bar
+    >>> filtered = OrientedDoG((100, 100))(image)  # at 0, 60 and 120 degrees
+    >>> filtered.shape, int(filtered.abs().sum((-2, -1)).argmax())
+    (torch.Size([1, 3, 100, 100]), 0)
     """
 
     spectrum: Tensor
