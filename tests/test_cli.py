@@ -352,7 +352,7 @@ def test_quiet_prints_errors_alone(clip: Path, tmp_path: Path, capsys: pytest.Ca
     assert capsys.readouterr() == ("", "")
     assert main([*asked, "-q", "--json"]) == 0
     out, err = capsys.readouterr()
-    assert json.loads(out)["model"] == "video"
+    assert json.loads(out)["model"] == "figures"
     assert err == ""
     refused(["bind", "four-bars", "-q", "--out", str(tmp_path)], capsys, "four-bars")
 
@@ -389,13 +389,13 @@ def test_unknown_scene_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["{clip}", "--gamma", "1"], ["--gamma is an option of published, scale-free; the model is video"]),
-        (["{clip}", "--rule", "hebbian"], ["--rule is an option of published; the model is video"]),
-        (["{clip}", "--fit", "stretch"], ["--fit", "published", "the model is video"]),
+        (["{clip}", "--gamma", "1"], ["--gamma is an option of published, scale-free; the model is figures"]),
+        (["{clip}", "--rule", "hebbian"], ["--rule is an option of published; the model is figures"]),
+        (["{clip}", "--fit", "stretch"], ["--fit", "published", "the model is figures"]),
         (["two-bars", "--without", "scale"], ["--without is an option of video; the model is published"]),
         (["{clip}", "--model", "published", "--without", "scale"], ["--without is an option of video"]),
         (["two-bars", "--model", "scale-free", "--order", "printed"], ["--order is an option of published"]),
-        (["{clip}", "--without", "sight"], ["without", "exposure", "sight"]),
+        (["{clip}", "--model", "video", "--without", "sight"], ["without", "exposure", "sight"]),
         (["two-bars", "--model", "cubist"], ["model", "published", "video", "cubist"]),
         (["two-bars", "--rule", "scale-free"], ["--model scale-free"]),
         (["{clip}", "--front-end", "on"], ["--model video"]),
@@ -415,7 +415,7 @@ def test_a_recording_changes_nothing(clip: Path, tmp_path: Path, capsys: pytest.
     found = []
     for name, more in (("plain", []), ("recorded", ["--rrd", str(tmp_path / "run.rrd")])):
         assert main(["bind", str(clip), *more, "--out", str(tmp_path / name)]) == 0
-        assert capsys.readouterr().out.startswith("model  video (default for files and cameras)\n")
+        assert capsys.readouterr().out.startswith("model  figures (default for files and cameras)\n")
         folder = tmp_path / name / "bars"
         assert {path.name for path in folder.iterdir()} == TRACKED
         found.append(json.loads((folder / "objects.json").read_text(encoding="utf-8")))

@@ -124,6 +124,16 @@ def test_a_state_before_the_first_time_step_too(tmp_path: Path) -> None:
     assert same(module(film()[2:], again)[1], module(film())[1])
 
 
+@pytest.mark.parametrize(("value", "name"), [(0.95, "white"), (0.03, "black")])
+def test_what_has_no_hue_is_white_or_black(value: float, name: str) -> None:
+    """On a film with tinted light."""
+    frames = squares(30, (0, 4.0, 44, (value, value, value))) * torch.tensor([1.0, 0.95, 0.85])[:, None, None]
+    (thing,) = model().objects(run((frames * 255).round().to(torch.uint8))[1])
+    assert (thing.color, thing.shade) == (name, name)
+    assert not {"red", "green", "blue"} & thing.features.keys()
+    assert thing.direction == "right"
+
+
 def test_two_that_cross_keep_who_they_are() -> None:
     frames = squares(60, (0, 3.5, 40, (0.85, 0.2, 0.2)), (176, -3.5, 46, (0.2, 0.75, 0.2)))
     _, state = run(frames)
