@@ -13,6 +13,7 @@ from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.cameras import Cameras, side_by_side
+from ndtorch_robot.sim.gl import make_context
 from ndtorch_robot.sim.paint import Painted, pack, paint_floor
 from ndtorch_robot.sim.plan import Plan, ring
 from ndtorch_robot.sim.simulation import RIG, Simulation
@@ -44,7 +45,10 @@ def test_strips_are_the_pixels_of_whole_frames(moving):
 
 
 @needs_gl
-def test_any_number_of_strips():
+def test_any_number_of_strips(monkeypatch):
+    monkeypatch.setattr(
+        "ndtorch_robot.sim.cameras.make_context", make_context
+    )  # two cameras draw by turns, each in its own
     """Further rectangles are the pixels of the whole frame, too, and the others stay as they are, up to rounding."""
     simulation = Simulation(load_arena("room", 1), 1)
     cameras = Cameras(simulation.world.model, RIG, whole=True, more=[(Rect(350, 400, 0, 90), Rect(350, 400, 550, 640))])
