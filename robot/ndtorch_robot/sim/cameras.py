@@ -123,10 +123,13 @@ class Cameras:
 
         places = iter(self.places)
         for side, rects in enumerate(self.strips):
+            aimed: float | None = None
             for rect in rects:
                 x, y = next(places)
                 for part, delay in slices(rect, self.stress, self.rig.height):
-                    self.aim(*moved(*pose, motion, after + delay), side)
+                    if delay != aimed:
+                        self.aim(*moved(*pose, motion, after + delay), side)
+                        aimed = delay
                     self.draw(part, x, y + rect.bottom - part.bottom)
         mujoco.mjr_readPixels(self.pixels, None, mujoco.MjrRect(0, 0, *self.pixels.shape[1::-1]), self.gl)
         return self.pixels.copy() if self.stress.blur else self.pixels

@@ -18,6 +18,7 @@ from ndtorch.binding.tracking.figure_params import FigureParams
 from ndtorch.binding.tracking.figures import FOLLOWED, PIXELS, SIGHTING, Figure
 from ndtorch.binding.tracking.meeting import apart
 from ndtorch.binding.tracking.regions import Regions
+from ndtorch.binding.tracking.silhouettes import share
 from ndtorch.errors import InputError
 from ndtorch.tree import leaves
 from tests.vision.camera.passing_scenes import SIZE, ground, passing
@@ -217,3 +218,18 @@ def test_what_was_lost_for_longer_is_looked_for_farther_away(lost_for: float, aw
     regions = Regions(labels, np.array([[25, left, 35, left + 10]]), np.array([100]))
     pairs = apart([lost], set(), {0: []}, regions, np.zeros((3, 100, 160)), 5.0 + lost_for, params)
     assert pairs == ([(0, 0)] if found else [])
+
+
+def test_two_tracks_share_a_region_in_its_middle() -> None:
+    """One is expected in the upper half, the other as far from the middle in the lower one: half of the pixels each."""
+    ten, extent = np.zeros(10), np.full(2, 0.2)
+    ones = []
+    for number, row in enumerate((0.2, 0.4)):
+        seen = np.zeros((1, SIGHTING))
+        seen[0, FOLLOWED] = row, 0.3
+        ones.append(Figure(number, True, np.zeros(2), extent, np.zeros(3), extent, 0.0, extent, ten, ten, seen))
+    labels, silhouettes = np.zeros((20, 20), np.int32), np.zeros((20, 20), np.int32)
+    labels[2:10, 4:8] = 1
+    share(silhouettes, labels, 0, np.array([2, 4, 10, 8]), ones, 0.0, 0.0)
+    assert [int((silhouettes[2:10] == name).sum()) for name in (1, 2)] == [16, 16]
+    assert (silhouettes[2:6, 4:8] == 1).all()

@@ -16,6 +16,7 @@ from ndtorch.binding.readout.covariances import single_table
 from ndtorch.binding.tracking.params import WindowParams
 from ndtorch.binding.tracking.windows import DIRECTIONS, WindowState
 from ndtorch.vision import FEATURES
+from ndtorch.vision.motion import Border
 
 GRID = (16, 16)
 DT = 0.05
@@ -198,6 +199,33 @@ def test_bad_input() -> None:
 
 def test_motion_points_one_field_left_right_down_and_up() -> None:
     assert DIRECTIONS == ((0.0, -1.0), (0.0, 1.0), (1.0, 0.0), (-1.0, 0.0))
+
+
+@pytest.mark.parametrize("border", ["wrap", "reflect"])
+def test_the_kernel_gives_what_torch_gives(border: Border) -> None:
+    """Three objects, one of them seen for a while only, one that goes where another is."""
+    pytest.importorskip("numba")
+    steps, wrap = 160, border == "wrap"
+    parts = [
+        blob(RIGHT_RED, wave(steps, 1.1), (4.0, 3.0), (0.0, 1.5), wrap=wrap),
+        blob(LEFT_GREEN, wave(steps, 0.7, 0.3), (10.0, 12.0), (0.0, -1.2), wrap=wrap),
+        blob(UP_BLUE, wave(steps, 0.9, 0.6), (14.0, 7.0), (-2.0, 0.0), wrap=wrap),
+    ]
+    parts[1][60:120] = 0
+    signals = sum(parts) + 0.01 * torch.rand(steps, *GRID, 10)
+    module = Windows(GRID, 30.0, DT, border)
+    with torch.no_grad():
+        wanted, end = module(signals)
+    with torch.inference_mode():
+        counts, half = module(signals[:70])
+        kept = [part.clone() for part in half]
+        rest, state = module(signals[70:], half)
+    assert wanted.max() > 1
+    assert torch.equal(torch.cat([counts, rest]), wanted)
+    for part, before in zip(half, kept, strict=True):
+        assert torch.equal(part, before)  # a state that is given is never written
+    for name, found, other in zip(WindowState._fields, state, end, strict=True):
+        torch.testing.assert_close(found, other, rtol=1e-3, atol=1e-4, msg=name)
 
 
 def test_no_window_of_a_batch_is_faster_than_it_may_be() -> None:

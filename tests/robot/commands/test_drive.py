@@ -58,6 +58,7 @@ def test_json(tmp_path, capsys):
 
 
 @needs_gl
+@pytest.mark.slow
 def test_a_map_is_made_and_known_again(tmp_path, capsys):
     pytest.importorskip("numba")
     shared = ["drive", "--arena", "room", "--seconds", "1", "--odometry", "noisy"]

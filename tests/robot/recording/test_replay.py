@@ -119,6 +119,7 @@ def test_damage_leaves_the_rest_checked(tmp_path, capsys):
 
 
 @needs_gl
+@pytest.mark.slow
 @pytest.mark.parametrize("whole", [False, True])
 def test_a_simulated_drive_bit_for_bit(tmp_path, capsys, whole):
     """Driven into a wall and put back, so that restarts are replayed too."""
