@@ -78,7 +78,7 @@ def run_command(prog: str, kind: type[Subcommand], arguments: Sequence[str]) -> 
         # A full disk, a folder that became read-only: what could be kept has been.
         if error.errno not in UNWRITABLE:
             raise
-        where = "" if error.filename is None else f"{error.filename}: "
+        where = "a file cannot be written: " if error.filename is None else f"{error.filename}: "
         print(f"error: {where}{error.strerror}", file=sys.stderr)
         return UNUSABLE
     except ModuleNotFoundError as error:

@@ -35,6 +35,11 @@ def replacing(path: str | Path) -> Iterator[Path]:
         sync(beside)
         beside.replace(path)
         sync(path.parent)
+    except OSError as error:
+        # On a full disk it is a write that fails, and that knows no name.
+        with contextlib.suppress(AttributeError):  # PyAV's cannot be told one
+            error.filename = error.filename or str(path)
+        raise
     finally:
         beside.unlink(missing_ok=True)
 

@@ -27,7 +27,11 @@ def model_folders() -> dict[str, Path]:
 
 
 def model_names() -> list[str]:
-    """Names of the models that come with the package."""
+    """Names of the models that come with the package.
+
+    >>> model_names()
+    ['figures', 'published', 'retinotopic', 'scale-free', 'video']
+    """
     return list(model_folders())
 
 
@@ -50,6 +54,11 @@ def load(
 
     Raises:
         InputError: unknown name, missing or broken folder, or an option that the model does not have.
+
+    >>> model = load('scale-free', size=(100, 100), fps=50)
+    >>> signals, state = model(torch.zeros(2, 3, 100, 100))
+    >>> signals.outputs.shape
+    torch.Size([2, 10])
     """
     given = {"size": size, "fps": fps, "border": border}
     options |= {name: value for name, value in given.items() if value is not None}

@@ -60,7 +60,24 @@ def pytest_collection_modifyitems(items):
 
     Tests of the marker long run with `-m long` only: see CONTRIBUTING.md.
     """
+    if items and from_both_ends(items[0].config):
+        items.sort(key=lambda item: item.path.parts)
     items.sort(key=lambda item: [item.get_closest_marker(name) is not None for name in ("compiled", "slow")])
+
+
+def from_both_ends(config):
+    """Whether two workers read the files from both ends, in the order of their names."""
+    return "PYTEST_XDIST_WORKER" in os.environ and config.getoption("--shuffle", None) is None
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector):
+    """The second worker reads folders from their end: what one has compiled the other finds."""
+    report = yield
+    second = os.environ.get("PYTEST_XDIST_WORKER") == "gw1"
+    if second and isinstance(collector, pytest.Directory) and from_both_ends(collector.config):
+        report.result = report.result[::-1]
+    return report
 
 
 @pytest.hookimpl(wrapper=True)

@@ -40,6 +40,7 @@ FILES = {
     "weights.png",
     "weights_over_time.png",
 }
+PICTURES = {"frames.png", "outputs.png", "weights.png", "weights_over_time.png"}
 SMALL = (160, 160)
 CAR = Path(__file__).resolve().parents[2] / "shared" / "data" / "car-detection.mp4"
 
@@ -72,6 +73,7 @@ def refused(arguments: list[str], capsys: pytest.CaptureFixture[str], *words: st
         assert word in lines[0]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_json_is_one_object_and_nothing_else(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bind", "one-bar", "--seconds", "0.5", "--settle", "0.2", "--json", "--out", str(tmp_path)]) == 0
     printed = json.loads(capsys.readouterr().out)
@@ -91,7 +93,7 @@ def test_json_is_one_object_and_nothing_else(tmp_path: Path, capsys: pytest.Capt
     assert (printed["source"], printed["model"]) == ("one-bar", "published")
     assert printed["simulated_seconds"] == pytest.approx(0.7)
     assert np.array(printed["weights"]).shape == (10, 10)
-    assert {path.name for path in (tmp_path / "one-bar").iterdir()} == FILES
+    assert {path.name for path in (tmp_path / "one-bar").iterdir()} == FILES - PICTURES
     assert json.loads((tmp_path / "one-bar" / "objects.json").read_text()) == printed
     # Nothing is left of the folder the files were made in.
     assert [path.name for path in tmp_path.iterdir()] == ["one-bar"]
@@ -105,6 +107,7 @@ def test_default_run_names_both_bars_in_words(tmp_path: Path, capsys: pytest.Cap
     assert "object 1: red, moving right and down, orientation between 0° and 120°" in out
     assert "object 2: green, moving left and down, orientation between 0° and 60°" in out
     assert "verdict  stable" in out
+    assert {path.name for path in (tmp_path / "two-bars").iterdir()} == FILES
     video = cv2.VideoCapture(str(tmp_path / "two-bars" / "enhanced.mp4"))
     assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == 38
     assert int(video.get(cv2.CAP_PROP_FRAME_WIDTH)) == 1000
@@ -257,10 +260,13 @@ def test_a_folder_with_pictures_of_two_sizes_is_refused(tmp_path: Path, capsys: 
         cv2.imwrite(str(folder / name), np.full(size, 90, dtype=np.uint8))
     words = ("1.png is 60 x 40", "2.png 64 x 40")
     refused(["bind", str(folder), "--json", "--out", str(tmp_path / "out")], capsys, *words)
+    assert list((tmp_path / "out").iterdir()) == []
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.long)]
+)
 def test_ctrl_c_keeps_what_was_computed(number: int, code: int, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "ndtorch", "bind", "--seconds", "600", "--pictures", "2", "--out", str(tmp_path)]
     # There is a progress bar where stderr is a terminal.
@@ -346,7 +352,7 @@ def test_quiet_prints_errors_alone(clip: Path, tmp_path: Path, capsys: pytest.Ca
     assert capsys.readouterr() == ("", "")
     assert main([*asked, "-q", "--json"]) == 0
     out, err = capsys.readouterr()
-    assert json.loads(out)["model"] == "video"
+    assert json.loads(out)["model"] == "figures"
     assert err == ""
     refused(["bind", "four-bars", "-q", "--out", str(tmp_path)], capsys, "four-bars")
 
@@ -355,6 +361,7 @@ def test_a_source_that_was_probably_meant(clip: Path, tmp_path: Path, capsys: py
     refused(["bind", "two-bar", "--out", str(tmp_path)], capsys, "did you mean two-bars?")
     mistyped = str(clip.with_name("bras.avi"))
     refused(["bind", mistyped, "--out", str(tmp_path)], capsys, mistyped, f"did you mean {clip}?")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_help_shows_what_options_take(capsys: pytest.CaptureFixture[str]) -> None:
@@ -382,13 +389,13 @@ def test_unknown_scene_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["{clip}", "--gamma", "1"], ["--gamma is an option of published, scale-free; the model is video"]),
-        (["{clip}", "--rule", "hebbian"], ["--rule is an option of published; the model is video"]),
-        (["{clip}", "--fit", "stretch"], ["--fit", "published", "the model is video"]),
+        (["{clip}", "--gamma", "1"], ["--gamma is an option of published, scale-free; the model is figures"]),
+        (["{clip}", "--rule", "hebbian"], ["--rule is an option of published; the model is figures"]),
+        (["{clip}", "--fit", "stretch"], ["--fit", "published", "the model is figures"]),
         (["two-bars", "--without", "scale"], ["--without is an option of video; the model is published"]),
         (["{clip}", "--model", "published", "--without", "scale"], ["--without is an option of video"]),
         (["two-bars", "--model", "scale-free", "--order", "printed"], ["--order is an option of published"]),
-        (["{clip}", "--without", "sight"], ["without", "exposure", "sight"]),
+        (["{clip}", "--model", "video", "--without", "sight"], ["without", "exposure", "sight"]),
         (["two-bars", "--model", "cubist"], ["model", "published", "video", "cubist"]),
         (["two-bars", "--rule", "scale-free"], ["--model scale-free"]),
         (["{clip}", "--front-end", "on"], ["--model video"]),
@@ -408,7 +415,7 @@ def test_a_recording_changes_nothing(clip: Path, tmp_path: Path, capsys: pytest.
     found = []
     for name, more in (("plain", []), ("recorded", ["--rrd", str(tmp_path / "run.rrd")])):
         assert main(["bind", str(clip), *more, "--out", str(tmp_path / name)]) == 0
-        assert capsys.readouterr().out.startswith("model  video (default for files and cameras)\n")
+        assert capsys.readouterr().out.startswith("model  figures (default for files and cameras)\n")
         folder = tmp_path / name / "bars"
         assert {path.name for path in folder.iterdir()} == TRACKED
         found.append(json.loads((folder / "objects.json").read_text(encoding="utf-8")))
@@ -471,6 +478,7 @@ def test_camera_that_is_not_there_is_refused(source: str, tmp_path: Path, capsys
 def test_scene_options_are_refused_for_video(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     refused(["bind", str(clip), "--phase", "60", "--out", str(tmp_path / "out")], capsys, "phase")
     refused(["bind", str(clip), "--start", "90", "--out", str(tmp_path / "out")], capsys, "start")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_output_that_cannot_be_written_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -486,5 +494,8 @@ def test_resume_does_not_take_options_that_would_change_the_run(
 ) -> None:
     assert main(["bind", "--seconds", "0.1", "--settle", "0", "--pictures", "0", "--out", str(tmp_path)]) == 0
     capsys.readouterr()
+    before = {path.name: path.read_bytes() for path in (tmp_path / "two-bars").iterdir()}
     refused(["bind", "--resume", str(tmp_path / "two-bars"), "--phase", "9", "--out", str(tmp_path)], capsys, "phase")
     refused(["bind", "one-bar", "--resume", str(tmp_path / "two-bars"), "--out", str(tmp_path)], capsys, "one-bar")
+    assert {path.name: path.read_bytes() for path in (tmp_path / "two-bars").iterdir()} == before
+    assert [path.name for path in tmp_path.iterdir()] == ["two-bars"]

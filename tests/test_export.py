@@ -92,15 +92,26 @@ def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
         export(model("published"), tmp_path, "tflite")  # type: ignore[arg-type]
 
 
+def test_a_package_is_compiled_by_inductor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What it makes is tried below; it takes a C++ compiler half a minute at least."""
+    asked = []
+    monkeypatch.setattr(
+        torch._inductor, "aoti_compile_and_package", lambda program, package_path: asked.append((program, package_path))
+    )
+    program = torch.export.export(Summed(), (torch.rand(3, 5), torch.rand(5)))
+    write(program, tmp_path / "next.pt2", "aoti")
+    assert asked == [(program, str(tmp_path / "next.pt2"))]
+
+
 class Summed(torch.nn.Module):
-    """A program with a state, and small: what a whole model takes a C++ compiler is a minute."""
+    """A program with a state, and small."""
 
     def forward(self, x: Tensor, total: Tensor) -> tuple[Tensor, Tensor]:
         after = total + x.sum(0)
         return after.sqrt(), after
 
 
-@pytest.mark.compiled
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("g++") is None, reason="AOTInductor needs a C++ compiler")
 def test_a_compiled_package_is_written_and_runs(tmp_path: Path) -> None:
     x, total = torch.rand(3, 5), torch.rand(5)

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 
 from ndtorch.commands import installed, main
@@ -85,7 +86,13 @@ def arguments(name: str, out: Path, given: Path) -> list[str]:
     car.write_text(text)
     recording = next((CORPUS / "replay").iterdir())
     places = {"out": out, "car": car, "sweep": sweep, "recording": recording, "barn": CORPUS / "barn" / "worlds.json"}
-    return WRITERS[name].format(**places, ranges=CORPUS / "ranges").split()
+    pair = given / "ranges" / "pair"
+    pair.mkdir(parents=True, exist_ok=True)
+    picture = np.random.default_rng(0).integers(0, 256, (24, 64), np.uint8)
+    for side, moved in (("left", 0), ("right", -4)):
+        cv2.imwrite(str(pair / f"{side}.png"), np.roll(picture, moved, 1))
+    cv2.imwrite(str(pair / "disp.tif"), np.full(picture.shape, 4, np.float32))
+    return WRITERS[name].format(**places, ranges=pair.parent).split()
 
 
 def said(lines: str) -> list[str]:

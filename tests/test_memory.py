@@ -122,6 +122,7 @@ def growth(source: Noise) -> float:
     return (marks[1] - marks[0]) / (3 * source.size[0] * source.size[1])
 
 
+@pytest.mark.slow
 def test_no_frame_is_kept() -> None:
     """Of 96 frames nothing stays but samples for the figures. One frame kept in eight would be twelve.
 

@@ -204,6 +204,7 @@ def test_what_takes_too_long_is_ended(tmp_path: Path) -> None:
     assert busy["cpu"] > idle["cpu"]
 
 
+@pytest.mark.long
 def test_a_file_that_is_too_slow_for_one_list_is_asked_where_it_is_the_mirrored_one(
     checkout: Path, tmp_path: Path
 ) -> None:

@@ -1,6 +1,12 @@
-"""The papers' results for moving bars, at full size: rendered frames in, objects out."""
+"""The papers' results for moving bars, at full size.
+
+Two bars, equal bars and other fluctuations come from rendered frames. Scenes that differ in the phase, or in which bars
+there are, are added up from films of each bar alone: tests/train/test_superposed.py compares these with rendered ones.
+"""
 
 from __future__ import annotations
+
+import inspect
 
 import pytest
 import torch
@@ -12,7 +18,7 @@ from ndtorch.binding.first_stage import block_diagonal
 from ndtorch.binding.models.whole_field import BindingState
 from ndtorch.run.run import run_model
 from ndtorch.run.watchers import Picture, Watcher
-from ndtorch.scenes import equal_bars, one_bar, three_bars, two_bars
+from ndtorch.scenes import equal_bars, three_bars, two_bars
 from ndtorch.vision import FEATURES, GROUPS
 from ndtorch_train.superposed import Bars, Stimuli
 from tests.films import Films
@@ -65,36 +71,39 @@ def test_two_bars_are_a_red_and_a_green_object(films: Films) -> None:
 
 
 def test_two_bars_at_every_phase_that_tells_them_apart(bars: Bars) -> None:
-    """Superposed from films of each bar alone, which tests/train/test_superposed.py compares with rendered scenes."""
     stimuli, phases = Stimuli(bars), [*range(45, 151, 15), *range(210, 316, 15)]
     _, state = learn(stimuli.red(19.0) + stimuli.green(phases, 19.0))
     found = {phase: names(weights) for phase, weights in zip(phases, state.second.weights, strict=True)}
     assert found == {phase: ["red", "green"] for phase in phases}
 
 
-@pytest.mark.parametrize("phase", [120, *(pytest.param(phase, marks=pytest.mark.long) for phase in (45, 210, 315))])
+@pytest.mark.long
+@pytest.mark.parametrize("phase", [45, 120, 210, 315])
 def test_rendered_bars_at_some_of_those_phases(films: Films, phase: int) -> None:
     model, state = learn(films(two_bars, phase=float(phase)))
     assert [thing.neuron for thing in model.objects(state)] == ["red", "green"]
 
 
-def test_bars_in_phase_are_not_claimed_to_be_two_objects(films: Films) -> None:
-    model, state = learn(films(two_bars, phase=0.0))
+def test_bars_in_phase_are_not_claimed_to_be_two_objects(bars: Bars) -> None:
+    stimuli = Stimuli(bars)
+    model, state = learn(stimuli.red(19.0) + stimuli.green([0.0], 19.0)[0])
     assert not (model.verdict(state) == "stable" and len(model.objects(state)) == 2)
     assert model.verdict(state) == "learning"
 
 
-def test_one_bar_is_one_object(films: Films) -> None:
+def test_one_bar_is_one_object(bars: Bars) -> None:
     """[B fig. 10a-b]"""
-    model, state = learn(films(one_bar))
+    model, state = learn(Stimuli(bars).red(19.0))
     (red,) = model.objects(state)
     assert red.neuron == "red"
     assert red.features["right"] > red.features["down"]
 
 
-def test_three_bars_are_three_objects(films: Films) -> None:
-    """[B fig. 10e-f]"""
-    model, state = learn(films(three_bars))
+def test_three_bars_are_three_objects(bars: Bars) -> None:
+    """[B fig. 10e-f] At the phase and the offset that the scene has by default."""
+    scene, stimuli = inspect.signature(three_bars).parameters, Stimuli(bars)
+    green = stimuli.green([scene["phase"].default], 19.0)[0]
+    model, state = learn(stimuli.red(19.0) + green + stimuli.blue([scene["blue_offset"].default], 19.0)[0])
     found = model.objects(state)
     assert [thing.neuron for thing in found] == ["red", "green", "blue"]
     motion = [max(FEATURES[GROUPS["motion"]], key=lambda n: thing.features.get(n, 0)) for thing in found]
@@ -160,9 +169,10 @@ def test_only_the_competitive_rule_concentrates_weight_in_the_columns(
     assert low < share < high
 
 
-def test_a_high_learning_rate_that_alternates_is_found_out(films: Films) -> None:
+def test_a_high_learning_rate_that_alternates_is_found_out(bars: Bars) -> None:
     """Sample-to-sample oscillation: weights look like a table of objects and are none."""
-    model, state = learn(films(two_bars, phase=120.0), gamma=20.0)
+    stimuli = Stimuli(bars)
+    model, state = learn(stimuli.red(19.0) + stimuli.green([120.0], 19.0)[0], gamma=20.0)
     assert model.verdict(state) == "alternating"
     assert model.objects(state) == []
 
@@ -181,7 +191,7 @@ class Album(Watcher):
 def test_the_winner_stands_out_in_the_enhanced_image() -> None:
     """[C fig. 6] prints ratios of 6.2 and 4.1 at two moments where the input's ratio is about 1."""
     album = Album(after=10.0)
-    run_model(ndtorch.load("published"), two_bars(), pictures_per_second=5, watchers=(album,))
+    run_model(ndtorch.load("published"), two_bars(seconds=15), pictures_per_second=5, watchers=(album,))
     seen = {RED: 0, GREEN: 0}
     for picture in album.pictures:
         before = float(picture.frame[..., 0].max()) / float(picture.frame[..., 1].max())

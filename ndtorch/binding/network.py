@@ -57,6 +57,11 @@ class InhibitoryNetwork(nn.Module):
 
     Raises:
         InputError: inputs of another width or precision, NaN or infinity in them, or options out of range.
+
+    >>> network = InhibitoryNetwork(neurons=2, settle=0.0)
+    >>> outputs, state = network(torch.rand(50, 2))
+    >>> outputs.shape, state.weights.shape
+    (torch.Size([50, 2]), torch.Size([2, 2]))
     """
 
     initial: Tensor | None

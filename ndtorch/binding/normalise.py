@@ -47,6 +47,10 @@ class BindingInputs(nn.Module):
     Shapes:
         sums `[..., T, 10]` -> (inputs `[..., T, 10]`, scale `[..., T, 10]`), state. `scale` is each group's raw
         recent maximum M(t), the n(t) of [C eq. 11]. `None` settles on the first sample.
+
+    >>> (signals, scale), state = BindingInputs()(torch.rand(20, 10))
+    >>> signals.shape
+    torch.Size([20, 10])
     """
 
     def __init__(

@@ -94,6 +94,12 @@ def bound_objects(table: ObjectTable) -> list[BoundObject]:
 
     Raises:
         InputError: a table of a batch, or not of the ten features.
+
+    >>> from ndtorch.binding import object_table
+    >>> weights = torch.zeros(10, 10)
+    >>> weights[1, 7] = weights[4, 7] = 0.8
+    >>> bound_objects(object_table(weights))[0].features
+    {'right': 1.0, '0°': 1.0, 'red': 1.0}
     """
     if table.owners.shape != (len(FEATURES),):
         raise InputError(f"table must be of one network of ten neurons, got owners {tuple(table.owners.shape)}")
@@ -105,7 +111,12 @@ def bound_objects(table: ObjectTable) -> list[BoundObject]:
 
 
 def describe(thing: BoundObject) -> str:
-    """The object in words: "red, moving right and down, orientation between 0° and 120°"."""
+    """The object in words: "red, moving right and down, orientation between 0° and 120°".
+
+    >>> from ndtorch.binding import BoundObject
+    >>> describe(BoundObject('red', 7, {'red': 1.0, 'right': 0.9, '0°': 0.8}))
+    'red, moving right, orientation 0°'
+    """
 
     def present(names: tuple[str, ...]) -> list[str]:
         """Names that the object has, strongest first."""

@@ -289,6 +289,9 @@ def learning_rule(name: str, **constants: Any) -> Rule:
 
     Raises:
         InputError: unknown name of a rule, of a function or of a constant, or a constant out of range.
+
+    >>> learning_rule('competitive', gamma=2.0).gamma
+    2.0
     """
     if name not in RULES:
         raise InputError(f"rule must be one of {', '.join(RULES)}, got {name!r}{meant(name, RULES)}")

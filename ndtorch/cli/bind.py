@@ -35,7 +35,8 @@ class Bind(BindJob):
 
     Prints the objects and what they are worth, and writes them, pictures, the learned state and report.html, which
     shows it all, into a folder.
-    The model video, which is the default for files and cameras, finds objects over time: a timeline and an overlay.
+    The model figures, which is the default for files and cameras, finds objects over time: a timeline, boxes and an
+    overlay.
     """
 
     source: Annotated[str, tyro.conf.Positional] = BindJob.source

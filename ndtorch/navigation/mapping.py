@@ -32,6 +32,10 @@ class Grid:
 
     Raises:
         InputError: an empty rectangle, or one of more than 2^31 cells.
+
+    >>> grid = Grid(0.0, 8.0, -3.0, 3.0, cell=0.1)
+    >>> grid.rows, grid.columns
+    (60, 80)
     """
 
     left: float = -10.0

@@ -76,6 +76,13 @@ class Navigator(nn.Module):
     Raises:
         InputError: an unknown controller, or parameters of the other one; frames that cannot be used: two sizes,
             grey beside color, NaN or infinity; what was driven, or a start, that is not finite.
+
+    >>> from ndtorch.navigation import StereoRig
+    >>> navigator = Navigator(StereoRig(), dt=1 / 30)
+    >>> eyes = torch.randint(0, 256, (2, 1, 3, 480, 640), dtype=torch.uint8)
+    >>> command, state = navigator(*eyes)
+    >>> command.speed.shape, float(state.pose.x)
+    (torch.Size([1]), 0.0)
     """
 
     def __init__(

@@ -8,7 +8,7 @@ from torch import Tensor
 from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.navigation.near_floor import floor_likeness
 from ndtorch.navigation.near_params import NearParams
-from ndtorch.navigation.near_things import Near, near_things
+from ndtorch.navigation.near_things import Near, believed, near_things
 from ndtorch.navigation.rig import Rect, StereoRig
 from ndtorch.navigation.strips import grey_pair, row_rect
 
@@ -39,4 +39,5 @@ class NearCheck:
         floor = grey_pair(fields[0][None], fields[1][None], *self.rects, size)[0].float().numpy()
         by_kernel = kernels_wanted(*fields, *rows)
         likeness = floor_likeness(floor[0], floor[1], self.rects, self.rig, self.params, by_kernel)
-        return near_things(grey[0], grey[1], self.rig, self.params, by_kernel), likeness >= self.params.floor
+        near = near_things(grey[0], grey[1], self.rig, self.params, by_kernel)
+        return believed(near, likeness, self.rig, self.params), likeness >= self.params.floor

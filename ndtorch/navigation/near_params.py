@@ -20,6 +20,9 @@ class NearParams:
         texture: least mean step of brightness from pixel to pixel around a place.
         enough: places that must agree on something near.
         floor: correlation from which what both see right ahead is one floor.
+        unbroken: correlation from which nothing stands on that floor.
+        few: so many places on such a floor, or more, are believed all the same.
+        middle: how far to either side of the car's middle a thing would break that floor, m.
         floor_from, floor_to: depths of the floor right ahead that must be seen, m.
         floor_beside: how far to either side of the car's middle, m.
         tilt: rows by which the horizon may lie higher or lower than the rig says.
@@ -38,6 +41,9 @@ class NearParams:
     texture: float = 0.003
     enough: int = 5
     floor: float = 0.7
+    unbroken: float = 0.95
+    few: int = 12
+    middle: float = 0.1
     floor_from: float = 0.8
     floor_to: float = 1.15
     floor_beside: float = 0.15

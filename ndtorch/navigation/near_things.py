@@ -23,6 +23,23 @@ class Near(NamedTuple):
     y: Floats
 
 
+def believed(near: Near, likeness: float, rig: StereoRig, params: NearParams) -> Near:
+    """Near things without those that cannot be: on a floor that both eyes see unbroken.
+
+    What stands in the middle of the path, as far away as the floor that is compared, hides some of it. A mismatch of
+    two poles farther away does not. Much that agrees is believed all the same: below a sofa floor is seen.
+
+    Args:
+        near: what `near_things` has found.
+        likeness: of the floor right ahead, see `floor_likeness`.
+    """
+    p, depth = params, near.x - rig.forward
+    stands_there = (np.abs(near.y) <= p.middle) & (depth >= p.floor_from) & (depth <= p.floor_to)
+    if likeness < p.unbroken or len(near.x) >= p.few:
+        return near
+    return Near(near.x[~stands_there], near.y[~stands_there])
+
+
 NEIGHBORS = 4
 """Disparities this near to the best one do not count as elsewhere."""
 

@@ -56,6 +56,10 @@ class StereoRig:
 
     Raises:
         InputError: a number out of range.
+
+    >>> rig = StereoRig(baseline=0.2, width=320, height=240, focal=215.0)
+    >>> rig.subfields()[0]
+    Rect(top=149, bottom=163, left=102, right=145)
     """
 
     baseline: float = 0.30

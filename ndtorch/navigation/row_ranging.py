@@ -54,6 +54,12 @@ class RowRanging(nn.Module):
     Raises:
         InputError: frames that cannot be used, or NaN, infinity or values far beyond 1 in their rows; a horizon too
             near the border for the rows that are searched.
+
+    >>> from ndtorch.navigation import StereoRig
+    >>> rows = torch.rand(2, 4, 1, 1, 640)
+    >>> ranges, state = RowRanging(StereoRig(), dt=1 / 30)(*rows)
+    >>> ranges.left_range.shape
+    torch.Size([4, 5])
     """
 
     def __init__(

@@ -31,7 +31,14 @@ def strips(eye: Tensor | Strips) -> Strips:
 
 
 def cut_strips(frames: Tensor, field: Rect, rig: StereoRig, rows: int = 1) -> Strips:
-    """The subfield and the horizon row, or rows, of one camera's frames `[..., T, C, H, W]`, as views."""
+    """The subfield and the horizon row, or rows, of one camera's frames `[..., T, C, H, W]`, as views.
+
+    >>> from ndtorch.navigation import StereoRig
+    >>> rig = StereoRig()
+    >>> strips = cut_strips(torch.zeros(1, 3, 480, 640), rig.subfields()[0], rig)
+    >>> strips.row.shape
+    torch.Size([1, 3, 1, 640])
+    """
     return Strips(cut(frames, field), cut(frames, row_rect(rig, rows)))
 
 

@@ -135,7 +135,7 @@ def identity(model: str) -> str:
 
 
 def chosen(job: BindJob, source: str, model: str, kind: str) -> str:
-    """The model as the first line of a run names it: "video (default for files and cameras)"."""
+    """The model as the first line of a run names it: "figures (default for files and cameras)"."""
     if job.resume is not None:
         return f"{model} (that of the run that goes on)"
     if job.model is not None:

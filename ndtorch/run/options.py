@@ -22,7 +22,7 @@ class BindJob:
     """Scene, file, folder, camera or address."""
     model: str | None = None
     """Name of a model (published, scale-free, retinotopic, video, figures) or a folder of your own. The default is
-    published for scenes and video for files, folders, cameras and streams; no other option changes it."""
+    published for scenes and figures for files, folders, cameras and streams; no other option changes it."""
     seconds: float | None = None
     """Seconds to learn from a scene (default 15, the settling time comes on top), or to take of a video (all)."""
     phase: float | None = None
@@ -89,8 +89,8 @@ def given(job: BindJob, names: tuple[str, ...]) -> dict[str, Any]:
 
 
 def default_model(source: str) -> str:
-    """The model for a source when none is asked for: published for scenes, video for everything else."""
-    return "published" if source in SCENES else "video"
+    """The model for a source when none is asked for: published for scenes, figures for everything else."""
+    return "published" if source in SCENES else "figures"
 
 
 def check_options(job: BindJob, kind: str) -> None:

@@ -51,7 +51,11 @@ def one_bar(
     fps: float = 100.0,
     device: torch.device | str = "cpu",
 ) -> BarScene:
-    """The red bar of `two_bars` alone. [B §3.4.2] Arguments, shapes and errors as there."""
+    """The red bar of `two_bars` alone. [B §3.4.2] Arguments, shapes and errors as there.
+
+    >>> one_bar(seconds=2, fps=50).length
+    100
+    """
     bar = Bar(color, -30.0, (0.1 * size[1], 0.08 * size[0]), speed=speed, length=length, width=width)
     kind = _fluctuation(fluctuation, 0.0, 1, seed)
     return BarScene([bar], seconds, kind, size, fps, "one-bar", device)
@@ -100,6 +104,12 @@ def two_bars(
     Raises:
         InputError: an unknown fluctuation, a phase that is neither a number nor a list of them, batches
             that do not fit each other, or what `Bar` and `BarScene` refuse.
+
+    >>> scene = two_bars(seconds=0.2)
+    >>> next(iter(scene.chunks(8))).shape
+    torch.Size([8, 3, 500, 500])
+    >>> two_bars(phase=[0, 90]).batch
+    (2,)
     """
 
     def bars(lead: float, _: float) -> list[Bar]:
@@ -133,6 +143,9 @@ def three_bars(
 
     Everything else as in `two_bars`. With "distance" green leads red, and blue leads green, by `phase`.
     The blue bar stays clear of the others for the first 20 seconds.
+
+    >>> len(three_bars().bars)
+    3
     """
 
     def bars(lead: float, offset: float) -> list[Bar]:

@@ -79,6 +79,11 @@ class BarScene(RenderedScene):
     Raises:
         InputError: no bars, scenes with different numbers of bars, batches that do not fit each other, or a
             bar that does not fit into the image.
+
+    >>> from ndtorch.scenes import Bar
+    >>> scene = BarScene([Bar((1.0, 0.0, 0.0), 0.0, (20.0, 50.0))], seconds=0.5, size=(100, 100))
+    >>> scene.frames(0, 2).shape
+    torch.Size([2, 3, 100, 100])
     """
 
     def __init__(

@@ -59,7 +59,11 @@ SCENES: dict[str, NamedScene] = {
 
 
 def scene_names() -> list[str]:
-    """The names `make_scene` knows, in the order of the papers."""
+    """The names `make_scene` knows, in the order of the papers.
+
+    >>> scene_names()[:3]
+    ['one-bar', 'two-bars', 'three-bars']
+    """
     return list(SCENES)
 
 
@@ -68,6 +72,9 @@ def make_scene(name: str, **options: Any) -> FrameSource:
 
     Raises:
         InputError: an unknown name, an option this scene does not have, or a value its builder refuses.
+
+    >>> make_scene('two-bars', seconds=1.0, phase=60).length
+    100
     """
     if name not in SCENES:
         raise InputError(f"scene must be one of {', '.join(SCENES)}; got {name!r}{meant(name, SCENES)}")

@@ -43,6 +43,9 @@ def moving_bar(
 
     Raises:
         InputError: angles that are not finite or do not fit each other, or what `Bar` and `BarScene` refuse.
+
+    >>> moving_bar([0.0, 90.0, 180.0]).frames(0, 4).shape
+    torch.Size([3, 4, 3, 100, 100])
     """
     at = _middle(size) if start is None else start
     angles = pairs("direction", direction, "orientation", direction if orientation is None else orientation)
@@ -76,6 +79,9 @@ def static_bar(
 
     Raises:
         InputError: as `moving_bar`.
+
+    >>> static_bar(torch.tensor([0.0, 90.0])).shape
+    torch.Size([2, 3, 100, 100])
     """
     scene = moving_bar(
         0.0,

@@ -44,7 +44,7 @@ def open_video(
         start, stop: the first frame of the source and the one after the last; None for all of it.
         fit: "crop" scales until the image covers `size` and cuts off what sticks out; "stretch" scales both
             sides separately; "reduce" keeps the whole image and its aspect (within the rounding of the width to a
-            multiple of 8), and is quicker.
+            multiple of 8), is quicker, and never enlarges: fewer rows than `size` asks for come as they are.
 
     Returns:
         A source of frames `[T, 3, H, W]` uint8, red, green and blue.
@@ -77,7 +77,8 @@ def open_video(
         raise
     if fit == "reduce":
         height, width = reader.size
-        size = (size[0], max(8, round(size[0] * width / height / 8) * 8))
+        rows = min(size[0], height)
+        size = (rows, max(8, round(rows * width / height / 8) * 8))
     return VideoSource(reader, name, fps or reader.fps, size, first, stop, fit)
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import struct
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -132,25 +134,34 @@ class VideoWriter:
         self._written += 1
 
     def close(self) -> None:
-        """Finish the file. Closing twice does nothing.
+        """Finish the file; without any frame there is none. Closing twice does nothing.
 
         Raises:
             InputError: what was written cannot be read again, as on a full disk, of which the encoders say nothing.
         """
         was, self._open = self._open, False
         self._writer.close()
-        if was and self._written and not self.is_whole():
+        if was and not self._written:
+            self.path.unlink(missing_ok=True)
+        elif was and not self.is_whole():
             raise InputError(f"video {self.path} is not whole: the disk may be full")
 
     def is_whole(self) -> bool:
-        """Whether the file that was closed opens, and promises all frames."""
+        """Whether the file that was closed opens, promises all frames, and has the last of them."""
         import cv2
 
+        if self.path.suffix.lower() == ".avi" and not as_long_as_it_says(self.path):
+            return False
         with quiet_opencv():
             capture = cv2.VideoCapture(str(self.path))
             # Some containers count a frame less or more than were given.
+            last = self._written - 2
             promised = capture.get(cv2.CAP_PROP_FRAME_COUNT) if capture.isOpened() else 0
-            whole = promised >= self._written - 1 and bool(capture.grab())
+            whole = promised > last and bool(capture.grab())
+            if whole and last > 0:
+                # A header may be written again after the disk was full, and promise what is not there.
+                capture.set(cv2.CAP_PROP_POS_FRAMES, last)
+                whole = capture.get(cv2.CAP_PROP_POS_FRAMES) >= last and bool(capture.grab())
             capture.release()
         return whole
 
@@ -161,3 +172,10 @@ class VideoWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def as_long_as_it_says(path: Path) -> bool:
+    """Whether an .avi has as many bytes as its first chunk claims."""
+    with path.open("rb") as file:
+        name, length = struct.unpack("<4sI", file.read(8).ljust(8, b"\0"))
+        return bool(name == b"RIFF" and file.seek(0, os.SEEK_END) >= 8 + length)

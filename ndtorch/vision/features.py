@@ -62,6 +62,10 @@ class VisualFeatures(nn.Module):
 
     Raises:
         InputError: frames of another shape, size or type, or that hold NaN or infinite values.
+
+    >>> sums, state = VisualFeatures(size=(100, 100))(torch.rand(8, 3, 100, 100))
+    >>> sums.shape
+    torch.Size([8, 10])
     """
 
     def __init__(

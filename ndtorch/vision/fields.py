@@ -35,6 +35,10 @@ def field_weights(points: Tensor, length: float, fields: int, border: Edge = "wr
     Raises:
         InputError: another shape or border, no field, more fields than pixels, or points other than finite numbers
             `[points]`.
+
+    >>> weights = field_weights(torch.arange(100.0), 100.0, 5)
+    >>> weights.shape, bool((weights.sum(0) - weights.sum(0).mean()).abs().max() < 1e-5)
+    (torch.Size([5, 100]), True)
     """
     if shape not in SHAPES:
         raise InputError(f"shape must be one of {', '.join(SHAPES)}, got {shape!r}")

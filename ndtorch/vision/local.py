@@ -11,6 +11,7 @@ from ndtorch.vision.fields import field_weights
 from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.motion import MotionState, correlate
 from ndtorch.vision.one_pass import field_pass, fresh, one_pass_fits
+from ndtorch.vision.paired_grids import PairFields, pair_fields
 
 
 class LocalFeatures(nn.Module):
@@ -29,6 +30,11 @@ class LocalFeatures(nn.Module):
 
     Raises:
         InputError: fewer than 3 fields, more fields than pixels, or frames that cannot be used.
+
+    >>> from ndtorch.vision import VisualFeatures
+    >>> signals, state = LocalFeatures(VisualFeatures(size=(60, 80)), fields=5)(torch.rand(2, 3, 60, 80))
+    >>> signals.shape
+    torch.Size([2, 5, 7, 10])
     """
 
     rows: Tensor
@@ -47,7 +53,7 @@ class LocalFeatures(nn.Module):
         self.spacing = min(height, width) / fields
         self.grid = (round(height / self.spacing), round(width / self.spacing))
         self.border = features.motion.border
-        self._made: dict[torch.dtype, tuple[Tensor, Tensor, Tensor]] = {}
+        self._made: dict[torch.dtype, tuple[tuple[Tensor, ...], PairFields]] = {}
         for name, length, count in zip(("rows", "columns"), features.size, self.grid, strict=True):
             # A pixel lies at n + 1/2, and what two neighbours make of a motion between them.
             self.register_buffer(name, field_weights(torch.arange(length) + 0.5, length, count, self.border))
@@ -94,23 +100,25 @@ class LocalFeatures(nn.Module):
         """Frames `[T, 3, H, W]` by kernels."""
         orientation = self.features.orientation
         into, out = fresh(frames), []
+        tables, fields = self._tables(into.slow.dtype)
+        arrays = [table.numpy() for table in tables]
         for frame in frames.unbind(0):
             sums = torch.empty(7, *self.grid, dtype=torch.float64)
-            tables = [table.numpy() for table in self._tables(into.slow.dtype)]
-            rows = field_pass(frame, state, self.features.motion, orientation.thinning, into, tables, sums.numpy())
-            size = orientation.magnitudes_of_rows(rows)
-            pooled = (self.dog_rows.to(size).unsqueeze(1) @ size @ self.dog_columns.to(size).unsqueeze(1).mT).sum(0)
-            out.append(torch.cat([sums[:4].to(size), pooled, sums[4:].to(size)]))
+            rows = field_pass(frame, state, self.features.motion, orientation.thinning, into, arrays, sums.numpy())
+            pooled = orientation.fields_of_rows(rows, fields)
+            out.append(torch.cat([sums[:4].to(pooled), pooled, sums[4:].to(pooled)]))
             state = into
         return torch.stack(out), into
 
-    def _tables(self, kind: torch.dtype) -> tuple[Tensor, Tensor, Tensor]:
-        """Weights of fields as the kernel takes them: `columns`, `places`, `shares`."""
+    def _tables(self, kind: torch.dtype) -> tuple[tuple[Tensor, ...], PairFields]:
+        """Weights of fields as kernels take them: `columns`, `starts`, `places`, `shares`; those of orientation."""
         if kind not in self._made:
-            columns = torch.stack([self.columns, self.columns_between]).to(kind)
             rows = torch.stack([self.rows, self.rows_between]).to(kind)
-            shares, places = rows.topk(2, 1)
-            self._made[kind] = (columns, places.mT.contiguous(), shares.mT.contiguous())
+            places = rows.topk(2, 1).indices.sort(1).values
+            shares = rows.gather(1, places)
+            columns, starts = narrowed(torch.stack([self.columns, self.columns_between]).to(kind))
+            tables = (columns, starts, places.mT.contiguous(), shares.mT.contiguous())
+            self._made[kind] = (tables, pair_fields(self.dog_rows.to(kind), self.dog_columns.to(kind)))
         return self._made[kind]
 
     def _pool(self, images: Tensor, between: int = 0) -> Tensor:
@@ -140,3 +148,21 @@ class LocalFeatures(nn.Module):
         size = self.features.orientation.magnitudes(image)  # [..., grids, 3, h, w]
         rows, columns = self.dog_rows.to(size.dtype), self.dog_columns.to(size.dtype)
         return (rows.unsqueeze(1) @ size @ columns.unsqueeze(1).mT).sum(-4)
+
+
+def narrowed(weights: Tensor) -> tuple[Tensor, Tensor]:
+    """Of weights `[..., W]` those that are not zero, `[..., K]`, and where on their line they begin, `[...]`.
+
+    They follow each other around the line: K is as many as the widest has, from its first one to its last.
+    """
+    there, length = weights > 0, weights.shape[-1]
+    # The gap that ends at each point, looking back around the line; the weights begin after the longest.
+    gap = torch.zeros_like(there[..., 0], dtype=torch.int64)
+    gaps = []
+    for point in [*range(length), *range(length)]:
+        gaps.append(gap)
+        gap = torch.where(there[..., point], 0, gap + 1)
+    starts = torch.stack(gaps[length:], -1).where(there, -1).argmax(-1)
+    turned = weights.gather(-1, (starts.unsqueeze(-1) + torch.arange(length)) % length)
+    count = length - (turned.flip(-1) > 0).to(torch.uint8).argmax(-1)
+    return turned[..., : int(count.max())].contiguous(), starts

@@ -37,6 +37,12 @@ class NDMin(nn.Module):
     Raises:
         InputError: time constants out of range, or x that is not a dense floating point tensor of finite numbers with
             at least four dimensions.
+
+    >>> row = torch.zeros(5, 1, 1, 40)
+    >>> row[2:, ..., 20:] = 1.0  # it becomes bright at once, and stays so
+    >>> motion, state = NDMin(dt=1 / 30)(row)
+    >>> (motion > 0.01).flatten(1).any(1)
+    tensor([False, False,  True,  True, False])
     """
 
     def __init__(self, tau_high: float = 0.005, dt: float = 1 / 30) -> None:
@@ -128,6 +134,9 @@ def spatial_maximum(x: Tensor) -> Tensor:
         `[..., T, C]`, one estimate for each channel.
     Raises:
         InputError: x with fewer than four dimensions.
+
+    >>> spatial_maximum(torch.tensor([0.0, 0.0, 1.0, 0.0, 0.0]).view(1, 1, 1, 5))
+    tensor([[1.]])
     """
     time_dim(x, 3)
     return x.flatten(-2).abs().amax(-1)

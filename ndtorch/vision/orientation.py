@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from ndtorch.errors import InputError
 from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.motion import Border, check_border
-from ndtorch.vision.paired_grids import Pairs, pair_up, responses, weighted_sums
+from ndtorch.vision.paired_grids import PairFields, field_sums, pair_up, responses, weighted_sums
 from ndtorch.vision.thinning import (
     halve_rows,
     halving_gain,
@@ -88,6 +88,12 @@ class OrientedDoG(nn.Module):
     Shapes:
         frames `[..., C, H, W]` with C = 3 or 1 and one leading dim or more -> `[..., 3, H, W]`, signed.
         No state: call it with whatever frames you have.
+
+    >>> image = torch.zeros(1, 1, 100, 100)
+    >>> image[..., 40:60, 49:52] = 1.0  # an upright bar
+    >>> filtered = OrientedDoG((100, 100))(image)  # at 0, 60 and 120 degrees
+    >>> filtered.shape, int(filtered.abs().sum((-2, -1)).argmax())
+    (torch.Size([1, 3, 100, 100]), 0)
     """
 
     spectrum: Tensor
@@ -151,8 +157,9 @@ class OrientedDoG(nn.Module):
         inside = (self.row_weights, self.column_weights)
         if border == "wrap":  # nothing lies outside
             inside = (torch.ones_like(self.row_weights), torch.ones_like(self.column_weights))
-        for name, part in zip(Pairs._fields, pair_up(self.fast_spectrum, *inside), strict=True):
-            self.register_buffer(f"pair_{name}", part)
+        self.register_buffer("pair_filters", pair_up(self.fast_spectrum, self.grid[1]))
+        self.register_buffer("pair_rows", inside[0])
+        self.register_buffer("pair_columns", inside[1].T.flatten())
 
     def extra_repr(self) -> str:
         return f"size={self.size}, border={self.border!r}, exact={self.exact}, grid={self.grid}"
@@ -202,18 +209,16 @@ class OrientedDoG(nn.Module):
         """`sums` by kernels of a grey image of which rows are mirrored and halved already, see `thinning`."""
         if self.exact:
             return self.images(rows).abs().sum((-1, -2))
-        return weighted_sums(*self._responses_of_rows(rows))
+        return weighted_sums(self._responses_of_rows(rows), self.pair_rows, self.pair_columns)
 
-    def magnitudes_of_rows(self, rows: Tensor) -> Tensor:
-        """`magnitudes` `[2, 3, h, w]` by kernels of such rows."""
-        found, _ = self._responses_of_rows(rows)
-        return found.abs_().movedim(-1, 0)
+    def fields_of_rows(self, rows: Tensor, fields: PairFields) -> Tensor:
+        """Sums over fields `[3, R, C]` by kernels of such rows."""
+        return field_sums(self._responses_of_rows(rows), fields)
 
-    def _responses_of_rows(self, rows: Tensor) -> tuple[Tensor, Pairs]:
+    def _responses_of_rows(self, rows: Tensor) -> Tensor:
         left = self.margin[1]
         rows = F.pad(rows[None], (left, left), mode="reflect")[0] if left else rows
-        pairs = Pairs(self.pair_filters, self.pair_rows, self.pair_columns)
-        return responses(self._columns(rows), pairs), pairs
+        return responses(self._columns(rows), self.pair_filters)
 
     def _columns(self, rows: Tensor) -> Tensor:
         """The spectrum of halved rows, without high frequencies along rows."""

@@ -10,49 +10,79 @@ from torch import Tensor
 
 from ndtorch.kernels.load import kernel
 
+FAINT = 1e-12
+"""Share of the largest value of a filter below which it is zero: the numbers at its far ends are so small that a
+processor takes a hundred times as long for some of them, and nothing of them is left in a sum."""
 
-class Pairs(NamedTuple):
-    """What the filters and the weights of two grids become.
+
+class PairFields(NamedTuple):
+    """Weights with which magnitudes on both grids are summed over R' x C' fields.
 
     Attributes:
-        filters: spectra `[F, R, C]`, complex: of the first grid plus i times of the second, so that the responses on
-            the first are the real part of an inverse transform, and those on the second its imaginary part.
-        rows: weights of rows, `[2, R]`.
-        columns: weights of columns, the two grids in turn, `[2 C]`.
+        places: the two rows of fields to which a row of each grid belongs, `[2, R, 2]`.
+        shares: how much, `[2, R, 2]`.
+        columns: weights in each column of fields, `[2, C', 2 C]`: the points of the two grids in turn, and zero for
+            those of the other grid.
     """
 
-    filters: Tensor
-    rows: Tensor
+    places: Tensor
+    shares: Tensor
     columns: Tensor
 
 
-def pair_up(spectra: Tensor, rows: Tensor, columns: Tensor) -> Pairs:
-    """From half spectra `[2, F, R, C / 2 + 1]` and weights `[2, R]` and `[2, C]`.
+def pair_up(spectra: Tensor, points: int) -> Tensor:
+    """One complex spectrum a filter, `[F, R, C]`, from half spectra `[2, F, R, C / 2 + 1]` of two grids `points` wide.
 
-    Frequencies that are their own mirror image must be zero, or real.
+    It is the first plus i times the second: the responses on the first grid are the real part of its inverse
+    transform, those on the second the imaginary part. Frequencies that are their own mirror image must be zero, or
+    real.
     """
-    points = columns.shape[-1]
     back = -torch.arange(spectra.shape[-2]) % spectra.shape[-2]
     mirrored = spectra[..., back, 1 : (points + 1) // 2].conj().flip(-1)
     first, second = torch.cat([spectra, mirrored], -1)
-    return Pairs(first + 1j * second, rows, columns.T.flatten())
+    both = first + 1j * second
+    size = both.abs()
+    kept: Tensor = both.where(size >= FAINT * size.amax((-2, -1), keepdim=True), 0)
+    return kept
 
 
-def responses(columns: Tensor, pairs: Pairs) -> Tensor:
-    """Of a half spectrum `[N, C / 2 + 1]` of an image: `[F, R, C, 2]`, both grids last.
+def pair_fields(rows: Tensor, columns: Tensor) -> PairFields:
+    """From weights `[2, R', R]` and `[2, C', C]` of the points of both grids, of which at most two rows are not zero
+    at a point."""
+    shares, places = rows.mT.topk(2, -1)
+    line = columns.new_zeros(2, columns.shape[-2], columns.shape[-1], 2)
+    line[0, ..., 0], line[1, ..., 1] = columns[0], columns[1]
+    return PairFields(places.contiguous(), shares.contiguous(), line.flatten(-2))
+
+
+def responses(columns: Tensor, filters: Tensor) -> Tensor:
+    """Of a half spectrum `[N, C / 2 + 1]` of an image, by filters as of `pair_up`: `[F, R, C, 2]`, both grids last.
 
     As large as those of `torch.fft.irfft2` times the number of points.
     """
-    spectrum, filters = columns.numpy(), pairs.filters.to(columns.dtype).numpy()
-    out = np.empty(filters.shape, filters.dtype)
-    kernel("pair_spectrum", out.dtype).run(spectrum, filters, out)
+    spectrum, wanted = columns.numpy(), filters.to(columns.dtype).numpy()
+    out = np.empty(wanted.shape, wanted.dtype)
+    kernel("pair_spectrum", out.dtype).run(spectrum, wanted, out)
     return torch.view_as_real(torch.fft.ifft2(torch.from_numpy(out)))
 
 
-def weighted_sums(found: Tensor, pairs: Pairs) -> Tensor:
-    """Sums over both grids of the magnitudes of `responses`, `[F]`."""
+def weighted_sums(found: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
+    """Sums over both grids of the magnitudes of `responses`, `[F]`.
+
+    Args:
+        rows: weights of rows, `[2, R]`.
+        columns: weights of columns, the two grids in turn, `[2 C]`.
+    """
     values = found.flatten(-2).numpy()
-    rows, columns = (weights.to(found.dtype).numpy() for weights in pairs[1:])
     sums = np.empty(len(values), values.dtype)
-    kernel("pair_sums", values.dtype).run(values, rows, columns, sums)
+    kernel("pair_sums", values.dtype).run(values, rows.to(found.dtype).numpy(), columns.to(found.dtype).numpy(), sums)
+    return torch.from_numpy(sums)
+
+
+def field_sums(found: Tensor, fields: PairFields) -> Tensor:
+    """Sums over both grids of the magnitudes of `responses` in every field, `[F, R', C']`."""
+    values = found.flatten(-2).numpy()
+    shares, columns = (weights.to(found.dtype).numpy() for weights in fields[1:])
+    sums = np.empty((len(values), int(fields.places.max()) + 1, columns.shape[1]), values.dtype)
+    kernel("pair_fields", values.dtype).run(values, fields.places.numpy(), shares, columns, sums)
     return torch.from_numpy(sums)

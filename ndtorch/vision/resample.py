@@ -37,6 +37,10 @@ class Resample(nn.Module):
 
     Raises:
         InputError: steps out of range, or x that is not a dense floating point tensor of finite numbers.
+
+    >>> double, state = Resample(dt_in=0.04, dt_out=0.02)(torch.arange(4.0).unsqueeze(-1))
+    >>> double.shape
+    torch.Size([7, 1])
     """
 
     def __init__(self, dt_in: float, dt_out: float) -> None:

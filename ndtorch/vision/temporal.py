@@ -56,6 +56,10 @@ class LowPass(nn.Module):
     Raises:
         InputError: time constants out of range, or x that is not a dense floating point tensor of finite numbers with
             at least `sample_dims + 1` dimensions.
+
+    >>> smooth, state = LowPass(tau=1.0, dt=0.5, sample_dims=0)(torch.tensor([0.0, 1.0, 1.0]))
+    >>> smooth
+    tensor([0.0000, 0.3333, 0.5556])
     """
 
     def __init__(self, tau: float, dt: float, sample_dims: int = 3) -> None:
@@ -85,6 +89,10 @@ class HighPass(nn.Module):
     """First-order high-pass over time: what the low-pass of the same `tau` leaves, `x - l`.
 
     A constant input gives exactly zero. Shapes, state and errors as `LowPass`.
+
+    >>> change, state = HighPass(tau=1.0, dt=0.5, sample_dims=0)(torch.tensor([0.0, 1.0, 1.0]))
+    >>> change
+    tensor([0.0000, 0.6667, 0.4444])
     """
 
     def __init__(self, tau: float, dt: float, sample_dims: int = 3) -> None:
@@ -107,6 +115,10 @@ class RecentMax(nn.Module):
 
     Shapes:
         x `[..., T, N]` -> `[..., T, N]`. `state=None` behaves as if the first sample had been there for ever.
+
+    >>> largest, state = RecentMax(seconds=2.0, dt=1.0)(torch.tensor([[3.0], [1.0], [0.0], [0.0]]))
+    >>> largest.flatten()
+    tensor([3., 3., 1., 0.])
     """
 
     def __init__(self, seconds: float, dt: float) -> None:

@@ -126,7 +126,7 @@ def pose_error(poses: Floats, true: Floats) -> tuple[Floats, Floats]:
 def grey_row(eye: Strips | object, rig: StereoRig) -> npt.NDArray[np.uint8]:
     """The horizon row of one camera."""
     row = eye.row if isinstance(eye, Strips) else eye[..., rig.row : rig.row + 1, :]  # type: ignore[index]
-    grey: npt.NDArray[np.uint8] = row[0, :, 0].float().mean(0).round().byte().numpy()
+    grey: npt.NDArray[np.uint8] = np.rint(row[0, :, 0].numpy().mean(0, dtype=np.float32)).astype(np.uint8)
     return grey
 
 

@@ -66,7 +66,8 @@ def write_evaluation_page(rows: Sequence[Row], note: str, folder: Path) -> Path:
     drives = sum(len(row.drives) for row in rows)
     hours = sum(row.hours for row in rows)
     hits = round(sum(row.hours * row.collisions_h for row in rows))
-    answer = [f"{drives} drives, {hours:.2f} simulated hours, {hits} collisions.", note]
+    counted = f"{drives} {'drive' if drives == 1 else 'drives'}", f"{hits} {'collision' if hits == 1 else 'collisions'}"
+    answer = [f"{counted[0]}, {hours:.2f} simulated hours, {counted[1]}.", note]
     kept = columns_of(rows)
     table = Table("All drives together", [COLUMNS[k] for k in kept], [[cells(row)[k] for k in kept] for row in rows])
     picture = Shown(

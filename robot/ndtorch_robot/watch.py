@@ -127,11 +127,10 @@ class CameraWatch:
         self.last = [eye.field for eye in eyes]
         for k, name in enumerate(NAMES):
             darkest = DARK * 255 if eyes[k].row.dtype == torch.uint8 else DARK
-            floor = eyes[k].field
             alone = self.together or not same[1 - k]
-            # Something must be in it: a blank wall that fills the subfield looks the same from everywhere.
-            mixed = bool((floor.amax((-2, -1)) > floor.amin((-2, -1))).any())
-            stuck = same[k] and alone and abs(speed) > MOVING and mixed
+            # Something must be in it: a blank wall that fills the subfield looks the same from everywhere. Asked last,
+            # for it takes longest.
+            stuck = same[k] and alone and abs(speed) > MOVING and mixed(eyes[k].field)
             self.dark[k] = self.dark[k] + 1 if float(eyes[k].row.max()) <= darkest else 0
             self.frozen[k] = self.frozen[k] + 1 if stuck else 0
             if self.dark[k] >= self.patience:
@@ -241,3 +240,8 @@ class CameraWatch:
                 f"{self.rig.width}x{self.rig.height} are wanted",
             )
         return cut_strips(eye, self.fields[k], self.rig)
+
+
+def mixed(field: Tensor) -> bool:
+    """Whether pixels of a picture `[..., C, h, w]` differ."""
+    return bool((field.amax((-2, -1)) > field.amin((-2, -1))).any())

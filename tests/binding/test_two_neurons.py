@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import torch
@@ -10,11 +11,13 @@ from numpy.testing import assert_allclose
 from ndtorch.binding import InhibitoryNetwork, learning_rule, solutions, spectral_radius
 from ndtorch.binding.learning import NetworkState
 
-ONE = [[0.0, 0.7], [0.0, 0.6]]
-TWO = [[0.6, 0.7], [0.7, 0.6]]
+Mixing = tuple[tuple[float, float], tuple[float, float]]
+
+ONE: Mixing = ((0.0, 0.7), (0.0, 0.6))
+TWO: Mixing = ((0.6, 0.7), (0.7, 0.6))
 
 
-def mixed(mixing: list[list[float]], seconds: float) -> torch.Tensor:
+def mixed(mixing: Mixing, seconds: float) -> torch.Tensor:
     """Mixture of two sinusoids, `[T, 2]`. [C eq. 42-43]"""
     t = torch.arange(round(seconds * 1000), dtype=torch.float64) * 0.001
     sources = torch.stack([torch.sin(2 * math.pi * 2 * t), torch.sin(2 * math.pi * t)], -1)
@@ -32,7 +35,8 @@ def network(rule: str) -> InhibitoryNetwork:
     )
 
 
-def learn(rule: str, mixing: list[list[float]], seconds: float) -> tuple[torch.Tensor, NetworkState]:
+@functools.cache
+def learn(rule: str, mixing: Mixing, seconds: float) -> tuple[torch.Tensor, NetworkState]:
     """Outputs and state after `seconds`."""
     return network(rule)(mixed(mixing, seconds))
 

@@ -35,8 +35,8 @@ pytest.importorskip("numba")
 
 DT = 1 / 30
 RIG = StereoRig(width=320, height=240, focal=215.0, pitch=0.1, forward=0.15)
-# Every kind is compiled, which takes a minute for all kernels together; double precision is the rarest.
-KINDS = (torch.uint8, torch.float32, pytest.param(torch.float64, marks=pytest.mark.long))
+# Every kind is compiled, which takes a minute for all kernels together; frames of cameras are of whole numbers.
+KINDS = (torch.uint8, *(pytest.param(kind, marks=pytest.mark.long) for kind in (torch.float32, torch.float64)))
 
 
 def pairs(dtype: torch.dtype, channels: int = 3, frames: int = 5) -> tuple[Tensor, Tensor]:

@@ -41,8 +41,8 @@ def random_run(seed, *batch, steps=6, count=3):
 
 
 def test_cells_against_fine_sampling_of_the_formula():
-    """Mean of the printed certainty over every cell, from 8x8 points each, at a turned and shifted pose."""
-    grid, fine = Grid(0.0, 3.0, -0.5, 2.5), 8
+    """Mean of the printed certainty over every cell, from 5x5 points each, at a turned and shifted pose."""
+    grid, fine = Grid(0.0, 3.0, -0.5, 2.5), 5
     ranges, pose = ranges_of([[[1.6, 0.3], [1.1, -0.2]]]), poses([0.4, 0.2, 0.5])
     cells, _ = GridMap(RIG, grid)(ranges, pose)
     place = (torch.arange(300 * fine, dtype=torch.float64) + 0.5) / (100 * fine)
@@ -144,9 +144,9 @@ def test_log_odds():
     assert at(0.8, 0.0) < 0.4  # the line of sight
     assert at(2.5, 0.0) == 0.5  # behind it nothing is known
     assert at(0.8, 0.5) == 0.5
-    for _ in range(2000):
+    for _ in range(200):
         state = mapper.update(*look, state)
-    assert state.cells.abs().max() <= mapper.odds.limit
+    assert float(state.cells.abs().max()) == mapper.odds.limit
     # It changes its mind: something is now seen through the place.
     further = ranges_of([[[2.1, 0.0]]]), look[1]
     for _ in range(200):

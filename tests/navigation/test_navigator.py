@@ -259,7 +259,7 @@ def test_a_step_that_caution_slowed_goes_on_from_the_slower_one(monkeypatch):
     """Its numbers are no more those that the kernel left: the next step gathers them anew."""
     pytest.importorskip("numba")
     navigator = Navigator(RIG, DT, controller="published")
-    left, right = frames(4)
+    left, right = ((255 * eye).to(torch.uint8) for eye in frames(4))
     with torch.inference_mode():
         whole, eyes = navigator.whole_step(), [strips(eye[:1]) for eye in (left, right)]
         step = whole(*eyes, None, None, None)
@@ -274,3 +274,12 @@ def test_a_step_that_caution_slowed_goes_on_from_the_slower_one(monkeypatch):
         assert float(slower.speed) == float(changed.command.speed) == 0.5 * float(command.speed)
         _, went = navigator(left[1:2], right[1:2], changed)
     assert float(went.pose.x) == pytest.approx(0.5 * float(navigator(left[1:2], right[1:2], state)[1].pose.x))
+
+
+def test_a_navigator_that_was_warmed_up_answers_as_any_other():
+    """Without a frame to warm up with, it takes one of its cameras' size."""
+    left, right = frames(5, 1)
+    warm, cold = (Navigator(RIG, DT, controller="published") for _ in range(2))
+    warm.warm_up()
+    for one, other in zip(warm(left[0], right[0])[0], cold(left[0], right[0])[0], strict=True):
+        assert torch.equal(one, other)

@@ -10,7 +10,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import Command, Navigator, Pose, StereoRig
 from ndtorch.navigation.near_floor import floor_likeness
 from ndtorch.navigation.near_params import NearParams
-from ndtorch.navigation.near_things import compared, compared_by_kernel, near_things
+from ndtorch.navigation.near_things import Near, believed, compared, compared_by_kernel, near_things
 from ndtorch.tree import leaves
 
 RIG = StereoRig(forward=0.15)
@@ -75,6 +75,18 @@ def test_floor_is_floor():
     things, likeness = looked(*pair(0.4, paint=0.0))  # nor of a blank wall
     assert len(things.x) == 0
     assert likeness == 0.0
+
+
+def test_few_places_on_an_unbroken_floor_are_a_mismatch():
+    def left_of(x, y, likeness=0.99, count=6):
+        near = Near(np.full(count, x, np.float32), np.full(count, y, np.float32))
+        return len(believed(near, likeness, RIG, NearParams()).x)
+
+    assert left_of(1.08, 0.08) == 0
+    assert left_of(1.08, 0.08, likeness=0.9) == 6  # something breaks the floor
+    assert left_of(1.08, 0.08, count=12) == 12  # a sofa, below which floor is seen
+    assert left_of(0.6, 0.0) == 6  # nearer than the floor that is compared
+    assert left_of(1.08, -0.15) == 6  # beside it
 
 
 def test_what_stands_beside_does_not_hide_the_floor_ahead():

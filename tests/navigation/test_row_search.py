@@ -106,7 +106,10 @@ def test_places_ahead_are_kept_and_three_rows_are_better_than_one():
     assert not search_rows(pair, SearchParams(count=8), (300, 340)).left[:6].eq(kept.left[:6]).all()
 
 
-@pytest.mark.parametrize("kind", [torch.uint8, torch.float32, torch.float64])
+# Every kind is compiled, for seconds; frames of cameras are of whole numbers.
+@pytest.mark.parametrize(
+    "kind", [torch.uint8, *(pytest.param(kind, marks=pytest.mark.long) for kind in (torch.float32, torch.float64))]
+)
 def test_kernels_and_torch_find_the_same(kind):
     pytest.importorskip("numba")
     rows = torch.stack([texture(seed=seed) for seed in (1, 2, 3)])

@@ -94,7 +94,9 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[str]]:
 def test_draws_four_pictures_and_says_what_they_show(
     result: RunResult, drawn: dict[str, list[str]], tmp_path: Path
 ) -> None:
+    before = "matplotlib.pyplot" in sys.modules
     paths = figures.draw_all(result, tmp_path / "new" / "folder")
+    assert ("matplotlib.pyplot" in sys.modules) == before  # its state is the user's
     assert [path.name for path in paths] == NAMES
     for path in paths:
         picture = matplotlib.image.imread(path)
@@ -218,9 +220,3 @@ def test_palette_has_a_distinct_style_for_every_feature() -> None:
     for place, name in enumerate(("red", "green", "blue")):
         assert np.argmax(rgb(name)) == place
         assert rgb(name) == rgb(7 + place)
-
-
-def test_drawing_leaves_pyplot_alone(result: RunResult, tmp_path: Path) -> None:
-    before = "matplotlib.pyplot" in sys.modules
-    figures.draw_all(result, tmp_path)
-    assert ("matplotlib.pyplot" in sys.modules) == before

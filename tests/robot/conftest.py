@@ -1,16 +1,21 @@
-"""Buildings are painted once in a process: a seed decides what one looks like, and painting takes longer than a short
-drive."""
+"""What takes longer than a short drive is done once in a process, or seldom: a building is painted once (a seed decides
+what it looks like), there is one OpenGL context, and the garbage collector passes through the objects of all tests
+before every tenth drive."""
 
 from __future__ import annotations
 
 import copy
+import gc
+import itertools
 from collections.abc import Iterator
-from functools import lru_cache
+from functools import cache, lru_cache
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from ndtorch_robot.sim import simulation
+from ndtorch_robot import car
+from ndtorch_robot.sim import cameras, gl, simulation
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -25,4 +30,29 @@ def painted_once() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(simulation, "build", copied)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_context() -> Iterator[None]:
+    """Cameras make what they draw into anew, in a context that stays."""
+    make = cache(lambda: gl.make_context(640, 480))
+
+    def kept(width: int, height: int) -> Any:
+        make().make_current()
+        return SimpleNamespace(make_current=make().make_current, free=lambda: None)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cameras, "make_context", kept)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def seldom_collected() -> Iterator[None]:
+    drives = itertools.count()
+    sparing = SimpleNamespace(
+        collect=lambda: gc.collect() if next(drives) % 10 == 0 else 0, freeze=gc.freeze, unfreeze=gc.unfreeze
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(car, "gc", sparing)
         yield

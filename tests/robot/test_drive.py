@@ -43,14 +43,8 @@ def test_same_seed_same_drive():
 
 
 def test_looking_changes_nothing():
-    config = DriveConfig(arena="curve", seed=1, seconds=1)
+    config = DriveConfig(arena="curve", seed=1, seconds=0.5)
     same(drive(config), drive(config.model_copy(update={"whole": True})))
-
-
-def test_true_odometry_is_true():
-    record = drive(DriveConfig(arena="curve", seed=1, seconds=6, controller="published")).record
-    assert record.turns >= 1
-    assert np.abs(record.array("pose") - record.array("believed")).max() < 2e-3
 
 
 def test_noisy_odometry_drifts():
@@ -76,7 +70,7 @@ def test_collision_restarts_and_keeps_the_map():
 
 def test_blank_walls_stop_or_drive_on():
     """Between blank walls the floor alone is seen; facing one the published rule stops, is counted, and goes on."""
-    result = drive(DriveConfig(arena="room", seed=4, seconds=30, walls="blank", controller="published"))
+    result = drive(DriveConfig(arena="room", seed=4, seconds=12, walls="blank", controller="published"))
     stops = int((np.diff(record_mode(result) == STOPPED, prepend=0) == 1).sum())
     assert result.summary["stopped"] == len(result.stops) == stops
 
@@ -164,6 +158,8 @@ def test_published_rule_in_the_curve(seconds, turns):
     result = drive(DriveConfig(arena="curve", seed=11, seconds=seconds, controller="published"))
     assert result.summary["collisions"] == 0
     assert result.summary["turns"] >= turns
+    # True odometry is true.
+    assert np.abs(result.record.array("pose") - result.record.array("believed")).max() < 2e-3
     wrong = drive(
         DriveConfig(arena="curve", seed=11, seconds=8, controller="published"),
         steer=lambda c: DriveCommand(c.speed, -c.curvature),

@@ -18,6 +18,7 @@ OPTIONS = (
 
 
 @needs_gl
+@pytest.mark.slow
 @pytest.mark.parametrize("options", OPTIONS, ids=("published", "ranging", "goal"))
 def test_no_kernel_is_loaded_on_the_way(options, monkeypatch):
     loaded, first = [], load.Kernel.first

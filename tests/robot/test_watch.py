@@ -5,6 +5,7 @@ import torch
 
 from ndtorch.commands import main
 from ndtorch.errors import InputError
+from ndtorch.kernels import switch
 from ndtorch.navigation import StereoRig, Strips
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import DRAWN, drive
@@ -117,11 +118,13 @@ def test_the_car_is_stopped_first(monkeypatch, fault):
         frames = read(self)
         kept.append(frames)
         worlds.append(self)
+        if len(kept) <= 20:
+            return frames
         if fault == "frozen":
-            return frames._replace(right=kept[0].right) if len(kept) > 20 else frames
+            return frames._replace(right=kept[0].right)
+        monkeypatch.setattr(switch, "switched_on", lambda: False)  # kernels for such frames take seconds to compile
         left, right = frames.left / 255, frames.right / 255
-        if len(kept) > 20:
-            left[0, 0, 240, 5] = torch.nan
+        left[0, 0, 240, 5] = torch.nan
         return frames._replace(left=left, right=right)
 
     monkeypatch.setattr(Simulation, "read", faulty)

@@ -35,7 +35,7 @@ VALUES: dict[str, Any] = {
 def test_the_default_model_is_that_of_the_kind_of_source() -> None:
     assert default_model("two-bars") == "published"
     for place in ("clip.mp4", "frames", "camera:0", "rtsp://10.0.0.1/stream"):
-        assert default_model(place) == "video"
+        assert default_model(place) == "figures"
 
 
 @pytest.mark.parametrize("option", sorted(KNOWN_BY))

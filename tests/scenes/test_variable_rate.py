@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 
@@ -19,38 +21,69 @@ TIMES = [n / 50 for n in range(25)] + [0.5 + n / 25 for n in range(75)] + [3.5 +
 FROM, TO = 1.0, 3.0
 
 
-def clip(path: Path, suffix: str) -> Path:
-    """A red square is there from 1 to 3 s, going right; frames have the time stamps `TIMES`."""
+def encode(path: Path, scene: Callable[[float], torch.Tensor], times: list[float], size: tuple[int, int]) -> None:
+    """A film of `scene`, which gives the picture of a time in seconds, with these time stamps."""
     av = pytest.importorskip("av")
-    path = path / f"clip.{suffix}"
-    still = ground()
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=25, options={"bf": "0", "crf": "20"})
-        stream.height, stream.width = SIZE
+        stream.height, stream.width = size
         stream.pix_fmt = "yuv420p"
         stream.time_base = stream.codec_context.time_base = Fraction(1, 1000)
-        for time in TIMES:
-            picture = still.clone()
-            if FROM <= time < TO:
-                left = round(85 * (time - FROM))
-                picture[:, 44:68, left : left + 24] = torch.tensor([0.8, 0.2, 0.2])[:, None, None]
-            pixels = (picture * 255).to(torch.uint8).permute(1, 2, 0).numpy()
+        for time in times:
+            pixels = (scene(time) * 255).to(torch.uint8).permute(1, 2, 0).numpy()
             frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels), format="rgb24")
             frame.pts, frame.time_base = round(1000 * time), Fraction(1, 1000)
             container.mux(stream.encode(frame))
         container.mux(stream.encode())
-    return path
 
 
-@pytest.mark.parametrize("suffix", ["mp4", "mkv"])
-def test_an_object_is_reported_when_it_is_there(tmp_path: Path, suffix: str) -> None:
+def clip(path: Path, suffix: str) -> Path:
+    """A red square is there from 1 to 3 s, going right; frames have the time stamps `TIMES`."""
+    still = ground()
+
+    def passing(time: float) -> torch.Tensor:
+        picture = still.clone()
+        if FROM <= time < TO:
+            left = round(85 * (time - FROM))
+            picture[:, 44:68, left : left + 24] = torch.tensor([0.8, 0.2, 0.2])[:, None, None]
+        return picture
+
+    encode(path / f"clip.{suffix}", passing, TIMES, SIZE)
+    return path / f"clip.{suffix}"
+
+
+@pytest.mark.parametrize(("suffix", "model"), [("mp4", "video"), ("mkv", "video"), ("mp4", "figures")])
+def test_an_object_is_reported_when_it_is_there(tmp_path: Path, suffix: str, model: str) -> None:
     source = open_video(clip(tmp_path, suffix), SIZE)
-    result = run_model(ndtorch.load("video", size=SIZE, fps=source.fps), source, pictures_per_second=0)
+    result = run_model(ndtorch.load(model, size=SIZE, fps=source.fps), source, pictures_per_second=0)
     assert result.simulated_seconds == pytest.approx(TIMES[-1] + 1 / 8, abs=0.15)
     (thing,) = result.objects
     assert (thing.color, thing.direction) == ("red", "right")
     assert FROM <= thing.first_seen < FROM + 0.7
     assert TO - 0.5 < thing.last_seen < TO + 0.2
+
+
+def test_the_retinotopic_model_tells_when_it_came_and_how_fast_it_goes(tmp_path: Path) -> None:
+    """The bar stays in view: what is gone is no object of this model any more."""
+    side, speed, came = 160, 40, 1.0
+    times = [n / 50 for n in range(40)] + [0.8 + n / 25 for n in range(20)] + [1.6 + n / 16 for n in range(28)]
+    path = tmp_path / "bar.mp4"
+
+    def bar(time: float) -> torch.Tensor:
+        picture = torch.full((3, side, side), 0.2)
+        if time >= came:
+            left = round(10 + speed * (time - came))
+            picture[0, 60:80, left : left + 8] = 0.2 + 0.4 * (1 + math.sin(2 * math.pi * 1.1 * time))
+        return picture
+
+    encode(path, bar, times, (side, side))
+    source = open_video(path, (side, side))
+    model = ndtorch.load("retinotopic", size=source.size, fps=source.fps, border="reflect")
+    (thing,) = run_model(model, source, pictures_per_second=0).objects
+    assert thing.first_seen is not None
+    assert abs(thing.first_seen - came) < 0.3
+    assert thing.velocity is not None
+    assert abs(thing.velocity[0] - speed) < 0.25 * speed
 
 
 def test_a_rate_that_is_given_takes_frames_as_they_follow(tmp_path: Path) -> None:

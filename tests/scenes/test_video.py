@@ -398,3 +398,22 @@ def test_a_video_that_was_not_written_to_its_end_is_told(tmp_path):
     os.truncate(tmp_path / "clip.mp4", 100)
     with pytest.raises(InputError, match="not whole: the disk may be full"):
         video.close()
+
+
+@pytest.mark.parametrize("name", ["clip.avi", "clip.mkv"])
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
+def test_a_video_that_promises_what_is_cut_off_is_told(tmp_path, name, share):
+    """The header of a film is written again at its end: a disk that was full meanwhile leaves a good one."""
+    video = VideoWriter(tmp_path / name, 25, SIZE)
+    for _ in range(20):
+        video.write(torch.rand(3, *SIZE))
+    video._writer.close()
+    os.truncate(tmp_path / name, int(share * (tmp_path / name).stat().st_size))
+    with pytest.raises(InputError, match="not whole: the disk may be full"):
+        video.close()
+
+
+def test_a_video_without_frames_is_no_file(tmp_path):
+    for name in ("clip.mp4", "clip.mkv", "clip.avi"):
+        VideoWriter(tmp_path / name, 25, SIZE).close()
+    assert list(tmp_path.iterdir()) == []

@@ -17,7 +17,8 @@ pytest.importorskip("numba")
 
 # Long enough for two grids to be thinned out and rows to be halved, and narrow enough to be quick.
 SIZE = (400, 40)
-KINDS = (torch.uint8, torch.float32, torch.float64)
+# Every kind is compiled, for seconds; double precision is the rarest.
+KINDS = (torch.uint8, torch.float32, pytest.param(torch.float64, marks=pytest.mark.long))
 
 
 def noise(dtype: torch.dtype, frames: int = 4, size: tuple[int, int] = SIZE) -> Tensor:

@@ -19,10 +19,11 @@ from ndtorch.binding.readout.owners import features_by_group
 from ndtorch.binding.tracking.figures import Figure, figures_of, table_of
 from ndtorch.binding.tracking.following import follow
 from ndtorch.binding.tracking.regions import holes, parted, regions_of
+from ndtorch.binding.tracking.shades import Light, shade_of
 from ndtorch.errors import InputError
 from ndtorch.vision.camera.figure_signals import FigureSignals
 from ndtorch.vision.camera.figures import ground_start, ground_step
-from ndtorch.vision.features import FEATURES
+from ndtorch.vision.features import FEATURES, GROUPS
 from ndtorch.vision.frames import as_float, check_frames
 
 
@@ -84,13 +85,14 @@ class FiguresModel(BindingModel):
         seen, waiting, counted = state.seen, state.waiting, int(state.frames)
         began, time = int(state.began), float(state.time)
         open_, closing = figures_of(state.open), list[Figure]()
-        rows, shapes, masks, times, who = [], [], [], [], []
+        rows, shapes, masks, times, who, cuts = [], [], [], [], [], list[bool]()
         for k, frame in enumerate(frames):
             waiting = waiting + torch.from_numpy(self._small(frame))
             if (counted + k + 1) % self.group:
                 continue
             time = (counted + k) / self.fps
-            signals, seen, open_, late, began = self._step((waiting / self.group).numpy(), seen, open_, time, began)
+            picture = (waiting / self.group).numpy()
+            signals, seen, open_, late, began, cut = self._step(picture, seen, open_, time, began)
             waiting = torch.zeros_like(waiting)
             closing += [one for one in late if one.known]
             rows.append(signals)
@@ -99,6 +101,7 @@ class FiguresModel(BindingModel):
             known[[one.number + 1 for one in open_ if one.known]] = 1
             masks.append(torch.from_numpy(known[seen.silhouettes.numpy()]))
             times.append(time)
+            cuts.append(cut)
             who.append([one for one in open_ if one.last_seen == time])
         inputs = outputs = torch.zeros(0, self.config.fields.most, 10)
         level, network = state.level, state.network
@@ -124,7 +127,8 @@ class FiguresModel(BindingModel):
         )
         pictures = torch.stack(shapes) if shapes else torch.zeros(0, *self.small, dtype=torch.int32)
         mask = torch.stack(masks) if masks else pictures.to(torch.uint8)
-        return FiguresSignals(inputs, outputs, pictures, mask, torch.tensor(times, dtype=torch.float64)), after
+        at = torch.tensor(times, dtype=torch.float64)
+        return FiguresSignals(inputs, outputs, pictures, mask, at, torch.tensor(cuts, dtype=torch.bool)), after
 
     def _start(self) -> FiguresState:
         """The state before the first frame."""
@@ -138,19 +142,21 @@ class FiguresModel(BindingModel):
         """A frame `[3, H, W]` as a small picture `[3, h, w]`, 0..1."""
         import cv2
 
-        pixels = frame.permute(1, 2, 0).contiguous()
-        if pixels.dtype != torch.uint8:
-            pixels = as_float(pixels).float()
-            if not torch.isfinite(pixels.sum()):
+        if frame.dtype != torch.uint8:
+            frame = as_float(frame).float()
+            if not torch.isfinite(frame.sum()):
                 raise InputError("frames must be finite, got NaN or infinite values")
-        shrunk = cv2.resize(pixels.cpu().numpy(), self.small[::-1], interpolation=cv2.INTER_AREA)
-        planes = np.stack(cv2.split(shrunk))
-        return planes * np.float32(1 / 255) if planes.dtype == np.uint8 else planes
+        # Plane by plane: to lay colors beside each other costs more.
+        small = np.empty((3, *self.small), np.float32)
+        for plane, to in zip(frame.cpu().numpy(), small, strict=True):
+            to[:] = cv2.resize(plane, self.small[::-1], interpolation=cv2.INTER_AREA)
+        return small * np.float32(1 / 255) if frame.dtype == torch.uint8 else small
 
     def _step(
         self, picture: Any, seen: SeenState | None, open_: list[Figure], time: float, began: int
-    ) -> tuple[Tensor, SeenState, list[Figure], list[Figure], int]:
-        """Signals, memory, tracks, tracks that are gone, and tracks begun, after one picture `[3, h, w]`."""
+    ) -> tuple[Tensor, SeenState, list[Figure], list[Figure], int, bool]:
+        """Signals, memory, tracks, tracks that are gone, tracks begun, and whether a new scene begins, after one
+        picture `[3, h, w]`."""
         import cv2
 
         g, t = self.config.ground, self.config.tracking
@@ -160,6 +166,11 @@ class FiguresModel(BindingModel):
             blank = torch.zeros(shape)
             seen = SeenState(ground_start(picture, g), blank.to(torch.int32), blank, None)
         standing, ground = ground_step(picture, seen.ground, seen.kept.numpy(), self.dt, g)
+        if standing.cut:
+            # What was followed is gone; a new scene starts as a film does.
+            blank = torch.zeros(shape)
+            after = SeenState(ground, blank.to(torch.int32), blank, None)
+            return torch.zeros(self.config.fields.most, 10), after, [], open_, began, True
         quiet = ground.quiet.numpy()
         # Plain parts of what moves are still too, and no holes.
         moving = np.zeros(began + 2, bool)
@@ -173,7 +184,9 @@ class FiguresModel(BindingModel):
             ground = ground._replace(mean=mean)
         figure = standing.figure & ~hole
         regions = parted(regions_of(figure, smallest, t.gap), t.notch, smallest)
-        open_, late, silhouettes = follow(open_, time, regions, standing.picture, began, self.dt, t)
+        light = Light(standing.picture, standing.ground, self.config.shades)
+        seen_for = (int(ground.frames) - 1) * self.dt
+        open_, late, silhouettes = follow(open_, time, seen_for, regions, standing.picture, light, began, self.dt, t)
         began = max([began, *(one.number + 1 for one in open_)])
         keep = np.zeros(began + 2, np.float32)
         for one in open_:
@@ -184,7 +197,7 @@ class FiguresModel(BindingModel):
         here, behind = torch.from_numpy(standing.picture), torch.from_numpy(standing.ground)
         signals, fields = self.fields(here, behind, shape_of, seen.fields)
         after = SeenState(ground, shape_of, torch.from_numpy(kept), fields)
-        return signals, after, open_, late, began
+        return signals, after, open_, late, began, False
 
     def _each(self, frames: Tensor, state: Any) -> tuple[FiguresSignals, Any]:
         """One film after the other."""
@@ -234,11 +247,12 @@ class FiguresModel(BindingModel):
             boxes.append((left * height * across, top * height, right * height * across, bottom * height))
         _, x, y = path[-1]
         index = int(one.outputs.argmax())
-        row = features_by_group(torch.from_numpy(one.inputs)).tolist()
+        row, shade = features_by_group(torch.from_numpy(one.inputs)).tolist(), shade_of(one.shades)
+        hues = () if shade is None else FEATURES[GROUPS["color"]]
         return BoundObject(
             FEATURES[index],
             index,
-            {name: value for name, value in zip(FEATURES, row, strict=True) if value > 0},
+            {name: value for name, value in zip(FEATURES, row, strict=True) if value > 0 and name not in hues},
             place=(x, y),
             velocity=(float(one.velocity[1]) * height * across, float(one.velocity[0]) * height),
             first_seen=one.first_seen,
@@ -246,5 +260,6 @@ class FiguresModel(BindingModel):
             track=one.number,
             heading=(x - path[0][1], y - path[0][2]),
             path=tuple(path),
+            shade=shade,
             boxes=tuple(boxes),
         )

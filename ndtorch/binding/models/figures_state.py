@@ -11,6 +11,7 @@ from ndtorch.binding.learning import NetworkState
 from ndtorch.binding.models.video import FieldNormalise, SharedNetwork
 from ndtorch.binding.tracking.figure_params import FigureParams
 from ndtorch.binding.tracking.figures import FigureTable
+from ndtorch.binding.tracking.shades import ShadeParams
 from ndtorch.config import ModelConfig, Size
 from ndtorch.vision.camera.figure_signals import FieldsState, SignalParams
 from ndtorch.vision.camera.figures import GroundParams, GroundState
@@ -28,6 +29,7 @@ class FiguresConfig(ModelConfig):
     normalise: FieldNormalise = Field(default_factory=FieldNormalise)
     network: SharedNetwork = Field(default_factory=SharedNetwork)
     tracking: FigureParams = Field(default_factory=FigureParams)
+    shades: ShadeParams = Field(default_factory=ShadeParams)
 
 
 class FiguresSignals(NamedTuple):
@@ -40,6 +42,7 @@ class FiguresSignals(NamedTuple):
             int32.
         mask: 1 where a track is that was known to be an object by then, 0 elsewhere, `[..., T', h, w]` uint8.
         time: seconds since the first frame, `[T']` float64.
+        cut: whether a new scene begins, `[T']` bool: nothing of it is known yet, and nothing stands out.
     """
 
     inputs: Tensor
@@ -47,6 +50,7 @@ class FiguresSignals(NamedTuple):
     silhouettes: Tensor
     mask: Tensor
     time: Tensor
+    cut: Tensor
 
 
 class SeenState(NamedTuple):

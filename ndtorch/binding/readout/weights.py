@@ -30,6 +30,11 @@ def object_table(
 
     A neuron owns an object when the weights it sends, after normalisation to the largest weight and removal of
     those under `smallest_weight`, sum to more than `smallest_column`. All zero weights give no object.
+
+    >>> weights = torch.zeros(10, 10)
+    >>> weights[1, 7] = weights[4, 7] = 0.8  # from red to right and to 0°
+    >>> object_table(weights).owners.nonzero().tolist()
+    [[7]]
     """
     kept = simplified(weights, smallest_weight)
     owners = kept.sum(-2) > smallest_column

@@ -30,6 +30,7 @@ class FigureTable(NamedTuple):
         start: place at which it began, `[N, 2]`; moved: time at which it last moved on, `[N]`.
         rest: place at that time, `[N, 2]`.
         inputs, outputs: of the network, sums over its sightings, `[N, 10]`.
+        shades: how much of it was white, grey, black, and colored, sums over its sightings, `[N, 4]`.
         length: sightings of every track, `[N]` int64.
         path: all their sightings, track after track, `[P, 10]`: time, and in shares of the height row and column of its
             middle, top, left, bottom and right, pixels, and row and column by which it is followed.
@@ -45,6 +46,7 @@ class FigureTable(NamedTuple):
     rest: Tensor
     inputs: Tensor
     outputs: Tensor
+    shades: Tensor
     length: Tensor
     path: Tensor
 
@@ -63,6 +65,7 @@ class Figure:
     rest: Numbers
     inputs: Numbers
     outputs: Numbers
+    shades: Numbers
     before: Numbers
     late: list[tuple[float, ...]] = field(default_factory=list)
 
@@ -118,6 +121,7 @@ def figures_of(table: FigureTable) -> list[Figure]:
         table.rest.numpy(),
         table.inputs.numpy(),
         table.outputs.numpy(),
+        table.shades.numpy(),
         paths,
         strict=True,
     )
@@ -142,6 +146,7 @@ def table_of(figures: Sequence[Figure]) -> FigureTable:
         stacked([one.rest for one in figures], 2),
         stacked([one.inputs for one in figures], 10),
         stacked([one.outputs for one in figures], 10),
+        stacked([one.shades for one in figures], 4),
         torch.tensor([len(path) for path in paths], dtype=torch.int64),
         torch.from_numpy(np.concatenate(paths)) if paths else torch.zeros(0, SIGHTING, dtype=torch.float64),
     )

@@ -10,14 +10,17 @@ from ndtorch.binding.tracking.figure_params import FigureParams
 from ndtorch.binding.tracking.figures import FOLLOWED, PIXELS, SIGHTING, Figure, Numbers
 from ndtorch.binding.tracking.meeting import apart, meeting, visible
 from ndtorch.binding.tracking.regions import Floats, Labels, Regions
+from ndtorch.binding.tracking.shades import Light
 from ndtorch.binding.tracking.silhouettes import Sighting, bounds, share, sighting
 
 
 def follow(
     figures: list[Figure],
     time: float,
+    seen_for: float,
     regions: Regions,
     picture: Floats,
+    light: Light,
     began: int,
     dt: float,
     p: FigureParams,
@@ -30,8 +33,10 @@ def follow(
     Args:
         figures: open tracks; those that are seen are changed.
         time: seconds.
+        seen_for: seconds since the scene began.
         regions: of this step.
         picture: `[3, h, w]`.
+        light: in which it was taken.
         began: tracks begun so far.
         dt: seconds of a step.
         p: constants.
@@ -72,12 +77,12 @@ def follow(
     shared = {one.number for _, ones in groups for one in ones}
     boxes = bounds(silhouettes, began)
     for one in kept:
-        seen = sighting(one, silhouettes, boxes, picture, one.number in shared)
+        seen = sighting(one, silhouettes, boxes, picture, light, one.number in shared)
         if seen is not None:
             add(one, time, seen, p)
     for one in kept:
         if (
-            time >= p.warm_up
+            seen_for > p.warm_up - dt / 2
             and not one.known
             and one.last_seen == time
             and travels(one, dt, p)
@@ -97,7 +102,9 @@ def travels(one: Figure, dt: float, p: FigureParams) -> bool:
     far = float(np.hypot(*(np.array(one.last[FOLLOWED]) - one.start)))
     span = one.last_seen - one.first_seen
     seen = (len(one.before) + len(one.late)) * dt
-    return far >= p.travel * one.size and span >= p.shortest and seen >= p.steady * (span + dt)
+    # Small pieces of noise, leaves and a codec's blocks wander by more than their own size.
+    enough = max(p.travel * one.size, p.way) if p.travel else 0.0
+    return far >= enough and span >= p.shortest and seen >= p.steady * (span + dt)
 
 
 def part_of_another(one: Figure, others: Sequence[Figure], p: FigureParams) -> bool:
@@ -118,12 +125,14 @@ def part_of_another(one: Figure, others: Sequence[Figure], p: FigureParams) -> b
 def start(number: int, time: float, place: Numbers) -> Figure:
     """A track without sightings."""
     two, ten = np.zeros(2), np.zeros(10)
-    return Figure(number, False, two, two, np.zeros(3), place, time, place, ten, ten, np.zeros((0, SIGHTING)))
+    none = np.zeros((0, SIGHTING))
+    return Figure(number, False, two, two, np.zeros(3), place, time, place, ten, ten, np.zeros(4), none)
 
 
 def add(one: Figure, time: float, seen: Sighting, p: FigureParams) -> None:
     """Take a sighting. In a shared region the size is remembered, not seen."""
     place, pixels = seen.place, seen.pixels
+    one.shades = one.shades + seen.shades
     if one.late or len(one.before):
         gap = time - one.last_seen
         there = one.expected(time, p.ahead)

@@ -36,6 +36,9 @@ def regions_of(figure: Bools, smallest: float, gap: int) -> Regions:
     import cv2
 
     mask = figure.astype(np.uint8)
+    if not figure.any():
+        none = np.zeros(0, np.int64)
+        return Regions(np.zeros(figure.shape, np.int32), none.reshape(0, 4), none)
     if gap:
         mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((gap + 1, gap + 1), np.uint8)), np.uint8)
     # What an object encloses is its own.
@@ -114,10 +117,12 @@ def holes(figure: Bools, still: Bools, picture: Floats, ground: Floats, smallest
     """
     import cv2
 
-    quiet = regions_of(figure & still, smallest, 0)
-    count = len(quiet.areas)
-    if not count:
+    where = figure & still
+    # Mostly nothing is there, and regions are dear.
+    quiet = regions_of(where, smallest, 0) if where.any() else None
+    if quiet is None or not len(quiet.areas):
         return np.zeros(figure.shape, bool)
+    count = len(quiet.areas)
     # Nothing beyond these regions is looked at.
     top, left = np.maximum(quiet.boxes[:, :2].min(0) - 3, 0)
     bottom, right = quiet.boxes[:, 2:].max(0) + 3

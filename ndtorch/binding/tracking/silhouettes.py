@@ -9,17 +9,19 @@ import numpy.typing as npt
 
 from ndtorch.binding.tracking.figures import Figure, Numbers
 from ndtorch.binding.tracking.regions import Floats, Labels
+from ndtorch.binding.tracking.shades import Light
 
 
 class Sighting(NamedTuple):
     """What a track gets at one step: row and column of its pixel nearest to their mean, middle of its box, height and
-    width, pixels, color, and whether it shares its region."""
+    width, pixels, color, shares of white, grey, black and hues, and whether it shares its region."""
 
     inner: Numbers
     place: Numbers
     extent: Numbers
     pixels: float
     color: Numbers
+    shades: Numbers
     shared: bool
 
 
@@ -69,6 +71,7 @@ def sighting(
     silhouettes: Labels,
     boxes: dict[int, tuple[int, int, int, int, int]],
     picture: Floats,
+    light: Light,
     shared: bool,
 ) -> Sighting | None:
     """What the silhouettes show of a track; None if nothing."""
@@ -77,10 +80,11 @@ def sighting(
     height = silhouettes.shape[0]
     top, left, bottom, right, pixels = boxes[one.number + 1]
     window = silhouettes[top:bottom, left:right] == one.number + 1
-    color = picture[:, top:bottom, left:right][:, window].mean(1).astype(np.float64)
+    inside = picture[:, top:bottom, left:right][:, window]
+    color = inside.mean(1).astype(np.float64)
     place = np.array([(top + bottom) / 2, (left + right) / 2]) / height
     extent = np.array([bottom - top, right - left]) / height
     rows, columns = np.nonzero(window)
     k = int(((rows - rows.mean()) ** 2 + (columns - columns.mean()) ** 2).argmin())
     inner = np.array([rows[k] + top + 0.5, columns[k] + left + 0.5]) / height
-    return Sighting(inner, place, extent, pixels / height**2, color, shared)
+    return Sighting(inner, place, extent, pixels / height**2, color, light.shares(inside), shared)

@@ -12,6 +12,8 @@ from ndtorch.arguments import check_tensor
 from ndtorch.binding.covariance import sample_step
 from ndtorch.binding.tracking.params import WindowParams
 from ndtorch.errors import InputError
+from ndtorch.kernels.load import kernel
+from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.vision.alpha_beta import corrected, predicted
 from ndtorch.vision.features import GROUPS
 from ndtorch.vision.motion import Border, check_border
@@ -129,6 +131,7 @@ class Windows(nn.Module):
         a = self.dt / (self.params.tau_low + self.dt)
         counts, low = [], state.low
         step: int | Tensor = state.steps if torch.compiler.is_compiling() else int(state.steps)
+        number = self.confirmed(state).sum(-1)
         for sample in signals.unbind(-4):
             low = torch.lerp(low, sample, a)
             due = step % self.every == 0
@@ -136,10 +139,12 @@ class Windows(nn.Module):
                 # An exported program cannot skip an update: it keeps what was before.
                 after = windows_step(low, state, self)
                 state = WindowState(*(torch.where(due, new, old) for new, old in zip(after, state, strict=True)))
+                number = self.confirmed(state).sum(-1)
             elif due:
-                state = windows_step(low, state, self)
+                state = (by_kernel if fits(low, state) else windows_step)(low, state, self)
+                number = self.confirmed(state).sum(-1)
             step = step + 1
-            counts.append(self.confirmed(state).sum(-1))
+            counts.append(number)
         return torch.stack(counts, -1), state._replace(low=low, steps=torch.zeros((), dtype=torch.int64) + step)
 
     def offset(self, difference: Tensor) -> Tensor:
@@ -159,6 +164,28 @@ class Windows(nn.Module):
         if self.border == "wrap":
             place = torch.remainder(place, place.new_tensor(self.grid) * self.spacing)
         return place.flip(-1), (state.velocity * self.spacing).flip(-1)
+
+
+def fits(low: Tensor, state: WindowState) -> bool:
+    """Whether signals `[R, C, 10]` and a state can go to the kernel."""
+    return (
+        low.ndim == 3 and kernels_wanted(low, *state) and all(s.dtype == low.dtype for s in (state.peak, state.light))
+    )
+
+
+def by_kernel(low: Tensor, state: WindowState, windows: Windows) -> WindowState:
+    """`windows_step` of one trial by a kernel."""
+    from ndtorch.kernels.windows_update import WindowNumbers
+
+    changed = [part.clone() for part in state[1:-1]]
+    p = windows.params
+    numbers = WindowNumbers(
+        windows.every * windows.dt, *(float(getattr(p, name)) for name in WindowNumbers._fields[1:])
+    )
+    arrays = [part.numpy() for part in changed]
+    arrays[0] = arrays[0].reshape(1)
+    kernel("windows_update", low.dtype).run(low.contiguous().numpy(), *arrays, numbers, windows.border == "wrap")
+    return WindowState(low=state.low, **dict(zip(WindowState._fields[1:-1], changed, strict=True)), steps=state.steps)
 
 
 def windows_step(low: Tensor, state: WindowState, windows: Windows) -> WindowState:

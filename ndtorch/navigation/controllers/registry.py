@@ -42,7 +42,11 @@ def load_own() -> None:
 
 
 def controller_names() -> tuple[str, ...]:
-    """The names of all controllers, the default first."""
+    """The names of all controllers, the default first.
+
+    >>> controller_names()
+    ('ranging', 'goal', 'published')
+    """
     load_own()
     return (DEFAULT_CONTROLLER, *sorted(name for name in _kinds if name != DEFAULT_CONTROLLER))
 
@@ -67,5 +71,9 @@ def make_controller(name: str, rig: StereoRig, dt: float, params: Any = None) ->
 
     Raises:
         InputError: no such controller, or parameters of another one.
+
+    >>> from ndtorch.navigation import StereoRig
+    >>> type(make_controller('ranging', StereoRig(), 1 / 30)).__name__
+    'RangingControl'
     """
     return controller_class(name)(rig, dt, params)

@@ -49,7 +49,12 @@ class GroundParams(Constants):
     speckle: int = Field(3, ge=1, description="side of the window in which most must stand out, and of what is left")
     surprise: float = Field(3.0, gt=0, description="the noise learns no more at a time than so many times itself")
     soft: int = Field(3, ge=1, description="side of the window that smooths pictures before motion is told")
-    cut: float = Field(0.7, gt=0, le=1, description="share of the picture standing out that makes it a new scene")
+    cut: float = Field(0.7, gt=0, le=1, description="share of the picture standing out that makes it a new scene,")
+    block: int = Field(8, ge=1, description="or means of blocks of so many pixels, where noise is little:")
+    most: float = Field(0.6, gt=0, le=1, description="more than this share of them differs from those before")
+    other: float = Field(0.02, gt=0, description="by more than this,")
+    alike: float = Field(0.25, ge=-1, le=1, description="and their correlation with those before is below this")
+    tau_exposure: float = Field(10.0, ge=0, description="the ground takes on the exposure of the pictures")
 
 
 class GroundState(NamedTuple):
@@ -67,13 +72,14 @@ class GroundState(NamedTuple):
 
 
 class Standing(NamedTuple):
-    """One step's result: exposure-corrected picture and background `[3, h, w]`, the picture in grey, and which pixels
-    stand out, `[h, w]`."""
+    """One step's result: exposure-corrected picture and background `[3, h, w]`, the picture in grey, which pixels
+    stand out, `[h, w]`, and whether a new scene begins."""
 
     picture: Floats
     ground: Floats
     grey: Floats
     figure: Bools
+    cut: bool
 
 
 def ground_start(picture: Floats, p: GroundParams) -> GroundState:
@@ -130,13 +136,13 @@ def ground_step(
     raw, ground, deviation = picture, state.mean.numpy(), state.deviation.numpy()
     gain = exposure(picture, ground, p)
     some = np.abs(picture[:, ::4, ::4] / gain[:, None, None] - ground[:, ::4, ::4]).reshape(3, -1)
-    noise = np.maximum(np.median(some, axis=1) / MEDIAN_SIZE, p.least_noise).astype(np.float32)
+    noise = np.maximum(medians(some) / MEDIAN_SIZE, p.least_noise).astype(np.float32)
     picture, grey, light, out, may_be = stand_out(picture, gain, ground, deviation, noise, p)
     known = state.known.numpy()
     seen = int(state.frames) + 1
-    if out.mean() > p.cut:
-        return Standing(raw, raw, grey_of(raw), np.zeros(out.shape, bool)), ground_start(raw, p)
     soft = softened(picture, p.soft)
+    if np.count_nonzero(out) > p.cut * out.size or new_scene(raw, gain, soft, state, p):
+        return Standing(raw, raw, grey_of(raw), np.zeros(out.shape, bool), True), ground_start(raw, p)
     quiet, restless = stillness(soft, out, state, dt, p)
     needed = p.still * p.settle / max(p.settle, seen * dt)
     mean, spread, settled = learn(picture, ground, deviation, noise, (kept, quiet, known), (needed, dt, seen), p)
@@ -163,7 +169,7 @@ def ground_step(
     # A pixel alone is noise; a gap of a pixel is none.
     square = np.ones((p.speckle, p.speckle), np.uint8)
     figure = np.asarray(cv2.morphologyEx(most_of(figure, p.speckle), cv2.MORPH_OPEN, square))
-    return Standing(picture, ground, grey, np.asarray(figure > 0)), after
+    return Standing(picture, ground, grey, np.asarray(figure > 0), False), after
 
 
 def most_of(image: Bytes, side: int) -> Bytes:
@@ -247,9 +253,9 @@ def stillness(soft: Floats, out: Bytes, state: GroundState, dt: float, p: Ground
     """
     import cv2
 
-    change = grey_of(np.abs(soft - state.before.numpy()))
+    change = grey_of(np.asarray(cv2.absdiff(soft, state.before.numpy()), np.float32))
     own = state.restless.numpy()
-    noise = np.float32(np.median(change[::4, ::4]) / MEDIAN_SIZE)
+    noise = np.float32(medians(change[::4, ::4].reshape(1, -1))[0] / MEDIAN_SIZE)
     least = np.maximum(noise, own * np.float32(1 / MEAN_SIZE))
     over = (change > np.maximum(np.float32(p.moved), np.float32(p.spread) * least)).astype(np.uint8)
     moved = most_of(over, p.speckle)
@@ -269,10 +275,53 @@ def exposure(picture: Floats, ground: Floats, p: GroundParams) -> Floats:
     bright = other.min(0) > p.dark
     if bright.mean() < p.light:
         return np.ones(3, np.float32)
-    gain: Floats = np.clip(np.median(one[:, bright] / other[:, bright], axis=1), 1 / p.gain_limit, p.gain_limit).astype(
-        np.float32
+    gain = medians(one[:, bright] / other[:, bright])
+    return np.asarray(np.clip(gain, 1 / p.gain_limit, p.gain_limit), np.float32)
+
+
+def medians(rows: Floats) -> Floats:
+    """Median of each row; `np.median` takes several times as long for rows as short as these."""
+    half = rows.shape[1] // 2
+    if rows.shape[1] % 2:
+        return np.asarray(np.partition(rows, half, axis=1)[:, half])
+    both = np.partition(rows, (half - 1, half), axis=1)[:, half - 1 : half + 1]
+    return np.asarray(both.mean(1))
+
+
+def new_scene(raw: Floats, gain: Floats, soft: Floats, state: GroundState, p: GroundParams) -> bool:
+    """Whether the picture is another all of a sudden, or the first after the dark.
+
+    The noise of a picture is told from all of it, so that a cut would pass for noise. The means of blocks hold little
+    noise, and are compared with a fixed difference from those of the picture before. They must be unlike, too: other
+    light leaves what is bright bright. In the dark there is nothing to compare with, and a gain beyond its limits is
+    more than a camera's exposure does.
+
+    Args:
+        raw, soft: the picture as it is, and blurred without its gain, `[3, h, w]`.
+        gain: of each color, `[3]`.
+        state: before this picture.
+        p: constants.
+    """
+    import cv2
+
+    if (np.abs(np.log(gain)) >= np.log(p.gain_limit) * (1 - 1e-6)).sum() > 1:
+        return True
+    if lit(state.mean.numpy(), p) < p.light <= lit(raw, p):
+        return True
+    size = (max(1, raw.shape[2] // p.block), max(1, raw.shape[1] // p.block))
+    here, there = (
+        np.stack([np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), np.float32) for plane in image])
+        for image in (soft, state.before.numpy())
     )
-    return gain
+    if (np.abs(here - there).max(0) > p.other).mean() <= p.most:
+        return False
+    one, other = (grey_of(image) - grey_of(image).mean() for image in (here, there))
+    return bool((one * other).sum() < p.alike * np.sqrt((one * one).sum() * (other * other).sum()))
+
+
+def lit(picture: Floats, p: GroundParams) -> float:
+    """Share of every sixteenth pixel that is not dark, `[3, h, w]`."""
+    return float((picture[:, ::4, ::4].min(0) > p.dark).mean())
 
 
 def shadow(light: Floats, may_be: Bytes, p: GroundParams) -> Bytes:

@@ -11,6 +11,8 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_dense
 from ndtorch.errors import InputError
+from ndtorch.kernels.load import kernel
+from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.tree import leaves, mapped
 from ndtorch.vision.camera.background import BackgroundState, background_start, background_step, core
 from ndtorch.vision.camera.colors import balanced, hues_and_shades
@@ -20,6 +22,7 @@ from ndtorch.vision.camera.sampling import every_other
 from ndtorch.vision.camera.scales import LEVELS, ScaleState, scale_start, scale_step
 from ndtorch.vision.fields import field_weights, means, pool
 from ndtorch.vision.frames import as_float, check_frames
+from ndtorch.vision.one_pass import pixels
 from ndtorch.vision.orientation import OrientedDoG
 from ndtorch.vision.roots import root
 from ndtorch.vision.temporal import smoothing_factor
@@ -242,7 +245,19 @@ def small_size(size: tuple[int, int], most: int = 56) -> tuple[int, int]:
 
 def shrink(frames: Tensor, size: tuple[int, int]) -> Tensor:
     """Frames `[T, 3, H, W]` averaged over blocks to `[T, 3, *size]` float."""
+    if frames.dtype in (torch.uint8, torch.float32) and kernels_wanted(frames):
+        return torch.stack([by_kernel(frame, size) for frame in frames])
     factors = (frames.shape[-2] // size[0], frames.shape[-1] // size[1])
     if frames.shape[-2:] == (size[0] * factors[0], size[1] * factors[1]):
         return F.avg_pool2d(as_float(frames), factors)
     return F.adaptive_avg_pool2d(as_float(frames), size)
+
+
+def by_kernel(frame: Tensor, size: tuple[int, int]) -> Tensor:
+    """`shrink` of one frame `[3, H, W]` by a kernel."""
+    given, beside = pixels(frame)
+    lines = given.reshape(1, given.shape[0], -1) if beside else given
+    means = torch.empty(3, *size)
+    unit = 1 / 255 if frame.dtype == torch.uint8 else 1.0
+    kernel("block_means", given.dtype).run(lines, 3 if beside else 1, unit, means.numpy())
+    return means

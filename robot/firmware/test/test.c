@@ -149,6 +149,11 @@ static void test_bad_lines(void) {
     CHECK(d.state == ARMED); /* a little noise is forgiven */
     for (unsigned i = 0; i < NOISE_LIMIT; i++) drive_receive(&d, REFUSED, &f, now);
     CHECK(stands() && d.faults == FAULT_NOISE);
+    say(ARM, 0, 0); /* what was before is forgotten: it takes as many again */
+    for (unsigned i = 1; i < NOISE_LIMIT; i++) drive_receive(&d, REFUSED, &f, now);
+    CHECK(d.state == ARMED);
+    drive_receive(&d, REFUSED, &f, now);
+    CHECK(stands() && d.faults == FAULT_NOISE);
 
     begin();
     say(ARM, 0, 0);

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ndtorch.errors import InputError
+from ndtorch.files import replacing
 from ndtorch.scenes.quiet import quiet_opencv
 from ndtorch_robot.calibration.board import Board, View, find_view
 from ndtorch_robot.cameras import CamerasSilent, FramesEnded, StereoCameras
@@ -64,7 +65,8 @@ def save(folder: Path, number: int, left: Image, right: Image) -> None:
         path = folder / side / f"{number:03d}.png"
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(cv2.imencode(".png", image)[1].tobytes())
+            with replacing(path) as beside:
+                beside.write_bytes(cv2.imencode(".png", image)[1].tobytes())
         except OSError as error:
             raise InputError(f"{path}: cannot keep the picture ({error.strerror})") from None
 

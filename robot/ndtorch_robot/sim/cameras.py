@@ -69,6 +69,7 @@ class Cameras:
         self.pixels: Image = np.empty((strip_height, rig.width, 3), np.uint8)
         size = (rig.width, max(rig.height, strip_height) if whole else strip_height)
         model.vis.global_.offwidth, model.vis.global_.offheight = size
+        model.vis.quality.shadowsize = 0  # no shadows are drawn: a buffer for them takes a tenth of a second to make
         self.context = make_context(*size)
         self.frame = Rect(0, rig.height, 0, rig.width)
         self.gl: Any = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
@@ -100,6 +101,8 @@ class Cameras:
             mujoco.mjv_updateScene(self.model, data, self.option, None, camera, category, self.scene)
             self.ready = True
         self.context.make_current()
+        # Where several share a context, another one's buffer may be bound.
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self.gl)
         frames = [self.whole_frame(x, y, heading, side) for side in (0, 1)] if self.whole else []
         exposed = [self.expose((x, y, heading), motion or Motion(), after) for after in shutter_times(self.stress)]
         if len(exposed) > 1:
@@ -122,10 +125,13 @@ class Cameras:
 
         places = iter(self.places)
         for side, rects in enumerate(self.strips):
+            aimed: float | None = None
             for rect in rects:
                 x, y = next(places)
                 for part, delay in slices(rect, self.stress, self.rig.height):
-                    self.aim(*moved(*pose, motion, after + delay), side)
+                    if delay != aimed:
+                        self.aim(*moved(*pose, motion, after + delay), side)
+                        aimed = delay
                     self.draw(part, x, y + rect.bottom - part.bottom)
         mujoco.mjr_readPixels(self.pixels, None, mujoco.MjrRect(0, 0, *self.pixels.shape[1::-1]), self.gl)
         return self.pixels.copy() if self.stress.blur else self.pixels

@@ -73,3 +73,9 @@ def test_a_number_is_a_square() -> None:
     assert ndtorch.load("video", size=48).size == (48, 48)
     with pytest.raises(InputError, match="size"):
         ndtorch.load("published", size=(1, 2, 3))
+
+
+def test_half_precision_of_sums_is_refused() -> None:
+    """Learning would lose what is small in it; frames of it are widened, but sums have no range of their own."""
+    with pytest.raises(InputError, match="sums"):
+        ndtorch.load("published").from_sums(torch.rand(4, 10).half())

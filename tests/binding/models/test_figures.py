@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
@@ -13,6 +14,11 @@ from torch import Tensor
 import ndtorch
 from ndtorch.binding import load_state, save_state
 from ndtorch.binding.models.figures import FiguresModel
+from ndtorch.binding.tracking.figure_params import FigureParams
+from ndtorch.binding.tracking.figures import FOLLOWED, PIXELS, SIGHTING, Figure
+from ndtorch.binding.tracking.meeting import apart
+from ndtorch.binding.tracking.regions import Regions
+from ndtorch.binding.tracking.silhouettes import share
 from ndtorch.errors import InputError
 from ndtorch.tree import leaves
 from tests.vision.camera.passing_scenes import SIZE, ground, passing
@@ -118,6 +124,16 @@ def test_a_state_before_the_first_time_step_too(tmp_path: Path) -> None:
     assert same(module(film()[2:], again)[1], module(film())[1])
 
 
+@pytest.mark.parametrize(("value", "name"), [(0.95, "white"), (0.03, "black")])
+def test_what_has_no_hue_is_white_or_black(value: float, name: str) -> None:
+    """On a film with tinted light."""
+    frames = squares(30, (0, 4.0, 44, (value, value, value))) * torch.tensor([1.0, 0.95, 0.85])[:, None, None]
+    (thing,) = model().objects(run((frames * 255).round().to(torch.uint8))[1])
+    assert (thing.color, thing.shade) == (name, name)
+    assert not {"red", "green", "blue"} & thing.features.keys()
+    assert thing.direction == "right"
+
+
 def test_two_that_cross_keep_who_they_are() -> None:
     frames = squares(60, (0, 3.5, 40, (0.85, 0.2, 0.2)), (176, -3.5, 46, (0.2, 0.75, 0.2)))
     _, state = run(frames)
@@ -184,3 +200,36 @@ def test_batches_and_bad_frames() -> None:
         module(torch.full((2, 3, *SIZE), torch.nan))
     with pytest.raises(InputError, match=r"\[T, C, H, W\]"):
         module(torch.zeros(3, *SIZE))
+
+
+@pytest.mark.parametrize(
+    ("lost_for", "away", "found"), [(0.1, 0.1, True), (0.1, 0.15, False), (1.5, 0.2, True), (1.5, 0.3, False)]
+)
+def test_what_was_lost_for_longer_is_looked_for_farther_away(lost_for: float, away: float, found: bool) -> None:
+    """A thing of a tenth of the picture that stood still: as far as its own size, and as much again every second."""
+    params = FigureParams(gate=1.0, reach=1.0, unlike=0.0)
+    two, ten = np.full(2, 0.1), np.zeros(10)
+    seen = np.zeros((1, SIGHTING))
+    seen[0, 0], seen[0, FOLLOWED], seen[0, PIXELS] = 5.0, 0.3, 0.01
+    lost = Figure(1, True, np.zeros(2), two, np.zeros(3), two, 0.0, two, ten, ten, seen)
+    labels = np.zeros((100, 160), np.int32)
+    left = round(100 * (0.3 + away)) - 5
+    labels[25:35, left : left + 10] = 1
+    regions = Regions(labels, np.array([[25, left, 35, left + 10]]), np.array([100]))
+    pairs = apart([lost], set(), {0: []}, regions, np.zeros((3, 100, 160)), 5.0 + lost_for, params)
+    assert pairs == ([(0, 0)] if found else [])
+
+
+def test_two_tracks_share_a_region_in_its_middle() -> None:
+    """One is expected in the upper half, the other as far from the middle in the lower one: half of the pixels each."""
+    ten, extent = np.zeros(10), np.full(2, 0.2)
+    ones = []
+    for number, row in enumerate((0.2, 0.4)):
+        seen = np.zeros((1, SIGHTING))
+        seen[0, FOLLOWED] = row, 0.3
+        ones.append(Figure(number, True, np.zeros(2), extent, np.zeros(3), extent, 0.0, extent, ten, ten, seen))
+    labels, silhouettes = np.zeros((20, 20), np.int32), np.zeros((20, 20), np.int32)
+    labels[2:10, 4:8] = 1
+    share(silhouettes, labels, 0, np.array([2, 4, 10, 8]), ones, 0.0, 0.0)
+    assert [int((silhouettes[2:10] == name).sum()) for name in (1, 2)] == [16, 16]
+    assert (silhouettes[2:6, 4:8] == 1).all()

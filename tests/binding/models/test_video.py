@@ -70,6 +70,7 @@ def test_chunks_of_any_length_give_the_same_to_the_last_bit(lengths: list[int]) 
 
 
 @pytest.mark.parametrize("at", [1, 7, 30])
+@torch.inference_mode()  # as `whole`: kernels round in another way than torch
 def test_a_state_is_saved_and_goes_on_bit_for_bit(tmp_path: Path, at: int) -> None:
     module = model()
     _, state = module(film()[:at])
@@ -91,6 +92,7 @@ def test_a_state_before_the_first_time_step_too(tmp_path: Path) -> None:
     assert same(module(film()[2:], again)[1], module(film())[1])
 
 
+@torch.inference_mode()
 def test_a_batch_goes_through_film_by_film(tmp_path: Path) -> None:
     module, films = model(), torch.stack([film(), film().flip(-1)])
     signals, state = module(films[:, :20])

@@ -13,10 +13,11 @@ import ndtorch_robot.car
 from ndtorch.commands import main
 from ndtorch.errors import InputError
 from ndtorch_robot.config import load_config
-from ndtorch_robot.sim import gl
+from ndtorch_robot.sim import cameras, gl
 from tests.robot.support.gl_needed import WHY, needs_gl
 
 MAPS = ["map.npz", "map.pgm", "map.png", "map.yaml"]
+PICTURES = ["map.png", "path.png", "rows.png", "speeds.png"]
 FILES = [*MAPS, "path.png", "report.html", "rows.png", "speeds.png", "summary.json"]
 KEYS = {
     "collisions",
@@ -31,6 +32,12 @@ KEYS = {
     "seed",
     "controller",
 }
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Without pictures, for tests of something else: drawing them takes longer than a short drive."""
+    monkeypatch.setattr("ndtorch_robot.figures.write_figures", lambda result, folder: None)
 
 
 @needs_gl
@@ -51,6 +58,7 @@ def test_json(tmp_path, capsys):
 
 
 @needs_gl
+@pytest.mark.slow
 def test_a_map_is_made_and_known_again(tmp_path, capsys):
     pytest.importorskip("numba")
     shared = ["drive", "--arena", "room", "--seconds", "1", "--odometry", "noisy"]
@@ -66,8 +74,8 @@ def test_a_map_is_made_and_known_again(tmp_path, capsys):
 
 
 @needs_gl
-def test_words_and_file(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("ndtorch_robot.figures.write_figures", lambda result, folder: None)  # drawn in other tests
+@pytest.mark.usefixtures("undrawn")
+def test_words_and_file(tmp_path, capsys):
     config = tmp_path / "drive.toml"
     config.write_text(f'arena = "room"\nseconds = 9\nseed = 3\nout = "{tmp_path / "out"}"')
     assert main(["drive", str(config), "--seconds", "2"]) == 0
@@ -79,6 +87,7 @@ def test_words_and_file(tmp_path, capsys, monkeypatch):
 
 
 @needs_gl
+@pytest.mark.usefixtures("undrawn")
 def test_ctrl_c(tmp_path, capsys, monkeypatch):
     step = ndtorch_robot.car.Car.step
 
@@ -90,7 +99,7 @@ def test_ctrl_c(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(ndtorch_robot.car.Car, "step", interrupted)
     assert main(["drive", "--out", str(tmp_path)]) == 130
     assert "(interrupted)" in capsys.readouterr().out
-    assert sorted(p.name for p in tmp_path.iterdir()) == FILES
+    assert sorted(p.name for p in tmp_path.iterdir()) == [name for name in FILES if name not in PICTURES]
 
 
 @needs_gl
@@ -165,6 +174,7 @@ def test_no_opengl_names_the_package(monkeypatch):
 
 
 def test_drive_without_opengl(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr(cameras, "make_context", gl.make_context)  # one that was made before would do
     monkeypatch.setattr(gl.ctypes.util, "find_library", lambda name: None)
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     assert main(["drive", "--out", str(tmp_path)]) == 2

@@ -152,7 +152,7 @@ def in_this_process(function, tasks, jobs):
 @needs_gl
 def test_command_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
     place = tmp_path / "e"
-    arguments = ["evaluate", "--arenas", "room", "--seconds", "1", "--jobs", "2", "--out", str(place)]
+    arguments = ["evaluate", "--arenas", "room", "--seconds", "1", "--jobs", "1", "--out", str(place)]
     arguments += ["--controllers", "published", "--seeds", "1000", "1001"]
     assert main(arguments) == 0
     out, err = capsys.readouterr()

@@ -9,6 +9,7 @@ import pytest
 
 from ndtorch.errors import InputError
 from ndtorch_robot.link import SerialDrive
+from ndtorch_robot.link.line import Noise
 from ndtorch_robot.link.port import owner_group, reason
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.run import real_time_priority
@@ -104,3 +105,12 @@ def test_round_trip_on_a_bare_pty(stall_meter):
     if p99 >= 2.0 and (said or late > 4):
         pytest.skip(f"this computer is too busy to time a line: 99 % below {p99:.1f} ms")
     assert p99 < 2.0
+
+
+def test_so_many_refused_frames_are_noise() -> None:
+    """Five at once are too much: one is forgiven, three are borne. What comes slowly never adds up."""
+    noise = Noise()
+    assert [noise.bad(refused, 10.0) for refused in (1, 2, 3, 4, 5)] == [False, False, False, False, True]
+    assert not noise.bad(5, 20.0)
+    assert not any(noise.bad(5 + n, 20.0 + 0.5 * n) for n in range(1, 20))
+    assert noise.bad(30, 29.6)

@@ -20,7 +20,7 @@ from ndtorch.navigation import StereoRig, Strips
 from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.recording import Recorder, open_recording
 from ndtorch_robot.recording import recorder as recorder_module
-from ndtorch_robot.recording.streams import decode, encode
+from ndtorch_robot.recording.streams import checked_line, decode, encode
 
 RIG = StereoRig(width=64, height=48, focal=43.0)
 STILL = DriveCommand(0.0, 0.0)
@@ -278,6 +278,7 @@ def test_a_disk_that_fails_late(tmp_path, monkeypatch):
     while not recorder.failed and time.monotonic() < end:
         recorder.record_step(step(0), STILL, STILL)
         time.sleep(0.02)
+    assert recorder.failed, "nothing was said while it recorded"
     recorder.close()
     assert said == [recorder.failed]
     assert "Input/output error" in recorder.failed
@@ -337,6 +338,22 @@ def test_no_flipped_byte_is_believed(tmp_path, kind):
                 assert same(step.frames.left, was.frames.left)
                 assert same(step.frames.right, was.frames.right)
         path.write_bytes(data)
+
+
+@pytest.mark.parametrize("shape", [[3, 0, 7], [3, 5, 0], [3, -5, -7]])
+def test_a_picture_without_pixels_is_damaged(tmp_path, shape):
+    """Every checksum fits: whoever writes such a line means it."""
+    write(tmp_path / "r", format="raw")
+    lines = tmp_path / "r" / "steps.jsonl"
+    first, *rest = lines.read_bytes().splitlines(keepends=True)
+    line = json.loads(first)
+    del line["crc"]
+    for place in line["frames"].values():
+        place |= {"shape": shape, "bytes": 0, "crc": 0}
+    lines.write_bytes(b"".join([checked_line(line), *rest]))
+    recording = open_recording(tmp_path / "r")
+    assert [step.number for step in recording.steps()] == list(range(1, len(rest)))
+    assert "the frames of step 0 are damaged" in recording.trouble
 
 
 def test_steps_that_are_missing_are_counted(tmp_path):

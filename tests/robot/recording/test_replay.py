@@ -119,10 +119,11 @@ def test_damage_leaves_the_rest_checked(tmp_path, capsys):
 
 
 @needs_gl
+@pytest.mark.slow
 @pytest.mark.parametrize("whole", [False, True])
 def test_a_simulated_drive_bit_for_bit(tmp_path, capsys, whole):
     """Driven into a wall and put back, so that restarts are replayed too."""
-    config = DriveConfig(arena="hallway", seed=1, seconds=1 if whole else 7, whole=whole, record=tmp_path / "r")
+    config = DriveConfig(arena="hallway", seed=1, seconds=0.4 if whole else 7, whole=whole, record=tmp_path / "r")
     result = drive(config, steer=lambda command: DriveCommand(0.5, 0.6))
     assert result.summary["recording"]["failed"] == ""
     assert result.summary["recording"]["steps"] == len(result.record.time)
@@ -134,7 +135,8 @@ def test_a_simulated_drive_bit_for_bit(tmp_path, capsys, whole):
 
 
 @needs_gl
-def test_from_the_command_line_with_jpeg(tmp_path, capsys):
+def test_from_the_command_line_with_jpeg(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("ndtorch_robot.figures.write_figures", lambda result, folder: None)  # drawn in other tests
     folder = str(tmp_path / "r")
     arguments = ["drive", "--seconds", "2", "--out", str(tmp_path / "o"), "--record", folder, "--record-format", "jpeg"]
     assert main([*arguments, "--json"]) == 0
@@ -155,6 +157,7 @@ def test_a_full_disk_does_not_stop_the_drive(tmp_path, capsys, monkeypatch):
         append(self, file, data)
 
     monkeypatch.setattr(Recorder, "append", failing)
+    monkeypatch.setattr("ndtorch_robot.figures.write_figures", lambda result, folder: None)
     assert main(["drive", "--seconds", "2", "--out", str(tmp_path / "o"), "--record", str(tmp_path / "r")]) == 1
     err = capsys.readouterr().err
     assert "has stopped after 30 steps: No space left on device" in err

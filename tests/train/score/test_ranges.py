@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from ndtorch.commands import main
+from ndtorch.errors import InputError
+from ndtorch_train.score.ranges.command import RangeScore
 from ndtorch_train.score.ranges.methods import Found
 from ndtorch_train.score.ranges.pairs import CONDITIONS, pair_folders, read_pair
 from ndtorch_train.score.ranges.table import judge
@@ -82,3 +84,14 @@ def test_what_cannot_be_scored_is_said_in_one_line(tmp_path: Path, capsys: pytes
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 5
     assert "must hold one file" in lines[-1]
+
+
+@pytest.mark.parametrize("columns", [20, 36])
+def test_a_pair_too_narrow_for_what_is_searched_is_told(tmp_path: Path, columns: int) -> None:
+    """SGBM looks at 32 disparities for those up to 17, and needs some columns more."""
+    folder = tmp_path / "pair"
+    folder.mkdir()
+    for name, kind in (("left.png", np.uint8), ("right.png", np.uint8), ("disp.tif", np.float32)):
+        cv2.imwrite(str(folder / name), np.ones((SIZE[0], columns), kind))
+    with pytest.raises(InputError, match=f"{columns} columns are too few for disparities up to 17"):
+        RangeScore(tmp_path, (2, 17), print)

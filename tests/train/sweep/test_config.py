@@ -58,6 +58,7 @@ def test_a_random_sweep_is_the_same_every_time() -> None:
         ({"method": "best", "vary": {"gamma": [1]}}, "method = 'best': should be 'grid' or 'random'"),
         ({"kind": "flying", "vary": {"gamma": [1]}}, "kind = 'flying': should be 'binding' or 'driving'"),
         ({"vary": {"gamma": [-1]}}, "gamma must lie in"),
+        ({"kind": "driving", "vary": {"reach": [10**400]}}, "reach must lie in"),
         ({"vary": {"gamma": ["fast"]}}, "gamma must be a number"),
         ({"vary": {"bars": [1.5]}}, "bars must be a whole number"),
         ({"vary": {"rule": ["hebb"]}}, "rule must be one of competitive"),

@@ -41,3 +41,15 @@ def test_what_comes_out_of_darkness_is_another_picture() -> None:
     assert bool(exposure_gain(ground(), dark, *LIMITS)[1])
     assert not bool(exposure_gain(dark * 2, dark, *LIMITS)[1])
     assert not bool(exposure_gain(ground() * 0.6, ground(), *LIMITS)[1])
+
+
+def test_each_picture_of_a_batch_is_judged_by_its_own_background() -> None:
+    """One comes out of darkness, the others do not."""
+    light = ground()
+    dark = torch.full_like(light, 0.01)
+    frames = torch.stack([light] * 3)
+    assert exposure_gain(frames, torch.stack([light, dark, light]), *LIMITS)[1].flatten().tolist() == [
+        False,
+        True,
+        False,
+    ]

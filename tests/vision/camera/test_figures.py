@@ -9,9 +9,10 @@ import pytest
 import torch
 
 from ndtorch.vision.camera import figure_signals, figures
-from ndtorch.vision.camera.figure_signals import FigureSignals
+from ndtorch.vision.camera.figure_signals import FieldsState, FigureSignals
 from ndtorch.vision.camera.figures import GroundParams, ground_start, ground_step
-from tests.vision.camera.passing_scenes import SIZE, passing
+from ndtorch.vision.motion import MotionState
+from tests.vision.camera.passing_scenes import SIZE, ground, passing
 
 DT = 0.04
 PARAMS = GroundParams()
@@ -51,6 +52,27 @@ def test_kernels_are_their_references(monkeypatch: pytest.MonkeyPatch) -> None:
         assert torch.allclose(signals, sensed, atol=0.02)
     assert plain[-1][0].figure.any()
     assert float(plain[-1][2][2].max()) > 0.1
+
+
+def test_another_scene_begins_anew_and_another_light_does_not() -> None:
+    still = ground(1).numpy()
+    state = ground_start(still, PARAMS)
+    for _ in range(10):
+        standing, state = ground_step(still, state, np.zeros(SIZE, np.float32), DT, PARAMS)
+
+    def cut(picture: Any) -> bool:
+        return ground_step(picture, state, np.zeros(SIZE, np.float32), DT, PARAMS)[0].cut
+
+    assert not standing.cut
+    # Darker, and through another curve; not what is nearly black.
+    assert not cut(still * np.float32(0.4))
+    assert not cut(np.asarray(np.clip(1.3 * still, 0, 1) ** np.float32(0.8), np.float32))
+    assert cut(still * np.float32(0.1))
+    other = np.asarray(1.6 * ground(2).numpy() - 0.2, np.float32)
+    _, after = ground_step(other, state, np.zeros(SIZE, np.float32), DT, PARAMS)
+    assert cut(other)
+    assert int(after.frames) == 0
+    assert np.allclose(after.mean.numpy(), other)
 
 
 def test_what_moves_in_view_from_the_first_frame_stands_out_and_leaves_no_hole() -> None:
@@ -94,3 +116,18 @@ def test_a_shadow_is_255_where_it_may_be_and_0_elsewhere() -> None:
     found = figures.shadow(np.full((24, 24), 0.5, np.float32), may_be, PARAMS)
     assert set(found[:, :12].ravel().tolist()) == {255}
     assert not found[:, 12:].any()
+
+
+def test_what_lies_outside_of_all_silhouettes_is_not_sensed() -> None:
+    """Though it differs from the ground as much as what lies inside."""
+    signals = FigureSignals((32, 48), 1 / 25)
+    picture, ground = torch.rand(3, 32, 48, generator=torch.Generator().manual_seed(0)), torch.zeros(3, 32, 48)
+    silhouettes = torch.zeros(32, 48, dtype=torch.int32)
+    silhouettes[8:24, 8:24] = 1
+    nothing = torch.zeros(3, 16, 24)
+    strongest, sums, _ = signals.sums(picture, ground, silhouettes, FieldsState(MotionState(nothing, nothing)))
+    inside = torch.zeros(16, 24, dtype=torch.bool)
+    inside[4:12, 4:12] = True
+    assert not strongest[~inside].any()
+    assert strongest[inside].min() > 0.05
+    assert sums[0, 0] == inside.sum()

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ndtorch.errors import InputError
 from ndtorch.vision.camera.figures import GroundParams
-from ndtorch.vision.camera.front_end import CameraFrontEnd, FieldSignals, small_size
+from ndtorch.vision.camera.front_end import CameraFrontEnd, FieldSignals, shrink, small_size
 from ndtorch.vision.camera.params import CameraParams
 from tests.strategies import chunkings
 from tests.vision.camera.passing_scenes import SIZE, ground, passing
@@ -121,3 +121,19 @@ def test_defaults_are_within_the_limits_that_they_have(kind: type[CameraParams] 
 def test_numbers_beyond_their_limits_are_refused(kind: type[Any], wrong: dict[str, float]) -> None:
     with pytest.raises(InputError, match=next(iter(wrong))):
         kind(**wrong)
+
+
+@pytest.mark.parametrize("beside", [False, True])
+@pytest.mark.parametrize("kind", [torch.uint8, pytest.param(torch.float32, marks=pytest.mark.long)])
+def test_the_kernel_averages_as_torch_does(kind: torch.dtype, beside: bool) -> None:
+    """Blocks that divide the frame, and blocks that share rows and columns."""
+    pytest.importorskip("numba")
+    for height, width in ((48, 64), (50, 75)):
+        frames = torch.randint(0, 256, (2, 3, height, width), dtype=torch.uint8)
+        frames = frames if kind == torch.uint8 else frames.to(kind) / 255
+        frames = frames.to(memory_format=torch.channels_last) if beside else frames
+        wanted = shrink(frames, (12, 16))
+        with torch.inference_mode():
+            found = shrink(frames, (12, 16))
+        torch.testing.assert_close(found, wanted, rtol=1e-5, atol=1e-6)
+        assert wanted.std() > 0.01

@@ -46,10 +46,11 @@ CASES = {
 }
 
 
+@pytest.mark.parametrize("kind", ["video", "figures"])
 @pytest.mark.parametrize("name", CASES)
-def test_what_passes_after_a_new_scene_is_seen_within_a_second(name: str) -> None:
+def test_what_passes_after_a_new_scene_is_seen_within_a_second(name: str, kind: str) -> None:
     video, first = CASES[name]
-    model = ndtorch.load("video", size=SIZE, fps=FPS)
+    model = ndtorch.load(kind, size=SIZE, fps=FPS)
     with torch.inference_mode():
         signals, state = model(sensor(video))
     later = [t for thing in model.objects(state) for t, *_ in thing.path if t >= first / FPS]
@@ -61,20 +62,30 @@ def test_what_passes_after_a_new_scene_is_seen_within_a_second(name: str) -> Non
     assert first / FPS - 2 < cuts[-1] <= first / FPS + 1e-9
 
 
-def test_nothing_that_passes_or_darkens_is_a_cut() -> None:
+@pytest.mark.parametrize("kind", ["video", "figures"])
+def test_nothing_that_passes_or_darkens_is_a_cut(kind: str) -> None:
     dimmed = filmed(1, 75) * (1 - 0.4 * torch.sin(torch.arange(75) / 12))[:, None, None, None]
     large = filmed(1, 75)
     for n in range(20, 75):
         large[n, :, :, max(0, 5 * n - 180) : 5 * n - 100] = 0.9
     for video in (dimmed, large):
-        model = ndtorch.load("video", size=SIZE, fps=FPS)
+        model = ndtorch.load(kind, size=SIZE, fps=FPS)
         with torch.inference_mode():
-            signals, _ = model.camera(sensor(video))
+            signals, _ = model(sensor(video))
         assert not signals.cut.any()
 
 
-def test_tracks_end_where_a_scene_does() -> None:
-    model = ndtorch.load("video", size=SIZE, fps=FPS)
+@pytest.mark.parametrize("kind", ["video", "figures"])
+def test_tracks_end_where_a_scene_does(kind: str) -> None:
+    model = ndtorch.load(kind, size=SIZE, fps=FPS)
     with torch.inference_mode():
         _, state = model(sensor(torch.cat([filmed(1, 40), contrasty(filmed(2, 40))])))
     assert [thing.last_seen <= 40 / FPS for thing in model.objects(state)] == [True, False]
+
+
+def test_noise_is_no_new_scene() -> None:
+    """A tenth of full scale on every pixel, from the first picture on."""
+    noise = 0.1 * torch.randn(12, 3, *SIZE, generator=torch.Generator().manual_seed(6))
+    with torch.inference_mode():
+        signals, _ = ndtorch.load("figures", size=SIZE, fps=FPS)((ground() + noise).clamp(0, 1))
+    assert not signals.cut.any()

@@ -112,7 +112,8 @@ class ScoreOptions:
                 # What is compared on clips leaves a table after every method.
                 interrupted, rows, text = True, [], ""
             except OSError as error:
-                raise InputError(f"--out {self.out} cannot be written: {error.strerror}") from None
+                where = error.filename or f"--out {self.out}"
+                raise InputError(f"{where} cannot be written: {error.strerror}") from None
         except BaseException:
             folder.discard()
             raise

@@ -15,6 +15,7 @@ import numpy as np
 import ndtorch
 from ndtorch.binding import BoundObject
 from ndtorch.binding.models.video import switched_off
+from ndtorch.files import replacing, write_text
 from ndtorch.run.opening import CAMERA_MODELS
 from ndtorch.run.result import RunResult
 from ndtorch.run.run import run_model
@@ -56,10 +57,10 @@ def clip_file(clip: Clip, folder: Path) -> tuple[Path, str]:
     note = path.with_suffix(".codec")
     if path.exists():
         return path, note.read_text(encoding="utf-8") if note.exists() else "libx264"
-    part = path.with_suffix(".part.mp4")
-    used = encode(Painter(clip).frames(), part, clip.fps, clip.size, clip.quality)
-    note.write_text(used, encoding="utf-8")
-    return part.replace(path), used
+    with replacing(path) as part:
+        used = encode(Painter(clip).frames(), part, clip.fps, clip.size, clip.quality)
+        write_text(note, used)
+    return path, used
 
 
 def score_clip(clip: Clip, path: Path, without: Sequence[str] = ()) -> ClipScore:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import sys
 from dataclasses import dataclass
 
 from ndtorch.errors import InputError
@@ -38,7 +39,8 @@ class Parameter:
             return str(value)
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise InputError(f"{where}: {name} must be a number, got {shown(value)}")
-        if not self.low <= value <= self.high:
+        too_long = isinstance(value, int) and abs(value) > sys.float_info.max
+        if too_long or not self.low <= value <= self.high:
             raise InputError(f"{where}: {name} must lie in {self.low:g}..{self.high:g}, got {shown(value)}")
         if isinstance(self.default, int) and not (math.isfinite(value) and value == int(value)):
             raise InputError(f"{where}: {name} must be a whole number, got {shown(value)}")

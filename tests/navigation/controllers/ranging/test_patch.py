@@ -173,3 +173,10 @@ def test_bad_parameters():
         Body(width=0.0)
     with pytest.raises(InputError, match="longest"):
         arc_table(ARCS, BODY, 0.05, 0.08)
+
+
+def test_arcs_are_followed_by_a_step_of_a_cell_where_none_is_named() -> None:
+    """A step longer than a cell of the patch could miss one."""
+    table = arc_table(ARCS, BODY, 1.6)
+    assert table.step <= PatchParams().cell
+    assert torch.equal(table.x, TABLE.x)

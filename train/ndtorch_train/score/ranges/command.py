@@ -13,7 +13,15 @@ import torch
 from ndtorch.errors import InputError
 from ndtorch.files import write_text
 from ndtorch.report.page import Shown
-from ndtorch_train.score.ranges.methods import EVERY, Found, SemiGlobal, by_rows, ranging, semi_global
+from ndtorch_train.score.ranges.methods import (
+    EVERY,
+    Found,
+    SemiGlobal,
+    by_rows,
+    least_columns,
+    ranging,
+    semi_global,
+)
 from ndtorch_train.score.ranges.pairs import CONDITIONS, Pair, pair_folders, read_pair
 from ndtorch_train.score.ranges.picture import draw
 from ndtorch_train.score.ranges.table import Row, judge, markdown, means, write_csv
@@ -47,7 +55,7 @@ class RangeScore:
             raise InputError(f"disparities must be two numbers 1 <= LEAST < LARGEST - 1 < 1024, got {low} {high}")
         self.pairs = [read_pair(place, number) for number, place in enumerate(pair_folders(folder))]
         for pair in self.pairs:
-            if pair.left.shape[1] < 2 * high:
+            if pair.left.shape[1] < least_columns(high):
                 raise InputError(f"{pair.name}: {pair.left.shape[1]} columns are too few for disparities up to {high}")
         self.disparities, self.told = disparities, told
 

@@ -112,8 +112,18 @@ def semi_global(left: Picture, right: Picture, most: int) -> SemiGlobal:
     """`cv2.StereoSGBM` on whole pictures, with a penalty and checks as in OpenCV's example."""
     import cv2
 
-    count, area = -(-(most + 1) // 16) * 16, BLOCK * BLOCK
+    count, area = searched(most), BLOCK * BLOCK
     matcher = cv2.StereoSGBM.create(0, count, BLOCK, 8 * area, 32 * area, 1, 63, 10, 100, 2)
     began = time.process_time()
     disparity = matcher.compute(left, right)
     return SemiGlobal(np.asarray(disparity, np.float32) / np.float32(16), time.process_time() - began)
+
+
+def searched(most: int) -> int:
+    """How many disparities `cv2.StereoSGBM` looks at for one of `most`: it takes multiples of 16 alone."""
+    return -(-(most + 1) // 16) * 16
+
+
+def least_columns(most: int) -> int:
+    """Columns that a picture must have for disparities up to `most`: half of them are seen by both eyes."""
+    return max(2 * most, searched(most) + BLOCK)
