@@ -101,6 +101,8 @@ class Cameras:
             mujoco.mjv_updateScene(self.model, data, self.option, None, camera, category, self.scene)
             self.ready = True
         self.context.make_current()
+        # Where several share a context, another one's buffer may be bound.
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self.gl)
         frames = [self.whole_frame(x, y, heading, side) for side in (0, 1)] if self.whole else []
         exposed = [self.expose((x, y, heading), motion or Motion(), after) for after in shutter_times(self.stress)]
         if len(exposed) > 1:
