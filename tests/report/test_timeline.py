@@ -15,7 +15,16 @@ from ndtorch.scenes.video_writer import VideoWriter
 from tests.vision.camera.passing_scenes import SIZE, passing
 
 CAR = Path(__file__).resolve().parents[3] / "shared" / "data" / "car-detection.mp4"
-FILES = {"objects.json", "overlay.mp4", "report.html", "state.safetensors", "timeline.jsonl", "timeline.png"}
+FILES = {
+    "coco.json",
+    "mot.txt",
+    "objects.json",
+    "overlay.mp4",
+    "report.html",
+    "state.safetensors",
+    "timeline.jsonl",
+    "timeline.png",
+}
 
 
 @pytest.fixture(scope="module")

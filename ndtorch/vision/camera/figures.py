@@ -51,10 +51,9 @@ class GroundParams(Constants):
     soft: int = Field(3, ge=1, description="side of the window that smooths pictures before motion is told")
     cut: float = Field(0.7, gt=0, le=1, description="share of the picture standing out that makes it a new scene,")
     block: int = Field(8, ge=1, description="or means of blocks of so many pixels, where noise is little:")
-    most: float = Field(0.6, gt=0, le=1, description="more than this share of them differs from those before")
+    changed: float = Field(0.6, gt=0, le=1, description="more than this share of them differs from those before")
     other: float = Field(0.02, gt=0, description="by more than this,")
     alike: float = Field(0.25, ge=-1, le=1, description="and their correlation with those before is below this")
-    tau_exposure: float = Field(10.0, ge=0, description="the ground takes on the exposure of the pictures")
 
 
 class GroundState(NamedTuple):
@@ -313,7 +312,7 @@ def new_scene(raw: Floats, gain: Floats, soft: Floats, state: GroundState, p: Gr
         np.stack([np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), np.float32) for plane in image])
         for image in (soft, state.before.numpy())
     )
-    if (np.abs(here - there).max(0) > p.other).mean() <= p.most:
+    if (np.abs(here - there).max(0) > p.other).mean() <= p.changed:
         return False
     one, other = (grey_of(image) - grey_of(image).mean() for image in (here, there))
     return bool((one * other).sum() < p.alike * np.sqrt((one * one).sum() * (other * other).sum()))

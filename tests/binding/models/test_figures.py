@@ -211,7 +211,7 @@ def test_what_was_lost_for_longer_is_looked_for_farther_away(lost_for: float, aw
     two, ten = np.full(2, 0.1), np.zeros(10)
     seen = np.zeros((1, SIGHTING))
     seen[0, 0], seen[0, FOLLOWED], seen[0, PIXELS] = 5.0, 0.3, 0.01
-    lost = Figure(1, True, np.zeros(2), two, np.zeros(3), two, 0.0, two, ten, ten, seen)
+    lost = Figure(1, True, np.zeros(2), two, np.zeros(3), two, 0.0, two, ten, ten, np.zeros(4), seen)
     labels = np.zeros((100, 160), np.int32)
     left = round(100 * (0.3 + away)) - 5
     labels[25:35, left : left + 10] = 1
@@ -227,7 +227,9 @@ def test_two_tracks_share_a_region_in_its_middle() -> None:
     for number, row in enumerate((0.2, 0.4)):
         seen = np.zeros((1, SIGHTING))
         seen[0, FOLLOWED] = row, 0.3
-        ones.append(Figure(number, True, np.zeros(2), extent, np.zeros(3), extent, 0.0, extent, ten, ten, seen))
+        ones.append(
+            Figure(number, True, np.zeros(2), extent, np.zeros(3), extent, 0.0, extent, ten, ten, np.zeros(4), seen)
+        )
     labels, silhouettes = np.zeros((20, 20), np.int32), np.zeros((20, 20), np.int32)
     labels[2:10, 4:8] = 1
     share(silhouettes, labels, 0, np.array([2, 4, 10, 8]), ones, 0.0, 0.0)
