@@ -25,6 +25,10 @@ SMALLEST = 100
 """Rows of a picture that letters are put on."""
 FADE = 4.0
 """Seconds after which a bright moment no longer sets the scale."""
+LIGHT = 3 * 200
+"""Sum of red, green and blue of a color that cannot be told from white."""
+HUELESS = {"white": (255, 255, 255), "black": (0, 0, 0)}
+"""What is drawn for a thing without a hue; all others are grey."""
 YOUNG = 0.3
 """Seconds that a thing has to last before it is marked."""
 
@@ -132,21 +136,21 @@ def marked(frame: Pixels, things: tuple[BoundObject, ...]) -> Pixels:
     for thing in things:
         if thing.place is None or (thing.last_seen or 0.0) - (thing.first_seen or 0.0) < YOUNG:
             continue
-        color = rgb(thing.color) if thing.color in STYLES else GREY_RGB
+        color = rgb(thing.color) if thing.color in STYLES else HUELESS.get(thing.color, GREY_RGB)
         label = thing.color if thing.track is None else f"{mark_of(thing)} {thing.color}"
         column, row = (round(side) for side in thing.place)
         if thing.box is not None:
             corners = [(round(thing.box[0]), round(thing.box[1])), (round(thing.box[2]), round(thing.box[3]))]
-            for ink, width in (((255, 255, 255), 3), (color, 1)):
+            for ink, width in ((rim(color), 3), (color, 1)):
                 cv2.rectangle(image, corners[0], corners[1], ink, width, cv2.LINE_AA)
             lettered(image, label, corners[0][0], corners[0][1] - 4, color)
             continue
         radius = round(0.08 * len(image) * max(1.0, (thing.fields or 1) ** 0.5 / 2))
         down, right = STEP.get(thing.direction or "", (0, 0))
         tip = (column + right * 2 * radius, row + down * 2 * radius)
-        for ink, width in (((255, 255, 255), 4), (color, 2)):
+        for ink, width in ((rim(color), 4), (color, 2)):
             cv2.circle(image, (column, row), radius, ink, width, cv2.LINE_AA)
-        for ink, width in (((255, 255, 255), 4), (color, 2)):
+        for ink, width in ((rim(color), 4), (color, 2)):
             cv2.arrowedLine(image, (column, row), tip, ink, width, cv2.LINE_AA, tipLength=0.35)
         lettered(image, label, column - radius, row - radius - 4, color)
     return image
@@ -157,6 +161,11 @@ def mark_of(thing: BoundObject) -> str:
     return "" if thing.track is None else f"#{thing.track + 1}"
 
 
+def rim(color: tuple[int, int, int]) -> tuple[int, int, int]:
+    """What a color is drawn on so that it can be seen: black under a light one, white under all others."""
+    return (0, 0, 0) if sum(color) > LIGHT else (255, 255, 255)
+
+
 def clocked(image: Pixels, seconds: float) -> Pixels:
     """A copy of the image `[H, W, 3]` with the time at its lower left."""
     image = np.ascontiguousarray(image).copy()
@@ -165,7 +174,7 @@ def clocked(image: Pixels, seconds: float) -> Pixels:
 
 
 def lettered(image: Pixels, words: str, column: int, baseline: int, color: tuple[int, int, int]) -> None:
-    """Write on the image, in color on a white rim, inside the picture; not on one that is too small for letters."""
+    """Write on the image, in color on a rim, inside the picture; not on one that is too small for letters."""
     import cv2
 
     if len(image) < SMALLEST:
@@ -174,5 +183,7 @@ def lettered(image: Pixels, words: str, column: int, baseline: int, color: tuple
     words = words.replace("°", " deg")
     (wide, tall), _ = cv2.getTextSize(words, font, scale, 1)
     place = (min(max(2, column), max(2, image.shape[1] - wide - 2)), min(max(tall + 2, baseline), len(image) - 3))
-    for ink, width in (((255, 255, 255), 3), (color, 1)):
-        cv2.putText(image, words, place, font, scale, ink, width, cv2.LINE_AA)
+    # Thicker letters are wider too, so the rim is the same letters around them.
+    around = [(across, down, rim(color)) for across in (-1, 0, 1) for down in (-1, 0, 1)]
+    for across, down, ink in (*around, (0, 0, color)):
+        cv2.putText(image, words, (place[0] + across, place[1] + down), font, scale, ink, 1, cv2.LINE_AA)

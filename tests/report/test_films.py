@@ -61,6 +61,13 @@ def test_films_have_an_even_size_and_every_picture(size: tuple[int, int], tmp_pa
     assert picture[:, 100:].mean() > 150 > picture[:, :60].mean()
 
 
+def test_a_white_thing_is_marked_so_that_it_can_be_seen_on_white_and_on_black() -> None:
+    pale = thing(shade="white")
+    for level in (0, 255):
+        frame = np.full((120, 160, 3), level, dtype=np.uint8)
+        assert np.abs(marked(frame, (pale,)).astype(int) - frame).max() == 255
+
+
 def test_the_overlay_has_number_label_and_clock() -> None:
     frame = np.zeros((120, 160, 3), dtype=np.uint8)
     plain, numbered = marked(frame, (thing(),)), marked(frame, (thing(track=4),))
