@@ -186,7 +186,7 @@ class FiguresModel(BindingModel):
         regions = parted(regions_of(figure, smallest, t.gap), t.notch, smallest)
         light = Light(standing.picture, standing.ground, self.config.shades)
         seen_for = (int(ground.frames) - 1) * self.dt
-        open_, late, silhouettes = follow(open_, time, seen_for, regions, standing.picture, light, began, self.dt, t)
+        open_, late, silhouettes = follow(open_, time, seen_for, regions, standing, light, began, self.dt, t)
         began = max([began, *(one.number + 1 for one in open_)])
         keep = np.zeros(began + 2, np.float32)
         for one in open_:

@@ -16,6 +16,8 @@ SIGHTING = 10
 """Numbers kept of every sighting: time, row and column of its middle, top, left, bottom and right, pixels, and row and
 column by which it is followed."""
 PIXELS, FOLLOWED = 7, slice(8, 10)
+PATCH = 12
+"""Rows and columns of what is kept of a track's looks."""
 
 
 class FigureTable(NamedTuple):
@@ -31,6 +33,11 @@ class FigureTable(NamedTuple):
         rest: place at that time, `[N, 2]`.
         inputs, outputs: of the network, sums over its sightings, `[N, 10]`.
         shades: how much of it was white, grey, black, and colored, sums over its sightings, `[N, 4]`.
+        looked: box in which it was looked at closely, shares of the height, and patch: what was seen there, less the
+            ground, `[N, 4]` and `[N, 3, PATCH, PATCH]` float32.
+        unlike: sums of squared differences between that and what was at the same place later, and at its new one,
+            `[N, 2]`.
+        sure: by how many deviations of the noise it stood out, summed over its sightings, `[N]` float64.
         length: sightings of every track, `[N]` int64.
         path: all their sightings, track after track, `[P, 10]`: time, and in shares of the height row and column of its
             middle, top, left, bottom and right, pixels, and row and column by which it is followed.
@@ -47,6 +54,10 @@ class FigureTable(NamedTuple):
     inputs: Tensor
     outputs: Tensor
     shades: Tensor
+    looked: Tensor
+    patch: Tensor
+    unlike: Tensor
+    sure: Tensor
     length: Tensor
     path: Tensor
 
@@ -66,6 +77,10 @@ class Figure:
     inputs: Numbers
     outputs: Numbers
     shades: Numbers
+    looked: Numbers
+    patch: npt.NDArray[np.float32]
+    unlike: Numbers
+    sure: float
     before: Numbers
     late: list[tuple[float, ...]] = field(default_factory=list)
 
@@ -122,6 +137,10 @@ def figures_of(table: FigureTable) -> list[Figure]:
         table.inputs.numpy(),
         table.outputs.numpy(),
         table.shades.numpy(),
+        table.looked.numpy(),
+        table.patch.numpy(),
+        table.unlike.numpy(),
+        table.sure.tolist(),
         paths,
         strict=True,
     )
@@ -134,7 +153,7 @@ def table_of(figures: Sequence[Figure]) -> FigureTable:
     def stacked(parts: list[Numbers], width: int) -> Tensor:
         return torch.from_numpy(np.stack(parts)) if parts else torch.zeros(0, width, dtype=torch.float64)
 
-    paths = [one.path for one in figures]
+    paths, patches = [one.path for one in figures], [one.patch for one in figures]
     return FigureTable(
         torch.tensor([one.number for one in figures], dtype=torch.int64),
         torch.tensor([one.known for one in figures], dtype=torch.bool),
@@ -147,6 +166,10 @@ def table_of(figures: Sequence[Figure]) -> FigureTable:
         stacked([one.inputs for one in figures], 10),
         stacked([one.outputs for one in figures], 10),
         stacked([one.shades for one in figures], 4),
+        stacked([one.looked for one in figures], 4),
+        torch.from_numpy(np.stack(patches)) if patches else torch.zeros(0, 3, PATCH, PATCH),
+        stacked([one.unlike for one in figures], 2),
+        torch.tensor([one.sure for one in figures], dtype=torch.float64),
         torch.tensor([len(path) for path in paths], dtype=torch.int64),
         torch.from_numpy(np.concatenate(paths)) if paths else torch.zeros(0, SIGHTING, dtype=torch.float64),
     )

@@ -7,11 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from ndtorch.binding.tracking.figure_params import FigureParams
-from ndtorch.binding.tracking.figures import FOLLOWED, PIXELS, SIGHTING, Figure, Numbers
+from ndtorch.binding.tracking.figures import FOLLOWED, PATCH, PIXELS, SIGHTING, Figure, Numbers
 from ndtorch.binding.tracking.meeting import apart, meeting, visible
-from ndtorch.binding.tracking.regions import Floats, Labels, Regions
+from ndtorch.binding.tracking.regions import Labels, Regions
 from ndtorch.binding.tracking.shades import Light
 from ndtorch.binding.tracking.silhouettes import Sighting, bounds, share, sighting
+from ndtorch.binding.tracking.whole import clear, look_again, moves_as_a_whole, stands_out
+from ndtorch.vision.camera.figures import Standing
 
 
 def follow(
@@ -19,7 +21,7 @@ def follow(
     time: float,
     seen_for: float,
     regions: Regions,
-    picture: Floats,
+    standing: Standing,
     light: Light,
     began: int,
     dt: float,
@@ -35,7 +37,7 @@ def follow(
         time: seconds.
         seen_for: seconds since the scene began.
         regions: of this step.
-        picture: `[3, h, w]`.
+        standing: picture, ground and noise of this step.
         light: in which it was taken.
         began: tracks begun so far.
         dt: seconds of a step.
@@ -45,7 +47,7 @@ def follow(
         the open tracks, those that were out of sight for too long, and the silhouettes: the number of the track of
         every pixel plus one, 0 where none is, `[h, w]`.
     """
-    labels, height = regions.labels, regions.labels.shape[0]
+    labels, height, picture = regions.labels, regions.labels.shape[0], standing.picture
     late, kept = list[Figure](), list[Figure]()
     for one in figures:
         (late if time - one.last_seen > patience(one, p) else kept).append(one)
@@ -80,12 +82,18 @@ def follow(
         seen = sighting(one, silhouettes, boxes, picture, light, one.number in shared)
         if seen is not None:
             add(one, time, seen, p)
+            # What shares its region is seen nowhere by itself.
+            if not one.known and not seen.shared:
+                stands_out(one, standing, silhouettes)
+                look_again(one, picture, standing.ground, p)
+    bright = float(standing.ground[:, ::4, ::4].mean()) if any(not one.known for one in kept) else 0.0
     for one in kept:
         if (
             seen_for > p.warm_up - dt / 2
             and not one.known
             and one.last_seen == time
             and travels(one, dt, p)
+            and (not p.travel or clear(one, p) or moves_as_a_whole(one, bright, p))
             and not part_of_another(one, kept, p)
         ):
             one.known = True
@@ -125,8 +133,9 @@ def part_of_another(one: Figure, others: Sequence[Figure], p: FigureParams) -> b
 def start(number: int, time: float, place: Numbers) -> Figure:
     """A track without sightings."""
     two, ten = np.zeros(2), np.zeros(10)
-    none = np.zeros((0, SIGHTING))
-    return Figure(number, False, two, two, np.zeros(3), place, time, place, ten, ten, np.zeros(4), none)
+    none, blank = np.zeros((0, SIGHTING)), np.zeros((3, PATCH, PATCH), np.float32)
+    looks = (np.zeros(4), blank, two, 0.0)
+    return Figure(number, False, two, two, np.zeros(3), place, time, place, ten, ten, np.zeros(4), *looks, none)
 
 
 def add(one: Figure, time: float, seen: Sighting, p: FigureParams) -> None:

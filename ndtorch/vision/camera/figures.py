@@ -71,11 +71,14 @@ class GroundState(NamedTuple):
 
 
 class Standing(NamedTuple):
-    """One step's result: exposure-corrected picture and background `[3, h, w]`, the picture in grey, which pixels
-    stand out, `[h, w]`, and whether a new scene begins."""
+    """One step's result: exposure-corrected picture, background, and mean deviation from it before this step,
+    `[3, h, w]`, noise of each color `[3]`, the picture in grey, which pixels stand out, `[h, w]`, and whether a new
+    scene begins."""
 
     picture: Floats
     ground: Floats
+    deviation: Floats
+    noise: Floats
     grey: Floats
     figure: Bools
     cut: bool
@@ -141,7 +144,8 @@ def ground_step(
     seen = int(state.frames) + 1
     soft = softened(picture, p.soft)
     if np.count_nonzero(out) > p.cut * out.size or new_scene(raw, gain, soft, state, p):
-        return Standing(raw, raw, grey_of(raw), np.zeros(out.shape, bool), True), ground_start(raw, p)
+        nothing = np.zeros(out.shape, bool)
+        return Standing(raw, raw, deviation, noise, grey_of(raw), nothing, True), ground_start(raw, p)
     quiet, restless = stillness(soft, out, state, dt, p)
     needed = p.still * p.settle / max(p.settle, seen * dt)
     mean, spread, settled = learn(picture, ground, deviation, noise, (kept, quiet, known), (needed, dt, seen), p)
@@ -168,7 +172,7 @@ def ground_step(
     # A pixel alone is noise; a gap of a pixel is none.
     square = np.ones((p.speckle, p.speckle), np.uint8)
     figure = np.asarray(cv2.morphologyEx(most_of(figure, p.speckle), cv2.MORPH_OPEN, square))
-    return Standing(picture, ground, grey, np.asarray(figure > 0), False), after
+    return Standing(picture, ground, deviation, noise, grey, np.asarray(figure > 0), False), after
 
 
 def most_of(image: Bytes, side: int) -> Bytes:

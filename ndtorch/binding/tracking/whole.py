@@ -1,0 +1,102 @@
+"""Whether a track is a thing: it stands out far from the noise, or moves as a whole and leaves its old place."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from ndtorch.binding.tracking.figure_params import FigureParams
+from ndtorch.binding.tracking.figures import PATCH, Figure, Numbers
+from ndtorch.binding.tracking.regions import Floats, Labels
+from ndtorch.vision.camera.figures import MEAN_SIZE, Standing
+
+
+def patch_of(picture: Floats, ground: Floats, box: npt.NDArray[np.int64]) -> Floats:
+    """The difference from the ground in a box, at a size that all tracks share, `[3, PATCH, PATCH]`.
+
+    Args:
+        picture, ground: `[3, h, w]`.
+        box: top, left, bottom and right, pixels; what lies outside the picture is left out.
+    """
+    import cv2
+
+    height, width = picture.shape[1:]
+    top, left = min(max(box[0], 0), height - 1), min(max(box[1], 0), width - 1)
+    bottom, right = min(max(box[2], top + 1), height), min(max(box[3], left + 1), width)
+    apart = picture[:, top:bottom, left:right] - ground[:, top:bottom, left:right]
+    # Means where it shrinks: single pixels would be noise.
+    how = cv2.INTER_AREA if min(apart.shape[1:]) > PATCH else cv2.INTER_LINEAR
+    return np.stack([np.asarray(cv2.resize(plane, (PATCH, PATCH), interpolation=how), np.float32) for plane in apart])
+
+
+def stands_out(one: Figure, standing: Standing, silhouettes: Labels) -> None:
+    """Add by how many deviations of their noise the pixels of a track stand out in this picture, in the mean.
+
+    Args:
+        one: the track, seen in this picture; is changed.
+        standing: the picture, and the ground and its noise before.
+        silhouettes: number of the track of every pixel plus one, `[h, w]`.
+    """
+    height = silhouettes.shape[0]
+    top, left, bottom, right = (max(0, round(side * height)) for side in one.last[3:7])
+    window = (slice(None), slice(top, bottom), slice(left, right))
+    inside = silhouettes[window[1:]] == one.number + 1
+    apart = np.abs(standing.picture[window][:, inside] - standing.ground[window][:, inside])
+    noise = np.maximum(standing.deviation[window][:, inside] * np.float32(1 / MEAN_SIZE), standing.noise[:, None])
+    one.sure += float((apart / noise).max(0).mean()) if inside.any() else 0.0
+
+
+def clear(one: Figure, p: FigureParams) -> bool:
+    """Whether a track stood out so much, all its sightings together, that it is no chance piece of anything."""
+    return one.sure >= p.clear * (len(one.before) + len(one.late))
+
+
+def look_again(one: Figure, picture: Floats, ground: Floats, p: FigureParams) -> None:
+    """Once a track has gone on by `stride`, compare what is at both places with what it looked like before.
+
+    Pieces that come and go side by side, leaves that sway, and blocks of a codec shift the middle of a region, but what
+    was there stays there. The squared differences of both are summed over the track's life, so that what stands out
+    much counts for more.
+
+    Args:
+        one: the track, seen in this picture; is changed.
+        picture, ground: `[3, h, w]`.
+        p: constants.
+    """
+    height = picture.shape[1]
+    last, before = np.array(one.last[3:7]), one.looked
+
+    def seen_at(box: Numbers) -> Floats:
+        return patch_of(picture, ground, np.rint(box * height).astype(np.int64))
+
+    if not before.any():
+        one.looked, one.patch = last, seen_at(last)
+        return
+    step = last - before
+    middle = (step[:2] + step[2:]) / 2
+    if float(np.hypot(*middle)) <= max(p.stride * one.size, p.least_stride / height):
+        return
+    # Arms, legs and shadows change the box: its middle or either corner may be what went along.
+    ways = [np.tile(way, 2) for way in (middle, step[:2], step[2:])]
+    new = seen_at(last)
+    went = min(unlike(looks, one.patch) for looks in (new, *(seen_at(before + way) for way in ways)))
+    one.unlike = one.unlike + [unlike(seen_at(before), one.patch), went]
+    one.looked, one.patch = last, new
+
+
+def unlike(one: Floats, other: Floats) -> float:
+    """Mean squared difference."""
+    return float(((one - other) ** 2).mean())
+
+
+def moves_as_a_whole(one: Figure, light: float, p: FigureParams) -> bool:
+    """Whether what was seen at its places says so, against a doubt that is larger than what is pale can settle soon.
+
+    Args:
+        one: the track.
+        light: of the scene, the mean of the ground.
+        p: constants.
+    """
+    stayed, went = one.unlike.tolist()
+    doubt = (p.doubt * light) ** 2
+    return bool(stayed - went - doubt >= p.whole * (stayed + went + doubt))
