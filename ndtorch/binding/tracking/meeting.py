@@ -9,6 +9,7 @@ import numpy as np
 from ndtorch.binding.tracking.figure_params import FigureParams
 from ndtorch.binding.tracking.figures import PIXELS, Figure
 from ndtorch.binding.tracking.regions import Floats, Regions
+from ndtorch.binding.tracking.whole import clear
 
 
 def visible(ones: list[Figure], area: float, p: FigureParams) -> tuple[list[Figure], list[Figure]]:
@@ -41,8 +42,8 @@ def visible(ones: list[Figure], area: float, p: FigureParams) -> tuple[list[Figu
 
 
 def lasted(one: Figure, p: FigureParams) -> bool:
-    """Whether a track was in sight for long enough to be an object."""
-    return one.last_seen - one.first_seen >= p.shortest
+    """Whether a track was in sight for long enough to be an object, and is no pale piece."""
+    return one.last_seen - one.first_seen >= p.shortest and (not p.travel or clear(one, p))
 
 
 def meeting(
