@@ -35,7 +35,7 @@ class FigureParams(Constants):
     clear: float = Field(12.0, gt=0, description="what stands out by so many deviations in the mean is a thing, else,")
     stride: float = Field(0.35, gt=0, description="after going this far, its old and its new place are looked at,")
     least_stride: float = Field(2.0, ge=0, description="and at least so many pixels of that image")
-    whole: float = Field(0.0, ge=-1, le=1, description="how much better its looks fit the new place, from -1 to 1,")
+    whole: float = Field(-0.05, ge=-1, le=1, description="how much better its looks fit the new place, from -1 to 1,")
     doubt: float = Field(0.25, ge=0, description="against a doubt that a difference of this share of the light settles")
     larger: float = Field(2.0, ge=1, description="a track of this many times its pixels,")
     beside: float = Field(1.0, ge=0, description="nearer than this share of the other's size,")

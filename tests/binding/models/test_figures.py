@@ -15,7 +15,7 @@ import ndtorch
 from ndtorch.binding import load_state, save_state
 from ndtorch.binding.models.figures import FiguresModel
 from ndtorch.binding.tracking.figure_params import FigureParams
-from ndtorch.binding.tracking.figures import FOLLOWED, PIXELS, SIGHTING, Figure
+from ndtorch.binding.tracking.figures import FOLLOWED, PATCH, PIXELS, SIGHTING, Figure
 from ndtorch.binding.tracking.meeting import apart
 from ndtorch.binding.tracking.regions import Regions
 from ndtorch.binding.tracking.silhouettes import share
@@ -25,6 +25,8 @@ from tests.vision.camera.passing_scenes import SIZE, ground, passing
 
 STEPS = 50
 FPS = 25.0
+UNSEEN: Any = (np.zeros(4), np.zeros((3, PATCH, PATCH), np.float32), np.zeros(2), 0.0)
+"""A track that was not looked at closely."""
 
 
 @cache
@@ -211,7 +213,7 @@ def test_what_was_lost_for_longer_is_looked_for_farther_away(lost_for: float, aw
     two, ten = np.full(2, 0.1), np.zeros(10)
     seen = np.zeros((1, SIGHTING))
     seen[0, 0], seen[0, FOLLOWED], seen[0, PIXELS] = 5.0, 0.3, 0.01
-    lost = Figure(1, True, np.zeros(2), two, np.zeros(3), two, 0.0, two, ten, ten, np.zeros(4), seen)
+    lost = Figure(1, True, np.zeros(2), two, np.zeros(3), two, 0.0, two, ten, ten, np.zeros(4), *UNSEEN, seen)
     labels = np.zeros((100, 160), np.int32)
     left = round(100 * (0.3 + away)) - 5
     labels[25:35, left : left + 10] = 1
@@ -228,7 +230,9 @@ def test_two_tracks_share_a_region_in_its_middle() -> None:
         seen = np.zeros((1, SIGHTING))
         seen[0, FOLLOWED] = row, 0.3
         ones.append(
-            Figure(number, True, np.zeros(2), extent, np.zeros(3), extent, 0.0, extent, ten, ten, np.zeros(4), seen)
+            Figure(
+                number, True, ten[:2], extent, ten[:3], extent, 0.0, extent, ten, ten, np.zeros(4), *UNSEEN, seen
+            )
         )
     labels, silhouettes = np.zeros((20, 20), np.int32), np.zeros((20, 20), np.int32)
     labels[2:10, 4:8] = 1
