@@ -50,7 +50,7 @@ def follow(
     labels, height, picture = regions.labels, regions.labels.shape[0], standing.picture
     late, kept = list[Figure](), list[Figure]()
     for one in figures:
-        (late if time - one.last_seen > patience(one, p) else kept).append(one)
+        (late if time - one.last_seen > patience(one, dt, p) else kept).append(one)
     count = len(regions.areas)
     given, pieces = meeting(kept, time, regions, p)
     taken = {k for ks in given.values() for k in ks}
@@ -100,9 +100,11 @@ def follow(
     return [one for one in kept if one.number not in absorbed], late, silhouettes
 
 
-def patience(one: Figure, p: FigureParams) -> float:
-    """How long a track out of sight is waited for: one that is no object yet for no longer than it was in sight."""
-    return p.coast if one.known else min(p.coast, max(p.shortest, one.last_seen - one.first_seen))
+def patience(one: Figure, dt: float, p: FigureParams) -> float:
+    """How long a track out of sight is waited for: one that is no object yet for no longer than it was in sight, and
+    every one until the next picture, `dt` later, may show it."""
+    wanted = p.coast if one.known else min(p.coast, max(p.shortest, one.last_seen - one.first_seen))
+    return max(wanted, 1.5 * dt)
 
 
 def travels(one: Figure, dt: float, p: FigureParams) -> bool:

@@ -80,7 +80,7 @@ def look_again(one: Figure, picture: Floats, ground: Floats, p: FigureParams) ->
     ways = [np.tile(way, 2) for way in (middle, step[:2], step[2:])]
     new = seen_at(last)
     went = min(unlike(looks, one.patch) for looks in (new, *(seen_at(before + way) for way in ways)))
-    one.unlike = one.unlike + [unlike(seen_at(before), one.patch), went]
+    one.unlike = one.unlike + np.array((unlike(seen_at(before), one.patch), went))
     one.looked, one.patch = last, new
 
 

@@ -230,9 +230,7 @@ def test_two_tracks_share_a_region_in_its_middle() -> None:
         seen = np.zeros((1, SIGHTING))
         seen[0, FOLLOWED] = row, 0.3
         ones.append(
-            Figure(
-                number, True, ten[:2], extent, ten[:3], extent, 0.0, extent, ten, ten, np.zeros(4), *UNSEEN, seen
-            )
+            Figure(number, True, ten[:2], extent, ten[:3], extent, 0.0, extent, ten, ten, np.zeros(4), *UNSEEN, seen)
         )
     labels, silhouettes = np.zeros((20, 20), np.int32), np.zeros((20, 20), np.int32)
     labels[2:10, 4:8] = 1

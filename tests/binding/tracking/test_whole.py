@@ -1,0 +1,121 @@
+"""What is pale is an object when it moves as a whole, and what stands out is one anyway."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+import ndtorch
+from ndtorch.binding import BoundObject
+from ndtorch.binding.models.figures import FiguresModel
+from ndtorch.binding.tracking.figure_params import FigureParams
+from ndtorch.binding.tracking.figures import Figure
+from ndtorch.binding.tracking.following import start
+from ndtorch.binding.tracking.whole import clear, look_again, moves_as_a_whole, patch_of, stands_out
+from ndtorch.vision.camera.figures import Standing
+from tests.vision.camera.passing_scenes import SIZE, ground
+
+P = FigureParams()
+LIGHT = 0.4
+
+
+def textured(contrast: float, side: int) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+    chance = np.random.default_rng(0)
+    return (contrast * (1 + 0.3 * chance.standard_normal((3, side, side)))).astype(np.float32)
+
+
+def followed(lefts: list[int], shown: list[int], contrast: float) -> Figure:
+    """A track whose box begins at these columns; the thing itself is at others."""
+    one, thing = start(0, 0.0, np.array([0.5, 0.2])), textured(contrast, 20)
+    one.extent, plain = np.full(2, 0.2), np.full((3, 100, 160), LIGHT, np.float32)
+    for n, (left, at) in enumerate(zip(lefts, shown, strict=True)):
+        picture = plain.copy()
+        picture[:, 40:60, at : at + 20] += thing
+        box = (0.4, left / 100, 0.6, left / 100 + 0.2)
+        one.late.append((float(n), 0.5, left / 100 + 0.1, *box, 0.04, 0.5, left / 100 + 0.1))
+        look_again(one, picture, plain, P)
+    return one
+
+
+@pytest.mark.parametrize("contrast", [0.03, 0.2])
+def test_what_goes_along_with_its_box_moves_as_a_whole(contrast: float) -> None:
+    places = list(range(10, 90, 10))
+    one = followed(places, places, contrast)
+    stayed, went = one.unlike
+    assert went < 0.1 * stayed
+    assert moves_as_a_whole(one, LIGHT, P) is (contrast > 0.1)
+    # What is pale needs more of that, and a darker scene has smaller differences.
+    assert moves_as_a_whole(one, LIGHT / 4, P)
+
+
+def test_what_stays_while_its_box_goes_does_not_move() -> None:
+    """The box of pieces that come and go shifts by less than itself; what was in it is still there."""
+    one = followed([10, 18, 10, 18, 10, 18], [14] * 6, 0.2)
+    stayed, went = one.unlike
+    assert stayed == pytest.approx(0, abs=1e-9)
+    assert went > 0.001
+    assert not moves_as_a_whole(one, LIGHT, P)
+
+
+def test_a_track_is_looked_at_again_after_a_share_of_its_size() -> None:
+    one = followed([10, 16], [10, 16], 0.2)
+    assert one.unlike.tolist() == [0, 0]
+    assert one.looked[1] == pytest.approx(0.1)
+    assert followed([10, 18], [10, 18], 0.2).looked[1] == pytest.approx(0.18)
+
+
+def test_a_patch_has_one_size_and_leaves_out_what_is_outside() -> None:
+    picture = np.arange(3 * 20 * 30, dtype=np.float32).reshape(3, 20, 30)
+    inner = patch_of(picture, np.zeros_like(picture), np.array([4, 0, 16, 12]))
+    assert inner == pytest.approx(picture[:, 4:16, :12])
+    assert patch_of(picture, picture, np.array([-5, 25, 40, 99])) == pytest.approx(np.zeros_like(inner))
+
+
+def test_a_clear_track_stands_out_by_many_deviations_of_its_own_pixels() -> None:
+    plain = np.full((3, 40, 60), LIGHT, np.float32)
+    silhouettes = np.zeros((40, 60), np.int32)
+    silhouettes[10:20, 10:30] = 1
+    picture = plain + np.float32(0.2) * (silhouettes > 0)
+    for deviation, is_clear in ((0.001, True), (0.02, False)):
+        one = start(0, 0.0, np.array([0.4, 0.5]))
+        one.late.append((0.0, 0.4, 0.5, 0.25, 0.25, 0.5, 0.75, 0.1, 0.4, 0.5))
+        noise = np.full(3, 0.006, np.float32)
+        step = Standing(picture, plain, np.full_like(plain, deviation), noise, plain[0], silhouettes > 0, False)
+        stands_out(one, step, silhouettes)
+        assert one.sure == pytest.approx(0.2 / max(0.006, deviation / 0.798), rel=0.02)
+        assert clear(one, P) is is_clear
+
+
+def objects(video: Tensor) -> list[BoundObject]:
+    """On a camera with some noise."""
+    generator = torch.Generator().manual_seed(3)
+    noisy = video + 0.004 * torch.randn(video.shape, generator=generator)
+    model = ndtorch.load("figures", size=SIZE, fps=25.0)
+    assert isinstance(model, FiguresModel)
+    with torch.inference_mode():
+        _, state = model((noisy.clamp(0, 1) * 255).round().to(torch.uint8))
+    found = model.objects(state)
+    assert isinstance(found, list)
+    return [one for one in found if isinstance(one, BoundObject)]
+
+
+def pale(kind: str) -> Tensor:
+    """A pale square of 24 pixels that goes to the right, or four of 12 side by side that come and go in turn."""
+    video = ground().repeat(75, 1, 1, 1)
+    for n in range(30, 75):
+        if kind == "goes":
+            video[n, :, 44:68, 4 * (n - 30) : 4 * (n - 30) + 24] += 0.05
+            continue
+        for k in range(4):
+            # Two neighbours at a time; the whole seems to go along.
+            if (n - 30) // 8 % 4 in (k, (k - 1) % 4):
+                video[n, :, 44:56, 60 + 12 * k : 72 + 12 * k] += 0.04
+    return video
+
+
+def test_pale_blocks_that_come_and_go_are_no_object_but_a_pale_thing_that_moves_is() -> None:
+    (thing,) = objects(pale("goes"))
+    assert thing.direction == "right"
+    assert objects(pale("blinks")) == []
