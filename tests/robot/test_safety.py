@@ -214,3 +214,12 @@ def test_kinds_are_told_apart():
         Kind.NOT_TOLD,
         Kind.EMERGENCY,
     }
+
+
+@pytest.mark.parametrize("name", ["speed", "curvature", "acceleration", "steering", "silence", "age", "recovery"])
+def test_a_limit_that_is_no_number_is_refused(name):
+    """Nothing is larger than NaN: it would let everything through."""
+    for value in (float("nan"), -0.1):
+        with pytest.raises(InputError, match=f"{name} must be 0 or more, got {value}"):
+            SafetyLimits(**{name: value})
+    assert getattr(SafetyLimits(**{name: 0.0}), name) == 0.0
