@@ -136,7 +136,7 @@ def together(thinning: Thinning, kind: torch.dtype) -> int:
     """
     if kind == torch.float64:
         return 1
-    return max(1, min(4, (1 << 16) // (thinning.size[0] * thinning.size[1])))
+    return max(1, min(8, (1 << 17) // (thinning.size[0] * thinning.size[1])))
 
 
 def fresh(frames: Tensor) -> MotionState:

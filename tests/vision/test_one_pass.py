@@ -73,7 +73,7 @@ def test_any_number_of_halvings(border: Border, widest: float, halvings: int) ->
     across, around = (2 * widest, widest), (2.5 * widest, 1.5 * widest)
     module = VisualFeatures((400, 96), border=border, center=across, surround=around)
     assert module.orientation.halvings[0] == halvings
-    frames = noise(torch.float32, 5, (400, 96))
+    frames = noise(torch.float32, 9, (400, 96))
     wanted, _ = by_torch(module, frames)
     with torch.inference_mode():
         whole, _ = module(frames)
