@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ndtorch.errors import InputError
@@ -79,6 +79,7 @@ def test_ramps_up_and_stops_at_once():
     assert drive.sent[-1].speed == 0.0  # never straight through zero
 
 
+@settings(deadline=None)
 @given(st.lists(st.tuples(st.floats(-0.6, 0.6), st.floats(-2.2, 2.2)), min_size=2, max_size=30))
 def test_limits_hold_for_any_commands(commands):
     clock, drive, lines, safe = make()
