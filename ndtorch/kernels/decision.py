@@ -55,7 +55,7 @@ def decision(
     swing_back = min(free[behind], known[behind] + grace)
     if not reversing:
         swing = 1.0 if swing_back > enough else 0.0
-    straight_back = min(free[6], known[6] + (0.0 if blocked else grace))
+    straight_back = free[6] if blocked else min(free[6], known[6] + grace)
     rear = swing_back if swing > 0 else straight_back
     unseen = longest < least and rear >= enough and bold < 1
     gone = gone - speed * metres if reversing else 0.0

@@ -158,8 +158,8 @@ def decide(
     blocked = torch.where(left, free[..., 1:3], free[..., 3:5]).amax(-1) < c.least
     swing_back = torch.where(left[..., 0], confined[..., 5], confined[..., 7])
     swing = torch.where(reversing, state.swing, (swing_back > c.swing).to(side.dtype))
-    # A car that cannot go ahead at all backs as far as floor was seen and not a step on: beside it may be a wall.
-    straight_back = torch.where(blocked, torch.minimum(free[..., 6], known[..., 6]), confined[..., 6])
+    # Only a car that cannot go ahead at all backs into what it has not seen.
+    straight_back = torch.where(blocked, free[..., 6], confined[..., 6])
     rear = torch.where(swing > c.zero, swing_back, straight_back)
     # Before a turn into what was not seen free the car backs once, if it knows that it can.
     unseen = (longest < c.least) & (rear >= c.swing) & (state.bold < c.one)
