@@ -187,7 +187,8 @@ class RangingControl(Controller):
         floor, p = state.floor, self.params
         if int(state.mode) == STOPPED and float(floor.age) <= float(self.floor.standing):
             noisy = ", and the pictures are noisy" * (float(floor.noise) > p.least_noise)
-            return f"it cannot begin: less than {p.start_needs} m of floor are seen free ahead{noisy}"
+            why = noisy or ": something stands there, or the floor shows too little to both cameras"
+            return f"it cannot begin: less than {p.start_needs} m of floor are seen free ahead{why}"
         share = float(known_share(floor, self.full_flow, p.least_noise, self.floor))
         if share >= FULL:
             return None

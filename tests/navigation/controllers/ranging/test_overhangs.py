@@ -57,7 +57,7 @@ def test_many_cars_at_once_are_each_as_one():
 
 
 def driven(overhangs, frames=150):
-    """A car on open floor, before a board across its way 2.5 m ahead with air below it: it is ranged for three or four frames."""
+    """A car on open floor, 2.5 m before a board across its way with air below it, which is ranged in a few frames."""
     control = RangingControl(RIG, DT, RangingParams(overhangs=overhangs))
     view = control.look.view
     pose, command, state, modes = HERE, Command(*torch.zeros(2)), None, []
