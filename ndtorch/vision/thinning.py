@@ -3,9 +3,24 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
+
+
+class Thinning(NamedTuple):
+    """An image with fewer rows and columns.
+
+    Attributes:
+        size: height and width of what is left, margins included.
+        blocks: rows, and columns, that become one.
+        margins: mirrored rows above and below, and columns at both sides.
+    """
+
+    size: tuple[int, int]
+    blocks: tuple[int, int]
+    margins: tuple[int, int]
 
 
 def halvings(length: int, spacing: float) -> int:
@@ -36,6 +51,11 @@ def halve_rows(image: Tensor) -> Tensor:
     out.narrow(-2, 1, n).add_(odd.narrow(-2, 0, n), alpha=0.5)
     out.narrow(-2, 0, 1).add_(odd.narrow(-2, n, 1), alpha=0.5)
     return out
+
+
+def halve_columns(image: Tensor) -> Tensor:
+    """`halve_rows` of the columns."""
+    return halve_rows(image.mT).mT
 
 
 def smooth_margin(length: int, wanted: int) -> int:
