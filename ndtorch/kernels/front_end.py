@@ -1,4 +1,4 @@
-"""One pass over a frame: grey, color sums, both filters of the motion detectors, their four sums, halved rows."""
+"""One pass over a frame: grey, color sums, both filters of the motion detectors, their four sums, thinned rows."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def front_end(
         wrap: correlate across the border as well.
         block: rows that become one, a power of two.
         margin: mirrored rows above and below.
-        rows: the grey image with its margins, rows halved as by `halve_rows`, `[(H + 2 margin) / block, W]`.
+        rows: the grey image with its margins, rows thinned as by `thin_rows`, `[(H + 2 margin) / block, W]`.
         sums: across, its magnitude, along, its magnitude, red, green, blue; `[7]` float64.
     """
     height, width = slow.shape
@@ -75,10 +75,13 @@ def front_end(
 
 
 @inner
-def add_halved(row: Array, place: int, block: int, rows: Array) -> None:
-    """Add the row at `place` to what its block and the next become: a triangle of weights, as of `halve_rows`."""
-    here, there = place // block, (place // block + 1) % rows.shape[0]
-    share = (place % block) / block
+def add_thinned(row: Array, place: int, block: int, rows: Array) -> None:
+    """Add the row at `place` to the two blocks whose middles it lies between: a triangle of weights, as of
+    `thin_rows`."""
+    half_rows = 2 * place - (block - 1)
+    above = half_rows // (2 * block)
+    share = (half_rows - 2 * block * above) / (2 * block)
+    here, there = above % rows.shape[0], (above + 1) % rows.shape[0]
     kind = rows.dtype.type
     if share > 0 and here != there:
         add_to_two(row, (kind(1 - share), kind(share)), rows[here], rows[there])
@@ -89,8 +92,8 @@ def add_halved(row: Array, place: int, block: int, rows: Array) -> None:
 @inner
 def add_mirrored(row: Array, y: int, height: int, margin: int, block: int, rows: Array) -> None:
     """Add a row of the image, and where it is mirrored in the margins, to what its blocks become."""
-    add_halved(row, y + margin, block, rows)
+    add_thinned(row, y + margin, block, rows)
     if 0 < y <= margin:
-        add_halved(row, margin - y, block, rows)
+        add_thinned(row, margin - y, block, rows)
     if 0 < height - 1 - y <= margin:
-        add_halved(row, margin + 2 * (height - 1) - y, block, rows)
+        add_thinned(row, margin + 2 * (height - 1) - y, block, rows)
