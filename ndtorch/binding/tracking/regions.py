@@ -94,21 +94,20 @@ def parted(regions: Regions, notch: float, least: float) -> Regions:
 
 def narrow(counts: npt.NDArray[np.int64], width: int, notch: float, least: float) -> int:
     """Where a profile is cut in two, 0 for nowhere: at the deepest of its notches that leaves enough on both sides."""
-    # An odd width, and places between columns: the cut of a mirror image is mirrored.
-    width = 2 * (min(width, len(counts)) // 2) + 1
-    smooth = np.convolve(np.pad(counts, width // 2), np.ones(width) / width, "valid")
-    between = (smooth[1:] + smooth[:-1]) / 2
-    if not len(between):
-        return 0
-    before, after = np.maximum.accumulate(between), np.maximum.accumulate(between[::-1])[::-1]
+    # An odd width, and the narrowest column goes to the smaller part: the cut of a mirror image is mirrored.
+    width = 2 * (min(width, len(counts) - 1) // 2) + 1
+    smooth = np.convolve(counts, np.ones(width) / width, "same")
+    before, after = np.maximum.accumulate(smooth), np.maximum.accumulate(smooth[::-1])[::-1]
     lower = np.minimum(before, after)
-    one = np.cumsum(counts)[:-1]
-    other = counts.sum() - one
-    depth = np.where((one >= least) & (other >= least), between / np.maximum(lower, 1), 1.0)
+    one = np.cumsum(counts) - counts
+    other = counts.sum() - counts - one
+    depth = np.where((one >= least) & (other >= least), smooth / np.maximum(lower, 1), 1.0)
     lowest = np.flatnonzero(depth <= depth.min() + 1e-9)
     pair = lowest[[(len(lowest) - 1) // 2, len(lowest) // 2]]
     at = int(pair[np.abs(one - other)[pair].argmin()])
-    return at + 1 if depth[at] < notch else 0
+    if depth[at] >= notch:
+        return 0
+    return at if one[at] >= other[at] else at + 1
 
 
 def holes(figure: Bools, still: Bools, picture: Floats, ground: Floats, smallest: float) -> Bools:
