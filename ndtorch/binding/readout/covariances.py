@@ -45,10 +45,10 @@ def column_of(matrix: Tensor, index: Tensor) -> Tensor:
     return matrix.gather(-1, index[..., None, None].expand(*matrix.shape[:-1], 1)).squeeze(-1)
 
 
-def by_groups(covariances: Tensor, first_stage: Tensor, apart: Tensor, along: float) -> tuple[Tensor, Tensor]:
+def by_groups(covariances: Tensor, first_stage: Tensor, apart: Tensor, agrees: float) -> tuple[Tensor, Tensor]:
     """As `columns`, but of objects `apart` `[...]` each group may speak for itself.
 
-    Where a group's strongest neuron has a correlation below `along` with the owner, what the group has in the column
+    Where a group's strongest neuron has a correlation below `agrees` with the owner, what the group has in the column
     is what fluctuates with that neuron instead. Before a ground that is light a thing that gets darker stands out
     again: motion and orientation go another way than color then, or none.
     """
@@ -59,7 +59,7 @@ def by_groups(covariances: Tensor, first_stage: Tensor, apart: Tensor, along: fl
     for group in GROUPS.values():
         strongest = power[..., group].argmax(-1) + group.start
         both = power.gather(-1, owner.unsqueeze(-1)) * power.gather(-1, strongest.unsqueeze(-1))
-        other = column.gather(-1, strongest.unsqueeze(-1)) < along * root(both.clamp_min(0))
+        other = column.gather(-1, strongest.unsqueeze(-1)) < agrees * root(both.clamp_min(0))
         own = column_of(shared, strongest)[..., group]
         parts.append(torch.where(other & apart.unsqueeze(-1), own, column[..., group]))
     return owner, torch.cat(parts, -1)
@@ -71,7 +71,7 @@ def single_table(
     first_stage: Tensor,
     smallest: float = 1 / 3,
     apart: Tensor | None = None,
-    along: float = 0.5,
+    agrees: float = 0.5,
 ) -> ObjectTable:
     """The tables of single objects: one owner and one row in each, none where there is no object.
 
@@ -81,10 +81,10 @@ def single_table(
         first_stage: weights of the first stage, `[10, 10]`.
         smallest: share of its group's largest that makes a feature.
         apart: objects of which a group may speak for itself, `[...]` bool; None for none.
-        along: correlation with the owner below which it does.
+        agrees: correlation with the owner below which it does.
     """
     apart = torch.zeros_like(there) if apart is None else apart
-    owner, column = by_groups(covariances, first_stage, apart, along)
+    owner, column = by_groups(covariances, first_stage, apart, agrees)
     owners = torch.nn.functional.one_hot(owner, column.shape[-1]).bool() & there.unsqueeze(-1)
     return ObjectTable(
         owners, torch.where(owners.unsqueeze(-1), features_by_group(column, smallest).unsqueeze(-2), 0.0)
