@@ -48,6 +48,7 @@ COPIES = ROOT / "docs" / "checkout"
 
 ELSEWHERE = [
     ROOT / "README.md",
+    ROOT / "CHANGELOG.md",
     *(page for part in ("robot", "train", "models") for page in (ROOT / part).rglob("*.md")),
 ]
 

@@ -57,7 +57,7 @@ def test_links_lead_somewhere() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", ["binding", "models"])
+@pytest.mark.parametrize("page", ["start", "binding", "models", "navigation"])
 def test_snippets_of_the_pages(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = (Path(__file__).resolve().parents[1] / "docs" / f"{page}.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)

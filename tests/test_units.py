@@ -30,7 +30,7 @@ ENDINGS = ("_s", "_ms", "_m", "_px", "_hz", "_deg", "_rad", "_percent", "_per_s"
 """Units at the end of a key, as files about hardware have them."""
 
 WITHOUT = {
-    "sight": "row_contrast field_contrast row_relative field_relative sharpness noise sharp_range row_change "
+    "sight": "row_contrast field_contrast row_relative field_relative sharpness noise sharp_range softness row_change "
     "field_change still swapped mirrored agreement_patches turns backwards",
     "simulation": "seed",
     "cameras": "gain",

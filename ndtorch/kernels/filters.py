@@ -57,6 +57,16 @@ def filter_row(
 
 
 @inner
+def outside(colors: tuple[Array, Array, Array], unit: float) -> int:
+    """How many numbers of three rows are not in 0..1 once they are scaled by `unit`, with some slack, or no numbers."""
+    low, high, wrong = -0.01 / unit, 1.01 / unit, 0
+    for row in colors:
+        for x in range(row.shape[0]):
+            wrong += 0 if low <= row[x] <= high else 1
+    return wrong
+
+
+@inner
 def correlate(
     high: Array, late: Array, high_before: Array, late_before: Array
 ) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -1,15 +1,19 @@
-"""One pass over a frame: grey, color sums, both filters of the motion detectors, their four sums, thinned rows."""
+"""One pass over frames: grey, color sums, both filters of the motion detectors, their four sums, halved images."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ndtorch.kernels.filters import Array, add_to_two, add_weighted, correlate, filter_row
+from ndtorch.kernels.filters import Array, add_to_two, add_weighted, correlate, filter_row, outside
+from ndtorch.kernels.halved_columns import halve_columns
 from ndtorch.kernels.inner import inner
+
+BAND = 8
+"""Rows of pixels that all frames go through before the next ones: so many rows of the states stay in the cache."""
 
 
 def front_end(
-    frame: Array,
+    frames: Array,
     beside: bool,
     unit: float,
     settle: bool,
@@ -19,69 +23,107 @@ def front_end(
     a_low: float,
     wrap: bool,
     block: int,
-    margin: int,
-    rows: Array,
+    margins: tuple[int, int],
+    every: int,
+    images: Array,
     sums: Array,
 ) -> None:
     """`front_step` and the first steps of `OrientedDoG.sums`, row by row, so that a row is read once.
 
+    The states, which are larger than a cache, are read and written once for all frames.
+
     Args:
-        frame: `[3, H, W]`, or `[H, W, 3]` where colors lie `beside` each other.
+        frames: `[T, 3, H, W]`, or `[T, H, W, 3]` where colors lie `beside` each other.
         unit: factor that scales it to 0..1.
-        settle: the state before is that of filters settled on this frame, whatever is given.
-        slow, delayed: `MotionState` before, `[H, W]`; they become that after it.
+        settle: the state before is that of filters settled on the first frame, whatever is given.
+        slow, delayed: `MotionState` before, `[H, W]`; they become that after the last frame.
         a_high, a_low: shares of the filters.
         wrap: correlate across the border as well.
         block: rows that become one, a power of two.
-        margin: mirrored rows above and below.
-        rows: the grey image with its margins, rows thinned as by `thin_rows`, `[(H + 2 margin) / block, W]`.
-        sums: across, its magnitude, along, its magnitude, red, green, blue; `[7]` float64.
+        margins: mirrored rows above and below, and columns at both sides.
+        every: how many rows apart pixels are looked at whether they are in 0..1; 0: none are.
+        images: become the grey images with their margins, rows and columns halved as by `halve_rows`, `[T, h, w]`.
+        sums: across, its magnitude, along, its magnitude, red, green, blue, and how many pixels of those looked at
+            are not in 0..1; `[T, 8]` float64.
     """
-    height, width = slow.shape
+    (times, kept, _), (height, width), margin = images.shape, slow.shape, margins[0]
     kind = slow.dtype.type
     third, shares = kind(unit / 3), (a_high, a_low)
-    image = np.empty(width, slow.dtype)
-    # The first row is kept for where the torus closes; the others take turns.
-    highs = np.empty((3, width), slow.dtype)
-    for place in range(rows.shape[0]):
-        for x in range(width):
-            rows[place, x] = 0
-    across = across_size = along = along_size = red = green = blue = 0.0
-    for y in range(height):
-        now = 1 + y % 2 if y else 0
-        last = 2 - y % 2 if y > 1 else 0
-        high, late = highs[now], delayed[y]
-        if beside:
-            colors = (frame[y, :, 0], frame[y, :, 1], frame[y, :, 2])
-            r, g, b = filter_row(colors, third, settle, slow[y], late, shares, image, high)
-        else:
-            planes = (frame[0, y], frame[1, y], frame[2, y])
-            r, g, b = filter_row(planes, third, settle, slow[y], late, shares, image, high)
-        red, green, blue = red + r, green + g, blue + b
-        left, above = correlate(high, late, highs[last], delayed[max(y - 1, 0)])
-        across, across_size = across + left[0], across_size + left[1]
-        if y:
-            along, along_size = along + above[0], along_size + above[1]
+    greys, highs = np.empty((block, width), slow.dtype), np.empty((2, width), slow.dtype)
+    rows = np.zeros((times, kept, width), slow.dtype)
+    # The first row is kept for where the torus closes, the last one of a band for the next.
+    first, last = np.empty((times, 2, width), slow.dtype), np.empty((times, 2, width), slow.dtype)
+    # Where blocks begin and end of which no row is mirrored in a margin; each lies in one band.
+    inner_from, inner_to = (2 * margin + 4) // 4 * 4 - margin, (height - 1) // 4 * 4 - margin
+    sums[:] = 0
+    for begin in range(-(margin % 4), height, BAND):
+        top, bottom = max(begin, 0), min(begin + BAND, height)
+        for t in range(times):
+            total, settled = sums[t], settle and t == 0
+            for y in range(top, bottom):
+                high, late, grey = highs[y % 2], delayed[y], greys[(y + margins[0]) % block]
+                if beside:
+                    colors = (frames[t, y, :, 0], frames[t, y, :, 1], frames[t, y, :, 2])
+                    r, g, b = filter_row(colors, third, settled, slow[y], late, shares, grey, high)
+                    wrong = outside(colors, unit) if every and y % every == 0 else 0
+                else:
+                    planes = (frames[t, 0, y], frames[t, 1, y], frames[t, 2, y])
+                    r, g, b = filter_row(planes, third, settled, slow[y], late, shares, grey, high)
+                    wrong = outside(planes, unit) if every and y % every == 0 else 0
+                total[4], total[5], total[6], total[7] = total[4] + r, total[5] + g, total[6] + b, total[7] + wrong
+                if y == 0:
+                    keep(high, late, first[t])
+                    keep(high, late, last[t])
+                high_before, late_before = last[t, 0], last[t, 1]
+                if y > top:
+                    high_before, late_before = highs[1 - y % 2], delayed[y - 1]
+                left, above = correlate(high, late, high_before, late_before)
+                total[0], total[1] = total[0] + left[0], total[1] + left[1]
+                if y:
+                    total[2], total[3] = total[2] + above[0], total[3] + above[1]
+                if wrap:
+                    signed = high[0] * late[width - 1] - high[width - 1] * late[0]
+                    total[0], total[1] = total[0] + signed, total[1] + abs(signed)
+                if block == 4 and inner_from <= y < inner_to:
+                    if (y + margin) % 4 == 3:
+                        here = (y + margin) // 4
+                        add_four(greys, rows[t, here], rows[t, (here + 1) % kept])
+                else:
+                    add_mirrored(grey, y, height, margin, block, rows[t])
+            keep(highs[(bottom - 1) % 2], delayed[bottom - 1], last[t])
+    for t in range(times):
+        total = sums[t]
         if wrap:
-            signed = high[0] * late[width - 1] - high[width - 1] * late[0]
-            across, across_size = across + signed, across_size + abs(signed)
-        add_mirrored(image, y, height, margin, block, rows)
-    if wrap:
-        end = 1 + (height - 1) % 2
-        _, above = correlate(highs[0], delayed[0], highs[end], delayed[height - 1])
-        along, along_size = along + above[0], along_size + above[1]
-    sums[0], sums[1], sums[2], sums[3] = across, across_size, along, along_size
-    sums[4], sums[5], sums[6] = red * unit, green * unit, blue * unit
+            _, above = correlate(first[t, 0], first[t, 1], last[t, 0], last[t, 1])
+            total[2], total[3] = total[2] + above[0], total[3] + above[1]
+        for color in range(4, 7):
+            total[color] *= unit
+        halve_columns(rows[t], margins[1], images[t])
 
 
 @inner
-def add_thinned(row: Array, place: int, block: int, rows: Array) -> None:
-    """Add the row at `place` to the two blocks whose middles it lies between: a triangle of weights, as of
-    `thin_rows`."""
-    half_rows = 2 * place - (block - 1)
-    above = half_rows // (2 * block)
-    share = (half_rows - 2 * block * above) / (2 * block)
-    here, there = above % rows.shape[0], (above + 1) % rows.shape[0]
+def keep(high: Array, late: Array, both: Array) -> None:
+    """Keep a row as high-passed and as delayed, `[2, W]`."""
+    for x in range(high.shape[0]):
+        both[0, x], both[1, x] = high[x], late[x]
+
+
+@inner
+def add_four(greys: Array, here: Array, there: Array) -> None:
+    """`add_halved` of the four rows of a block at once."""
+    kind = here.dtype.type
+    quarter, half, most = kind(0.25), kind(0.5), kind(0.75)
+    one, two, three, four = greys[0], greys[1], greys[2], greys[3]
+    for x in range(here.shape[0]):
+        here[x] += one[x] + most * two[x] + half * three[x] + quarter * four[x]
+        there[x] += quarter * two[x] + half * three[x] + most * four[x]
+
+
+@inner
+def add_halved(row: Array, place: int, block: int, rows: Array) -> None:
+    """Add the row at `place` to what its block and the next become: a triangle of weights, as of `halve_rows`."""
+    here, there = place // block, (place // block + 1) % rows.shape[0]
+    share = (place % block) / block
     kind = rows.dtype.type
     if share > 0 and here != there:
         add_to_two(row, (kind(1 - share), kind(share)), rows[here], rows[there])
@@ -92,8 +134,8 @@ def add_thinned(row: Array, place: int, block: int, rows: Array) -> None:
 @inner
 def add_mirrored(row: Array, y: int, height: int, margin: int, block: int, rows: Array) -> None:
     """Add a row of the image, and where it is mirrored in the margins, to what its blocks become."""
-    add_thinned(row, y + margin, block, rows)
+    add_halved(row, y + margin, block, rows)
     if 0 < y <= margin:
-        add_thinned(row, margin - y, block, rows)
+        add_halved(row, margin - y, block, rows)
     if 0 < height - 1 - y <= margin:
-        add_thinned(row, margin + 2 * (height - 1) - y, block, rows)
+        add_halved(row, margin + 2 * (height - 1) - y, block, rows)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ndtorch.kernels.filters import Array, filter_row
+from ndtorch.kernels.filters import Array, filter_row, outside
 from ndtorch.kernels.front_end import add_mirrored
+from ndtorch.kernels.halved_columns import halve_columns
 from ndtorch.kernels.inner import inner
 
 
@@ -20,32 +21,36 @@ def local_sums(
     a_low: float,
     wrap: bool,
     block: int,
-    margin: int,
-    rows: Array,
+    margins: tuple[int, int],
+    every: int,
+    image: Array,
     columns: Array,
     starts: Array,
     places: Array,
     shares: Array,
     sums: Array,
-) -> None:
+) -> int:
     """Motion and color in every field of `LocalFeatures`.
 
     Args:
-        frame, beside, unit, settle, slow, delayed, a_high, a_low, wrap, block, margin: as of `front_end`, like rows,
-            which are filled.
+        frame, beside, unit, settle, slow, delayed, a_high, a_low, wrap, block, margins, every: as of `front_end`, like
+            image, which is filled.
         columns: weights of pixels, and of what lies between them, in each column of fields, `[2, C, K]`.
         starts: the first of those K pixels, `[2, C]`; they may go on at the other border.
         places: the two rows of fields to which a row of pixels belongs, and what lies below it, `[2, H, 2]`.
         shares: how much, `[2, H, 2]`.
         sums: left, right, down, up, red, green, blue, `[7, R, C]`; they become those of this frame.
+
+    Returns:
+        How many pixels of those looked at are not in 0..1.
     """
     height, width = slow.shape
     kind = slow.dtype.type
     third, filters = kind(unit / 3), (a_high, a_low)
-    image = np.empty(width, slow.dtype)
+    grey, margin = np.empty(width, slow.dtype), margins[0]
     # The first row is kept for where the torus closes; the others take turns.
     highs = np.empty((4, width), slow.dtype)
-    rows[:] = 0
+    rows, wrong = np.zeros((image.shape[0], width), slow.dtype), 0
     # Rows first: what belongs to a row of fields stays in the cache while it grows. Two rows at a time, for each is
     # added to two rows of fields, which are read and written half as often so.
     bands = np.zeros((7, sums.shape[1], width), slow.dtype)
@@ -54,11 +59,15 @@ def local_sums(
         for line in range(y, below + 1):
             if beside:
                 colors = (frame[line, :, 0], frame[line, :, 1], frame[line, :, 2])
-                filter_row(colors, third, settle, slow[line], delayed[line], filters, image, highs[turn(line)])
+                filter_row(colors, third, settle, slow[line], delayed[line], filters, grey, highs[turn(line)])
+                if every and line % every == 0:
+                    wrong += outside(colors, unit)
             else:
                 planes = (frame[0, line], frame[1, line], frame[2, line])
-                filter_row(planes, third, settle, slow[line], delayed[line], filters, image, highs[turn(line)])
-            add_mirrored(image, line, height, margin, block, rows)
+                filter_row(planes, third, settle, slow[line], delayed[line], filters, grey, highs[turn(line)])
+                if every and line % every == 0:
+                    wrong += outside(planes, unit)
+            add_mirrored(grey, line, height, margin, block, rows)
         for part in range(2):
             any_of, to, weights = split(places[0], shares[0], y, y + 1, height, part)
             if any_of:
@@ -85,6 +94,8 @@ def local_sums(
             for column in range(sums.shape[2]):
                 total = dot(bands[signal, row], columns[between, column], starts[between, column])
                 sums[signal, row, column] = scale * total
+    halve_columns(rows, margins[1], image)
+    return wrong
 
 
 @inner

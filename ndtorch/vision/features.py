@@ -9,9 +9,9 @@ from torch import Tensor, nn
 
 from ndtorch.errors import InputError
 from ndtorch.memory import keep_freed_memory
-from ndtorch.vision.frames import as_float, check_frames, grey
+from ndtorch.vision.frames import as_float, check_frames, check_values, grey
 from ndtorch.vision.motion import Border, HassensteinReichardt, MotionState
-from ndtorch.vision.one_pass import fresh, image_kind, one_pass_fits, pass_over
+from ndtorch.vision.one_pass import fresh, image_kind, one_pass_fits, pass_over, together
 from ndtorch.vision.orientation import OrientedDoG
 
 FEATURES: tuple[str, ...] = (
@@ -92,12 +92,13 @@ class VisualFeatures(nn.Module):
         keep_freed_memory()
 
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
-        frames = check_frames(frames, self.size)
+        frames = check_frames(frames, self.size, values=False)
         batch = frames.shape[:-4]
         if batch and frames.device.type == "cpu" and frames.shape[-1] * frames.shape[-2] * 2 > CPU_PIXELS:
             return self._each(frames, state)
         if (self.orientation.paired or self.orientation.exact) and one_pass_fits(frames, state):
             return self._one_pass(frames, state)
+        check_values(frames)
         sums = []
         for block in self._blocks(frames):
             # In this order, every plane is used while it is still in the cache.
@@ -139,17 +140,16 @@ class VisualFeatures(nn.Module):
 
     def _one_pass(self, frames: Tensor, state: MotionState | None) -> tuple[Tensor, MotionState]:
         """The sums of `[T, 3, H, W]` by kernels."""
-        block, margin = self.orientation.thinning
-        into, passed = fresh(frames), torch.empty(len(frames), 7, dtype=torch.float64)
-        oriented = []
-        for frame, sums in zip(frames.unbind(0), passed.numpy(), strict=True):
-            oriented.append(
-                self.orientation.sums_of_rows(pass_over(frame, state, self.motion, block, margin, into, sums))
-            )
+        orientation = self.orientation
+        thinning, into, kind = orientation.thinning, fresh(frames), image_kind(frames)
+        passed, oriented = torch.empty(len(frames), 8, dtype=torch.float64), []
+        count = together(thinning, kind)
+        for some, sums in zip(torch.split(frames, count), torch.split(passed, count), strict=True):
+            images = pass_over(some, state, self.motion, thinning, into, sums.numpy())
+            oriented.append(orientation.sums_of_halved(images))
             state = into
-        kind = image_kind(frames)
-        motion, color = self.motion.by_direction(passed[:, :4]).to(kind), passed[:, 4:].to(kind)
-        out = torch.cat([motion, torch.stack(oriented), color], -1)
+        motion, color = self.motion.by_direction(passed[:, :4]).to(kind), passed[:, 4:-1].to(kind)
+        out = torch.cat([motion, torch.cat(oriented), color], -1)
         check_finite(out)
         return out, into
 

@@ -14,12 +14,13 @@ SLACK = 0.01
 """How far beyond 0..1 floats may lie."""
 
 
-def check_frames(frames: Tensor, size: tuple[int, int] | None = None) -> Tensor:
+def check_frames(frames: Tensor, size: tuple[int, int] | None = None, values: bool = True) -> Tensor:
     """Return `frames` as `[..., T, 3, H, W]`, grey input replicated to three channels.
 
     Args:
         frames: `[..., T, C, H, W]` with C = 3 or 1; floating point in 0..1, or uint8.
         size: wanted height and width, or None for any.
+        values: look at floats whether they are in 0..1; without, `check_values` does.
 
     Raises:
         InputError: wrong type, number of dimensions, channel count or size, no frame at all, or floats that are not in
@@ -37,16 +38,29 @@ def check_frames(frames: Tensor, size: tuple[int, int] | None = None) -> Tensor:
         raise InputError(f"frames must hold at least one frame, got {tuple(frames.shape)}")
     if size is not None and (height, width) != tuple(size):
         raise InputError(f"frames must be {size[0]}x{size[1]} pixels (height x width), got {height}x{width}")
-    # What is exported or compiled has no branches that depend on values: the check is for those who call it.
+    if values:
+        check_values(frames)
+    return frames if channels == 3 else frames.expand(*frames.shape[:-3], 3, height, width)
+
+
+def check_values(frames: Tensor) -> None:
+    """`check_range` of floats, unless they are being exported or compiled.
+
+    Such programs have no branches that depend on values: the check is for those who call them.
+    """
     if frames.is_floating_point() and not torch.compiler.is_compiling():
         check_range(frames)
-    return frames if channels == 3 else frames.expand(*frames.shape[:-3], 3, height, width)
+
+
+def rows_apart(frames: Tensor) -> int:
+    """How far apart the rows are that are looked at: some 32 of a frame."""
+    return max(1, frames.shape[-2] // 32)
 
 
 def check_range(frames: Tensor) -> None:
     """Raise `InputError` where floats are not in 0..1 or not finite, by a look at some 32 rows of every frame."""
     with torch.no_grad():
-        some = frames[..., :: max(1, frames.shape[-2] // 32), :]
+        some = frames[..., :: rows_apart(frames), :]
         low, high = (float(value) for value in torch.aminmax(some))
     if not (math.isfinite(low) and math.isfinite(high)):
         raise InputError("frames must be finite, got NaN or infinite values")

@@ -8,9 +8,9 @@ from torch import Tensor, nn
 from ndtorch.errors import InputError
 from ndtorch.vision.features import VisualFeatures
 from ndtorch.vision.fields import field_weights
-from ndtorch.vision.frames import as_float, check_frames, grey
+from ndtorch.vision.frames import as_float, check_frames, check_values, grey
 from ndtorch.vision.motion import MotionState, correlate
-from ndtorch.vision.one_pass import field_pass, fresh, one_pass_fits
+from ndtorch.vision.one_pass import field_pass, fresh, one_pass_fits, together
 from ndtorch.vision.paired_grids import PairFields, pair_fields
 
 
@@ -76,9 +76,10 @@ class LocalFeatures(nn.Module):
             self.register_buffer(name, weights)
 
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
-        frames = check_frames(frames, self.features.size)
+        frames = check_frames(frames, self.features.size, values=False)
         if self.features.orientation.paired and one_pass_fits(frames, state):
             return self._together(*self._one_pass(frames, state))
+        check_values(frames)
         signals = []
         for frame in frames.unbind(-4):
             frame = as_float(frame)
@@ -101,14 +102,14 @@ class LocalFeatures(nn.Module):
         orientation = self.features.orientation
         into, out = fresh(frames), []
         tables, fields = self._tables(into.slow.dtype)
-        arrays = [table.numpy() for table in tables]
-        for frame in frames.unbind(0):
-            sums = torch.empty(7, *self.grid, dtype=torch.float64)
-            rows = field_pass(frame, state, self.features.motion, orientation.thinning, into, arrays, sums.numpy())
-            pooled = orientation.fields_of_rows(rows, fields)
-            out.append(torch.cat([sums[:4].to(pooled), pooled, sums[4:].to(pooled)]))
+        arrays, count = [table.numpy() for table in tables], together(orientation.thinning, into.slow.dtype)
+        for some in torch.split(frames, count):
+            sums = torch.empty(len(some), 7, *self.grid, dtype=torch.float64)
+            images = field_pass(some, state, self.features.motion, orientation.thinning, into, arrays, sums.numpy())
+            pooled = orientation.fields_of_halved(images, fields)
+            out.append(torch.cat([sums[:, :4].to(pooled), pooled, sums[:, 4:].to(pooled)], 1))
             state = into
-        return torch.stack(out), into
+        return torch.cat(out), into
 
     def _tables(self, kind: torch.dtype) -> tuple[tuple[Tensor, ...], PairFields]:
         """Weights of fields as kernels take them: `columns`, `starts`, `places`, `shares`; those of orientation."""

@@ -10,7 +10,9 @@ from torch import Tensor
 
 from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import kernels_wanted
+from ndtorch.vision.frames import check_range, rows_apart
 from ndtorch.vision.motion import HassensteinReichardt, MotionState
+from ndtorch.vision.thinning import Thinning
 
 KINDS = (torch.uint8, torch.float32, torch.float64)
 
@@ -22,92 +24,119 @@ def one_pass_fits(frames: Tensor, state: MotionState | None) -> bool:
     return state is None or all(s.shape == frames.shape[-2:] and s.dtype == image_kind(frames) for s in state)
 
 
+def float_type(frames: Tensor) -> Any:
+    """`image_kind` as NumPy calls it."""
+    return np.float64 if frames.dtype == torch.float64 else np.float32
+
+
 def image_kind(frames: Tensor) -> torch.dtype:
     """Precision of the grey images of frames."""
     return torch.float64 if frames.dtype == torch.float64 else torch.float32
 
 
-def pixels(frame: Tensor) -> tuple[Any, bool]:
-    """A frame `[3, H, W]` as an array without gaps, and whether that is `[H, W, 3]`: colors beside each other."""
-    if frame.is_contiguous():
-        return frame.numpy(), False
-    last = frame.permute(1, 2, 0)
-    return (last.numpy(), True) if last.is_contiguous() else (frame.contiguous().numpy(), False)
+def pixels(frames: Tensor) -> tuple[Any, bool]:
+    """Frames `[..., 3, H, W]` as an array without gaps, and whether colors lie beside each other: `[..., H, W, 3]`."""
+    if frames.is_contiguous():
+        return frames.numpy(), False
+    last = frames.movedim(-3, -1)
+    return (last.numpy(), True) if last.is_contiguous() else (frames.contiguous().numpy(), False)
 
 
 def pass_over(
-    frame: Tensor,
+    frames: Tensor,
     state: MotionState | None,
     motion: HassensteinReichardt,
-    block: int,
-    margin: int,
+    thinning: Thinning,
     into: MotionState,
     sums: Any,
 ) -> Tensor:
-    """Grey rows `[(H + 2 margin) / block, W]` of one frame, and its motion and color sums.
+    """Thinned grey images `[T, h, w]` of frames, and their motion and color sums.
 
     Args:
-        frame: `[3, H, W]`.
-        state, into: before and after it; `into` is written, and may be `state`. None is settled on the frame.
+        frames: `[T, 3, H, W]`.
+        state, into: before and after them; `into` is written, and may be `state`. None is settled on the first frame.
         motion: the detectors.
-        block, margin: see the kernel.
-        sums: array that gets them, `[7]` as of the kernel.
+        thinning: what becomes of the grey images.
+        sums: array that gets them, `[T, 7]` as of the kernel, and how many pixels are wrong.
+
+    Raises:
+        InputError: as `check_range`.
     """
-    return by_kernel("front_end", frame, state, motion, (block, margin), into, sums)
+    images = np.empty((len(frames), *thinning.size), float_type(frames))
+    by_kernel("front_end", frames, state, motion, thinning, into, images, sums)
+    if sums[:, -1].any():
+        check_range(frames)
+    return torch.from_numpy(images)
 
 
 def field_pass(
-    frame: Tensor,
+    frames: Tensor,
     state: MotionState | None,
     motion: HassensteinReichardt,
-    thinning: tuple[int, int],
+    thinning: Thinning,
     into: MotionState,
     tables: list[Any],
     sums: Any,
 ) -> Tensor:
-    """Grey rows as of `pass_over`, which has the other arguments, and motion and color of every field into `sums`.
+    """Images as of `pass_over`, which has the other arguments, and motion and color of every field into `sums`.
 
     Args:
-        thinning: block and margin.
-        tables, sums: the last arguments of the kernel.
+        tables: the last arguments of the kernel but for `sums`.
+        sums: `[T, 7, R, C]`.
+
+    Raises:
+        InputError: as `check_range`.
     """
-    return by_kernel("local_sums", frame, state, motion, thinning, into, *tables, sums)
+    images, wrong = np.empty((len(frames), *thinning.size), float_type(frames)), 0
+    for frame, image, here in zip(frames.unbind(0), images, sums, strict=True):
+        wrong += by_kernel("local_sums", frame, state, motion, thinning, into, image, *tables, here)
+        state = into
+    if wrong:
+        check_range(frames)
+    return torch.from_numpy(images)
 
 
 def by_kernel(
     name: str,
-    frame: Tensor,
+    frames: Tensor,
     state: MotionState | None,
     motion: HassensteinReichardt,
-    thinning: tuple[int, int],
+    thinning: Thinning,
     into: MotionState,
     *rest: Any,
-) -> Tensor:
-    """One pass over a frame: the grey rows."""
-    given, beside = pixels(frame)
-    block, margin = thinning
-    unit = 1 / 255 if frame.dtype == torch.uint8 else 1.0
+) -> Any:
+    """What the kernel of this name returns."""
+    given, beside = pixels(frames)
+    floats = frames.dtype != torch.uint8
     if state is not None and state is not into:
         for part, before in zip(into, state, strict=True):
             part.copy_(before)
     slow, delayed = (part.numpy() for part in into)
-    rows = np.empty(((slow.shape[0] + 2 * margin) // block, slow.shape[1]), slow.dtype)
-    kernel(name, (given.dtype, slow.dtype)).run(
+    return kernel(name, (given.dtype, slow.dtype)).run(
         given,
         beside,
-        unit,
+        1.0 if floats else 1 / 255,
         state is None,
         slow,
         delayed,
         motion.a_high,
         motion.a_low,
         motion.border == "wrap",
-        block,
-        margin,
-        rows,
+        thinning.blocks[0],
+        thinning.margins,
+        rows_apart(frames) if floats else 0,
         *rest,
     )
-    return torch.from_numpy(rows)
+
+
+def together(thinning: Thinning, kind: torch.dtype) -> int:
+    """How many thinned images are filtered at once: while they stay in the cache, calls cost less for each.
+
+    In double precision one: some transforms of several are not the same to the bit as of one.
+    """
+    if kind == torch.float64:
+        return 1
+    return max(1, min(8, (1 << 17) // (thinning.size[0] * thinning.size[1])))
 
 
 def fresh(frames: Tensor) -> MotionState:

@@ -11,16 +11,17 @@ from torch import Tensor, nn
 from ndtorch.errors import InputError
 from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.motion import Border, check_border
-from ndtorch.vision.paired_grids import PairFields, field_sums, pair_up, responses, weighted_sums
+from ndtorch.vision.paired_grids import PairFields, field_sums, halves, pair_up, pair_weights, responses, weighted_sums
 from ndtorch.vision.thinning import (
+    Thinning,
+    halve_columns,
+    halve_rows,
+    halving_gain,
     halvings,
     inside_weights,
     low_rows,
-    mirrored_start,
     smooth_length,
     smooth_margin,
-    thin_rows,
-    thinning_gain,
 )
 
 ANGLES: tuple[float, ...] = (0.0, 60.0, 120.0)
@@ -74,10 +75,10 @@ class OrientedDoG(nn.Module):
     """Responses of three oriented DoG filters (0, 60 and 120 degrees) and the sums of their magnitudes.
 
     Two ways of summing. `exact=True` filters at full resolution. Otherwise the kernels' narrow band is used: no
-    response holds anything finer than their smallest sigma, so the rows are thinned (four become one, for the
-    published filters), higher frequencies are left out, and the responses are evaluated on two interleaved grids of
-    about `0.9 sigma_min` pixels. The sums then differ from the exact ones by less than 0.5 % (0.1 % on average) at a
-    tenth of the cost, and those of a mirror image are mirrored. Response images are always exact. [B §2.1.2]
+    response holds anything finer than their smallest sigma, so rows and columns are halved (twice, for the published
+    filters), higher frequencies are left out, and the responses are evaluated on two interleaved grids of about
+    `0.9 sigma_min` pixels. The sums then differ from the exact ones by less than 0.5 % (0.1 % on average) at a tenth
+    of the cost. Response images are always exact. [B §2.1.2]
 
     Args:
         size: height and width of the frames, pixels.
@@ -102,8 +103,7 @@ class OrientedDoG(nn.Module):
     row_weights: Tensor
     column_weights: Tensor
     pair_filters: Tensor
-    pair_rows: Tensor
-    pair_columns: Tensor
+    pair_weights: Tensor
 
     def __init__(
         self,
@@ -138,33 +138,31 @@ class OrientedDoG(nn.Module):
         spacing = min(sigmas) / 1.08
         # A small image is cheap as it is, and has too few responses for errors to average out.
         small = max(self.padded) < SMALL
-        self.block = 1 if small else 2 ** halvings(self.padded[0], spacing)
         self.grid = tuple(smooth_length(n if small else math.ceil(n / spacing)) for n in self.padded)
+        self.halvings = tuple(
+            0 if small else halvings(n, min(spacing, n / g)) for n, g in zip(self.padded, self.grid, strict=True)
+        )
         rows = torch.fft.fftfreq(self.grid[0]) * (self.grid[0] / self.padded[0])
         columns = columns[: self.grid[1] // 2 + 1]
         fast = torch.stack([dog_spectrum(rows[:, None], columns, a, center, surround) for a in radians])
-        fast = fast / thinning_gain(rows, self.block).clamp_min(0.01)[:, None]
+        for frequencies, times in ((rows[:, None], self.halvings[0]), (columns, self.halvings[1])):
+            fast = fast / halving_gain(frequencies, times).clamp_min(0.01)
         # A frequency that is its own mirror image on the coarse grid stands for two on the fine one.
         for g, n, dim in zip(self.grid, self.padded, (-2, -1), strict=True):
             if g < n and g % 2 == 0:
                 fast.narrow(dim, g // 2, 1).zero_()
         cells = [n / g for n, g in zip(self.padded, self.grid, strict=True)]
-        self.starts = [mirrored_start(cell) for cell in cells]
-        # The first of the thinned rows lies in the middle of its block.
-        down, across = self.starts[0] - (self.block - 1) / 2, self.starts[1]
-        turns = [rows[:, None] * (cells[0] * o + down) + columns * (cells[1] * o + across) for o in OFFSETS]
+        turns = [rows[:, None] * (cells[0] * o) + columns * (cells[1] * o) for o in OFFSETS]
         shifts = torch.stack([torch.polar(torch.ones_like(turn), 2 * math.pi * turn) for turn in turns])
         self.register_buffer("fast_spectrum", shifts.unsqueeze(1) * fast / len(OFFSETS))
-        lines = zip(self.padded, self.grid, self.margin, self.starts, cells, strict=True)
-        for name, (n, g, m, start, cell) in zip(("row_weights", "column_weights"), lines, strict=True):
-            weights = torch.stack([inside_weights(n, g, m, o + start / cell) for o in OFFSETS])
+        for name, n, g, m in zip(("row_weights", "column_weights"), self.padded, self.grid, self.margin, strict=True):
+            weights = torch.stack([inside_weights(n, g, m, o) for o in OFFSETS])
             self.register_buffer(name, weights.float())
         inside = (self.row_weights, self.column_weights)
         if border == "wrap":  # nothing lies outside
             inside = (torch.ones_like(self.row_weights), torch.ones_like(self.column_weights))
-        self.register_buffer("pair_filters", pair_up(self.fast_spectrum, self.grid[1]))
-        self.register_buffer("pair_rows", inside[0])
-        self.register_buffer("pair_columns", inside[1].T.flatten())
+        self.register_buffer("pair_filters", halves(pair_up(self.fast_spectrum, self.grid[1])))
+        self.register_buffer("pair_weights", pair_weights(*inside))
 
     def extra_repr(self) -> str:
         return f"size={self.size}, border={self.border!r}, exact={self.exact}, grid={self.grid}"
@@ -192,48 +190,56 @@ class OrientedDoG(nn.Module):
 
         Every value stands for the pixels around its place (`places`): summed up they are the sums of `sums`.
         """
-        image = thin_rows(self._pad(image), self.block)
+        image = self._pad(image)
+        for _ in range(self.halvings[0]):
+            image = halve_rows(image)
+        for _ in range(self.halvings[1]):
+            image = halve_columns(image)
         spectrum = low_rows(self._columns(image), self.grid[0])[..., None, None, :, :]
         # irfft2 divides by the grid's points and a sum has that many fewer terms: the two cancel.
         size: Tensor = torch.fft.irfft2(spectrum * self.fast_spectrum, s=self.grid).abs_()
         return size
 
     @property
-    def thinning(self) -> tuple[int, int]:
-        """How many rows become one, and how many are mirrored above and below, in what `sums_of_rows` takes."""
-        return (1, 0) if self.exact else (self.block, self.margin[0])
+    def thinning(self) -> Thinning:
+        """What becomes of an image before `sums_of_halved` takes it."""
+        if self.exact:
+            return Thinning(self.size, (1, 1), (0, 0))
+        blocks = (2 ** self.halvings[0], 2 ** self.halvings[1])
+        height, width = (n // block for n, block in zip(self.padded, blocks, strict=True))
+        return Thinning((height, width), blocks, (self.margin[0], self.margin[1]))
 
     @property
     def paired(self) -> bool:
         """Whether both grids can be one: on a small one some frequencies are their own mirror images."""
         return not self.exact and self.grid[0] < self.padded[0] and self.grid[1] < self.padded[1]
 
-    def sums_of_rows(self, rows: Tensor) -> Tensor:
-        """`sums` by kernels of a grey image of which rows are mirrored and thinned already, see `thinning`."""
+    def sums_of_halved(self, images: Tensor) -> Tensor:
+        """`sums` by kernels of grey images `[T, h, w]` that are mirrored and halved already, see `thinning`."""
         if self.exact:
-            return self.images(rows).abs().sum((-1, -2))
-        return weighted_sums(self._responses_of_rows(rows), self.pair_rows, self.pair_columns)
+            return self.images(images).abs().sum((-1, -2))
+        return weighted_sums(self._responses(images), self.pair_weights)
 
-    def fields_of_rows(self, rows: Tensor, fields: PairFields) -> Tensor:
-        """Sums over fields `[3, R, C]` by kernels of such rows."""
-        return field_sums(self._responses_of_rows(rows), fields)
+    def fields_of_halved(self, images: Tensor, fields: PairFields) -> Tensor:
+        """Sums over fields `[T, 3, R, C]` by kernels of such images."""
+        return field_sums(self._responses(images), fields)
 
-    def _responses_of_rows(self, rows: Tensor) -> Tensor:
-        left = self.margin[1]
-        rows = F.pad(rows[None], (left, left), mode="reflect")[0] if left else rows
-        return responses(self._columns(rows), self.pair_filters)
+    def _responses(self, images: Tensor) -> Tensor:
+        # At once in both directions: only so is the transform of an image the same to the bit in any batch.
+        spectrum = torch.fft.rfft2(images)[..., : self.grid[1] // 2 + 1]
+        return responses(spectrum, self.pair_filters)
 
-    def _columns(self, rows: Tensor) -> Tensor:
-        """The spectrum of thinned rows, without high frequencies along rows."""
-        columns: Tensor = torch.fft.fft(torch.fft.rfft(rows)[..., : self.grid[1] // 2 + 1], dim=-2)
+    def _columns(self, image: Tensor) -> Tensor:
+        """The spectrum of a halved image, without high frequencies along rows."""
+        columns: Tensor = torch.fft.fft(torch.fft.rfft(image)[..., : self.grid[1] // 2 + 1], dim=-2)
         return columns
 
     def places(self) -> tuple[Tensor, Tensor]:
         """Rows `[2, h]` and columns `[2, w]` of the coarse grids, in pixels of the frame; pixel n is at n + 1/2."""
         found = []
-        for padded, points, margin, start in zip(self.padded, self.grid, self.margin, self.starts, strict=True):
+        for padded, points, margin in zip(self.padded, self.grid, self.margin, strict=True):
             cell = padded / points
-            found.append((torch.arange(points) + torch.tensor(OFFSETS)[:, None]) * cell + start - margin + 0.5)
+            found.append((torch.arange(points) + torch.tensor(OFFSETS)[:, None]) * cell - margin + 0.5)
         return found[0], found[1]
 
     def forward(self, frames: Tensor) -> Tensor:

@@ -56,33 +56,40 @@ def pair_fields(rows: Tensor, columns: Tensor) -> PairFields:
 
 
 def responses(columns: Tensor, filters: Tensor) -> Tensor:
-    """Of a half spectrum `[N, C / 2 + 1]` of an image, by filters as of `pair_up`: `[F, R, C, 2]`, both grids last.
+    """Of half spectra `[T, N, C / 2 + 1]` of images, by filters as of `halves`: `[T, F, R, C, 2]`, both grids last.
 
-    As large as those of `torch.fft.irfft2` times the number of points.
+    Their magnitudes are those of `torch.fft.irfft2` of each grid.
     """
-    spectrum, wanted = columns.numpy(), filters.to(columns.dtype).numpy()
-    out = np.empty(wanted.shape, wanted.dtype)
-    kernel("pair_spectrum", out.dtype).run(spectrum, wanted, out)
-    return torch.view_as_real(torch.fft.ifft2(torch.from_numpy(out)))
+    wanted = filters.to(columns.real.dtype).numpy()
+    out = np.empty((len(columns), *wanted.shape[1:], 2), wanted.dtype)
+    kernel("pair_spectrum", out.dtype).run(torch.view_as_real(columns.contiguous()).numpy(), wanted, out)
+    # A transform forward leaves out what the one back does to every number, and takes two thirds of the time.
+    return torch.view_as_real(torch.fft.fft2(torch.view_as_complex(torch.from_numpy(out))))
 
 
-def weighted_sums(found: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
-    """Sums over both grids of the magnitudes of `responses`, `[F]`.
+def halves(filters: Tensor) -> Tensor:
+    """Real and imaginary parts `[2, F, R, C]` of filters as of `pair_up`, divided by the number of points."""
+    return torch.view_as_real(filters / filters[0].numel()).movedim(-1, 0).contiguous()
 
-    Args:
-        rows: weights of rows, `[2, R]`.
-        columns: weights of columns, the two grids in turn, `[2 C]`.
-    """
+
+def pair_weights(rows: Tensor, columns: Tensor) -> Tensor:
+    """Weights of the points of both grids in turn, `[R, 2 C]`, from those of rows `[2, R]` and of columns `[2, C]`."""
+    return (rows.unsqueeze(-1) * columns.unsqueeze(1)).movedim(0, -1).flatten(-2).contiguous()
+
+
+def weighted_sums(found: Tensor, weights: Tensor) -> Tensor:
+    """Sums over both grids of the magnitudes of `responses`, `[T, F]`, by weights as of `pair_weights`."""
     values = found.flatten(-2).numpy()
-    sums = np.empty(len(values), values.dtype)
-    kernel("pair_sums", values.dtype).run(values, rows.to(found.dtype).numpy(), columns.to(found.dtype).numpy(), sums)
+    sums = np.empty(values.shape[:2], values.dtype)
+    kernel("pair_sums", values.dtype).run(values, weights.to(found.dtype).numpy(), sums)
     return torch.from_numpy(sums)
 
 
 def field_sums(found: Tensor, fields: PairFields) -> Tensor:
-    """Sums over both grids of the magnitudes of `responses` in every field, `[F, R', C']`."""
+    """Sums over both grids of the magnitudes of `responses` in every field, `[T, F, R', C']`."""
     values = found.flatten(-2).numpy()
     shares, columns = (weights.to(found.dtype).numpy() for weights in fields[1:])
-    sums = np.empty((len(values), int(fields.places.max()) + 1, columns.shape[1]), values.dtype)
-    kernel("pair_fields", values.dtype).run(values, fields.places.numpy(), shares, columns, sums)
+    sums = np.empty((*values.shape[:2], int(fields.places.max()) + 1, columns.shape[1]), values.dtype)
+    for one, into in zip(values, sums, strict=True):
+        kernel("pair_fields", values.dtype).run(one, fields.places.numpy(), shares, columns, into)
     return torch.from_numpy(sums)

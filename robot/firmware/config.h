@@ -44,9 +44,9 @@
 #define COMMAND_TIMEOUT_MS 200
 #define HEARTBEAT_TIMEOUT_MS 150
 
-/* Each refused frame counts one; one is forgiven every FORGIVE_MS; at NOISE_LIMIT the wheels stand. */
+/* At the NOISE_LIMITth refused frame within NOISE_MS the wheels stand. */
 #define NOISE_LIMIT 4
-#define FORGIVE_MS 200
+#define NOISE_MS 1000
 
 /* Telemetry also without heartbeats. Well below their 30 ms: else it is often under way when one comes, whose answer
  * then waits. */

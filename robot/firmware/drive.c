@@ -41,21 +41,25 @@ void drive_init(struct drive *d, uint8_t watchdog_reset) {
     stand(d, watchdog_reset ? FAULT_WATCHDOG : 0);
 }
 
-static void refuse(struct drive *d) {
+/* So many within so long, whenever the first of them came: nothing is forgiven in between. */
+static void refuse(struct drive *d, uint32_t now_ms) {
     if (d->rejected < 0xffff) d->rejected++;
+    uint32_t oldest_ms = d->refused_ms[d->refusals];
+    d->refused_ms[d->refusals] = now_ms;
+    d->refusals = (uint8_t)((d->refusals + 1) % (NOISE_LIMIT - 1));
     if (d->noise < NOISE_LIMIT) d->noise++;
-    if (d->noise >= NOISE_LIMIT && d->state == ARMED) stand(d, FAULT_NOISE);
+    if (d->noise >= NOISE_LIMIT && now_ms - oldest_ms < NOISE_MS && d->state == ARMED) stand(d, FAULT_NOISE);
 }
 
 uint8_t drive_receive(struct drive *d, enum result result, const struct frame *f, uint32_t now_ms) {
     if (result == NOTHING) return 0;
     if (result == OTHER_VERSION) {
         stand(d, FAULT_VERSION);
-        refuse(d);
+        refuse(d, now_ms);
         return WELCOME; /* whose header says which version this is */
     }
     if (result == REFUSED || f->type >= WELCOME) {
-        refuse(d);
+        refuse(d, now_ms);
         return 0;
     }
     if (f->type == STOP) { /* always heard */
@@ -71,7 +75,7 @@ uint8_t drive_receive(struct drive *d, enum result result, const struct frame *f
     }
     if (!d->greeted) return 0;
     if ((uint16_t)(f->sequence - d->sequence - 1) >= 0x7fff) { /* seen already, or older */
-        refuse(d);
+        refuse(d, now_ms);
         return 0;
     }
     d->sequence = f->sequence;
@@ -162,10 +166,8 @@ static void look_at_battery(struct drive *d, uint32_t now_ms) {
 void drive_tick(struct drive *d, uint32_t now_ms) {
     uint32_t elapsed = now_ms - d->ticked_ms;
     d->ticked_ms = now_ms;
-    if (now_ms - d->forgiven_ms >= FORGIVE_MS) {
-        d->forgiven_ms = now_ms;
-        if (d->noise) d->noise--;
-    }
+    /* Of the last refusals only those are remembered that may still count. */
+    if (now_ms - d->refused_ms[(d->refusals + NOISE_LIMIT - 2) % (NOISE_LIMIT - 1)] >= NOISE_MS) d->noise = 0;
     look_at_battery(d, now_ms);
     if (d->speed <= 0) d->stood_ms = now_ms;
     else if (now_ms - d->stood_ms >= FORWARD_MS) d->may_reverse = 0;

@@ -2,6 +2,7 @@
 #ifndef DRIVE_H
 #define DRIVE_H
 
+#include "config.h"
 #include "protocol.h"
 
 enum { STANDING = 0, ARMED = 1 };
@@ -23,8 +24,9 @@ enum gear { FORWARD, BRAKING, PAUSING, REVERSE };
 struct drive {
     uint8_t state, faults, greeted;
     uint16_t sequence, echo, rejected, battery_mv;
-    uint8_t noise;
-    uint32_t commanded_ms, beaten_ms, forgiven_ms, ticked_ms, gear_ms;
+    uint8_t noise, refusals;               /* how many were refused, and where the next one is noted */
+    uint32_t refused_ms[NOISE_LIMIT - 1];  /* when, the last of them */
+    uint32_t commanded_ms, beaten_ms, ticked_ms, gear_ms;
     uint32_t not_low_ms, not_empty_ms; /* when the battery was last seen so */
     int16_t target_speed, target_curvature; /* mm/s, 1/km */
     int16_t speed, curvature;               /* applied */

@@ -6,6 +6,7 @@ many pixels has little noise. All figures are in levels of 255.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -25,6 +26,13 @@ Floats = npt.NDArray[np.float32]
 LAGS = (8, 4)
 """Blocks of the row, and of the subfield, over which a shade counts as slow."""
 
+HARDLY = 2.0
+"""A subfield whose contrast is less than so many times the limit shows hardly anything."""
+
+FIELD_NOISE, EDGE_NOISE = 1.5 / BLOCK**2, 2 / BLOCK * 2.7**2
+"""What noise of variance 1 adds to the square of a subfield's contrast, and to that of a row's largest change between
+blocks: of 160 such changes the largest is 2.7 standard deviations on average."""
+
 
 @dataclass(frozen=True)
 class SightLimits:
@@ -39,6 +47,8 @@ class SightLimits:
         noise: root mean square step from pixel to pixel of the row from which it is noise, where neighbours are also as
             different as pixels far apart.
         sharp_range: range of a row below which its sharpness is not judged.
+        softness: where the subfield shows nothing, largest change over two blocks of the row, as a share of its range,
+            below which it is blurred. Both are taken less what noise makes of them.
         moved_m, turned_rad: how far the car must have driven or turned before its picture must have changed.
         row_change, field_change: root mean square change of the block means below which nothing has changed.
         still: correlation of pictures a third of a second apart below which they have moved although the wheels stand.
@@ -59,6 +69,7 @@ class SightLimits:
     sharpness: float = 0.2
     noise: float = 10.0
     sharp_range: float = 20.0
+    softness: float = 0.36
     moved_m: float = 0.04
     turned_rad: float = 0.05
     row_change: float = 1.0
@@ -182,14 +193,30 @@ def blindness(eye: Eye, limits: SightLimits) -> Wrong | None:
     shown = seen.row_spread >= max(limits.row_contrast, limits.row_relative * seen.level)
     if not shown and seen.field_spread < max(limits.field_contrast, limits.field_relative * seen.floor):
         return Wrong(Kind.BLANK, f"shows nothing: contrast {seen.row_spread:.1f} at level {seen.level:.0f} of 255")
+    sharp = seen.extent < limits.sharp_range or seen.step >= limits.sharpness * seen.extent
     if not shown:
-        return None
+        # A smooth shade may fill the row of a good camera, but then the floor is seen well.
+        hardly = seen.field_spread < HARDLY * max(limits.field_contrast, limits.field_relative * seen.floor)
+        return None if sharp or not hardly else soft(seen.step, seen)
     if seen.rough > limits.noise**2 and seen.rough > seen.spread**2:
         return Wrong(Kind.NOISE, f"shows noise: neighbouring pixels differ by {seen.rough**0.5:.0f} levels")
-    if seen.extent >= limits.sharp_range and seen.step < limits.sharpness * seen.extent:
-        share = 100 * seen.step / seen.extent
-        return Wrong(Kind.BLURRED, f"is blurred: no edge of its row is steeper than {share:.0f} % of its range")
+    if not sharp:
+        return soft(seen.step, seen)
+    # In the dark noise has edges as steep as a picture's. A floor that shows nothing is blurred, or nothing is on it.
+    noise = seen.rough / 2
+    floor = seen.field_spread**2 - FIELD_NOISE * noise
+    if floor < max(limits.field_contrast, limits.field_relative * seen.floor) ** 2:
+        edge = float(np.abs(eye.row[2:] - eye.row[:-2]).max(initial=0))
+        edge = math.sqrt(max(edge**2 - EDGE_NOISE * noise, 0))
+        if edge < limits.softness * seen.extent:
+            return soft(edge, seen)
     return None
+
+
+def soft(edge: float, seen: Figures) -> Wrong:
+    """What is said of a blurred picture with this steepest edge."""
+    share = 100 * edge / seen.extent
+    return Wrong(Kind.BLURRED, f"is blurred: no edge of its row is steeper than {share:.0f} % of its range")
 
 
 def spread(values: Floats) -> float:

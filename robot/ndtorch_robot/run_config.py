@@ -81,6 +81,7 @@ class SightTable(Strict):
     sharpness: Annotated[float, Field(ge=0, le=1)] = 0.2
     noise: Positive = 10.0
     sharp_range: Positive = 20.0
+    softness: Annotated[float, Field(ge=0, le=1)] = 0.36
     moved_m: Positive = 0.04
     turned_rad: Positive = 0.05
     row_change: Positive = 1.0

@@ -36,6 +36,10 @@ TURN = 0.08
 TIGHT = 0.4
 """Radians to a meter from which a turn counts: in a wide one things beside the car go the other way."""
 
+LIVELY, REST = 30, 8
+"""Pictures in a row of a standing car that must have differed, by their noise, before so many in a row that do not are
+a fault."""
+
 KEPT = 6
 """Pictures that are kept to compare with: 0.4 s at 30 frames a second."""
 
@@ -46,7 +50,8 @@ class CameraWatch:
     Noticed at once: a camera without a frame, times that do not increase, cameras that give frames of two
     sizes or kinds. After `patience` frames: a camera that sees black, and a camera whose picture stays the same
     to the bit while the car drives and the other camera's changes. Black is judged by the horizon row. The same
-    is judged by the subfield, because floor that is seen must move; where a blank wall hides it nobody can say.
+    is judged by the subfield, because floor that is seen must move; where a blank wall hides it nobody can say. While
+    the car stands, a camera that had noise and has none any more.
 
     After `limits.patience_s` of pictures that look wrong (one that looks right takes one back): a camera that
     shows nothing or is blurred, one whose picture hardly changes on a way on which it must, both pictures moving
@@ -79,6 +84,8 @@ class CameraWatch:
         self.last: list[Tensor | None] = [None, None]
         self.dark = [0, 0]
         self.frozen = [0, 0]
+        self.lively = [0, 0]
+        self.resting = [0, 0]
         self.blind = [0, 0]
         self.stuck = [0, 0]
         self.carried = self.seen = 0
@@ -133,12 +140,27 @@ class CameraWatch:
             stuck = same[k] and alone and abs(speed) > MOVING and mixed(eyes[k].field)
             self.dark[k] = self.dark[k] + 1 if float(eyes[k].row.max()) <= darkest else 0
             self.frozen[k] = self.frozen[k] + 1 if stuck else 0
+            self.rest(k, name, same[k], speed)
             if self.dark[k] >= self.patience:
                 raise SightError(Kind.BLACK, f"the {name} camera has seen nothing but black for {self.patience} frames")
             if self.frozen[k] >= self.patience:
                 raise SightError(
                     Kind.FROZEN, f"the {name} camera has given the same picture for {self.patience} frames"
                 )
+
+    def rest(self, k: int, name: str, same: bool, speed: float) -> None:
+        """A camera has noise, or it has none: one that had, and has none any more, is frozen while the car stands too.
+
+        Asked of real cameras alone. In a drawn world everything may stand still, and nothing has noise.
+        """
+        if not self.together or speed != 0:
+            self.resting[k] = 0
+            return
+        self.resting[k] = self.resting[k] + 1 if same else 0
+        if self.lively[k] < LIVELY:
+            self.lively[k] = 0 if same else self.lively[k] + 1
+        elif self.resting[k] >= REST:
+            raise SightError(Kind.FROZEN, f"the {name} camera has given the same picture for {REST} frames")
 
     def check_pictures(self, eyes: tuple[Eye, Eye]) -> None:
         """What is in the pictures, against the way that the wheels say was driven."""

@@ -70,3 +70,42 @@ def test_nothing_is_not_believed_to_be_something():
     assert "shows noise" in str(blindness(look(picture._replace(row=noise)), SightLimits()))
     soft = 0.5 + 0.4 * torch.sin(torch.arange(640.0) / 40).expand(1, 3, 1, 640)
     assert "is blurred" in str(blindness(look(picture._replace(row=soft)), SightLimits()))
+
+
+def blurred(wall, floor, light=1.0):
+    """A picture out of focus: the brightness of its row, and of its subfield, in levels with noise of one."""
+    random = np.random.default_rng(3)
+    row = wall(np.linspace(-1, 1, 640)[None])
+    field = 106 + floor * np.sin(np.linspace(0, 9, 85)) * np.cos(np.linspace(0, 3, 29))[:, None]
+    parts = [light * part + random.normal(0, 1, part.shape) for part in (field, row)]
+    return look(Strips(*(torch.from_numpy(np.round(part)).to(torch.uint8)[None, None] for part in parts)))
+
+
+def test_a_smooth_row_over_a_floor_that_is_hardly_seen_is_blurred():
+    """Too smooth to count as contrast, and the floor just shows something: told by neither alone."""
+    seen = blurred(lambda x: 190 + 35 * np.tanh(2 * x), 3.5)
+    assert seen.figures.row_spread < 0.05 * seen.figures.level
+    assert 1.0 < seen.figures.field_spread / (0.012 * seen.figures.floor) < 2.0
+    assert seen.figures.extent > 60
+    assert "is blurred" in str(blindness(seen, SightLimits()))
+    # The same wall over a floor that is seen well may be a wall in a lamp's light.
+    assert blindness(blurred(lambda x: 190 + 35 * np.tanh(2 * x), 60.0), SightLimits()) is None
+    # And a wall with less shade than that is not judged.
+    assert blindness(blurred(lambda x: 190 + 8 * np.tanh(2 * x), 3.5), SightLimits()) is None
+
+
+@pytest.mark.parametrize("noise", [1.0, 2.0])
+def test_a_blurred_row_in_the_dark_is_told_from_its_noise(noise):
+    random = np.random.default_rng(4)
+
+    def told(row, floor):
+        parts = (27 + floor * random.choice([-1.0, 1.0], (29, 85)).repeat(4, 1)[:, :85], row[None])
+        parts = [np.clip(part + random.normal(0, noise, part.shape), 0, 255).round() for part in parts]
+        return blindness(look(Strips(*(torch.from_numpy(p).to(torch.uint8)[None, None] for p in parts))), SightLimits())
+
+    soft = 45 + 14 * np.sin(np.arange(640) / 30)
+    sharp = 45 + 14 * np.sign(np.sin(np.arange(640) / 30))
+    assert [told(soft, 0.0) is not None for _ in range(10)] == [True] * 10
+    assert "is blurred" in str(told(soft, 0.0))
+    assert [told(sharp, 0.0) for _ in range(10)] == [None] * 10
+    assert [told(sharp, 8.0) for _ in range(10)] == [None] * 10

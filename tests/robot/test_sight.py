@@ -91,8 +91,6 @@ def spoil(change, eyes, light=1.0):
 @pytest.mark.parametrize("eyes", [(0,), (1,), (0, 1)])
 @pytest.mark.parametrize("name", SHADE)
 def test_a_blind_camera_stops_the_car(name, eyes, light):
-    if name == "blur" and light < 1:
-        pytest.skip("in the dark noise has edges as sharp as those of the picture")
     n, why = stopped(spoil(SHADE[name], eyes, light))
     assert n is not None
     assert BEFORE < n <= BEFORE + 0.4 * RATE
@@ -123,6 +121,28 @@ def test_a_frozen_picture_while_turning_on_the_spot():
     assert n is not None
     assert n < 0.7 * RATE
     assert "same picture" in why
+
+
+@pytest.mark.parametrize("eyes", [(0,), (1,), (0, 1)])
+def test_a_camera_without_its_noise_is_frozen_while_the_car_stands_too(eyes):
+    """Who changes from forward to reverse stands for half a second, and must not drive on by what was seen before."""
+
+    def parts(begins):
+        kept: list[np.ndarray] = []
+        for n, part in enumerate(drive(3.0, moving=False)):
+            kept = part if n <= begins else kept
+            yield [kept[k] if k % 2 in eyes else p for k, p in enumerate(part)]
+
+    n, why = stopped(parts(45), speed=0.0)
+    assert n == 45 + 8
+    assert "same picture" in why
+    assert ("right" if eyes == (1,) else "left") in why
+    # A camera that has shown no noise for long enough may have none.
+    assert stopped(parts(28), speed=0.0) == (None, "")
+
+
+def test_cameras_without_noise_stand():
+    assert stopped(drive(3.0, moving=False, noise=0.0), speed=0.0) == (None, "")
 
 
 def test_carried_while_the_wheels_stand():

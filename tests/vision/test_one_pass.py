@@ -67,6 +67,33 @@ def test_colors_beside_each_other_in_memory() -> None:
         torch.testing.assert_close(module(beside)[0], module(frames)[0], rtol=1e-6, atol=1e-3)
 
 
+@pytest.mark.parametrize("border", BORDERS)
+@pytest.mark.parametrize(("widest", "halvings"), [(3.0, 1), (12.0, 3)])
+def test_any_number_of_halvings(border: Border, widest: float, halvings: int) -> None:
+    across, around = (2 * widest, widest), (2.5 * widest, 1.5 * widest)
+    module = VisualFeatures((400, 96), border=border, center=across, surround=around)
+    assert module.orientation.halvings[0] == halvings
+    frames = noise(torch.float32, 9, (400, 96))
+    wanted, _ = by_torch(module, frames)
+    with torch.inference_mode():
+        whole, _ = module(frames)
+        found, state = [], None
+        for frame in frames:
+            out, state = module(frame[None], state)
+            found.append(out)
+    same(whole, wanted)
+    assert torch.equal(whole, torch.cat(found))
+
+
+def test_floats_that_are_not_scaled_are_refused() -> None:
+    frames = noise(torch.float32, 5)
+    frames[4, 1, 36, 7] = 3.0  # one pixel, in a row that is looked at: every twelfth
+    with pytest.raises(InputError, match=r"must lie in 0..1, got .* to 3"):
+        by_torch(VisualFeatures(SIZE), frames)
+    with torch.inference_mode(), pytest.raises(InputError, match=r"must lie in 0..1, got .* to 3"):
+        VisualFeatures(SIZE)(frames)
+
+
 def test_every_trial_of_a_batch_is_as_by_itself() -> None:
     module, frames = VisualFeatures((400, 400)), noise(torch.uint8, 4, (400, 400)).view(2, 2, 3, 400, 400)
     with torch.inference_mode():

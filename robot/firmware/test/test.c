@@ -155,6 +155,37 @@ static void test_bad_lines(void) {
     drive_receive(&d, REFUSED, &f, now);
     CHECK(stands() && d.faults == FAULT_NOISE);
 
+    for (uint32_t apart = 325; apart <= 335; apart += 5) { /* the first and the last are 975, 990 and 1005 ms apart */
+        begin();
+        say(ARM, 0, 0);
+        pass(600, 1, 1, 500, 0);
+        for (unsigned i = 1; i < NOISE_LIMIT; i++) {
+            drive_receive(&d, REFUSED, &f, now);
+            CHECK(d.state == ARMED);
+            pass(apart, 1, 1, 500, 0);
+        }
+        drive_receive(&d, REFUSED, &f, now);
+        CHECK(apart * (NOISE_LIMIT - 1) < NOISE_MS ? stands() && d.faults == FAULT_NOISE : d.state == ARMED);
+    }
+    begin();
+    say(ARM, 0, 0);
+    for (unsigned i = 0; i < 20; i++) { /* a few that come slowly never add up */
+        pass(505, 1, 1, 500, 0);
+        drive_receive(&d, REFUSED, &f, now);
+        drive_receive(&d, REFUSED, &f, now);
+        pass(505, 1, 1, 500, 0);
+    }
+    CHECK(d.state == ARMED && d.faults == 0);
+    pass(NOISE_MS, 1, 1, 500, 0); /* a clock that has gone round brings nothing back */
+    drive_receive(&d, REFUSED, &f, now);
+    drive_receive(&d, REFUSED, &f, now);
+    drive_receive(&d, REFUSED, &f, now);
+    pass(NOISE_MS, 1, 1, 500, 0);
+    CHECK(d.noise == 0);
+    uint32_t later = d.refused_ms[0];
+    drive_receive(&d, REFUSED, &f, later); /* the same time, once around */
+    CHECK(d.state == ARMED);
+
     begin();
     say(ARM, 0, 0);
     pass(600, 1, 1, 500, 0);

@@ -15,7 +15,7 @@ from ndtorch_robot.ports import Step
 from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import RunConfig, SimulationTable
 from ndtorch_robot.sim.arenas import ARENAS
-from ndtorch_robot.sim.put_back import PutBack
+from ndtorch_robot.sim.put_back import PutBack, TellAgain
 from ndtorch_robot.soak.eyes import FailingCameras
 from ndtorch_robot.soak.trial import Trials
 
@@ -50,7 +50,14 @@ def drive_piece(config: RunConfig, number: int, seconds: float, tell: Callable[[
             if step.number % 300 == 299:
                 tell(simulation.now())
 
-        car.observers += [put_back, trials, told]
+        tell_again = TellAgain(car.safe, put_back)
+
+        def before_a_blank_wall(step: Step) -> None:
+            """It stands there for the rest of the piece, and tries nothing, unless it is put elsewhere."""
+            if trials.fault is None:
+                tell_again(step)
+
+        car.observers += [put_back, trials, before_a_blank_wall, told]
         car.run(seconds)
         return {
             "number": number,

@@ -50,23 +50,24 @@ def test_objects_of_a_mirror_image() -> None:
     torch.testing.assert_close(mirrored, path, atol=0.05, rtol=0)
 
 
-# The last is large enough for rows to be thinned: four become one.
 @pytest.mark.parametrize("size", [(48, 60), (33, 50), (40, 388)])
 @pytest.mark.parametrize("kernels", [True, False])
 @pytest.mark.parametrize("border", ["wrap", "reflect"])
 def test_signals_of_fields(size: tuple[int, int], border: Border, kernels: bool) -> None:
     video = torch.rand(3, 3, *size, generator=torch.Generator().manual_seed(0))
-    whole = VisualFeatures(size, border=border)
-    local = LocalFeatures(whole, 5)
+    whole = VisualFeatures(size, border=border, exact=True)
+    local = LocalFeatures(VisualFeatures(size, border=border), 5)
     with torch.inference_mode() if kernels else torch.no_grad():
         (sums, _), (fields, _) = whole(video), local(video)
         for dims, order in TURNS.values():
             turned = video.flip(dims)
             back = local(turned)[0].flip([dim - 1 for dim in dims])
             for there, here in ((whole(turned)[0], sums), (back, fields)):
-                for part in GROUPS.values():
+                for name, part in GROUPS.items():
+                    # Orientation of fields is told from samples that do not lie alike from both sides.
+                    limit = 0.03 if name == "orientation" and here is fields else 1e-5
                     difference = (there[..., order] - here)[..., part].abs().amax()
-                    assert difference < 1e-5 * here[..., part].amax()
+                    assert difference < limit * here[..., part].amax()
 
 
 def test_figures() -> None:
