@@ -10,13 +10,16 @@ import dataclasses
 import enum
 import importlib
 import inspect
+import math
 import pkgutil
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
 import pytest
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
+
+from ndtorch.errors import InputError
 
 TABLE = Path(__file__).with_name("defaults.txt")
 
@@ -29,6 +32,9 @@ PLACES = (
     "ndtorch_robot.safety",
 )
 """Packages and modules; what `make mutants` changes."""
+
+TRIED = (-math.inf, -2.0, -1.0, -1e-9, 0.0, 1e-9, 0.5, 1 - 1e-9, 1.0, 1 + 1e-9, 2.0, 3.0, 1e9, math.inf, math.nan)
+"""Numbers that every field of a class of numbers is given."""
 
 
 def modules() -> Iterator[ModuleType]:
@@ -66,6 +72,27 @@ def of_function(name: str, function: object) -> Iterator[tuple[str, str]]:
             yield f"{name}({each.name})", text
 
 
+def taken(name: str, kind: type) -> Iterator[tuple[str, str]]:
+    """Which numbers each field takes, the others as they are."""
+    try:
+        usual = kind()
+    except Exception:  # it cannot be made without knowing more
+        return
+    for field, value in vars(usual).items():
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            continue
+        good = []
+        for number in (int(each) if isinstance(value, int) and math.isfinite(each) else each for each in TRIED):
+            try:
+                kind(**{field: number})
+            except (InputError, ValidationError):
+                continue
+            except TypeError:
+                return  # no parameter
+            good.append(f"{number:.12g}")
+        yield f"{name}.{field}", "takes " + " ".join(dict.fromkeys(good))
+
+
 def of_class(name: str, kind: type) -> Iterator[tuple[str, str]]:
     """Fields, their limits, constants, members, and whether it can be changed."""
     if issubclass(kind, BaseModel):
@@ -77,10 +104,12 @@ def of_class(name: str, kind: type) -> Iterator[tuple[str, str]]:
                 yield f"{name}.{field}", f"{text} {limits}".strip()
             elif limits:
                 yield f"{name}.{field}", limits
+        yield from taken(name, kind)
         return
     if dataclasses.is_dataclass(kind):
         frozen = kind.__dataclass_params__.frozen  # type: ignore[attr-defined]
         yield name, "frozen" if frozen else "not frozen"
+        yield from taken(name, kind)
     for field, value in vars(kind).items():
         function = getattr(value, "__func__", value)
         if inspect.isfunction(function) and function.__module__ == kind.__module__:

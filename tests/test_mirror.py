@@ -198,7 +198,6 @@ TESTED_IN = {
     "robot/sim/floors": "robot/sim/test_plan",
     "robot/sim/furniture": "robot/sim/test_plan",
     "robot/sim/generated": "robot/sim/test_plan",
-    "robot/sim/gl": "robot/commands/test_drive",
     "robot/sim/hosted_board": "robot/soak/test_piece",
     "robot/sim/lockstep_world": "robot/soak/test_piece",
     "robot/sim/hits": "robot/sim/test_plan",

@@ -34,6 +34,9 @@ class SafetyLimits:
         silence: longest time between two commands, s. More is a fault.
         age: oldest frames that may be steered by, s. Older is a fault.
         recovery: seconds that all must be well before a car that stands by itself drives on.
+
+    Raises:
+        InputError: a limit below 0, or one that is no number: it would let everything through.
     """
 
     speed: float = math.inf
@@ -43,6 +46,11 @@ class SafetyLimits:
     silence: float = math.inf
     age: float = math.inf
     recovery: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not value >= 0:
+                raise InputError(f"{name} must be 0 or more, got {value}")
 
 
 class Sight:

@@ -84,7 +84,7 @@ class Bench:
             make = "make -s -C robot/firmware HOST='cc -w'"
             return [("sh", "-c", f"{make} build/test && robot/firmware/build/test"), ("sh", "-c", f"{make} test")]
         tests = tests_of(file, self.folder, self.settings["also"], self.settings["wider"])
-        tests = list(dict.fromkeys([*tests[:1], *self.settings["everywhere"], *tests[1:]]))
+        tests = list(dict.fromkeys([*tests[:1], *self.settings.get("everywhere", ()), *tests[1:]]))
         quiet = ["-x", "-q", "-p", "no:cacheprovider", "-n", "0", "--tb=no", "-m", self.settings["marks"]]
         return [("pytest", *quiet, test) for test in tests]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import pickle
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
@@ -271,3 +272,20 @@ def test_many_cars_drive_as_each_of_them_alone(controller: str) -> None:
             if one is not None:
                 assert part[1].numel() == one.numel()
                 torch.testing.assert_close(part[1].flatten(), one.flatten(), rtol=1e-3, atol=1e-3)
+
+
+def test_a_frame_is_handed_on_without_a_copy_where_it_has_no_gaps():
+    from ndtorch.navigation.whole_step import as_array
+
+    frame = torch.rand(1, 3, 4, 5)
+    array, last = as_array(frame)
+    assert (array.shape, last) == ((1, 3, 4, 5), False)
+    assert np.shares_memory(array, frame.numpy())
+    beside = frame.contiguous(memory_format=torch.channels_last)
+    array, last = as_array(beside)
+    assert (array.shape, last) == ((1, 4, 5, 3), True)
+    assert np.shares_memory(array, beside.numpy())
+    assert np.array_equal(array.transpose(0, 3, 1, 2), frame.numpy())
+    array, last = as_array(frame[..., ::2])
+    assert (array.shape, last) == ((1, 3, 4, 3), False)
+    assert np.array_equal(array, frame[..., ::2].numpy())

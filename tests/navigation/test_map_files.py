@@ -49,6 +49,9 @@ def test_ros_finds_walls_free_floor_and_the_unknown_where_they_are(tmp_path):
     assert at(1.22, 0.92) == OCCUPIED
     assert (image == OCCUPIED).sum() == 1
     assert at(0.0, -0.2) == at(0.0, -0.07) == FREE
+    # As far as a car reaches beside its way, three pixels, and no further.
+    below = [at(0.0, -0.2 - 0.05 * n) for n in range(5)]
+    assert below == [FREE] * 4 + [UNKNOWN]
     assert at(0.0, 0.1) == at(1.0, -0.2) == UNKNOWN
 
 

@@ -299,3 +299,12 @@ def test_a_share_of_the_features_is_kept_for_the_middle():
     torch.testing.assert_close(none.column, plain.column)
     with pytest.raises(InputError, match="ahead"):
         FeatureParams(5, ahead=6)
+
+
+def test_what_lies_ahead_is_the_middle_third_unless_a_band_is_given():
+    row, motion = torch.rand(30, generator=torch.Generator().manual_seed(1)), torch.zeros(30)
+    motion[[5, 9, 10, 19, 20, 25]] = torch.tensor([6.0, 5.0, 1.0, 2.0, 4.0, 3.0])
+    params = FeatureParams(count=3, spacing=0, ahead=2)
+    assert find_features(row, motion, params).column.tolist() == [19, 10, 5]
+    assert find_features(row, motion, params, (9, 20)).column.tolist() == [9, 19, 5]
+    assert find_features(row, motion, params, (0, 30)).column.tolist() == [5, 9, 20]

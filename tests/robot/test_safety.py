@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ndtorch.errors import InputError
@@ -79,6 +79,7 @@ def test_ramps_up_and_stops_at_once():
     assert drive.sent[-1].speed == 0.0  # never straight through zero
 
 
+@settings(deadline=None)
 @given(st.lists(st.tuples(st.floats(-0.6, 0.6), st.floats(-2.2, 2.2)), min_size=2, max_size=30))
 def test_limits_hold_for_any_commands(commands):
     clock, drive, lines, safe = make()
@@ -214,3 +215,12 @@ def test_kinds_are_told_apart():
         Kind.NOT_TOLD,
         Kind.EMERGENCY,
     }
+
+
+@pytest.mark.parametrize("name", ["speed", "curvature", "acceleration", "steering", "silence", "age", "recovery"])
+def test_a_limit_that_is_no_number_is_refused(name):
+    """Nothing is larger than NaN: it would let everything through."""
+    for value in (float("nan"), -0.1):
+        with pytest.raises(InputError, match=f"{name} must be 0 or more, got {value}"):
+            SafetyLimits(**{name: value})
+    assert getattr(SafetyLimits(**{name: 0.0}), name) == 0.0

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes.util
+import importlib
 import os
 import sys
 from typing import Any
@@ -11,6 +13,11 @@ from ndtorch.errors import InputError
 
 PACKAGES = {"egl": "libegl1 libgl1-mesa-dri", "osmesa": "libosmesa6"}
 """Debian and Ubuntu packages that bring each library."""
+
+BEFORE = ("triton._C.libtriton",)
+"""What must be loaded before a software driver of Mesa, if it is installed. Both bring an LLVM of their own. When the
+one of Triton comes second, its constructors crash the process. PyTorch for CUDA brings Triton and loads it as soon as
+something is compiled or exported."""
 
 
 def make_context(width: int, height: int) -> Any:
@@ -24,6 +31,7 @@ def make_context(width: int, height: int) -> Any:
     wanted = os.environ.get("MUJOCO_GL", "").lower()
     names = [wanted] if wanted in PACKAGES else ["egl", "osmesa"]
     reasons = []
+    load_before(BEFORE)
     for name in names:
         if not ctypes.util.find_library({"egl": "EGL", "osmesa": "OSMesa"}[name]):
             reasons.append(f"{name}: library not found")
@@ -36,6 +44,13 @@ def make_context(width: int, height: int) -> Any:
             reasons.append(f"{name}: {type(error).__name__} {str(error).splitlines()[0] if str(error) else ''}".strip())
     packages = " or ".join(f"'{PACKAGES[name]}'" for name in names)
     raise InputError(f"cannot draw without a screen ({'; '.join(reasons)}): install the system package {packages}")
+
+
+def load_before(modules: tuple[str, ...]) -> None:
+    """Import those of the modules that are installed; one that cannot be imported is left out."""
+    for module in modules:
+        with contextlib.suppress(Exception):
+            importlib.import_module(module)
 
 
 def open_context(name: str, width: int, height: int) -> Any:

@@ -11,7 +11,9 @@ BLIND = 0.5
 """The same for pictures that show nothing: they have to be looked at for a while."""
 
 BAD_LINE = 1.0
-"""The same for a line of which most still comes through: what comes is good, and only damage is counted."""
+"""The same for a line of which most still comes through: what comes is good, and only damage is counted. The board
+stops at the fourth damaged frame within a second. How soon there are four is chance: of 20 000 starts none took over
+0.84 s."""
 
 TOLD = 15.0
 """Seconds in which cameras that lie the wrong way round must be told: they have to be compared while the car drives."""

@@ -235,3 +235,17 @@ def test_two_tracks_share_a_region_in_its_middle() -> None:
     share(silhouettes, labels, 0, np.array([2, 4, 10, 8]), ones, 0.0, 0.0)
     assert [int((silhouettes[2:10] == name).sum()) for name in (1, 2)] == [16, 16]
     assert (silhouettes[2:6, 4:8] == 1).all()
+
+
+def test_a_figure_is_looked_for_where_it_should_be():
+    from ndtorch.binding.tracking.figures import FOLLOWED, Figure
+
+    seen = np.zeros((1, 10))
+    seen[0, 0], seen[0, FOLLOWED] = 2.0, (0.4, 0.7)
+    two, none = np.zeros(2), np.zeros(10)
+    figure = Figure(1, True, np.array([0.1, -0.2]), np.array([0.3, 0.1]), two, two, 0.0, two, none, none, two, seen)
+    assert figure.expected(3.0, 5.0).tolist() == pytest.approx([0.5, 0.5])
+    assert figure.box(3.0, 5.0).tolist() == pytest.approx([0.35, 0.45, 0.65, 0.55])
+    # It is not followed for ever.
+    assert figure.box(9.0, 1.0).tolist() == pytest.approx([0.35, 0.45, 0.65, 0.55])
+    assert figure.size == pytest.approx(0.2)

@@ -10,7 +10,7 @@ from ndtorch.errors import InputError
 from ndtorch_robot.commands.soak import Soak, kept
 from ndtorch_robot.link.messages import Frame, Type, encode_frame, read_telemetry
 from ndtorch_robot.link.parser import Parser
-from ndtorch_robot.ports import DriveCommand
+from ndtorch_robot.ports import STAND, DriveCommand
 from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import RunConfig, SimulationTable
 from ndtorch_robot.sim.hosted_board import HostedBoard
@@ -173,6 +173,8 @@ def test_every_fault_stops_the_wheels_in_time_and_nothing_else_does(tmp_path):
     assert not (tmp_path / "recording").exists()
 
 
+AHEAD = DriveCommand(0.5, 0.0)
+
 BACK = DriveCommand(-0.3, 0.0)
 """What the controller asks for that goes back from a wall."""
 
@@ -209,6 +211,37 @@ def test_every_fault_stops_wheels_that_turn_backwards(tmp_path):
     assert lowest == pytest.approx(-0.3, abs=0.02)
     assert [row for row in trials.rows if row["bad"] is not None] == []
     assert trials.unexplained == []
+
+
+@needs_gl
+@needs_compiler
+@pytest.mark.slow
+def test_cameras_that_freeze_before_the_change_of_gear_are_told_before_it_goes_back():
+    """It stands for half a second then, and must not go back by pictures from before."""
+    simulation = SimulationTable(arena="curve", seed=3)
+    config = RunConfig(robot="maxston8", link={"kind": "hosted-board"}, simulation=simulation)
+    last, frozen = 0.0, None
+    with open_car(config, lambda line: None, go=True) as car:
+        world = car.drive.world
+        car.cameras = cameras = FailingCameras(world, 0)
+
+        def pulsed(pulse):
+            nonlocal last
+            if pulse.name == "motor" and pulse.width != 1500:
+                last = pulse.time
+
+        def freeze(step):
+            nonlocal frozen
+            if frozen is None and world.now() > 2.6 and step.driven.speed < 0.28:
+                frozen = world.now()
+                cameras.fail("both frozen")
+
+        world.pulsed = pulsed
+        car.steer = lambda wanted: STAND if world.now() < 1.5 else AHEAD if world.now() < 2.6 else BACK
+        car.observers.append(freeze)
+        car.run(4.0)
+        assert "the same picture for 8 frames" in car.safe.faults[-1].why
+    assert 0.1 < last - frozen <= 0.45
 
 
 class NoWorld:

@@ -59,3 +59,13 @@ def test_flickering_pixels_need_more() -> None:
         frame[:, :5, :5] += 0.05 * torch.randn(3, 5, 5, generator=generator)
         _, threshold, _, state = background_step(frame, state, **STEP)
     assert threshold[:, :5, :5].mean() > 2 * threshold[:, 5:, 5:].mean()
+
+
+def test_the_first_pictures_are_averaged() -> None:
+    """Until the memory is as long as that."""
+    frames = [torch.full((3, 8, 8), level) for level in (0.5, 0.51, 0.49, 0.505)]
+    state = background_start(frames[0], 0.01)
+    for n in (1, 2, 3):
+        _, _, _, state = background_step(frames[n], state, **STEP)
+        mean = sum(float(frame[0, 0, 0]) for frame in frames[: n + 1]) / (n + 1)
+        assert state.mean.flatten().tolist() == pytest.approx([mean] * 192, abs=1e-5)

@@ -131,3 +131,18 @@ def test_what_lies_outside_of_all_silhouettes_is_not_sensed() -> None:
     assert not strongest[~inside].any()
     assert strongest[inside].min() > 0.05
     assert sums[0, 0] == inside.sum()
+
+
+def test_an_exposure_beyond_its_limits_is_a_new_scene() -> None:
+    """In two colors: one alone may be a lamp's."""
+    picture = np.random.default_rng(0).uniform(0.2, 0.8, (3, 64, 64)).astype(np.float32)
+    state = ground_start(picture, PARAMS)
+
+    def new(*gain: float) -> bool:
+        return figures.new_scene(picture, np.array(gain, np.float32), picture, state, PARAMS)
+
+    assert not new(1, 1, 1)
+    assert not new(4, 1, 1)
+    assert not new(3.9, 3.9, 3.9)
+    assert new(4, 4, 1)
+    assert new(1, 0.25, 0.25)

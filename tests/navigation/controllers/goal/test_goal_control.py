@@ -171,3 +171,18 @@ def test_it_does_not_begin_with_something_near_and_says_so():
         state = control.told_near(state, here, nobody, across, True)
         command, state = control.step(floor(moves=False), nothing(), here, still, state)
     assert float(command.speed) > 0
+
+
+def test_the_speed_towards_the_next_place_falls_as_it_is_neared():
+    from ndtorch.navigation.controllers.goal.speeds import speed_towards
+
+    way = np.array([[0.0, 0.0, 0.0, 0.0, 1.0, 0.5], [0.3, 0.4, 0.0, 0.0, 1.0, 0.2], [0.3, 1.0, 0.0, 0.0, 1.0, 0.4]])
+    for x, y in ((0.0, 0.4), (0.3, 0.39), (0.2, 0.2)):
+        length = np.hypot(0.3 - x, 0.4 - y)
+        wanted = min(0.5, np.sqrt(0.2**2 + 2 * 0.1 * length))
+        assert speed_towards(way, 0, (x, y, 9.0), 0.1) == pytest.approx(wanted)
+    # It stands where it changes its direction, and at the end of all its speed is the last one's.
+    turned = way.copy()
+    turned[2, 4] = -1.0
+    assert speed_towards(turned, 0, (0.3, 0.39, 0.0), 0.1) == pytest.approx(0.08)
+    assert speed_towards(way, 2, (0.3, 0.9, 0.0), 0.1) == pytest.approx(0.2)

@@ -315,3 +315,17 @@ def test_bad_parameters():
         control(cells, Ranges(*(r[:2] for r in ranges)), poses, driven)
     with pytest.raises(InputError, match="driven"):
         control(cells, ranges, poses, Command(*(d[:2] for d in driven)))
+
+
+def test_trouble_is_told_where_the_floor_shows_little():
+    control = RangingControl(RIG, DT)
+    pose = Pose(*map(torch.tensor, (0.0, 0.0, 0.0)))
+    command, state = Command(torch.tensor(0.0), torch.tensor(0.0)), control.start(None, pose)
+    for n in range(60):
+        cells = cells_of(open_floor(pose, n), float(command.speed), float(command.curvature))
+        command, state = control.step(
+            cells, ranges_of(torch.zeros(2, 1), torch.zeros(1, dtype=bool)), pose, command, state
+        )
+    assert control.trouble(state) is None
+    dark = state._replace(floor=state.floor._replace(level=state.floor.level * 1e-6))
+    assert "floor is told from noise in 0 % of the view" in control.trouble(dark)
