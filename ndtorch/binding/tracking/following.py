@@ -86,7 +86,7 @@ def follow(
             if not one.known and not seen.shared:
                 stands_out(one, standing, silhouettes)
                 look_again(one, picture, standing.ground, p)
-    bright = float(standing.ground[:, ::4, ::4].mean()) if any(not one.known for one in kept) else 0.0
+    bright = float(standing.ground.mean()) if any(not one.known for one in kept) else 0.0
     for one in kept:
         if (
             seen_for > p.warm_up - dt / 2

@@ -76,8 +76,8 @@ def look_again(one: Figure, picture: Floats, ground: Floats, p: FigureParams) ->
     middle = (step[:2] + step[2:]) / 2
     if float(np.hypot(*middle)) <= max(p.stride * one.size, p.least_stride / height):
         return
-    # Arms, legs and shadows change the box: its middle or either corner may be what went along.
-    ways = [np.tile(way, 2) for way in (middle, step[:2], step[2:])]
+    # Arms, legs and shadows change the box: any of its corners may be what went along.
+    ways = [step[[row, column, row, column]] for row in (0, 2) for column in (1, 3)]
     new = seen_at(last)
     went = min(unlike(looks, one.patch) for looks in (new, *(seen_at(before + way) for way in ways)))
     one.unlike = one.unlike + np.array((unlike(seen_at(before), one.patch), went))
