@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 import ndtorch
+from ndtorch.errors import InputError
 from ndtorch.vision.camera.front_end import CameraFrontEnd
 from ndtorch.vision.camera.params import CameraParams
 from ndtorch.vision.roots import root
@@ -74,3 +75,56 @@ def test_gradients_of_the_retinotopic_model_are_right() -> None:
         return windows.place, windows.velocity, windows.peak, windows.mean
 
     assert torch.autograd.gradcheck(followed, (fields.requires_grad_(),), eps=1e-6, atol=1e-4, fast_mode=True)
+
+
+def flat(kind: str, frames: int, size: tuple[int, int]) -> Tensor:
+    """A film in which roots and quotients of zero come about."""
+    video = film(frames, size).detach()
+    if kind == "saturated":
+        return (3 * video).clamp(0, 1).requires_grad_()
+    level = {"black": 0.0, "uniform": 0.5, "white": 1.0}[kind]
+    return torch.full_like(video, level).requires_grad_()
+
+
+@pytest.mark.parametrize("kind", ["black", "uniform", "white", "saturated"])
+@pytest.mark.parametrize("name", ["published", "scale-free", "retinotopic", "video"])
+def test_gradients_are_numbers_where_there_is_nothing_to_see(name: str, kind: str) -> None:
+    options: dict[str, Any] = {"along": 4} if name == "retinotopic" else {"fps": 25.0} if name == "video" else {}
+    model: Any = ndtorch.load(name, size=(32, 40), **options).double()
+    frames = flat(kind, 6, (32, 40))
+    signals, state = model(frames)
+    parts = [part for part in (*signals, model.weights(state)) if part.requires_grad]
+    slopes = [torch.autograd.grad(p.square().sum(), frames, retain_graph=True, allow_unused=True)[0] for p in parts]
+    assert all(slope is None or torch.isfinite(slope).all() for slope in slopes)
+    assert len(slopes) > 1
+
+
+def test_gradients_of_the_video_model_are_right() -> None:
+    model: Any = ndtorch.load("video", size=(16, 24), fps=25.0, grid=(2, 3)).double()
+
+    def inputs(x: Tensor) -> Tensor:
+        return model(x)[0].inputs[:, :, :, :4]
+
+    assert torch.autograd.gradcheck(inputs, (film(4, (16, 24)),), eps=1e-7, atol=1e-4, fast_mode=True)
+
+
+@pytest.mark.parametrize("name", ["published", "scale-free"])
+def test_gradients_of_whole_field_models_are_right(name: str) -> None:
+    model: Any = ndtorch.load(name, size=(12, 14)).double()
+    frames = torch.rand(7, 3, 12, 14, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    # Motion of the second frame is zero but for rounding, and is divided by its own largest.
+    _, state = model(frames[:4])
+
+    def outputs(x: Tensor) -> Tensor:
+        out: Tensor = model(x, state)[0].outputs
+        return out
+
+    assert torch.autograd.gradcheck(outputs, (frames[4:].requires_grad_(),), eps=1e-6, atol=1e-4, fast_mode=True)
+
+
+def test_figures_says_that_it_has_no_gradients() -> None:
+    model = ndtorch.load("figures", size=(32, 40), fps=25.0)
+    with pytest.raises(InputError, match="no gradients"):
+        model(film(3, (32, 40)).float())
+    with torch.no_grad():
+        model(film(3, (32, 40)).float())

@@ -28,7 +28,8 @@ def field_sums(
         slow, delayed, new_slow, new_delayed: `MotionState` before and after, `[3, h / 2, w / 2]`.
         a_high, a_low: shares of its filters.
         strongest: becomes the largest difference from the ground among the colors, `[h / 2, w / 2]`.
-        sums: becomes pixels, motion across and along, and red, green and blue of each field, `[fields, 6]`.
+        sums: becomes pixels, motion across and along, and red, green and blue of each field, `[fields, 6]`
+            float64: roots are taken of what is left of motion both ways.
     """
     kind = picture.dtype.type
     _, height, width = slow.shape
@@ -43,10 +44,13 @@ def field_sums(
             most = kind(0)
             for c in range(3):
                 total = kind(0)
+                # Row by row: the sum of a mirror image is the same to the last digit.
                 for j in range(2):
+                    line = kind(0)
                     for i in range(2):
                         if silhouettes[2 * y + j, 2 * x + i] > 0:
-                            total += picture[c, 2 * y + j, 2 * x + i] - ground[c, 2 * y + j, 2 * x + i]
+                            line += picture[c, 2 * y + j, 2 * x + i] - ground[c, 2 * y + j, 2 * x + i]
+                    total += line
                 seen = total * quarter
                 most = max(most, abs(seen))
                 mean = slow[c, y, x] + share * (seen - slow[c, y, x])
@@ -58,26 +62,30 @@ def field_sums(
             strongest[y, x] = most
     for y in range(height):
         for x in range(width):
-            name = silhouettes[2 * y, 2 * x]
+            top = max(silhouettes[2 * y, 2 * x], silhouettes[2 * y, 2 * x + 1])
+            name = max(top, max(silhouettes[2 * y + 1, 2 * x], silhouettes[2 * y + 1, 2 * x + 1]))
             if name <= 0:
                 continue
             n = (name - 1) % fields
-            across, along, grey = kind(0), kind(0), kind(0)
+            across, along, grey = 0.0, 0.0, kind(0)
             for c in range(3):
-                here, late = high[c, y, x], new_delayed[c, y, x]
+                here, late = np.float64(high[c, y, x]), np.float64(new_delayed[c, y, x])
                 if x + 1 < width:
                     across += high[c, y, x + 1] * late - here * new_delayed[c, y, x + 1]
+                if x:
+                    across += here * new_delayed[c, y, x - 1] - high[c, y, x - 1] * late
                 if y + 1 < height:
                     along += high[c, y + 1, x] * late - here * new_delayed[c, y + 1, x]
+                if y:
+                    along += here * new_delayed[c, y - 1, x] - high[c, y - 1, x] * late
                 color[c] = quarter * (
-                    picture[c, 2 * y, 2 * x]
-                    + picture[c, 2 * y, 2 * x + 1]
-                    + picture[c, 2 * y + 1, 2 * x]
-                    + picture[c, 2 * y + 1, 2 * x + 1]
+                    (picture[c, 2 * y, 2 * x] + picture[c, 2 * y, 2 * x + 1])
+                    + (picture[c, 2 * y + 1, 2 * x] + picture[c, 2 * y + 1, 2 * x + 1])
                 )
                 grey += color[c] / 3
             sums[n, 0] += 1
-            sums[n, 1] += across
-            sums[n, 2] += along
+            # What two neighbors make of a motion belongs to both by half.
+            sums[n, 1] += 0.5 * across
+            sums[n, 2] += 0.5 * along
             for c in range(3):
                 sums[n, 3 + c] += max(color[c] - grey, kind(0))

@@ -211,6 +211,7 @@ def close(
     """Close the windows of `closed`."""
     count = place.shape[0]
     closing = np.zeros(count, np.bool_)
+    shift, ends = np.zeros((count, 2)), np.zeros(count)
     for k in range(count):
         closing[k] = unseen[k] > p.lost or (age[k] < p.confirm and unseen[k] > p.blind)
         for j in range(count):
@@ -225,9 +226,14 @@ def close(
             alike = light[k, j] / deviations > p.alike and min(age[k], age[j]) > p.known
             if drift < p.alike_speed and (apart < p.same or (apart < p.near and alike)):
                 closing[k] = True
+                if apart >= p.same:
+                    # Both ends of one object: the older window goes on in the middle.
+                    shift[j, 0], shift[j, 1], ends[j] = shift[j, 0] + down, shift[j, 1] + across, ends[j] + 1
     for k in range(count):
         if closing[k]:
             opened[k] = False
+        for axis in range(2):
+            place[k, axis] += shift[k, axis] / (ends[k] + 1)
 
 
 @inner

@@ -39,6 +39,7 @@ class RunFolder:
 
     def __init__(self, wanted: Path, force: bool = False) -> None:
         self._wanted, self._made = wanted, False
+        self._parents: list[Path] = []
         try:
             if force and wanted.is_dir():
                 self.final = wanted
@@ -55,6 +56,8 @@ class RunFolder:
         """Take the first folder that is free. Making `unfinished` in it succeeds for one process only."""
         # `.` and `..` have no name to put a number after.
         wanted = self._wanted if self._wanted.name not in ("", "..") else self._wanted.resolve()
+        # A publish may claim again: what was made the first time is there then.
+        self._parents += [parent for parent in wanted.parents if not parent.exists()]
         wanted.parent.mkdir(parents=True, exist_ok=True)
         for number in count(1):
             self.final = wanted if number == 1 else wanted.with_name(f"{wanted.name}-{number}")
@@ -95,11 +98,11 @@ class RunFolder:
         return moved
 
     def discard(self) -> None:
-        """Drop what was written, and the folder if it was made for this run."""
+        """Drop what was written, and the folders if they were made for this run and nothing else came in."""
         shutil.rmtree(self.work, ignore_errors=True)
-        if self._made:
+        for made in [self.final, *self._parents] if self._made else self._parents:
             with contextlib.suppress(OSError):
-                self.final.rmdir()
+                made.rmdir()
 
 
 SETTINGS = "settings.json"

@@ -202,6 +202,7 @@ class SafeDrive:
             InputError: a command that is not a finite number; the car was stopped.
         """
         now = self.clock.now()
+        command = unrounded(command, self.limits)
         with self.lock:
             self.look_for_faults(command, now)
             elapsed = 0.0 if self.sent_at is None else now - self.sent_at
@@ -304,3 +305,12 @@ class SafeDrive:
             self.wish_ends = None
             self.standing, self.kind = self.standing or "told to stop", self.kind or Kind.EMERGENCY
             self.passes, self.sent = False, STAND
+
+
+def unrounded(command: DriveCommand, limits: SafetyLimits) -> DriveCommand:
+    """The command; one that is a limit in single precision, a hair above it, is the limit itself."""
+
+    def to_limit(value: float, limit: float) -> float:
+        return math.copysign(limit, value) if limit < abs(value) <= limit * (1 + 1e-6) else value
+
+    return DriveCommand(to_limit(command.speed, limits.speed), to_limit(command.curvature, limits.curvature))

@@ -217,6 +217,17 @@ def test_kinds_are_told_apart():
     }
 
 
+def test_a_limit_in_single_precision_is_no_fault():
+    clock, drive = SimulatedClock(), PlainDrive()
+    safe = SafeDrive(drive, clock, SafetyLimits(0.4, 2.2))
+    for _ in range(30):
+        clock.wait_until(clock.now() + 1 / 30)
+        sent = safe.send(DriveCommand(float(torch.tensor(0.4)), float(torch.tensor(-2.2))))
+    assert float(torch.tensor(0.4)) > 0.4
+    assert safe.faults == []
+    assert sent == DriveCommand(0.4, -2.2)
+
+
 @pytest.mark.parametrize("name", ["speed", "curvature", "acceleration", "steering", "silence", "age", "recovery"])
 def test_a_limit_that_is_no_number_is_refused(name):
     """Nothing is larger than NaN: it would let everything through."""

@@ -55,8 +55,11 @@ def test_an_interrupted_run_never_replaces_a_finished_one(tmp_path: Path) -> Non
 
 
 def test_what_fails_leaves_nothing(tmp_path: Path) -> None:
+    RunFolder(tmp_path / "new" / "one" / "bars").discard()
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "new").mkdir()
     RunFolder(tmp_path / "new" / "bars").discard()
-    assert list((tmp_path / "new").iterdir()) == []
+    assert list(tmp_path.iterdir()) == [tmp_path / "new"]
     run(tmp_path / "bars", "old")
     RunFolder(tmp_path / "bars", force=True).discard()
     assert tree(tmp_path) == {"bars/objects.json": "old"}

@@ -81,6 +81,8 @@ class FiguresModel(BindingModel):
         if frames.ndim != 4:
             raise InputError(f"frames must have shape [T, C, H, W], got {tuple(frames.shape)}")
         frames = check_frames(frames, self.size)
+        if frames.requires_grad and torch.is_grad_enabled():
+            raise InputError("figures has no gradients: detach the frames, or take the model video")
         state = self._start() if state is None else state
         seen, waiting, counted = state.seen, state.waiting, int(state.frames)
         began, time = int(state.began), float(state.time)

@@ -37,6 +37,9 @@ class SingleReadout(Constants):
     """What each window holds, from the covariances of what it sees."""
 
     smallest: float = Field(1 / 3, ge=0, description="share of its group's largest that makes a feature")
+    agrees: float = Field(
+        0.5, ge=-1, le=1, description="before a light ground a group that goes along less with the owner is read alone"
+    )
 
 
 class RetinotopicConfig(ModelConfig):
@@ -142,7 +145,9 @@ class RetinotopicModel(BindingModel):
         """The objects in view, those followed longest first; `track` is the number of the window."""
         w = state.windows
         there = self.windows.confirmed(w)
-        table = single_table(w.covariance, there, self.first_weights, self.config.readout.smallest)
+        r = self.config.readout
+        apart = self.windows.before_light(w)
+        table = single_table(w.covariance, there, self.first_weights, r.smallest, apart, r.agrees)
         place, velocity = self.windows.places(w)
         parts = (there, table.rows.sum(-2), table.owners.int().argmax(-1), place, velocity, w.age, w.unseen)
         batch = w.age.shape[:-1]

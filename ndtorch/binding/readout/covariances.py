@@ -14,6 +14,7 @@ from ndtorch.binding.feedback import settled
 from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.owners import features_by_group
+from ndtorch.vision.features import GROUPS
 from ndtorch.vision.roots import root
 
 
@@ -24,16 +25,54 @@ def columns(covariances: Tensor, first_stage: Tensor) -> tuple[Tensor, Tensor]:
         covariances: of the high-passed signals, `[..., 10, 10]`.
         first_stage: weights of the first stage, `[10, 10]`.
     """
+    shared = refined(covariances, first_stage)
+    owner = shared.diagonal(dim1=-2, dim2=-1).argmax(-1)
+    return owner, column_of(shared, owner)
+
+
+def refined(covariances: Tensor, first_stage: Tensor) -> Tensor:
+    """Covariances of the signals through the settled first stage, `[..., 10, 10]`, each group over its largest."""
     deviation = root(covariances.diagonal(dim1=-2, dim2=-1))
     # Motion is in other units than color: each group counts by its largest fluctuation.
     scale = spread_groups(group_max(deviation))
     first = settled(first_stage).to(covariances.dtype)
-    shared = first @ divide(covariances, scale.unsqueeze(-1) * scale.unsqueeze(-2)) @ first.mT
-    owner = shared.diagonal(dim1=-2, dim2=-1).argmax(-1)
-    return owner, shared.gather(-1, owner[..., None, None].expand(*shared.shape[:-1], 1)).squeeze(-1)
+    out: Tensor = first @ divide(covariances, scale.unsqueeze(-1) * scale.unsqueeze(-2)) @ first.mT
+    return out
 
 
-def single_table(covariances: Tensor, there: Tensor, first_stage: Tensor, smallest: float = 1 / 3) -> ObjectTable:
+def column_of(matrix: Tensor, index: Tensor) -> Tensor:
+    """One column of each matrix, `[..., 10, 10]` and int64 `[...]` -> `[..., 10]`."""
+    return matrix.gather(-1, index[..., None, None].expand(*matrix.shape[:-1], 1)).squeeze(-1)
+
+
+def by_groups(covariances: Tensor, first_stage: Tensor, apart: Tensor, agrees: float) -> tuple[Tensor, Tensor]:
+    """As `columns`, but of objects `apart` `[...]` each group may speak for itself.
+
+    Where a group's strongest neuron has a correlation below `agrees` with the owner, what the group has in the column
+    is what fluctuates with that neuron instead. Before a ground that is light a thing that gets darker stands out
+    again: motion and orientation go another way than color then, or none.
+    """
+    shared = refined(covariances, first_stage)
+    power = shared.diagonal(dim1=-2, dim2=-1)
+    owner = power.argmax(-1)
+    column, parts = column_of(shared, owner), []
+    for group in GROUPS.values():
+        strongest = power[..., group].argmax(-1) + group.start
+        both = power.gather(-1, owner.unsqueeze(-1)) * power.gather(-1, strongest.unsqueeze(-1))
+        other = column.gather(-1, strongest.unsqueeze(-1)) < agrees * root(both.clamp_min(0))
+        own = column_of(shared, strongest)[..., group]
+        parts.append(torch.where(other & apart.unsqueeze(-1), own, column[..., group]))
+    return owner, torch.cat(parts, -1)
+
+
+def single_table(
+    covariances: Tensor,
+    there: Tensor,
+    first_stage: Tensor,
+    smallest: float = 1 / 3,
+    apart: Tensor | None = None,
+    agrees: float = 0.5,
+) -> ObjectTable:
     """The tables of single objects: one owner and one row in each, none where there is no object.
 
     Args:
@@ -41,8 +80,11 @@ def single_table(covariances: Tensor, there: Tensor, first_stage: Tensor, smalle
         there: whether there is an object, `[...]` bool.
         first_stage: weights of the first stage, `[10, 10]`.
         smallest: share of its group's largest that makes a feature.
+        apart: objects of which a group may speak for itself, `[...]` bool; None for none.
+        agrees: correlation with the owner below which it does.
     """
-    owner, column = columns(covariances, first_stage)
+    apart = torch.zeros_like(there) if apart is None else apart
+    owner, column = by_groups(covariances, first_stage, apart, agrees)
     owners = torch.nn.functional.one_hot(owner, column.shape[-1]).bool() & there.unsqueeze(-1)
     return ObjectTable(
         owners, torch.where(owners.unsqueeze(-1), features_by_group(column, smallest).unsqueeze(-2), 0.0)

@@ -94,15 +94,20 @@ def parted(regions: Regions, notch: float, least: float) -> Regions:
 
 def narrow(counts: npt.NDArray[np.int64], width: int, notch: float, least: float) -> int:
     """Where a profile is cut in two, 0 for nowhere: at the deepest of its notches that leaves enough on both sides."""
-    width = min(width, len(counts))
+    # An odd width, and the narrowest column goes to the smaller part: the cut of a mirror image is mirrored.
+    width = 2 * (min(width, len(counts) - 1) // 2) + 1
     smooth = np.convolve(counts, np.ones(width) / width, "same")
     before, after = np.maximum.accumulate(smooth), np.maximum.accumulate(smooth[::-1])[::-1]
     lower = np.minimum(before, after)
     one = np.cumsum(counts) - counts
-    depth = np.where((one >= least) & (counts.sum() - one >= least), smooth / np.maximum(lower, 1), 1.0)
-    lowest = np.flatnonzero(depth == depth.min())
-    at = int(lowest[len(lowest) // 2])
-    return at if depth[at] < notch else 0
+    other = counts.sum() - counts - one
+    depth = np.where((one >= least) & (other >= least), smooth / np.maximum(lower, 1), 1.0)
+    lowest = np.flatnonzero(depth <= depth.min() + 1e-9)
+    pair = lowest[[(len(lowest) - 1) // 2, len(lowest) // 2]]
+    at = int(pair[np.abs(one - other)[pair].argmin()])
+    if depth[at] >= notch:
+        return 0
+    return at if one[at] >= other[at] else at + 1
 
 
 def holes(figure: Bools, still: Bools, picture: Floats, ground: Floats, smallest: float) -> Bools:

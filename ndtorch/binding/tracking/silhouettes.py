@@ -13,8 +13,8 @@ from ndtorch.binding.tracking.shades import Light
 
 
 class Sighting(NamedTuple):
-    """What a track gets at one step: row and column of its pixel nearest to their mean, middle of its box, height and
-    width, pixels, color, shares of white, grey, black and hues, and whether it shares its region."""
+    """What a track gets at one step: row and column of the place in it nearest to the mean of its pixels, middle of its
+    box, height and width, pixels, color, shares of white, grey, black and hues, and whether it shares its region."""
 
     inner: Numbers
     place: Numbers
@@ -85,6 +85,9 @@ def sighting(
     place = np.array([(top + bottom) / 2, (left + right) / 2]) / height
     extent = np.array([bottom - top, right - left]) / height
     rows, columns = np.nonzero(window)
-    k = int(((rows - rows.mean()) ** 2 + (columns - columns.mean()) ** 2).argmin())
-    inner = np.array([rows[k] + top + 0.5, columns[k] + left + 0.5]) / height
+    middle = np.array([rows.mean(), columns.mean()])
+    k = int(((rows - middle[0]) ** 2 + (columns - middle[1]) ** 2).argmin())
+    # Within that pixel the point nearest to the mean: several pixels may be as near.
+    nearest = np.array([rows[k], columns[k]])
+    inner = (middle.clip(nearest - 0.5, nearest + 0.5) + np.array([top, left]) + 0.5) / height
     return Sighting(inner, place, extent, pixels / height**2, color, light.shares(inside), shared)

@@ -57,7 +57,7 @@ class TrackerState(NamedTuple):
 
 
 class Tracker:
-    """Follows what moves over a grid of fields.
+    """Follows what moves over a grid of fields. No gradients go through tracks.
 
     Args:
         dt: seconds between time steps.
@@ -74,7 +74,7 @@ class Tracker:
         if state is None:
             zero, none = torch.zeros((), dtype=torch.float64), table_of([], size)
             state = TrackerState(
-                fields.motion[0].cpu(), zero, zero, zero, torch.zeros((), dtype=torch.int64), none, none
+                fields.motion[0].detach().cpu(), zero, zero, zero, torch.zeros((), dtype=torch.int64), none, none
             )
         motion, strongest = state.motion, float(state.strongest)
         began, time, scene = int(state.began), float(state.time), float(state.scene)
@@ -84,7 +84,7 @@ class Tracker:
         numbers = zip(fields.noise.tolist(), fields.time.tolist(), fields.cut.tolist(), strict=True)
         shades = fields.shades.to(fields.inputs.dtype)
         inputs, outputs = (torch.cat([part, shades], -1).flatten(1, 2) for part in (fields.inputs, fields.outputs))
-        parts = (part.cpu() for part in (fields.motion, inputs, outputs, fields.presence))
+        parts = (part.detach().cpu() for part in (fields.motion, inputs, outputs, fields.presence))
         for moved, y, o, presence, (noise, time, cut) in zip(*parts, numbers, strict=True):
             motion = torch.lerp(motion, moved, share)
             if cut:

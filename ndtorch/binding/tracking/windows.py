@@ -158,6 +158,16 @@ class Windows(nn.Module):
         """Windows that hold an object, `[..., K]` bool."""
         return state.open & (state.age >= self.params.confirm)
 
+    def before_light(self, state: WindowState) -> Tensor:
+        """Windows before a ground that is as bright as half of what they see, `[..., K]` bool.
+
+        What gets darker than such a ground stands out again; before a dark one nothing can.
+        """
+        color = GROUPS["color"]
+        ground = state.low[..., color].sum(-1).flatten(-2).median(-1).values
+        light: Tensor = ground.unsqueeze(-1) > 0.5 * state.mean[..., color].sum(-1)
+        return light
+
     def places(self, state: WindowState) -> tuple[Tensor, Tensor]:
         """Column and row in pixels, and velocity in pixels a second to the right and down, `[..., K, 2]` each."""
         place = (state.place + 0.5) * self.spacing
@@ -238,8 +248,8 @@ def windows_step(low: Tensor, state: WindowState, windows: Windows) -> WindowSta
         light_mean=light_mean,
         light=pairs,
     )
-    still = state.open & ~closed(now, windows)
-    return opened(now._replace(open=still), energy, windows)
+    closing, place = closed(now, windows)
+    return opened(now._replace(open=state.open & ~closing, place=place), energy, windows)
 
 
 def own_direction(state: WindowState, windows: Windows) -> Tensor:
@@ -252,11 +262,16 @@ def own_direction(state: WindowState, windows: Windows) -> Tensor:
     return counts
 
 
-def closed(state: WindowState, windows: Windows) -> Tensor:
-    """Windows to be closed, `[..., K]`: lost, never confirmed, or following the object of an older one."""
+def closed(state: WindowState, windows: Windows) -> tuple[Tensor, Tensor]:
+    """Windows to be closed, `[..., K]`: lost, never confirmed, or following the object of an older one; and places.
+
+    Two that fluctuate alike follow the ends of one long object: the older one goes on in the middle, from where it
+    claims both.
+    """
     p = windows.params
     lost = (state.unseen > p.lost) | ((state.age < p.confirm) & (state.unseen > p.blind))
-    apart = windows.offset(state.place.unsqueeze(-2) - state.place.unsqueeze(-3)).norm(dim=-1)
+    away = windows.offset(state.place.unsqueeze(-2) - state.place.unsqueeze(-3))
+    apart = away.norm(dim=-1)
     drift = (state.velocity.unsqueeze(-2) - state.velocity.unsqueeze(-3)).norm(dim=-1)
     deviation = state.light.diagonal(dim1=-2, dim2=-1).clamp_min(torch.finfo(apart.dtype).tiny).sqrt()
     correlation = state.light / (deviation.unsqueeze(-1) * deviation.unsqueeze(-2))
@@ -265,9 +280,11 @@ def closed(state: WindowState, windows: Windows) -> Tensor:
     older = older | ((state.age.unsqueeze(-2) == state.age.unsqueeze(-1)) & (number < number.unsqueeze(-1)))
     both = state.open.unsqueeze(-2) & state.open.unsqueeze(-1)
     known = torch.minimum(state.age.unsqueeze(-2), state.age.unsqueeze(-1)) > p.known
-    copies = (apart < p.same) | ((apart < p.near) & (correlation > p.alike) & known)
-    closing: Tensor = lost | (both & older & copies & (drift < p.alike_speed)).any(-1)
-    return closing
+    pairs = both & older & (drift < p.alike_speed)
+    ends = pairs & (apart >= p.same) & (apart < p.near) & (correlation > p.alike) & known
+    closing = lost | (pairs & (apart < p.same) | ends).any(-1)
+    count = ends.sum(-2).unsqueeze(-1) + 1
+    return closing, state.place + torch.where(ends.unsqueeze(-1), away, 0.0).sum(-3) / count
 
 
 def opened(state: WindowState, energy: Tensor, windows: Windows) -> WindowState:

@@ -38,12 +38,14 @@ class Task:
         explore: drive wherever it was not yet.
         back: then go back to where the drive began.
         cruise: speed where nothing is in the way, m/s.
+        overhangs: remember what was ranged although floor is seen below it.
     """
 
     to: tuple[float, float] | None = None
     explore: bool = False
     back: bool = False
     cruise: float = 0.5
+    overhangs: bool = False
 
     @property
     def has_goal(self) -> bool:
@@ -137,6 +139,8 @@ class Controller(nn.Module, ABC):
         if task.has_goal and not cls.has_goals:
             raise InputError(f"the {cls.name} controller has no goals: to, explore and back belong to controller goal")
         params = cls.Params()
+        if task.overhangs and not hasattr(params, "overhangs"):
+            raise InputError(f"the {cls.name} controller does not remember overhangs: that is for controller ranging")
         if task.cruise == Task.cruise:
             return params
         if not hasattr(params, "speed"):

@@ -68,12 +68,12 @@ class FigureSignals(nn.Module):
         if state is None:
             seen = halved((picture - ground) * (silhouettes > 0))
             state = FieldsState(MotionState(seen, torch.zeros_like(seen)))
-        names = silhouettes[::2, ::2].reshape(-1)
+        names = names_of(silhouettes).reshape(-1)
         count = self.params.most
         if kernels_wanted(picture):
             slow, delayed = state.motion
             motion = MotionState(torch.empty_like(slow), torch.empty_like(delayed))
-            strongest, sums = torch.empty(self.size), torch.empty(count, 6)
+            strongest, sums = torch.empty(self.size), torch.empty(count, 6, dtype=torch.float64)
             filters = (slow.numpy(), delayed.numpy(), self.a_high, self.a_low)
             after = (motion.slow.numpy(), motion.delayed.numpy(), strongest.numpy(), sums.numpy())
             kernel("field_sums").run(picture.numpy(), ground.numpy(), silhouettes.numpy(), *filters, *after)
@@ -85,13 +85,14 @@ class FigureSignals(nn.Module):
             return torch.zeros(count, 10), FieldsState(motion)
         slots = torch.where(names > 0, (names - 1) % count, count).long()
         images = self.orientation.images(strongest).abs().flatten(1)
-        tilted = torch.zeros(count + 1, 3).index_add_(0, slots, images.mT)[:-1]
-        pixels = sums[:, :1].clamp_min(1)
+        tilted = torch.zeros(count + 1, 3, dtype=torch.float64).index_add_(0, slots, images.mT.double())[:-1]
+        pixels = sums[:, :1].clamp_min(1)  # float64: roots are taken of what is left of motion both ways
         x, y = sums[:, 1:3].div(pixels).unbind(1)
         tilted = tilted / pixels
         tilted = tilted - tilted.amin(1, keepdim=True)
         directed = torch.stack([-x, x, y, -y], 1).clamp_min(0)
-        return torch.cat([directed, tilted, sums[:, 3:] / pixels], 1).sqrt(), FieldsState(motion)
+        signals = torch.cat([directed, tilted, sums[:, 3:] / pixels], 1).sqrt()
+        return signals.float(), FieldsState(motion)
 
     def sums(
         self, picture: Tensor, ground: Tensor, silhouettes: Tensor, state: FieldsState
@@ -100,17 +101,25 @@ class FigureSignals(nn.Module):
         and red, green and blue of each field `[most, 6]`; and the filters' state."""
         seen, colors = halved((picture - ground) * (silhouettes > 0)), halved(picture)
         high, delayed, motion = motion_step(seen, state.motion, self.a_high, self.a_low)
-        across = F.pad(correlate(high, delayed, -1), (0, 1)).sum(-3)
-        along = F.pad(correlate(high, delayed, -2), (0, 0, 0, 1)).sum(-3)
+        # What two neighbours make of a motion belongs to both by half.
+        right, down = (correlate(high.double(), delayed.double(), dim).sum(-3) / 2 for dim in (-1, -2))
+        across = F.pad(right, (0, 1)) + F.pad(right, (1, 0))
+        along = F.pad(down, (0, 0, 0, 1)) + F.pad(down, (0, 0, 1, 0))
         own = (colors - colors.mean(0)).clamp_min(0)
-        stack = torch.cat([torch.ones_like(across[None]), across[None], along[None], own]).flatten(1)
-        names, count = silhouettes[::2, ::2].reshape(-1), self.params.most
+        stack = torch.cat([torch.ones_like(across[None]), across[None], along[None], own.double()]).flatten(1)
+        names, count = names_of(silhouettes).reshape(-1), self.params.most
         slots = torch.where(names > 0, (names - 1) % count, count).long()
-        total = torch.zeros(count + 1, 6).index_add_(0, slots, stack.mT)[:-1]
+        total = torch.zeros(count + 1, 6, dtype=torch.float64).index_add_(0, slots, stack.mT)[:-1]
         return seen.abs().amax(0), total, motion
 
 
 def halved(images: Tensor) -> Tensor:
     """Means of blocks of two by two pixels, `[..., H, W]` -> `[..., H / 2, W / 2]`."""
-    rows = images[..., ::2, :] + images[..., 1::2, :]
-    return (rows[..., ::2] + rows[..., 1::2]) / 4
+    pairs = images[..., ::2] + images[..., 1::2]
+    return (pairs[..., ::2, :] + pairs[..., 1::2, :]) / 4
+
+
+def names_of(silhouettes: Tensor) -> Tensor:
+    """Of blocks of two by two pixels the largest number, `[h, w]` -> `[h / 2, w / 2]`: the same in a mirror image."""
+    rows = torch.maximum(silhouettes[::2], silhouettes[1::2])
+    return torch.maximum(rows[:, ::2], rows[:, 1::2])

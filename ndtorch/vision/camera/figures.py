@@ -134,7 +134,7 @@ def ground_step(
     p = params
     raw, ground, deviation = picture, state.mean.numpy(), state.deviation.numpy()
     gain = exposure(picture, ground, p)
-    some = np.abs(picture[:, ::4, ::4] / gain[:, None, None] - ground[:, ::4, ::4]).reshape(3, -1)
+    some = np.abs(some_of(picture) / gain[:, None] - some_of(ground))
     noise = np.maximum(medians(some) / MEDIAN_SIZE, p.least_noise).astype(np.float32)
     picture, grey, light, out, may_be = stand_out(picture, gain, ground, deviation, noise, p)
     known = state.known.numpy()
@@ -163,7 +163,10 @@ def ground_step(
     figure = np.asarray(closed & out, np.uint8)
     if not sure.all():
         # What moves there is believed where it is broad: edges of what stands still tremble.
-        young, side = ((quiet < p.trail) & (sure == 0)).astype(np.uint8), max(1, round(p.broad * len(sure)))
+        young, side = (
+            ((quiet < p.trail) & (sure == 0)).astype(np.uint8),
+            2 * max(0, round((p.broad * len(sure) - 1) / 2)) + 1,
+        )
         figure |= np.asarray(cv2.morphologyEx(young, cv2.MORPH_OPEN, np.ones((side, side), np.uint8)), np.uint8)
     # A pixel alone is noise; a gap of a pixel is none.
     square = np.ones((p.speckle, p.speckle), np.uint8)
@@ -254,7 +257,7 @@ def stillness(soft: Floats, out: Bytes, state: GroundState, dt: float, p: Ground
 
     change = grey_of(np.asarray(cv2.absdiff(soft, state.before.numpy()), np.float32))
     own = state.restless.numpy()
-    noise = np.float32(medians(change[::4, ::4].reshape(1, -1))[0] / MEDIAN_SIZE)
+    noise = np.float32(medians(some_of(change[None]))[0] / MEDIAN_SIZE)
     least = np.maximum(noise, own * np.float32(1 / MEAN_SIZE))
     over = (change > np.maximum(np.float32(p.moved), np.float32(p.spread) * least)).astype(np.uint8)
     moved = most_of(over, p.speckle)
@@ -270,12 +273,22 @@ def stillness(soft: Floats, out: Bytes, state: GroundState, dt: float, p: Ground
 
 def exposure(picture: Floats, ground: Floats, p: GroundParams) -> Floats:
     """Gain of each color, `[3]`: the median ratio over every sixteenth pixel whose background is not dark."""
-    one, other = picture[:, ::4, ::4].reshape(3, -1), ground[:, ::4, ::4].reshape(3, -1)
+    one, other = some_of(picture), some_of(ground)
     bright = other.min(0) > p.dark
     if bright.mean() < p.light:
         return np.ones(3, np.float32)
     gain = medians(one[:, bright] / other[:, bright])
     return np.asarray(np.clip(gain, 1 / p.gain_limit, p.gain_limit), np.float32)
+
+
+def some_of(images: Floats) -> Floats:
+    """About every sixteenth pixel of `[C, h, w]`, counted from all four corners, `[C, n]`.
+
+    Those of a mirror image are the same, and so is all that is told from them.
+    """
+    rows, columns = ((n + 1) // 2 for n in images.shape[1:])
+    turned = (images, images[:, ::-1], images[:, :, ::-1], images[:, ::-1, ::-1])
+    return np.concatenate([one[:, :rows:4, :columns:4].reshape(len(images), -1) for one in turned], 1)
 
 
 def medians(rows: Floats) -> Floats:
@@ -320,7 +333,7 @@ def new_scene(raw: Floats, gain: Floats, soft: Floats, state: GroundState, p: Gr
 
 def lit(picture: Floats, p: GroundParams) -> float:
     """Share of every sixteenth pixel that is not dark, `[3, h, w]`."""
-    return float((picture[:, ::4, ::4].min(0) > p.dark).mean())
+    return float((some_of(picture).min(0) > p.dark).mean())
 
 
 def shadow(light: Floats, may_be: Bytes, p: GroundParams) -> Bytes:

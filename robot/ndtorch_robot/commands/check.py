@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,7 +18,8 @@ from ndtorch.errors import InputError
 from ndtorch.installed import toml_file
 
 if TYPE_CHECKING:
-    from ndtorch_robot.ports import Drive, Report
+    from ndtorch.navigation import StereoRig
+    from ndtorch_robot.ports import Drive, Report, StereoFrames
     from ndtorch_robot.run_config import RunConfig
     from ndtorch_robot.safety import SafeDrive
 
@@ -32,7 +35,7 @@ NEUTRAL = 1500
 
 @dataclass(frozen=True)
 class Check:
-    """Walk through cameras, link, steering directions and emergency stop. Put the car on a block: wheels up!
+    """Walk through cameras, floor, link, steering directions and emergency stop. Put the car on a block: wheels up!
 
     Asks after each movement whether it was the right one; exit code 1 when anything was not.
     """
@@ -54,8 +57,9 @@ class Check:
         from ndtorch_robot.safety import SafeDrive
 
         config = read_toml(toml_file(self.config, "ndtorch_robot", "configs"), RunConfig)
-        self.say("1. Cameras")
-        found = {"cameras": self.cameras(config)}
+        self.say("1. Cameras and floor")
+        cameras, floor = self.cameras(config)
+        found = {"cameras": cameras, "floor": floor}
         self.say("2. Link")
         drive = open_link(config.link_table(), Opening(config.robot, lambda line: self.say(f"   {line}")))
         try:
@@ -71,7 +75,7 @@ class Check:
             found |= {"directions": wrong == 0, "emergency_stop": stop == 0}
         finally:
             drive.close()
-        bad = (not found["cameras"]) + (not found["link"]) + wrong + stop
+        bad = (not found["cameras"]) + (not found["floor"]) + (not found["link"]) + wrong + stop
         if self.json:
             print(json.dumps(found | {"not_right": bad}))
         else:
@@ -94,22 +98,40 @@ class Check:
         except EOFError:
             return False
 
-    def cameras(self, config: RunConfig) -> bool:
-        """Read some seconds of pairs: the rate, whether both show something, and the right way round."""
-        if config.cameras is None:
-            self.say("   simulated, nothing to check")
-            return True
-        from ndtorch_robot.run import make_real_cameras
+    def cameras(self, config: RunConfig) -> tuple[bool, bool]:
+        """Read some seconds of pairs: the rate, whether both show something, and the right way round; and the floor."""
+        from ndtorch_robot.run import make_real_cameras, make_simulation
 
+        if config.cameras is None:
+            self.say("   simulated, nothing to check but the floor")
+            world = make_simulation(config)
+            assert world is not None
+            try:
+                moments = count(1)
+
+                def read() -> StereoFrames:
+                    world.wait_until(next(moments) / config.rate_hz)
+                    return world.read()
+
+                return True, self.floor(read, world.rig, config)
+            finally:
+                world.close()
         try:
             import_module("ndtorch_robot.cameras")
             pair, rig, _ = make_real_cameras(config)
         except (InputError, ModuleNotFoundError) as error:
             self.say(f"   not right: {error}")
-            return False
+            return False, False
         from ndtorch_robot.watch import CameraWatch
 
         watch = CameraWatch(rig, rate=config.rate_hz, limits=config.sight.limits())
+        try:
+            self.say("   let the car stand for a second where it is to drive: the floor ahead is measured")
+            floor = self.floor(pair.read, rig, config)
+        except InputError as error:
+            pair.close()
+            self.say(f"   not right: {error}")
+            return False, False
         self.say("   for five seconds move the car about by hand: what both cameras see is compared")
         try:
             times = []
@@ -119,12 +141,26 @@ class Check:
                 watch.check_mounting(frames)
         except InputError as error:
             self.say(f"   not right: {error}")
-            return False
+            return False, floor
         finally:
             pair.close()
         rate = (len(times) - 1) / (times[-1] - times[0])
         self.say(f"   {rate:.1f} pairs a second, {config.rate_hz:.0f} are wanted")
-        return abs(rate / config.rate_hz - 1) < 0.1
+        return abs(rate / config.rate_hz - 1) < 0.1, floor
+
+    def floor(self, read: Callable[[], StereoFrames], rig: StereoRig, config: RunConfig) -> bool:
+        """Measure the floor before the car that stands, and tell whether it will do."""
+        from ndtorch.navigation.controllers.registry import controller_class
+        from ndtorch_robot.floor_check import measure_floor
+
+        if not controller_class(config.navigation.controller).looks_near:
+            self.say(f"   the controller {config.navigation.controller} does not ask for the floor")
+            return True
+        speed = min(config.navigation.cruise, config.limits.speed_m_per_s)
+        found = measure_floor(read, rig, config.rate_hz, speed)
+        for line in found.words():
+            self.say(f"   {line}")
+        return found.will_do
 
     def link(self, drive: Drive) -> bool:
         """A second of listening to what the drive says of itself."""

@@ -54,3 +54,17 @@ def test_batches_and_windows_without_an_object() -> None:
     k = FEATURES.index("left")
     assert weights[0, 0, FEATURES.index("blue"), k] > 0
     assert not weights.diagonal(dim1=-2, dim2=-1).any()
+
+
+def test_a_group_of_its_own_way_speaks_for_itself_before_a_light_ground() -> None:
+    # Color goes one way; motion and orientation the other, as the thing gets darker than what is behind it.
+    strength, against = torch.zeros(10), torch.zeros(10)
+    strength[FEATURES.index("red")], strength[FEATURES.index("green")] = 2.0, 0.2
+    against[FEATURES.index("right")], against[FEATURES.index("60°")] = 1.0, 0.5
+    mixed = strength - 0.8 * against
+    covariances = mixed[:, None] * mixed + 0.01 * against[:, None] * against
+    there = torch.tensor(True)
+    dark, light = (single_table(covariances, there, NONE, apart=torch.tensor(apart)) for apart in (False, True))
+    found = [{name for name, v in zip(FEATURES, t.rows.sum(-2).tolist(), strict=True) if v > 0} for t in (dark, light)]
+    assert found[0] < found[1] == {"red", "right", "60°"}
+    assert torch.equal(single_table(covariances, there, NONE).rows, dark.rows)

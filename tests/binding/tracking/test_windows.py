@@ -117,6 +117,32 @@ def test_objects_that_cross_keep_their_windows() -> None:
     assert (module.confirmed(state).tolist(), features_of(module, state)) == before
 
 
+def test_both_ends_of_a_long_object_are_one_object_in_the_middle() -> None:
+    light = wave(160, 1.3)
+    long = sum(blob(RIGHT_RED, light, (6.0 + step, 3.0), (0.0, 1.5)) for step in (-1.2, 0.0, 1.2))
+    other = blob(LEFT_GREEN, wave(160, 0.9, 0.3), (13.0, 9.0), (0.0, -1.5))
+    module = windows()
+    counts, state = module(long + other)
+    assert int(counts[-60:].max()) == int(counts[-60:].min()) == 2
+    rows = state.place[module.confirmed(state)][:, 0]
+    assert (rows - 6.0).abs().min() < 0.6
+
+
+def test_two_that_touch_and_fluctuate_by_themselves_stay_two() -> None:
+    upper = blob(RIGHT_RED, wave(200, 1.3), (6.0, 3.0), (0.0, 1.5))
+    lower = blob(RIGHT_RED, wave(200, 0.8, 0.4), (8.0, 3.0), (0.0, 1.5))
+    counts, _ = windows()(upper + lower)
+    assert counts[-60:].tolist() == [2] * 60
+
+
+def test_a_light_ground_is_told_from_a_dark_one() -> None:
+    thing, module = blob(RIGHT_RED, wave(60, 1.3), (6.0, 3.0), (0.0, 1.5)), windows()
+    ground = 0.5 * torch.tensor([0, 0, 0, 0, 0.2, 0.2, 0.2, 1, 1, 1])
+    for signals, light in ((thing, False), (thing + ground, True)):
+        _, state = module(signals)
+        assert module.before_light(state)[module.confirmed(state)].tolist() == [light]
+
+
 def test_an_object_that_leaves_is_given_up() -> None:
     scene = blob(RIGHT_RED, wave(260, 1.1), (4.0, 8.0), (0.0, 2.0), wrap=False)
     still = blob(UP_BLUE, wave(260, 0.9), (12.0, 4.0), (0.0, 0.2), wrap=False)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 
 from ndtorch.commands import main
 from ndtorch_robot.commands.check import Check
+from ndtorch_robot.run_config import RunConfig, SimulationTable
+from tests.robot.support.gl_needed import needs_gl
 
 
 class Closed:
@@ -23,6 +26,7 @@ def drive(monkeypatch: pytest.MonkeyPatch) -> Closed:
     made = Closed()
     monkeypatch.setattr("ndtorch_robot.link.open_link", lambda *_: made)
     monkeypatch.setattr("ndtorch_robot.safety.SafeDrive", lambda *_, **__: None)
+    monkeypatch.setattr(Check, "cameras", lambda *_: (True, True))
     monkeypatch.setattr(Check, "link", lambda *_: True)
     monkeypatch.setattr(Check, "directions", lambda *_: 2)
     monkeypatch.setattr(Check, "emergency", lambda *_: 0)
@@ -32,7 +36,7 @@ def drive(monkeypatch: pytest.MonkeyPatch) -> Closed:
 def test_json_tells_the_points_and_nothing_else(drive: Closed, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", "sim", "--yes", "--json"]) == 1
     out, err = capsys.readouterr()
-    right = {"cameras": True, "link": True, "directions": False, "emergency_stop": True}
+    right = {"cameras": True, "floor": True, "link": True, "directions": False, "emergency_stop": True}
     assert json.loads(out) == right | {"not_right": 2}
     assert "Are all wheels off the ground? yes" in err
     assert drive.closed
@@ -50,3 +54,19 @@ def test_the_end_of_the_input_is_a_no(
     assert "Are all wheels off the ground? [y/n]" in out
     assert err == "put the car on a block first\n"
     assert drive.closed
+
+
+@needs_gl
+@pytest.mark.parametrize(
+    ("world", "well", "said"),
+    [
+        (SimulationTable(arena="dead-end", seed=3), True, "it will do"),
+        (SimulationTable(arena="dead-end", seed=3, stress="noise"), False, "the pictures are noisy"),
+    ],
+)
+def test_the_floor_before_the_car_is_measured(
+    world: SimulationTable, well: bool, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = RunConfig(robot="SIM", simulation=world)
+    assert Check(Path("sim")).cameras(config) == (True, well)
+    assert said in capsys.readouterr().out

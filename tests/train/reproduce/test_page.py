@@ -30,9 +30,9 @@ def entries() -> list[Entry]:
 
 
 def test_the_second_verdict_is_counted_only_where_it_was_tried() -> None:
-    words = "1 holds, 1 partly, 1 does not hold; with the better parts 2 holds, 1 does not hold"
+    words = "1 claim holds, 1 holds in part, 1 does not hold; with the better parts 2 claims hold, 1 does not hold"
     assert tally(entries()) == words
-    assert tally(entries()[:1]) == "1 holds"
+    assert tally(entries()[:1]) == "1 claim holds"
 
 
 def test_both_verdicts_stand_in_table_json_and_page() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from ndtorch_train.score.hard import HARD
+from ndtorch_train.score.hard import HARD, arrived
 from ndtorch_train.score.retinotopic_hard import local_disturbance
 
 SETS = {hard.name: hard for hard in HARD}
@@ -20,3 +20,13 @@ def test_noise_is_each_fields_own_and_a_lamp_shines_on_all() -> None:
     lamp = local_disturbance(SETS["lamp"], 5, signals)
     assert not lamp[..., :4].any()
     assert torch.equal(lamp[:, 0, 0], lamp[:, 2, 2])
+
+
+def test_every_sample_of_the_fields_is_seen_once() -> None:
+    """They were repeated five times, so that all went at a fifth of its speed."""
+    kept = arrived(SETS["white 0.3"], [1], 100, 5)[0]
+    assert (kept // 5).tolist() == list(range(20))
+    lossy = SETS["12.5/s, 10 % lost"]
+    late = arrived(lossy, [1], 8000, lossy.every)[0]
+    assert len(late) == 1000
+    assert 0.02 < (late[1:] == late[:-1]).double().mean() < 0.25

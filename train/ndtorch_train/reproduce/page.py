@@ -90,12 +90,25 @@ def as_json(entry: Entry) -> dict[str, Any]:
     }
 
 
+SAID = {
+    "holds": ("holds", "hold"),
+    "partly": ("holds in part", "hold in part"),
+    "does not hold": ("does not hold", "do not hold"),
+    "not run in quick": ("was not run in quick", "were not run in quick"),
+}
+"""What is said of one claim and of several."""
+
+
 def tally(entries: Sequence[Entry]) -> str:
     """How many claims hold, as published and with the better parts."""
 
     def counted(verdicts: list[str]) -> str:
-        counts = {verdict: verdicts.count(verdict) for verdict in COLORS}
-        return ", ".join(f"{n} {verdict}" for verdict, n in counts.items() if n)
+        counts = [(verdicts.count(verdict), *said) for verdict, said in SAID.items()]
+        parts = [(n, one if n == 1 else many) for n, one, many in counts if n]
+        return ", ".join(f"{n} {noun(n) if k == 0 else ''}{said}" for k, (n, said) in enumerate(parts))
+
+    def noun(n: int) -> str:
+        return "claim " if n == 1 else "claims "
 
     words = counted([e.outcome.verdict for e in entries])
     if any(e.best is not e for e in entries):

@@ -230,7 +230,7 @@ def hard_trial(hard: HardSet, split: Split, scenes: int, first_stage: Tensor) ->
     sums = superposed([one.scene for one in chosen], SETTLE + hard.seconds)
     sums += disturbance(hard, [one.scene.seed for one in chosen], sums)
     truth = [true_features([one.shown], first_stage)[0] if one.shown.bars else no_bars() for one in chosen]
-    kept = arrived(hard, [one.scene.seed for one in chosen], sums.shape[1])
+    kept = arrived(hard, [one.scene.seed for one in chosen], sums.shape[1], hard.every)
     seen = torch.stack([scene[at] for scene, at in zip(sums, kept, strict=True)])
     return Trial(seen, FPS / hard.every, truth)
 
@@ -253,9 +253,9 @@ def disturbance(hard: HardSet, seeds: Sequence[int], sums: Tensor) -> Tensor:
     return level * torch.stack(parts)
 
 
-def arrived(hard: HardSet, seeds: Sequence[int], samples: int) -> list[Tensor]:
-    """Which sample is there at every frame: the latest that arrived."""
-    frames = torch.arange(0, samples, hard.every)
+def arrived(hard: HardSet, seeds: Sequence[int], samples: int, every: int) -> list[Tensor]:
+    """Which sample is there at every frame, one for `every` samples: the latest that arrived."""
+    frames = torch.arange(0, samples, every)
     found = []
     for seed in seeds:
         lost = np.random.default_rng(seed + 700_000_000).random(len(frames)) < hard.lost

@@ -75,7 +75,8 @@ def found(windows: Windows, signals: Iterator[Tensor], moments: Sequence[int]) -
 def features(windows: Windows, state: WindowState) -> list[Tensor]:
     """Features of the objects of every scene of a batch, `[objects, 10]` bool."""
     there = windows.confirmed(state)
-    rows = single_table(state.covariance, there, first_stage()).rows.sum(-2) > 0
+    apart = windows.before_light(state)
+    rows = single_table(state.covariance, there, first_stage(), apart=apart).rows.sum(-2) > 0
     return [row[seen] for row, seen in zip(rows, there, strict=True)]
 
 

@@ -43,7 +43,7 @@ def hard_retinotopic_rows(
                 seeds = [one.scene.seed for one in part]
                 for seed, mine in zip(seeds, signals, strict=True):
                     mine += local_disturbance(hard, seed, mine)
-                kept = arrived(hard, seeds, signals.shape[1] * every)
+                kept = arrived(hard, seeds, signals.shape[1] * every, every)
                 seen = torch.stack([mine[at // every] for mine, at in zip(signals, kept, strict=True)])
                 _, state = windows(seen)
             # A bar that moves is an object to fields, whether it fluctuates or not.

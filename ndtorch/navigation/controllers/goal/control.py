@@ -8,6 +8,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.contract import (
     ARRIVED,
     CRUISE,
@@ -80,6 +81,8 @@ class GoalControl(Controller):
     @classmethod
     def params_for(cls, task: Task) -> GoalParams:
         """As `Controller.params_for`."""
+        if task.overhangs:
+            raise InputError(f"the {cls.name} controller does not remember overhangs: that is for controller ranging")
         d = GoalParams()
         slow, creep = min(d.slow, task.cruise), min(d.creep, task.cruise)
         reactive = replace(
@@ -206,7 +209,11 @@ class GoalControl(Controller):
         """The cells around the car are visited."""
         p = self.params.reactive.patch
         kept = move_patch(
-            Patch(state.visited, state.reactive.patch.tag), pose, self.reactive.numbers, torch.ones_like(pose.x), p
+            Patch(state.visited, state.reactive.patch.tag, state.visited[..., :0]),
+            pose,
+            self.reactive.numbers,
+            torch.ones_like(pose.x),
+            p,
         )
         number = cell_numbers(self.disc.expand(*pose.x.shape, *self.disc.shape), pose, p)
         return kept.evidence.scatter(-1, number, 1.0)

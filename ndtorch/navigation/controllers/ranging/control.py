@@ -27,6 +27,7 @@ from ndtorch.navigation.controllers.ranging.caution import FULL, known_share, re
 from ndtorch.navigation.controllers.ranging.decision import RangingState, decide, ranging_constants
 from ndtorch.navigation.controllers.ranging.floor import FloorState, floor_constants, floor_step
 from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
+from ndtorch.navigation.controllers.ranging.overhangs import in_the_way, remember_ranges
 from ndtorch.navigation.controllers.ranging.params import RangingParams
 from ndtorch.navigation.controllers.ranging.patch import Patch, add_evidence, cell_numbers, empty_patch, move_patch
 from ndtorch.navigation.controllers.ranging.quick import QuickRanging
@@ -59,6 +60,7 @@ class RangingControl(Controller):
         if not 0 < dt < math.inf:
             raise InputError(f"dt must be a positive number of seconds, got {dt}")
         p: RangingParams = self.params
+        self.rig = rig
         self.look = FloorMotion(rig, dt, p.floor)
         view = self.look.view
         self.floor = floor_constants(rig, p.floor, view, dt)
@@ -77,16 +79,20 @@ class RangingControl(Controller):
         self.numbers = torch.arange(p.patch.size, dtype=torch.get_default_dtype())
         self.constants = ranging_constants(p, dt)
         self.full_flow = view.sweep * (dt * p.speed)
-        self.quick: QuickRanging = QuickRanging(
-            self.look, p, self.constants, self.floor, self.arcs, self.places, self.under, self.full_flow
-        )
+        # No kernel remembers apart what stands.
+        self.quick: QuickRanging | None = None
+        if not p.overhangs:
+            self.quick = QuickRanging(
+                self.look, p, self.constants, self.floor, self.arcs, self.places, self.under, self.full_flow
+            )
 
     @classmethod
     def params_for(cls, task: Task) -> RangingParams:
         """As `Controller.params_for`; tight turns and reversing are never faster than the rest."""
         params: RangingParams = super().params_for(task)
         tight = min(params.tight_speed, 0.8 * task.cruise)
-        return replace(params, tight_speed=tight, reverse_speed=min(params.reverse_speed, task.cruise))
+        back = min(params.reverse_speed, task.cruise)
+        return replace(params, tight_speed=tight, reverse_speed=back, overhangs=task.overhangs)
 
     @property
     def trace(self) -> Trace:
@@ -110,7 +116,7 @@ class RangingControl(Controller):
         blank = torch.zeros_like(pose.x)
         level = blank.new_zeros(*blank.shape, self.params.floor.bands)
         floor = FloorState(level, blank, blank)
-        patch = empty_patch(pose, self.params.patch)
+        patch = empty_patch(pose, self.params.patch, self.params.overhangs)
         return RangingState(floor, patch, blank + SUPPRESSED, blank, blank + 1, blank, blank, blank, blank)
 
     def step(
@@ -130,7 +136,8 @@ class RangingControl(Controller):
     ) -> tuple[Command, RangingState]:
         """`step` without caution."""
         if (
-            not pose.x.ndim
+            self.quick is not None
+            and not pose.x.ndim
             and seen.dtype == state.floor.level.dtype == ranges.x.dtype
             and kernels_wanted(seen, *ranges)
         ):
@@ -163,7 +170,8 @@ class RangingControl(Controller):
         """How far nothing is known to be in the way straight ahead, m."""
         places = self.places[:, self.marked :].to(pose.x).expand(*pose.x.shape, 2, -1)
         number = cell_numbers(places, pose, self.params.patch)
-        return free_travel(patch.evidence.gather(-1, number), self.arcs, self.constants.limits)[..., 0, 0]
+        evidence = in_the_way(patch, self.params.blocked)
+        return free_travel(evidence.gather(-1, number), self.arcs, self.constants.limits)[..., 0, 0]
 
     def told_near(self, state: RangingState, pose: Pose, things: Near, across: Near, floor_seen: bool) -> RangingState:
         """As `Controller.told_near`."""
@@ -179,7 +187,8 @@ class RangingControl(Controller):
         floor, p = state.floor, self.params
         if int(state.mode) == STOPPED and float(floor.age) <= float(self.floor.standing):
             noisy = ", and the pictures are noisy" * (float(floor.noise) > p.least_noise)
-            return f"it cannot begin: less than {p.start_needs} m of floor are seen free ahead{noisy}"
+            why = noisy or ": something stands there, or the floor shows too little to both cameras"
+            return f"it cannot begin: less than {p.start_needs} m of floor are seen free ahead{why}"
         share = float(known_share(floor, self.full_flow, p.least_noise, self.floor))
         if share >= FULL:
             return None
@@ -221,7 +230,11 @@ class RangingControl(Controller):
         weight = torch.cat((found, cell, self.under.expand(*batch, -1)), -1)
         marked = found.shape[-1] + self.marked
         patch = add_evidence(patch, number[..., :marked], weight, self.params.patch)
-        lengths = free_travel(patch.evidence.gather(-1, number[..., marked:]), self.arcs, c.limits)
+        if self.params.overhangs:
+            body = self.places[:, self.marked - self.under.numel() : self.marked]
+            patch = remember_ranges(patch, ranges, pose, body, self.rig, self.params)
+        evidence = in_the_way(patch, self.params.blocked)
+        lengths = free_travel(evidence.gather(-1, number[..., marked:]), self.arcs, c.limits)
         return lengths, floor, patch
 
     def mode(self, state: RangingState) -> Tensor:

@@ -35,6 +35,8 @@ class RangingParams:
             be floor.
         start_needs: a car that does not know its floor yet begins only where this much is free straight ahead, m.
         least_noise: output of the motion detectors that the 256 levels of a picture alone can make.
+        overhangs: what was ranged stays in the way although floor is seen there, as below sofas, see `overhangs`.
+        miss: evidence that a range takes away from each cell before it, where `overhangs`.
         fading: time constant at which a car that is boxed in forgets, s.
         body: outline of the car.
         patch: the memory.
@@ -62,6 +64,8 @@ class RangingParams:
     blocked: float = 1.9
     start_needs: float = 0.7
     least_noise: float = 0.005
+    overhangs: bool = False
+    miss: float = 0.15
     fading: float = 1.0
     body: Body = field(default_factory=Body)
     patch: PatchParams = field(default_factory=PatchParams)

@@ -50,16 +50,20 @@ class Patch(NamedTuple):
         evidence: `[..., size * size]`, positive where something is, negative where floor was seen. A place is
             in the cell of its world coordinates (in cells, rounded down) modulo `size`.
         tag: `[..., 2, size]`, which of the places that share a row or column it stands for.
+        upright: evidence of what stands above floor that is seen, of the same places; `[..., 0]` where it is not
+            remembered apart.
     """
 
     evidence: Tensor
     tag: Tensor
+    upright: Tensor
 
 
-def empty_patch(pose: Pose, params: PatchParams) -> Patch:
-    """Nothing is known."""
+def empty_patch(pose: Pose, params: PatchParams, upright: bool = False) -> Patch:
+    """Nothing is known; what stands is remembered apart, or is not."""
     numbers = torch.arange(params.size, dtype=pose.x.dtype, device=pose.x.device)
-    return Patch(pose.x.new_zeros(*pose.x.shape, params.size**2), tags(pose, numbers, params))
+    blank = pose.x.new_zeros(*pose.x.shape, params.size**2)
+    return Patch(blank, tags(pose, numbers, params), blank if upright else blank[..., :0])
 
 
 def tags(pose: Pose, numbers: Tensor, params: PatchParams) -> Tensor:
@@ -73,8 +77,9 @@ def move_patch(patch: Patch, pose: Pose, numbers: Tensor, keep: Tensor, params: 
     tag = tags(pose, numbers, params)
     same = (tag == patch.tag).to(tag.dtype)
     rows, columns = same.unbind(-2)
-    kept = (rows * keep.unsqueeze(-1)).unsqueeze(-1) * columns.unsqueeze(-2)
-    return Patch(patch.evidence * kept.flatten(-2), tag)
+    kept = ((rows * keep.unsqueeze(-1)).unsqueeze(-1) * columns.unsqueeze(-2)).flatten(-2)
+    upright = patch.upright * kept if patch.upright.shape[-1] else patch.upright
+    return Patch(patch.evidence * kept, tag, upright)
 
 
 def cell_numbers(places: Tensor, pose: Pose, params: PatchParams) -> Tensor:

@@ -85,14 +85,14 @@ class QuickRanging(QuickControl):
     def take(self, state: RangingState) -> tuple[Sequence[Tensor], Sequence[Tensor]]:
         """What was learned and remembered, and the rest."""
         (level, noise, age), patch, *machine = state
-        return (level, *patch), (noise, age, *machine)
+        return (level, patch.evidence, patch.tag), (noise, age, *machine)
 
     def give(self, arrays: Sequence[Tensor], numbers: Sequence[Tensor]) -> RangingState:
         """The reverse of `take`."""
         level, evidence, tag = arrays
         noise, age, *machine = numbers
         places = tag.view(*tag.shape[:-1], 2, -1)
-        return RangingState(FloorState(level, noise, age), Patch(evidence, places), *machine)
+        return RangingState(FloorState(level, noise, age), Patch(evidence, places, evidence[..., :0]), *machine)
 
     def mode(self, numbers: Any) -> int:
         """The first number after what the floor has."""

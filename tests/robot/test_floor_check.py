@@ -1,0 +1,70 @@
+"""What is said of a floor before anything drives, beside what a drive learns of it."""
+
+from itertools import count
+
+import pytest
+
+from ndtorch.navigation.options import NavigatorOptions
+from ndtorch.navigation.strips import strips
+from ndtorch_robot.car import Car
+from ndtorch_robot.floor_check import FloorFound, measure_floor, moved_level
+from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.safety import SafeDrive, SafetyLimits, Sight
+from ndtorch_robot.sim.arenas import load_arena
+from ndtorch_robot.sim.simulation import RIG, Simulation
+from tests.robot.support.gl_needed import needs_gl
+
+LIMITS = SafetyLimits(speed=0.6, curvature=2.2, silence=0.1, age=0.1)
+
+
+def reading(world):
+    """Frames of a car that stands."""
+    moments = count(1)
+
+    def read():
+        world.wait_until(next(moments) / 30)
+        return world.read()
+
+    return read
+
+
+@needs_gl
+@pytest.mark.slow
+def test_the_level_is_the_one_that_driving_teaches():
+    pilot = Pilot(NavigatorOptions(), RIG, 30.0)
+    world = Simulation(load_arena("dead-end", 3), 3, fields=pilot.fields)
+    try:
+        frames = world.read()
+        told = moved_level(pilot.navigator.controller, strips(frames.left), strips(frames.right), RIG)
+        sight = Sight(RIG, 30.0, LIMITS.age, together=False)
+        Car(pilot, world, SafeDrive(world, world, LIMITS, sight)).run(0.8, warm_up=False)
+        learned = pilot.state.control.floor.level
+        assert (told[:6] / learned[:6]).log().abs().max() < 0.4
+    finally:
+        world.close()
+
+
+@needs_gl
+@pytest.mark.slow
+def test_smooth_floor_will_not_do():
+    world = Simulation(load_arena("smooth", 3), 3, fields=NavigatorOptions().fields(RIG))
+    try:
+        found = measure_floor(reading(world), RIG, 30.0)
+    finally:
+        world.close()
+    assert not found.will_do
+    assert not found.ahead
+    assert found.speed == 0
+    assert "the floor shows little" in found.words()[0]
+
+
+def test_what_is_said():
+    well = FloorFound(1.0, 1.0, 0.0, False, True, None)
+    assert well.will_do
+    assert well.words() == ["floor would be told from noise in 100 % of the view: it will do"]
+    slow = FloorFound(0.5, 0.5, 0.1, True, True, None)
+    assert not slow.will_do
+    assert "50 % of its speed; the pictures are noisy" in slow.words()[0]
+    blocked = well._replace(near=0.5)
+    assert not blocked.will_do
+    assert blocked.words()[1] == "not right: something stands 0.50 m ahead of the middle of the car"
