@@ -260,7 +260,7 @@ def test_a_folder_with_pictures_of_two_sizes_is_refused(tmp_path: Path, capsys: 
         cv2.imwrite(str(folder / name), np.full(size, 90, dtype=np.uint8))
     words = ("1.png is 60 x 40", "2.png 64 x 40")
     refused(["bind", str(folder), "--json", "--out", str(tmp_path / "out")], capsys, *words)
-    assert list((tmp_path / "out").iterdir()) == []
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow
