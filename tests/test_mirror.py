@@ -57,7 +57,7 @@ TESTED_IN = {
     "kernels/near_rows": "navigation/test_near_check",
     "kernels/pair_spectrum": "vision/test_one_pass",
     "kernels/pair_fields": "vision/test_local",
-    "kernels/halved_columns": "vision/test_one_pass",
+    "kernels/thinned_columns": "vision/test_one_pass",
     "kernels/pair_sums": "vision/test_one_pass",
     "kernels/late": "kernels/test_cached",
     "kernels/learn_ground": "vision/camera/test_figures",

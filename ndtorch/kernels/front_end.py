@@ -1,12 +1,12 @@
-"""One pass over frames: grey, color sums, both filters of the motion detectors, their four sums, halved images."""
+"""One pass over frames: grey, color sums, both filters of the motion detectors, their four sums, thinned images."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ndtorch.kernels.filters import Array, add_to_two, add_weighted, correlate, filter_row, outside
-from ndtorch.kernels.halved_columns import halve_columns
 from ndtorch.kernels.inner import inner
+from ndtorch.kernels.thinned_columns import thin_columns
 
 BAND = 8
 """Rows of pixels that all frames go through before the next ones: so many rows of the states stay in the cache."""
@@ -42,7 +42,7 @@ def front_end(
         block: rows that become one, a power of two.
         margins: mirrored rows above and below, and columns at both sides.
         every: how many rows apart pixels are looked at whether they are in 0..1; 0: none are.
-        images: become the grey images with their margins, rows and columns halved as by `halve_rows`, `[T, h, w]`.
+        images: become the grey images with their margins, rows and columns thinned as by `thin_rows`, `[T, h, w]`.
         sums: across, its magnitude, along, its magnitude, red, green, blue, and how many pixels of those looked at
             are not in 0..1; `[T, 8]` float64.
     """
@@ -53,10 +53,11 @@ def front_end(
     rows = np.zeros((times, kept, width), slow.dtype)
     # The first row is kept for where the torus closes, the last one of a band for the next.
     first, last = np.empty((times, 2, width), slow.dtype), np.empty((times, 2, width), slow.dtype)
-    # Where blocks begin and end of which no row is mirrored in a margin; each lies in one band.
-    inner_from, inner_to = (2 * margin + 4) // 4 * 4 - margin, (height - 1) // 4 * 4 - margin
+    # Four rows between the middles of two blocks are added at once, where none is mirrored in a margin. Such rows
+    # begin two rows into a block, and so do bands.
+    inner_from, inner_to = (2 * margin + 2) // 4 * 4 + 2 - margin, (height - 3) // 4 * 4 + 2 - margin
     sums[:] = 0
-    for begin in range(-(margin % 4), height, BAND):
+    for begin in range(-((margin + 2) % 4), height, BAND):
         top, bottom = max(begin, 0), min(begin + BAND, height)
         for t in range(times):
             total, settled = sums[t], settle and t == 0
@@ -85,9 +86,9 @@ def front_end(
                     signed = high[0] * late[width - 1] - high[width - 1] * late[0]
                     total[0], total[1] = total[0] + signed, total[1] + abs(signed)
                 if block == 4 and inner_from <= y < inner_to:
-                    if (y + margin) % 4 == 3:
+                    if (y + margin) % 4 == 1:
                         here = (y + margin) // 4
-                        add_four(greys, rows[t, here], rows[t, (here + 1) % kept])
+                        add_four(greys, rows[t, here - 1], rows[t, here])
                 else:
                     add_mirrored(grey, y, height, margin, block, rows[t])
             keep(highs[(bottom - 1) % 2], delayed[bottom - 1], last[t])
@@ -98,7 +99,7 @@ def front_end(
             total[2], total[3] = total[2] + above[0], total[3] + above[1]
         for color in range(4, 7):
             total[color] *= unit
-        halve_columns(rows[t], margins[1], images[t])
+        thin_columns(rows[t], margins[1], images[t])
 
 
 @inner
@@ -110,20 +111,23 @@ def keep(high: Array, late: Array, both: Array) -> None:
 
 @inner
 def add_four(greys: Array, here: Array, there: Array) -> None:
-    """`add_halved` of the four rows of a block at once."""
+    """`add_thinned` of four rows at once: the last two of a block and the first two of the next."""
     kind = here.dtype.type
-    quarter, half, most = kind(0.25), kind(0.5), kind(0.75)
-    one, two, three, four = greys[0], greys[1], greys[2], greys[3]
+    least, less, more, most = kind(0.125), kind(0.375), kind(0.625), kind(0.875)
+    one, two, three, four = greys[2], greys[3], greys[0], greys[1]
     for x in range(here.shape[0]):
-        here[x] += one[x] + most * two[x] + half * three[x] + quarter * four[x]
-        there[x] += quarter * two[x] + half * three[x] + most * four[x]
+        here[x] += most * one[x] + more * two[x] + less * three[x] + least * four[x]
+        there[x] += least * one[x] + less * two[x] + more * three[x] + most * four[x]
 
 
 @inner
-def add_halved(row: Array, place: int, block: int, rows: Array) -> None:
-    """Add the row at `place` to what its block and the next become: a triangle of weights, as of `halve_rows`."""
-    here, there = place // block, (place // block + 1) % rows.shape[0]
-    share = (place % block) / block
+def add_thinned(row: Array, place: int, block: int, rows: Array) -> None:
+    """Add the row at `place` to the two blocks whose middles it lies between: a triangle of weights, as of
+    `thin_rows`."""
+    half_rows = 2 * place - (block - 1)
+    above = half_rows // (2 * block)
+    share = (half_rows - 2 * block * above) / (2 * block)
+    here, there = above % rows.shape[0], (above + 1) % rows.shape[0]
     kind = rows.dtype.type
     if share > 0 and here != there:
         add_to_two(row, (kind(1 - share), kind(share)), rows[here], rows[there])
@@ -134,8 +138,8 @@ def add_halved(row: Array, place: int, block: int, rows: Array) -> None:
 @inner
 def add_mirrored(row: Array, y: int, height: int, margin: int, block: int, rows: Array) -> None:
     """Add a row of the image, and where it is mirrored in the margins, to what its blocks become."""
-    add_halved(row, y + margin, block, rows)
+    add_thinned(row, y + margin, block, rows)
     if 0 < y <= margin:
-        add_halved(row, margin - y, block, rows)
+        add_thinned(row, margin - y, block, rows)
     if 0 < height - 1 - y <= margin:
-        add_halved(row, margin + 2 * (height - 1) - y, block, rows)
+        add_thinned(row, margin + 2 * (height - 1) - y, block, rows)

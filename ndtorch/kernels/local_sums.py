@@ -6,8 +6,8 @@ import numpy as np
 
 from ndtorch.kernels.filters import Array, filter_row, outside
 from ndtorch.kernels.front_end import add_mirrored
-from ndtorch.kernels.halved_columns import halve_columns
 from ndtorch.kernels.inner import inner
+from ndtorch.kernels.thinned_columns import thin_columns
 
 
 def local_sums(
@@ -94,7 +94,7 @@ def local_sums(
             for column in range(sums.shape[2]):
                 total = dot(bands[signal, row], columns[between, column], starts[between, column])
                 sums[signal, row, column] = scale * total
-    halve_columns(rows, margins[1], image)
+    thin_columns(rows, margins[1], image)
     return wrong
 
 

@@ -146,7 +146,7 @@ class VisualFeatures(nn.Module):
         count = together(thinning, kind)
         for some, sums in zip(torch.split(frames, count), torch.split(passed, count), strict=True):
             images = pass_over(some, state, self.motion, thinning, into, sums.numpy())
-            oriented.append(orientation.sums_of_halved(images))
+            oriented.append(orientation.sums_of_thinned(images))
             state = into
         motion, color = self.motion.by_direction(passed[:, :4]).to(kind), passed[:, 4:-1].to(kind)
         out = torch.cat([motion, torch.cat(oriented), color], -1)

@@ -106,7 +106,7 @@ class LocalFeatures(nn.Module):
         for some in torch.split(frames, count):
             sums = torch.empty(len(some), 7, *self.grid, dtype=torch.float64)
             images = field_pass(some, state, self.features.motion, orientation.thinning, into, arrays, sums.numpy())
-            pooled = orientation.fields_of_halved(images, fields)
+            pooled = orientation.fields_of_thinned(images, fields)
             out.append(torch.cat([sums[:, :4].to(pooled), pooled, sums[:, 4:].to(pooled)], 1))
             state = into
         return torch.cat(out), into

@@ -14,14 +14,15 @@ from ndtorch.vision.motion import Border, check_border
 from ndtorch.vision.paired_grids import PairFields, field_sums, halves, pair_up, pair_weights, responses, weighted_sums
 from ndtorch.vision.thinning import (
     Thinning,
-    halve_columns,
-    halve_rows,
-    halving_gain,
     halvings,
     inside_weights,
     low_rows,
+    mirrored_start,
     smooth_length,
     smooth_margin,
+    thin_columns,
+    thin_rows,
+    thinning_gain,
 )
 
 ANGLES: tuple[float, ...] = (0.0, 60.0, 120.0)
@@ -139,24 +140,28 @@ class OrientedDoG(nn.Module):
         # A small image is cheap as it is, and has too few responses for errors to average out.
         small = max(self.padded) < SMALL
         self.grid = tuple(smooth_length(n if small else math.ceil(n / spacing)) for n in self.padded)
-        self.halvings = tuple(
-            0 if small else halvings(n, min(spacing, n / g)) for n, g in zip(self.padded, self.grid, strict=True)
+        self.blocks = tuple(
+            1 if small else 2 ** halvings(n, min(spacing, n / g)) for n, g in zip(self.padded, self.grid, strict=True)
         )
         rows = torch.fft.fftfreq(self.grid[0]) * (self.grid[0] / self.padded[0])
         columns = columns[: self.grid[1] // 2 + 1]
         fast = torch.stack([dog_spectrum(rows[:, None], columns, a, center, surround) for a in radians])
-        for frequencies, times in ((rows[:, None], self.halvings[0]), (columns, self.halvings[1])):
-            fast = fast / halving_gain(frequencies, times).clamp_min(0.01)
+        for frequencies, block in ((rows[:, None], self.blocks[0]), (columns, self.blocks[1])):
+            fast = fast / thinning_gain(frequencies, block).clamp_min(0.01)
         # A frequency that is its own mirror image on the coarse grid stands for two on the fine one.
         for g, n, dim in zip(self.grid, self.padded, (-2, -1), strict=True):
             if g < n and g % 2 == 0:
                 fast.narrow(dim, g // 2, 1).zero_()
         cells = [n / g for n, g in zip(self.padded, self.grid, strict=True)]
-        turns = [rows[:, None] * (cells[0] * o) + columns * (cells[1] * o) for o in OFFSETS]
+        self.starts = [mirrored_start(cell) for cell in cells]
+        # The first of the thinned rows and columns lie in the middle of their blocks.
+        down, across = (start - (block - 1) / 2 for start, block in zip(self.starts, self.blocks, strict=True))
+        turns = [rows[:, None] * (cells[0] * o + down) + columns * (cells[1] * o + across) for o in OFFSETS]
         shifts = torch.stack([torch.polar(torch.ones_like(turn), 2 * math.pi * turn) for turn in turns])
         self.register_buffer("fast_spectrum", shifts.unsqueeze(1) * fast / len(OFFSETS))
-        for name, n, g, m in zip(("row_weights", "column_weights"), self.padded, self.grid, self.margin, strict=True):
-            weights = torch.stack([inside_weights(n, g, m, o) for o in OFFSETS])
+        lines = zip(self.padded, self.grid, self.margin, self.starts, cells, strict=True)
+        for name, (n, g, m, start, cell) in zip(("row_weights", "column_weights"), lines, strict=True):
+            weights = torch.stack([inside_weights(n, g, m, o + start / cell) for o in OFFSETS])
             self.register_buffer(name, weights.float())
         inside = (self.row_weights, self.column_weights)
         if border == "wrap":  # nothing lies outside
@@ -190,11 +195,7 @@ class OrientedDoG(nn.Module):
 
         Every value stands for the pixels around its place (`places`): summed up they are the sums of `sums`.
         """
-        image = self._pad(image)
-        for _ in range(self.halvings[0]):
-            image = halve_rows(image)
-        for _ in range(self.halvings[1]):
-            image = halve_columns(image)
+        image = thin_columns(thin_rows(self._pad(image), self.blocks[0]), self.blocks[1])
         spectrum = low_rows(self._columns(image), self.grid[0])[..., None, None, :, :]
         # irfft2 divides by the grid's points and a sum has that many fewer terms: the two cancel.
         size: Tensor = torch.fft.irfft2(spectrum * self.fast_spectrum, s=self.grid).abs_()
@@ -202,25 +203,24 @@ class OrientedDoG(nn.Module):
 
     @property
     def thinning(self) -> Thinning:
-        """What becomes of an image before `sums_of_halved` takes it."""
+        """What becomes of an image before `sums_of_thinned` takes it."""
         if self.exact:
             return Thinning(self.size, (1, 1), (0, 0))
-        blocks = (2 ** self.halvings[0], 2 ** self.halvings[1])
-        height, width = (n // block for n, block in zip(self.padded, blocks, strict=True))
-        return Thinning((height, width), blocks, (self.margin[0], self.margin[1]))
+        height, width = (n // block for n, block in zip(self.padded, self.blocks, strict=True))
+        return Thinning((height, width), (self.blocks[0], self.blocks[1]), (self.margin[0], self.margin[1]))
 
     @property
     def paired(self) -> bool:
         """Whether both grids can be one: on a small one some frequencies are their own mirror images."""
         return not self.exact and self.grid[0] < self.padded[0] and self.grid[1] < self.padded[1]
 
-    def sums_of_halved(self, images: Tensor) -> Tensor:
-        """`sums` by kernels of grey images `[T, h, w]` that are mirrored and halved already, see `thinning`."""
+    def sums_of_thinned(self, images: Tensor) -> Tensor:
+        """`sums` by kernels of grey images `[T, h, w]` that are mirrored and thinned already, see `thinning`."""
         if self.exact:
             return self.images(images).abs().sum((-1, -2))
         return weighted_sums(self._responses(images), self.pair_weights)
 
-    def fields_of_halved(self, images: Tensor, fields: PairFields) -> Tensor:
+    def fields_of_thinned(self, images: Tensor, fields: PairFields) -> Tensor:
         """Sums over fields `[T, 3, R, C]` by kernels of such images."""
         return field_sums(self._responses(images), fields)
 
@@ -230,16 +230,16 @@ class OrientedDoG(nn.Module):
         return responses(spectrum, self.pair_filters)
 
     def _columns(self, image: Tensor) -> Tensor:
-        """The spectrum of a halved image, without high frequencies along rows."""
+        """The spectrum of a thinned image, without high frequencies along rows."""
         columns: Tensor = torch.fft.fft(torch.fft.rfft(image)[..., : self.grid[1] // 2 + 1], dim=-2)
         return columns
 
     def places(self) -> tuple[Tensor, Tensor]:
         """Rows `[2, h]` and columns `[2, w]` of the coarse grids, in pixels of the frame; pixel n is at n + 1/2."""
         found = []
-        for padded, points, margin in zip(self.padded, self.grid, self.margin, strict=True):
+        for padded, points, margin, start in zip(self.padded, self.grid, self.margin, self.starts, strict=True):
             cell = padded / points
-            found.append((torch.arange(points) + torch.tensor(OFFSETS)[:, None]) * cell - margin + 0.5)
+            found.append((torch.arange(points) + torch.tensor(OFFSETS)[:, None]) * cell + start - margin + 0.5)
         return found[0], found[1]
 
     def forward(self, frames: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""Evaluating band-limited responses on a coarse grid: halving, low frequencies, quick lengths."""
+"""Evaluating band-limited responses on a coarse grid: thinning, low frequencies, quick lengths."""
 
 from __future__ import annotations
 
@@ -32,30 +32,43 @@ def halvings(length: int, spacing: float) -> int:
     return times
 
 
-def halving_gain(frequency: Tensor, times: int) -> Tensor:
-    """Gain of `times` calls of `halve_rows` at frequencies in cycles per pixel; taking every second line halves it."""
-    gain = torch.ones_like(frequency)
-    for i in range(times):
-        gain = gain * (math.pi * frequency * 2**i).cos().square()
+def thinning_gain(frequency: Tensor, block: int) -> Tensor:
+    """Gain of `thin_rows` at frequencies in cycles per pixel; taking one line of each block divides it by `block`."""
+    gain, step = (math.pi * frequency).cos() if block > 1 else torch.ones_like(frequency), 1
+    while step < block:
+        gain = gain * (math.pi * frequency * step).cos().square()
+        step *= 2
     return gain
 
 
-def halve_rows(image: Tensor) -> Tensor:
-    """Every second row of `[..., H, W]` (H even, toroidal), smoothed with weights 1/2, 1, 1/2 beforehand.
+def thin_rows(image: Tensor, block: int) -> Tensor:
+    """One row for each `block` rows of `[..., H, W]` (H a multiple of it, toroidal), at their middle.
 
-    The smoothing keeps what lies beyond the new Nyquist frequency from folding back onto the filters' band.
+    Weights fall off as a triangle from that middle over the length of a block: 1/4, 3/4, 3/4, 1/4 for two. The
+    smoothing keeps what lies beyond the new Nyquist frequency from folding back onto the filters' band; and what is
+    made of a mirror image is the mirror image of what is made.
     """
-    even, odd = image.reshape(*image.shape[:-2], -1, 2, image.shape[-1]).unbind(-2)
-    out = torch.add(even, odd, alpha=0.5)
-    n = odd.shape[-2] - 1
-    out.narrow(-2, 1, n).add_(odd.narrow(-2, 0, n), alpha=0.5)
-    out.narrow(-2, 0, 1).add_(odd.narrow(-2, n, 1), alpha=0.5)
-    return out
+    if block == 1:
+        return image
+    away = (torch.arange(block, dtype=image.dtype, device=image.device) - (block - 1) / 2) / block
+    weights = torch.stack([1 - away.abs(), away.clamp_min(0), (-away).clamp_min(0)])
+    own, down, up = (weights @ image.reshape(*image.shape[:-2], -1, block, image.shape[-1])).unbind(-2)
+    return own + down.roll(1, -2) + up.roll(-1, -2)
 
 
-def halve_columns(image: Tensor) -> Tensor:
-    """`halve_rows` of the columns."""
-    return halve_rows(image.mT).mT
+def thin_columns(image: Tensor, block: int) -> Tensor:
+    """`thin_rows` of the columns."""
+    return image if block == 1 else thin_rows(image.mT, block).mT
+
+
+def mirrored_start(cell: float) -> float:
+    """Where a line of samples every `cell` pixels begins, so that a line and its mirror image have the same samples.
+
+    Pixel n of a line of N is N - 1 - n in the mirror: samples must lie around -1/2, on it or half a cell from it. Of
+    those the nearest to 0 is taken, which is 0 where every pixel is a sample. The same holds for samples half a
+    cell further on.
+    """
+    return -0.5 + round(1 / cell) * cell / 2
 
 
 def smooth_margin(length: int, wanted: int) -> int:

@@ -72,7 +72,7 @@ def test_colors_beside_each_other_in_memory() -> None:
 def test_any_number_of_halvings(border: Border, widest: float, halvings: int) -> None:
     across, around = (2 * widest, widest), (2.5 * widest, 1.5 * widest)
     module = VisualFeatures((400, 96), border=border, center=across, surround=around)
-    assert module.orientation.halvings[0] == halvings
+    assert module.orientation.blocks[0] == 2**halvings
     frames = noise(torch.float32, 9, (400, 96))
     wanted, _ = by_torch(module, frames)
     with torch.inference_mode():

@@ -15,13 +15,14 @@ from ndtorch.scenes import moving_bar
 from ndtorch.vision import ANGLES, OrientedDoG, dog_spectrum
 from ndtorch.vision.motion import BORDERS, Border
 from ndtorch.vision.thinning import (
-    halve_rows,
-    halving_gain,
     halvings,
     inside_weights,
     low_rows,
+    mirrored_start,
     smooth_length,
     smooth_margin,
+    thin_rows,
+    thinning_gain,
 )
 
 
@@ -220,11 +221,29 @@ def test_frames_of_another_size_are_refused() -> None:
         OrientedDoG((20, 30))(torch.zeros(1, 3, 30, 20))
 
 
-def test_halving_smooths_and_takes_every_second_row() -> None:
-    image = noise(3, 8, 6).numpy()
-    smooth = image + 0.5 * (np.roll(image, 1, -2) + np.roll(image, -1, -2))
-    # The library leaves out the factor of two for the rows that are gone.
-    assert_allclose(halve_rows(torch.from_numpy(image)).numpy(), smooth[..., ::2, :], atol=1e-15)
+def test_thinned_rows_are_triangles_around_the_middles_of_blocks() -> None:
+    image = noise(3, 8, 6)
+    assert torch.equal(thin_rows(image, 1), image)
+    for block in (2, 4, 8):
+        middles = torch.arange(0, 8, block) + (block - 1) / 2
+        away = (torch.remainder(torch.arange(8) - middles[:, None] + 4, 8) - 4).abs()
+        # On a torus as short as two blocks a row lies on both sides of a middle.
+        far = 8 - away
+        weights = ((1 - away / block).clamp_min(0) + (1 - far / block).clamp_min(0)).double()
+        torch.testing.assert_close(thin_rows(image, block), weights @ image, atol=1e-14, rtol=0)
+
+
+def test_thinned_rows_of_a_mirror_image_are_mirrored() -> None:
+    image = noise(3, 24, 6)
+    torch.testing.assert_close(thin_rows(image.flip(-2), 4), thin_rows(image, 4).flip(-2), atol=1e-15, rtol=0)
+
+
+@pytest.mark.parametrize("cell", [1.0, 0.97, 1.5, 2.0, 5.556])
+def test_samples_of_a_mirror_image_are_the_same(cell: float) -> None:
+    start = mirrored_start(cell)
+    shift = (-1 - 2 * start) / cell
+    assert shift == pytest.approx(round(shift), abs=1e-9)
+    assert abs(start) <= cell / 4 + 1e-9
 
 
 @pytest.mark.parametrize(("length", "rows"), [(12, 5), (12, 6), (9, 4), (7, 7)])
@@ -237,12 +256,14 @@ def test_low_rows_are_those_of_a_band_limited_wave(length: int, rows: int) -> No
     assert_allclose(torch.fft.ifft(low).real.numpy() * rows / length, expected.numpy(), atol=1e-12)
 
 
-def test_halving_gain_is_what_a_sinusoid_loses() -> None:
+@pytest.mark.parametrize("block", [1, 2, 4])
+def test_thinning_gain_is_what_a_sinusoid_loses(block: int) -> None:
     n = torch.arange(64, dtype=torch.float64)
+    middle = (block - 1) / 2
     for cycles in (1, 4, 9):
-        wave = torch.cos(2 * math.pi * cycles * n / 64)[:, None]
-        kept = halve_rows(halve_rows(wave))[0, 0] / 4
-        gain = halving_gain(torch.tensor(cycles / 64, dtype=torch.float64), 2)
+        wave = torch.cos(2 * math.pi * cycles * (n - middle) / 64)[:, None]
+        kept = thin_rows(wave, block)[0, 0] / block
+        gain = thinning_gain(torch.tensor(cycles / 64, dtype=torch.float64), block)
         assert kept.item() == pytest.approx(gain.item(), abs=1e-12)
 
 
