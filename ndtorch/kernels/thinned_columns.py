@@ -10,7 +10,7 @@ from ndtorch.kernels.inner import inner
 
 @inner
 def thin_columns(rows: Array, margin: int, image: Array) -> None:
-    """`thin_rows` of the columns: pairs first, then every second of those, smoothed, as often as it takes.
+    """`thin_rows` of the columns: halved around the middles of pairs, and again as often as it takes.
 
     Args:
         rows: `[R, W]`.
@@ -22,33 +22,37 @@ def thin_columns(rows: Array, margin: int, image: Array) -> None:
     times = 0
     while length >> times > image.shape[1]:
         times += 1
-    # The first number of a closed line follows the last one once more.
-    padded, lines = np.empty(length + 1, rows.dtype), np.empty((times + 1, length + 1), rows.dtype)
+    # A closed line: before it stands its last number, and after it its first two.
+    line, halves = np.empty(length + 3, rows.dtype), np.empty((max(times - 1, 1), length // 2 + 1), rows.dtype)
     for y in range(height):
         row = rows[y]
         for x in range(width):
-            padded[margin + x] = row[x]
+            line[1 + margin + x] = row[x]
         for x in range(margin):
-            padded[x] = row[margin - x]
-            padded[margin + width + x] = row[width - 2 - x]
-        if times:
-            padded[length] = padded[0]
-            pair_up(padded, length, lines[0])
-            for level in range(times - 1):
-                halve_odd(lines[level], length >> (level + 1), lines[level + 1])
-            halve_even(lines[times - 1], length >> times, image[y])
-        else:
+            line[1 + x] = row[margin - x]
+            line[1 + margin + width + x] = row[width - 2 - x]
+        line[0], line[length + 1], line[length + 2] = line[length], line[1], line[2]
+        if times == 0:
             for x in range(length):
-                image[y, x] = padded[x]
+                image[y, x] = line[1 + x]
+        elif times == 1:
+            halve_pairs(line, 0, length // 2, image[y])
+        else:
+            # The middle of a block lies between its second quarter and its third: one pixel further on, at first.
+            halve_pairs(line, 1, length // 2, halves[0])
+            halves[0, length // 2] = halves[0, 0]
+            for level in range(1, times - 1):
+                halve_odd(halves[level - 1], length >> (level + 1), halves[level])
+            halve_even(halves[times - 2], length >> times, image[y])
 
 
 @inner
-def pair_up(line: Array, length: int, pairs: Array) -> None:
-    """Means of neighbors in a closed line: they lie between two pixels, where the middle of a block is."""
-    half = pairs.dtype.type(0.5)
-    for x in range(length):
-        pairs[x] = half * (line[x] + line[x + 1])
-    pairs[length] = pairs[0]
+def halve_pairs(line: Array, first: int, length: int, half: Array) -> None:
+    """Half of the numbers of a line from `first` on: weights 1/4, 3/4, 3/4, 1/4 around the middles of pairs."""
+    quarter, most = half.dtype.type(0.25), half.dtype.type(0.75)
+    for c in range(length):
+        x = 2 * c + first
+        half[c] = quarter * (line[x] + line[x + 3]) + most * (line[x + 1] + line[x + 2])
 
 
 @inner
