@@ -32,7 +32,7 @@ class FigureParams(Constants):
     steady: float = Field(0.5, ge=0, le=1, description="and smallest share of the time since it was first seen")
     travel: float = Field(0.7, ge=0, description="smallest way gone; 0 reports what does not travel too,")
     way: float = Field(0.05, ge=0, description="otherwise it is at least this share of the picture's height")
-    clear: float = Field(9.0, gt=0, description="what stands out by so many deviations in the mean is a thing, else,")
+    clear: float = Field(9.0, gt=0, description="what stands out by so many deviations in the mean is a thing; else,")
     stride: float = Field(0.35, gt=0, description="after going this far, its old and its new place are looked at,")
     least_stride: float = Field(2.0, ge=0, description="and at least so many pixels of that image")
     whole: float = Field(-0.05, ge=-1, le=1, description="how much better its looks fit the new place, from -1 to 1,")
