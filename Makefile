@@ -39,7 +39,7 @@ SUITE := tests/variants.py plain
 
 test: $(STAMP)
 	$(BIN)/python $(SUITE)
-	$(BIN)/python -m pytest -q -m 'realtime and not bench and not long' $$(grep -rl --include='*.py' 'mark\.realtime' tests)
+	$(BIN)/python -m pytest -q -m 'realtime and not bench and not long' $$(grep -rl --include='*.py' 'mark\.realtime' tests | sort)
 
 UNIT := not slow and not compiled and not long and not realtime and not bench
 

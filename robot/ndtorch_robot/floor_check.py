@@ -85,11 +85,11 @@ def measure_floor(read: Callable[[], StereoFrames], rig: StereoRig, rate: float,
             noise.append(float(cells[0, :2].median()))
             frames = read()
         still = sum(noise[1:]) / max(1, len(noise) - 1)
-        level = moved_level(control, strips(frames.left), strips(frames.right), rig)
+        ours, theirs = strips(frames.left), strips(frames.right)
+        level = moved_level(control, ours, theirs, rig)
         known = torch.tensor(math.inf)
         floor = FloorState(level, torch.tensor(still), known)
         share = known_share(floor, control.full_flow, control.params.least_noise, control.floor)
-        ours, theirs = strips(frames.left), strips(frames.right)
         things, ahead = NearCheck(rig, control.fields)((ours.field[0], theirs.field[0]), (ours.row[0], theirs.row[0]))
     near = float(things.x.min()) if len(things.x) else None
     noisy = still > control.params.least_noise

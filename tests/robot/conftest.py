@@ -7,6 +7,7 @@ from __future__ import annotations
 import copy
 import gc
 import itertools
+import threading
 from collections.abc import Iterator
 from functools import cache, lru_cache
 from types import SimpleNamespace
@@ -35,12 +36,13 @@ def painted_once() -> Iterator[None]:
 
 @pytest.fixture(scope="session", autouse=True)
 def one_context() -> Iterator[None]:
-    """Cameras make what they draw into anew, in a context that stays."""
-    make = cache(lambda: gl.make_context(640, 480))
+    """Cameras make what they draw into anew, in a context that stays: one a thread, for no two can have it at once."""
+    make = cache(lambda thread: gl.make_context(640, 480))
 
     def kept(width: int, height: int) -> Any:
-        make().make_current()
-        return SimpleNamespace(make_current=make().make_current, free=lambda: None)
+        context = make(threading.get_ident())
+        context.make_current()
+        return SimpleNamespace(make_current=context.make_current, free=lambda: None)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(cameras, "make_context", kept)
