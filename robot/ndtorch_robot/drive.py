@@ -17,16 +17,15 @@ from ndtorch.navigation import Grid, GridMap, StereoRig
 from ndtorch.navigation.controllers import Trace
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import DriveConfig
-from ndtorch_robot.eye import SightLimits
 from ndtorch_robot.map_saving import pilot_walls
 from ndtorch_robot.navigating import print_note
 from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import DriveCommand, Observer, Step
-from ndtorch_robot.record import Record, pose_error
 from ndtorch_robot.recording.observe import RecordSteps
 from ndtorch_robot.recording.recorder import Recorder
 from ndtorch_robot.safety import SafeDrive, SafetyLimits, Sight
-from ndtorch_robot.score import MapScore, coverage, gates_passed, score_map
+from ndtorch_robot.score.record import Record, pose_error
+from ndtorch_robot.score.scorer import MapScore, coverage, gates_passed, score_map
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.hits import hits_summary
 from ndtorch_robot.sim.plan import Plan
@@ -34,7 +33,8 @@ from ndtorch_robot.sim.put_back import PutBack, TellAgain
 from ndtorch_robot.sim.simulation import RIG, Simulation
 from ndtorch_robot.sim.stress import read_stress
 from ndtorch_robot.trouble import Kind
-from ndtorch_robot.watch import PATIENCE
+from ndtorch_robot.watching.eye import SightLimits
+from ndtorch_robot.watching.watch import PATIENCE
 
 LIMITS = SafetyLimits(speed=0.6, curvature=2.2, silence=0.1, age=0.1)
 """Those of a car, but for how fast speed and steering may change: the simulated car has limits of its own for that."""

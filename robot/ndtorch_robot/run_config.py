@@ -10,10 +10,10 @@ from pydantic import Field, model_validator
 
 from ndtorch.navigation import StereoRig
 from ndtorch.toml import Strict
-from ndtorch_robot.eye import SightLimits
 from ndtorch_robot.link.registry import SERIAL, SIMULATED_BOARD, check_link
 from ndtorch_robot.navigating import NavigatorTable
 from ndtorch_robot.safety import SafetyLimits
+from ndtorch_robot.watching.eye import SightLimits
 
 Positive = Annotated[float, Field(gt=0)]
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
-from ndtorch_robot.eye import SightLimits
 from ndtorch_robot.ports import _SEAL, STAND, Clock, Drive, DriveCommand, Report, SafeCommand, StereoFrames
 from ndtorch_robot.trouble import Kind, SightError, Stop, Wrong
-from ndtorch_robot.watch import CameraWatch
+from ndtorch_robot.watching.eye import SightLimits
+from ndtorch_robot.watching.watch import CameraWatch
 
 WISH = 10.0
 """Seconds for which a car that is told to go goes on trying when its drive cannot obey yet."""

@@ -17,8 +17,8 @@ from ndtorch.navigation import GridMap
 from ndtorch_robot.car import Car
 from ndtorch_robot.drive import DriveConfig, drive
 from ndtorch_robot.pilot import Pilot
-from ndtorch_robot.record import Record
 from ndtorch_robot.safety import SafeDrive
+from ndtorch_robot.score.record import Record
 from ndtorch_robot.sim.simulation import Simulation
 from tests.benchmarks.timing import Row, reference, table
 

@@ -12,7 +12,7 @@ from ndtorch.navigation.strips import Strips
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import drive
 from ndtorch_robot.ports import DriveCommand
-from ndtorch_robot.record import range_columns
+from ndtorch_robot.score.record import range_columns
 from ndtorch_robot.sim.simulation import Simulation
 from tests.robot.support.gl_needed import needs_gl
 

@@ -10,12 +10,12 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig, Strips
-from ndtorch_robot.eye import SightLimits
 from ndtorch_robot.loop import SimulatedClock
 from ndtorch_robot.ports import StereoFrames
 from ndtorch_robot.run_config import SightTable
 from ndtorch_robot.safety import SafeDrive, Sight
-from ndtorch_robot.watch import CameraWatch
+from ndtorch_robot.watching.eye import SightLimits
+from ndtorch_robot.watching.watch import CameraWatch
 from tests.robot.support.plain_drive import PlainDrive
 
 RIG, RATE, SPEED = StereoRig(), 30.0, 0.5

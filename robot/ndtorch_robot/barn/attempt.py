@@ -17,7 +17,7 @@ from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import Step
 from ndtorch_robot.safety import SafeDrive, SafetyLimits, Sight
 from ndtorch_robot.sim.simulation import RIG, Simulation
-from ndtorch_robot.watch import PATIENCE
+from ndtorch_robot.watching.watch import PATIENCE
 
 LIMITS = SafetyLimits(speed=1.0, curvature=2.2, silence=0.1, age=0.1)
 """Those of a car; the simulated one has limits of its own for how fast speed and steering may change."""

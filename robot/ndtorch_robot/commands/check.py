@@ -122,7 +122,7 @@ class Check:
         except (InputError, ModuleNotFoundError) as error:
             self.say(f"   not right: {error}")
             return False, False
-        from ndtorch_robot.watch import CameraWatch
+        from ndtorch_robot.watching.watch import CameraWatch
 
         watch = CameraWatch(rig, rate=config.rate_hz, limits=config.sight.limits())
         try:
@@ -151,7 +151,7 @@ class Check:
     def floor(self, read: Callable[[], StereoFrames], rig: StereoRig, config: RunConfig) -> bool:
         """Measure the floor before the car that stands, and tell whether it will do."""
         from ndtorch.navigation.controllers.registry import controller_class
-        from ndtorch_robot.floor_check import measure_floor
+        from ndtorch_robot.watching.floor_check import measure_floor
 
         if not controller_class(config.navigation.controller).looks_near:
             self.say(f"   the controller {config.navigation.controller} does not ask for the floor")

@@ -140,8 +140,8 @@ def watched(config: DriveConfig, quiet: bool) -> Result:
 def write_results(result: Result, folder: Path) -> None:
     """All files of a drive."""
     from ndtorch.navigation.map_files import save_map
-    from ndtorch_robot.figures import write_figures
-    from ndtorch_robot.report import write_drive_page
+    from ndtorch_robot.score.figures import write_figures
+    from ndtorch_robot.score.report import write_drive_page
 
     (folder / "summary.json").write_text(json.dumps(result.summary, indent=1) + "\n")
     true, believed, located = (result.record.array(name).reshape(-1, 3) for name in ("pose", "believed", "located"))

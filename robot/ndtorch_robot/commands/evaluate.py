@@ -210,7 +210,7 @@ def write_tables(summaries: list[Summary], folder: Path, note: str, as_json: boo
     from ndtorch.files import replacing, write_text
     from ndtorch_robot.evaluation.picture import draw_table
     from ndtorch_robot.evaluation.table import comma_separated, markdown, rows_of
-    from ndtorch_robot.report import write_evaluation_page
+    from ndtorch_robot.score.report import write_evaluation_page
 
     rows = rows_of(summaries)
     text = markdown(rows, note)

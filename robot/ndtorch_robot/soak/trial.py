@@ -10,7 +10,6 @@ import numpy as np
 
 from ndtorch.navigation import Strips
 from ndtorch_robot.car import Car
-from ndtorch_robot.eye import SightLimits, blindness, look
 from ndtorch_robot.ports import Step
 from ndtorch_robot.sim.board import Pulse
 from ndtorch_robot.sim.lockstep_world import LockstepWorld
@@ -19,6 +18,7 @@ from ndtorch_robot.soak.disk import DiskTrial
 from ndtorch_robot.soak.eyes import FailingCameras
 from ndtorch_robot.soak.faults import FAULTS, Fault
 from ndtorch_robot.trouble import Kind
+from ndtorch_robot.watching.eye import SightLimits, blindness, look
 
 MOVES = 2.0
 """Microseconds by which a pulse of the motor is off its neutral when the wheels turn."""

@@ -37,7 +37,7 @@ KEYS = {
 @pytest.fixture
 def undrawn(monkeypatch):
     """Without pictures, for tests of something else: drawing them takes longer than a short drive."""
-    monkeypatch.setattr("ndtorch_robot.figures.write_figures", lambda result, folder: None)
+    monkeypatch.setattr("ndtorch_robot.score.figures.write_figures", lambda result, folder: None)
 
 
 @needs_gl

@@ -11,7 +11,7 @@ from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import DRAWN, drive
 from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.sim.simulation import Simulation
-from ndtorch_robot.watch import PATIENCE, CameraWatch
+from ndtorch_robot.watching.watch import PATIENCE, CameraWatch
 from tests.robot.support.gl_needed import needs_gl
 
 RIG = StereoRig(width=64, height=48, focal=43.0)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from ndtorch_robot import agreement
-from ndtorch_robot.agreement import partners
 from ndtorch_robot.drive import DriveConfig, drive
-from ndtorch_robot.eye import SightLimits
+from ndtorch_robot.watching import agreement
+from ndtorch_robot.watching.agreement import partners
+from ndtorch_robot.watching.eye import SightLimits
 from tests.robot.support.gl_needed import needs_gl
 
 LIMITS, REACH = SightLimits(), 50

@@ -10,7 +10,7 @@ import numpy as np
 
 from ndtorch.navigation import REVERSE, TURN
 from ndtorch_robot.drive import Result
-from ndtorch_robot.record import Floats, pose_error, range_columns
+from ndtorch_robot.score.record import Floats, pose_error, range_columns
 from ndtorch_robot.sim.plan import Plan
 
 LOOKS = {

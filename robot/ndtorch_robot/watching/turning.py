@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.glance import BLOCK
-from ndtorch_robot.eye import Eye, Floats, SightLimits
+from ndtorch_robot.watching.eye import Eye, Floats, SightLimits
 
 SOFT = 1.0
 """Levels that are added to the standard deviation of what is compared: noise must not look like a pattern."""

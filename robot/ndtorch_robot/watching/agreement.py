@@ -8,7 +8,7 @@ import numpy as np
 
 from ndtorch.kernels.glance import BLOCK
 from ndtorch.kernels.load import kernel
-from ndtorch_robot.eye import Eye, Floats, SightLimits, compiled
+from ndtorch_robot.watching.eye import Eye, Floats, SightLimits, compiled
 
 PATCH = 20
 """Blocks of a patch that is looked for in the other row: 80 pixels."""

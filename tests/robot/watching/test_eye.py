@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from ndtorch.navigation import Strips
-from ndtorch_robot import eye
-from ndtorch_robot.eye import SightLimits, blindness, change, look
+from ndtorch_robot.watching import eye
+from ndtorch_robot.watching.eye import SightLimits, blindness, change, look
 
 
 def strips(dtype=torch.uint8, width=640, size=(29, 85), seed=0):

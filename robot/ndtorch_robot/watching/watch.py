@@ -10,11 +10,11 @@ from torch import Tensor
 
 from ndtorch.kernels.glance import BLOCK
 from ndtorch.navigation import StereoRig, Strips, cut_strips
-from ndtorch_robot.agreement import PATCH, Agreement, partners
-from ndtorch_robot.eye import Eye, SightLimits, blindness, change, likeness, look
 from ndtorch_robot.ports import StereoFrames
 from ndtorch_robot.trouble import Kind, SightError
-from ndtorch_robot.turning import MOST, Turning
+from ndtorch_robot.watching.agreement import PATCH, Agreement, partners
+from ndtorch_robot.watching.eye import Eye, SightLimits, blindness, change, likeness, look
+from ndtorch_robot.watching.turning import MOST, Turning
 
 NAMES = ("left", "right")
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from ndtorch.navigation import Grid, StereoRig
-from ndtorch_robot.score import coverage, peaks, score_map, spacing_error, true_edges, visible
+from ndtorch_robot.score.scorer import coverage, peaks, score_map, spacing_error, true_edges, visible
 from ndtorch_robot.sim.paint import ALONG
 from ndtorch_robot.sim.plan import Plan, ring
 from ndtorch_robot.sim.profiles import edge_columns

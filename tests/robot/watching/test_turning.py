@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from ndtorch_robot.eye import Eye, Figures, SightLimits
-from ndtorch_robot.turning import Turning, fit
+from ndtorch_robot.watching.eye import Eye, Figures, SightLimits
+from ndtorch_robot.watching.turning import Turning, fit
 
 FOCAL, BLOCKS = 430.0, 160
 

@@ -1,0 +1,1 @@
+"""What a drive was worth: its record, figures, pictures and page."""

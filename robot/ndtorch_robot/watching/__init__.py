@@ -1,0 +1,1 @@
+"""Judging what the cameras show: asked before every step, and before the first one."""
