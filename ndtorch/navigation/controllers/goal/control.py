@@ -24,7 +24,7 @@ from ndtorch.navigation.controllers.contract import (
 from ndtorch.navigation.controllers.goal.errands import DONE, EXPLORE, asked, finds_nothing, next_errand, told_place
 from ndtorch.navigation.controllers.goal.following import follow
 from ndtorch.navigation.controllers.goal.memory import disc_cells, surroundings
-from ndtorch.navigation.controllers.goal.params import GoalParams
+from ndtorch.navigation.controllers.goal.params import GoalParams, remembering
 from ndtorch.navigation.controllers.goal.planning import clearance, plan, to_place
 from ndtorch.navigation.controllers.goal.replanning import replan
 from ndtorch.navigation.controllers.goal.speeds import speed_towards
@@ -32,7 +32,7 @@ from ndtorch.navigation.controllers.goal.state import LONGEST, GoalState, put_to
 from ndtorch.navigation.controllers.ranging.caution import woken
 from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.controllers.ranging.decision import decide
-from ndtorch.navigation.controllers.ranging.patch import Patch, cell_numbers, move_patch
+from ndtorch.navigation.controllers.ranging.patch import Patch, cell_numbers, empty_patch, move_patch
 from ndtorch.navigation.controllers.registry import register
 from ndtorch.navigation.near_things import Near
 from ndtorch.navigation.odometry import Pose
@@ -68,15 +68,16 @@ class GoalControl(Controller):
     def __init__(self, rig: StereoRig, dt: float, params: GoalParams | None = None) -> None:
         super().__init__(rig, dt, params)
         p: GoalParams = self.params
+        self.errands = asked(p)
+        self.explores = EXPLORE in self.errands
+        self.params = p = remembering(p, p.lifetime) if self.explores else p
         self.reactive = RangingControl(rig, dt, p.reactive)
         self.look = self.reactive.look
         self.dt, self.forward_of_axis = dt, rig.forward
         self.every = max(1, round(p.way.every / dt))
         self.line = torch.linspace(0.15, 0.88, RAY)
-        self.disc = disc_cells(p.passed, p.reactive.patch)
-        self.ones = torch.ones(self.disc.shape[-1])
-        self.errands = asked(p)
-        self.explores = EXPLORE in self.errands
+        self.disc = disc_cells(p.passed, p.places)
+        self.numbers = torch.arange(p.places.size, dtype=torch.get_default_dtype())
 
     @classmethod
     def params_for(cls, task: Task) -> GoalParams:
@@ -85,12 +86,9 @@ class GoalControl(Controller):
             raise InputError(f"the {cls.name} controller does not remember overhangs: that is for controller ranging")
         d = GoalParams()
         slow, creep = min(d.slow, task.cruise), min(d.creep, task.cruise)
-        reactive = replace(
-            d.reactive,
-            speed=min(d.reactive.speed, task.cruise),
-            tight_speed=min(d.reactive.tight_speed, 0.8 * task.cruise),
-            reverse_speed=min(d.reactive.reverse_speed, task.cruise),
-        )
+        r = d.reactive
+        tight, back = min(r.tight_speed, 0.8 * task.cruise), min(r.reverse_speed, task.cruise)
+        reactive = replace(r, speed=min(r.speed, task.cruise), tight_speed=tight, reverse_speed=back)
         return GoalParams(
             task.to, task.explore, task.back, speed=task.cruise, slow=slow, creep=creep, reactive=reactive
         )
@@ -106,11 +104,12 @@ class GoalControl(Controller):
 
     def start(self, seen: Tensor, pose: Pose) -> GoalState:
         """The state of a car that stands at a pose, its home, and knows nothing."""
-        blank, p = torch.zeros_like(pose.x), self.params.reactive.patch
-        size = p.size**2 if self.explores else 0
+        blank = torch.zeros_like(pose.x)
+        none = blank.new_zeros(*blank.shape, 0)
+        visited = empty_patch(pose, self.params.places) if self.explores else Patch(none, none, none)
         return GoalState(
             self.reactive.start(seen, pose),
-            blank.new_zeros(*blank.shape, size),
+            visited,
             torch.stack((pose.x, pose.y), -1),
             blank.new_zeros(*blank.shape, 3),
             blank,
@@ -122,6 +121,9 @@ class GoalControl(Controller):
             blank + 1,
             blank,
             blank,
+            blank,
+            blank,
+            blank + math.inf,
             blank,
             blank,
             blank + SUPPRESSED,
@@ -144,7 +146,7 @@ class GoalControl(Controller):
         lengths, floor, patch = self.reactive.sense(seen, ranges, pose, driven, before, self.rays(ranges))
         reaction, reactive = decide(lengths, driven, floor, patch, before, c, self.reactive.floor)
         learning = floor.age < self.reactive.floor.learning
-        visited = self.visit(state, patch, pose) if self.explores else state.visited
+        visited = self.visit(state.visited, pose) if self.explores else state.visited
         state = state._replace(reactive=reactive, visited=visited)
         if pose.x.ndim == 0:
             return self.drive_one(lengths, pose, reaction, state, bool(learning))
@@ -205,18 +207,12 @@ class GoalControl(Controller):
         weight = (-self.params.miss * apart.clamp(max=1.0) * ranges.valid).unsqueeze(-1).expand(x.shape)
         return torch.stack((x.flatten(-2), y.flatten(-2)), -2), weight.flatten(-2)
 
-    def visit(self, state: GoalState, patch: Patch, pose: Pose) -> Tensor:
+    def visit(self, visited: Patch, pose: Pose) -> Patch:
         """The cells around the car are visited."""
-        p = self.params.reactive.patch
-        kept = move_patch(
-            Patch(state.visited, state.reactive.patch.tag, state.visited[..., :0]),
-            pose,
-            self.reactive.numbers,
-            torch.ones_like(pose.x),
-            p,
-        )
+        p = self.params.places
+        kept = move_patch(visited, pose, self.numbers, torch.ones_like(pose.x), p)
         number = cell_numbers(self.disc.expand(*pose.x.shape, *self.disc.shape), pose, p)
-        return kept.evidence.scatter(-1, number, 1.0)
+        return kept._replace(evidence=kept.evidence.scatter(-1, number, 1.0))
 
     def drive_one(
         self, lengths: Tensor, pose: Pose, reaction: Command, state: GoalState, learning: bool
@@ -240,6 +236,7 @@ class GoalControl(Controller):
             return reaction, state._replace(due=state.due * 0, mode=state.reactive.mode)
         if int(state.lost) <= 0 and int(state.due) <= 0:
             state = replan(state, here, self.params, self.every)
+        state = state._replace(tried=state.tried + self.dt)
         nothing = finds_nothing(state)
         state = state._replace(fruitless=state.fruitless + self.dt if nothing else state.fruitless * 0)
         if nothing and int(state.lost) <= 0:

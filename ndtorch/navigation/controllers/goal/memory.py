@@ -9,7 +9,8 @@ import numpy.typing as npt
 from torch import Tensor
 
 from ndtorch.navigation.controllers.goal.planning import Bools, Surroundings
-from ndtorch.navigation.controllers.ranging.patch import PatchParams
+from ndtorch.navigation.controllers.ranging.patch import PatchParams, cell_numbers
+from ndtorch.navigation.odometry import Pose
 
 
 def unwrapped(evidence: Tensor, x: float, y: float, params: PatchParams) -> npt.NDArray[np.float32]:
@@ -51,6 +52,19 @@ def disc_cells(radius: float, params: PatchParams) -> Tensor:
     return torch.stack((x[inside], y[inside]))
 
 
-def visited_cells(visited: Tensor, x: float, y: float, params: PatchParams) -> Bools:
-    """Which cells were visited, laid out as `surroundings`."""
-    return unwrapped(visited, x, y, params) > 0.5
+def visited_cells(visited: Tensor, x: float, y: float, params: PatchParams, places: PatchParams) -> Bools:
+    """Which cells were visited, laid out as `surroundings` with these params; `places` are those of the memory."""
+    wide = unwrapped(visited, x, y, places) > 0.5
+    index = []
+    for near, far in zip(first_cell(x, y, params), first_cell(x, y, places), strict=True):
+        middle = (np.arange(params.size) + near + 0.5) * params.cell
+        index.append(np.clip(np.floor(middle / places.cell).astype(int) - far, 0, places.size - 1))
+    columns, rows = index
+    return np.ascontiguousarray(wide[np.ix_(rows, columns)])
+
+
+def passed_around(visited: Tensor, x: float, y: float, radius: float, params: PatchParams) -> Tensor:
+    """The memory of what was visited, with all that lies within a radius of a place, m."""
+    blank = visited.new_zeros(())
+    number = cell_numbers(disc_cells(radius, params).to(visited), Pose(blank + x, blank + y, blank), params)
+    return visited.index_fill(-1, number, 1.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.ranging.arcs import Body
@@ -35,7 +35,10 @@ class WayParams:
         tight_price, unknown_price, hidden_price, seen_soon, bend_price, swing_price, reverse_price, switch_price: see
             `kernels.find_way`.
         blocked_price: of a metre through what is blocked, where there is no other way to the goal.
-        coarse: cells of `step` of the map that make one for the way to the goal.
+        shut: exploring, no way leads nearer than this to what is blocked, m.
+        coarse: cells of the map along a side of one for the way to the goal.
+        least_seen, least_unseen: exploring, a place is worth a way from this area on, m^2, seen or not.
+        unseen_end: what ending in a place never seen costs more than in one that was seen and never passed, m.
         most: nodes that a search looks at.
     """
 
@@ -56,7 +59,11 @@ class WayParams:
     reverse_price: float = 2.5
     switch_price: float = 0.8
     blocked_price: float = 40.0
+    shut: float = 0.12
     coarse: int = 2
+    least_seen: float = 0.1
+    least_unseen: float = 0.3
+    unseen_end: float = 3.0
     most: int = 12000
 
 
@@ -76,7 +83,11 @@ class GoalParams:
         tightest: largest curvature, 1/m, to come back to a way whose arcs are a little wider.
         ahead: the way is followed by aiming so far ahead, m.
         passed: exploring, places within this of the way driven count as done, m.
+        places: the memory of them; it reaches farther than that of what was seen.
         patience: exploring ends when for so long no way to anywhere new was found, s.
+        in_vain: a place to explore is given up when for so long the car has come no nearer and passed nothing new, s.
+        given_up: with all that is within this of it, m.
+        lifetime: of what is remembered when exploring, s.
         miss: evidence that a range takes away from each cell before it.
         reactive: numbers of the controller that keeps the last word.
         way: how ways are planned.
@@ -94,7 +105,11 @@ class GoalParams:
     tightest: float = 2.15
     ahead: float = 0.3
     passed: float = 0.9
+    places: PatchParams = field(default_factory=lambda: PatchParams(cell=0.1, size=512))
     patience: float = 10.0
+    in_vain: float = 12.0
+    given_up: float = 0.5
+    lifetime: float = 600.0
     miss: float = 0.15
     reactive: RangingParams = field(default_factory=reactive_params)
     way: WayParams = field(default_factory=WayParams)
@@ -102,6 +117,12 @@ class GoalParams:
     def __post_init__(self) -> None:
         if self.to is not None and not all(math.isfinite(v) for v in self.to):
             raise InputError(f"to must be x, y in m, got {self.to}")
-        for name in ("arrived", "speed", "slow", "creep", "braking", "lag", "ahead", "passed", "patience"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise InputError(f"{name} must be a number > 0, got {getattr(self, name)}")
+        for name, value in vars(self).items():
+            if isinstance(value, float) and not 0 < value < math.inf:
+                raise InputError(f"{name} must be a number > 0, got {value}")
+
+
+def remembering(params: GoalParams, lifetime: float) -> GoalParams:
+    """The same numbers, with another time for which is remembered what was seen, s."""
+    patch = replace(params.reactive.patch, lifetime=lifetime)
+    return replace(params, reactive=replace(params.reactive, patch=patch))

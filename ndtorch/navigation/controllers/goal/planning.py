@@ -65,15 +65,31 @@ def coarser(values: npt.NDArray[np.generic], by: int) -> Floats:
     return np.asarray(squares.min((1, 3)), np.float32)
 
 
-def prices(clear: Floats, unknown: Bools, params: WayParams) -> Floats:
-    """What a metre costs in each coarse cell."""
+def prices(clear: Floats, unknown: Bools, params: WayParams, through: bool = True) -> Floats:
+    """What a metre costs in each coarse cell.
+
+    Args:
+        clear: `clearance`; unknown: cells that were never seen.
+        through: a way may lead through what is blocked, at a price; else it costs inf there, but for gaps that seem a
+            little too narrow: a few cells more or less decide about a door.
+    """
     p = params
     near, inner = coarser(clear, p.coarse), p.disc + p.margin
     price = 1.0 + p.tight_price * np.clip((p.soft - near) / (p.soft - inner), 0.0, 1.0)
     price += p.unknown_price * (coarser(~unknown, p.coarse) < 0.5)
     # Half a coarse cell is forgiven: a passage that just admits the car need not lie on the cells.
-    price += p.blocked_price * (near < inner - 0.03)
+    shut = np.inf if not through else p.blocked_price
+    price += np.where(near < inner - 0.03, np.where(near < p.shut, shut, p.blocked_price), 0.0)
     return np.asarray(price, np.float32)
+
+
+def let_out(price: Floats, near: Floats, here: tuple[int, int], side: float, params: WayParams) -> None:
+    """A car that stands nearer to something than a way may lead can leave, but not go nearer."""
+    reach = round(0.5 / side)
+    row, column = min(here[0], price.shape[0] - 1), min(here[1], price.shape[1] - 1)
+    window = np.s_[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
+    may = np.isinf(price[window]) & (near[window] > 0) & (near[window] >= near[row, column] - 0.05)
+    price[window][may] = 1.0 + params.tight_price + params.blocked_price
 
 
 def to_place(surroundings: Surroundings, place: tuple[float, float], params: WayParams) -> Floats:
@@ -93,24 +109,6 @@ def to_place(surroundings: Surroundings, place: tuple[float, float], params: Way
     return seed
 
 
-def to_unvisited(surroundings: Surroundings, visited: Bools, clear: Floats, params: WayParams) -> Floats:
-    """Where a way may end when exploring: free cells never passed, and those where the unknown begins.
-
-    Args:
-        visited: cells that count as passed, `[rows, columns]`.
-        clear: `clearance`.
-    """
-    import cv2
-
-    s, p = surroundings, params
-    unknown = ~(s.free | s.blocked)
-    beside = cv2.dilate(unknown.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    ends = s.free & ((~visited) | (beside & ~visited)) & (clear > p.disc + p.margin)
-    ends = cv2.erode(ends.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    few = -coarser(-ends.astype(np.float32), p.coarse) > 0.5
-    return np.where(few, np.float32(0.0), np.float32(np.inf)).astype(np.float32)
-
-
 class Planned(NamedTuple):
     """What planning gave.
 
@@ -118,12 +116,14 @@ class Planned(NamedTuple):
         way: `[n, 5]`: x, y, heading, curvature driven to there, direction; the first row is the start. One row: none.
         cost: of the way from the start to an end of the seeds; inf where no end can be reached.
         clear, unknown: of the surroundings.
+        to_go: `kernels.cost_to_go` from each coarse cell, of which no more was worked out than was needed.
     """
 
     way: Floats
     cost: float
     clear: Floats
     unknown: Floats
+    to_go: Floats
 
 
 def plan(
@@ -134,20 +134,24 @@ def plan(
     curvature: float,
     direction: float,
     params: WayParams,
+    through: bool = True,
 ) -> Planned:
     """The way of the next metres towards one of the ends.
 
     Args:
         clear: `clearance` of the surroundings.
-        seed: `to_place` or `to_unvisited`.
+        seed: `to_place` or `frontiers.to_unvisited`.
         pose: x, y, m, and heading, radians, of the car.
         curvature, direction: what it drives, 1/m and +1 or -1.
+        through: as `prices`; where the car itself stands too near to something it may leave all the same.
     """
     need("numba", "planning a way")
     s, p = surroundings, params
     unknown = ~(s.free | s.blocked)
     row, column = s.cell_of(pose[0], pose[1])
-    price = prices(clear, unknown, p)
+    price = prices(clear, unknown, p, through)
+    if not through:
+        let_out(price, coarser(clear, p.coarse), (row // p.coarse, column // p.coarse), s.cell * p.coarse, p)
     rows, columns = price.shape
     here = min(row // p.coarse, rows - 1) * columns + min(column // p.coarse, columns - 1)
     cost = kernel("cost_to_go").run(price, seed, s.cell * p.coarse, here, 2.0 * p.horizon + 2.0)
@@ -155,7 +159,7 @@ def plan(
     start = np.array((*pose, curvature, direction), np.float32)
     away = unknown.astype(np.float32)
     if not np.isfinite(cost.ravel()[here]):
-        return Planned(start[None], float("inf"), clear, away)
+        return Planned(start[None], float("inf"), clear, away, cost)
     way = kernel("find_way").run(
         clear,
         away,
@@ -182,4 +186,4 @@ def plan(
         p.switch_price,
         p.most,
     )
-    return Planned(way, float(cost.ravel()[here]), clear, away)
+    return Planned(way, float(cost.ravel()[here]), clear, away, cost)

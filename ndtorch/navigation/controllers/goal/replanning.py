@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import torch
 
 from ndtorch.navigation.controllers.goal.errands import place_of_errand
-from ndtorch.navigation.controllers.goal.memory import surroundings, visited_cells
+from ndtorch.navigation.controllers.goal.frontiers import to_unvisited, where_to
+from ndtorch.navigation.controllers.goal.memory import passed_around, surroundings, visited_cells
 from ndtorch.navigation.controllers.goal.params import GoalParams
-from ndtorch.navigation.controllers.goal.planning import Planned, clearance, plan, to_place, to_unvisited
+from ndtorch.navigation.controllers.goal.planning import Planned, Surroundings, clearance, plan, to_place
 from ndtorch.navigation.controllers.goal.speeds import allowed_speeds
 from ndtorch.navigation.controllers.goal.state import LONGEST, GoalState
+
+JUMP = 1.0
+"""The cost of the way to one aim never changes so much from plan to plan, m."""
 
 
 def replan(state: GoalState, here: tuple[float, float, float], params: GoalParams, every: int) -> GoalState:
@@ -26,13 +32,16 @@ def replan(state: GoalState, here: tuple[float, float, float], params: GoalParam
     clear = clearance(around.blocked, around.cell)
     place = place_of_errand(state, p)
     if place is None:
-        visited = visited_cells(state.visited, here[0], here[1], patch)
+        visited = visited_cells(state.visited.evidence, here[0], here[1], patch, p.places)
         seed = to_unvisited(around, visited, clear, p.way)
     else:
         seed = to_place(around, place, p.way)
     at = min(int(state.at) + 1, max(0, int(state.places) - 1))
     curvature = float(state.way[at, 3]) if int(state.places) else 0.0
-    made: Planned = plan(around, clear, seed, here, curvature, float(state.direction), p.way)
+    through = place is not None
+    made: Planned = plan(around, clear, seed, here, curvature, float(state.direction), p.way, through)
+    if not through:
+        state = give_up(state, made, around, here, p)
     way = made.way[:LONGEST]
     speeds = allowed_speeds(way, around, made, p)
     kept = np.zeros((LONGEST, 6), np.float32)
@@ -44,3 +53,27 @@ def replan(state: GoalState, here: tuple[float, float, float], params: GoalParam
         due=torch.full_like(state.due, every),
         cost=torch.full_like(state.cost, made.cost),
     )
+
+
+def give_up(
+    state: GoalState, made: Planned, around: Surroundings, here: tuple[float, float, float], params: GoalParams
+) -> GoalState:
+    """The state of a car that explores. Where it has tried in vain for too long, the place counts as passed.
+
+    Args:
+        made: the new plan.
+    """
+    p, patch, new = params, params.places, torch.full_like
+    passed, best, none = state.visited.evidence.sum(), float(state.best), state.tried * 0
+    newly = float(passed - state.passed) * patch.cell**2
+    if newly >= p.way.least_seen or not math.isfinite(made.cost) or JUMP >= best - made.cost > 0.1:
+        return state._replace(best=new(state.best, made.cost), passed=passed, tried=none)
+    if math.isinf(best) or min(abs(made.cost - best), abs(made.cost - float(state.cost))) > JUMP:
+        # The aim is another one. That is no success: it may change to and fro.
+        state = state._replace(best=new(state.best, made.cost))
+    if float(state.tried) < p.in_vain:
+        return state
+    place = where_to(made.to_go, around, p.way.coarse, here[:2])
+    evidence = passed_around(state.visited.evidence, *place, p.given_up, patch)
+    visited = state.visited._replace(evidence=evidence)
+    return state._replace(visited=visited, best=new(state.best, math.inf), passed=evidence.sum(), tried=none)

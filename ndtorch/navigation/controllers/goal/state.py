@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.navigation.controllers.ranging.decision import RangingState
+from ndtorch.navigation.controllers.ranging.patch import Patch
 
 LONGEST = 40
 """Places of a way that are kept: more than its horizon has arcs."""
@@ -18,7 +19,7 @@ class GoalState(NamedTuple):
 
     Attributes:
         reactive: of the controller that keeps the last word, with all that is remembered of the surroundings.
-        visited: `[..., size * size]`, 1 in cells that were passed; no cells where nothing is to be explored.
+        visited: 1 in cells that were passed; no cells where nothing is to be explored.
         home: x, y where the drive began, `[..., 2]`, m, where goals are counted from.
         frame: that frame in dead reckoning's: x, y, m, and heading, radians, `[..., 3]`. It changes as the error of
             dead reckoning becomes known.
@@ -33,11 +34,13 @@ class GoalState(NamedTuple):
         lost: time steps for which the reactive controller drives alone.
         cost: of the way to the end of the errand, as last planned; inf where there is none.
         fruitless: seconds for which exploring has found no way to anywhere new.
+        best, passed, tried: exploring, the least cost since the car last came nearer to something new, how many cells
+            it had passed then, and seconds since.
         mode: what the car is doing.
     """
 
     reactive: RangingState
-    visited: Tensor
+    visited: Patch
     home: Tensor
     frame: Tensor
     told: Tensor
@@ -51,6 +54,9 @@ class GoalState(NamedTuple):
     lost: Tensor
     cost: Tensor
     fruitless: Tensor
+    best: Tensor
+    passed: Tensor
+    tried: Tensor
     mode: Tensor
 
 

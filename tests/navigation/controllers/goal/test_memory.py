@@ -10,7 +10,13 @@ import torch
 
 from ndtorch.navigation import Pose
 from ndtorch.navigation.controllers.goal.memory import disc_cells, surroundings, visited_cells
-from ndtorch.navigation.controllers.ranging.patch import PatchParams, add_evidence, cell_numbers, empty_patch
+from ndtorch.navigation.controllers.ranging.patch import (
+    PatchParams,
+    add_evidence,
+    cell_numbers,
+    empty_patch,
+    move_patch,
+)
 
 PARAMS = PatchParams(cell=0.05, size=16)
 
@@ -34,7 +40,26 @@ def test_what_is_seen_lies_where_it_is_in_the_world(car: tuple[float, float]) ->
     assert abs(around.left + 8 * PARAMS.cell - car[0]) <= PARAMS.cell
     assert abs(around.bottom + 8 * PARAMS.cell - car[1]) <= PARAMS.cell
     assert not around.free.any()
-    assert (visited_cells(patch.evidence, *car, PARAMS) == around.blocked).all()
+    assert (visited_cells(patch.evidence, *car, PARAMS, PARAMS) == around.blocked).all()
+
+
+@pytest.mark.parametrize("car", [(0.0, 0.0), (0.42, 3.17), (-1.33, 0.38), (2.51, -4.04)])
+def test_what_was_visited_may_lie_in_larger_cells_that_reach_farther(car: tuple[float, float]) -> None:
+    places = PatchParams(cell=0.1, size=32)
+    pose = at(*car)
+    number = cell_numbers(torch.tensor([[0.21, 1.2], [-0.13, 0.0]]), pose, places)
+    patch = add_evidence(empty_patch(pose, places), number, torch.tensor([1.0, 1.0]), places)
+    cells = visited_cells(patch.evidence, *car, PARAMS, places)
+    assert cells.shape == (16, 16)
+    rows, columns = np.nonzero(cells)
+    assert len(rows) == 4
+    around = surroundings(patch.evidence.new_zeros(256), *car, PARAMS, blocked=2.0, known=-0.5)
+    x, y = around.left + (columns + 0.5) * PARAMS.cell, around.bottom + (rows + 0.5) * PARAMS.cell
+    assert np.abs(x - (car[0] + 0.21)).max() < places.cell
+    assert np.abs(y - (car[1] - 0.13)).max() < places.cell
+    # After a way of more than the small square, and back, they are there still.
+    away = move_patch(patch, at(car[0] + 0.9, car[1]), torch.arange(32.0), torch.tensor(1.0), places)
+    assert float(away.evidence.sum()) == 2
 
 
 def test_a_disc_is_round_and_full() -> None:

@@ -14,7 +14,6 @@ from ndtorch.navigation.controllers.goal.planning import (
     hidden_cells,
     plan,
     to_place,
-    to_unvisited,
 )
 
 CELL, SIDE = 0.05, 160
@@ -106,20 +105,6 @@ def test_a_goal_outside_is_approached_over_the_nearest_border():
     made = planned(world(), (20.0, 0.0))
     assert made.way[-1, 0] > 0.5
     assert made.cost == pytest.approx(22.0, rel=0.03)
-
-
-def test_exploring_ends_where_nothing_is_left():
-    around = world()
-    clear = clearance(around.blocked, CELL)
-    visited = np.zeros((SIDE, SIDE), bool)
-    assert np.isfinite(to_unvisited(around, visited, clear, PARAMS)).any()
-    assert not np.isfinite(to_unvisited(around, ~visited, clear, PARAMS)).any()
-    shut = world((-1.0, -0.8, -4, 4))
-    visited[:, : round(3.2 / CELL)] = True
-    seed = to_unvisited(shut, visited, clearance(shut.blocked, CELL), PARAMS)
-    # All that is left lies behind a wall: there is a price for it, but no way that the body fits through.
-    made = plan(shut, clearance(shut.blocked, CELL), seed, (-2.0, 0.0, 0.0), 0.0, 1.0, PARAMS)
-    assert made.way[:, 0].max() < -1.2
 
 
 def test_following_steers_back_and_ends_with_the_stretch():

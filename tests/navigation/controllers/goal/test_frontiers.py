@@ -1,0 +1,148 @@
+"""Where exploring goes, on maps that are given: what is worth a way, what can be reached, and when it is given up."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
+from ndtorch.navigation.controllers.goal.frontiers import large, opened, to_unvisited, where_to
+from ndtorch.navigation.controllers.goal.memory import visited_cells
+from ndtorch.navigation.controllers.goal.planning import clearance, plan
+from ndtorch.navigation.controllers.goal.replanning import give_up
+from tests.navigation.controllers.goal.test_goal_control import DT, RIG, SMALL, floor, place
+from tests.navigation.controllers.goal.test_planning import CELL, PARAMS, SIDE, world
+
+AROUND = (-2.0, 0.0, 0.0)
+
+
+def square(left, right, bottom, top):
+    a, b, c, d = (round((v + 4) / CELL) for v in (left, right, bottom, top))
+    return np.s_[c:d, a:b]
+
+
+def explored(around, visited, pose=AROUND):
+    clear = clearance(around.blocked, CELL)
+    seed = to_unvisited(around, visited, clear, PARAMS)
+    return plan(around, clear, seed, pose, 0.0, 1.0, PARAMS, through=False)
+
+
+def test_exploring_ends_where_nothing_is_left_and_goes_through_no_wall():
+    visited = np.zeros((SIDE, SIDE), bool)
+    assert math.isfinite(explored(world(), visited).cost)
+    assert math.isinf(explored(world(), ~visited).cost)
+    wall = (-1.0, -0.8, -4, 4)
+    visited[:, : round(3.2 / CELL)] = True
+    made = explored(world(wall), visited)
+    assert math.isinf(made.cost)
+    assert len(made.way) == 1
+    # Of a place that it was told it goes as near as it can.
+    around = world(wall)
+    to = np.full((SIDE // 2, SIDE // 2), np.inf, np.float32)
+    to[40, 60] = 0
+    assert math.isfinite(plan(around, clearance(around.blocked, CELL), to, AROUND, 0.0, 1.0, PARAMS).cost)
+
+
+def test_a_gap_that_admits_the_car_is_a_way_to_what_is_left():
+    visited = np.zeros((SIDE, SIDE), bool)
+    visited[:, : round(3.2 / CELL)] = True
+    gap = world((-1.0, -0.8, -4, 0.2), (-1.0, -0.8, 0.8, 4))
+    assert 1 < explored(gap, visited).cost < 6
+
+
+def test_a_car_that_stands_near_a_wall_may_leave_but_not_through_it():
+    wall = (-1.0, -0.9, -4, 4)
+    visited = np.ones((SIDE, SIDE), bool)
+    visited[square(-3.8, -3.0, -1, 1)] = False
+    beside = (-1.15, 0.0, math.pi / 2)
+    assert math.isfinite(explored(world(wall), visited, beside).cost)
+    other = np.ones((SIDE, SIDE), bool)
+    other[square(1.0, 3.0, -1, 1)] = False
+    assert math.isinf(explored(world(wall), other, beside).cost)
+
+
+def test_a_gap_that_seems_a_little_too_narrow_is_dear_and_one_that_is_much_too_narrow_is_none():
+    visited = np.zeros((SIDE, SIDE), bool)
+    visited[:, : round(3.2 / CELL)] = True
+    costs = [explored(world((-1.0, -0.9, -4, 0.2), (-1.0, -0.9, 0.2 + w, 4)), visited).cost for w in (0.9, 0.4, 0.2)]
+    assert costs[0] + 4 < costs[1] < math.inf == costs[2]
+
+
+def test_a_scrap_in_a_corner_is_no_aim():
+    visited = np.ones((SIDE, SIDE), bool)
+    scrap = square(3.0, 3.25, 3.0, 3.25)
+    visited[scrap] = False
+    assert math.isinf(explored(world(), visited).cost)
+    visited[square(2.8, 3.25, 2.8, 3.25)] = False
+    assert math.isfinite(explored(world(), visited).cost)
+
+
+def test_what_was_never_seen_beside_the_way_comes_after_what_was_seen():
+    around, visited = world(), np.ones((SIDE, SIDE), bool)
+    around.free[square(-2.5, -1.0, 1.0, 2.5)] = False
+    visited[square(-2.5, -1.0, 1.0, 2.5)] = False
+    beside = explored(around, visited)
+    assert beside.cost == pytest.approx(1.0 + PARAMS.unseen_end, abs=0.4)
+    visited[square(1.0, 2.0, -0.5, 0.5)] = False
+    both = explored(around, visited)
+    assert both.cost == pytest.approx(3.0, abs=0.3)
+
+
+def test_the_end_of_the_cheapest_way_is_found():
+    visited = np.ones((SIDE, SIDE), bool)
+    visited[square(1.0, 2.0, -0.5, 0.5)] = False
+    around = world()
+    made = explored(around, visited)
+    x, y = where_to(made.to_go, around, PARAMS.coarse, (-2.0, 0.0))
+    assert x == pytest.approx(1.0, abs=0.15)
+    assert abs(y) < 0.15
+
+
+def test_what_was_tried_in_vain_counts_as_passed():
+    params = GoalParams(explore=True, reactive=SMALL)
+    control = GoalControl(RIG, DT, params)
+    state = control.start(floor(), place(*AROUND))
+    visited = np.ones((SIDE, SIDE), bool)
+    visited[square(1.0, 2.0, -0.5, 0.5)] = False
+    around = world()
+    made = explored(around, visited)
+    state = give_up(state, made, around, AROUND, params)._replace(cost=torch.tensor(made.cost))
+    assert float(state.best) == pytest.approx(made.cost)
+    for tried in (0.0, params.in_vain - 0.1):
+        state = give_up(state._replace(tried=torch.tensor(tried)), made, around, AROUND, params)
+        assert not state.visited.evidence.any()
+    nearer = give_up(state, made._replace(cost=made.cost - 0.2), around, AROUND, params)
+    assert float(nearer.tried) == 0
+    # Another aim, nearer or farther, is no success, but from then on it counts how near the car is to that one.
+    for farther in (1.5, -1.5):
+        other = give_up(state, made._replace(cost=made.cost + farther), around, AROUND, params)
+        assert float(other.tried) == pytest.approx(params.in_vain - 0.1)
+        assert float(other.best) == pytest.approx(made.cost + farther)
+    state = give_up(state._replace(tried=torch.tensor(params.in_vain)), made, around, AROUND, params)
+    cells = visited_cells(state.visited.evidence, 0.0, 0.0, SMALL.patch, params.places)
+    row, column = np.argwhere(cells).mean(0)
+    left = (-SMALL.patch.size // 2 + 1) * CELL
+    assert left + (column + 0.5) * CELL == pytest.approx(1.0, abs=0.15)
+    assert left + (row + 0.5) * CELL == pytest.approx(0.0, abs=0.15)
+    assert cells.sum() * CELL**2 == pytest.approx(math.pi * params.given_up**2, rel=0.25)
+    assert math.isinf(float(state.best))
+
+
+def test_exploring_remembers_longer_than_going_to_a_place():
+    patch = GoalControl(RIG, DT, GoalParams(explore=True)).params.reactive.patch
+    assert patch.lifetime == GoalParams().lifetime > GoalParams().reactive.patch.lifetime
+    going = GoalControl(RIG, DT, GoalParams(to=(1.0, 0.0))).params.reactive.patch
+    assert going == GoalParams().reactive.patch
+    assert replace(patch, lifetime=going.lifetime) == going
+
+
+def test_small_and_narrow_parts_are_left_out():
+    cells = np.zeros((20, 20), bool)
+    cells[2:8, 2:8] = cells[12:15, 2:5] = cells[5, 8:18] = True
+    wide = opened(cells, 3)
+    assert not wide[5, 9:].any()
+    assert wide.sum() == 36 + 9
+    assert large(wide, 10).sum() == 36
+    assert large(wide, 40).sum() == 0
