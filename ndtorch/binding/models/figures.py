@@ -89,19 +89,20 @@ class FiguresModel(BindingModel):
         open_, closing = figures_of(state.open), list[Figure]()
         rows, shapes, masks, times, who, cuts = [], [], [], [], [], list[bool]()
         for k, frame in enumerate(frames):
-            waiting = waiting + torch.from_numpy(self._small(frame))
-            if (counted + k + 1) % self.group:
-                continue
+            picture = self._small(frame)
+            if self.group > 1:
+                waiting = waiting + torch.from_numpy(picture)
+                if (counted + k + 1) % self.group:
+                    continue
+                picture, waiting = (waiting / self.group).numpy(), torch.zeros_like(waiting)
             time = (counted + k) / self.fps
-            picture = (waiting / self.group).numpy()
             signals, seen, open_, late, began, cut = self._step(picture, seen, open_, time, began)
-            waiting = torch.zeros_like(waiting)
             closing += [one for one in late if one.known]
             rows.append(signals)
             shapes.append(seen.silhouettes)
             known = np.zeros(began + 1, np.uint8)
             known[[one.number + 1 for one in open_ if one.known]] = 1
-            masks.append(torch.from_numpy(known[seen.silhouettes.numpy()]))
+            masks.append(torch.from_numpy(known.take(seen.silhouettes.numpy())))
             times.append(time)
             cuts.append(cut)
             who.append([one for one in open_ if one.last_seen == time])
@@ -148,10 +149,15 @@ class FiguresModel(BindingModel):
             frame = as_float(frame).float()
             if not torch.isfinite(frame.sum()):
                 raise InputError("frames must be finite, got NaN or infinite values")
-        # Plane by plane: to lay colors beside each other costs more.
-        small = np.empty((3, *self.small), np.float32)
-        for plane, to in zip(frame.cpu().numpy(), small, strict=True):
-            to[:] = cv2.resize(plane, self.small[::-1], interpolation=cv2.INTER_AREA)
+        small, planes = np.empty((3, *self.small), np.float32), frame.cpu().numpy()
+        beside = planes.transpose(1, 2, 0)
+        if beside.flags.c_contiguous:
+            shrunk = np.asarray(cv2.resize(beside, self.small[::-1], interpolation=cv2.INTER_AREA))
+            small[:] = shrunk.transpose(2, 0, 1)
+        else:
+            # Plane by plane: to lay colors beside each other costs more.
+            for plane, to in zip(planes, small, strict=True):
+                to[:] = cv2.resize(plane, self.small[::-1], interpolation=cv2.INTER_AREA)
         return small * np.float32(1 / 255) if frame.dtype == torch.uint8 else small
 
     def _step(
@@ -177,14 +183,14 @@ class FiguresModel(BindingModel):
         # Plain parts of what moves are still too, and no holes.
         moving = np.zeros(began + 2, bool)
         moving[[one.number + 1 for one in open_ if one.known and time - one.moved < t.rests]] = True
-        free = standing.figure & ~moving[seen.silhouettes.numpy()]
-        smallest = t.smallest * standing.grey.size
-        hole = holes(free, quiet >= g.still, standing.grey, standing.ground.mean(0), smallest)
-        if hole.any():
+        figure, smallest = standing.figure, t.smallest * standing.grey.size
+        free = figure & ~moving.take(seen.silhouettes.numpy())
+        hole = holes(free, quiet >= g.still, standing.grey, standing.ground, smallest)
+        if hole is not None:
             wide = cv2.dilate(hole.astype(np.uint8), square) > 0
             mean = torch.where(torch.from_numpy(wide), torch.from_numpy(standing.picture), ground.mean)
             ground = ground._replace(mean=mean)
-        figure = standing.figure & ~hole
+            figure = figure & ~hole
         regions = parted(regions_of(figure, smallest, t.gap), t.notch, smallest)
         light = Light(standing.picture, standing.ground, self.config.shades)
         seen_for = (int(ground.frames) - 1) * self.dt
@@ -194,7 +200,7 @@ class FiguresModel(BindingModel):
         for one in open_:
             since, patience = (one.moved, t.stays) if one.known else (one.first_seen, t.doubtful)
             keep[one.number + 1] = time - since < patience
-        kept = cv2.dilate(keep[silhouettes], square)
+        kept = cv2.dilate(keep.take(silhouettes), square)
         shape_of = torch.from_numpy(silhouettes)
         here, behind = torch.from_numpy(standing.picture), torch.from_numpy(standing.ground)
         signals, fields = self.fields(here, behind, shape_of, seen.fields)

@@ -14,7 +14,7 @@ from ndtorch.binding.tracking.figures import FigureTable
 from ndtorch.binding.tracking.shades import ShadeParams
 from ndtorch.config import ModelConfig, Size
 from ndtorch.vision.camera.figure_signals import FieldsState, SignalParams
-from ndtorch.vision.camera.figures import GroundParams, GroundState
+from ndtorch.vision.camera.ground import GroundParams, GroundState
 
 
 class FiguresConfig(ModelConfig):

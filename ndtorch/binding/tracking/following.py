@@ -11,8 +11,8 @@ from ndtorch.binding.tracking.figures import FOLLOWED, PATCH, PIXELS, SIGHTING, 
 from ndtorch.binding.tracking.meeting import apart, meeting, visible
 from ndtorch.binding.tracking.regions import Labels, Regions
 from ndtorch.binding.tracking.shades import Light
-from ndtorch.binding.tracking.silhouettes import Sighting, bounds, share, sighting
-from ndtorch.binding.tracking.whole import clear, look_again, moves_as_a_whole, stands_out
+from ndtorch.binding.tracking.silhouettes import Sighting, share, sightings
+from ndtorch.binding.tracking.whole import clear, look_again, moves_as_a_whole
 from ndtorch.vision.camera.figures import Standing
 
 
@@ -76,15 +76,12 @@ def follow(
     silhouettes: Labels = owners[labels]
     for r, ones in groups:
         share(silhouettes, labels, r, regions.boxes[r], ones, time, p.ahead)
-    shared = {one.number for _, ones in groups for one in ones}
-    boxes = bounds(silhouettes, began)
-    for one in kept:
-        seen = sighting(one, silhouettes, boxes, picture, light, one.number in shared)
+    every = sightings(kept, silhouettes, standing, light, {one.number for _, ones in groups for one in ones})
+    for one, seen in zip(kept, every, strict=True):
         if seen is not None:
             add(one, time, seen, p)
-            # What shares its region is seen nowhere by itself.
             if not one.known and not seen.shared:
-                stands_out(one, standing, silhouettes)
+                one.sure += seen.sure
                 look_again(one, picture, standing.ground, p)
     bright = float(standing.ground.mean()) if any(not one.known for one in kept) else 0.0
     for one in kept:

@@ -7,6 +7,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ndtorch.kernels.load import kernel
+from ndtorch.kernels.switch import kernels_wanted
+
 Floats = npt.NDArray[np.float32]
 Bools = npt.NDArray[np.bool_]
 Labels = npt.NDArray[np.int32]
@@ -41,6 +44,11 @@ def regions_of(figure: Bools, smallest: float, gap: int) -> Regions:
         return Regions(np.zeros(figure.shape, np.int32), none.reshape(0, 4), none)
     if gap:
         mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((gap + 1, gap + 1), np.uint8)), np.uint8)
+    if kernels_wanted():
+        names = np.empty(mask.shape, np.int32)
+        found = np.empty((((len(mask) + 1) // 2) * ((mask.shape[1] + 1) // 2), 5), np.int64)
+        number = kernel("join_pixels").run(mask, float(smallest), names, found)
+        return Regions(names, found[:number, :4].copy(), found[:number, 4].copy())
     # What an object encloses is its own.
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     mask = np.asarray(cv2.drawContours(mask, outlines, -1, 1, cv2.FILLED), np.uint8)
@@ -68,6 +76,14 @@ def parted(regions: Regions, notch: float, least: float) -> Regions:
         least: pixels of the smallest part.
     """
     labels, boxes, areas = regions
+    if not (areas >= 2 * least).any():
+        return regions
+    if kernels_wanted():
+        labels, count = labels.copy(), len(areas)
+        room = np.empty((count + int(areas.sum() / max(least, 1)), 5), np.int64)
+        room[:count, :4], room[:count, 4] = boxes, areas
+        count = kernel("part_regions").run(labels, room, count, notch, float(least), PART)
+        return Regions(labels, room[:count, :4].copy(), room[:count, 4].copy())
     found_boxes, found_areas = boxes.tolist(), areas.tolist()
     todo = [r for r, area in enumerate(found_areas) if area >= 2 * least]
     while todo:
@@ -96,12 +112,13 @@ def narrow(counts: npt.NDArray[np.int64], width: int, notch: float, least: float
     """Where a profile is cut in two, 0 for nowhere: at the deepest of its notches that leaves enough on both sides."""
     # An odd width, and the narrowest column goes to the smaller part: the cut of a mirror image is mirrored.
     width = 2 * (min(width, len(counts) - 1) // 2) + 1
-    smooth = np.convolve(counts, np.ones(width) / width, "same")
+    # In whole numbers, so that equal ones are equal.
+    smooth = np.convolve(counts, np.ones(width, np.int64), "same")
     before, after = np.maximum.accumulate(smooth), np.maximum.accumulate(smooth[::-1])[::-1]
     lower = np.minimum(before, after)
     one = np.cumsum(counts) - counts
     other = counts.sum() - counts - one
-    depth = np.where((one >= least) & (other >= least), smooth / np.maximum(lower, 1), 1.0)
+    depth = np.where((one >= least) & (other >= least), smooth / np.maximum(lower, width), 1.0)
     lowest = np.flatnonzero(depth <= depth.min() + 1e-9)
     pair = lowest[[(len(lowest) - 1) // 2, len(lowest) // 2]]
     at = int(pair[np.abs(one - other)[pair].argmin()])
@@ -110,23 +127,25 @@ def narrow(counts: npt.NDArray[np.int64], width: int, notch: float, least: float
     return at if one[at] >= other[at] else at + 1
 
 
-def holes(figure: Bools, still: Bools, picture: Floats, ground: Floats, smallest: float) -> Bools:
+def holes(figure: Bools, still: Bools, picture: Floats, ground: Floats, smallest: float) -> Bools | None:
     """Where the figure is a hole in memory, `[h, w]`: nothing has moved there for a while, and the edge between it and
-    the rest of the picture stands in the remembered ground, not in the picture. Something was there and has left.
+    the rest of the picture stands in the remembered ground, not in the picture. Something was there and has left. None
+    where there is none.
 
     Args:
         figure: what stands out, `[h, w]`.
         still: where nothing has moved for a while, `[h, w]`.
-        picture, ground: the picture and the remembered ground, grey, `[h, w]`.
+        picture, ground: the picture in grey, `[h, w]`, and the remembered ground, `[3, h, w]`.
         smallest: pixels of the smallest region.
     """
     import cv2
 
     where = figure & still
-    # Mostly nothing is there, and regions are dear.
-    quiet = regions_of(where, smallest, 0) if where.any() else None
+    # Mostly next to nothing is there, and regions are dear. So few pixels enclose no more.
+    few = cv2.countNonZero(where.view(np.uint8))
+    quiet = regions_of(where, smallest, 0) if few * (few / 4 + 1) >= smallest else None
     if quiet is None or not len(quiet.areas):
-        return np.zeros(figure.shape, bool)
+        return None
     count = len(quiet.areas)
     # Nothing beyond these regions is looked at.
     top, left = np.maximum(quiet.boxes[:, :2].min(0) - 3, 0)
@@ -149,5 +168,7 @@ def holes(figure: Bools, still: Bools, picture: Floats, ground: Floats, smallest
 
     around = np.bincount(which, minlength=count + 1)[1:]
     whole = np.bincount(names[rim], minlength=count + 1)[1:]
-    hole = (2 * around > whole) & (edges(ground) > edges(picture))
+    hole = (2 * around > whole) & (edges(ground.mean(0)) > edges(picture))
+    if not hole.any():
+        return None
     return np.concatenate([[False], hole])[quiet.labels]

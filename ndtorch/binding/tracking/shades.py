@@ -8,6 +8,8 @@ from pydantic import Field
 from ndtorch.binding.tracking.figures import Numbers
 from ndtorch.binding.tracking.regions import Floats
 from ndtorch.config import Constants
+from ndtorch.kernels.load import kernel
+from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.vision.camera.colors import SHADES
 
 APART = 4
@@ -36,15 +38,18 @@ class Light:
         import cv2
 
         self.params = p = params
+        if kernels_wanted() and not any(side % APART for side in picture.shape[1:]):
+            self.balance = np.empty(3, np.float32)
+            self.brightest = max(kernel("brightest").run(picture, ground, APART, p.dimmest, self.balance), p.dimmest)
+            return
         white = np.maximum(ground[:, ::APART, ::APART].mean((1, 2)), p.dimmest)
         self.balance = (white.mean() / white).astype(np.float32)
         size = (max(1, picture.shape[2] // APART), max(1, picture.shape[1] // APART))
         brightest = 0.0
         for image in (picture, ground):
             small = [np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA)) for plane in image]
-            brightest = max(
-                brightest, float(sum(k * one for k, one in zip(self.balance, small, strict=True)).max() / 3)
-            )
+            bright = np.tensordot(self.balance, np.stack(small), 1)
+            brightest = max(brightest, float(bright.max() / 3))
         self.brightest = max(brightest, p.dimmest)
 
     def shares(self, colors: Floats) -> Numbers:

@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ndtorch.binding.tracking.figures import Figure, Numbers
-from ndtorch.binding.tracking.regions import Floats, Labels
-from ndtorch.binding.tracking.shades import Light
+from ndtorch.binding.tracking.regions import Bools, Labels
+from ndtorch.binding.tracking.shades import APART, Light
+from ndtorch.kernels.load import kernel
+from ndtorch.kernels.switch import kernels_wanted
+from ndtorch.vision.camera.figures import Standing
+from ndtorch.vision.camera.ground import MEAN_SIZE
+
+COLOR, SHARES = slice(7, 10), slice(10, 14)
+"""Where in what is measured of a silhouette these are."""
 
 
 class Sighting(NamedTuple):
     """What a track gets at one step: row and column of the place in it nearest to the mean of its pixels, middle of its
-    box, height and width, pixels, color, shares of white, grey, black and hues, and whether it shares its region."""
+    box, height and width, pixels, color, shares of white, grey, black and hues, by how many deviations of the noise its
+    pixels stand out in the mean (0 where that is not asked), and whether it shares its region."""
 
     inner: Numbers
     place: Numbers
@@ -22,10 +31,94 @@ class Sighting(NamedTuple):
     pixels: float
     color: Numbers
     shades: Numbers
+    sure: float
     shared: bool
 
 
-def bounds(silhouettes: Labels, count: int) -> dict[int, tuple[int, int, int, int, int]]:
+def sightings(
+    figures: Sequence[Figure], silhouettes: Labels, standing: Standing, light: Light, shared: set[int]
+) -> list[Sighting | None]:
+    """What the silhouettes show of each track; None where they show nothing.
+
+    How far a track stands out is asked of those that are no objects yet; what shares its region is seen nowhere by
+    itself.
+
+    Args:
+        figures: the tracks.
+        silhouettes: number of the track of every pixel plus one, `[h, w]`.
+        standing: picture, ground and noise.
+        light: of the scene.
+        shared: numbers of the tracks that share a region.
+    """
+    height = silhouettes.shape[0]
+    names = [one.number + 1 for one in figures]
+    doubted = [not one.known and one.number not in shared for one in figures]
+    table = measured(names, doubted, silhouettes, standing, light)
+    corner, end = table[:, :2], table[:, 2:4]
+    place, extent, inner = (corner + end) / 2 / height, (end - corner) / height, table[:, 5:7] / height
+    rows = zip(inner, place, extent, table, strict=True)
+    pixels, sure = (table[:, 4] / height**2).tolist(), table[:, 14].tolist()
+    return [
+        Sighting(*row[:3], pixels[k], row[3][COLOR], row[3][SHARES], sure[k], one.number in shared)
+        if pixels[k]
+        else None
+        for k, (row, one) in enumerate(zip(rows, figures, strict=True))
+    ]
+
+
+def measured(names: list[int], doubted: list[bool], silhouettes: Labels, standing: Standing, light: Light) -> Numbers:
+    """What is seen of K silhouettes: top, left, bottom and right, how many pixels, row and column of the place in it
+    nearest to their mean, all in pixels; color; white, grey, black and hues; and by how many deviations it stands out.
+
+    Args:
+        names: their numbers in the silhouettes.
+        doubted: of which the last is asked.
+        silhouettes, standing, light: as of `sightings`.
+
+    Returns:
+        `[K, 15]`, zeros where nothing is.
+    """
+    table = np.zeros((len(names), 15))
+    if kernels_wanted():
+        from ndtorch.kernels.sightings import ShadeNumbers
+
+        slots = np.zeros(max(names, default=0) + 1, np.int32)
+        slots[names] = np.arange(len(names))
+        p = light.params
+        numbers = ShadeNumbers(float(light.brightest), p.palest, p.pale, p.white, p.black)
+        noises = (standing.picture, standing.ground, standing.deviation, standing.noise, MEAN_SIZE)
+        kernel("sightings").run(
+            silhouettes, slots, np.array(doubted, bool), *noises, light.balance, numbers, APART, table
+        )
+        return table
+    boxes = bounds(silhouettes)
+    for k, name in enumerate(names):
+        if name not in boxes:
+            continue
+        top, left, bottom, right, _ = boxes[name]
+        window = silhouettes[top:bottom, left:right] == name
+        inside = standing.picture[:, top:bottom, left:right][:, window]
+        rows, columns = np.nonzero(window)
+        middle = np.array([rows.mean(), columns.mean()])
+        n = int(((rows - middle[0]) ** 2 + (columns - middle[1]) ** 2).argmin())
+        # Within that pixel the point nearest to the mean: several pixels may be as near.
+        nearest = np.array([rows[n], columns[n]])
+        table[k, :5] = boxes[name]
+        table[k, 5:7] = middle.clip(nearest - 0.5, nearest + 0.5) + np.array([top, left]) + 0.5
+        table[k, COLOR], table[k, SHARES] = inside.mean(1), light.shares(inside)
+        if doubted[k]:
+            table[k, 14] = stands_out(standing, (slice(None), slice(top, bottom), slice(left, right)), window)
+    return table
+
+
+def stands_out(standing: Standing, box: tuple[slice, slice, slice], inside: Bools) -> float:
+    """By how many deviations of their noise some pixels of a box `[h', w']` stand out, in the mean."""
+    apart = np.abs(standing.picture[box][:, inside] - standing.ground[box][:, inside])
+    noise = np.maximum(standing.deviation[box][:, inside] * np.float32(1 / MEAN_SIZE), standing.noise[:, None])
+    return float((apart / noise).max(0).mean())
+
+
+def bounds(silhouettes: Labels) -> dict[int, tuple[int, int, int, int, int]]:
     """Top, left, bottom, right and pixels of every silhouette, by its number plus one."""
     rows, columns = np.nonzero(silhouettes)
     if not len(rows):
@@ -64,30 +157,3 @@ def share(
     nearest = np.array([one.number + 1 for one in ones], np.int32)[np.argmin(np.stack(away), 0)]
     window = labels[top:bottom, left:right] == r + 1
     silhouettes[top:bottom, left:right][window] = nearest[window]
-
-
-def sighting(
-    one: Figure,
-    silhouettes: Labels,
-    boxes: dict[int, tuple[int, int, int, int, int]],
-    picture: Floats,
-    light: Light,
-    shared: bool,
-) -> Sighting | None:
-    """What the silhouettes show of a track; None if nothing."""
-    if one.number + 1 not in boxes:
-        return None
-    height = silhouettes.shape[0]
-    top, left, bottom, right, pixels = boxes[one.number + 1]
-    window = silhouettes[top:bottom, left:right] == one.number + 1
-    inside = picture[:, top:bottom, left:right][:, window]
-    color = inside.mean(1).astype(np.float64)
-    place = np.array([(top + bottom) / 2, (left + right) / 2]) / height
-    extent = np.array([bottom - top, right - left]) / height
-    rows, columns = np.nonzero(window)
-    middle = np.array([rows.mean(), columns.mean()])
-    k = int(((rows - middle[0]) ** 2 + (columns - middle[1]) ** 2).argmin())
-    # Within that pixel the point nearest to the mean: several pixels may be as near.
-    nearest = np.array([rows[k], columns[k]])
-    inner = (middle.clip(nearest - 0.5, nearest + 0.5) + np.array([top, left]) + 0.5) / height
-    return Sighting(inner, place, extent, pixels / height**2, color, light.shares(inside), shared)

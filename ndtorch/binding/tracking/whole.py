@@ -7,8 +7,7 @@ import numpy.typing as npt
 
 from ndtorch.binding.tracking.figure_params import FigureParams
 from ndtorch.binding.tracking.figures import PATCH, Figure, Numbers
-from ndtorch.binding.tracking.regions import Floats, Labels
-from ndtorch.vision.camera.figures import MEAN_SIZE, Standing
+from ndtorch.binding.tracking.regions import Floats
 
 
 def patch_of(picture: Floats, ground: Floats, box: npt.NDArray[np.int64]) -> Floats:
@@ -27,23 +26,6 @@ def patch_of(picture: Floats, ground: Floats, box: npt.NDArray[np.int64]) -> Flo
     # Means where it shrinks: single pixels would be noise.
     how = cv2.INTER_AREA if min(apart.shape[1:]) > PATCH else cv2.INTER_LINEAR
     return np.stack([np.asarray(cv2.resize(plane, (PATCH, PATCH), interpolation=how), np.float32) for plane in apart])
-
-
-def stands_out(one: Figure, standing: Standing, silhouettes: Labels) -> None:
-    """Add by how many deviations of their noise the pixels of a track stand out in this picture, in the mean.
-
-    Args:
-        one: the track, seen in this picture; is changed.
-        standing: the picture, and the ground and its noise before.
-        silhouettes: number of the track of every pixel plus one, `[h, w]`.
-    """
-    height = silhouettes.shape[0]
-    top, left, bottom, right = (max(0, round(side * height)) for side in one.last[3:7])
-    window = (slice(None), slice(top, bottom), slice(left, right))
-    inside = silhouettes[window[1:]] == one.number + 1
-    apart = np.abs(standing.picture[window][:, inside] - standing.ground[window][:, inside])
-    noise = np.maximum(standing.deviation[window][:, inside] * np.float32(1 / MEAN_SIZE), standing.noise[:, None])
-    one.sure += float((apart / noise).max(0).mean()) if inside.any() else 0.0
 
 
 def clear(one: Figure, p: FigureParams) -> bool:

@@ -68,9 +68,8 @@ class FigureSignals(nn.Module):
         if state is None:
             seen = halved((picture - ground) * (silhouettes > 0))
             state = FieldsState(MotionState(seen, torch.zeros_like(seen)))
-        names = names_of(silhouettes).reshape(-1)
-        count = self.params.most
-        if kernels_wanted(picture):
+        count, quick = self.params.most, kernels_wanted(picture)
+        if quick:
             slow, delayed = state.motion
             motion = MotionState(torch.empty_like(slow), torch.empty_like(delayed))
             strongest, sums = torch.empty(self.size), torch.empty(count, 6, dtype=torch.float64)
@@ -79,13 +78,18 @@ class FigureSignals(nn.Module):
             kernel("field_sums").run(picture.numpy(), ground.numpy(), silhouettes.numpy(), *filters, *after)
         else:
             strongest, sums, motion = self.sums(picture, ground, silhouettes, state)
-        there = bool(sums[:, 0].any())
-        if not there:
+        signals = torch.zeros(count, 10)
+        if not sums[:, 0].any():
             # Nothing stands out, nothing is sensed.
-            return torch.zeros(count, 10), FieldsState(motion)
+            return signals, FieldsState(motion)
+        images = self.orientation.images(strongest)
+        if quick:
+            kernel("field_signals").run(images.numpy(), silhouettes.numpy(), sums.numpy(), signals.numpy())
+            return signals, FieldsState(motion)
+        names = names_of(silhouettes).reshape(-1)
         slots = torch.where(names > 0, (names - 1) % count, count).long()
-        images = self.orientation.images(strongest).abs().flatten(1)
-        tilted = torch.zeros(count + 1, 3, dtype=torch.float64).index_add_(0, slots, images.mT.double())[:-1]
+        sizes = images.abs().flatten(1).mT.double()
+        tilted = torch.zeros(count + 1, 3, dtype=torch.float64).index_add_(0, slots, sizes)[:-1]
         pixels = sums[:, :1].clamp_min(1)  # float64: roots are taken of what is left of motion both ways
         x, y = sums[:, 1:3].div(pixels).unbind(1)
         tilted = tilted / pixels

@@ -5,69 +5,24 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import torch
-from pydantic import Field
-from torch import Tensor
 
-from ndtorch.config import Constants
 from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import kernels_wanted
+from ndtorch.vision.camera.ground import (
+    MEAN_SIZE,
+    MEDIAN_SIZE,
+    Bools,
+    Bytes,
+    Floats,
+    GroundParams,
+    GroundState,
+    grey_of,
+    medians,
+    some_of,
+)
+from ndtorch.vision.camera.light_changes import light_change, new_scene
 from ndtorch.vision.temporal import smoothing_factor
-
-Floats = npt.NDArray[np.float32]
-Bools = npt.NDArray[np.bool_]
-Bytes = npt.NDArray[np.uint8]
-MEAN_SIZE, MEDIAN_SIZE = 0.798, 0.6745
-"""Mean magnitude of a normal variable against its standard deviation, and median of its magnitude likewise."""
-
-
-class GroundParams(Constants):
-    """Constants of figure and ground; brightness as a share of full scale, times in seconds."""
-
-    height: int = Field(224, ge=16, description="most rows of the image on which figures are told from the ground")
-    tau_ground: float = Field(10.0, gt=0, description="memory of the background")
-    tau_noise: float = Field(4.0, gt=0, description="memory of the noise of every pixel")
-    spread: float = Field(3.0, gt=0, description="standard deviations of the noise that count as standing out")
-    least_noise: float = Field(0.006, gt=0, description="smallest standard deviation of the noise")
-    moved: float = Field(0.012, gt=0, description="smallest change from picture to picture that is motion")
-    still: float = Field(0.5, ge=0, description="what has not moved for this long is ground, or a hole in memory,")
-    settle: float = Field(2.0, gt=0, description="for less, by and by, where nothing was still so long until then")
-    broad: float = Field(0.06, ge=0, description="smallest side of what moves there, as a share of the height")
-    trail: float = Field(0.1, ge=0, description="what moved so long ago stands out where the ground is not known")
-    hold: float = Field(0.05, ge=0, description="pace of the background where an object is, as a share")
-    darkest: float = Field(0.3, ge=0, le=1, description="a shadow leaves at least this share of the light,")
-    tint: float = Field(0.12, ge=0, description="changes the colors' shares by at most this,")
-    uneven: float = Field(0.06, ge=0, description="and its own share varies by at most this among neighbours")
-    penumbra: int = Field(2, ge=0, description="width of a shadow's edge, pixels of that image")
-    around: float = Field(0.04, ge=0, description="what lies within this between parts that are no shadow is none")
-    gain_limit: float = Field(4.0, ge=1, description="largest gain of the exposure, and 1 / the smallest")
-    dark: float = Field(0.04, ge=0, lt=1, description="the exposure is told where the ground is lighter than this,")
-    light: float = Field(0.1, ge=0, le=1, description="and only where that is at least this share of the picture")
-    offset: float = Field(0.02, gt=0, description="added to both before the light of a shadow is a ratio")
-    patch: int = Field(5, ge=1, description="side of what counts as neighbours, pixels of that image")
-    speckle: int = Field(3, ge=1, description="side of the window in which most must stand out, and of what is left")
-    surprise: float = Field(3.0, gt=0, description="the noise learns no more at a time than so many times itself")
-    soft: int = Field(3, ge=1, description="side of the window that smooths pictures before motion is told")
-    cut: float = Field(0.7, gt=0, le=1, description="share of the picture standing out that makes it a new scene,")
-    block: int = Field(8, ge=1, description="or means of blocks of so many pixels, where noise is little:")
-    changed: float = Field(0.6, gt=0, le=1, description="more than this share of them differs from those before")
-    other: float = Field(0.02, gt=0, description="by more than this,")
-    alike: float = Field(0.25, ge=-1, le=1, description="and their correlation with those before is below this")
-
-
-class GroundState(NamedTuple):
-    """What changes: background, mean deviation from it, and the picture before, blurred, `[3, h, w]`; how much that
-    changes from picture to picture, seconds since something moved, and whether the ground is known, 1 or 0, `[h, w]`;
-    and frames seen since it began, `[]`."""
-
-    mean: Tensor
-    deviation: Tensor
-    before: Tensor
-    restless: Tensor
-    quiet: Tensor
-    known: Tensor
-    frames: Tensor
 
 
 class Standing(NamedTuple):
@@ -106,12 +61,6 @@ def softened(picture: Floats, side: int) -> Floats:
     return np.stack([np.asarray(cv2.blur(plane, (side, side)), np.float32) for plane in picture])
 
 
-def grey_of(picture: Floats) -> Floats:
-    """The mean of the colors, `[h, w]`."""
-    grey: Floats = (picture[0] + picture[1] + picture[2]) * np.float32(1 / 3)
-    return grey
-
-
 def ground_step(
     picture: Floats, state: GroundState, kept: Floats, dt: float, params: GroundParams
 ) -> tuple[Standing, GroundState]:
@@ -136,17 +85,15 @@ def ground_step(
 
     p = params
     raw, ground, deviation = picture, state.mean.numpy(), state.deviation.numpy()
-    gain = exposure(picture, ground, p)
-    some = np.abs(some_of(picture) / gain[:, None] - some_of(ground))
-    noise = np.maximum(medians(some) / MEDIAN_SIZE, p.least_noise).astype(np.float32)
+    gain, noise, other = light_change(picture, ground, p)
     picture, grey, light, out, may_be = stand_out(picture, gain, ground, deviation, noise, p)
     known = state.known.numpy()
     seen = int(state.frames) + 1
     soft = softened(picture, p.soft)
-    if np.count_nonzero(out) > p.cut * out.size or new_scene(raw, gain, soft, state, p):
+    quiet, restless, changed = stillness(soft, out, state, dt, p)
+    if other or cv2.countNonZero(out) > p.cut * out.size or new_scene(soft, state.before.numpy(), changed, p):
         nothing = np.zeros(out.shape, bool)
         return Standing(raw, raw, deviation, noise, grey_of(raw), nothing, True), ground_start(raw, p)
-    quiet, restless = stillness(soft, out, state, dt, p)
     needed = p.still * p.settle / max(p.settle, seen * dt)
     mean, spread, settled = learn(picture, ground, deviation, noise, (kept, quiet, known), (needed, dt, seen), p)
     after = GroundState(
@@ -251,93 +198,39 @@ def learn(
     return np.asarray(ground + pace * difference), np.asarray(spread), now.astype(np.float32)
 
 
-def stillness(soft: Floats, out: Bytes, state: GroundState, dt: float, p: GroundParams) -> tuple[Floats, Floats]:
-    """Seconds since something moved at a pixel or beside it, and its mean change from picture to picture, `[h, w]`.
+def stillness(soft: Floats, out: Bytes, state: GroundState, dt: float, p: GroundParams) -> tuple[Floats, Floats, float]:
+    """Seconds since something moved at a pixel or beside it, and its mean change from picture to picture, `[h, w]`; and
+    how much the picture changed in the mean.
 
     What moves changes by more than the noise of the picture and of that pixel, or is no more what it was since then,
     where the ground is not known.
     """
     import cv2
 
-    change = grey_of(np.asarray(cv2.absdiff(soft, state.before.numpy()), np.float32))
-    own = state.restless.numpy()
+    own, follow = state.restless.numpy(), max(1 / (int(state.frames) + 5), smoothing_factor(p.tau_noise, dt))
+    over, own, changed = unrest(soft, state.before.numpy(), own, follow, p)
+    moved, known = most_of(over, p.speckle), state.known.numpy()
+    if not known.all():
+        moved |= most_of(out, p.speckle) * (known == 0)
+    still = np.asarray(cv2.dilate(moved, np.ones((3, 3), np.uint8)), np.uint8) == 0
+    return (state.quiet.numpy() + np.float32(dt)) * still, own, changed
+
+
+def unrest(soft: Floats, before: Floats, own: Floats, follow: float, p: GroundParams) -> tuple[Bytes, Floats, float]:
+    """Where a picture changes by more than noise, 1 or 0, and its mean change from picture to picture, `[h, w]`, which
+    follows at that share; and how much the picture changed in the mean."""
+    import cv2
+
+    if kernels_wanted():
+        over, new = np.empty(own.shape, np.uint8), np.empty_like(own)
+        constants = (p.moved, p.spread, (MEAN_SIZE, MEDIAN_SIZE), follow, p.surprise)
+        return over, new, kernel("restless").run(soft, before, own, *constants, over, new)
+    change = grey_of(np.asarray(cv2.absdiff(soft, before), np.float32))
     noise = np.float32(medians(some_of(change[None]))[0] / MEDIAN_SIZE)
     least = np.maximum(noise, own * np.float32(1 / MEAN_SIZE))
     over = (change > np.maximum(np.float32(p.moved), np.float32(p.spread) * least)).astype(np.uint8)
-    moved = most_of(over, p.speckle)
-    follow = np.float32(max(1 / (int(state.frames) + 5), smoothing_factor(p.tau_noise, dt)))
-    own = own + follow * (np.minimum(change, np.float32(p.surprise) * least) - own)
-    known = state.known.numpy()
-    if not known.all():
-        moved |= most_of(out, p.speckle) * (known == 0)
-    moved = np.asarray(cv2.dilate(moved, np.ones((3, 3), np.uint8)), np.uint8)
-    quiet = np.where(moved > 0, np.float32(0), state.quiet.numpy() + np.float32(dt))
-    return np.asarray(quiet, np.float32), np.asarray(own, np.float32)
-
-
-def exposure(picture: Floats, ground: Floats, p: GroundParams) -> Floats:
-    """Gain of each color, `[3]`: the median ratio over every sixteenth pixel whose background is not dark."""
-    one, other = some_of(picture), some_of(ground)
-    bright = other.min(0) > p.dark
-    if bright.mean() < p.light:
-        return np.ones(3, np.float32)
-    gain = medians(one[:, bright] / other[:, bright])
-    return np.asarray(np.clip(gain, 1 / p.gain_limit, p.gain_limit), np.float32)
-
-
-def some_of(images: Floats) -> Floats:
-    """About every sixteenth pixel of `[C, h, w]`, counted from all four corners, `[C, n]`.
-
-    Those of a mirror image are the same, and so is all that is told from them.
-    """
-    rows, columns = ((n + 1) // 2 for n in images.shape[1:])
-    turned = (images, images[:, ::-1], images[:, :, ::-1], images[:, ::-1, ::-1])
-    return np.concatenate([one[:, :rows:4, :columns:4].reshape(len(images), -1) for one in turned], 1)
-
-
-def medians(rows: Floats) -> Floats:
-    """Median of each row; `np.median` takes several times as long for rows as short as these."""
-    half = rows.shape[1] // 2
-    if rows.shape[1] % 2:
-        return np.asarray(np.partition(rows, half, axis=1)[:, half])
-    both = np.partition(rows, (half - 1, half), axis=1)[:, half - 1 : half + 1]
-    return np.asarray(both.mean(1))
-
-
-def new_scene(raw: Floats, gain: Floats, soft: Floats, state: GroundState, p: GroundParams) -> bool:
-    """Whether the picture is another all of a sudden, or the first after the dark.
-
-    The noise of a picture is told from all of it, so that a cut would pass for noise. The means of blocks hold little
-    noise, and are compared with a fixed difference from those of the picture before. They must be unlike, too: other
-    light leaves what is bright bright. In the dark there is nothing to compare with, and a gain beyond its limits is
-    more than a camera's exposure does.
-
-    Args:
-        raw, soft: the picture as it is, and blurred without its gain, `[3, h, w]`.
-        gain: of each color, `[3]`.
-        state: before this picture.
-        p: constants.
-    """
-    import cv2
-
-    if (np.abs(np.log(gain)) >= np.log(p.gain_limit) * (1 - 1e-6)).sum() > 1:
-        return True
-    if lit(state.mean.numpy(), p) < p.light <= lit(raw, p):
-        return True
-    size = (max(1, raw.shape[2] // p.block), max(1, raw.shape[1] // p.block))
-    here, there = (
-        np.stack([np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), np.float32) for plane in image])
-        for image in (soft, state.before.numpy())
-    )
-    if (np.abs(here - there).max(0) > p.other).mean() <= p.changed:
-        return False
-    one, other = (grey_of(image) - grey_of(image).mean() for image in (here, there))
-    return bool((one * other).sum() < p.alike * np.sqrt((one * one).sum() * (other * other).sum()))
-
-
-def lit(picture: Floats, p: GroundParams) -> float:
-    """Share of every sixteenth pixel that is not dark, `[3, h, w]`."""
-    return float((some_of(picture).min(0) > p.dark).mean())
+    own = own + np.float32(follow) * (np.minimum(change, np.float32(p.surprise) * least) - own)
+    return over, np.asarray(own, np.float32), float(change.mean())
 
 
 def shadow(light: Floats, may_be: Bytes, p: GroundParams) -> Bytes:

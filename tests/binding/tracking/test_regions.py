@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+import torch
 
 from ndtorch.binding.tracking.regions import parted, regions_of
 
@@ -31,3 +33,24 @@ def test_two_that_touch_side_by_side_are_cut_and_one_alone_is_not() -> None:
     # What was given is as it was.
     assert (before.labels == regions_of(picture, 10, 0).labels).all()
     assert len(parted(before, 0.0, 10).areas) == 3
+
+
+def test_kernels_find_and_cut_what_opencv_and_numpy_do() -> None:
+    pytest.importorskip("numba")
+    cv2 = pytest.importorskip("cv2")
+    chance, cuts = np.random.default_rng(5), 0
+    for trial in range(200):
+        height, width = chance.integers(1, 50, 2)
+        smooth = cv2.blur(chance.random((height, width)), tuple(int(side) for side in chance.integers(1, 9, 2)))
+        figure = smooth.reshape(height, width) > chance.uniform(0.3, 0.7)
+        # With holes, islands in holes, and what hangs together by a corner.
+        gap = trial % 3
+        plain = regions_of(figure, 2, gap)
+        parts = parted(plain, 0.8, 2)
+        with torch.inference_mode():
+            quick = regions_of(figure, 2, gap)
+            quick_parts = parted(quick, 0.8, 2)
+        for one, other in zip((*plain, *parts), (*quick, *quick_parts), strict=True):
+            assert np.array_equal(one, other)
+        cuts += len(parts.areas) - len(plain.areas)
+    assert cuts > 20

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 
 from ndtorch.binding.tracking.shades import Light, ShadeParams, shade_of
 
@@ -48,3 +49,17 @@ def test_in_the_dark_nothing_is_white() -> None:
     shares = Light(black, black, ShadeParams()).shares(pixels(0.001, 0.001, 0.001))
     assert np.isfinite(shares).all()
     assert shade_of(shares) == "black"
+
+
+def test_the_kernel_finds_the_same_light() -> None:
+    pytest.importorskip("numba")
+    chance = np.random.default_rng(2)
+    picture, ground = (chance.random((3, 32, 40)).astype(np.float32) for _ in range(2))
+    picture[:, 8:12, 16:20] += 0.5
+    picture[1] *= 0.8
+    plain = Light(picture, ground, ShadeParams())
+    with torch.inference_mode():
+        quick = Light(picture, ground, ShadeParams())
+    assert quick.balance == pytest.approx(plain.balance, rel=1e-5)
+    assert quick.brightest == pytest.approx(plain.brightest, rel=1e-5)
+    assert quick.brightest > 0.8

@@ -13,7 +13,9 @@ from ndtorch.binding.models.figures import FiguresModel
 from ndtorch.binding.tracking.figure_params import FigureParams
 from ndtorch.binding.tracking.figures import Figure
 from ndtorch.binding.tracking.following import start
-from ndtorch.binding.tracking.whole import clear, look_again, moves_as_a_whole, patch_of, stands_out
+from ndtorch.binding.tracking.shades import Light, ShadeParams
+from ndtorch.binding.tracking.silhouettes import sightings
+from ndtorch.binding.tracking.whole import clear, look_again, moves_as_a_whole, patch_of
 from ndtorch.vision.camera.figures import Standing
 from tests.vision.camera.passing_scenes import SIZE, ground
 
@@ -83,9 +85,16 @@ def test_a_clear_track_stands_out_by_many_deviations_of_its_own_pixels() -> None
         one.late.append((0.0, 0.4, 0.5, 0.25, 0.25, 0.5, 0.75, 0.1, 0.4, 0.5))
         noise = np.full(3, 0.006, np.float32)
         step = Standing(picture, plain, np.full_like(plain, deviation), noise, plain[0], silhouettes > 0, False)
-        stands_out(one, step, silhouettes)
+        (seen,) = sightings([one], silhouettes, step, Light(picture, plain, ShadeParams()), set())
+        assert seen is not None
+        one.sure = seen.sure
         assert one.sure == pytest.approx(0.2 / max(0.006, deviation / 0.798), rel=0.02)
         assert clear(one, P) is is_clear
+        # An object is one already, and what shares its region is not seen by itself.
+        one.known = True
+        (seen,) = sightings([one], silhouettes, step, Light(picture, plain, ShadeParams()), set())
+        assert seen is not None
+        assert seen.sure == 0
 
 
 def objects(video: Tensor) -> list[BoundObject]:

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 import torch
 
-from ndtorch.vision.camera import figure_signals, figures
+from ndtorch.vision.camera import figure_signals, figures, light_changes
 from ndtorch.vision.camera.figure_signals import FieldsState, FigureSignals
-from ndtorch.vision.camera.figures import GroundParams, ground_start, ground_step
+from ndtorch.vision.camera.figures import ground_start, ground_step
+from ndtorch.vision.camera.ground import GroundParams
+from ndtorch.vision.camera.light_changes import light_change
 from ndtorch.vision.motion import MotionState
 from tests.vision.camera.passing_scenes import SIZE, ground, passing
 
@@ -20,7 +22,7 @@ PARAMS = GroundParams()
 
 def steps(frames: Any, wanted: bool, monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
     """What every step gives, by kernels or by NumPy."""
-    for module in (figures, figure_signals):
+    for module in (figures, figure_signals, light_changes):
         monkeypatch.setattr(module, "kernels_wanted", lambda *given: wanted)
     sense, fields = FigureSignals(SIZE, DT), None
     state, kept, found = None, np.zeros(SIZE, np.float32), []
@@ -45,7 +47,8 @@ def test_kernels_are_their_references(monkeypatch: pytest.MonkeyPatch) -> None:
     plain, quick = (steps(frames, wanted, monkeypatch) for wanted in (False, True))
     for (one, before, signals), (other, after, sensed) in zip(plain, quick, strict=True):
         assert np.allclose(one.picture, other.picture, atol=1e-5)
-        for name in ("mean", "deviation"):
+        assert np.allclose(one.noise, other.noise, atol=1e-6)
+        for name in ("mean", "deviation", "restless"):
             assert torch.allclose(getattr(before, name), getattr(after, name), atol=1e-4)
         # Rounding may move a pixel at a threshold.
         assert (one.figure != other.figure).mean() < 1e-3
@@ -135,14 +138,17 @@ def test_what_lies_outside_of_all_silhouettes_is_not_sensed() -> None:
 
 def test_an_exposure_beyond_its_limits_is_a_new_scene() -> None:
     """In two colors: one alone may be a lamp's."""
-    picture = np.random.default_rng(0).uniform(0.2, 0.8, (3, 64, 64)).astype(np.float32)
-    state = ground_start(picture, PARAMS)
+    ground = np.random.default_rng(0).uniform(0.2, 0.8, (3, 64, 64)).astype(np.float32)
 
     def new(*gain: float) -> bool:
-        return figures.new_scene(picture, np.array(gain, np.float32), picture, state, PARAMS)
+        return light_change(ground * np.array(gain, np.float32)[:, None, None], ground, PARAMS)[2]
 
-    assert not new(1, 1, 1)
-    assert not new(4, 1, 1)
-    assert not new(3.9, 3.9, 3.9)
-    assert new(4, 4, 1)
-    assert new(1, 0.25, 0.25)
+    for kernels in (False, True):
+        with torch.inference_mode(kernels):
+            assert not new(1, 1, 1)
+            assert not new(4.1, 1, 1)
+            assert not new(3.9, 3.9, 3.9)
+            assert new(4.1, 4.1, 1)
+            assert new(1, 0.24, 0.24)
+            # Out of the dark.
+            assert light_change(ground, ground * np.float32(0.01), PARAMS)[2]

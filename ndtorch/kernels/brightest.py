@@ -1,0 +1,48 @@
+"""The tint of the light in a scene, and the brightest patch in it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ndtorch.kernels.filters import Array
+
+
+def brightest(picture: Array, ground: Array, every: int, dimmest: float, balance: Array) -> float:
+    """What `ndtorch.binding.tracking.shades.Light` tells of a picture whose sides are multiples of a patch's.
+
+    Args:
+        picture, ground: `[3, h, w]`.
+        every: side of a patch; of the ground one pixel of each is looked at for the tint.
+        dimmest: smallest mean of a color.
+        balance: becomes what makes the ground grey, `[3]`.
+
+    Returns:
+        How bright the brightest patch is.
+    """
+    _, height, width = picture.shape
+    kind = picture.dtype.type
+    mean = 0.0
+    for c in range(3):
+        total = 0.0
+        for y in range(0, height, every):
+            for x in range(0, width, every):
+                total += ground[c, y, x]
+        balance[c] = max(total / ((height // every) * (width // every)), dimmest)
+        mean += balance[c] / 3
+    for c in range(3):
+        balance[c] = mean / balance[c]
+    red, green, blue = balance[0], balance[1], balance[2]
+    most, line = kind(0), np.empty(width, picture.dtype)
+    for which in range(2):
+        image = ground if which else picture
+        for top in range(0, height, every):
+            line[:] = 0
+            for y in range(top, top + every):
+                for x in range(width):
+                    line[x] += red * image[0, y, x] + green * image[1, y, x] + blue * image[2, y, x]
+            for left in range(0, width, every):
+                sum_of = kind(0)
+                for x in range(left, left + every):
+                    sum_of += line[x]
+                most = max(most, sum_of)
+    return float(most) / (3 * every * every)

@@ -1,0 +1,38 @@
+"""What silhouettes show of each track: the kernel sees what its reference sees."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from ndtorch.binding.tracking.shades import Light, ShadeParams
+from ndtorch.binding.tracking.silhouettes import measured
+from ndtorch.vision.camera.figures import Standing
+
+
+def test_the_kernel_is_its_reference() -> None:
+    pytest.importorskip("numba")
+    chance, kind = np.random.default_rng(7), np.float32
+    shape, names = (48, 64), [3, 5, 8, 9, 12]
+    picture, ground = (chance.random((3, *shape)).astype(kind) for _ in range(2))
+    deviation = chance.uniform(0.001, 0.05, (3, *shape)).astype(kind)
+    # Ragged ones, one inside another's box, one of a single pixel, and one that is not seen.
+    silhouettes = np.zeros(shape, np.int32)
+    silhouettes[5:30, 6:40] = 3 * (chance.random((25, 34)) < 0.7)
+    silhouettes[10:20, 12:24] = 5
+    silhouettes[35:44, 50:64] = 8 * (chance.random((9, 14)) < 0.5)
+    silhouettes[47, 0] = 9
+    noise = np.array([0.006, 0.01, 0.02], kind)
+    standing = Standing(picture, ground, deviation, noise, picture[0], silhouettes > 0, False)
+    light = Light(picture, ground, ShadeParams())
+    doubted = [True, False, True, True, True]
+    plain = measured(names, doubted, silhouettes, standing, light)
+    with torch.inference_mode():
+        quick = measured(names, doubted, silhouettes, standing, light)
+    assert np.array_equal(plain[:, :5], quick[:, :5])
+    assert np.allclose(plain, quick, rtol=1e-5, atol=1e-5)
+    assert plain[0, 4] > 300
+    assert plain[0, 14] > 1
+    assert not plain[4].any()
+    assert plain[1, 14] == 0
