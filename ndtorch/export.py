@@ -7,6 +7,9 @@ retinotopic) and at `aten.nanmedian` (exposure of video), for which it has no fu
 
 from __future__ import annotations
 
+import io
+from collections.abc import Mapping
+from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal
@@ -16,6 +19,7 @@ from torch import Tensor, nn
 
 from ndtorch.binding.models.contract import BindingModel
 from ndtorch.errors import InputError
+from ndtorch.files import replacing
 from ndtorch.nearest import meant
 from ndtorch.tree import leaves, mapped
 
@@ -89,24 +93,44 @@ def export(
     with torch.no_grad():
         _, state = model.signals(example)
         tensors = tuple(leaves(state).values())
-        made = []
-        for name, module, inputs in (
-            ("first", Step(model), (example,)),
-            ("next", Step(model, state), (example, *tensors)),
-        ):
-            path = place / f"{name}{SUFFIXES[format]}"
-            write(torch.export.export(module, inputs), path, format)
-            made.append(path)
-    return made
+        programs = {
+            "first": torch.export.export(Step(model), (example,)),
+            "next": torch.export.export(Step(model, state), (example, *tensors)),
+        }
+    files = {place / f"{name}{SUFFIXES[format]}": program for name, program in programs.items()}
+    write(files, format)
+    return list(files)
 
 
-def write(program: torch.export.ExportedProgram, path: Path, format: Format) -> None:
-    """Write a program in one of the formats."""
+def write(files: Mapping[Path, torch.export.ExportedProgram], format: Format) -> None:
+    """Write programs in one of the formats: all of them, or none and the old files stay (ONNX: one after the other).
+
+    Raises:
+        InputError: a file that cannot be written, or packages that are missing.
+    """
+    try:
+        if format == "onnx":
+            if find_spec("onnx") is None or find_spec("onnxscript") is None:
+                raise InputError("ONNX needs two more packages: pip install onnx onnxscript")
+            for path, program in files.items():
+                torch.onnx.export(program, (), str(path), verbose=False)
+            return
+        whole = {path: packed(program, format) for path, program in files.items()}
+        with ExitStack() as stack:
+            for path, data in whole.items():
+                stack.enter_context(replacing(path)).write_bytes(data)
+    except OSError as error:
+        raise InputError(f"{error.filename} cannot be written: {error.strerror}") from None
+
+
+def packed(program: torch.export.ExportedProgram, format: Format) -> bytes:
+    """A program as the bytes of its file.
+
+    On a full disk torch's own writer ends the process, whoever catches what it raises. In memory it never fails.
+    """
+    held = io.BytesIO()
     if format == "pt2":
-        torch.export.save(program, path)
-    elif format == "aoti":
-        torch._inductor.aoti_compile_and_package(program, package_path=str(path))
+        torch.export.save(program, held)
     else:
-        if find_spec("onnx") is None or find_spec("onnxscript") is None:
-            raise InputError("ONNX needs two more packages: pip install onnx onnxscript")
-        torch.onnx.export(program, (), str(path), verbose=False)
+        torch._inductor.aoti_compile_and_package(program, package_path=held)
+    return held.getvalue()

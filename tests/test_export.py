@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -95,12 +98,48 @@ def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
 def test_a_package_is_compiled_by_inductor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What it makes is tried below; it takes a C++ compiler half a minute at least."""
     asked = []
-    monkeypatch.setattr(
-        torch._inductor, "aoti_compile_and_package", lambda program, package_path: asked.append((program, package_path))
-    )
+
+    def compiled(program: Any, package_path: io.BytesIO) -> None:
+        asked.append(program)
+        package_path.write(b"compiled")
+
+    monkeypatch.setattr(torch._inductor, "aoti_compile_and_package", compiled)
     program = torch.export.export(Summed(), (torch.rand(3, 5), torch.rand(5)))
-    write(program, tmp_path / "next.pt2", "aoti")
-    assert asked == [(program, str(tmp_path / "next.pt2"))]
+    write({tmp_path / "next.pt2": program}, "aoti")
+    assert asked == [program]
+    assert (tmp_path / "next.pt2").read_bytes() == b"compiled"
+
+
+def test_on_a_full_disk_old_programs_stay_and_one_line_says_so(tmp_path: Path) -> None:
+    """In a process of its own: torch's writer would end it."""
+    names = ("first.pt2", "next.pt2")
+    ended = subprocess.run(
+        [sys.executable, "-c", FULL, *(str(tmp_path / name) for name in names)], capture_output=True, text=True
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stdout == f"{tmp_path / 'next.pt2'} cannot be written: File too large\n"
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
+    assert [(tmp_path / name).read_text() for name in names] == ["old", "old"]
+
+
+FULL = """
+import resource, sys
+from pathlib import Path
+import torch
+from ndtorch.errors import InputError
+from ndtorch.export import write
+
+first, following = map(Path, sys.argv[1:])
+programs = {}
+for path, size in ((first, 2), (following, 300)):
+    path.write_text("old")
+    programs[path] = torch.export.export(torch.nn.Linear(size, size), (torch.rand(2, size),))
+resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, resource.RLIM_INFINITY))
+try:
+    write(programs, "pt2")
+except InputError as error:
+    print(error)
+"""
 
 
 class Summed(torch.nn.Module):
@@ -115,7 +154,7 @@ class Summed(torch.nn.Module):
 @pytest.mark.skipif(shutil.which("g++") is None, reason="AOTInductor needs a C++ compiler")
 def test_a_compiled_package_is_written_and_runs(tmp_path: Path) -> None:
     x, total = torch.rand(3, 5), torch.rand(5)
-    write(torch.export.export(Summed(), (x, total)), tmp_path / "next.pt2", "aoti")
+    write({tmp_path / "next.pt2": torch.export.export(Summed(), (x, total))}, "aoti")
     following = torch._inductor.aoti_load_package(str(tmp_path / "next.pt2"))
     for _ in range(2):
         root, after = following(x, total)
@@ -147,7 +186,7 @@ def test_a_compiled_package_gives_the_same(name: str, frames: int, tmp_path: Pat
         _, state = module.signals(film[:warm])
         kept = tuple(leaves(state).values())
         program = torch.export.export(Step(module, state), (film[warm : warm + frames], *kept))
-        write(program, tmp_path / "next.pt2", "aoti")
+        write({tmp_path / "next.pt2": program}, "aoti")
         following = torch._inductor.aoti_load_package(str(tmp_path / "next.pt2"))
         for part in film[warm : warm + 8 * frames].split(frames):
             signals, state = module.signals(part, state)
