@@ -38,8 +38,8 @@ class Car:
         cameras: what is seen.
         safe: the safety layer, with the drive behind it and the clock of the loop.
         observers: told every step.
-        go: True drives off as soon as there are good frames, False stands until told to resume; None is for a
-            world in which nobody has to be asked.
+        go: True drives off as soon as there are good frames, unless somebody has stopped it before; False stands until
+            told to resume; None is for a world in which nobody has to be asked.
         steer: changes what the navigator wants before it is sent: to compare with a blind or a wrong one.
         max_steps: end after so many.
 
@@ -117,7 +117,8 @@ class Car:
             timing.add("frame to command", clock.now() - frames.time)
             if self.go:
                 self.go = False
-                self.safe.resume(patience=None)
+                if not self.safe.by_hand:
+                    self.safe.resume(patience=None)
         state = self.pilot.state if good else None
         telemetry = self.drive.telemetry()
         made = Step(

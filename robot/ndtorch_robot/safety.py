@@ -132,6 +132,7 @@ class SafeDrive:
         standing: why the car is kept standing, or None.
         kind: of the fault that keeps it standing, or None.
         faults: all stops so far.
+        by_hand: somebody has stopped the car since it was last told to go.
     """
 
     def __init__(
@@ -154,7 +155,7 @@ class SafeDrive:
         self.sent = STAND
         self.sent_at: float | None = None
         self.faults: list[Stop] = []
-        self.interrupted = False
+        self.interrupted, self.by_hand = False, False
         self.wish_ends: float | None = None  # told to go, but has not moved yet
         self.tried = -math.inf
 
@@ -283,6 +284,7 @@ class SafeDrive:
             patience: seconds for which to go on trying while the drive cannot; None is until it can.
         """
         with self.lock:
+            self.by_hand = False
             if self.standing is None and self.sent.speed:
                 return
             now = self.clock.now()
@@ -293,7 +295,7 @@ class SafeDrive:
     def emergency(self, why: str) -> None:
         """Stand still now; from any thread. Only `resume` ends it."""
         self.drive.stop()  # before waiting for anybody
-        self.wish_ends = None
+        self.wish_ends, self.by_hand = None, True
         if self.standing is not None:
             self.report(f"emergency stop: {why}; it stood already: {self.standing}")
         self.fault(f"emergency stop: {why}", Kind.EMERGENCY)

@@ -1,9 +1,14 @@
 """The loop of a car: what it tells, when it drives off, and its figures."""
 
+import os
+import threading
+from contextlib import contextmanager
+
 import pytest
 
 import ndtorch_robot.car
 from ndtorch.errors import InputError
+from ndtorch_robot.emergency import watch
 from tests.robot.support.bare_car import FilmCar, bare_loop
 from tests.robot.support.moving_world import RIG, moving_world
 
@@ -95,6 +100,77 @@ def test_go_outlasts_a_link_that_drops_before_the_car_moves(takes_it):
     assert told[-1].sent.speed > 0.3
     if not takes_it:
         assert "told to go, which waits until the drive can: lost: unplugged" in lines
+
+
+class LateCameras(DroppingLink):
+    """The same, before cameras that give their first good frame a second late."""
+
+    def read(self):
+        frames = super().read()
+        if self.time < 1.0:
+            raise InputError("the left camera gives no frames")
+        return frames
+
+
+@contextmanager
+def keyboard(car):
+    """Presses keys, as the thread that watches stdin sees them; each has been dealt with when it returns."""
+    (wake, woken), (stdin, keys) = os.pipe(), os.pipe()
+    thread = threading.Thread(target=watch, args=(car.safe, wake, stdin, car.ended))
+    thread.start()
+    dealt = threading.Semaphore(0)
+    for name in ("resume", "emergency"):
+        carried_out = getattr(car.safe, name)
+        setattr(car.safe, name, lambda *given, act=carried_out, **named: (act(*given, **named), dealt.release()))
+
+    def press(key):
+        os.write(keys, key)
+        assert dealt.acquire(timeout=30)
+
+    yield press
+    os.close(woken)
+    thread.join(30)
+    for file in (wake, stdin, keys):
+        os.close(file)
+
+
+@pytest.mark.parametrize(
+    "at", [0, 20, 50], ids=["before there are frames", "while the link is gone", "once it is back"]
+)
+@pytest.mark.parametrize("takes_it", [False, True], ids=["link not there yet", "link dropped at once"])
+def test_the_key_is_not_swallowed_when_the_link_drops_before_the_first_good_frame(takes_it, at):
+    car, told, lines = film(150, LateCameras, missing=40, takes_it=takes_it)
+    car.go = False
+    with keyboard(car) as press:
+        car.observers.append(lambda step: press(b"g") if step.number == at else None)
+        car.run(148.5 / 30)
+    assert {step.sent.speed for step in told[:30]} == {0.0}
+    assert told[-1].standing is None
+    assert told[-1].sent.speed > 0.3
+    assert lines[-1].startswith("resumed after")
+
+
+def test_a_key_that_cannot_be_obeyed_in_time_is_said_to_be_over():
+    """10 s after it, with the frames good again and the link still gone."""
+    car, told, lines = film(360, LateCameras, missing=1000)
+    car.go = False
+    with keyboard(car) as press:
+        car.observers.append(lambda step: press(b"g") if step.number == 5 else None)
+        car.run(358.5 / 30)
+    assert {step.sent.speed for step in told} == {0.0}
+    assert lines[-1] == "not told to go any more: the drive did not obey; tell it again"
+
+
+@pytest.mark.parametrize("key", [b" ", b"x"])
+def test_an_emergency_stop_before_the_first_good_frame_ends_what_the_command_line_said(key):
+    car, told, lines = film(150, LateCameras, missing=0)
+    with keyboard(car) as press:
+        car.observers.append(lambda step: press(key) if step.number == 10 else None)
+        car.observers.append(lambda step: press(b"g") if step.number == 100 else None)
+        car.run(148.5 / 30)
+    assert {step.sent.speed for step in told[:100]} == {0.0}
+    assert any("emergency stop: key" in line for line in lines)
+    assert told[-1].sent.speed > 0.3
 
 
 def test_a_stop_ends_what_was_not_carried_out():
