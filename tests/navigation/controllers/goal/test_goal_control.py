@@ -186,3 +186,66 @@ def test_the_speed_towards_the_next_place_falls_as_it_is_neared():
     turned[2, 4] = -1.0
     assert speed_towards(turned, 0, (0.3, 0.39, 0.0), 0.1) == pytest.approx(0.08)
     assert speed_towards(way, 2, (0.3, 0.9, 0.0), 0.1) == pytest.approx(0.2)
+
+
+def on_the_way():
+    """A controller that drives straight ahead, to a place 3 m away."""
+    control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL))
+    pose, state, _ = drive(control, 20, place(0.0, 0.0, 0.0))
+    reaction = Command(torch.tensor(-0.1), torch.tensor(1.5))
+    return control, pose, state, reaction
+
+
+def test_a_way_that_is_refused_for_a_second_is_left_to_the_reactive_controller_for_a_second():
+    control, pose, state, reaction = on_the_way()
+    room = torch.zeros(2, len(control.reactive.arcs.curvature))
+    second = round(1 / DT)
+    for refused in range(1, second):
+        command, state = control.drive_one(room, pose, reaction, state, False)
+        assert (float(command.speed), int(state.vetoed), int(state.lost)) == (0.0, refused, 0)
+        assert int(state.due) == 0  # another way is looked for at once
+        assert int(control.mode(state)) == CRUISE
+    _, state = control.drive_one(room, pose, reaction, state, False)
+    assert (int(state.vetoed), int(state.lost)) == (0, second)
+    for left in reversed(range(second)):
+        command, state = control.drive_one(room, pose, reaction, state, False)
+        assert (command, int(state.lost)) == (reaction, left)
+    command, state = control.drive_one(room + 2.0, pose, reaction, state, False)
+    assert float(command.speed) > 0.3
+    assert (int(state.vetoed), int(state.lost)) == (0, 0)
+
+
+def test_refusals_that_are_apart_are_not_added_up():
+    control, pose, state, reaction = on_the_way()
+    room = torch.zeros(2, len(control.reactive.arcs.curvature))
+    for free in (0.0, 0.0, 2.0, 0.0):
+        _, state = control.drive_one(room + free, pose, reaction, state, False)
+    assert int(state.vetoed) == 1
+
+
+def test_speed_is_what_can_be_braked_from_in_the_room_there_is():
+    """v^2 = 2 a (s - lag), where the way itself allows more; nothing where that is less than 0.1 m/s."""
+    control, pose, state, reaction = on_the_way()
+    p, arcs = control.params, len(control.reactive.arcs.curvature)
+    for room in (0.125, 0.12, p.lag + 0.0034, p.lag + 0.0033, p.lag, 0.05):
+        command, _ = control.drive_one(torch.full((2, arcs), room), pose, reaction, state, False)
+        safe = (2 * p.braking * max(0.0, room - p.lag)) ** 0.5
+        assert float(command.speed) == pytest.approx(safe if safe >= 0.1 else 0.0, rel=1e-4)
+
+
+def test_a_line_of_sight_was_free_from_the_camera_to_just_before_what_is_seen():
+    control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL))
+    x, y = torch.tensor([RIG.forward + 2.0, RIG.forward + 0.3]), torch.tensor([0.5, 0.0])
+    seen = Ranges(x, x * 0, x * 0, x, y, torch.tensor([True, True]))
+    places, taken = control.rays(seen)
+    lines = places.view(2, 2, -1)
+    share = torch.linspace(0.15, 0.88, lines.shape[-1])
+    torch.testing.assert_close(lines[0, 0], RIG.forward + 2.0 * share)
+    torch.testing.assert_close(lines[1, 0], 0.5 * share)
+    torch.testing.assert_close(lines[0, 1], RIG.forward + 0.3 * share)
+    # Places that are apart by more than a cell take all of `miss`, the others together as much for each cell.
+    taken = taken.view(2, -1)
+    assert taken[0].tolist() == pytest.approx([-control.params.miss] * lines.shape[-1])
+    apart = 0.3 * float(share[1] - share[0]) / SMALL.patch.cell
+    assert taken[1].tolist() == pytest.approx([-control.params.miss * apart] * lines.shape[-1])
+    assert not control.rays(seen._replace(valid=torch.tensor([False, False])))[1].any()

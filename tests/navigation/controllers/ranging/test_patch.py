@@ -180,3 +180,16 @@ def test_arcs_are_followed_by_a_step_of_a_cell_where_none_is_named() -> None:
     table = arc_table(ARCS, BODY, 1.6)
     assert table.step <= PatchParams().cell
     assert torch.equal(table.x, TABLE.x)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_places_of_the_outline_are_at_most_a_step_apart_ahead_and_two_at_the_sides(direction: int) -> None:
+    """What goes along a flank is looked at at every step of the way, so two steps are near enough there."""
+    table = arc_table([(0.0, direction)], BODY, 1.6, 0.08)
+    x, y = table.x.view(table.steps, -1)[0], table.y.view(table.steps, -1)[0]
+    ahead, wide = BODY.length + BODY.room, BODY.width + BODY.room
+    assert x[: table.leading].tolist() == pytest.approx([direction * (0.08 + ahead)] * table.leading)
+    assert y[: table.leading].tolist() == pytest.approx(torch.linspace(-wide, wide, 8).tolist(), abs=1e-6)
+    for flank, side in zip(x[table.leading :].view(2, -1), (wide, -wide), strict=True):
+        assert (direction * flank - 0.08).tolist() == pytest.approx([-ahead, -ahead / 2, 0.0, ahead / 2], abs=1e-6)
+        assert bool((y[table.leading :].view(2, -1) == torch.tensor(side)).any(-1).any())
