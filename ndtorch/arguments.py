@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from numbers import Integral, Real
 from typing import Any
 
@@ -84,9 +84,12 @@ def surely_finite(values: Iterable[object]) -> bool:
     return math.isfinite(total)
 
 
-def check_numbers(params: Any) -> None:
+def check_numbers(params: Any, endless: Collection[str] = ()) -> None:
     """Raise `InputError` where a field of a dataclass is not of the kind of its default: a truth value, a whole number,
-    or a number; None may take a number's place where it is the default. NaN is no number.
+    a number, or a tuple of numbers; None may take the place of a number or a tuple where it is the default.
+
+    NaN is no number. Infinity is one where it is the default, where the field is a time constant, `tau_...`, and where
+    the field is one of `endless`.
     """
     for field in dataclasses.fields(params):
         value, usual = getattr(params, field.name), field.default
@@ -94,12 +97,27 @@ def check_numbers(params: Any) -> None:
             wanted = "" if isinstance(value, bool) else "True or False"
         elif isinstance(usual, int):
             wanted = "" if not isinstance(value, bool) and isinstance(value, Integral) else "a whole number"
-        elif isinstance(usual, float) or (usual is None and value is not None):
+        elif isinstance(value, tuple) and (usual is None or isinstance(usual, tuple)):
+            wanted = "" if all(map(is_finite, value)) else "finite numbers"
+        elif isinstance(usual, float) and math.isinf(usual):
             wanted = "" if is_number(value) else "a number"
+        elif isinstance(usual, float) or (usual is None and value is not None):
+            wanted = what_number(field.name, value, field.name in endless)
         else:
             continue
         if wanted:
             raise InputError(f"{field.name} must be {wanted}, got {repr(value)[:40]}")
+
+
+def what_number(name: str, value: object, endless: bool = False) -> str:
+    """What a field of that name wants instead of this value; empty where the value will do.
+
+    An infinite time constant, `tau_...`, is one that never forgets; all other numbers are finite unless `endless`.
+    """
+    if not is_number(value):
+        return "a number"
+    forgets_nothing = name.startswith("tau_") and value == math.inf
+    return "" if endless or forgets_nothing or is_finite(value) else "a finite number"
 
 
 def is_number(value: object) -> bool:
@@ -110,3 +128,8 @@ def is_number(value: object) -> bool:
         return not math.isnan(float(value))
     except OverflowError:
         return False
+
+
+def is_finite(value: object) -> bool:
+    """Whether it is a number that float64 can hold, and not infinity."""
+    return isinstance(value, Real) and is_number(value) and math.isfinite(value)

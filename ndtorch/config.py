@@ -6,8 +6,9 @@ import json
 from collections.abc import Mapping
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
+from ndtorch.arguments import what_number
 from ndtorch.errors import InputError
 from ndtorch.toml import suggestion, what_is_wrong
 
@@ -24,6 +25,8 @@ Size = Annotated[tuple[int, int], BeforeValidator(square)]
 class Constants(BaseModel):
     """One table of a config.toml. Seconds where nothing else is said.
 
+    Numbers are finite; only a time constant, `tau_...`, may be infinite: it forgets nothing.
+
     Raises:
         InputError: an unknown key, or a value out of range, in one line that names it.
     """
@@ -35,6 +38,16 @@ class Constants(BaseModel):
             super().__init__(**data)
         except ValidationError as error:
             raise InputError(what_is_wrong(error, type(self))) from None
+
+    @field_validator("*")
+    @classmethod
+    def check_number(cls, value: Any, info: ValidationInfo) -> Any:
+        """Refuse NaN, and infinity where it means nothing."""
+        for part in value if isinstance(value, tuple) else (value,):
+            wanted = what_number(str(info.field_name), part) if isinstance(part, float) else ""
+            if wanted:
+                raise ValueError(f"should be {wanted}")
+        return value
 
 
 class ModelConfig(Constants):

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import check_numbers
 from ndtorch.binding.spectrum import limit_spectral_radius
 from ndtorch.errors import InputError
 from ndtorch.nearest import meant
@@ -193,7 +194,8 @@ class ScaleFreeRule:
     uses_power = True
 
     def __post_init__(self) -> None:
-        if not 0 <= self.gamma < math.inf:
+        check_numbers(self)
+        if not self.gamma >= 0:
             raise InputError(f"gamma must be a learning rate >= 0, got {self.gamma}")
         check_constants(self.tau_onset, self.radius_limit)
 

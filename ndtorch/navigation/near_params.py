@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 
 
@@ -53,7 +53,8 @@ class NearParams:
     blank: float = 0.002
 
     def __post_init__(self) -> None:
-        if not (0 < self.nearest < self.farthest < math.inf and self.beside > 0):
+        check_numbers(self)
+        if not (0 < self.nearest < self.farthest and self.beside > 0):
             raise InputError(f"expected 0 < nearest < farthest and beside > 0, got {self}")
         if not self.floor_beside > 0:
             raise InputError(f"expected floor_beside > 0, got {self.floor_beside}")

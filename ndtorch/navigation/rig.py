@@ -111,12 +111,10 @@ class StereoRig:
     def __post_init__(self) -> None:
         check_numbers(self)
         for name in ("baseline", "focal", "width", "height", "camera_height"):
-            if not 0 < getattr(self, name) < math.inf:
+            if not getattr(self, name) > 0:
                 raise InputError(f"{name} must be a positive number, got {getattr(self, name)}")
-        if not abs(self.pitch) < math.pi / 2 or not math.isfinite(self.forward):
-            raise InputError(
-                f"expected pitch within +-pi/2 and forward finite, got pitch={self.pitch}, forward={self.forward}"
-            )
+        if not abs(self.pitch) < math.pi / 2:
+            raise InputError(f"expected pitch within +-pi/2, got {self.pitch}")
         for name, size in (("cx", self.width), ("cy", self.height)):
             place = getattr(self, name)
             if place is not None and not 0 <= place <= size - 1:

@@ -39,7 +39,7 @@ class TrackParams:
     min_speed: float = 0.2
 
     def __post_init__(self) -> None:
-        check_numbers(self)
+        check_numbers(self, endless=["patience"])
         if not (0 < self.alpha <= 1 and 0 < self.beta <= 1 and self.gate > 0 and self.slots > 0):
             raise InputError(f"expected alpha and beta in 0..1, gate > 0 and slots > 0, got {self}")
         if not (self.patience >= 0 and self.min_age >= 0 and self.min_speed >= 0):

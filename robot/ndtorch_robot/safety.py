@@ -6,6 +6,7 @@ import math
 import threading
 from dataclasses import dataclass
 
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
 from ndtorch_robot.ports import _SEAL, STAND, Clock, Drive, DriveCommand, Report, SafeCommand, StereoFrames
@@ -48,6 +49,7 @@ class SafetyLimits:
     recovery: float = 1.0
 
     def __post_init__(self) -> None:
+        check_numbers(self, endless=["recovery"])
         for name, value in vars(self).items():
             if not value >= 0:
                 raise InputError(f"{name} must be 0 or more, got {value}")

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 import torch
 from torch import Tensor, nn
 
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.quick import QuickControl
 from ndtorch.navigation.near_things import Near
@@ -46,6 +47,9 @@ class Task:
     back: bool = False
     cruise: float = 0.5
     overhangs: bool = False
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
 
     @property
     def has_goal(self) -> bool:

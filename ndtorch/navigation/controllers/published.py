@@ -66,7 +66,7 @@ class AvoidanceParams:
     def __post_init__(self) -> None:
         check_numbers(self)
         for name, value in vars(self).items():
-            if not (math.isfinite(value) and value >= 0):
+            if not value >= 0:
                 raise InputError(f"{name} must be a number >= 0, got {value}")
         if self.turn_radius == 0 or self.tight_radius == 0:
             raise InputError("turn_radius and tight_radius must be > 0")

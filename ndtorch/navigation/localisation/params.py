@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation.row_search import SearchParams
 
@@ -47,8 +48,9 @@ class FindingParams:
     turned: float = math.radians(15.0)
 
     def __post_init__(self) -> None:
+        check_numbers(self)
         for name, value in vars(self).items():
-            if not 0 < value < math.inf:
+            if not value > 0:
                 raise InputError(f"{name} must be a number > 0, got {value}")
 
 
@@ -104,8 +106,9 @@ class LocaliserParams:
     search: SearchParams = field(default_factory=SearchParams)
 
     def __post_init__(self) -> None:
+        check_numbers(self)
         for name, value in vars(self).items():
-            if name not in ("search", "finding", "gain", "settle") and not 0 < value < math.inf:
+            if name not in ("search", "finding", "gain", "settle") and not value > 0:
                 raise InputError(f"{name} must be a number > 0, got {value}")
         if not (0 <= self.gain < 1 and self.settle >= 0 and self.near < self.far and self.size % 2 == 0):
             raise InputError(f"expected 0 <= gain < 1, settle >= 0, near < far and an even size, got {self}")

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.scenes.readers import FolderReader
 from ndtorch_robot.cameras.source import Image
@@ -33,6 +34,7 @@ class Board:
     square: float = 0.025
 
     def __post_init__(self) -> None:
+        check_numbers(self)
         if min(self.columns, self.rows) < 3 or not 0 < self.square < 1:
             raise InputError(
                 f"a board needs 3 x 3 inner corners or more and squares of less than 1 m, "

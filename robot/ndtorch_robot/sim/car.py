@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch_robot.ports import DriveCommand
 
@@ -18,12 +19,21 @@ class CarLimits:
         curvature: tightest, 1/m.
         acceleration: m/s^2, also when braking.
         steering: how fast the curvature can change, 1/m a second.
+
+    Raises:
+        InputError: a number below 0, or none.
     """
 
     speed: float = 1.0
     curvature: float = 2.2
     acceleration: float = 2.5
     steering: float = 8.0
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+        for name, value in vars(self).items():
+            if not value >= 0:
+                raise InputError(f"{name} must be 0 or more, got {value}")
 
 
 class Car:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.ranging.arcs import Body
 from ndtorch.navigation.controllers.ranging.params import RangingParams
@@ -66,6 +66,9 @@ class WayParams:
     unseen_end: float = 3.0
     most: int = 12000
 
+    def __post_init__(self) -> None:
+        check_numbers(self)
+
 
 @dataclass(frozen=True)
 class GoalParams:
@@ -115,10 +118,9 @@ class GoalParams:
     way: WayParams = field(default_factory=WayParams)
 
     def __post_init__(self) -> None:
-        if self.to is not None and not all(math.isfinite(v) for v in self.to):
-            raise InputError(f"to must be x, y in m, got {self.to}")
+        check_numbers(self)
         for name, value in vars(self).items():
-            if isinstance(value, float) and not 0 < value < math.inf:
+            if isinstance(value, float) and not value > 0:
                 raise InputError(f"{name} must be a number > 0, got {value}")
 
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 
 
@@ -26,7 +27,8 @@ class Body:
     room: float = 0.07
 
     def __post_init__(self) -> None:
-        if not (0 < self.length < math.inf and 0 < self.width < math.inf and 0 <= self.room < math.inf):
+        check_numbers(self)
+        if not (self.length > 0 and self.width > 0 and self.room >= 0):
             raise InputError(f"expected length and width > 0 and room >= 0, got {self}")
 
 

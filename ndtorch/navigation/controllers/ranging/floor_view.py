@@ -9,6 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation.rig import Rect, StereoRig
 
@@ -53,7 +54,8 @@ class FloorParams:
     trusted: float = 0.25
 
     def __post_init__(self) -> None:
-        if not (0 < self.near < self.far < math.inf and -math.pi / 2 < self.inner < self.outer < math.pi / 2):
+        check_numbers(self)
+        if not (0 < self.near < self.far and -math.pi / 2 < self.inner < self.outer < math.pi / 2):
             raise InputError(f"expected 0 < near < far and inner < outer, got {self}")
         if self.bands < 2 or self.blocks < 1:
             raise InputError(f"expected bands >= 2 and blocks >= 1, got {self.bands} and {self.blocks}")
@@ -65,7 +67,7 @@ class FloorParams:
             raise InputError(f"expected standing >= 1, got {self.standing}")
         if not 0 <= self.trusted <= 1:
             raise InputError(f"expected trusted in 0..1, got {self.trusted}")
-        if not (0 <= self.standing_time < math.inf and 0 < self.learning_time < math.inf):
+        if not (self.standing_time >= 0 and self.learning_time > 0):
             raise InputError(f"expected standing_time >= 0 and learning_time > 0, got {self}")
 
 

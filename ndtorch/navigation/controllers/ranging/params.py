@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 from ndtorch.arguments import check_numbers
@@ -72,7 +71,7 @@ class RangingParams:
     floor: FloorParams = field(default_factory=FloorParams)
 
     def __post_init__(self) -> None:
-        check_numbers(self)
+        check_numbers(self, endless=["grace"])
         for name, value in vars(self).items():
-            if isinstance(value, float) and not (value > 0 and (math.isfinite(value) or name == "grace")):
+            if isinstance(value, float) and not value > 0:
                 raise InputError(f"{name} must be a number > 0, got {value}")

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation.odometry import Pose
 
@@ -32,9 +32,10 @@ class PatchParams:
     least: float = 2.0
 
     def __post_init__(self) -> None:
-        if not (0 < self.cell < math.inf and self.size >= 2 and self.size & (self.size - 1) == 0):
+        check_numbers(self, endless=["lifetime"])
+        if not (self.cell > 0 and self.size >= 2 and self.size & (self.size - 1) == 0):
             raise InputError(f"expected cell > 0 and size a power of two, got cell={self.cell}, size={self.size}")
-        if not (self.lifetime > 0 and 0 < self.most < math.inf and 0 < self.least < math.inf):
+        if not (self.lifetime > 0 and self.most > 0 and self.least > 0):
             raise InputError(f"expected lifetime, most and least > 0, got {self}")
 
     @property

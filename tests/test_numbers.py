@@ -1,0 +1,139 @@
+"""No class of numbers takes NaN, or infinity where it means nothing: one line says which number it is."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import math
+from typing import Any
+
+import pytest
+
+from ndtorch.arguments import check_numbers
+from ndtorch.config import Constants
+from ndtorch.errors import InputError
+from ndtorch_robot.calibration.board import Board
+from ndtorch_robot.sim.car import CarLimits
+from tests.test_defaults import modules
+
+ENDLESS = {"RangingParams.grace", "PatchParams.lifetime", "TrackParams.patience", "SafetyLimits.recovery"}
+"""What may last for ever, beside time constants and what is infinite unless somebody says otherwise."""
+
+
+def usual(kind: type) -> dict[str, Any]:
+    """The numbers of a class and the tuples of them, by field; empty where it cannot be made without saying more."""
+    try:
+        made = kind()
+    except (InputError, TypeError):
+        return {}
+    names = kind.model_fields if issubclass(kind, Constants) else [field.name for field in dataclasses.fields(kind)]
+    fields = {name: getattr(made, name) for name in names}
+    return {
+        name: value
+        for name, value in fields.items()
+        if (isinstance(value, int | float) and not isinstance(value, bool))
+        or (isinstance(value, tuple) and value and all(isinstance(part, float) for part in value))
+    }
+
+
+def is_frozen(kind: type) -> bool:
+    """Whether it is of numbers that stay: a table of constants, or a frozen dataclass. Others gather results."""
+    if issubclass(kind, Constants):
+        return True
+    return dataclasses.is_dataclass(kind) and kind.__dataclass_params__.frozen  # type: ignore[attr-defined]
+
+
+def classes() -> dict[str, type]:
+    """All that are made of numbers with defaults."""
+    pytest.importorskip("serial")
+    found = [kind for module in modules() for kind in vars(module).values() if inspect.isclass(kind)]
+    chosen = [kind for kind in (*found, Board, CarLimits) if is_frozen(kind) and usual(kind)]
+    return {f"{kind.__module__}.{kind.__qualname__}": kind for kind in chosen}
+
+
+def endless(name: str, field: str, value: object) -> bool:
+    return f"{name}.{field}" in ENDLESS or field.startswith("tau_") or value == math.inf
+
+
+def test_nan_is_refused_by_every_class_of_numbers_and_infinity_where_it_means_nothing() -> None:
+    bad, all_of_them = [], classes()
+    assert {"WayParams", "TrackParams", "OwnerCriteria", "ScaleFreeRule", "SafetyLimits", "Grid"} <= {
+        kind.__name__ for kind in all_of_them.values()
+    }
+    for name, kind in all_of_them.items():
+        for field, value in usual(kind).items():
+            odd = [math.nan, -math.inf] + ([] if endless(kind.__name__, field, value) else [math.inf])
+            for number in odd:
+                given = (*value[:-1], number) if isinstance(value, tuple) else number
+                try:
+                    kind(**{field: given})
+                    bad.append(f"{name}({field}={given}) is taken")
+                except InputError as error:
+                    if field not in str(error) or "\n" in str(error):
+                        bad.append(f"{name}({field}={given}): {error}")
+    assert not bad
+
+
+@pytest.mark.parametrize("name", sorted(ENDLESS))
+def test_what_may_last_for_ever_may(name: str) -> None:
+    kind, field = name.split(".")
+    found = [each for each in named(kind) if field in usual(each)]
+    assert found
+    assert all(getattr(each(**{field: math.inf}), field) == math.inf for each in found)
+
+
+def named(name: str) -> list[type]:
+    """The dataclasses of that name, of which there may be one in several modules."""
+    found = {kind for module in modules() if dataclasses.is_dataclass(kind := vars(module).get(name))}
+    return [kind for kind in found if isinstance(kind, type)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Sizes:
+    """One of each kind."""
+
+    number: float = 1.0
+    tau_slow: float = 1.0
+    open: float = math.inf
+    whole: int = 1
+    said: bool = False
+    places: tuple[float, ...] = (0.0, 1.0)
+    to: tuple[float, float] | None = None
+    perhaps: float | None = None
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "wanted"),
+    [
+        ("number", math.nan, "a number"),
+        ("number", math.inf, "a finite number"),
+        ("number", None, "a number"),
+        ("number", True, "a number"),
+        ("number", 10**400, "a number"),
+        ("tau_slow", -math.inf, "a finite number"),
+        ("open", math.nan, "a number"),
+        ("whole", 1.0, "a whole number"),
+        ("whole", True, "a whole number"),
+        ("said", 1, "True or False"),
+        ("places", (0.0, math.nan), "finite numbers"),
+        ("places", (math.inf,), "finite numbers"),
+        ("to", (0.0, "1"), "finite numbers"),
+        ("perhaps", math.inf, "a finite number"),
+        ("perhaps", "x", "a number"),
+    ],
+)
+def test_what_is_wanted_is_said(field: str, value: object, wanted: str) -> None:
+    with pytest.raises(InputError, match=rf"^{field} must be {wanted}, got "):
+        Sizes(**{field: value})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("number", 2), ("number", -1e308), ("tau_slow", math.inf), ("open", 0.5), ("whole", 7), ("said", True),
+     ("places", ()), ("places", (1, 2.5)), ("to", (0.0, -1.0)), ("to", None), ("perhaps", None), ("perhaps", 2.0)],
+)  # fmt: skip
+def test_what_will_do_is_taken(field: str, value: object) -> None:
+    assert getattr(Sizes(**{field: value}), field) == value  # type: ignore[arg-type]
