@@ -13,6 +13,7 @@ from ndtorch.arguments import check_tensor
 from ndtorch.binding.feedback import FEEDBACKS, Feedback, through
 from ndtorch.binding.learning import Constants, Moment, NetworkState, WhenFull, moments, network_step
 from ndtorch.binding.rules import Rule, ScaleFreeRule, learning_rule
+from ndtorch.binding.shared_kernel import by_kernel, fits
 from ndtorch.errors import InputError
 from ndtorch.vision.blocks import BlockLowPass, Stretch
 from ndtorch.vision.temporal import low_pass_step, smoothing_factor
@@ -168,6 +169,14 @@ class InhibitoryNetwork(nn.Module):
         time, c = self._check(inputs), self.constants
         state = self.start(inputs.select(time, 0)) if state is None else state
         drive, input_low = self._drive(inputs, state.input_low, time)
+        if fits(drive, state, c):
+            out, now, changes = by_kernel(drive, state, c)
+            return out, now._replace(
+                outputs=out[-1],
+                input_low=input_low,
+                changes=latest_changes(state.changes, [(change, None) for change in changes]),
+                steps=state.steps + len(out),
+            )
         outs, now = [], state
         shifts: list[tuple[Tensor, Tensor | None]] = []
         blocks: Sequence[Tensor]
