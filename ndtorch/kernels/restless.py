@@ -19,7 +19,7 @@ def restless(
     surprise: float,
     over: Array,
     after: Array,
-) -> float:
+) -> None:
     """The first part of `ndtorch.vision.camera.figures.stillness`.
 
     Args:
@@ -29,22 +29,15 @@ def restless(
         sizes: mean magnitude of a normal variable against its deviation, and median of its magnitude likewise.
         over: becomes 1 where the change is more than noise, `[h, w]` uint8.
         after: becomes the mean change, `[h, w]`.
-
-    Returns:
-        Mean change of the picture.
     """
     _, height, width = picture.shape
     kind = picture.dtype.type
+    change = np.empty((height, width), picture.dtype)
     third, usual = kind(1 / 3), kind(1 / sizes[0])
-    change, total = np.empty((height, width), picture.dtype), 0.0
     for y in range(height):
-        line = kind(0)
         for x in range(width):
             red, green = abs(picture[0, y, x] - before[0, y, x]), abs(picture[1, y, x] - before[1, y, x])
-            here = (red + green + abs(picture[2, y, x] - before[2, y, x])) * third
-            change[y, x] = here
-            line += here
-        total += line
+            change[y, x] = (red + green + abs(picture[2, y, x] - before[2, y, x])) * third
     some = few_of(change)
     noise = kind(middle_of(some, some.shape[0]) / kind(sizes[1]))
     for y in range(height):
@@ -53,4 +46,3 @@ def restless(
             least = max(noise, usually * usual)
             over[y, x] = here > max(kind(moved), kind(spread) * least)
             after[y, x] = usually + kind(follow) * (min(here, kind(surprise) * least) - usually)
-    return float(total / (height * width))

@@ -20,6 +20,7 @@ from ndtorch.binding.tracking.figures import Figure, figures_of, table_of
 from ndtorch.binding.tracking.following import follow
 from ndtorch.binding.tracking.regions import holes, parted, regions_of
 from ndtorch.binding.tracking.shades import Light, shade_of
+from ndtorch.binding.tracking.silhouettes import told
 from ndtorch.errors import InputError
 from ndtorch.vision.camera.figure_signals import FigureSignals
 from ndtorch.vision.camera.figures import ground_start, ground_step
@@ -102,7 +103,7 @@ class FiguresModel(BindingModel):
             shapes.append(seen.silhouettes)
             known = np.zeros(began + 1, np.uint8)
             known[[one.number + 1 for one in open_ if one.known]] = 1
-            masks.append(torch.from_numpy(known.take(seen.silhouettes.numpy())))
+            masks.append(torch.from_numpy(told(seen.silhouettes.numpy(), known)))
             times.append(time)
             cuts.append(cut)
             who.append([one for one in open_ if one.last_seen == time])
@@ -152,13 +153,14 @@ class FiguresModel(BindingModel):
         small, planes = np.empty((3, *self.small), np.float32), frame.cpu().numpy()
         beside = planes.transpose(1, 2, 0)
         if beside.flags.c_contiguous:
-            shrunk = np.asarray(cv2.resize(beside, self.small[::-1], interpolation=cv2.INTER_AREA))
-            small[:] = shrunk.transpose(2, 0, 1)
+            parts = cv2.split(cv2.resize(beside, self.small[::-1], interpolation=cv2.INTER_AREA))
         else:
             # Plane by plane: to lay colors beside each other costs more.
-            for plane, to in zip(planes, small, strict=True):
-                to[:] = cv2.resize(plane, self.small[::-1], interpolation=cv2.INTER_AREA)
-        return small * np.float32(1 / 255) if frame.dtype == torch.uint8 else small
+            parts = [cv2.resize(plane, self.small[::-1], interpolation=cv2.INTER_AREA) for plane in planes]
+        unit = np.float32(1 / 255 if frame.dtype == torch.uint8 else 1)
+        for plane, to in zip(parts, small, strict=True):
+            np.multiply(plane, unit, out=to)
+        return small
 
     def _step(
         self, picture: Any, seen: SeenState | None, open_: list[Figure], time: float, began: int
@@ -181,10 +183,10 @@ class FiguresModel(BindingModel):
             return torch.zeros(self.config.fields.most, 10), after, [], open_, began, True
         quiet = ground.quiet.numpy()
         # Plain parts of what moves are still too, and no holes.
-        moving = np.zeros(began + 2, bool)
+        moving = np.zeros(began + 2, np.uint8)
         moving[[one.number + 1 for one in open_ if one.known and time - one.moved < t.rests]] = True
         figure, smallest = standing.figure, t.smallest * standing.grey.size
-        free = figure & ~moving.take(seen.silhouettes.numpy())
+        free = figure & (told(seen.silhouettes.numpy(), moving) == 0) if moving.any() else figure
         hole = holes(free, quiet >= g.still, standing.grey, standing.ground, smallest)
         if hole is not None:
             wide = cv2.dilate(hole.astype(np.uint8), square) > 0
@@ -196,11 +198,11 @@ class FiguresModel(BindingModel):
         seen_for = (int(ground.frames) - 1) * self.dt
         open_, late, silhouettes = follow(open_, time, seen_for, regions, standing, light, began, self.dt, t)
         began = max([began, *(one.number + 1 for one in open_)])
-        keep = np.zeros(began + 2, np.float32)
+        keep = np.zeros(began + 2, np.uint8)
         for one in open_:
             since, patience = (one.moved, t.stays) if one.known else (one.first_seen, t.doubtful)
             keep[one.number + 1] = time - since < patience
-        kept = cv2.dilate(keep.take(silhouettes), square)
+        kept = np.asarray(cv2.dilate(told(silhouettes, keep), square), np.float32)
         shape_of = torch.from_numpy(silhouettes)
         here, behind = torch.from_numpy(standing.picture), torch.from_numpy(standing.ground)
         signals, fields = self.fields(here, behind, shape_of, seen.fields)

@@ -14,7 +14,7 @@ from ndtorch.binding.tracking.shades import APART, Light
 from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.vision.camera.figures import Standing
-from ndtorch.vision.camera.ground import MEAN_SIZE
+from ndtorch.vision.camera.ground import MEAN_SIZE, Bytes
 
 COLOR, SHARES = slice(7, 10), slice(10, 14)
 """Where in what is measured of a silhouette these are."""
@@ -116,6 +116,15 @@ def stands_out(standing: Standing, box: tuple[slice, slice, slice], inside: Bool
     apart = np.abs(standing.picture[box][:, inside] - standing.ground[box][:, inside])
     noise = np.maximum(standing.deviation[box][:, inside] * np.float32(1 / MEAN_SIZE), standing.noise[:, None])
     return float((apart / noise).max(0).mean())
+
+
+def told(silhouettes: Labels, table: Bytes) -> Bytes:
+    """What a table says of the number of every pixel, `[h, w]`."""
+    if not kernels_wanted():
+        return table[silhouettes]
+    found = np.empty(silhouettes.shape, np.uint8)
+    kernel("look_up").run(silhouettes, table, found)
+    return found
 
 
 def bounds(silhouettes: Labels) -> dict[int, tuple[int, int, int, int, int]]:

@@ -58,7 +58,10 @@ def softened(picture: Floats, side: int) -> Floats:
     """Every color blurred by a square, `[3, h, w]`."""
     import cv2
 
-    return np.stack([np.asarray(cv2.blur(plane, (side, side)), np.float32) for plane in picture])
+    soft = np.empty_like(picture)
+    for plane, to in zip(picture, soft, strict=True):
+        cv2.blur(plane, (side, side), dst=to)
+    return soft
 
 
 def ground_step(
@@ -90,8 +93,8 @@ def ground_step(
     known = state.known.numpy()
     seen = int(state.frames) + 1
     soft = softened(picture, p.soft)
-    quiet, restless, changed = stillness(soft, out, state, dt, p)
-    if other or cv2.countNonZero(out) > p.cut * out.size or new_scene(soft, state.before.numpy(), changed, p):
+    quiet, restless = stillness(soft, out, state, dt, p)
+    if other or cv2.countNonZero(out) > p.cut * out.size or new_scene(soft, state.before.numpy(), p):
         nothing = np.zeros(out.shape, bool)
         return Standing(raw, raw, deviation, noise, grey_of(raw), nothing, True), ground_start(raw, p)
     needed = p.still * p.settle / max(p.settle, seen * dt)
@@ -198,9 +201,8 @@ def learn(
     return np.asarray(ground + pace * difference), np.asarray(spread), now.astype(np.float32)
 
 
-def stillness(soft: Floats, out: Bytes, state: GroundState, dt: float, p: GroundParams) -> tuple[Floats, Floats, float]:
-    """Seconds since something moved at a pixel or beside it, and its mean change from picture to picture, `[h, w]`; and
-    how much the picture changed in the mean.
+def stillness(soft: Floats, out: Bytes, state: GroundState, dt: float, p: GroundParams) -> tuple[Floats, Floats]:
+    """Seconds since something moved at a pixel or beside it, and its mean change from picture to picture, `[h, w]`.
 
     What moves changes by more than the noise of the picture and of that pixel, or is no more what it was since then,
     where the ground is not known.
@@ -208,29 +210,30 @@ def stillness(soft: Floats, out: Bytes, state: GroundState, dt: float, p: Ground
     import cv2
 
     own, follow = state.restless.numpy(), max(1 / (int(state.frames) + 5), smoothing_factor(p.tau_noise, dt))
-    over, own, changed = unrest(soft, state.before.numpy(), own, follow, p)
+    over, own = unrest(soft, state.before.numpy(), own, follow, p)
     moved, known = most_of(over, p.speckle), state.known.numpy()
     if not known.all():
         moved |= most_of(out, p.speckle) * (known == 0)
     still = np.asarray(cv2.dilate(moved, np.ones((3, 3), np.uint8)), np.uint8) == 0
-    return (state.quiet.numpy() + np.float32(dt)) * still, own, changed
+    return (state.quiet.numpy() + np.float32(dt)) * still, own
 
 
-def unrest(soft: Floats, before: Floats, own: Floats, follow: float, p: GroundParams) -> tuple[Bytes, Floats, float]:
-    """Where a picture changes by more than noise, 1 or 0, and its mean change from picture to picture, `[h, w]`, which
-    follows at that share; and how much the picture changed in the mean."""
+def unrest(soft: Floats, before: Floats, own: Floats, follow: float, p: GroundParams) -> tuple[Bytes, Floats]:
+    """Where a picture changes by more than noise, 1 or 0, and its mean change from picture to picture, which follows
+    at that share, `[h, w]`."""
     import cv2
 
     if kernels_wanted():
         over, new = np.empty(own.shape, np.uint8), np.empty_like(own)
         constants = (p.moved, p.spread, (MEAN_SIZE, MEDIAN_SIZE), follow, p.surprise)
-        return over, new, kernel("restless").run(soft, before, own, *constants, over, new)
+        kernel("restless").run(soft, before, own, *constants, over, new)
+        return over, new
     change = grey_of(np.asarray(cv2.absdiff(soft, before), np.float32))
     noise = np.float32(medians(some_of(change[None]))[0] / MEDIAN_SIZE)
     least = np.maximum(noise, own * np.float32(1 / MEAN_SIZE))
     over = (change > np.maximum(np.float32(p.moved), np.float32(p.spread) * least)).astype(np.uint8)
     own = own + np.float32(follow) * (np.minimum(change, np.float32(p.surprise) * least) - own)
-    return over, np.asarray(own, np.float32), float(change.mean())
+    return over, np.asarray(own, np.float32)
 
 
 def shadow(light: Floats, may_be: Bytes, p: GroundParams) -> Bytes:

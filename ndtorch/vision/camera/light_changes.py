@@ -47,7 +47,7 @@ def lit(picture: Floats, p: GroundParams) -> float:
     return float((some_of(picture).min(0) > p.dark).mean())
 
 
-def new_scene(soft: Floats, before: Floats, changed: float, p: GroundParams) -> bool:
+def new_scene(soft: Floats, before: Floats, p: GroundParams) -> bool:
     """Whether the picture is another all of a sudden.
 
     The noise of a picture is told from all of it, so that a cut would pass for noise. The means of blocks hold little
@@ -56,20 +56,17 @@ def new_scene(soft: Floats, before: Floats, changed: float, p: GroundParams) -> 
 
     Args:
         soft, before: the picture and the one before, blurred, `[3, h, w]`.
-        changed: mean difference between them.
         p: constants.
     """
     import cv2
 
-    # Means of blocks differ by no more than pixels do: mostly that is enough. The margin is for rounding.
-    if 3 * changed < 0.99 * p.changed * p.other:
-        return False
     size = (max(1, soft.shape[2] // p.block), max(1, soft.shape[1] // p.block))
-    here, there = (
-        np.stack([np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), np.float32) for plane in image])
-        for image in (soft, before)
-    )
-    if (np.abs(here - there).max(0) > p.other).mean() <= p.changed:
+
+    def blocks(image: Floats) -> Floats:
+        means = [cv2.resize(plane, size, interpolation=cv2.INTER_AREA) for plane in image]
+        return np.asarray(np.stack(means), np.float32)
+
+    if (np.abs(blocks(soft - before)).max(0) > p.other).mean() <= p.changed:
         return False
-    one, other = (grey_of(image) - grey_of(image).mean() for image in (here, there))
+    one, other = (grey_of(image) - grey_of(image).mean() for image in (blocks(soft), blocks(before)))
     return bool((one * other).sum() < p.alike * np.sqrt((one * one).sum() * (other * other).sum()))

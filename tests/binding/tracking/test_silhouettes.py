@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from ndtorch.binding.tracking.shades import Light, ShadeParams
-from ndtorch.binding.tracking.silhouettes import measured
+from ndtorch.binding.tracking.silhouettes import measured, told
 from ndtorch.vision.camera.figures import Standing
 
 
@@ -27,10 +27,13 @@ def test_the_kernel_is_its_reference() -> None:
     standing = Standing(picture, ground, deviation, noise, picture[0], silhouettes > 0, False)
     light = Light(picture, ground, ShadeParams())
     doubted = [True, False, True, True, True]
+    table = chance.integers(0, 2, 14, np.uint8)
     plain = measured(names, doubted, silhouettes, standing, light)
     with torch.inference_mode():
         quick = measured(names, doubted, silhouettes, standing, light)
+        marked = told(silhouettes, table)
     assert np.array_equal(plain[:, :5], quick[:, :5])
+    assert np.array_equal(marked, told(silhouettes, table))
     assert np.allclose(plain, quick, rtol=1e-5, atol=1e-5)
     assert plain[0, 4] > 300
     assert plain[0, 14] > 1

@@ -1,0 +1,12 @@
+"""What a table says of the number of every pixel."""
+
+from __future__ import annotations
+
+from ndtorch.kernels.filters import Array
+
+
+def look_up(numbers: Array, table: Array, found: Array) -> None:
+    """`table[numbers]` into `found`, `[h, w]`."""
+    for y in range(numbers.shape[0]):
+        for x in range(numbers.shape[1]):
+            found[y, x] = table[numbers[y, x]]
