@@ -36,6 +36,7 @@ def find_way(
     swing_price: float,
     reverse_price: float,
     switch_price: float,
+    blind: float,
     most: int,
 ) -> Floats:
     """The best way on a lattice of arcs (A*), from a pose to where `horizon` metres are driven.
@@ -54,6 +55,7 @@ def find_way(
             `seen_soon` metres; farther on it will have been seen.
         swing_price: of a change of the curvature by one unit.
         reverse_price, switch_price: of a metre backward, and of changing the direction.
+        blind: in the first so many metres the leading half of the body covers nothing that was not seen.
         most: nodes looked at.
 
     Returns:
@@ -112,12 +114,17 @@ def find_way(
                     price += tight_price * (soft - near) / (soft - hard)
                 if look(unknown, nx + 0.25 * math.cos(nth), ny + 0.25 * math.sin(nth), left, bottom, cell) > 0:
                     price += unknown_price
-                if driven[n] < seen_soon:
+                if driven[n] < max(seen_soon, blind):
+                    covers = False
                     for d in discs:
                         at = look(hidden, nx + d * math.cos(nth), ny + d * math.sin(nth), left, bottom, cell)
                         if d * to > 0 and at > 0:
-                            price += hidden_price
+                            covers = True
                             break
+                    if covers and driven[n] + step <= blind:
+                        continue
+                    if covers and driven[n] < seen_soon:
+                        price += hidden_price
                 if backward:
                     price *= reverse_price
                 g = gone[n] + price * step + swing_price * abs(bend - k)

@@ -35,6 +35,7 @@ class WayParams:
         tight_price, unknown_price, hidden_price, seen_soon, bend_price, swing_price, reverse_price, switch_price: see
             `kernels.find_way`.
         blocked_price: of a metre through what is blocked, where there is no other way to the goal.
+        blind: exploring, the next so many metres lead over nothing that was not seen: no camera sees floor there.
         shut: exploring, no way leads nearer than this to what is blocked, m.
         coarse: cells of the map along a side of one for the way to the goal.
         least_seen, least_unseen: exploring, a place is worth a way from this area on, m^2, seen or not.
@@ -59,6 +60,7 @@ class WayParams:
     reverse_price: float = 2.5
     switch_price: float = 0.8
     blocked_price: float = 40.0
+    blind: float = 0.45
     shut: float = 0.12
     coarse: int = 2
     least_seen: float = 0.1

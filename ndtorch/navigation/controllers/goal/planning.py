@@ -143,7 +143,8 @@ def plan(
         seed: `to_place` or `frontiers.to_unvisited`.
         pose: x, y, m, and heading, radians, of the car.
         curvature, direction: what it drives, 1/m and +1 or -1.
-        through: as `prices`; where the car itself stands too near to something it may leave all the same.
+        through: as `prices`, and over what was not seen, however near. Without it a car that stands too near to
+            something may leave all the same.
     """
     need("numba", "planning a way")
     s, p = surroundings, params
@@ -184,6 +185,7 @@ def plan(
         p.swing_price,
         p.reverse_price,
         p.switch_price,
+        0.0 if through else p.blind,
         p.most,
     )
     return Planned(way, float(cost.ravel()[here]), clear, away, cost)

@@ -90,6 +90,26 @@ def test_what_was_never_seen_beside_the_way_comes_after_what_was_seen():
     assert both.cost == pytest.approx(3.0, abs=0.3)
 
 
+@pytest.mark.parametrize("gap", [0.5, 0.9])
+def test_it_goes_over_nothing_unseen_where_the_cameras_see_no_floor(gap):
+    """Ahead of the car the unseen begins, or a wall that is not known: it may come near, and no nearer."""
+    around, visited = world(), np.ones((SIDE, SIDE), bool)
+    unseen = square(-2.0 + gap, 4.0, -4.0, 4.0)
+    around.free[unseen], visited[unseen] = False, False
+    clear = clearance(around.blocked, CELL)
+    seed = to_unvisited(around, visited, clear, PARAMS)
+    bold = plan(around, clear, seed, AROUND, 0.0, 1.0, replace(PARAMS, blind=0.1), through=False)
+    careful = plan(around, clear, seed, AROUND, 0.0, 1.0, PARAMS, through=False)
+    lead = PARAMS.discs[-1] + PARAMS.disc
+    near = [math.dist(place[:2], AROUND[:2]) <= PARAMS.blind + 0.01 for place in careful.way]
+    ahead = careful.way[:, 0] + lead * np.cos(careful.way[:, 2])
+    assert (ahead[near & (careful.way[:, 4] > 0)] <= -2.0 + gap + 2 * CELL).all()
+    if gap < lead + PARAMS.blind:
+        assert (bold.way[:3, 0] + lead).max() > -2.0 + gap + 2 * CELL
+    else:
+        assert ahead.max() > -2.0 + gap
+
+
 def test_the_end_of_the_cheapest_way_is_found():
     visited = np.ones((SIDE, SIDE), bool)
     visited[square(1.0, 2.0, -0.5, 0.5)] = False
