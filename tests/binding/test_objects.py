@@ -117,6 +117,25 @@ def test_words_for_other_sets_of_features(features: dict[str, float], words: str
     assert describe(BoundObject("left", 0, features)) == words
 
 
+@pytest.mark.parametrize(
+    ("heading", "direction"),
+    [
+        ((0.3, 0.1), "right"),
+        ((-0.3, 0.1), "left"),
+        ((-0.3, -0.29), "left"),
+        ((0.1, 0.3), "down"),
+        ((0.1, -0.3), "up"),
+        ((20.0, 30.0), "down"),
+        ((0.0, 0.0), "up"),
+    ],
+)
+def test_the_direction_is_the_main_one_of_the_heading_whatever_its_size(
+    heading: tuple[float, float], direction: str
+) -> None:
+    assert BoundObject("red", 7, {"left": 1.0}, heading=heading).direction == direction
+    assert BoundObject("red", 7, {"left": 1.0}).direction == "left"
+
+
 def test_every_neuron_can_own_an_object() -> None:
     for k, name in enumerate(FEATURES):
         weights = torch.zeros(10, 10)

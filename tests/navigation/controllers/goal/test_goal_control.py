@@ -249,3 +249,27 @@ def test_a_line_of_sight_was_free_from_the_camera_to_just_before_what_is_seen():
     apart = 0.3 * float(share[1] - share[0]) / SMALL.patch.cell
     assert taken[1].tolist() == pytest.approx([-control.params.miss * apart] * lines.shape[-1])
     assert not control.rays(seen._replace(valid=torch.tensor([False, False])))[1].any()
+
+
+@pytest.mark.parametrize(
+    ("clear", "share"), [(0.6, 1.0), (0.45, 1.0), (0.345, 0.5), (0.24 + 0.021, 0.1), (0.24, 0.0), (0.1, 0.0)]
+)
+def test_speed_falls_with_the_room_beside_the_way(clear, share):
+    """From the cruise speed where there is `soft` around the discs to `slow` where they just fit."""
+    from ndtorch.navigation.controllers.goal.memory import Surroundings
+    from ndtorch.navigation.controllers.goal.planning import Planned
+    from ndtorch.navigation.controllers.goal.speeds import allowed_speeds
+
+    params, blocked = GoalParams(), np.zeros((40, 40), bool)
+    around = Surroundings(blocked, ~blocked, -1.0, -1.0, 0.05)
+    way = np.array([[0.0, 0.0, 0.0, 0.0, 1.0], [0.2, 0.0, 0.0, 0.0, 1.0]], np.float32)
+    room, seen = np.full((40, 40), clear, np.float32), np.zeros((40, 40), np.float32)
+    speeds = allowed_speeds(way, around, Planned(way, 1.0, room, seen, seen), params)
+    wanted = params.slow + (params.speed - params.slow) * share
+    assert speeds.tolist() == pytest.approx([wanted] * 2, abs=1e-5)
+    # Into what was not seen it creeps, and backwards it is no faster than its other half.
+    unseen = allowed_speeds(way, around, Planned(way, 1.0, room, seen + 1, seen), params)
+    assert unseen.tolist() == pytest.approx([min(wanted, params.creep)] * 2, abs=1e-5)
+    back = way * np.array([-1.0, 1.0, 1.0, 1.0, -1.0], np.float32)
+    reverse = allowed_speeds(back, around, Planned(back, 1.0, room, seen, seen), params)
+    assert reverse.tolist() == pytest.approx([min(wanted, params.reactive.reverse_speed)] * 2, abs=1e-5)

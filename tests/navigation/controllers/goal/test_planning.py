@@ -120,3 +120,18 @@ def test_following_steers_back_and_ends_with_the_stretch():
     assert follow(way, back.at, (0.6, 0.0, 0.0), 0.3, 2.0).direction == 0
     # Driving backward the same error is steered back with the opposite curvature of the way that lies behind.
     assert follow(way, 5, (1.0, 0.1, 0.0), 0.3, 2.0).curvature * math.copysign(1, aim.curvature) > 0
+
+
+def test_a_place_outside_is_driven_to_by_the_border_on_every_side():
+    """What each cell of the border costs is how far its middle is from the place; no other cell is an end."""
+    around, side = world(), CELL * PARAMS.coarse
+    seed = to_place(around, (5.0, -1.0), PARAMS)
+    n = SIDE // PARAMS.coarse
+    middle = -4.0 + (np.arange(n) + 0.5) * side
+    far = np.hypot(middle[None, :] - 5.0, middle[:, None] + 1.0)
+    for line in (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1]):
+        np.testing.assert_allclose(seed[line], far[line], rtol=1e-5)
+    assert np.isinf(seed[1:-1, 1:-1]).all()
+    inside = to_place(around, (3.999, -4.0), PARAMS)
+    assert np.argwhere(np.isfinite(inside)).tolist() == [[0, n - 1]]
+    assert inside[0, n - 1] == 0
