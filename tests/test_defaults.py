@@ -30,6 +30,7 @@ PLACES = (
     "ndtorch_robot.link",
     "ndtorch_robot.recording",
     "ndtorch_robot.safety",
+    "ndtorch_robot.watching.sight",
 )
 """Packages and modules; what `make mutants` changes."""
 

@@ -16,6 +16,7 @@ TESTED_IN = {
     "lazy": "test_public_names",
     "optional": "test_commands",
     "toml": "test_config",
+    "binding/activations": "binding/test_rules",
     "binding/first_stage": "binding/test_first_stage_training",
     "binding/learning": "binding/test_network",
     "binding/models/figures_state": "binding/models/test_figures",

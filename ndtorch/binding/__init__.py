@@ -3,6 +3,7 @@
 These are the names people start with; the rest is in the files.
 """
 
+from ndtorch.binding.activations import ACTIVATIONS
 from ndtorch.binding.attention import Attention
 from ndtorch.binding.first_stage import FirstStage, train_first_stage
 from ndtorch.binding.models.contract import BindingModel, Verdict
@@ -14,7 +15,7 @@ from ndtorch.binding.network import InhibitoryNetwork, alternation, weight_chang
 from ndtorch.binding.normalise import BindingInputs
 from ndtorch.binding.objects import BoundObject, ObjectTable, bound_objects, describe
 from ndtorch.binding.readout.weights import object_table
-from ndtorch.binding.rules import ACTIVATIONS, LearningRule, learning_rule
+from ndtorch.binding.rules import LearningRule, learning_rule
 from ndtorch.binding.saving import load_state, save_state, to_device
 from ndtorch.binding.spectrum import limit_spectral_radius, spectral_radius
 from ndtorch.binding.theory import separated, solutions

@@ -11,11 +11,10 @@ import torch
 from torch import Tensor
 
 from ndtorch.arguments import check_numbers
+from ndtorch.binding.activations import Activation, activation, linear
 from ndtorch.binding.spectrum import limit_spectral_radius
 from ndtorch.errors import InputError
 from ndtorch.nearest import meant
-
-Activation = Callable[[Tensor], Tensor]
 
 LARGEST = 10.0
 """Largest single weight where the spectral radius is limited, ten times what is learned from any scene of the papers.
@@ -58,30 +57,6 @@ class Rule(Protocol):
 
     def bounded(self, weights: Tensor) -> tuple[Tensor, Tensor | None]:
         """Weights within their bounds, and which networks had to be held back, `[...]` bool; None for none of them."""
-
-
-def cube(x: Tensor) -> Tensor:
-    """Expansive nonlinearity `x^3`. [B §2.2.2]"""
-    return x * x * x
-
-
-def tanh_pi(x: Tensor) -> Tensor:
-    """Compressive nonlinearity `tanh(pi x)`. [B §2.2.2]"""
-    return torch.tanh(x * math.pi)
-
-
-def tanh_10(x: Tensor) -> Tensor:
-    """Compressive nonlinearity `tanh(10 x)` of Herault and Jutten (1986)."""
-    return torch.tanh(x * 10.0)
-
-
-def linear(x: Tensor) -> Tensor:
-    """No nonlinearity: with both functions linear, the rule is Hebb's."""
-    return x
-
-
-ACTIVATIONS: dict[str, Activation] = {"cube": cube, "tanh-pi": tanh_pi, "tanh-10": tanh_10, "linear": linear}
-"""Functions a rule can be made of, by name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,13 +248,6 @@ RULES: dict[str, Callable[..., Rule]] = {
 }
 """Makers of the rules, by name, to which everybody can add:
 `RULES["sign"] = lambda **constants: LearningRule(torch.sign, cube, "sign", **constants)`."""
-
-
-def activation(role: str, name: str) -> Activation:
-    """The function of that name; `InputError` names the role it was to play."""
-    if name not in ACTIVATIONS:
-        raise InputError(f"{role} must be one of {', '.join(ACTIVATIONS)}, got {name!r}{meant(name, ACTIVATIONS)}")
-    return ACTIVATIONS[name]
 
 
 def learning_rule(name: str, **constants: Any) -> Rule:

@@ -8,7 +8,6 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_tensor
 from ndtorch.errors import InputError
 from ndtorch.navigation.batch_step import batch_step
 from ndtorch.navigation.controllers.contract import (
@@ -32,7 +31,7 @@ from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import AngleModel, StereoRig
 from ndtorch.navigation.row_ranging import RowRanging
 from ndtorch.navigation.row_search import SearchParams
-from ndtorch.navigation.state import NavigatorState, StepState, place_of
+from ndtorch.navigation.state import NavigatorState, StepState, check_motion, place_of
 from ndtorch.navigation.strips import Strips, grey_pair, row_rect, strips
 from ndtorch.navigation.tracking import AlphaBetaTracker
 from ndtorch.navigation.whole_step import Parts, Stepped, WholeStep, in_frames
@@ -292,16 +291,3 @@ class Navigator(nn.Module):
             pose,
             located,
         )
-
-
-def check_motion(driven: Command | None, start: Pose | None) -> None:
-    """Raise `InputError` for what was driven, or a start, that is not finite: it would stay in the pose for good."""
-    for name, given, kind in (("driven", driven, Command), ("start", start, Pose)):
-        if given is None:
-            continue
-        if not isinstance(given, kind):
-            raise InputError(f"{name} must be a {kind.__name__}, got {type(given).__name__}")
-        for part, value in zip(kind._fields, given, strict=True):
-            check_tensor(f"{name}.{part}", value)
-            if name == "driven" and value.ndim < 1:
-                raise InputError(f"{name}.{part} must be [..., T], got a single number")

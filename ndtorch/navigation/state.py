@@ -6,6 +6,8 @@ from typing import Any, NamedTuple
 
 from torch import Tensor
 
+from ndtorch.arguments import check_tensor
+from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.contract import Command
 from ndtorch.navigation.localisation.localiser import LocaliserState
 from ndtorch.navigation.mapping import GridMapState
@@ -75,3 +77,16 @@ class StepState(NavigatorState):
 
     def __reduce__(self) -> tuple[type[NavigatorState], tuple[Any, ...]]:
         return NavigatorState, tuple(self)
+
+
+def check_motion(driven: Command | None, start: Pose | None) -> None:
+    """Raise `InputError` for what was driven, or a start, that is not finite: it would stay in the pose for good."""
+    for name, given, kind in (("driven", driven, Command), ("start", start, Pose)):
+        if given is None:
+            continue
+        if not isinstance(given, kind):
+            raise InputError(f"{name} must be a {kind.__name__}, got {type(given).__name__}")
+        for part, value in zip(kind._fields, given, strict=True):
+            check_tensor(f"{name}.{part}", value)
+            if name == "driven" and value.ndim < 1:
+                raise InputError(f"{name}.{part} must be [..., T], got a single number")

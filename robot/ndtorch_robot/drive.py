@@ -23,7 +23,7 @@ from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import DriveCommand, Observer, Step
 from ndtorch_robot.recording.observe import RecordSteps
 from ndtorch_robot.recording.recorder import Recorder
-from ndtorch_robot.safety import SafeDrive, SafetyLimits, Sight
+from ndtorch_robot.safety import SafeDrive, SafetyLimits
 from ndtorch_robot.score.record import Record, pose_error
 from ndtorch_robot.score.scorer import MapScore, coverage, gates_passed, score_map
 from ndtorch_robot.sim.arenas import load_arena
@@ -34,6 +34,7 @@ from ndtorch_robot.sim.simulation import RIG, Simulation
 from ndtorch_robot.sim.stress import read_stress
 from ndtorch_robot.trouble import Kind
 from ndtorch_robot.watching.eye import SightLimits
+from ndtorch_robot.watching.sight import Sight
 from ndtorch_robot.watching.watch import PATIENCE
 
 LIMITS = SafetyLimits(speed=0.6, curvature=2.2, silence=0.1, age=0.1)

@@ -21,7 +21,8 @@ from ndtorch_robot.loop import CameraClock
 from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import CameraPair, Clock, Drive, Observer, Report
 from ndtorch_robot.run_config import RunConfig
-from ndtorch_robot.safety import SafeDrive, SafetyLimits, Sight
+from ndtorch_robot.safety import SafeDrive, SafetyLimits
+from ndtorch_robot.watching.sight import Sight
 
 if TYPE_CHECKING:
     from ndtorch_robot.sim.simulation import Simulation

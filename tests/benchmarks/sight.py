@@ -17,10 +17,10 @@ from ndtorch.navigation import Strips
 from ndtorch_robot.config import RATE, DriveConfig
 from ndtorch_robot.drive import drive
 from ndtorch_robot.ports import Step, StereoFrames
-from ndtorch_robot.safety import Sight
 from ndtorch_robot.sim.arenas import ARENAS
 from ndtorch_robot.sim.simulation import RIG
 from ndtorch_robot.trouble import Kind
+from ndtorch_robot.watching.sight import Sight
 
 LIGHTS = ((1.0, 0.0), (1.0, 2.0), (0.25, 1.0), (1.4, 1.0))
 """Factor on the light, and standard deviation of the noise in levels of 255."""

@@ -10,10 +10,11 @@ from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.car import Car
 from ndtorch_robot.drive import DRAWN, LIMITS
 from ndtorch_robot.pilot import Pilot
-from ndtorch_robot.safety import SafeDrive, Sight
+from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.plan import Plan, ring
 from ndtorch_robot.sim.simulation import RIG, Simulation
+from ndtorch_robot.watching.sight import Sight
 from tests.robot.support.gl_needed import needs_gl
 
 pytestmark = [needs_gl, pytest.mark.slow]

@@ -13,8 +13,9 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
 from ndtorch_robot.loop import SimulatedClock
 from ndtorch_robot.ports import DriveCommand, SafeCommand, StereoFrames, unseal
-from ndtorch_robot.safety import SafeDrive, SafetyLimits, Sight
+from ndtorch_robot.safety import SafeDrive, SafetyLimits
 from ndtorch_robot.trouble import Kind, Wrong
+from ndtorch_robot.watching.sight import Sight
 from tests.robot.support.plain_drive import PlainDrive
 
 ROBOT = Path(__file__).resolve().parents[2] / "robot" / "ndtorch_robot"

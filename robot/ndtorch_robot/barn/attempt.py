@@ -15,8 +15,9 @@ from ndtorch_robot.car import Car
 from ndtorch_robot.config import RATE
 from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import Step
-from ndtorch_robot.safety import SafeDrive, SafetyLimits, Sight
+from ndtorch_robot.safety import SafeDrive, SafetyLimits
 from ndtorch_robot.sim.simulation import RIG, Simulation
+from ndtorch_robot.watching.sight import Sight
 from ndtorch_robot.watching.watch import PATIENCE
 
 LIMITS = SafetyLimits(speed=1.0, curvature=2.2, silence=0.1, age=0.1)

@@ -8,10 +8,11 @@ from ndtorch.navigation.options import NavigatorOptions
 from ndtorch.navigation.strips import strips
 from ndtorch_robot.car import Car
 from ndtorch_robot.pilot import Pilot
-from ndtorch_robot.safety import SafeDrive, SafetyLimits, Sight
+from ndtorch_robot.safety import SafeDrive, SafetyLimits
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.simulation import RIG, Simulation
 from ndtorch_robot.watching.floor_check import FloorFound, measure_floor, moved_level
+from ndtorch_robot.watching.sight import Sight
 from tests.robot.support.gl_needed import needs_gl
 
 LIMITS = SafetyLimits(speed=0.6, curvature=2.2, silence=0.1, age=0.1)

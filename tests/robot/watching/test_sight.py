@@ -13,8 +13,9 @@ from ndtorch.navigation import StereoRig, Strips
 from ndtorch_robot.loop import SimulatedClock
 from ndtorch_robot.ports import StereoFrames
 from ndtorch_robot.run_config import SightTable
-from ndtorch_robot.safety import SafeDrive, Sight
+from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.watching.eye import SightLimits
+from ndtorch_robot.watching.sight import Sight
 from ndtorch_robot.watching.watch import CameraWatch
 from tests.robot.support.plain_drive import PlainDrive
 
