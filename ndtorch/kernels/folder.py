@@ -7,12 +7,19 @@ import os
 import shutil
 import stat
 import time
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from ndtorch.locks import hold
+
 STALE = 30 * 86400
 """Seconds after which a folder that nobody has used may go."""
+
+
+COMPILES = 60.0
+"""Seconds that a process may take to compile before another one that waits for it says so."""
 
 
 class UnusableFolder(Exception):
@@ -86,6 +93,9 @@ def locked(folder: Path | None, part: str | None = None) -> Iterator[None]:
             yield
             return
         fcntl.flock(file, fcntl.LOCK_SH)
-        with (folder / f"{part}.lock").open("w") as own:
-            fcntl.flock(own, fcntl.LOCK_EX)
+        path = folder / f"{part}.lock"
+        with path.open("w") as own:
+            hold(
+                own, lambda: warnings.warn(f"waits for another process that compiles, which holds {path}", stacklevel=6)
+            )
             yield

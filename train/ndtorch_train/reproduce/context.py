@@ -20,6 +20,7 @@ import numpy.typing as npt
 from ndtorch.checked import load_arrays, save_arrays
 from ndtorch.code_digest import code_digest
 from ndtorch.errors import InputError
+from ndtorch.locks import hold
 from ndtorch.workers import Report
 from ndtorch_train.reproduce.outcome import Claim, Drawing, Outcome, verdict_of
 
@@ -106,8 +107,12 @@ def judged(context: Context, ours: str, why: str, parts: Mapping[str, bool], num
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
     """Only one process at a time; a process that dies lets go."""
+
+    def tell() -> None:
+        print(f"note: waits for another run, which holds {path}", file=sys.stderr, flush=True)
+
     with path.open("w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
+        hold(file, tell)
         yield
 
 
@@ -168,8 +173,10 @@ def run_claim(claim: Claim, quick: bool, cache_folder: Path, code: str, report: 
             "drawings": [asdict(drawing) for drawing in context.drawings],
         }
         (work / "result.json").write_text(json.dumps(result, indent=1, default=plain) + "\n", encoding="utf-8")
-        shutil.rmtree(place, ignore_errors=True)
-        work.rename(place)
+        # Of two runs of one claim that end at once, the second would find the folder of the first in its way.
+        with locked(store / "results.lock"):
+            shutil.rmtree(place, ignore_errors=True)
+            work.rename(place)
     finally:
         os.close(lock)
         shutil.rmtree(work, ignore_errors=True)
