@@ -40,6 +40,20 @@ def bars(films):
     return films.bars()
 
 
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory):
+    """One second of the two bars at 25 frames a second, small, as a video file."""
+    from tests.command_line import small_clip
+
+    return small_clip(tmp_path_factory.mktemp("clip") / "bars.avi")
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Without figures, for tests of something else: drawing them takes longer than a short run."""
+    monkeypatch.setattr("ndtorch.report.folder.draw_all", lambda result, folder: [])
+
+
 def pytest_configure():
     """Nothing that a shell hands down matters: ignored signals, a home that cannot be written to."""
     if threading.current_thread() is threading.main_thread():

@@ -1,4 +1,4 @@
-"""The command line: what it prints, what it writes, and what it says about input it cannot use."""
+"""The command line: what it prints, and what it writes."""
 
 from __future__ import annotations
 
@@ -17,17 +17,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import torch
-from safetensors import safe_open
-from safetensors.torch import load_file
 
 import ndtorch
 from ndtorch.binding.rules import RULES
-from ndtorch.binding.saving import save_tensors
-from ndtorch.checked import CHECKSUM
 from ndtorch.commands import main
-from ndtorch.scenes import SCENES, two_bars
-from ndtorch.scenes.video_writer import VideoWriter
+from ndtorch.scenes import SCENES
+from tests.command_line import refused, same_state
 
 TRACKED = {"objects.json", "overlay.mp4", "report.html", "state.safetensors", "timeline.jsonl", "timeline.png"}
 FILES = {
@@ -41,36 +36,7 @@ FILES = {
     "weights_over_time.png",
 }
 PICTURES = {"frames.png", "outputs.png", "weights.png", "weights_over_time.png"}
-SMALL = (160, 160)
 CAR = Path(__file__).resolve().parents[2] / "shared" / "data" / "car-detection.mp4"
-
-
-@pytest.fixture(scope="module")
-def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One second of the two bars at 25 frames a second, small, as a video file."""
-    path = tmp_path_factory.mktemp("clip") / "bars.avi"
-    with VideoWriter(path, 25, SMALL) as writer:
-        for chunk in two_bars(seconds=1.0, size=SMALL, fps=25).chunks():
-            for frame in chunk:
-                writer.write(frame)
-    return path
-
-
-@pytest.fixture
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without figures, for tests of something else: drawing them takes longer than a short run."""
-    monkeypatch.setattr("ndtorch.report.folder.draw_all", lambda result, folder: [])
-
-
-def refused(arguments: list[str], capsys: pytest.CaptureFixture[str], *words: str) -> None:
-    """The command ends with code 2, one line that holds the words, and nothing on stdout."""
-    assert main(arguments) == 2
-    out, err = capsys.readouterr()
-    lines = [line for line in err.splitlines() if line.startswith("error:")]
-    assert out == ""
-    assert len(lines) == 1
-    for word in words:
-        assert word in lines[0]
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -116,79 +82,6 @@ def test_default_run_names_both_bars_in_words(tmp_path: Path, capsys: pytest.Cap
         # Something is drawn on the paper.
         assert picture is not None
         assert (picture < 128).mean() > 0.001
-
-
-def kept(out: Path) -> dict[str, torch.Tensor]:
-    """Every tensor of the state that a run left."""
-    return load_file(out / "state.safetensors")
-
-
-def same_state(whole: Path, rest: Path) -> dict[str, torch.Tensor]:
-    """Both runs ended in the same state, bit for bit; gives it."""
-    one, other = kept(whole), kept(rest)
-    assert set(one) == set(other)
-    assert [name for name in one if not torch.equal(one[name], other[name])] == []
-    return one
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_resumed_run_equals_an_uninterrupted_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    short = ["bind", "two-bars", "--settle", "0.3", "--pictures", "5"]
-    assert main([*short, "--seconds", "1.1", "--out", str(tmp_path / "whole")]) == 0
-    assert main([*short, "--seconds", "0.4", "--out", str(tmp_path / "part")]) == 0
-    capsys.readouterr()
-    part = str(tmp_path / "part" / "two-bars")
-    assert main(["bind", "--resume", part, "--seconds", "0.7", "--pictures", "5", "--out", str(tmp_path / "rest")]) == 0
-    assert capsys.readouterr().out.startswith("model  published (that of the run that goes on)\n")
-    state = same_state(tmp_path / "whole" / "two-bars", tmp_path / "rest" / "two-bars")
-    assert float(state["second.weights"].max()) > 0
-
-
-@pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize(
-    ("model", "options", "rows"),
-    [
-        # One step a frame where the settled network needs no shorter one, and 100 a second where it does.
-        ("published", ["--settle", "0.2"], 97),
-        ("scale-free", ["--gamma", "0.3", "--settle", "0.1"], 25),
-        ("video", ["--without", "scale"], 25),
-    ],
-)
-def test_resumed_video_goes_on_bit_for_bit_with_its_model(
-    model: str, options: list[str], rows: int, clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    asked = ["bind", str(clip), "--model", model, *options, "--pictures", "0"]
-    part = str(tmp_path / "part" / "bars")
-    assert main([*asked, "--out", str(tmp_path / "whole")]) == 0
-    assert main([*asked, "--seconds", "0.4", "--out", str(tmp_path / "part")]) == 0
-    assert main(["bind", "--resume", part, "--pictures", "0", "--out", str(tmp_path / "rest")]) == 0
-    state = same_state(tmp_path / "whole" / "bars", tmp_path / "rest" / "bars")
-    assert rows in [int(value) for name, value in state.items() if name.endswith((".steps", ".frames"))]
-    found = [json.loads((tmp_path / name / "bars" / "objects.json").read_text()) for name in ("whole", "rest")]
-    assert found[0]["objects"] == found[1]["objects"]
-    assert found[0]["weights"] == found[1]["weights"]
-    capsys.readouterr()
-    other = "published" if model != "published" else "video"
-    resumed = ["bind", "--resume", part, "--out", str(tmp_path)]
-    refused([*resumed, "--model", other], capsys, model, other)
-    if model != "published":
-        refused([*resumed, "--rule", "hebbian"], capsys, "--rule is an option of published", model)
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_a_state_with_a_number_that_is_none_is_refused(
-    clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    quick = ["--seconds", "0.2", "--pictures", "0"]
-    assert main(["bind", str(clip), "--model", "published", *quick, "--out", str(tmp_path)]) == 0
-    capsys.readouterr()
-    path = tmp_path / "bars" / "state.safetensors"
-    with safe_open(path, "pt") as file:
-        about = file.metadata()
-    state = kept(tmp_path / "bars")
-    state["second.weights"][0, 1] = torch.nan
-    save_tensors(state, path, {key: text for key, text in about.items() if key != CHECKSUM})
-    refused(["bind", "--resume", str(path.parent), "--out", str(tmp_path)], capsys, str(path), "second.weights", "NaN")
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -240,27 +133,6 @@ def test_grey_video_is_taken_and_said_so(tmp_path: Path, capsys: pytest.CaptureF
         cv2.imwrite(str(folder / f"{i}.png"), rng.integers(0, 255, (40, 60), dtype=np.uint8))
     assert main(["bind", str(folder), "--pictures", "0", "--out", str(tmp_path / "out")]) == 0
     assert "grey" in capsys.readouterr().err
-
-
-def test_one_picture_cannot_show_motion(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = tmp_path / "frames"
-    folder.mkdir()
-    cv2.imwrite(str(folder / "1.png"), np.full((40, 60, 3), 90, dtype=np.uint8))
-    for model in ("video", "published"):
-        refused(
-            ["bind", str(folder), "--model", model, "--json", "--out", str(tmp_path / "out")], capsys, "motion", "two"
-        )
-    assert not (tmp_path / "out" / "frames").exists()
-
-
-def test_a_folder_with_pictures_of_two_sizes_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = tmp_path / "frames"
-    folder.mkdir()
-    for name, size in (("1.png", (40, 60, 3)), ("2.png", (40, 64, 3))):
-        cv2.imwrite(str(folder / name), np.full(size, 90, dtype=np.uint8))
-    words = ("1.png is 60 x 40", "2.png 64 x 40")
-    refused(["bind", str(folder), "--json", "--out", str(tmp_path / "out")], capsys, *words)
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow
@@ -357,13 +229,6 @@ def test_quiet_prints_errors_alone(clip: Path, tmp_path: Path, capsys: pytest.Ca
     refused(["bind", "four-bars", "-q", "--out", str(tmp_path)], capsys, "four-bars")
 
 
-def test_a_source_that_was_probably_meant(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    refused(["bind", "two-bar", "--out", str(tmp_path)], capsys, "did you mean two-bars?")
-    mistyped = str(clip.with_name("bras.avi"))
-    refused(["bind", mistyped, "--out", str(tmp_path)], capsys, mistyped, f"did you mean {clip}?")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_help_shows_what_options_take(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["bind", "--help"])
@@ -376,38 +241,6 @@ def test_help_shows_what_options_take(capsys: pytest.CaptureFixture[str]) -> Non
     assert "--quiet" in text
     assert "default: None" not in text
     assert "(default: two-bars)" in " ".join(text.replace("│", " ").split())
-
-
-def test_unknown_scene_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "out"
-    refused(["bind", "four-bars", "--out", str(out)], capsys, "four-bars", "two-bars")
-    refused(["render", "four-bars", str(tmp_path / "x.mp4")], capsys, "four-bars", "two-bars")
-    # Nothing half-written.
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["{clip}", "--gamma", "1"], ["--gamma is an option of published, scale-free; the model is figures"]),
-        (["{clip}", "--rule", "hebbian"], ["--rule is an option of published; the model is figures"]),
-        (["{clip}", "--fit", "stretch"], ["--fit", "published", "the model is figures"]),
-        (["two-bars", "--without", "scale"], ["--without is an option of video; the model is published"]),
-        (["{clip}", "--model", "published", "--without", "scale"], ["--without is an option of video"]),
-        (["two-bars", "--model", "scale-free", "--order", "printed"], ["--order is an option of published"]),
-        (["{clip}", "--model", "video", "--without", "sight"], ["without", "exposure", "sight"]),
-        (["two-bars", "--model", "cubist"], ["model", "published", "video", "cubist"]),
-        (["two-bars", "--rule", "scale-free"], ["--model scale-free"]),
-        (["{clip}", "--front-end", "on"], ["--model video"]),
-        (["{clip}", "--front-end", "off"], ["--model published"]),
-    ],
-)
-def test_what_a_model_does_not_know_is_refused(
-    arguments: list[str], words: list[str], clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    given = [argument.format(clip=clip) for argument in arguments]
-    refused(["bind", *given, "--out", str(tmp_path / "out")], capsys, *words)
-    assert not (tmp_path / "out").exists()
 
 
 def test_a_recording_changes_nothing(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -433,69 +266,3 @@ def test_help_and_scenes_answer_before_torch_is_there(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=tmp_path)
     assert "two-bars-random" in done.stdout
     assert done.stdout.splitlines()[-1] == "[]"
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--rule", "oja"], ["rule", "competitive"]),
-        (["--order", "last"], ["order", "filter-first"]),
-        (["--gamma", "-1"], ["gamma", "-1"]),
-        (["--gamma", "nan"], ["gamma", "nan"]),
-        (["--seconds", "0"], ["seconds", "0"]),
-        (["--seconds", "nan"], ["seconds", "nan"]),
-        (["--fps", "-5"], ["fps", "-5"]),
-        (["--phase", "inf"], ["phase"]),
-        (["--first-stage-radius", "1.5"], ["radius", "1.5"]),
-        (["--device", "abacus"], ["device", "abacus"]),
-        (["--start", "3"], ["start"]),
-        (["--pictures", "-1"], ["pictures", "-1"]),
-        (["--resume", "nowhere"], ["nowhere", "missing"]),
-    ],
-)
-def test_unusable_option_is_refused(
-    options: list[str], words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    refused(["bind", *options, "--out", str(tmp_path / "out")], capsys, *words)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("kind", ["missing", "empty", "text", "cut"])
-def test_unusable_video_is_refused(kind: str, clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / f"{kind}.avi"
-    if kind != "missing":
-        path.write_bytes({"empty": b"", "text": b"not a video " * 999, "cut": clip.read_bytes()[:200]}[kind])
-    refused(["bind", str(path), "--out", str(tmp_path / "out")], capsys, str(path))
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize("source", ["camera:97", "/dev/video97"])
-def test_camera_that_is_not_there_is_refused(source: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    refused(["bind", source, "--out", str(tmp_path / "out")], capsys)
-    assert not (tmp_path / "out").exists()
-
-
-def test_scene_options_are_refused_for_video(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    refused(["bind", str(clip), "--phase", "60", "--out", str(tmp_path / "out")], capsys, "phase")
-    refused(["bind", str(clip), "--start", "90", "--out", str(tmp_path / "out")], capsys, "start")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_output_that_cannot_be_written_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    blocked = tmp_path / "file"
-    blocked.write_text("in the way")
-    refused(["bind", "--seconds", "0.1", "--out", str(blocked)], capsys, "--out", str(blocked))
-    assert blocked.read_text() == "in the way"
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_resume_does_not_take_options_that_would_change_the_run(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["bind", "--seconds", "0.1", "--settle", "0", "--pictures", "0", "--out", str(tmp_path)]) == 0
-    capsys.readouterr()
-    before = {path.name: path.read_bytes() for path in (tmp_path / "two-bars").iterdir()}
-    refused(["bind", "--resume", str(tmp_path / "two-bars"), "--phase", "9", "--out", str(tmp_path)], capsys, "phase")
-    refused(["bind", "one-bar", "--resume", str(tmp_path / "two-bars"), "--out", str(tmp_path)], capsys, "one-bar")
-    assert {path.name: path.read_bytes() for path in (tmp_path / "two-bars").iterdir()} == before
-    assert [path.name for path in tmp_path.iterdir()] == ["two-bars"]

@@ -1,0 +1,88 @@
+"""Runs that go on where another ended, and the states that they go on from."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors import safe_open
+
+from ndtorch.binding.saving import save_tensors
+from ndtorch.checked import CHECKSUM
+from ndtorch.commands import main
+from tests.command_line import kept, refused, same_state
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_resumed_run_equals_an_uninterrupted_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    short = ["bind", "two-bars", "--settle", "0.3", "--pictures", "5"]
+    assert main([*short, "--seconds", "1.1", "--out", str(tmp_path / "whole")]) == 0
+    assert main([*short, "--seconds", "0.4", "--out", str(tmp_path / "part")]) == 0
+    capsys.readouterr()
+    part = str(tmp_path / "part" / "two-bars")
+    assert main(["bind", "--resume", part, "--seconds", "0.7", "--pictures", "5", "--out", str(tmp_path / "rest")]) == 0
+    assert capsys.readouterr().out.startswith("model  published (that of the run that goes on)\n")
+    state = same_state(tmp_path / "whole" / "two-bars", tmp_path / "rest" / "two-bars")
+    assert float(state["second.weights"].max()) > 0
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(
+    ("model", "options", "rows"),
+    [
+        # One step a frame where the settled network needs no shorter one, and 100 a second where it does.
+        ("published", ["--settle", "0.2"], 97),
+        ("scale-free", ["--gamma", "0.3", "--settle", "0.1"], 25),
+        ("video", ["--without", "scale"], 25),
+    ],
+)
+def test_resumed_video_goes_on_bit_for_bit_with_its_model(
+    model: str, options: list[str], rows: int, clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ["bind", str(clip), "--model", model, *options, "--pictures", "0"]
+    part = str(tmp_path / "part" / "bars")
+    assert main([*asked, "--out", str(tmp_path / "whole")]) == 0
+    assert main([*asked, "--seconds", "0.4", "--out", str(tmp_path / "part")]) == 0
+    assert main(["bind", "--resume", part, "--pictures", "0", "--out", str(tmp_path / "rest")]) == 0
+    state = same_state(tmp_path / "whole" / "bars", tmp_path / "rest" / "bars")
+    assert rows in [int(value) for name, value in state.items() if name.endswith((".steps", ".frames"))]
+    found = [json.loads((tmp_path / name / "bars" / "objects.json").read_text()) for name in ("whole", "rest")]
+    assert found[0]["objects"] == found[1]["objects"]
+    assert found[0]["weights"] == found[1]["weights"]
+    capsys.readouterr()
+    other = "published" if model != "published" else "video"
+    resumed = ["bind", "--resume", part, "--out", str(tmp_path)]
+    refused([*resumed, "--model", other], capsys, model, other)
+    if model != "published":
+        refused([*resumed, "--rule", "hebbian"], capsys, "--rule is an option of published", model)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_state_with_a_number_that_is_none_is_refused(
+    clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    quick = ["--seconds", "0.2", "--pictures", "0"]
+    assert main(["bind", str(clip), "--model", "published", *quick, "--out", str(tmp_path)]) == 0
+    capsys.readouterr()
+    path = tmp_path / "bars" / "state.safetensors"
+    with safe_open(path, "pt") as file:
+        about = file.metadata()
+    state = kept(tmp_path / "bars")
+    state["second.weights"][0, 1] = torch.nan
+    save_tensors(state, path, {key: text for key, text in about.items() if key != CHECKSUM})
+    refused(["bind", "--resume", str(path.parent), "--out", str(tmp_path)], capsys, str(path), "second.weights", "NaN")
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_resume_does_not_take_options_that_would_change_the_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["bind", "--seconds", "0.1", "--settle", "0", "--pictures", "0", "--out", str(tmp_path)]) == 0
+    capsys.readouterr()
+    before = {path.name: path.read_bytes() for path in (tmp_path / "two-bars").iterdir()}
+    refused(["bind", "--resume", str(tmp_path / "two-bars"), "--phase", "9", "--out", str(tmp_path)], capsys, "phase")
+    refused(["bind", "one-bar", "--resume", str(tmp_path / "two-bars"), "--out", str(tmp_path)], capsys, "one-bar")
+    assert {path.name: path.read_bytes() for path in (tmp_path / "two-bars").iterdir()} == before
+    assert [path.name for path in tmp_path.iterdir()] == ["two-bars"]
