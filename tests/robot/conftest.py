@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from ndtorch_robot import car
-from ndtorch_robot.sim import cameras, gl, simulation
+from ndtorch_robot.sim import by_opengl, gl, simulation
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -45,7 +45,7 @@ def one_context() -> Iterator[None]:
         return SimpleNamespace(make_current=context.make_current, free=lambda: None)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cameras, "make_context", kept)
+        patch.setattr(by_opengl, "make_context", kept)
         yield
 
 

@@ -359,15 +359,15 @@ def test_live_command_at_an_address(capsys):
 class Clumsy(Cameras):
     """The right camera sits where `RIGHT` does."""
 
-    def aim(self, x, y, heading, side):
-        super().aim(x, y, heading, side)
-        if side == 1:
-            right, down, ahead = RIGHT.place
-            aside = self.rig.baseline - right
-            cos, sin = np.cos(heading), np.sin(heading)
-            for camera in self.scene.camera:
-                at = camera.pos
-                camera.pos = [at[0] + ahead * cos - aside * sin, at[1] + ahead * sin + aside * cos, at[2] - down]
+    def view(self, x, y, heading, side):
+        view = super().view(x, y, heading, side)
+        if side == 0:
+            return view
+        right, down, ahead = RIGHT.place
+        aside = self.rig.baseline - right
+        cos, sin = np.cos(heading), np.sin(heading)
+        at = view.place
+        return view._replace(place=(at[0] + ahead * cos - aside * sin, at[1] + ahead * sin + aside * cos, at[2] - down))
 
 
 class Drive:

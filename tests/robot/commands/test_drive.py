@@ -13,7 +13,7 @@ import ndtorch_robot.car
 from ndtorch.commands import main
 from ndtorch.errors import InputError
 from ndtorch_robot.config import load_config
-from ndtorch_robot.sim import cameras, gl
+from ndtorch_robot.sim import by_opengl, cameras, gl
 from tests.robot.support.gl_needed import WHY, needs_gl
 
 MAPS = ["map.npz", "map.pgm", "map.png", "map.yaml"]
@@ -174,7 +174,8 @@ def test_no_opengl_names_the_package(monkeypatch):
 
 
 def test_drive_without_opengl(monkeypatch, capsys, tmp_path):
-    monkeypatch.setattr(cameras, "make_context", gl.make_context)  # one that was made before would do
+    monkeypatch.setattr(cameras, "kernel_draws", lambda model: False)
+    monkeypatch.setattr(by_opengl, "make_context", gl.make_context)  # one that was made before would do
     monkeypatch.setattr(gl.ctypes.util, "find_library", lambda name: None)
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     assert main(["drive", "--out", str(tmp_path)]) == 2
@@ -188,8 +189,10 @@ def test_osmesa_draws_the_same_world():
     """In a process of its own, because a program keeps the library it drew with first."""
     script = """
 import numpy as np
+from ndtorch_robot.sim import cameras
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.simulation import Simulation
+cameras.kernel_draws = lambda model: False
 simulation = Simulation(load_arena("room", 1), 1)
 left, right = simulation.cameras.look(simulation.data, 4.0, 2.0, 0.3)
 print(*left.row.flatten().tolist(), *right.field.flatten().tolist())

@@ -11,13 +11,31 @@ from ndtorch.navigation import Rect, StereoRig, cut_strips
 from ndtorch.navigation.strips import cut as cut_out
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.safety import SafeDrive
+from ndtorch_robot.sim import by_opengl, cameras
 from ndtorch_robot.sim.arenas import load_arena
-from ndtorch_robot.sim.cameras import Cameras, side_by_side
+from ndtorch_robot.sim.by_opengl import side_by_side
+from ndtorch_robot.sim.cameras import Cameras
 from ndtorch_robot.sim.gl import make_context
 from ndtorch_robot.sim.paint import Painted, pack, paint_floor
 from ndtorch_robot.sim.plan import Plan, ring
 from ndtorch_robot.sim.simulation import RIG, Simulation
-from tests.robot.support.gl_needed import needs_gl
+from tests.robot.support.gl_needed import WHY, needs_gl
+
+BOTH = pytest.mark.parametrize("way", ["kernel", "OpenGL"], indirect=True)
+
+
+@pytest.fixture
+def way(request, monkeypatch):
+    """Who draws."""
+    if request.param == "OpenGL":
+        if WHY:
+            pytest.skip(WHY)
+        monkeypatch.setattr(cameras, "kernel_draws", lambda model: False)
+    else:
+        pytest.importorskip("mujoco")
+        pytest.importorskip("numba")
+    return request.param
+
 
 POSES = [(0.6 + 0.9 * k, 0.05 * (-1) ** k, 0.1 * (k % 5 - 2)) for k in range(16)]
 
@@ -30,9 +48,9 @@ def looks(arena, whole, poses, **options):
         simulation.close()
 
 
-@needs_gl
+@BOTH
 @pytest.mark.parametrize("moving", [False, True])
-def test_strips_are_the_pixels_of_whole_frames(moving):
+def test_strips_are_the_pixels_of_whole_frames(moving, way):
     whole = looks("hallway", True, POSES, moving=moving)
     strips = looks("hallway", False, POSES, moving=moving)
     fields = RIG.subfields()
@@ -44,11 +62,9 @@ def test_strips_are_the_pixels_of_whole_frames(moving):
                 assert torch.equal(a, b)
 
 
-@needs_gl
-def test_any_number_of_strips(monkeypatch):
-    monkeypatch.setattr(
-        "ndtorch_robot.sim.cameras.make_context", make_context
-    )  # two cameras draw by turns, each in its own
+@BOTH
+def test_any_number_of_strips(way, monkeypatch):
+    monkeypatch.setattr(by_opengl, "make_context", make_context)  # two cameras draw by turns, each in its own
     """Further rectangles are the pixels of the whole frame, too, and the others stay as they are, up to rounding."""
     simulation = Simulation(load_arena("room", 1), 1)
     cameras = Cameras(simulation.world.model, RIG, whole=True, more=[(Rect(350, 400, 0, 90), Rect(350, 400, 550, 640))])
@@ -57,7 +73,7 @@ def test_any_number_of_strips(monkeypatch):
         plain = simulation.cameras.look(simulation.data, *pose)
         frames = cameras.look(simulation.data, *pose)
         for k in (0, 1):
-            whole = torch.from_numpy(cameras.whole_frame(*pose, k)).permute(2, 0, 1)
+            whole = torch.from_numpy(cameras.whole_frame(*pose, k))
             for rect in drawn[k]:
                 assert levels(cut_out(frames[k][0], rect), cut_out(whole, rect)) <= 1
             for rect, piece in zip(drawn[k], plain[k], strict=False):
@@ -82,8 +98,8 @@ def test_strips_lie_side_by_side():
     assert height <= 160
 
 
-@needs_gl
-def test_pasted_strips_do_not_show():
+@BOTH
+def test_pasted_strips_do_not_show(way):
     """As drawn, before the pasting: at most one level of 256 off, in less than one pixel of two hundred."""
     simulation = Simulation(load_arena("curve", 1), 1, whole=True)
     cameras, field = simulation.cameras, RIG.subfields()[0]
@@ -91,7 +107,7 @@ def test_pasted_strips_do_not_show():
     for angle in np.arange(0, 6, 0.5):
         pose = (10.8 * math.cos(angle), 10.8 * math.sin(angle), angle + 1.3)
         pasted, _ = cameras.look(simulation.data, *pose)
-        frame = torch.from_numpy(cameras.whole_frame(*pose, 0)).permute(2, 0, 1).int()
+        frame = torch.from_numpy(cameras.whole_frame(*pose, 0)).int()
         for rect in (field, cameras.row):
             area = (slice(None), slice(rect.top, rect.bottom), slice(rect.left, rect.right))
             off.append((frame[area] - pasted[0].int()[area]).abs().flatten().numpy())
@@ -101,8 +117,8 @@ def test_pasted_strips_do_not_show():
     assert (off > 0).mean() < 0.005
 
 
-@needs_gl
-def test_edges_are_where_the_rig_says():
+@BOTH
+def test_edges_are_where_the_rig_says(way):
     """A dark pillar before blank walls: both its sides in the horizon rows of both cameras."""
     square = ring([(0, -3), (6, -3), (6, 3), (0, 3)], "blank")
     pillar = ring([(2.5, -0.2), (2.9, -0.2), (2.9, 0.2), (2.5, 0.2)], "door", solid=True)

@@ -9,6 +9,8 @@ from typing import NamedTuple
 from ndtorch.navigation import Rect
 from ndtorch_robot.sim.stress.options import Stress
 
+Direction = tuple[float, float, float]
+
 SAMPLES = 4
 """Pictures of which a blurred one is the mean."""
 
@@ -23,7 +25,7 @@ class Motion(NamedTuple):
     curvature: float = 0.0
 
 
-def axes(heading: float, side: int, stress: Stress) -> tuple[list[float], list[float]]:
+def axes(heading: float, side: int, stress: Stress) -> tuple[Direction, Direction]:
     """Directions in which a camera looks and which it holds for up.
 
     Args:
@@ -32,13 +34,11 @@ def axes(heading: float, side: int, stress: Stress) -> tuple[list[float], list[f
     turn = heading + math.radians(stress.yaw + side * stress.turned)
     pitch, roll = math.radians(stress.pitch), math.radians(stress.roll)
     ahead, left = (math.cos(turn), math.sin(turn), 0.0), (-math.sin(turn), math.cos(turn), 0.0)
-    forward = [math.cos(pitch) * a for a in ahead]
-    forward[2] = -math.sin(pitch)
-    upward = [math.sin(pitch) * a for a in ahead]
-    upward[2] = math.cos(pitch)
+    forward = (math.cos(pitch) * ahead[0], math.cos(pitch) * ahead[1], -math.sin(pitch))
+    upward = (math.sin(pitch) * ahead[0], math.sin(pitch) * ahead[1], math.cos(pitch))
     # Turned to its right side, the camera's up leans to the right.
-    up = [math.cos(roll) * u - math.sin(roll) * w for u, w in zip(upward, left, strict=True)]
-    return forward, up
+    x, y, z = (math.cos(roll) * u - math.sin(roll) * w for u, w in zip(upward, left, strict=True))
+    return forward, (x, y, z)
 
 
 def moved(x: float, y: float, heading: float, motion: Motion, seconds: float) -> tuple[float, float, float]:
