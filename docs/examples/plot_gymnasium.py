@@ -3,7 +3,7 @@ A policy of your own in Gymnasium
 =================================
 
 Simulated drives are environments of Gymnasium. Here a small policy is scored beside the controller ``ranging`` and
-beside driving straight on. This needs ``ndtorch-robot[sim]`` and OpenGL through EGL or OSMesa.
+beside driving straight on. This needs ``ndtorch-robot[sim]``.
 """
 
 from collections.abc import Callable

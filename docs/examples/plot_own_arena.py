@@ -3,7 +3,7 @@ An arena of your own
 ====================
 
 An arena is a small TOML file: rooms that touch or overlap, doors, pillars and furniture. The simulated car drives
-through it, by sight, and draws a map. This needs ``ndtorch-robot[sim]`` and OpenGL through EGL or OSMesa.
+through it, by sight, and draws a map. This needs ``ndtorch-robot[sim]``.
 """
 
 import tempfile

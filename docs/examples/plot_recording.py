@@ -3,8 +3,7 @@ A recording, and its replay
 ===========================
 
 A drive writes down what the cameras saw and what the navigator wanted. Replayed, the same program must want the same,
-bit for bit. A recording of a real car replays the same way. This needs ``ndtorch-robot[sim]`` and OpenGL through EGL or
-OSMesa.
+bit for bit. A recording of a real car replays the same way. This needs ``ndtorch-robot[sim]``.
 """
 
 import tempfile

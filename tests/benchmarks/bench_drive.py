@@ -11,22 +11,20 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import mujoco
-
 from ndtorch.navigation import GridMap
 from ndtorch_robot.car import Car
 from ndtorch_robot.drive import DriveConfig, drive
 from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.score.record import Record
+from ndtorch_robot.sim.by_kernel import KernelPainter
 from ndtorch_robot.sim.simulation import Simulation
 from tests.benchmarks.timing import Row, reference, table
 
 PARTS: tuple[tuple[Any, str, str], ...] = (
     (Car, "step", "whole step"),
     (Car, "see", "cameras"),
-    (mujoco, "mjr_render", "- told what to draw"),
-    (mujoco, "mjr_readPixels", "- drawn and read back"),
+    (KernelPainter, "strips", "- drawn"),
     (SafeDrive, "see", "watch"),
     (Pilot, "step", "navigation"),
     (GridMap, "update", "- map"),

@@ -109,8 +109,8 @@ def test_random_triangles_against_rays():
     parts = np.array([[0, 0, 60, 0, 96, 0, 60 * 96]])
     kernel("draw_strips").run(corners, surface, texels, copies, np.array([camera]), parts, (0.02, 60.0), out)
     drawn, compared, background = out.reshape(3, 60, 96).transpose(1, 2, 0).astype(float), 0, 0
-    for row in range(2, 58, 5):
-        for column in range(2, 94, 5):
+    for row in range(2, 58, 6):
+        for column in range(2, 94, 6):
             hits = [
                 ray(camera, corners, column + dx, row + dy) for dx, dy in ((0, 0), (1, 0), (0, 1), (-1, 0), (0, -1))
             ]
@@ -136,7 +136,7 @@ def test_random_triangles_against_rays():
             # The logarithm is taken straight from power to power, and of the pixel's middle.
             doubt = 2.0 + 0.25 * np.abs(looked_up(levels[max(low - 1, 0)], u, v) - far).max() * (size > 0)
             assert np.abs(drawn[row, column] - wanted).max() <= doubt
-    assert compared > 60
+    assert compared > 40
     assert background > 3
 
 
@@ -160,10 +160,8 @@ def test_parts_of_a_picture_are_the_picture():
 
 CASES = [
     ("hallway", "", False),
-    ("office", "", True),
-    ("curve", "roll=3,pitch=3", False),
-    ("random", "rolling,blur,focal", True),
-    ("loop", "yaw,turned,baseline", False),
+    ("office", "roll=3,pitch=3", True),
+    ("room", "rolling,blur,focal,yaw,turned,baseline", True),
 ]
 
 
@@ -182,7 +180,7 @@ def test_the_kernel_draws_what_opengl_draws(arena, stress, moving, monkeypatch):
         made.append(Simulation(load_arena(arena, 7), 7, moving=moving, stress=read_stress(stress), fields=wide))
     ours, theirs = made
     rng, off = np.random.default_rng(1), []
-    for _ in range(5):
+    for _ in range(4):
         x, y, heading = ours.places.any(rng)
         seen = [one.cameras.look(one.data, x, y, heading, Motion(0.5, 0.3)) for one in made]
         for eye, other in zip(*seen, strict=True):
