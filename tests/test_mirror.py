@@ -33,6 +33,7 @@ TESTED_IN = {
     "cli/bind": "test_cli",
     "cli/render": "test_cli",
     "cli/scenes": "test_cli",
+    "kernels/apart": "vision/camera/test_background",
     "kernels/arc": "navigation/test_odometry",
     "kernels/add_points": "navigation/localisation/test_localiser",
     "kernels/avoid": "navigation/test_avoider",

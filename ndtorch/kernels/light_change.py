@@ -40,13 +40,15 @@ def light_change(
         bright += keep[n]
     for c in range(3):
         gain[c] = 1
-        if bright / count >= light and bright:
+        # First its gain, from what is not dark, then its noise.
+        for turn in range(0 if bright / count >= light and bright else 1, 2):
             k = 0
             for n in range(count):
-                values[k] = one[c][n] / other[c][n]
-                k += keep[n]
-            gain[c] = min(max(middle_of(values, bright), kind(1 / limit)), kind(limit))
-        for n in range(count):
-            values[n] = abs(one[c][n] / gain[c] - other[c][n])
-        noise[c] = max(middle_of(values, count) / kind(median_size), kind(least))
+                values[k] = one[c][n] / other[c][n] if turn == 0 else abs(one[c][n] / gain[c] - other[c][n])
+                k += keep[n] or turn == 1
+            middle = middle_of(values, k)
+            if turn == 0:
+                gain[c] = min(max(middle, kind(1 / limit)), kind(limit))
+            else:
+                noise[c] = max(middle / kind(median_size), kind(least))
     return lit / count, bright / count

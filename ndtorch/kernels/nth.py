@@ -7,35 +7,65 @@ import numpy as np
 from ndtorch.kernels.filters import Array
 from ndtorch.kernels.inner import inner
 
+SLOTS = 64
+
 
 @inner
 def middle_of(values: Array, count: int) -> float:
-    """The median of the first `count` values, whose order is changed."""
+    """The median of the first `count` values; `nth_of` says what becomes of them."""
     half = count // 2
-    low, high = 0, count - 1
-    while low < high:
-        pivot, i, j = values[(low + high) // 2], low, high
-        while i <= j:
-            while values[i] < pivot:
-                i += 1
-            while values[j] > pivot:
-                j -= 1
-            if i <= j:
-                values[i], values[j] = values[j], values[i]
-                i, j = i + 1, j - 1
-        if half <= j:
-            high = j
-        elif half >= i:
-            low = i
-        else:
-            break
+    here = nth_of(values, count, half)
     if count % 2:
-        return float(values[half])
-    # All before it are no larger: the largest of them is the other one.
-    below = values[0]
-    for n in range(1, half):
-        below = max(below, values[n])
-    return float((below + values[half]) / values.dtype.type(2))
+        return float(here)
+    # The one before it is the same one, or the largest of those below.
+    below, fewer = values.dtype.type(-np.inf), 0
+    for n in range(count):
+        if values[n] < here:
+            below = max(below, values[n])
+            fewer += 1
+    before = below if fewer == half else here
+    return float((before + here) / values.dtype.type(2))
+
+
+@inner
+def nth_of(values: Array, count: int, n: int) -> float:
+    """The value that n of the first `count` values come before in order. Their order stays; NaN are not allowed."""
+    low, high = values[0], values[0]
+    for k in range(count):
+        low, high = min(low, values[k]), max(high, values[k])
+    some, left, before = values[:count].copy(), count, n
+    # Into slots by size, and again within the slot in which it lies, until few are left.
+    while left > 12 and low < high:
+        slots = np.zeros(SLOTS, np.int32)
+        scale = SLOTS / (float(high) - float(low))
+        for k in range(left):
+            slots[slot_of(some[k], low, scale)] += 1
+        at = 0
+        while before >= slots[at]:
+            before -= slots[at]
+            at += 1
+        kept = 0
+        least, most = high, low
+        for k in range(left):
+            value = some[k]
+            if slot_of(value, low, scale) == at:
+                some[kept] = value
+                kept += 1
+                least, most = min(least, value), max(most, value)
+        low, high, left = least, most, kept
+    for k in range(1, left):
+        value, m = some[k], k
+        while m > 0 and some[m - 1] > value:
+            some[m] = some[m - 1]
+            m -= 1
+        some[m] = value
+    return float(some[before])
+
+
+@inner
+def slot_of(value: float, low: float, scale: float) -> int:
+    """The slot of a value."""
+    return min(int((value - low) * scale), SLOTS - 1)
 
 
 @inner

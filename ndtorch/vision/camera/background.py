@@ -7,6 +7,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ndtorch.kernels.load import kernel
+from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.vision.camera.params import CameraParams
 from ndtorch.vision.camera.sampling import every_other
 
@@ -85,3 +87,37 @@ def background_step(
 def core(difference: Tensor, threshold: Tensor) -> Tensor:
     """Soft threshold: nothing of a difference below the threshold, and what is beyond it above."""
     return difference - torch.minimum(torch.maximum(difference, -threshold), threshold)
+
+
+def quick_step(
+    frame: Tensor, state: BackgroundState, shares: tuple[float, float, float], params: CameraParams
+) -> tuple[Tensor, Tensor, Tensor, Tensor, BackgroundState] | None:
+    """`exposure_gain`, `background_step` and `core` by a kernel; None where they are to be done by torch.
+
+    Args:
+        frame: `[3, h, w]`.
+        state: before.
+        shares: smoothing factors of background, deviation, and the background's exposure.
+        params: as of `background_step`.
+
+    Returns:
+        the frame without its gain and what of the difference counts `[3, h, w]`, by how much it is beyond the threshold
+        `[1, h, w]`, median of the threshold `[]`, and the state; None also where a new scene begins.
+    """
+    parts = (frame, state.mean, state.deviation)
+    if not params.background or any(part.dtype != torch.float32 for part in parts) or not kernels_wanted(*parts):
+        return None
+    from ndtorch.kernels.apart import ApartNumbers
+
+    names = ApartNumbers._fields[ApartNumbers._fields.index("gain_limit") :]
+    numbers = (getattr(params, name) for name in names)
+    constants = ApartNumbers(params.exposure, params.noise_floor, *shares, MEAN_SIZE, MEDIAN_SIZE, *map(float, numbers))
+    corrected, seen, mean, deviation = (torch.empty_like(frame) for _ in range(4))
+    shown = torch.empty(1, *frame.shape[1:])
+    given = (part.contiguous().numpy() for part in parts)
+    results = (corrected.numpy(), seen.numpy(), shown[0].numpy(), mean.numpy(), deviation.numpy())
+    noise, cut = kernel("apart").run(*given, int(state.frames), constants, *results)
+    if cut:
+        return None
+    after = BackgroundState(mean, deviation, state.frames + 1)
+    return corrected, seen, shown, frame.new_tensor(noise), after

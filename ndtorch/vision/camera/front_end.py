@@ -14,7 +14,7 @@ from ndtorch.errors import InputError
 from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.tree import leaves, mapped
-from ndtorch.vision.camera.background import BackgroundState, background_start, background_step, core
+from ndtorch.vision.camera.background import BackgroundState, background_start, background_step, core, quick_step
 from ndtorch.vision.camera.colors import balanced, hues_and_shades
 from ndtorch.vision.camera.exposure import exposure_gain
 from ndtorch.vision.camera.params import CameraParams
@@ -184,6 +184,12 @@ class CameraFrontEnd(nn.Module):
         p, given = self.parts, frame
         start = background_start(frame, p.first_deviation)
         background = start if background is None else background
+        shares = (self.a_background, self.a_deviation, self.a_exposure)
+        quick = quick_step(frame, background, shares, p)
+        if quick is not None:
+            frame, seen, shown, noise, after = quick
+            row, scales = self._signals(frame, background.mean, seen, shown, scales)
+            return (*row[:3], noise, row[3], torch.tensor(False), row[4]), after, scales
         gain, other = frame.new_ones(3, 1, 1), torch.zeros(1, 1, 1, dtype=torch.bool, device=frame.device)
         if p.exposure:
             gain, other = exposure_gain(frame, background.mean, p.gain_limit, p.darkest, p.lit)
@@ -203,11 +209,19 @@ class CameraFrontEnd(nn.Module):
         seen = core(difference, threshold) if p.noise_floor else difference
         if not p.background:
             seen = frame
+        row, scales = self._signals(frame, background.mean, seen, shown, scales)
+        return (*row[:3], noise, row[3], cut.view(()), row[4]), after, scales
+
+    def _signals(
+        self, frame: Tensor, ground: Tensor, seen: Tensor, shown: Tensor, scales: ScaleState | None
+    ) -> tuple[tuple[Tensor, ...], ScaleState]:
+        """Signals, motion, presence, level and shades, from the frame, its background and what differs."""
+        p = self.parts
         scales = scale_start(torch.zeros_like(seen) if p.background else seen) if scales is None else scales
         moved, level, scales = scale_step(seen, scales, self.dt, self.a_high, self.a_low, p)
-        hue, shade = hues_and_shades(frame, background.mean, p)
+        hue, shade = hues_and_shades(frame, ground, p)
         if not p.color_inhibition:
-            hue = balanced(frame, background.mean, p)
+            hue = balanced(frame, ground, p)
         if p.background:
             hue = hue * shown
         fine = [self.orientation.images(seen.abs().amax(0)).abs(), hue, shown, shade * shown]
@@ -227,8 +241,7 @@ class CameraFrontEnd(nn.Module):
         if p.compression:
             signals, shades = root(signals), root(shades)
         planes = (part.movedim(0, -1) for part in (signals, motion))
-        row = (*planes, fields[6], noise, level, cut.view(()), shades.movedim(0, -1))
-        return row, after, scales
+        return (*planes, fields[6], level, shades.movedim(0, -1)), scales
 
     def _pool(self, images: Tensor, level: int) -> Tensor:
         """Means over the fields of images on one level of the pyramid."""

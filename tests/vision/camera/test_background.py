@@ -5,8 +5,10 @@ from __future__ import annotations
 import pytest
 import torch
 
-from ndtorch.vision.camera.background import background_start, background_step, core, measured_noise
+from ndtorch.vision.camera.background import background_start, background_step, core, measured_noise, quick_step
+from ndtorch.vision.camera.exposure import exposure_gain
 from ndtorch.vision.camera.params import CameraParams
+from ndtorch.vision.camera.sampling import every_other
 
 STEP = {"a": 0.01, "a_deviation": 0.05, "params": CameraParams()}
 
@@ -69,3 +71,36 @@ def test_the_first_pictures_are_averaged() -> None:
         _, _, _, state = background_step(frames[n], state, **STEP)
         mean = sum(float(frame[0, 0, 0]) for frame in frames[: n + 1]) / (n + 1)
         assert state.mean.flatten().tolist() == pytest.approx([mean] * 192, abs=1e-5)
+
+
+def test_the_kernel_does_what_the_steps_do() -> None:
+    pytest.importorskip("numba")
+    generator = torch.Generator().manual_seed(4)
+    ground, params = torch.rand(3, 30, 41, generator=generator), CameraParams()
+    # One color is dark nearly everywhere: its gain is not told.
+    ground[2] *= 0.03
+    state, shares = background_start(ground, params.first_deviation), (0.004, 0.01, 0.004)
+    for step in range(12):
+        frame = (1 - 0.02 * step) * (ground + 0.01 * torch.randn(ground.shape, generator=generator))
+        frame[:, 8:10, 2 * step : 2 * step + 9] = 0.9
+        gain, other = exposure_gain(frame, state.mean, params.gain_limit, params.darkest, params.lit)
+        even = frame / gain
+        difference, threshold, cut, after = background_step(even, state, *shares[:2], params)
+        after = after._replace(mean=after.mean * gain ** shares[2])
+        with torch.inference_mode():
+            quick = quick_step(frame, state, shares, params)
+        assert not cut
+        assert not other
+        assert quick is not None
+        shown = ((difference.abs() / threshold).amax(0, keepdim=True) - 1).clamp(0, 1)
+        wanted = (even, core(difference, threshold), shown, every_other(threshold).median(), *after)
+        for one, found in zip(wanted, (*quick[:4], *quick[4]), strict=True):
+            assert one.shape == found.shape
+            assert torch.allclose(one, found, atol=1e-4)
+        state = after
+    assert gain[2] == 1
+    assert gain[0] < 0.95
+    assert float(shown.max()) == 1
+    with torch.inference_mode():
+        assert quick_step(1 - ground, state, shares, params) is None
+        assert quick_step(torch.full_like(ground, 0.001), state, shares, params) is None
