@@ -90,7 +90,8 @@ class GoalParams:
         passed: exploring, places within this of the way driven count as done, m.
         places: the memory of them; it reaches farther than that of what was seen.
         patience: exploring ends when for so long no way to anywhere new was found, s.
-        in_vain: a place to explore is given up when for so long the car has come no nearer and passed nothing new, s.
+        in_vain: a place to explore is given up when the car has come no nearer and passed nothing new for so long,
+            s, and for as long as creeping there takes.
         given_up: with all that is within this of it, m.
         lifetime: of what is remembered when exploring, s.
         miss: evidence that a range takes away from each cell before it.

@@ -15,9 +15,6 @@ from ndtorch.navigation.controllers.goal.planning import Planned, Surroundings, 
 from ndtorch.navigation.controllers.goal.speeds import allowed_speeds
 from ndtorch.navigation.controllers.goal.state import LONGEST, GoalState
 
-JUMP = 1.0
-"""The cost of the way to one aim never changes so much from plan to plan, m."""
-
 
 def replan(state: GoalState, here: tuple[float, float, float], params: GoalParams, every: int) -> GoalState:
     """The state with a new way.
@@ -66,12 +63,12 @@ def give_up(
     p, patch, new = params, params.places, torch.full_like
     passed, best, none = state.visited.evidence.sum(), float(state.best), state.tried * 0
     newly = float(passed - state.passed) * patch.cell**2
-    if newly >= p.way.least_seen or not math.isfinite(made.cost) or JUMP >= best - made.cost > 0.1:
+    if math.isinf(made.cost):
+        return state
+    if newly >= p.way.least_seen or made.cost < best - 0.1:
         return state._replace(best=new(state.best, made.cost), passed=passed, tried=none)
-    if math.isinf(best) or min(abs(made.cost - best), abs(made.cost - float(state.cost))) > JUMP:
-        # The aim is another one. That is no success: it may change to and fro.
-        state = state._replace(best=new(state.best, made.cost))
-    if float(state.tried) < p.in_vain:
+    # Another aim may be far away, and is no success: aims may change to and fro.
+    if float(state.tried) < p.in_vain + made.cost / p.creep:
         return state
     place = where_to(made.to_go, around, p.way.coarse, here[:2])
     evidence = passed_around(state.visited.evidence, *place, p.given_up, patch)

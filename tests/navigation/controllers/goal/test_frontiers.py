@@ -130,17 +130,19 @@ def test_what_was_tried_in_vain_counts_as_passed():
     made = explored(around, visited)
     state = give_up(state, made, around, AROUND, params)._replace(cost=torch.tensor(made.cost))
     assert float(state.best) == pytest.approx(made.cost)
-    for tried in (0.0, params.in_vain - 0.1):
+    for tried in (0.0, params.in_vain + made.cost / params.creep - 0.1):
         state = give_up(state._replace(tried=torch.tensor(tried)), made, around, AROUND, params)
         assert not state.visited.evidence.any()
     nearer = give_up(state, made._replace(cost=made.cost - 0.2), around, AROUND, params)
     assert float(nearer.tried) == 0
-    # Another aim, nearer or farther, is no success, but from then on it counts how near the car is to that one.
-    for farther in (1.5, -1.5):
-        other = give_up(state, made._replace(cost=made.cost + farther), around, AROUND, params)
-        assert float(other.tried) == pytest.approx(params.in_vain - 0.1)
-        assert float(other.best) == pytest.approx(made.cost + farther)
-    state = give_up(state._replace(tried=torch.tensor(params.in_vain)), made, around, AROUND, params)
+    assert give_up(state, made._replace(cost=math.inf), around, AROUND, params) is state
+    # Aims that change to and fro are no success, and a far one is given the time that it takes.
+    tried = torch.tensor(params.in_vain + made.cost / params.creep + 0.1)
+    far = give_up(state._replace(tried=tried), made._replace(cost=made.cost + 2.0), around, AROUND, params)
+    assert not far.visited.evidence.any()
+    assert float(far.tried) == pytest.approx(float(tried))
+    assert float(far.best) == pytest.approx(made.cost)
+    state = give_up(state._replace(tried=tried), made, around, AROUND, params)
     cells = visited_cells(state.visited.evidence, 0.0, 0.0, SMALL.patch, params.places)
     row, column = np.argwhere(cells).mean(0)
     left = (-SMALL.patch.size // 2 + 1) * CELL
