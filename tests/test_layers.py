@@ -18,7 +18,7 @@ HEAVY = ("cv2", "numba", "scipy", "torchvision", "rerun", "matplotlib", "mujoco"
 PACKAGES = ("ndtorch", "ndtorch_robot", "ndtorch_train")
 
 FLOORS = (
-    "arguments checked code_digest config errors files installed kernels lazy memory nearest optional toml tree "
+    "arguments checked code_digest config errors files installed kernels lazy locks memory nearest optional toml tree "
     "workers",
     "scenes vision",
     "binding navigation",
