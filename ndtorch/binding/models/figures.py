@@ -19,11 +19,13 @@ from ndtorch.binding.readout.owners import features_by_group
 from ndtorch.binding.tracking.figures import Figure, figures_of, table_of
 from ndtorch.binding.tracking.following import follow
 from ndtorch.binding.tracking.regions import holes, parted, regions_of
+from ndtorch.binding.tracking.restless import at_rest, come_and_gone
 from ndtorch.binding.tracking.shades import Light, shade_of
 from ndtorch.binding.tracking.silhouettes import told
 from ndtorch.errors import InputError
 from ndtorch.vision.camera.figure_signals import FigureSignals
 from ndtorch.vision.camera.figures import ground_start, ground_step
+from ndtorch.vision.camera.ground import GroundState
 from ndtorch.vision.features import FEATURES, GROUPS
 from ndtorch.vision.frames import as_float, check_frames
 
@@ -173,14 +175,11 @@ class FiguresModel(BindingModel):
         shape = picture.shape[1:]
         square = np.ones((3, 3), np.uint8)
         if seen is None:
-            blank = torch.zeros(shape)
-            seen = SeenState(ground_start(picture, g), blank.to(torch.int32), blank, None)
+            seen = blank(ground_start(picture, g), shape)
         standing, ground = ground_step(picture, seen.ground, seen.kept.numpy(), self.dt, g)
         if standing.cut:
             # What was followed is gone; a new scene starts as a film does.
-            blank = torch.zeros(shape)
-            after = SeenState(ground, blank.to(torch.int32), blank, None)
-            return torch.zeros(self.config.fields.most, 10), after, [], open_, began, True
+            return torch.zeros(self.config.fields.most, 10), blank(ground, shape), [], open_, began, True
         quiet = ground.quiet.numpy()
         # Plain parts of what moves are still too, and no holes.
         moving = np.zeros(began + 2, np.uint8)
@@ -196,7 +195,9 @@ class FiguresModel(BindingModel):
         regions = parted(regions_of(figure, smallest, t.gap), t.notch, smallest)
         light = Light(standing.picture, standing.ground, self.config.shades)
         seen_for = (int(ground.frames) - 1) * self.dt
-        open_, late, silhouettes = follow(open_, time, seen_for, regions, standing, light, began, self.dt, t)
+        before = seen.gone.numpy()
+        open_, late, silhouettes = follow(open_, time, seen_for, regions, standing, light, before, began, self.dt, t)
+        gone = torch.from_numpy(come_and_gone(before, late, open_, self.dt, t))
         began = max([began, *(one.number + 1 for one in open_)])
         keep = np.zeros(began + 2, np.uint8)
         for one in open_:
@@ -206,7 +207,7 @@ class FiguresModel(BindingModel):
         shape_of = torch.from_numpy(silhouettes)
         here, behind = torch.from_numpy(standing.picture), torch.from_numpy(standing.ground)
         signals, fields = self.fields(here, behind, shape_of, seen.fields)
-        after = SeenState(ground, shape_of, torch.from_numpy(kept), fields)
+        after = SeenState(ground, shape_of, torch.from_numpy(kept), gone, fields)
         return signals, after, open_, late, began, False
 
     def _each(self, frames: Tensor, state: Any) -> tuple[FiguresSignals, Any]:
@@ -273,3 +274,9 @@ class FiguresModel(BindingModel):
             shade=shade,
             boxes=tuple(boxes),
         )
+
+
+def blank(ground: GroundState, shape: tuple[int, ...]) -> SeenState:
+    """The memory before anything was seen on a ground; `shape` is that of the picture."""
+    zeros = torch.zeros(shape)
+    return SeenState(ground, zeros.to(torch.int32), zeros, torch.from_numpy(at_rest(*shape)), None)

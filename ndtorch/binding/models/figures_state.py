@@ -60,12 +60,14 @@ class SeenState(NamedTuple):
         ground: background, noise, and what moved.
         silhouettes: of the step before, `[h, w]` int32.
         kept: where the ground is not learned, `[h, w]`.
+        gone: how many tracks came and went at each place without having become objects, `[rows, columns]` float32.
         fields: of the motion detectors.
     """
 
     ground: GroundState
     silhouettes: Tensor
     kept: Tensor
+    gone: Tensor
     fields: FieldsState | None
 
 

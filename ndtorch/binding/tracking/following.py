@@ -9,7 +9,8 @@ import numpy as np
 from ndtorch.binding.tracking.figure_params import FigureParams
 from ndtorch.binding.tracking.figures import FOLLOWED, PATCH, PIXELS, SIGHTING, Figure, Numbers
 from ndtorch.binding.tracking.meeting import apart, meeting, visible
-from ndtorch.binding.tracking.regions import Labels, Regions
+from ndtorch.binding.tracking.regions import Floats, Labels, Regions
+from ndtorch.binding.tracking.restless import restless
 from ndtorch.binding.tracking.shades import Light
 from ndtorch.binding.tracking.silhouettes import Sighting, share, sightings
 from ndtorch.binding.tracking.whole import clear, look_again, moves_as_a_whole
@@ -23,6 +24,7 @@ def follow(
     regions: Regions,
     standing: Standing,
     light: Light,
+    gone: Floats,
     began: int,
     dt: float,
     p: FigureParams,
@@ -39,6 +41,7 @@ def follow(
         regions: of this step.
         standing: picture, ground and noise of this step.
         light: in which it was taken.
+        gone: how many tracks came and went at each place, of `come_and_gone`.
         began: tracks begun so far.
         dt: seconds of a step.
         p: constants.
@@ -89,7 +92,7 @@ def follow(
             seen_for > p.warm_up - dt / 2
             and not one.known
             and one.last_seen == time
-            and travels(one, dt, p)
+            and travels(one, gone, dt, p)
             and (not p.travel or clear(one, p) or moves_as_a_whole(one, bright, p))
             and not part_of_another(one, kept, p)
         ):
@@ -104,14 +107,19 @@ def patience(one: Figure, dt: float, p: FigureParams) -> float:
     return max(wanted, 1.5 * dt)
 
 
-def travels(one: Figure, dt: float, p: FigureParams) -> bool:
-    """Whether a track has been in sight for long enough, and for most of that time, and has gone far enough."""
+def travels(one: Figure, gone: Floats, dt: float, p: FigureParams) -> bool:
+    """Whether a track has been in sight for long enough, and for most of that time, and has gone far enough.
+
+    Where others came and went it has to go further.
+    """
     far = float(np.hypot(*(np.array(one.last[FOLLOWED]) - one.start)))
     span = one.last_seen - one.first_seen
     seen = (len(one.before) + len(one.late)) * dt
     # Small pieces of noise, leaves and a codec's blocks wander by more than their own size.
     enough = max(p.travel * one.size, p.way) if p.travel else 0.0
-    return far >= enough and span >= p.shortest and seen >= p.steady * (span + dt)
+    if far < enough or span < p.shortest or seen < p.steady * (span + dt):
+        return False
+    return far >= p.wander * enough or restless(one, gone) <= p.restless
 
 
 def part_of_another(one: Figure, others: Sequence[Figure], p: FigureParams) -> bool:

@@ -7,6 +7,7 @@ import pytest
 
 from ndtorch.binding.tracking.figure_params import FigureParams
 from ndtorch.binding.tracking.following import patience, start, travels
+from ndtorch.binding.tracking.restless import at_rest
 
 
 @pytest.mark.parametrize(
@@ -29,7 +30,7 @@ def test_an_object_has_gone_a_share_of_its_size_and_of_the_picture(
     for n in range(26):
         column = 0.5 + gone * n / 25
         one.late.append((n / 25, 0.5, column, 0.5, column, 0.5, column, 0.01, 0.5, column))
-    assert travels(one, 0.04, params) is is_one
+    assert travels(one, at_rest(112, 199), 0.04, params) is is_one
 
 
 @pytest.mark.parametrize(("dt", "waited"), [(0.04, 0.3), (0.32, 0.48)])
