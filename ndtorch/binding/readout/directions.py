@@ -43,6 +43,19 @@ def crowded(without: Tensor, delayed: Tensor, limits: SumCriteria) -> Tensor:
     return crowd
 
 
+def full(without: Tensor, delayed: Tensor, limits: SumCriteria) -> Tensor:
+    """Whether orientations and colors hold as many sources as leave one direction to noise, which has next to none, `[B]`.
+
+    A single direction says little about noise, so this is asked only where it and what is there at once hold less than
+    `quiet`.
+    """
+    values = torch.linalg.eigvalsh(delayed)
+    top, weakest = values[:, -1], torch.maximum(values[:, 0].abs(), torch.linalg.eigvalsh(without)[:, 0])
+    least = torch.maximum(limits.faintest * top, limits.alone * weakest)
+    held: Tensor = (values[:, 1] > least) & (weakest < limits.quiet * top)
+    return held
+
+
 def unexplained(plain: Tensor, delayed: Tensor, count: Tensor, limits: SumCriteria) -> Tensor:
     """Whether motion goes its own way, beside the sources of orientations and colors, `[B]`.
 

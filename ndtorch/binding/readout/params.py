@@ -36,6 +36,7 @@ class SumCriteria(Constants):
     faintest: float = Field(3e-4, ge=0, description="share of the largest, of orientations and colors,")
     crowd: int = Field(4, gt=0, le=6, description="from so many sources on motion is counted too,")
     apart: float = Field(4.0, ge=0, description="the last of these against the weakest direction,")
+    alone: float = Field(30.0, ge=1, description="or the weakest but one against the weakest, if that is quiet,")
     crowded: float = Field(0.0065, ge=0, description="with this share of the largest")
     colored: float = Field(2.3, ge=0, description="and more than this times the mean of the three weakest,")
     white: float = Field(0.25, ge=0, description="and this share of the same without delay")

@@ -8,9 +8,12 @@ import torch
 from torch import Tensor
 
 from ndtorch.binding.readout.delays import diagonalise
-from ndtorch.binding.readout.directions import LINEAR, crowded, stands_out, unexplained
+from ndtorch.binding.readout.directions import LINEAR, crowded, full, stands_out, unexplained
 from ndtorch.binding.readout.even_light import even_light, without
 from ndtorch.binding.readout.params import SourceCriteria, SumCriteria
+
+MOST = 5
+"""Sources that leave one of six directions to noise."""
 
 
 class Sources(NamedTuple):
@@ -37,6 +40,8 @@ def sources_of(covariances: Tensor, criteria: SourceCriteria, limits: SumCriteri
     batch, most = covariances.shape[:-3], criteria.most_sources
     flat = covariances.reshape(-1, *covariances.shape[-3:])
     linear = stands_out(flat[:, 0, LINEAR, LINEAR], flat[:, 1, LINEAR, LINEAR], limits.faintest, limits)
+    five = full(flat[:, 0, LINEAR, LINEAR], flat[:, 1, LINEAR, LINEAR], limits)
+    linear = torch.where(five, linear.clamp_min(MOST), linear)
     every = stands_out(flat[:, 0], flat[:, 1], limits.crowded, limits)
     light = even_light(flat[:, 1], linear, limits)
     lit = light.abs().amax(-1) > 0
