@@ -44,7 +44,7 @@ def crowded(without: Tensor, delayed: Tensor, limits: SumCriteria) -> Tensor:
 
 
 def full(without: Tensor, delayed: Tensor, limits: SumCriteria) -> Tensor:
-    """Whether orientations and colors hold as many sources as leave one direction to noise, which has next to none, `[B]`.
+    """Whether sources leave but one direction of orientations and colors to noise, which has next to none, `[B]`.
 
     A single direction says little about noise, so this is asked only where it and what is there at once hold less than
     `quiet`.
