@@ -35,6 +35,7 @@ TESTED_IN = {
     "cli/scenes": "test_cli",
     "kernels/apart": "vision/camera/test_background",
     "kernels/arc": "navigation/test_odometry",
+    "kernels/add_cells": "navigation/localisation/test_parts",
     "kernels/add_points": "navigation/localisation/test_localiser",
     "kernels/avoid": "navigation/test_avoider",
     "kernels/avoidance": "navigation/test_kernels",

@@ -25,10 +25,11 @@ def fit_points(
     steps: int,
     out: Floats,
 ) -> None:
-    """Fill `out` `[4]` with a pose x, y, heading, and with how well the points fit there, 0..1.
+    """Fill `out` `[10]`: a pose x, y, heading, how well the points fit there, 0..1, and how much they say of the pose.
 
     Gauss-Newton on the squared Mahalanobis distances of the points from the normal distributions of the cells
-    around them, of each the nearest, weighted by 1 / (1 + d^2 / gate)^2, and on the distance from `start`.
+    around them, of each the nearest, weighted by 1 / (1 + d^2 / gate)^2, and on the distance from `start`. What they
+    say is the information matrix of the last step without that of `start`: xx, xy, yy, xh, yh, hh.
 
     Args:
         sums: `[size, size, 6]` of `add_points`.
@@ -91,6 +92,8 @@ def fit_points(
             h[0, 2] += w * (rx * xy - ry * xx)
             h[1, 2] += w * (rx * yy - ry * xy)
             h[2, 2] += w * (ry * ry * xx - 2 * rx * ry * xy + rx * rx * yy)
+        out[4], out[5], out[6] = h[0, 0] - trust[0], h[0, 1], h[1, 1] - trust[1]
+        out[7], out[8], out[9] = h[0, 2], h[1, 2], h[2, 2] - trust[2]
         # Cholesky of three rows: h = b b^T.
         b[0, 0] = math.sqrt(h[0, 0])
         b[1, 0], b[2, 0] = h[0, 1] / b[0, 0], h[0, 2] / b[0, 0]

@@ -10,9 +10,22 @@ import torch
 from torch import Tensor, nn
 
 from ndtorch.errors import InputError
+from ndtorch.navigation.localisation.filter import predicted, updated
 from ndtorch.navigation.localisation.finding import Hunt, begin, carried_over, draw, no_hunt, refine, verdict, vote
+from ndtorch.navigation.localisation.graph import carried, seen_from
 from ndtorch.navigation.localisation.params import LocaliserParams
+from ndtorch.navigation.localisation.parts import (
+    Parts,
+    add_to_part,
+    begun_at,
+    finish,
+    fit_pair,
+    no_parts,
+    redrawn,
+    relaxed,
+)
 from ndtorch.navigation.localisation.walls import Scan, add_scan, empty_walls, fit_scan
+from ndtorch.navigation.localisation.way import drive_on
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.ranging import triangulate
 from ndtorch.navigation.rig import StereoRig
@@ -33,9 +46,11 @@ class LocaliserState(NamedTuple):
         way, turned: metres driven since the last scan, without sign, and radians turned, with it.
         scale, bend, drift: of the odometer, as far as known: the shares by which it counts too much way and too much
             turning, and the radians that it adds to the heading each second of driving.
-        age, scans: steps and corrections since the start.
+        doubt: covariance of x, y, heading, scale, bend and drift, `[6, 6]`.
+        age: steps since the start.
         score: how well the last scan fitted, 0..1.
         hunt: the search for the place in a known map; None where there is none, or where it has been found.
+        parts: of the building; None with a known map, which is not moved.
     """
 
     walls: Tensor
@@ -46,20 +61,22 @@ class LocaliserState(NamedTuple):
     scale: Tensor
     bend: Tensor
     drift: Tensor
+    doubt: Tensor
     age: Tensor
-    scans: Tensor
     score: Tensor
     hunt: Hunt | None = None
+    parts: Parts | None = None
 
 
 class Localiser(nn.Module):
     """Corrects dead reckoning by landmarks: the ranges of both rows, fitted to all that was ranged before.
 
     A few times a second both rows are searched for ranges up to some metres. The scan is fitted to the walls by
-    Gauss-Newton, begun where dead reckoning has led, which is corrected by the scale and the drift that former
-    corrections have shown. Then the scan becomes part of the walls. A loop is closed by itself where the walls of the
-    last round come into sight and the error of the round is less than about a cell and a half; the walls are
-    never moved afterwards.
+    Gauss-Newton, begun where dead reckoning has led, and an extended Kalman filter weighs what the fit says of the pose
+    and of the odometer's scale, bend and drift (`filter`). Then the scan becomes part of the walls. Every few metres a
+    part of the building is finished and fitted to the parts it overlaps, one of them a step; then all parts are moved
+    to where they agree, and the car with them (`parts`). A loop is closed where the error of the round is less than
+    about a cell and a half; there is no search for loops beyond that.
 
     Called once a frame, `state = localiser(rows, reckoned, state)`. One car at a time, on the CPU, without gradients.
 
@@ -98,6 +115,7 @@ class Localiser(nn.Module):
         wall, here = Scan(ahead, ahead - 1.5, np.ones_like(ahead)), (0.0, 0.0, 0.0)
         walls = add_scan(empty_walls(self.params), wall, here, self.params)
         fit_scan(walls, wall, here, (0.1, 0.1), self.params)
+        redrawn(add_to_part(no_parts(here, self.params), wall, here, self.params), self.dt, self.params)
         if self.picture is not None:
             pattern = torch.from_numpy(np.stack((wall.x, wall.y), -1))
             vote(no_hunt()._replace(pattern=pattern, turn=number(0.0)), self.picture, self.params)
@@ -119,7 +137,23 @@ class Localiser(nn.Module):
             state = self.look(rows, state)
         if state.hunt is not None:
             state = self.find(state, state.hunt)
+        elif state.parts is not None and len(state.parts.pairs) and (not due or self.every == 1):
+            state = self.arrange(state, state.parts)
         return state._replace(age=state.age + 1)
+
+    def arrange(self, state: LocaliserState, parts: Parts) -> LocaliserState:
+        """Fit the next pair of parts; after the last one all are moved to where they fit, and the car with them."""
+        parts = fit_pair(parts, self.dt, self.params)
+        if len(parts.pairs):
+            return state._replace(parts=parts)
+        before = parts.poses[-1].numpy()
+        odometer = np.array((float(state.scale), float(state.bend), float(state.drift)))
+        parts = relaxed(parts, odometer, np.sqrt(state.doubt.diagonal()[3:].numpy()), self.params)
+        x, y, heading = carried(parts.poses[-1].numpy(), seen_from(before, np.array([float(v) for v in state.pose])))
+        # Headings are counted on beyond a turn.
+        heading += 2 * math.pi * round((float(state.pose.heading) - heading) / (2 * math.pi))
+        pose = Pose(number(x), number(y), number(heading))
+        return state._replace(parts=parts, pose=pose, walls=redrawn(parts, self.dt, self.params))
 
     def find(self, state: LocaliserState, hunt: Hunt) -> LocaliserState:
         """One step of the search for the place in the known map."""
@@ -140,16 +174,19 @@ class Localiser(nn.Module):
 
     def start(self, at: Pose) -> LocaliserState:
         """A car at a pose that has ranged nothing yet."""
-        pose, zero = Pose(*(number(float(part)) for part in at)), number(0.0)
+        pose, zero, p = Pose(*(number(float(part)) for part in at)), number(0.0), self.params
         hunt = None if self.known is None else no_hunt()
+        doubt = torch.diag(number(1.0).new_tensor([0.0, 0.0, 0.0, p.scale, p.bend, p.drift]).square())
+        parts = no_parts(floats(pose), self.params) if self.known is None else None
         return LocaliserState(
-            empty_walls(self.params), pose, pose, zero, zero, zero, zero, zero, zero, zero, zero, hunt
+            empty_walls(self.params), pose, pose, zero, zero, zero, zero, zero, doubt, zero, zero, hunt, parts
         )
 
     def put(self, state: LocaliserState, at: Pose) -> LocaliserState:
         """The state of a car that was carried to a pose, and has been told so."""
         pose = Pose(*(number(float(part)) for part in at))
-        return state._replace(pose=pose, reckoned=pose, way=number(0.0), turned=number(0.0))
+        parts = None if state.parts is None else begun_at(state.parts, floats(pose), state.age)
+        return state._replace(pose=pose, reckoned=pose, way=number(0.0), turned=number(0.0), parts=parts)
 
     def move(self, state: LocaliserState, reckoned: Pose) -> LocaliserState:
         """Drive on by what dead reckoning says, corrected by what is known of the odometer."""
@@ -170,8 +207,13 @@ class Localiser(nn.Module):
         )
         there = Pose(number(x), number(y), number(heading))
         hunt = state.hunt if state.hunt is None else state.hunt._replace(way=state.hunt.way + length)
+        parts = state.parts
+        if parts is not None:
+            odometer = (float(state.scale), float(state.bend), float(state.drift))
+            step = (math.hypot(x - ox, y - oy), aside, turn)
+            parts = parts._replace(driven=drive_on(parts.driven, step, self.dt, odometer))
         return state._replace(
-            pose=pose, reckoned=there, way=state.way + length, turned=state.turned + true_turn, hunt=hunt
+            pose=pose, reckoned=there, way=state.way + length, turned=state.turned + true_turn, hunt=hunt, parts=parts
         )
 
     def look(self, rows: Tensor, state: LocaliserState) -> LocaliserState:
@@ -180,38 +222,38 @@ class Localiser(nn.Module):
         if len(scan.x) < 3:
             return state
         p = self.params
-        x, y, heading = map(float, state.pose)
         if float(state.age) >= self.settle:
-            way, turned = float(state.way), abs(float(state.turned))
-            place = p.still + p.slip * way
-            angle = p.turn_still + p.turn_slip * turned + p.turn_way * way
-            fit = fit_scan(state.walls, scan, (x, y, heading), (place, angle), p)
-            state = self.learn(state, fit.heading - heading, fit.x - x, fit.y - y)
-            x, y, heading = fit.x, fit.y, fit.heading
-            state = state._replace(score=number(fit.score))
+            state = self.correct(state, scan)
+        x, y, heading = floats(state.pose)
         pose = Pose(number(x), number(y), number(heading))
         walls = add_scan(state.walls, scan, (x, y, heading), p)
-        return state._replace(walls=walls, pose=pose, way=number(0.0), turned=number(0.0))
+        parts = state.parts
+        if parts is not None:
+            parts = add_to_part(parts, scan, (x, y, heading), p)
+            if float(parts.driven.length) > p.parts.way and not len(parts.pairs):
+                parts = finish(parts, (x, y, heading), state.age, self.dt, p)
+        return state._replace(walls=walls, pose=pose, way=number(0.0), turned=number(0.0), parts=parts)
 
-    def learn(self, state: LocaliserState, turn: float, x: float, y: float) -> LocaliserState:
-        """What a correction says of the odometer: it is an integral controller of both errors."""
-        p, way, scans = self.params, float(state.way), float(state.scans)
-        if way < 1e-3:
-            return state
-        gain = max(p.gain, p.first_gain / (1 + scans / p.learning)) if p.gain else 0.0
-        heading = float(state.pose.heading) + turn
-        ahead = x * math.cos(heading) + y * math.sin(heading)
-        turned, drift, bend = float(state.turned), float(state.drift), float(state.bend)
-        if abs(turned) > p.bent:  # what is wrong in a bend is rather its angle
-            bend -= gain * turn / turned
-        else:
-            drift -= gain * turn / (self.every * self.dt)
-        scale = float(state.scale) - gain * ahead / way
+    def correct(self, state: LocaliserState, scan: Scan) -> LocaliserState:
+        """The pose, and what is known of the odometer, after a scan: one step of an extended Kalman filter."""
+        p, start = self.params, np.array(floats(state.pose))
+        way, turned, seconds = float(state.way), float(state.turned), self.every * self.dt
+        doubt = predicted(state.doubt.numpy(), way, turned, seconds if way > 1e-3 else 0.0, start[2], p)
+        place, angle = p.reach * np.sqrt(doubt[[0, 1], [0, 1]].max()), p.reach * np.sqrt(doubt[2, 2])
+        fit = fit_scan(state.walls, scan, tuple(start.tolist()), (place + p.floor, angle + p.turn_floor), p)
+        if fit.score < p.worst:
+            return state._replace(doubt=torch.from_numpy(doubt), score=number(fit.score))
+        off = np.array((fit.x, fit.y, fit.heading)) - start
+        change, doubt = updated(doubt, off, fit.information, p)
+        x, y, heading = start + change[:3]
+        scale, bend, drift = np.array((float(state.scale), float(state.bend), float(state.drift))) + change[3:]
         return state._replace(
-            scans=number(scans + 1),
-            drift=number(min(max(drift, -WORST_DRIFT), WORST_DRIFT)),
-            bend=number(min(max(bend, -WORST_SCALE), WORST_SCALE)),
+            pose=Pose(number(x), number(y), number(heading)),
             scale=number(min(max(scale, -WORST_SCALE), WORST_SCALE)),
+            bend=number(min(max(bend, -WORST_SCALE), WORST_SCALE)),
+            drift=number(min(max(drift, -WORST_DRIFT), WORST_DRIFT)),
+            doubt=torch.from_numpy(doubt),
+            score=number(fit.score),
         )
 
     def scan(self, rows: Tensor) -> Scan:
@@ -228,3 +270,8 @@ class Localiser(nn.Module):
 def number(value: float) -> Tensor:
     """A single number of the state."""
     return torch.tensor(value, dtype=torch.float64)
+
+
+def floats(pose: Pose) -> tuple[float, float, float]:
+    """A pose as numbers."""
+    return float(pose.x), float(pose.y), float(pose.heading)

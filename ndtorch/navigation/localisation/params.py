@@ -55,6 +55,67 @@ class FindingParams:
 
 
 @dataclass(frozen=True)
+class PartParams:
+    """How the building is gathered in parts that can be moved.
+
+    Args:
+        way: length of a part, m.
+        size: cells along the side of its square.
+        least: cells that it must have, and that two parts must share to be fitted.
+        coarse: side of the squares by which it is told what they share, m.
+        seen, known: a part is left out where this share of it was seen by so many parts before.
+        most: parts that a new one is fitted to.
+        count: parts at most; then the building is taken as known.
+        points: ranges of a part that are fitted to others, at most.
+        loose, turned, steps: standard deviations from which two parts are fitted, m and radians, and steps of
+            Gauss-Newton.
+        good: share of the one that must fit the other.
+        aside: a fit begins so far to all sides of where it is expected, too, m.
+        apart, better: fits farther apart than this are two, m, and so much worse all but the best must be.
+        trust: factor of what a fit says, whose points are not independent.
+        learning: what was seen in this time from the start, s, counts only where nothing was seen later.
+        early: factor of what fits to it say.
+        still, slip, turn_still, turn_way, turn_slip: standard deviations of dead reckoning along a part, m, and m
+            each metre; radians, radians each metre, and radians each radian turned.
+        gate: squared distance, in standard deviations, at which an edge of the graph counts a quarter.
+        rounds: of Gauss-Newton in the graph, after each part.
+    """
+
+    way: float = 2.0
+    size: int = 72
+    least: int = 8
+    coarse: float = 0.5
+    seen: int = 3
+    known: float = 0.9
+    most: int = 10
+    count: int = 150
+    points: int = 100
+    loose: float = 0.3
+    turned: float = 0.1
+    steps: int = 10
+    good: float = 0.3
+    aside: float = 0.3
+    apart: float = 0.1
+    better: float = 0.05
+    trust: float = 0.1
+    learning: float = 60.0
+    early: float = 0.1
+    still: float = 0.01
+    slip: float = 0.02
+    turn_still: float = 0.002
+    turn_way: float = 0.002
+    turn_slip: float = 0.01
+    gate: float = 16.0
+    rounds: int = 2
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+        for name, value in vars(self).items():
+            if not value > 0:
+                raise InputError(f"{name} must be a number > 0, got {value}")
+
+
+@dataclass(frozen=True)
 class LocaliserParams:
     """How the car finds out where it is.
 
@@ -71,11 +132,17 @@ class LocaliserParams:
         steps: of Gauss-Newton, at most.
         still, slip, turn_still, turn_slip, turn_way: standard deviations of dead reckoning between two scans: of the
             place, m and m each metre, and of the heading, radians, radians each radian turned and each metre.
-        gain, first_gain, learning: share of a correction that goes into what is known of the odometry, its scale and
-            its drift; at first `first_gain`, which falls to a half in `learning` scans.
-        bent: from this turn between two scans on, radians, a correction of the heading is one of the turning.
+        scale, bend, drift: standard deviations of the odometer's errors before anything is known of them.
+        scale_walk, bend_walk, drift_walk: by which they change from scan to scan.
+        trust: factor of what a fit says, whose points are not independent.
+        floor, turn_floor: standard deviations of a fit at best, m and radians.
+        reach: a fit begins with standard deviations so many times those of the pose.
+        worst: a fit that is worse counts nothing.
+        surprise: squared distance, in standard deviations, of a fit from the pose expected, beyond which the wheels
+            have slipped.
         finding: how an unknown place is found in a known map.
         search: how the right row is searched for ranges.
+        parts: how what was ranged is gathered in parts that can be moved.
 
     Raises:
         InputError: a number that is not positive.
@@ -93,22 +160,31 @@ class LocaliserParams:
     most: float = 1e5
     gate: float = 9.0
     steps: int = 8
-    still: float = 0.002
-    slip: float = 0.05
-    turn_still: float = 0.0005
-    turn_slip: float = 0.03
-    turn_way: float = 0.01
-    gain: float = 0.02
-    first_gain: float = 0.2
-    learning: float = 20.0
-    bent: float = 0.03
+    still: float = 0.001
+    slip: float = 0.02
+    turn_still: float = 0.0003
+    turn_slip: float = 0.01
+    turn_way: float = 0.002
+    scale: float = 0.03
+    bend: float = 0.03
+    drift: float = math.radians(0.1)
+    scale_walk: float = 2e-4
+    bend_walk: float = 2e-4
+    drift_walk: float = math.radians(0.001)
+    trust: float = 0.05
+    floor: float = 0.01
+    turn_floor: float = 0.006
+    reach: float = 3.0
+    worst: float = 0.1
+    surprise: float = 16.0
     finding: FindingParams = field(default_factory=FindingParams)
     search: SearchParams = field(default_factory=SearchParams)
+    parts: PartParams = field(default_factory=PartParams)
 
     def __post_init__(self) -> None:
         check_numbers(self)
         for name, value in vars(self).items():
-            if name not in ("search", "finding", "gain", "settle") and not value > 0:
+            if name not in ("search", "finding", "parts", "settle") and not value > 0:
                 raise InputError(f"{name} must be a number > 0, got {value}")
-        if not (0 <= self.gain < 1 and self.settle >= 0 and self.near < self.far and self.size % 2 == 0):
-            raise InputError(f"expected 0 <= gain < 1, settle >= 0, near < far and an even size, got {self}")
+        if not (self.settle >= 0 and self.near < self.far and self.size % 2 == 0):
+            raise InputError(f"expected settle >= 0, near < far and an even size, got {self}")

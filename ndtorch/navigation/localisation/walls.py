@@ -29,12 +29,16 @@ class Scan(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """A pose, m and radians, and how well a scan fits there, 0..1."""
+    """A pose, m and radians, how well a scan fits there, 0..1, and what it says of the pose.
+
+    `information` `[6]` is one over the variances of the pose, xx, xy, yy, xh, yh, hh, had every point been independent.
+    """
 
     x: float
     y: float
     heading: float
     score: float
+    information: Floats
 
 
 def empty_walls(params: LocaliserParams) -> Tensor:
@@ -74,7 +78,7 @@ def fit_scan(
         deviations: standard deviations of its place, m, and of its heading, radians.
         steps: of Gauss-Newton, at most; those of the parameters by default.
     """
-    p, out = params, np.zeros(4)
+    p, out = params, np.zeros(10)
     place, heading = (1 / deviation**2 for deviation in deviations)
     kernel("fit_points").run(
         walls.numpy(),
@@ -88,7 +92,8 @@ def fit_scan(
         steps or p.steps,
         out,
     )
-    return Fit(*out.tolist())
+    x, y, heading, score = out[:4].tolist()
+    return Fit(x, y, heading, score, out[4:])
 
 
 def pack(walls: Tensor) -> Tensor:
@@ -97,9 +102,10 @@ def pack(walls: Tensor) -> Tensor:
     return torch.cat(((at - walls.shape[0] // 2).to(walls.dtype), walls[at[:, 0], at[:, 1]]), -1)
 
 
-def unpack(packed: Tensor, params: LocaliserParams) -> Tensor:
-    """The opposite of `pack`; cells outside the square are left out."""
-    walls, half = empty_walls(params), params.size // 2
+def unpack(packed: Tensor, params: LocaliserParams, size: int | None = None) -> Tensor:
+    """The opposite of `pack`; cells outside the square, of the size of the parameters by default, are left out."""
+    size = size or params.size
+    walls, half = torch.zeros(size, size, 6), size // 2
     at = packed[:, :2].round().long()
     inside = ((at >= -half) & (at < half)).all(-1)
     column, row = (at[inside] + half).unbind(-1)

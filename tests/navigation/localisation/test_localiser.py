@@ -120,6 +120,8 @@ def test_a_car_that_is_carried_goes_on_from_there(drive):
     put = localiser.put(state, pose_of((1.0, 2.0, 3.0)))
     assert [float(part) for part in put.pose] == [1.0, 2.0, 3.0]
     assert torch.equal(put.walls, state.walls)
+    assert put.parts.poses[-1].tolist() == [1.0, 2.0, 3.0]
+    assert not put.parts.cells.any()
 
 
 def test_what_it_cannot_do_is_said():

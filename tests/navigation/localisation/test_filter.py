@@ -1,0 +1,64 @@
+"""What is known of the odometer grows with every fit, and is right in the end."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ndtorch.navigation.localisation.filter import predicted, updated
+from ndtorch.navigation.localisation.params import LocaliserParams
+
+PARAMS = LocaliserParams()
+SURE = np.array((1e5, 0.0, 1e5, 0.0, 0.0, 1e6))
+
+
+def driven(pose, way, turned, seconds, scale, bend, drift):
+    """The pose after a short step of an odometer whose errors are taken to be these."""
+    x, y, heading = pose
+    turn = turned - drift * seconds - bend * turned
+    middle = heading + turn / 2
+    return np.array(
+        (x + (1 - scale) * way * math.cos(middle), y + (1 - scale) * way * math.sin(middle), heading + turn)
+    )
+
+
+def test_the_covariance_is_that_of_the_step():
+    rng, way, turned, seconds = np.random.default_rng(2), 0.1, 0.05, 0.2
+    root = rng.normal(size=(6, 6)) * (0.01, 0.01, 0.01, 0.02, 0.02, 0.002)
+    doubt = root.T @ root
+    start = np.array((1.0, 2.0, 0.4))
+    jacobian = np.eye(6)
+    for n, size in enumerate((1e-5,) * 6):
+        change = np.zeros(6)
+        change[n] = size
+        ends = [driven(start + s * change[:3], way, turned, seconds, *(s * change[3:])) for s in (1, -1)]
+        jacobian[:3, n] = (ends[0] - ends[1]) / (2 * size)
+    found = predicted(doubt, way, turned, seconds, start[2] + turned, PARAMS)
+    noise = predicted(np.zeros((6, 6)), way, turned, seconds, start[2] + turned, PARAMS)
+    assert noise == pytest.approx(np.diag(np.diag(noise)))
+    assert found - noise == pytest.approx(jacobian @ doubt @ jacobian.T, rel=1e-3, abs=1e-9)
+
+
+def test_it_learns_what_the_odometer_does():
+    errors = np.array((0.03, -0.02, math.radians(0.08)))
+    known, doubt = np.zeros(3), np.diag(np.square((0, 0, 0, PARAMS.scale, PARAMS.bend, PARAMS.drift)))
+    true = pose = np.array((0.0, 0.0, 0.0))
+    for n in range(400):
+        way, turned = 0.1, 0.1 if n % 40 < 15 else 0.0
+        true = driven(true, way, turned, 0.2, *errors)
+        pose = driven(pose, way, turned, 0.2, *known)
+        doubt = predicted(doubt, way, turned, 0.2, pose[2], PARAMS)
+        change, doubt = updated(doubt, true - pose, SURE, PARAMS)
+        pose, known = pose + change[:3], known + change[3:]
+    assert pose == pytest.approx(true, abs=0.005)
+    assert known == pytest.approx(errors, abs=0.004)
+    assert np.linalg.eigvalsh(doubt).min() > 0
+
+
+def test_a_fit_that_says_nothing_changes_nothing_and_a_slip_is_believed():
+    doubt = np.diag(np.square((0.01, 0.01, 0.005, 0.01, 0.01, 0.001)))
+    change, after = updated(doubt, np.array((0.02, 0.0, 0.0)), np.zeros(6), PARAMS)
+    assert np.abs(change).max() < 1e-4
+    assert after == pytest.approx(doubt, rel=1e-3)
+    change, _ = updated(doubt, np.array((0.3, 0.0, 0.0)), SURE, PARAMS)
+    assert change[0] > 0.2

@@ -1,0 +1,64 @@
+"""Poses are found that fit edges: exactly where the edges agree, and past one that is wrong."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ndtorch.navigation.localisation.graph import carried, links_of, relax, seen_from
+
+RING = np.array(
+    [(2 * math.sin(n / 8 * 2 * math.pi), 2 - 2 * math.cos(n / 8 * 2 * math.pi), n * 0.785) for n in range(8)]
+)
+
+
+def edges_between(pairs, wrong=0.0):
+    rows = [(a, b, *seen_from(RING[a], RING[b]), 400.0, 0.0, 400.0, 0.0, 0.0, 2500.0) for a, b in pairs]
+    rows[-1] = (*rows[-1][:3], rows[-1][3] + wrong, *rows[-1][4:])
+    return links_of(np.array(rows))
+
+
+def relaxed(poses, links, gate, rounds=12):
+    for _ in range(rounds):
+        poses, _ = relax(poses, links, gate)
+    return poses
+
+
+def test_a_pose_seen_from_another_is_carried_back():
+    a, b = np.array((1.0, -2.0, 2.5)), np.array((0.3, 4.0, 2.0))
+    assert carried(a, seen_from(a, b)) == pytest.approx(b, abs=1e-12)
+    assert seen_from(np.array((0.0, 0.0, math.pi / 2)), np.array((0.0, 2.0, math.pi))) == pytest.approx(
+        (2.0, 0.0, math.pi / 2)
+    )
+
+
+def test_a_bent_chain_is_pulled_straight_by_a_closed_loop():
+    bent = RING + np.outer(np.arange(8), (0.05, -0.03, 0.04))
+    links = edges_between([(n, (n + 1) % 8) for n in range(8)])
+    found = relaxed(bent, links, gate=1e6)
+    assert found[0] == pytest.approx(bent[0], abs=0)
+    assert found == pytest.approx(RING, abs=1e-6)
+
+
+def test_one_wrong_edge_is_outvoted():
+    pairs = [(n, n + 1) for n in range(7)] + [(n, n + 2) for n in range(6)] + [(0, 7), (0, 5)]
+    links = edges_between(pairs, wrong=1.5)
+    assert np.abs(relaxed(RING, links, gate=16.0) - RING).max() < 0.03
+    assert np.abs(relaxed(RING, links, gate=1e9) - RING).max() > 0.1
+
+
+def test_an_error_that_all_edges_share_is_found():
+    pairs = [(n, (n + 1) % 8) for n in range(8)]
+    links = edges_between(pairs)
+    stretch = np.zeros((8, 3, 1))
+    stretch[:, :2, 0] = links.measure[:, :2]
+    links = links._replace(measure=links.measure - 0.05 * stretch[:, :, 0], change=stretch)
+    more = edges_between([(0, 4), (2, 6)])
+    links = type(links)(
+        *(np.concatenate(part) for part in zip(links, more._replace(change=np.zeros((2, 3, 1))), strict=True))
+    )
+    poses, common = RING, np.zeros(1)
+    for _ in range(12):
+        poses, common = relax(poses, links, 1e6, common, np.array((1.0,)))
+    assert common == pytest.approx(0.05, abs=1e-3)
+    assert poses == pytest.approx(RING, abs=1e-3)
