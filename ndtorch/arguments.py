@@ -97,7 +97,7 @@ def check_numbers(params: Any, endless: Collection[str] = ()) -> None:
             wanted = "" if isinstance(value, bool) else "True or False"
         elif isinstance(usual, int):
             wanted = "" if not isinstance(value, bool) and isinstance(value, Integral) else "a whole number"
-        elif isinstance(value, tuple) and (usual is None or isinstance(usual, tuple)):
+        elif isinstance(value, tuple) and (isinstance(usual, tuple) or "tuple" in str(field.type)):
             wanted = "" if all(map(is_finite, value)) else "finite numbers"
         elif isinstance(usual, float) and math.isinf(usual):
             wanted = "" if is_number(value) else "a number"

@@ -123,6 +123,7 @@ class Sizes:
         ("to", (0.0, "1"), "finite numbers"),
         ("perhaps", math.inf, "a finite number"),
         ("perhaps", "x", "a number"),
+        ("perhaps", (1.0,), "a number"),
     ],
 )
 def test_what_is_wanted_is_said(field: str, value: object, wanted: str) -> None:
