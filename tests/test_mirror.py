@@ -46,6 +46,7 @@ TESTED_IN = {
     "kernels/change": "robot/watching/test_eye",
     "kernels/cost_to_go": "navigation/controllers/goal/test_planning",
     "kernels/decision": "navigation/test_kernels",
+    "kernels/delayed_network": "binding/test_delayed_kernel",
     "kernels/draw_strips": "robot/sim/test_by_kernel",
     "kernels/facets": "robot/sim/test_by_kernel",
     "kernels/smaller_copies": "robot/sim/test_by_kernel",

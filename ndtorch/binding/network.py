@@ -10,6 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from ndtorch.arguments import check_tensor
+from ndtorch.binding.delayed_kernel import delayed_steps
 from ndtorch.binding.feedback import FEEDBACKS, Feedback, through
 from ndtorch.binding.learning import Constants, Moment, NetworkState, WhenFull, moments, network_step
 from ndtorch.binding.rules import Rule, ScaleFreeRule, learning_rule
@@ -168,6 +169,9 @@ class InhibitoryNetwork(nn.Module):
     def forward(self, inputs: Tensor, state: NetworkState | None = None) -> tuple[Tensor, NetworkState]:
         time, c = self._check(inputs), self.constants
         state = self.start(inputs.select(time, 0)) if state is None else state
+        found = delayed_steps(inputs, state, c, self.a_in, self.a_rough)
+        if found is not None:
+            return found
         drive, input_low = self._drive(inputs, state.input_low, time)
         if fits(drive, state, c):
             out, now, changes = by_kernel(drive, state, c)
