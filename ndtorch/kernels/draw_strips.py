@@ -35,10 +35,10 @@ def draw_strips(
         texels: see `level`.
         copies: of each picture, `[P, L, 3]` int32, see `one_copy`; none where the width is 0.
         cameras: `[C, 4, 3]` float64, see `facets`.
-        parts: `[n, 7]` int64: which camera; top, bottom, left and right in its picture; where in `out` the first pixel
-            is, and how far apart colors are there. Those of one camera follow each other.
+        parts: `[n, 6]` int64: which camera; top, bottom, left and right in its picture; which pixel of `out` the first
+            one is. Those of one camera follow each other.
         reach: nearest and farthest that is drawn, m.
-        out: uint8; rows of a part follow each other.
+        out: `[pixels, 3]` uint8; rows of a part follow each other.
     """
     widest = 0
     for k in range(parts.shape[0]):
@@ -53,7 +53,7 @@ def draw_strips(
     bits, aimed, count = square.view(np.int32), np.int64(-1), 0
     for k in range(parts.shape[0]):
         camera, top, bottom, left, right = parts[k, 0], parts[k, 1], parts[k, 2], parts[k, 3], parts[k, 4]
-        start, plane = parts[k, 5], parts[k, 6]
+        start = parts[k, 5]
         if camera != aimed:
             count, aimed = facets(corners, cameras[camera], reach[0], facet, number), camera
         some, width = 0, right - left
@@ -76,7 +76,7 @@ def draw_strips(
                     walk(facet[n], row, left + x, copy[0], ramp, u, v, square[x:end])
                     paint(u, v, bits[x:end], sizes[x:end], texels, copy, line[x:end])
                 x = end
-            unpack(line, out[start : start + width], out[start + plane :], out[start + 2 * plane :])
+            unpack(line, out[start : start + width])
             start += width
 
 
@@ -188,7 +188,7 @@ def logarithms(bits: Array, most: Any, sizes: Array) -> tuple[Any, Any]:
 
 
 @apart
-def unpack(line: Array, red: Array, green: Array, blue: Array) -> None:
-    """Colors to planes."""
-    for x in range(red.shape[0]):
-        red[x], green[x], blue[x] = u8(line[x]), u8(line[x] >> 8), u8(line[x] >> 16)
+def unpack(line: Array, pixels: Array) -> None:
+    """Red, green and blue of every pixel beside each other, as cameras give them."""
+    for x in range(pixels.shape[0]):
+        pixels[x, 0], pixels[x, 1], pixels[x, 2] = u8(line[x]), u8(line[x] >> 8), u8(line[x] >> 16)

@@ -43,7 +43,7 @@ class KernelPainter:
         self.surfaces.take(data)
 
     def strips(self, shots: Sequence[Shot]) -> list[Image]:
-        """The pixels of strips, each `[3, h, w]`."""
+        """The pixels of strips, each `[3, h, w]`, colors beside each other as a camera gives them."""
         cameras: list[list[list[float]]] = []
         parts, shapes, size = [], [], 0
         aimed: View | None = None
@@ -55,15 +55,14 @@ class KernelPainter:
                 if view is not aimed:
                     cameras.append(projection(view, self.lens))
                     aimed = view
-                first = size + (part.top - rect.top) * wide
-                parts.append([len(cameras) - 1, *part, first, high * wide])
+                parts.append([len(cameras) - 1, *part, size + (part.top - rect.top) * wide])
             shapes.append((size, high, wide))
-            size += 3 * high * wide
-        out = np.empty(size, np.uint8)
+            size += high * wide
+        out = np.empty((size, 3), np.uint8)
         s, t = self.surfaces, self.textures
         views = np.array(cameras)
         kernel("draw_strips").run(s.corners, s.surface, t.texels, t.copies, views, np.array(parts), (NEAR, FAR), out)
-        return [out[start : start + 3 * high * wide].reshape(3, high, wide) for start, high, wide in shapes]
+        return [out[n : n + high * wide].reshape(high, wide, 3).transpose(2, 0, 1) for n, high, wide in shapes]
 
     def frame(self, view: View) -> Image:
         """A whole picture `[3, H, W]`."""

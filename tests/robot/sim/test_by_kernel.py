@@ -105,10 +105,10 @@ def test_random_triangles_against_rays():
     surface = np.where(np.arange(40) % 4 == 0, -1 - 0x30A0F0, 0).astype(np.int32)
     view = View((0.1, -0.2, 0.3), *axes(0.2, 0, Stress(pitch=5, roll=10)))
     camera = projection(view, LENS)
-    out = np.zeros(3 * 60 * 96, np.uint8)
-    parts = np.array([[0, 0, 60, 0, 96, 0, 60 * 96]])
+    out = np.zeros((60 * 96, 3), np.uint8)
+    parts = np.array([[0, 0, 60, 0, 96, 0]])
     kernel("draw_strips").run(corners, surface, texels, copies, np.array([camera]), parts, (0.02, 60.0), out)
-    drawn, compared, background = out.reshape(3, 60, 96).transpose(1, 2, 0).astype(float), 0, 0
+    drawn, compared, background = out.reshape(60, 96, 3).astype(float), 0, 0
     for row in range(2, 58, 6):
         for column in range(2, 94, 6):
             hits = [
