@@ -137,7 +137,7 @@ class Shifted(torch.nn.Module):
         still = torch.zeros((), dtype=torch.float64)
         age = still if state is None else state.age + 1
         pose = Pose(reckoned.x.double() + 1 + 0.1 * age, reckoned.y.double(), reckoned.heading.double())
-        return LocaliserState(still, pose, reckoned, *[still] * 5, age, still, still)
+        return LocaliserState(still, pose, reckoned, *[still] * 6, age, still)
 
 
 def test_the_navigator_tells_it_where_it_is_at_every_frame():
