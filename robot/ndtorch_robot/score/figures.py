@@ -144,10 +144,12 @@ def map_(plt: Any, result: Result) -> Any:
     g = result.grid
     extent = (g.left, g.left + columns * step * g.cell, g.bottom, g.bottom + rows_ * step * g.cell)
     axes.imshow(image, origin="lower", extent=extent, zorder=2, interpolation="nearest")
-    believed = result.record.array("believed")
+    believed, located = result.record.array("believed"), result.record.array("located")
     if len(believed):
-        line = result.record.track("believed")
-        axes.plot(*line.T, color=PATH, lw=1.0, alpha=0.6, zorder=3, label="path by dead reckoning")
+        # The map is drawn at the corrected poses, where there are any.
+        corrected = not np.array_equal(believed, located)
+        line, how = result.record.track("located"), "corrected by landmarks" if corrected else "by dead reckoning"
+        axes.plot(*line.T, color=PATH, lw=1.0, alpha=0.6, zorder=3, label=f"path {how}")
         axes.plot([], [], color=(0.8, 0, 0), lw=4, label="map: features that were confirmed")
         axes.plot([], [], color=(0.8, 0, 0, 0.35), lw=4, label="faint: seen rarely, or matched wrongly")
         legend(axes, 4)
