@@ -84,6 +84,43 @@ def surely_finite(values: Iterable[object]) -> bool:
     return math.isfinite(total)
 
 
+def check_number(
+    name: str,
+    value: object,
+    *,
+    least: float | None = None,
+    above: float | None = None,
+    unit: str = "",
+    whole: bool = False,
+    endless: bool = False,
+) -> None:
+    """Raise `InputError` unless `value` is a number, `least` or more, and more than `above`.
+
+    Args:
+        name: of the argument, for the message.
+        unit: what it counts, for the message: "seconds".
+        whole: only whole numbers will do.
+        endless: infinity will do.
+    """
+    if is_number(value) and (endless or is_finite(value)) and (not whole or isinstance(value, Integral)):
+        assert isinstance(value, Real)
+        number = float(value)
+        if (least is None or number >= least) and (above is None or number > above):
+            return
+    wanted = f"a {'whole ' if whole else ''}number{f' of {unit}' if unit else ''}"
+    limits = [f"{sign} {limit:g}" for sign, limit in ((">=", least), (">", above)) if limit is not None]
+    raise InputError(f"{name} must be {' '.join([wanted, *limits])}, got {repr(value)[:40]}")
+
+
+def check_size(name: str, value: object, least: int) -> None:
+    """Raise `InputError` unless `value` is a height and a width in pixels, each `least` or more."""
+    sides = value if isinstance(value, tuple | list) else ()  # torch.Size is a tuple
+    if len(sides) == 2 and all(isinstance(side, Integral) and is_number(side) and int(side) >= least for side in sides):
+        return
+    pixels = "pixel" if least == 1 else "pixels"
+    raise InputError(f"{name} must be a height and a width of at least {least} {pixels}, got {repr(value)[:40]}")
+
+
 def check_numbers(params: Any, endless: Collection[str] = ()) -> None:
     """Raise `InputError` where a field of a dataclass is not of the kind of its default: a truth value, a whole number,
     a number, or a tuple of numbers; None may take the place of a number or a tuple where it is the default.
@@ -107,6 +144,16 @@ def check_numbers(params: Any, endless: Collection[str] = ()) -> None:
             continue
         if wanted:
             raise InputError(f"{field.name} must be {wanted}, got {repr(value)[:40]}")
+
+
+def check_signs(params: Any, positive: Collection[str], signed: Collection[str] = ()) -> None:
+    """Raise `InputError` where a number of a dataclass is negative, or is 0 and one of `positive`; those of
+    `signed` may be anything."""
+    for name, value in vars(params).items():
+        if name in signed or isinstance(value, bool) or not isinstance(value, Real):
+            continue
+        if value < 0 or (value == 0 and name in positive):
+            raise InputError(f"{name} must be {'> 0' if name in positive else '>= 0'}, got {value}")
 
 
 def what_number(name: str, value: object, endless: bool = False) -> str:

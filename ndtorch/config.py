@@ -6,7 +6,16 @@ import json
 from collections.abc import Mapping
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+)
 
 from ndtorch.arguments import what_number
 from ndtorch.errors import InputError
@@ -20,6 +29,24 @@ def square(size: Any) -> Any:
 
 Size = Annotated[tuple[int, int], BeforeValidator(square)]
 """Height and width in pixels; a single number means a square."""
+
+
+Share = Annotated[float, Field(ge=0, le=1)]
+Positive = Annotated[float, Field(gt=0)]
+"""One of a tuple of numbers above 0."""
+Deviations = tuple[Positive, Positive]
+"""Of a filter, along and across, pixels."""
+
+
+def rising(pair: tuple[float, float]) -> tuple[float, float]:
+    """A range, as it is; raises `ValueError` where it ends before it begins."""
+    if not pair[0] <= pair[1]:
+        raise ValueError("a range ends where it begins, or above it")
+    return pair
+
+
+Shares = Annotated[tuple[Share, Share], AfterValidator(rising)]
+"""A range of shares, from here to there."""
 
 
 class Constants(BaseModel):

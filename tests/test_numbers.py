@@ -138,3 +138,57 @@ def test_what_is_wanted_is_said(field: str, value: object, wanted: str) -> None:
 )  # fmt: skip
 def test_what_will_do_is_taken(field: str, value: object) -> None:
     assert getattr(Sizes(**{field: value}), field) == value  # type: ignore[arg-type]
+
+
+SIGNED = {
+    *("TrackParams.same_color", "TrackParams.same_way", "TrackParams.alike", "TrackParams.along"),
+    *("OwnerCriteria.alike", "OwnerReadout.alike", "SingleReadout.agrees", "GroundParams.alike"),
+    *("Grid.right", "Grid.top", "FloorParams.outer"),
+}
+"""Correlations, cosines and directions: positive as they are, but a little below 0 too."""
+
+
+def test_what_is_positive_is_never_far_below_zero_and_only_signed_numbers_are_a_little() -> None:
+    bad = []
+    for name, kind in classes().items():
+        for field, value in usual(kind).items():
+            if isinstance(value, tuple) or not value > 0:
+                continue
+            slightly = [] if f"{kind.__name__}.{field}" in SIGNED else [-1] if isinstance(value, int) else [-1e-3, -1]
+            for number in (*slightly, -(10**6)):
+                try:
+                    kind(**{field: number})
+                    bad.append(f"{name}({field}={number}) is taken")
+                except InputError as error:
+                    if field not in str(error):
+                        bad.append(f"{name}({field}={number}): {error}")
+    assert not bad
+
+
+@pytest.mark.parametrize(
+    ("name", "field", "value"),
+    [
+        ("CameraParams", "center", (2.85, -1.0)),
+        ("CameraParams", "surround", (0.0, 1.35)),
+        ("ShadeParams", "white", (0.7, 0.5)),
+        ("ShadeParams", "black", (0.1, 1.5)),
+        ("OwnerReadout", "delays", (0.1, 0.0)),
+        ("ScaleFreeRule", "lowest", 0.1),
+        ("ScaleFreeRule", "tau_boost", 0.0),
+        ("WayParams", "discs", ()),
+        ("WayParams", "soft", 0.24),
+        ("WayParams", "coarse", 0),
+        ("NearParams", "unbroken", 1.1),
+        ("NearParams", "floor_to", 0.8),
+    ],
+)
+def test_pairs_and_limits_that_cannot_be(name: str, field: str, value: Any) -> None:
+    for kind in named_of_all(name):
+        with pytest.raises(InputError, match=field):
+            kind(**{field: value})
+
+
+def named_of_all(name: str) -> list[type]:
+    found = [kind for each, kind in classes().items() if each.endswith(f".{name}")]
+    assert found
+    return found

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_tensor
+from ndtorch.arguments import check_number, check_tensor, is_finite
 from ndtorch.errors import InputError
 from ndtorch.vision.blocks import BlockLowPass, Stretch
 from ndtorch.vision.temporal import smoothing_factor, time_dim
@@ -137,7 +137,9 @@ class RunningCovariances(nn.Module):
         self.at_first = at_first
         if not memories:
             raise InputError("memories must be time constants in seconds, got none")
-        if not delays or not all(delay >= 0 for delay in delays):
+        check_number("dt", dt, above=0, unit="seconds")
+        check_number("every", every, least=0, unit="seconds")
+        if not delays or not all(is_finite(delay) and delay >= 0 for delay in delays):
             raise InputError(f"delays must be seconds >= 0, got {delays}")
         lags = tuple(sorted({max(1, round(delay / dt)) if delay else 0 for delay in delays}))
         self.every = max(1, round(every / dt))

@@ -9,7 +9,7 @@ from typing import Any, Self
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_tensor
+from ndtorch.arguments import check_number, check_tensor
 from ndtorch.binding.delayed_kernel import delayed_steps
 from ndtorch.binding.feedback import FEEDBACKS, Feedback, through
 from ndtorch.binding.learning import Constants, Moment, NetworkState, WhenFull, moments, network_step
@@ -91,8 +91,9 @@ class InhibitoryNetwork(nn.Module):
         super().__init__()
         if gamma is not None:
             raise InputError("gamma is an option of the rule now: rule=learning_rule('competitive', gamma=...)")
-        if neurons < 2:
-            raise InputError(f"a network needs at least 2 neurons, got {neurons}")
+        if not (type(neurons) is int and neurons >= 2):
+            raise InputError(f"a network needs at least 2 neurons, got {repr(neurons)[:40]}")
+        check_number("dt", dt, above=0, unit="seconds")
         if feedback not in FEEDBACKS:
             raise InputError(f"feedback must be one of {', '.join(FEEDBACKS)}, got {feedback!r}")
         if when_full not in ("rescale", "stop"):
@@ -105,16 +106,15 @@ class InhibitoryNetwork(nn.Module):
             raise InputError("initial weights must not be negative, and zero on the diagonal")
         seconds = {"settle": settle, "window": window, "every": every}
         for name, value in {**seconds, "faint": faint}.items():
-            if not 0 <= value < math.inf:
-                raise InputError(f"{name} must be a number{' of seconds' if name in seconds else ''} >= 0, got {value}")
+            check_number(name, value, least=0, unit="seconds" if name in seconds else "")
         if feedback == "delayed" and every > dt:
             raise InputError(f"with delayed feedback the weights change at every step of {dt} s, got every={every}")
         self.neurons, self.dt, self.shared = neurons, dt, shared
-        self.a_in, self.a_rough = smoothing_factor(tau_in, dt), smoothing_factor(tau_rough, dt)
+        self.a_in, self.a_rough = smoothing_factor(tau_in, dt, "tau_in"), smoothing_factor(tau_rough, dt, "tau_rough")
         rule = learning_rule(rule) if isinstance(rule, str) else rule
         self.every = max(1, round(every / dt))
-        self.output_low = BlockLowPass(smoothing_factor(tau_out, dt), self.every)
-        self.mean_square = BlockLowPass(smoothing_factor(tau_power, dt), self.every)
+        self.output_low = BlockLowPass(smoothing_factor(tau_out, dt, "tau_out"), self.every)
+        self.mean_square = BlockLowPass(smoothing_factor(tau_power, dt, "tau_power"), self.every)
         self.constants = Constants(
             rule=rule if rule is not None and rule.learns else None,
             feedback=feedback,
@@ -126,7 +126,7 @@ class InhibitoryNetwork(nn.Module):
             when_full=when_full,
             output_low=self.output_low,
             mean_square=self.mean_square,
-            a_mean=smoothing_factor(tau_mean, dt * self.every),
+            a_mean=smoothing_factor(tau_mean, dt * self.every, "tau_mean"),
         )
         self.window_changes = max(1, round(window / (dt * self.every)))
         self.register_buffer("initial", initial)

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_tensor
+from ndtorch.arguments import check_number, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.vision.features import GROUPS
 from ndtorch.vision.temporal import FilterState, HighPass, RecentMax, RecentMaxState, time_dim
@@ -64,8 +64,8 @@ class BindingInputs(nn.Module):
         super().__init__()
         if order not in ORDERS:
             raise InputError(f"order must be one of {', '.join(ORDERS)}, got {order!r}")
-        if not floor >= 0:
-            raise InputError(f"floor must be >= 0, got {floor}")
+        check_number("floor", floor, least=0)
+        check_number("window", window, least=0, unit="seconds")
         self.order, self.floor = order, floor
         self.high_pass = HighPass(tau, dt, sample_dims=1)
         self.recent_max = RecentMax(window, dt)
@@ -109,6 +109,9 @@ class FieldInputs(nn.Module):
 
     def __init__(self, dt: float, memory: float = 20.0, floor: float = 0.02) -> None:
         super().__init__()
+        check_number("dt", dt, above=0, unit="seconds")
+        check_number("memory", memory, above=0, unit="seconds", endless=True)
+        check_number("floor", floor, above=0)
         self.keep, self.floor = math.exp(-dt / memory), floor
 
     def forward(self, signals: Tensor, level: Tensor | None = None) -> tuple[Tensor, Tensor]:

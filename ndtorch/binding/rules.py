@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_numbers
+from ndtorch.arguments import check_number, check_numbers, check_signs, is_number
 from ndtorch.binding.activations import Activation, activation, linear
 from ndtorch.binding.spectrum import limit_spectral_radius
 from ndtorch.errors import InputError
@@ -88,9 +88,11 @@ class LearningRule:
     uses_power = False
 
     def __post_init__(self) -> None:
-        rates = torch.as_tensor(self.gamma)
+        rates = self.gamma if isinstance(self.gamma, Tensor) else torch.tensor(math.nan)
+        if is_number(self.gamma):
+            rates = torch.as_tensor(self.gamma)
         if not (rates >= 0).all() or not torch.isfinite(rates).all():
-            raise InputError(f"gamma must be a learning rate >= 0, got {self.gamma}")
+            raise InputError(f"gamma must be a learning rate >= 0, got {repr(self.gamma)[:80]}")
         check_constants(self.tau_onset, self.radius_limit)
 
     @property
@@ -152,6 +154,9 @@ class ScaleFreeRule:
         floor: smallest s, as a share of the largest.
         lowest, highest: bounds of the weights.
         radius_limit: of the Perron root of the weights' magnitudes.
+
+    Raises:
+        InputError: a constant out of range.
     """
 
     gamma: float = 0.2
@@ -173,6 +178,9 @@ class ScaleFreeRule:
         if not self.gamma >= 0:
             raise InputError(f"gamma must be a learning rate >= 0, got {self.gamma}")
         check_constants(self.tau_onset, self.radius_limit)
+        check_signs(self, positive=("tau_boost", "exponent", "floor"), signed=("lowest",))
+        if self.lowest > 0:
+            raise InputError(f"lowest must be <= 0, got {self.lowest}")
 
     @property
     def learns(self) -> bool:
@@ -211,10 +219,9 @@ def within_radius(weights: Tensor, limit: float) -> tuple[Tensor, Tensor | None]
 
 def check_constants(tau_onset: float, radius_limit: float) -> None:
     """Raise `InputError` for a soft start or a limit that cannot be."""
-    if not 0 <= tau_onset < math.inf:
-        raise InputError(f"tau_onset must be a number of seconds >= 0, got {tau_onset}")
-    if not radius_limit > 0:
-        raise InputError(f"radius_limit must be positive, got {radius_limit}")
+    check_number("tau_onset", tau_onset, least=0, unit="seconds")
+    if not (is_number(radius_limit) and radius_limit > 0):
+        raise InputError(f"radius_limit must be positive, got {repr(radius_limit)[:40]}")
 
 
 def learning_onset(seconds: Tensor, tau: float) -> Tensor:

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple, get_args
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_numbers, check_tensor, surely_finite
+from ndtorch.arguments import check_number, check_numbers, check_tensor, surely_finite
 from ndtorch.errors import InputError
 from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import kernels_wanted
@@ -166,8 +166,8 @@ class GridMap(nn.Module):
         odds: LogOdds | None = None,
     ) -> None:
         super().__init__()
-        if not reach > 0:
-            raise InputError(f"reach must be > 0 m, got {reach}")
+        check_number("reach", reach, above=0, unit="metres", endless=True)
+        check_number("farthest", farthest, above=0, unit="metres")
         if certainty not in get_args(Certainty):
             raise InputError(f"certainty must be 'beams' or 'log-odds', got {certainty!r}")
         self.rig, self.grid, self.reach = rig, grid or Grid(), reach

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ndtorch.arguments import check_numbers
+from ndtorch.arguments import check_numbers, check_signs
 from ndtorch.errors import InputError
 
 
@@ -60,3 +60,8 @@ class NearParams:
             raise InputError(f"expected floor_beside > 0, got {self.floor_beside}")
         if not (self.half >= 1 and 0 < self.ratio <= 1 and self.texture >= 0 and self.enough >= 1 and self.blank >= 0):
             raise InputError(f"expected half and enough >= 1 and 0 < ratio <= 1, got {self}")
+        check_signs(self, positive=("few", "narrowest", "pixels"))
+        if not (self.floor <= 1 and self.unbroken <= 1):
+            raise InputError(f"floor and unbroken are correlations of 0..1, got {self.floor} and {self.unbroken}")
+        if not 0 < self.floor_from < self.floor_to:
+            raise InputError(f"expected 0 < floor_from < floor_to, got {self.floor_from} and {self.floor_to}")

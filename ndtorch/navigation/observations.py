@@ -8,6 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
+from ndtorch.arguments import check_number
 from ndtorch.errors import InputError
 from ndtorch.navigation.mapping import check_observations
 from ndtorch.navigation.odometry import Pose, to_body, to_world
@@ -52,10 +53,10 @@ class ObservationList(nn.Module):
 
     def __init__(self, dt: float, capacity: int = 512, lifetime: float = 6.0, weight: float = 1.0) -> None:
         super().__init__()
-        if not (0 < dt < math.inf and capacity > 0 and lifetime > 0 and 0 < weight < math.inf):
-            raise InputError(
-                f"expected positive numbers, got dt={dt}, capacity={capacity}, lifetime={lifetime}, weight={weight}"
-            )
+        check_number("dt", dt, above=0, unit="seconds")
+        check_number("capacity", capacity, above=0, whole=True)
+        check_number("lifetime", lifetime, above=0, unit="seconds", endless=True)
+        check_number("weight", weight, above=0)
         self.dt, self.capacity, self.lifetime, self.weight = dt, capacity, lifetime, weight
 
     def forward(

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_tensor
+from ndtorch.arguments import check_number, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.kernels.arc import arc
 from ndtorch.kernels.switch import kernels_wanted
@@ -61,10 +61,9 @@ class DeadReckoning(nn.Module):
 
     def __init__(self, dt: float, scale_error: float = 0.0, drift: float = 0.0) -> None:
         super().__init__()
-        if not (dt > 0 and math.isfinite(dt) and math.isfinite(scale_error) and math.isfinite(drift)):
-            raise InputError(
-                f"expected dt > 0 and finite errors, got dt={dt}, scale_error={scale_error}, drift={drift}"
-            )
+        check_number("dt", dt, above=0, unit="seconds")
+        check_number("scale_error", scale_error)
+        check_number("drift", drift)
         self.dt, self.scale_error, self.drift = dt, scale_error, drift
 
     def forward(self, speed: Tensor, curvature: Tensor, state: Pose | None = None) -> tuple[Pose, Pose]:

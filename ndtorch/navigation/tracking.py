@@ -9,7 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_numbers
+from ndtorch.arguments import check_numbers, is_finite
 from ndtorch.errors import InputError
 from ndtorch.navigation.mapping import check_observations
 from ndtorch.navigation.odometry import Pose, to_world
@@ -122,8 +122,8 @@ class AlphaBetaTracker(nn.Module):
 
     def __init__(self, dt: float, params: TrackParams | None = None) -> None:
         super().__init__()
-        if not 0 < dt < math.inf:
-            raise InputError(f"dt must be a positive number of seconds, got {dt}")
+        if not (is_finite(dt) and dt > 0):
+            raise InputError(f"dt must be a positive number of seconds, got {repr(dt)[:40]}")
         self.dt, self.params = dt, params or TrackParams()
 
     def forward(self, ranges: Ranges, pose: Pose, state: Tracks | None = None) -> tuple[Tracks, Tracks]:

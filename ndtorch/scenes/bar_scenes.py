@@ -6,11 +6,12 @@ from collections.abc import Callable, Sequence
 
 import torch
 
+from ndtorch.arguments import check_number, check_size
 from ndtorch.errors import InputError
 from ndtorch.scenes.bars import Bar, BarScene
 from ndtorch.scenes.fluctuation import Distance, Fluctuation, NoFluctuation, RandomShadow, SineShadow
 from ndtorch.scenes.named import SECONDS
-from ndtorch.scenes.parameters import PerScene, pairs, per_scene
+from ndtorch.scenes.parameters import PerScene, check_place, check_seed, pairs, per_scene
 
 Color = tuple[float, float, float]
 RED: Color = (0.75, 0.1, 0.1)
@@ -56,6 +57,7 @@ def one_bar(
     >>> one_bar(seconds=2, fps=50).length
     100
     """
+    _check(size, seed, length)
     bar = Bar(color, -30.0, (0.1 * size[1], 0.08 * size[0]), speed=speed, length=length, width=width)
     kind = _fluctuation(fluctuation, 0.0, 1, seed)
     return BarScene([bar], seconds, kind, size, fps, "one-bar", device)
@@ -112,6 +114,8 @@ def two_bars(
     (2,)
     """
 
+    _check(size, seed, length, shift)
+
     def bars(lead: float, _: float) -> list[Bar]:
         return _red_and_green(lead, colors, shift, size, speed, length, width)
 
@@ -148,6 +152,8 @@ def three_bars(
     3
     """
 
+    _check(size, seed, length, shift)
+
     def bars(lead: float, offset: float) -> list[Bar]:
         start = (0.65 * size[1] + shift[0] + offset, 0.375 * size[0] + shift[1])
         blue = Bar(colors[2], 180.0, start, speed=speed, length=length, width=width)
@@ -177,6 +183,7 @@ def equal_bars(
     comes and goes at its own rate (`EQUAL_RATES`), with "random" they are in different places of one pattern.
     The bars keep their distances and never touch. Arguments, shapes and errors as in `two_bars`.
     """
+    _check(size, seed, length)
     if fluctuation == "shadow":
         fluctuation = SineShadow(EQUAL_PERIODS)
     elif fluctuation == "distance":
@@ -185,6 +192,14 @@ def equal_bars(
     bars = [Bar(color, direction, at, speed=speed, length=length, width=width) for at in starts]
     kind = _fluctuation(fluctuation, 0.0, 3, seed)
     return BarScene(bars, seconds, kind, size, fps, "equal-bars", device)
+
+
+def _check(size: object, seed: object, length: object, shift: object = (0.0, 0.0)) -> None:
+    """Raise `InputError` for what places are computed from, before they are."""
+    check_size("size", size, 1)
+    check_seed(seed)
+    check_number("length", length)
+    check_place("shift", shift)
 
 
 def _red_and_green(

@@ -11,10 +11,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import check_number
 from ndtorch.errors import InputError
 from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.scenes.fluctuation import Fluctuation, NoFluctuation
+from ndtorch.scenes.parameters import check_color, check_place
 from ndtorch.scenes.rendered import RenderedScene, check_chunks
 
 
@@ -45,15 +47,13 @@ class Bar:
     width: float = 12.0
 
     def __post_init__(self) -> None:
-        if len(self.color) != 3 or not all(0 <= value <= 1 for value in self.color):
-            raise InputError(f"color must be red, green and blue in 0..1, got {self.color}")
-        if len(self.start) != 2:
-            raise InputError(f"start must be a column and a row, got {self.start}")
+        check_color("color", self.color)
+        check_place("start", self.start)
+        for name in ("direction", "speed", "length", "width"):
+            check_number(name, getattr(self, name))
+        check_number("orientation", self.tilt)
         if not (self.length > 0 and self.width > 0):
             raise InputError(f"length and width must be positive pixels, got {self.length} and {self.width}")
-        numbers = (self.direction, self.tilt, self.speed, self.length, self.width, *self.start)
-        if not all(math.isfinite(number) for number in numbers):
-            raise InputError(f"direction, orientation, start, speed and sizes must be finite, got {self}")
 
     @property
     def tilt(self) -> float:

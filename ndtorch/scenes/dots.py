@@ -10,7 +10,9 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import check_number, is_finite
 from ndtorch.errors import InputError
+from ndtorch.scenes.parameters import check_seed
 from ndtorch.scenes.rendered import RenderedScene
 
 Floats = npt.NDArray[np.float64]
@@ -83,15 +85,17 @@ class CommonFate(RenderedScene):
         super().__init__("common-fate", seconds, fps, size, device)
         if not (isinstance(patches, int) and 0 <= patches <= 5):
             raise InputError(f"patches must be a number from 0 to 5, got {patches}")
+        check_seed(seed)
+        if np.min(seed) < 0:
+            raise InputError(f"seed must be >= 0, got {repr(seed)[:40]}")
+        check_number("density", density)
         if not 0 < density * self.size[0] * self.size[1] <= MOST_DOTS:
             raise InputError(f"density must be positive dots a pixel, {MOST_DOTS} dots at most, got {density}")
         for name, share in (("coherence", coherence), ("ground", ground)):
-            if not 0 <= share <= 1:
-                raise InputError(f"{name} must be a share from 0 to 1, got {share}")
-        if not lifetime > 0:
-            raise InputError(f"lifetime must be positive seconds, got {lifetime}")
-        if not (speed >= 0 and math.isfinite(speed)):
-            raise InputError(f"speed must be pixels a second >= 0, got {speed}")
+            if not (is_finite(share) and 0 <= share <= 1):
+                raise InputError(f"{name} must be a share from 0 to 1, got {repr(share)[:40]}")
+        check_number("lifetime", lifetime, above=0, unit="seconds", endless=True)
+        check_number("speed", speed, least=0, unit="pixels a second")
         self.coherence, self.speed = coherence, speed
         rng = np.random.default_rng(seed)
         self.patches = draw_patches(rng, patches, self.size, speed, seconds)

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import check_number
 from ndtorch.errors import InputError
-from ndtorch.scenes.parameters import PerBar, per_bar
+from ndtorch.scenes.parameters import PerBar, check_seed, per_bar
 
 
 class Fluctuation:
@@ -48,6 +49,8 @@ class SineShadow(Fluctuation):
 
     def __init__(self, period: PerBar = 50.0, mean: float = 0.5, amplitude: float = 0.25, phase: PerBar = 0.0) -> None:
         self.period, self.phase = per_bar("period", period), per_bar("phase", phase)
+        check_number("mean", mean)
+        check_number("amplitude", amplitude)
         self.mean, self.amplitude = mean, amplitude
         if not bool((self.period > 0).all()):
             raise InputError(f"period must be positive pixels, got {period}")
@@ -75,11 +78,12 @@ class RandomShadow(Fluctuation):
     def __init__(
         self, seed: int | Sequence[int] = 0, sigma: float = 6.0, lowest: float = 0.25, highest: float = 0.75
     ) -> None:
+        check_seed(seed)
+        for name, value in (("sigma", sigma), ("lowest", lowest), ("highest", highest)):
+            check_number(name, value)
         self.seeds = [int(seed)] if isinstance(seed, int) else [int(s) for s in seed]
         self.batched = not isinstance(seed, int)
         self.sigma, self.lowest, self.highest = sigma, lowest, highest
-        if not self.seeds:
-            raise InputError("seed must be a whole number or several, got none")
         if not sigma >= 0:
             raise InputError(f"sigma must be >= 0 pixels, got {sigma}")
         if not 0 <= lowest < highest <= 1:
@@ -119,6 +123,7 @@ class Distance(Fluctuation):
 
     def __init__(self, rate: PerBar = 1.0, phase: PerBar = 0.0, smallest: float = 9 / 12) -> None:
         self.rate, self.phase = per_bar("rate", rate), per_bar("phase", phase)
+        check_number("smallest", smallest)
         self.smallest = smallest
         if not 0 < smallest <= 1:
             raise InputError(f"smallest must be a part of the full size in (0, 1], got {smallest}")

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import check_number
 from ndtorch.errors import InputError
 from ndtorch.scenes.base import FrameSource
 
@@ -62,6 +63,10 @@ class MovingGrating(FrameSource):
     ) -> None:
         if len(speeds) == 0 or len(phases) == 0 or not all(map(math.isfinite, (*speeds, *phases))):
             raise InputError("speeds and phases must be at least one finite number each")
+        for name, number in (("bar", bar), ("gap", gap), ("dark", dark), ("bright", bright), ("fps", fps)):
+            check_number(name, number)
+        check_number("width", width, whole=True)
+        check_number("length", length, whole=True)
         if not (bar > 0 and gap >= 0 and width > 0 and fps > 0 and length > 0):
             raise InputError(f"sizes must be positive: bar={bar}, gap={gap}, width={width}, fps={fps}, length={length}")
         self.name, self.fps, self.size, self.length = "moving-grating", fps, (1, width), length
@@ -107,8 +112,7 @@ class FlickeringGrating(FrameSource):
         fps: float = 30.0,
         length: int = 201,
     ) -> None:
-        if not (math.isfinite(frequency) and frequency >= 0):
-            raise InputError(f"frequency must be a finite number >= 0 Hz, got {frequency}")
+        check_number("frequency", frequency, least=0, unit="cycles a second")
         still = MovingGrating(
             [0.0],
             bar=bar,

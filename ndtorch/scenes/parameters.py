@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import is_finite
 from ndtorch.errors import InputError
 
 PerScene = float | Sequence[float] | Tensor
@@ -26,6 +27,27 @@ def per_bar(name: str, value: PerBar) -> Tensor:
     """`value` as a float64 tensor of shape [bars] or [B, bars] on the CPU; one number becomes [1]."""
     numbers = _numbers(name, value, 2, "finite: a number, [bars] or [B, bars]")
     return numbers.reshape(1) if numbers.ndim == 0 else numbers
+
+
+def check_seed(seed: object) -> None:
+    """Raise `InputError` unless it is a whole number, or several."""
+    several = seed if isinstance(seed, tuple | list) else (seed,)
+    if not several or not all(
+        isinstance(one, int) and not isinstance(one, bool) and abs(one) < 2**63 for one in several
+    ):
+        raise InputError(f"seed must be a whole number or several, got {repr(seed)[:40]}")
+
+
+def check_color(name: str, color: object) -> None:
+    """Raise `InputError` unless it is red, green and blue in 0..1."""
+    if not (isinstance(color, tuple | list) and len(color) == 3 and all(is_finite(x) and 0 <= x <= 1 for x in color)):
+        raise InputError(f"{name} must be red, green and blue in 0..1, got {repr(color)[:40]}")
+
+
+def check_place(name: str, place: object) -> None:
+    """Raise `InputError` unless it is a column and a row."""
+    if not (isinstance(place, tuple | list) and len(place) == 2 and all(map(is_finite, place))):
+        raise InputError(f"{name} must be a column and a row, got {repr(place)[:40]}")
 
 
 def pairs(
@@ -47,8 +69,8 @@ def pairs(
 def _numbers(name: str, value: object, most_dims: int, wanted: str) -> Tensor:
     try:
         tensor = torch.as_tensor(value, dtype=torch.float64).cpu()
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} must be {wanted}, got {value!r}") from error
+    except (TypeError, ValueError, OverflowError, RuntimeError) as error:
+        raise InputError(f"{name} must be {wanted}, got {repr(value)[:40]}") from error
     if tensor.ndim > most_dims or tensor.numel() == 0 or not bool(torch.isfinite(tensor).all()):
         raise InputError(f"{name} must be {wanted}, got {tensor.tolist()}")
     return tensor

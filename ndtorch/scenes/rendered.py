@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from abc import abstractmethod
 from collections.abc import Iterator
 
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import is_finite
 from ndtorch.errors import InputError
 from ndtorch.memory import keep_freed_memory
 from ndtorch.scenes.base import FrameSource
@@ -33,10 +33,10 @@ class RenderedScene(FrameSource):
     def __init__(
         self, name: str, seconds: float, fps: float, size: tuple[int, int], device: torch.device | str = "cpu"
     ) -> None:
-        if not (fps > 0 and math.isfinite(fps)):
-            raise InputError(f"fps must be a positive number of frames per second, got {fps}")
-        if not (seconds > 0 and math.isfinite(seconds)):
-            raise InputError(f"seconds must be a positive number, got {seconds}")
+        if not (is_finite(fps) and fps > 0):
+            raise InputError(f"fps must be a positive number of frames per second, got {repr(fps)[:40]}")
+        if not (is_finite(seconds) and seconds > 0):
+            raise InputError(f"seconds must be a positive number, got {repr(seconds)[:40]}")
         self.name = name
         self.fps = float(fps)
         self.size = check_size(size)
@@ -68,6 +68,7 @@ def check_chunks(frames: int, start: int) -> None:
 
 def check_size(size: tuple[int, int]) -> tuple[int, int]:
     """Height and width as positive integers, or `InputError`."""
-    if not isinstance(size, (tuple, list)) or len(size) != 2 or any(side != int(side) or side < 1 for side in size):
-        raise InputError(f"size must be (height, width) in whole pixels >= 1, got {size}")
+    sides = size if isinstance(size, tuple | list) else ()
+    if len(sides) != 2 or not all(is_finite(side) and side == int(side) and side >= 1 for side in sides):
+        raise InputError(f"size must be (height, width) in whole pixels >= 1, got {repr(size)[:40]}")
     return int(size[0]), int(size[1])

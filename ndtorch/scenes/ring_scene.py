@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor
 
-from ndtorch.errors import InputError
+from ndtorch.arguments import check_number
 from ndtorch.scenes.rendered import RenderedScene
 
 
@@ -37,8 +37,9 @@ class Rings(RenderedScene):
         device: torch.device | str = "cpu",
     ) -> None:
         super().__init__("rings", seconds, fps, size, device)
-        if not sigma > 0:
-            raise InputError(f"sigma must be positive pixels, got {sigma}")
+        check_number("sigma", sigma, above=0, unit="pixels")
+        for rate, value in (("flicker", flicker), ("ring_frequency", ring_frequency), ("ring_rate", ring_rate)):
+            check_number(rate, value)
         self.flicker, self.ring_rate = flicker, ring_rate
         y = torch.arange(self.size[0], dtype=torch.float64)[:, None] - (self.size[0] - 1) / 2
         x = torch.arange(self.size[1], dtype=torch.float64) - (self.size[1] - 1) / 2

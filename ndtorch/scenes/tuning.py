@@ -5,11 +5,12 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import check_number, check_size, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.scenes.bar_scenes import Color
 from ndtorch.scenes.bars import Bar, BarScene
 from ndtorch.scenes.fluctuation import Fluctuation
-from ndtorch.scenes.parameters import PerScene, pairs
+from ndtorch.scenes.parameters import PerScene, check_place, pairs
 
 WHITE: Color = (1.0, 1.0, 1.0)
 
@@ -47,6 +48,7 @@ def moving_bar(
     >>> moving_bar([0.0, 90.0, 180.0]).frames(0, 4).shape
     torch.Size([3, 4, 3, 100, 100])
     """
+    check_size("size", size, 1)
     at = _middle(size) if start is None else start
     angles = pairs("direction", direction, "orientation", direction if orientation is None else orientation)
 
@@ -83,6 +85,8 @@ def static_bar(
     >>> static_bar(torch.tensor([0.0, 90.0])).shape
     torch.Size([2, 3, 100, 100])
     """
+    if center is not None:
+        check_place("center", center)
     scene = moving_bar(
         0.0,
         orientation,
@@ -112,7 +116,8 @@ def hsl_color(hue: float | Tensor, saturation: float | Tensor, lightness: float 
     >>> hsl_color(120, 1.0, 0.5)
     tensor([0., 1., 0.])
     """
-    h, s, x = (torch.as_tensor(value).to(torch.get_default_dtype()) for value in (hue, saturation, lightness))
+    given = {"hue": hue, "saturation": saturation, "lightness": lightness}
+    h, s, x = (as_numbers(name, value) for name, value in given.items())
     for name, value in (("saturation", s), ("lightness", x)):
         if not bool(((value >= 0) & (value <= 1)).all()):
             raise InputError(f"{name} must lie in 0..1, got {value.min().item():g} to {value.max().item():g}")
@@ -122,6 +127,16 @@ def hsl_color(hue: float | Tensor, saturation: float | Tensor, lightness: float 
     chroma = (s * torch.minimum(x, 1 - x))[..., None]
     color: Tensor = x[..., None] - chroma * wave
     return color.clamp(0, 1)
+
+
+def as_numbers(name: str, value: float | Tensor) -> Tensor:
+    """A number or a tensor of them, of the default type; raises `InputError` for anything else."""
+    if not isinstance(value, Tensor):
+        check_number(name, value)
+        return torch.tensor(float(value))
+    numbers = value.to(torch.get_default_dtype())
+    check_tensor(name, numbers)
+    return numbers
 
 
 def _middle(size: tuple[int, int]) -> tuple[float, float]:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_tensor
+from ndtorch.arguments import check_number, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.vision.temporal import time_dim
 
@@ -80,8 +80,7 @@ class ChahlSrinivasan(nn.Module):
 
     def __init__(self, min_contrast: float = 1e-3) -> None:
         super().__init__()
-        if not min_contrast >= 0:
-            raise InputError(f"min_contrast must be >= 0, got {min_contrast}")
+        check_number("min_contrast", min_contrast, least=0)
         self.min_contrast = min_contrast
 
     def forward(self, x: Tensor, state: ShiftState | None = None) -> tuple[Tensor, ShiftState]:

@@ -10,6 +10,7 @@ from pydantic import Field
 from torch import Tensor, nn
 from torch.nn import functional
 
+from ndtorch.arguments import check_number, check_size
 from ndtorch.config import Constants
 from ndtorch.errors import InputError
 from ndtorch.vision.fields import pool
@@ -83,6 +84,8 @@ class CoherentMotion(nn.Module):
     def __init__(self, size: tuple[int, int], dt: float = 0.04, params: CoherentParams | None = None) -> None:
         super().__init__()
         c = self.params = params or CoherentParams()
+        check_size("size", size, 1)
+        check_number("dt", dt, above=0, unit="seconds")
         self.size, self.dt = size, dt
         self.every = max(1, round(c.every / dt))
         self.apart = self.every * dt
@@ -91,7 +94,7 @@ class CoherentMotion(nn.Module):
         self.a_high = smoothing_factor(c.tau_high, dt)
         self.grid = (round(size[0] / c.coarse), round(size[1] / c.coarse))
         if min(round(side / c.field) for side in size) < 1:
-            raise InputError(f"frames of {size[0]}x{size[1]} pixels have no field of {c.field:g} pixels")
+            raise InputError(f"size must hold a field: {size[0]}x{size[1]} pixels have no field of {c.field:g} pixels")
         for name, length, count in zip(("rows", "columns"), size, self.grid, strict=True):
             self.register_buffer(name, windows(length, count, max(1, round(length / c.field)), c.window))
         reach = math.floor(c.fastest / c.step)

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor, nn
 
+from ndtorch.arguments import check_size
 from ndtorch.errors import InputError
 from ndtorch.memory import keep_freed_memory
 from ndtorch.vision.frames import as_float, check_frames, check_values, grey
@@ -84,8 +85,7 @@ class VisualFeatures(nn.Module):
         super().__init__()
         if fused is not None:
             raise InputError(f"fused is gone: {FUSED}")
-        if len(size) != 2 or min(size) < 2:
-            raise InputError(f"size must be a height and a width of at least 2 pixels, got {size}")
+        check_size("size", size, 2)
         self.size = (int(size[0]), int(size[1]))
         self.motion = HassensteinReichardt(dt, tau_high, tau_low, border)
         self.orientation = OrientedDoG(self.size, center=center, surround=surround, border=border, exact=exact)

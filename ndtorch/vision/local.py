@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
+from ndtorch.arguments import check_number
 from ndtorch.errors import InputError
 from ndtorch.vision.features import VisualFeatures
 from ndtorch.vision.fields import field_weights
@@ -47,6 +48,7 @@ class LocalFeatures(nn.Module):
     def __init__(self, features: VisualFeatures, fields: int = 16) -> None:
         super().__init__()
         height, width = features.size
+        check_number("fields", fields, whole=True)
         if not 3 <= fields <= min(height, width):
             raise InputError(f"fields must lie between 3 and the {min(height, width)} pixels of a side, got {fields}")
         self.features = features

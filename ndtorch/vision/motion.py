@@ -103,8 +103,8 @@ class HassensteinReichardt(nn.Module):
         super().__init__()
         check_border(border)
         self.dt, self.border = dt, border
-        self.a_high = smoothing_factor(tau_high, dt)
-        self.a_low = smoothing_factor(tau_low, dt)
+        self.a_high = smoothing_factor(tau_high, dt, "tau_high")
+        self.a_low = smoothing_factor(tau_low, dt, "tau_low")
         self.register_buffer("directions", torch.tensor(BY_DIRECTION))
 
     def start(self, image: Tensor) -> MotionState:

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from ndtorch.arguments import check_tensor
+from ndtorch.arguments import check_number, check_tensor
 from ndtorch.vision.temporal import (
     FilterState,
     HighPass,
@@ -47,7 +47,7 @@ class NDMin(nn.Module):
 
     def __init__(self, tau_high: float = 0.005, dt: float = 1 / 30) -> None:
         super().__init__()
-        self.a = smoothing_factor(tau_high, dt)
+        self.a = smoothing_factor(tau_high, dt, "tau_high")
         self.tau_high, self.dt = tau_high, dt
 
     def extra_repr(self) -> str:
@@ -80,6 +80,7 @@ class NDMinus(nn.Module):
 
     def __init__(self, tau_high: float = 0.005, dt: float = 1 / 30) -> None:
         super().__init__()
+        check_number("tau_high", tau_high, least=0, unit="seconds", endless=True)
         self.high_pass = HighPass(tau_high, dt)
 
     def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
@@ -111,7 +112,9 @@ class NDS(nn.Module):
 
     def __init__(self, tau_high: float = 0.005, tau_low: float = 0.0, dt: float = 1 / 30) -> None:
         super().__init__()
+        check_number("tau_high", tau_high, least=0, unit="seconds", endless=True)
         self.high_pass = HighPass(tau_high, dt)
+        check_number("tau_low", tau_low, least=0, unit="seconds", endless=True)
         self.low_pass = LowPass(tau_low, dt)
 
     def forward(self, x: Tensor, state: NDSState | None = None) -> tuple[Tensor, NDSState]:

@@ -8,6 +8,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from ndtorch.arguments import check_size, is_finite
 from ndtorch.errors import InputError
 from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.motion import Border, check_border
@@ -117,11 +118,15 @@ class OrientedDoG(nn.Module):
     ) -> None:
         super().__init__()
         check_border(border)
+        if not (isinstance(angles, tuple | list) and angles and all(map(is_finite, angles))):
+            raise InputError(f"angles must be degrees, one or more, got {repr(angles)[:40]}")
+        if not all(isinstance(pair, tuple | list) and len(pair) == 2 for pair in (center, surround)) or not all(
+            is_finite(sigma) and sigma > 0 for sigma in (*center, *surround)
+        ):
+            given = f"{repr(center)[:40]}, {repr(surround)[:40]}"
+            raise InputError(f"center and surround must hold two positive standard deviations each, got {given}")
+        check_size("size", size, 1)
         sigmas = (*center, *surround)
-        if not all(0 < sigma < math.inf for sigma in sigmas):
-            raise InputError(f"center and surround must hold positive standard deviations, got {center}, {surround}")
-        if len(size) != 2 or min(size) < 1:
-            raise InputError(f"size must be a height and a width of at least 1 pixel, got {size}")
         self.size, self.border, self.exact = size, border, exact
         # Mirrored margins reach three sigma, but never further than there is image to mirror.
         wanted = 0 if border == "wrap" else math.ceil(3 * max(sigmas))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_tensor
+from ndtorch.arguments import check_tensor, is_finite
 from ndtorch.errors import InputError
 from ndtorch.vision.temporal import time_dim
 
@@ -46,8 +46,8 @@ class Resample(nn.Module):
     def __init__(self, dt_in: float, dt_out: float) -> None:
         super().__init__()
         for name, value in (("dt_in", dt_in), ("dt_out", dt_out)):
-            if not (value > 0 and math.isfinite(value)):
-                raise InputError(f"{name} must be a positive number of seconds, got {value}")
+            if not (is_finite(value) and value > 0):
+                raise InputError(f"{name} must be a positive number of seconds, got {repr(value)[:40]}")
         self.ratio = dt_out / dt_in
         self.identity = math.isclose(dt_in, dt_out, rel_tol=1e-9)
 

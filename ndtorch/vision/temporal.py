@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_dense, check_tensor
+from ndtorch.arguments import check_dense, check_number, check_tensor, is_finite, is_number
 from ndtorch.errors import InputError
 
 
-def smoothing_factor(tau: float, dt: float) -> float:
+def smoothing_factor(tau: float, dt: float, name: str = "tau") -> float:
     """Share of the new sample that a first-order low-pass takes in, `a = dt / (tau + dt)`.
 
     This is the backward Euler form, so every `tau >= 0` is stable: `tau = 0` lets the input through
@@ -21,6 +20,7 @@ def smoothing_factor(tau: float, dt: float) -> float:
     Args:
         tau: time constant in seconds, 0 to inf.
         dt: time step in seconds, > 0.
+        name: of the time constant, for messages.
 
     Raises:
         InputError: if `tau` is negative or NaN, or `dt` is not a positive finite number.
@@ -28,10 +28,10 @@ def smoothing_factor(tau: float, dt: float) -> float:
     >>> smoothing_factor(tau=0.75, dt=0.25)
     0.25
     """
-    if not (dt > 0 and math.isfinite(dt)):
-        raise InputError(f"dt must be a positive number of seconds, got {dt}")
-    if not tau >= 0:
-        raise InputError(f"tau must be >= 0 seconds, got {tau}")
+    if not (is_finite(dt) and dt > 0):
+        raise InputError(f"dt must be a positive number of seconds, got {repr(dt)[:40]}")
+    if not (is_number(tau) and tau >= 0):
+        raise InputError(f"{name} must be >= 0 seconds, got {repr(tau)[:40]}")
     return dt / (tau + dt)
 
 
@@ -64,6 +64,7 @@ class LowPass(nn.Module):
 
     def __init__(self, tau: float, dt: float, sample_dims: int = 3) -> None:
         super().__init__()
+        check_number("sample_dims", sample_dims, least=0, whole=True)
         self.a = smoothing_factor(tau, dt)
         self.tau, self.dt, self.sample_dims = tau, dt, sample_dims
 
@@ -123,7 +124,7 @@ class RecentMax(nn.Module):
 
     def __init__(self, seconds: float, dt: float) -> None:
         super().__init__()
-        if not (dt > 0 and seconds >= 0 and math.isfinite(seconds)):
+        if not (is_finite(dt) and dt > 0 and is_finite(seconds) and seconds >= 0):
             raise InputError(f"seconds must be >= 0 and dt > 0, got seconds={seconds}, dt={dt}")
         self.window = max(1, round(seconds / dt))
 

@@ -155,7 +155,7 @@ def test_bad_options_are_refused() -> None:
     with pytest.raises(InputError, match=r"order must be one of filter-first, printed, got 'normalize'"):
         BindingInputs(order="normalize")  # type: ignore[arg-type]
     for floor in (-0.1, float("nan")):
-        with pytest.raises(InputError, match="floor must be >= 0"):
+        with pytest.raises(InputError, match="floor must be a number >= 0"):
             BindingInputs(floor=floor)
     with pytest.raises(InputError, match="tau"):
         BindingInputs(tau=-1)

@@ -283,7 +283,7 @@ def test_free_length_follows_the_pose():
 
 
 def test_bad_lists():
-    with pytest.raises(InputError, match="positive"):
+    with pytest.raises(InputError, match="dt"):
         ObservationList(dt=0.0)
     with pytest.raises(InputError, match="curvatures"):
         free_length(listed([[1.0, 0.0]]), HERE, torch.zeros(2, 2))

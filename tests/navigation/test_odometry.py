@@ -74,7 +74,7 @@ def test_gradient_through_a_straight_step():
 def test_bad_input():
     with pytest.raises(InputError, match="dt"):
         DeadReckoning(0.0)
-    with pytest.raises(InputError, match="finite"):
+    with pytest.raises(InputError, match="drift"):
         DeadReckoning(0.1, drift=math.nan)
     for speed, turn in [(torch.zeros(3), torch.zeros(4)), (torch.zeros(0), torch.zeros(0))]:
         with pytest.raises(InputError, match="one shape"):

@@ -204,9 +204,9 @@ def test_device_renders_the_same() -> None:
         ({"color": (1.0, 0.0)}, "color"),
         ({"length": 0.0}, "length and width"),
         ({"width": -1.0}, "length and width"),
-        ({"speed": math.nan}, "finite"),
-        ({"direction": math.inf}, "finite"),
-        ({"start": (1.0, math.nan)}, "finite"),
+        ({"speed": math.nan}, "speed"),
+        ({"direction": math.inf}, "direction"),
+        ({"start": (1.0, math.nan)}, "start"),
         ({"start": (1.0,)}, "start"),
     ],
 )

@@ -15,7 +15,7 @@ from ndtorch.binding.objects import BoundObject
 from ndtorch.binding.readout.covariances import single_table, single_weights
 from ndtorch.binding.tracking.params import WindowParams
 from ndtorch.binding.tracking.windows import Windows, WindowState
-from ndtorch.config import Constants, ModelConfig, Size
+from ndtorch.config import Constants, Deviations, ModelConfig, Size
 from ndtorch.errors import InputError
 from ndtorch.vision.features import FEATURES, VisualFeatures
 from ndtorch.vision.local import LocalFeatures
@@ -28,8 +28,8 @@ class LocalFields(Constants):
     along: int = Field(16, ge=3, description="fields along the shorter side of the frame")
     tau_motion_high: float = Field(0.5, ge=0, description="high-pass of the motion detectors")
     tau_motion_low: float = Field(0.05, ge=0, description="delay filter of the motion detectors")
-    center: tuple[float, float] = Field((19.0, 6.0), description="deviations of the orientation filters, pixels,")
-    surround: tuple[float, float] = Field((22.0, 9.0), description="along and across: center less surround")
+    center: Deviations = Field((19.0, 6.0), description="deviations of the orientation filters, pixels,")
+    surround: Deviations = Field((22.0, 9.0), description="along and across: center less surround")
     exact: bool = Field(False, description="orientation sums at full resolution: slower, differs by < 0.5 %")
 
 

@@ -21,7 +21,7 @@ from ndtorch.binding.readout.owners import owner_table, signal_statistics
 from ndtorch.binding.readout.params import OwnerCriteria, SourceCriteria, SumCriteria
 from ndtorch.binding.readout.sums import SumState, SumStatistics, sums_table
 from ndtorch.binding.rules import ScaleFreeRule
-from ndtorch.config import Constants
+from ndtorch.config import Constants, Positive
 from ndtorch.vision.temporal import FilterState, LowPass
 
 
@@ -63,7 +63,7 @@ class OwnerReadout(SumCriteria, SourceCriteria, OwnerCriteria):
     update: float = Field(0.1, gt=0, description="time between updates of all covariances")
     tau_high: float = Field(2.0, ge=0, description="high-pass on their signals")
     tau_owners: float = Field(5.0, gt=0, description="memory of those of inputs")
-    delays: tuple[float, ...] = Field(DELAYS, min_length=1, description="delays of the others,")
+    delays: tuple[Positive, ...] = Field(DELAYS, min_length=1, description="delays of the others,")
     tau_recent: float = Field(0.75, gt=0, description="memory of what is still there,")
     tau_fast: float = Field(3.5, gt=0, description="their short")
     tau_slow: float = Field(12.0, gt=0, description="and long memory,")

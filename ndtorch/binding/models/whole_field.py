@@ -14,7 +14,7 @@ from ndtorch.binding.first_stage import FirstStage, first_stage_weights
 from ndtorch.binding.models.contract import BindingModel, Nested, Verdict, by_trial
 from ndtorch.binding.normalise import BindingInputs, InputState, Order
 from ndtorch.binding.objects import ObjectTable, bound_objects
-from ndtorch.config import Constants, ModelConfig, Size
+from ndtorch.config import Constants, Deviations, ModelConfig, Size
 from ndtorch.errors import InputError
 from ndtorch.vision.features import VisualFeatures
 from ndtorch.vision.motion import Border, MotionState
@@ -26,8 +26,8 @@ class WholeField(Constants):
 
     tau_motion_high: float = Field(0.5, ge=0, description="high-pass of the motion detectors")
     tau_motion_low: float = Field(0.05, ge=0, description="delay filter of the motion detectors")
-    center: tuple[float, float] = Field((19.0, 6.0), description="deviations of the orientation filters, pixels,")
-    surround: tuple[float, float] = Field((22.0, 9.0), description="along and across: center less surround")
+    center: Deviations = Field((19.0, 6.0), description="deviations of the orientation filters, pixels,")
+    surround: Deviations = Field((22.0, 9.0), description="along and across: center less surround")
     exact: bool = Field(False, description="orientation sums at full resolution: slower, differs by < 0.5 %")
 
 

@@ -14,7 +14,7 @@ class OwnerCriteria(Constants):
     kept: float = Field(0.55, ge=0, description="and of its own input's,")
     faint: float = Field(0.05, ge=0, description="and its smallest, where fluctuations of a group are around 1,")
     rough: float = Field(0.15, ge=0, description="its largest roughness (of samples 10 ms apart),")
-    alike: float = Field(0.6, description="and largest correlation with a stronger owner")
+    alike: float = Field(0.6, ge=-1, le=1, description="and largest correlation with a stronger owner")
     smallest: float = Field(1 / 3, ge=0, description="share of its group's largest that makes a feature")
 
 

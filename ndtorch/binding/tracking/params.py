@@ -19,8 +19,8 @@ class TrackParams(Constants):
     relative: float = Field(0.1, ge=0, description="the same, as a share of the strongest field lately")
     saddle: float = Field(0.6, ge=0, description="peaks are one where the strength between stays above this share,")
     filled: float = Field(0.5, ge=0, description="or something stands out in this share of a field between them,")
-    same_color: float = Field(0.8, description="and the outputs of their colors are this alike,")
-    same_way: float = Field(0.7, description="and their directions of motion")
+    same_color: float = Field(0.8, ge=-1, le=1, description="and the outputs of their colors are this alike,")
+    same_way: float = Field(0.7, ge=-1, le=1, description="and their directions of motion")
     gate: float = Field(0.25, gt=0, description="how far from where a track is expected a detection may be,")
     reach: float = Field(0.3, ge=0, description="and how much further a second later,")
     widest: float = Field(1.0, ge=0, description="after which it grows no more")
@@ -32,8 +32,10 @@ class TrackParams(Constants):
     travel: float = Field(0.15, ge=0, description="smallest way gone")
     straight: float = Field(0.6, ge=0, description="smallest agreement of its directions, 0 to 1")
     ends: float = Field(0.2, gt=0, le=0.5, description="share of its path at each end, over which places are averaged")
-    alike: float = Field(0.8, description="likeness of colors from which on two tracks may be of parts of one object")
-    along: float = Field(0.7, description="and likeness of their ways")
+    alike: float = Field(
+        0.8, ge=-1, le=1, description="likeness of colors from which on two tracks may be of parts of one object"
+    )
+    along: float = Field(0.7, ge=-1, le=1, description="and likeness of their ways")
     together: float = Field(0.3, ge=0, description="share of common times of tracks side by side")
     beside: float = Field(0.25, ge=0, description="parts of one object stay this near to each other")
     behind: float = Field(2.0, ge=0, description="an object may be hidden this long,")

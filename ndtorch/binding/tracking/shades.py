@@ -7,7 +7,7 @@ from pydantic import Field
 
 from ndtorch.binding.tracking.figures import Numbers
 from ndtorch.binding.tracking.regions import Floats
-from ndtorch.config import Constants
+from ndtorch.config import Constants, Shares
 from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.vision.camera.colors import SHADES
@@ -21,8 +21,8 @@ class ShadeParams(Constants):
 
     palest: float = Field(0.02, gt=0, description="a hue of less than this is none: white, grey or black,")
     pale: float = Field(0.12, ge=0, description="nor is one of less than this share of the brightness")
-    white: tuple[float, float] = Field((0.5, 0.7), description="white is from here to there, of the brightest,")
-    black: tuple[float, float] = Field((0.12, 0.25), description="black below, and grey between")
+    white: Shares = Field((0.5, 0.7), description="white is from here to there, of the brightest,")
+    black: Shares = Field((0.12, 0.25), description="black below, and grey between")
     dimmest: float = Field(0.02, gt=0, description="smallest mean of a color that white is told from")
 
 

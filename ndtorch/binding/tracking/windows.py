@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_tensor
+from ndtorch.arguments import check_number, check_tensor
 from ndtorch.binding.covariance import sample_step
 from ndtorch.binding.tracking.params import WindowParams
 from ndtorch.errors import InputError
@@ -92,8 +92,11 @@ class Windows(nn.Module):
     ) -> None:
         super().__init__()
         check_border(border)
-        if min(grid) < 3 or not spacing > 0 or not dt > 0:
-            raise InputError(f"expected at least 3 x 3 fields, spacing > 0 and dt > 0, got {grid}, {spacing}, {dt}")
+        sides = grid if isinstance(grid, tuple | list) else ()
+        if len(sides) != 2 or not all(isinstance(side, int) and side >= 3 for side in sides):
+            raise InputError(f"grid must be at least 3 x 3 fields, got {repr(grid)[:40]}")
+        check_number("spacing", spacing, above=0, unit="pixels")
+        check_number("dt", dt, above=0, unit="seconds")
         self.grid, self.spacing, self.dt, self.border = grid, spacing, dt, border
         self.params = params or WindowParams()
         self.every = max(1, round(self.params.period / dt))

@@ -50,6 +50,8 @@ class Task:
 
     def __post_init__(self) -> None:
         check_numbers(self)
+        if self.cruise < 0:
+            raise InputError(f"cruise must be a speed >= 0, got {self.cruise}")
 
     @property
     def has_goal(self) -> bool:

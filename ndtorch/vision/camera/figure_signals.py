@@ -9,7 +9,7 @@ import torch.nn.functional as F
 from pydantic import Field
 from torch import Tensor, nn
 
-from ndtorch.config import Constants
+from ndtorch.config import Constants, Deviations
 from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.vision.motion import MotionState, correlate, motion_step
@@ -23,8 +23,8 @@ class SignalParams(Constants):
     most: int = Field(32, gt=0, description="receptive fields: objects at a time")
     tau_high: float = Field(0.5, ge=0, description="high-pass of the motion detectors")
     tau_low: float = Field(0.05, ge=0, description="delay filter of the motion detectors")
-    center: tuple[float, float] = Field((2.85, 0.9), description="deviations of the orientation filters, small pixels:")
-    surround: tuple[float, float] = Field((3.3, 1.35), description="those published for 500 pixels, brought to 56")
+    center: Deviations = Field((2.85, 0.9), description="deviations of the orientation filters, small pixels:")
+    surround: Deviations = Field((3.3, 1.35), description="those published for 500 pixels, brought to 56")
 
 
 class FieldsState(NamedTuple):

@@ -9,7 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_dense
+from ndtorch.arguments import check_dense, check_size, is_finite
 from ndtorch.errors import InputError
 from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import kernels_wanted
@@ -106,10 +106,9 @@ class CameraFrontEnd(nn.Module):
     def __init__(self, size: tuple[int, int], fps: float, parts: CameraParams | None = None) -> None:
         super().__init__()
         self.parts = p = parts or CameraParams()
-        if not (fps > 0 and math.isfinite(fps)):
-            raise InputError(f"fps must be a positive number of frames a second, got {fps}")
-        if min(size) < 16:
-            raise InputError(f"size must be a height and a width of at least 16 pixels, got {size}")
+        if not (is_finite(fps) and fps > 0):
+            raise InputError(f"fps must be a positive number of frames a second, got {repr(fps)[:40]}")
+        check_size("size", size, 16)
         if p.scale != "auto" and p.scale not in range(LEVELS):
             raise InputError(f"scale must be a level from 0 to {LEVELS - 1}, got {p.scale}")
         self.size, self.fps = (int(size[0]), int(size[1])), fps

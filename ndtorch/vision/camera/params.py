@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from ndtorch.config import Constants
+from ndtorch.config import Constants, Deviations, Shares
 
 
 class CameraParams(Constants):
@@ -27,8 +27,8 @@ class CameraParams(Constants):
     spread: float = Field(3.5, gt=0, description="standard deviations of the noise that count as standing out")
     tau_high: float = Field(0.5, ge=0, description="high-pass of the motion detectors")
     tau_low: float = Field(0.05, ge=0, description="delay filter of the motion detectors")
-    center: tuple[float, float] = Field((2.85, 0.9), description="deviations of the orientation filters, small pixels:")
-    surround: tuple[float, float] = Field((3.3, 1.35), description="those published for 500 pixels, brought to 56")
+    center: Deviations = Field((2.85, 0.9), description="deviations of the orientation filters, small pixels:")
+    surround: Deviations = Field((3.3, 1.35), description="those published for 500 pixels, brought to 56")
     gain_limit: float = Field(4.0, ge=1, description="largest gain of the exposure, and 1 / the smallest")
     darkest: float = Field(0.04, gt=0, description="background darker than this says nothing about gain")
     lit: float = Field(0.1, ge=0, le=1, description="nor does one of which less than this share is brighter")
@@ -44,6 +44,6 @@ class CameraParams(Constants):
     palest: float = Field(0.02, gt=0, description="a hue of less than this is none: white, grey or black,")
     pale: float = Field(0.12, ge=0, description="nor is one of less than this share of the brightness")
     shade: float = Field(0.25, ge=0, le=1, description="a shade counts this much beside a hue")
-    white: tuple[float, float] = Field((0.5, 0.7), description="white is from here to there, of the brightest,")
-    black: tuple[float, float] = Field((0.12, 0.25), description="black below, and grey between")
+    white: Shares = Field((0.5, 0.7), description="white is from here to there, of the brightest,")
+    black: Shares = Field((0.12, 0.25), description="black below, and grey between")
     dimmest_white: float = Field(0.02, gt=0, description="smallest mean of a color that white is told from")

@@ -37,7 +37,7 @@ class Board:
         check_numbers(self)
         if min(self.columns, self.rows) < 3 or not 0 < self.square < 1:
             raise InputError(
-                f"a board needs 3 x 3 inner corners or more and squares of less than 1 m, "
+                f"a board needs 3 x 3 inner corners or more, columns x rows, and squares of less than 1 m, "
                 f"got {self.columns} x {self.rows} of {self.square} m"
             )
         if self.columns == self.rows:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from ndtorch.arguments import check_numbers
+from ndtorch.arguments import check_numbers, check_signs
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.ranging.arcs import Body
 from ndtorch.navigation.controllers.ranging.params import RangingParams
@@ -41,6 +41,9 @@ class WayParams:
         least_seen, least_unseen: exploring, a place is worth a way from this area on, m^2, seen or not.
         unseen_end: what ending in a place never seen costs more than in one that was seen and never passed, m.
         most: nodes that a search looks at.
+
+    Raises:
+        InputError: numbers out of range.
     """
 
     radius: float = 0.5
@@ -70,6 +73,11 @@ class WayParams:
 
     def __post_init__(self) -> None:
         check_numbers(self)
+        check_signs(self, positive=("radius", "disc", "step", "horizon", "coarse", "most"))
+        if not self.discs:
+            raise InputError("discs must be one place or more")
+        if not self.soft > self.disc + self.margin:
+            raise InputError(f"soft must be more than disc + margin, {self.disc + self.margin:g} m, got {self.soft}")
 
 
 @dataclass(frozen=True)
@@ -123,7 +131,7 @@ class GoalParams:
     def __post_init__(self) -> None:
         check_numbers(self)
         for name, value in vars(self).items():
-            if isinstance(value, float) and not value > 0:
+            if isinstance(value, float | int) and not isinstance(value, bool) and not value > 0:
                 raise InputError(f"{name} must be a number > 0, got {value}")
 
 

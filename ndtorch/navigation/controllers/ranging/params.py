@@ -73,5 +73,5 @@ class RangingParams:
     def __post_init__(self) -> None:
         check_numbers(self, endless=["grace"])
         for name, value in vars(self).items():
-            if isinstance(value, float) and not value > 0:
+            if isinstance(value, float | int) and not isinstance(value, bool) and not value > 0:
                 raise InputError(f"{name} must be a number > 0, got {value}")
