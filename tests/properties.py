@@ -6,16 +6,28 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import torch
+from hypothesis import HealthCheck, settings
 from torch import Tensor, nn
 
+from ndtorch import binding, navigation, vision
 from ndtorch.checked import read_tensors, save_tensors
 from ndtorch.tree import leaves, mapped
 
 Streams = tuple[Any, ...]
 """What a module is given, in nested tuples of tensors `[B, T, ...]`."""
+
+PUBLIC: tuple[ModuleType, ...] = (vision, binding, navigation)
+SIZE = (16, 20)
+RIG = navigation.StereoRig(width=160, height=120, focal=107.5)
+DT = 1 / 30
+QUICK = settings(
+    max_examples=4, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck)
+)
+LONG = settings(QUICK, max_examples=200, derandomize=False)
 
 KINDS = ("noise", "edges", "black", "white", "still", "faint", "flash")
 
@@ -153,3 +165,11 @@ def check(part: Part, streams: Streams, cuts: Sequence[int], path: Path) -> None
     floats = {x.dtype for x in leaves(streams).values() if x.is_floating_point()}
     if part.double:
         assert {x.dtype for x in whole.values() if x.is_floating_point()} <= floats, "another type came out"
+
+
+def same_leaves(a: Any, b: Any) -> None:
+    assert type(a) is type(b)
+    assert leaves(a).keys() == leaves(b).keys() != set()
+    assert all(
+        torch.equal(x, y) and x.dtype == y.dtype for x, y in zip(leaves(a).values(), leaves(b).values(), strict=True)
+    )

@@ -1,4 +1,4 @@
-"""The two-stage model: the parts in a row, time steps, pauses, batches, verdicts and what is refused."""
+"""The two-stage model: the parts in a row, time steps, pauses and batches."""
 
 from __future__ import annotations
 
@@ -24,42 +24,13 @@ from ndtorch.binding import (
     learning_rule,
     object_table,
 )
-from ndtorch.binding.models.published import PublishedConfig
 from ndtorch.binding.models.whole_field import BindingSignals, BindingState
 from ndtorch.binding.rules import RULES
-from ndtorch.config import with_options
 from ndtorch.errors import InputError
 from ndtorch.tree import leaves
 from ndtorch.vision import GROUPS, VisualFeatures
+from tests.binding.models.small_published import first_stage, model, noise, two_things
 from tests.strategies import chunkings
-
-QUICK = {"gamma": 5.0, "settle": 0.1, "tau_onset": 0.1, "window": 0.5, "stable_window": 0.2}
-
-
-def noise(*shape: int, seed: int = 0) -> torch.Tensor:
-    return torch.rand(*shape, generator=torch.Generator().manual_seed(seed))
-
-
-def first_stage() -> torch.Tensor:
-    weights = torch.zeros(10, 10)
-    for group, value in zip(GROUPS.values(), (0.3, 0.45, 0.45), strict=True):
-        weights[group, group] = value
-    return weights.fill_diagonal_(0)
-
-
-def model(**options: Any) -> PublishedModel:
-    options = {"size": (12, 14), **QUICK, **options}
-    return PublishedModel(with_options(PublishedConfig(), options), first_stage())
-
-
-def two_things(seconds: float, fps: float = 100.0) -> torch.Tensor:
-    """Sums of a red thing going right and a green one going left, a third of a period apart, `[T, 10]`."""
-    t = torch.arange(round(seconds * fps)) / fps
-    red, green = (1 + 0.5 * torch.sin(2 * math.pi * 0.87 * t + phase) for phase in (0.0, 2.1))
-    features = torch.zeros(2, 10)
-    features[0, [1, 2, 4, 6, 7]] = torch.tensor([1.0, 0.6, 0.7, 0.7, 0.9])
-    features[1, [0, 2, 4, 5, 8]] = torch.tensor([1.0, 0.6, 0.7, 0.7, 0.9])
-    return 100 * torch.stack([red, green], -1) @ features
 
 
 def run(module: PublishedModel, frames: torch.Tensor, lengths: list[int] | int) -> tuple[BindingSignals, BindingState]:
@@ -211,121 +182,6 @@ def test_one_group_alone_is_nothing_to_bind() -> None:
     sums[:, 7:] = two_things(1)[:, 7:]
     module = model()
     assert module.verdict(module.from_sums(sums)[1]) == "static"
-
-
-def judged(weights: torch.Tensor | None = None, **parts: torch.Tensor) -> tuple[PublishedModel, BindingState]:
-    """A model and a state of a fluctuating scene whose second network is as given."""
-    module = model()
-    _, state = module.from_sums(two_things(1))
-    second = state.second._replace(changes=torch.zeros_like(state.second.changes), **parts)
-    if weights is not None:
-        second = second._replace(weights=weights)
-    return module, state._replace(second=second)
-
-
-def learned() -> torch.Tensor:
-    weights = torch.zeros(10, 10)
-    weights[1, 7], weights[0, 8] = 0.8, 0.7
-    return weights
-
-
-def test_settled_weights_are_stable() -> None:
-    module, state = judged(learned())
-    assert module.verdict(state) == "stable"
-    assert [thing.neuron for thing in module.objects(state)] == ["red", "green"]
-
-
-def test_weights_that_change_are_learning() -> None:
-    module, state = judged(learned())
-    changing = state._replace(second=state.second._replace(changes=torch.full((20,), 0.03)))
-    assert module.verdict(changing) == "learning"
-    assert len(module.objects(changing)) == 2
-
-
-def test_small_weights_are_learning_and_no_object() -> None:
-    module, state = judged(0.5 * learned())
-    assert module.verdict(state) == "learning"
-    assert module.objects(state) == []
-
-
-def test_outputs_that_flip_are_alternating_and_no_object() -> None:
-    module, state = judged(learned(), power=torch.ones(10), roughness=3.9 * torch.ones(10))
-    assert module.verdict(state) == "alternating"
-    assert module.objects(state) == []
-
-
-def test_weights_that_are_not_numbers_are_not_stable() -> None:
-    module, state = judged(torch.full((10, 10), math.nan))
-    assert module.verdict(state) != "stable"
-
-
-def test_the_shortest_memory_has_a_verdict_too() -> None:
-    module = model(window=0.01, gamma=0.5, settle=4.0)
-    assert module.verdict(module.from_sums(two_things(1))[1]) in ("learning", "static")
-
-
-def test_a_batch_has_a_verdict_and_objects_a_trial() -> None:
-    module = model(gamma=2.0, settle=1.0, tau_onset=2.0, window=2.0, stable_window=1.0)
-    sums = torch.stack([two_things(20), torch.full((2000, 10), 3.0), two_things(20).roll(40, 0)])
-    _, state = module.from_sums(sums)
-    alone = [module.from_sums(trial)[1] for trial in sums]
-    assert module.verdict(state) == [module.verdict(one) for one in alone]
-    assert module.verdict(state)[1] == "static"
-    names = [[thing.neuron for thing in trial] for trial in module.objects(state)]
-    assert names == [[thing.neuron for thing in module.objects(one)] for one in alone]
-    assert names[0] != names[1] == []
-    _, nested = module.from_sums(sums.unsqueeze(1).expand(-1, 2, -1, -1))
-    assert module.verdict(nested) == [[word, word] for word in module.verdict(state)]
-
-
-@pytest.mark.parametrize("fps", [0.0, -30.0, math.nan, math.inf])
-def test_frame_rates_out_of_range_are_refused(fps: float) -> None:
-    with pytest.raises(InputError, match="fps = "):
-        model(fps=fps)
-
-
-def bad_weights() -> list[torch.Tensor]:
-    weights = [first_stage() for _ in range(4)]
-    weights[0][0, 1], weights[1][0, 1] = -0.1, math.nan
-    weights[2][0, 5], weights[3][2, 2] = 0.1, 0.1
-    return weights
-
-
-@pytest.mark.parametrize("weights", bad_weights())
-def test_unusable_first_stage_weights_are_refused(weights: torch.Tensor) -> None:
-    with pytest.raises(InputError, match="first-stage weights must be finite, non-negative, and zero on the diagonal"):
-        PublishedModel(first_stage=weights)
-
-
-def test_first_stage_weights_of_another_shape_are_refused() -> None:
-    with pytest.raises(InputError, match=r"first_stage must be a FirstStage or weights \[10, 10\], got \(4, 4\)"):
-        PublishedModel(first_stage=torch.zeros(4, 4))
-
-
-def test_unknown_names_in_the_config_are_refused() -> None:
-    with pytest.raises(InputError, match="rule must be one of"):
-        model(rule="oja")
-    with pytest.raises(InputError, match="g must be one of"):
-        model(g="relu")
-
-
-def test_frames_and_sums_that_do_not_fit_are_refused() -> None:
-    module = model()
-    with pytest.raises(InputError, match="frames must be 12x14"):
-        module(torch.zeros(2, 3, 14, 12))
-    with pytest.raises(InputError, match="frames must be finite"):
-        module(torch.full((2, 3, 12, 14), math.nan))
-    with pytest.raises(InputError, match=r"sums must be \[\.\.\., T, 10\]"):
-        module.from_sums(torch.zeros(5, 9))
-    with pytest.raises(InputError, match="sums must be finite"):
-        module.from_sums(torch.full((5, 10), math.inf))
-
-
-def test_a_state_of_sums_does_not_go_on_with_frames() -> None:
-    module = model()
-    _, state = module.from_sums(noise(5, 10))
-    with pytest.raises(InputError, match="go on with from_sums"):
-        module(noise(2, 3, 12, 14), state)
 
 
 def test_a_state_of_frames_goes_on_with_sums() -> None:

@@ -1,13 +1,10 @@
-"""A short soak: faults stop the wheels in time, what is no fault does not, and a soak goes on where it was."""
+"""A short soak: faults stop the wheels in time, and what is no fault does not."""
 
-import json
 import shutil
 
 import numpy as np
 import pytest
 
-from ndtorch.errors import InputError
-from ndtorch_robot.commands.soak import Soak, kept
 from ndtorch_robot.link.messages import Frame, Type, encode_frame, read_telemetry
 from ndtorch_robot.link.parser import Parser
 from ndtorch_robot.ports import STAND, DriveCommand
@@ -18,7 +15,6 @@ from ndtorch_robot.sim.pulse_world import Electronics
 from ndtorch_robot.soak.cable import FailingCable
 from ndtorch_robot.soak.eyes import FailingCameras
 from ndtorch_robot.soak.faults import FAULTS, TOLD, Fault
-from ndtorch_robot.soak.table import report, summary, troubles
 from ndtorch_robot.soak.trial import Trials
 from tests.robot.support.gl_needed import needs_gl
 
@@ -262,76 +258,3 @@ def test_a_bad_cable_is_bad():
     assert world.up(data, 0.0) == data
     cable.mend()
     assert world.down(data, 0.0) == data
-
-
-def piece(number, megabytes, rows, unexplained=()):
-    return {
-        "number": number,
-        "arena": "curve",
-        "seconds": 360.0,
-        "wall_seconds": 90.0,
-        "collisions": 0,
-        "process": "a",
-        "megabytes": megabytes,
-        "faults": rows,
-        "unexplained": list(unexplained),
-        "blank": [],
-    }
-
-
-def row(bad=None, turned=0.1):
-    return {"part": "camera", "fault": "black", "at": 1.0, "turned": turned, "bad": bad, "on after": 1.0}
-
-
-def test_the_table_tells_what_was_bad():
-    good = [piece(n, 300.0 + (50.0 if n else 0.0), [row()]) for n in range(8)]
-    assert troubles(good) == []
-    assert summary(good)["megabytes_an_hour"] == 0.0
-    assert "| camera | black | 0.25 | 8 | 0 | 0.10 | 0.10 | 1.0 |" in report(good)
-    bad = [*good[:-1], piece(7, 360.0, [row("wheels turned for 0.400 s", 0.4)], ["3.00 s: why"])]
-    assert len(troubles(bad)) == 3  # a stop, wheels that turned, and memory
-    assert "| camera | black | 0.25 | 8 | 1 | 0.10 | 0.40 | 1.0 |" in report(bad)
-
-
-def test_a_piece_of_other_code_is_driven_again(tmp_path):
-    file = tmp_path / "piece-0000.json"
-    assert kept(file, {"code": "a"}) is None
-    file.write_text(json.dumps({"key": {"code": "a"}, "seconds": 1}))
-    assert kept(file, {"code": "a"})["seconds"] == 1
-    assert kept(file, {"code": "b"}) is None
-    file.write_text(file.read_text()[:-4])
-    assert kept(file, {"code": "a"}) is None
-    with pytest.raises(InputError, match="--piece 10 to 3600"):
-        Soak(piece=1.0, out=tmp_path).run()
-
-
-def test_a_soak_goes_on_and_another_car_gets_a_folder_of_its_own(tmp_path, monkeypatch, capsys):
-    driven = []
-
-    def drive(config, number, seconds, note):
-        driven.append((config.robot, number))
-        return piece(number, 300.0, [row()])
-
-    monkeypatch.setattr("ndtorch_robot.soak.piece.drive_piece", drive)
-    monkeypatch.setattr(HostedBoard, "code", staticmethod(lambda: "board"))
-    out = tmp_path / "soak"
-    assert Soak(minutes=1.0, piece=60.0, out=out).run() == 0
-    assert Soak(minutes=3.0, piece=60.0, out=out).run() == 0
-    assert driven == [("maxston8", 0), ("maxston8", 1), ("maxston8", 2)]
-    table = (out / "table.md").read_text()
-    assert "pieces 3," in table
-    # A shorter one drives nothing, and its table leaves nothing out.
-    capsys.readouterr()
-    assert Soak(minutes=1.0, piece=60.0, out=out, json=True).run() == 0
-    assert json.loads(capsys.readouterr().out)["pieces"] == 3
-    assert (out / "table.md").read_text() == table
-    # Pieces of another length are another soak; the folder of the first one stays as it is.
-    assert Soak(minutes=1.0, piece=30.0, out=out).run() == 0
-    assert (out / "table.md").read_text() == table
-    assert "pieces 2," in (tmp_path / "soak-2" / "table.md").read_text()
-    # So does what is in a folder that no soak wrote.
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "table.md").write_text("mine")
-    assert Soak(minutes=0.5, piece=30.0, out=tmp_path / "mine").run() == 0
-    assert (tmp_path / "mine" / "table.md").read_text() == "mine"
-    assert (tmp_path / "mine-2" / "piece-0000.json").is_file()

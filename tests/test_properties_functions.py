@@ -1,0 +1,252 @@
+"""What every public function keeps, whatever it is given: sums, shares, limits, and the same answer in other units."""
+
+from __future__ import annotations
+
+import math
+import pickle
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from torch import Tensor
+
+from ndtorch import binding, navigation, vision
+from ndtorch.binding.models.published import PublishedConfig
+from ndtorch.errors import InputError
+from tests.properties import DT, LONG, QUICK, RIG, SIZE, same_leaves
+
+
+def numbers(seed: int, *shape: int) -> Tensor:
+    return torch.rand(shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+
+
+def close(got: Tensor, wanted: Tensor | float) -> None:
+    wanted = torch.as_tensor(wanted, dtype=got.dtype)
+    torch.testing.assert_close(got, wanted.expand_as(got), rtol=1e-9, atol=1e-9)
+
+
+def a_dog_spectrum_is_even_and_sums_to_zero(seed: int, n: int) -> None:
+    at, angle = numbers(seed, 2, n) - 0.5, float(numbers(seed + 1, 1)) * math.pi
+    close(vision.dog_spectrum(*at, angle), vision.dog_spectrum(*-at, angle + math.pi))
+    close(vision.dog_spectrum(*(0 * at), angle), 0.0)
+
+
+def fields_add_up_to_one(seed: int, n: int) -> None:
+    points = numbers(seed, 2 * n) * 4 * n
+    assert vision.field_weights(points, 4 * n, n).shape == (n, 2 * n)
+    for border in ("wrap", "reflect"):
+        close(vision.field_weights(points, 4 * n, max(n, 3), border).sum(0), 1.0)
+
+
+def a_speed_curve_is_judged_the_same_in_any_unit(seed: int, n: int) -> None:
+    speeds, answers = numbers(seed, n).cumsum(0) + 0.1, numbers(seed + 1, 3, n)
+    curve = vision.judge_speed_curve(speeds, answers)
+    assert set(curve.monotonic_to.tolist()) <= {0.0, *speeds.tolist()}
+    close(vision.judge_speed_curve(7 * speeds, answers).monotonic_to, 7 * curve.monotonic_to)
+    close(torch.stack(vision.judge_speed_curve(speeds, answers[1])), torch.stack([part[1] for part in curve]))
+
+
+def a_low_pass_stays_between(seed: int, n: int) -> None:
+    x, low = numbers(seed, 2, n)
+    out = vision.low_pass_step(x, low, float(numbers(seed + 1, 1)))
+    assert bool(((out >= torch.minimum(x, low)) & (out <= torch.maximum(x, low))).all())
+
+
+def nothing_moves_between_equal_rows(seed: int, n: int) -> None:
+    x, later = numbers(seed, 2, 3, 1, 1, n + 2)
+    close(vision.row_shift(x, x), 0.0)
+    shifts = vision.row_shift(x, later)
+    assert shifts.shape == (3,)
+    close(vision.row_shift(x[1], later[1]), shifts[1])
+    close(vision.row_shift(5 * x, 5 * later), shifts)
+
+
+def a_share_is_a_share(seed: int, n: int) -> None:
+    tau, dt = (float(v) for v in numbers(seed, 2) * 10.0**n)
+    assert 0 < vision.smoothing_factor(tau, dt + 1e-9) <= 1
+    with pytest.raises(InputError):
+        vision.smoothing_factor(-tau - 1e-9, dt)
+    with pytest.raises(InputError):
+        vision.smoothing_factor(tau, -dt)
+
+
+def the_largest_magnitude_has_no_place(seed: int, n: int) -> None:
+    x = numbers(seed, 2, 1, n, n) - 0.5
+    close(vision.spatial_maximum(x), x.abs().flatten(-2).max(-1).values)
+    close(vision.spatial_maximum(-x.roll(1, -1)), vision.spatial_maximum(x))
+
+
+def a_response_is_the_same_in_chunks(seed: int, n: int) -> None:
+    x, sensor = numbers(seed, n + 2, 1, 1, 9), vision.NDMin().double()
+    close(vision.speed_response(sensor, x.split(2), 1), vision.speed_response(sensor, [x], 1))
+    with pytest.raises(InputError):
+        vision.speed_response(sensor, [x], len(x))
+
+
+def learned(seed: int, trials: int = 2) -> Any:
+    return binding.InhibitoryNetwork(settle=0.02).double()(numbers(seed, trials, 12, 10))[1]
+
+
+def alternation_is_a_share(seed: int, n: int) -> None:
+    share = binding.alternation(learned(seed, n))
+    assert share.shape == (n,)
+    assert bool(((share >= 0) & (share <= 1 + 1e-9)).all())
+
+
+def a_change_of_weights_is_a_size(seed: int, n: int) -> None:
+    change = binding.weight_change(learned(seed, n))
+    assert change.shape == (n,)
+    assert bool((change >= 0).all())
+
+
+def positive(seed: int, n: int, scale: float = 1.0) -> Tensor:
+    """Weights of three networks."""
+    return scale * numbers(seed, 3, n, n) * (1 - torch.eye(n, dtype=torch.float64))
+
+
+def objects_have_one_owner_each(seed: int, n: int) -> None:
+    weights = positive(seed, 10, 2.0) * (numbers(seed + 1, 3, 10, 10) > 0.5)
+    table = binding.object_table(weights)
+    close(binding.object_table(weights[1]).rows, table.rows[1])
+    things = binding.bound_objects(binding.object_table(weights[1]))
+    assert len(things) == int(table.owners[1].sum())
+    assert [thing.index for thing in things] == table.owners[1].nonzero().flatten().tolist()
+    for thing in things:
+        assert all(math.isfinite(value) and value > 0 for value in thing.features.values())
+        assert binding.describe(thing).strip()
+        assert "\n" not in binding.describe(thing)
+
+
+def rules_go_by_name(seed: int, n: int) -> None:
+    rule = binding.learning_rule("competitive", gamma=float(n))
+    weights, _ = rule.bounded(positive(seed, n + 1, 5.0))
+    assert float(binding.spectral_radius(weights).max()) <= 0.95 + 1e-4
+    with pytest.raises(InputError):
+        binding.learning_rule(f"competitive{n}")
+
+
+def a_limited_radius_keeps_its_limit(seed: int, n: int) -> None:
+    weights, limit = positive(seed, n + 1, 3.0), 0.05 + float(numbers(seed, 1))
+    out = binding.limit_spectral_radius(weights, limit)
+    assert float(binding.spectral_radius(out).max()) <= limit * (1 + 2e-4)
+    assert bool(((out >= 0) & (out <= weights + 1e-12)).all())
+    close(binding.limit_spectral_radius(weights[1], limit), out[1])
+
+
+def a_radius_scales_with_its_weights(seed: int, n: int) -> None:
+    weights = positive(seed, n)
+    radius = binding.spectral_radius(weights)
+    close(binding.spectral_radius(weights.mT), radius)
+    close(binding.spectral_radius(3 * weights), 3 * radius)
+    close(binding.spectral_radius(weights[2]), radius[2])
+
+
+def every_solution_separates(seed: int, n: int) -> None:
+    mixing = numbers(seed, 4, 1 + n % 4) + 0.1
+    solutions = binding.solutions(mixing)
+    assert len(solutions) == math.perm(4, 1 + n % 4)
+    for solution in solutions:
+        gains = binding.separated(mixing, solution.weights) / mixing.max()
+        assert bool(((gains.abs() > 1e-6).sum(0) == 1).all())
+        assert bool(((gains.abs() > 1e-6).sum(1) <= 1).all())
+
+
+def a_state_comes_back_from_its_file(seed: int, n: int) -> None:
+    model = binding.PublishedModel(PublishedConfig(size=SIZE, fps=100.0))
+    _, state = model(numbers(seed, n, 3, *SIZE).float())
+    with tempfile.TemporaryDirectory() as folder:
+        binding.save_state(state, Path(folder) / "state", {"a": str(n)})
+        kept, about = binding.load_state(Path(folder) / "state", model)
+    assert about == {"a": str(n)}
+    same_leaves(kept, state)
+    same_leaves(binding.to_device(state, "cpu"), state)
+
+
+def what_cannot_be_trained_is_refused(seed: int, n: int) -> None:
+    for wrong in ({"gamma": -float(n)}, {"radius": float(n)}, {"radius": math.nan}, {"dt": -0.01}):
+        with pytest.raises(InputError):
+            binding.train_first_stage(**wrong)  # type: ignore[arg-type]
+
+
+def controllers_go_by_name(seed: int, n: int) -> None:
+    names = navigation.controller_names()
+    assert len(set(names)) == len(names)
+    name = names[n % len(names)]
+    assert navigation.make_controller(name, RIG, DT).name == name
+    with pytest.raises(InputError):
+        navigation.make_controller(name + "x", RIG, DT)
+
+
+def strips_are_cut_out(seed: int, n: int) -> None:
+    frames, field = numbers(seed, 2, 3, RIG.height, RIG.width), navigation.Rect(n, n + 5, 2 * n, 2 * n + 7)
+    strips = navigation.cut_strips(frames, field, RIG, 3)
+    assert torch.equal(strips.field, frames[..., n : n + 5, 2 * n : 2 * n + 7])
+    assert strips.row.shape[-2:] == (3, RIG.width)
+    assert torch.equal(navigation.cut_strips(frames[1], field, RIG, 3).row, strips.row[1])
+
+
+def an_avoider_stays_within_its_speeds_and_goes_on_where_it_was(seed: int, count: int) -> None:
+    chance = np.random.default_rng(seed)
+    frames = chance.integers(0, 256, (count + 2, 2, RIG.height, RIG.width, 3), dtype=np.uint8)
+    one, other = navigation.Avoider(RIG, DT), navigation.Avoider(RIG, DT)
+    state = again = None
+    for left, right in frames:
+        (speed, curvature), state = one(left, right, state)
+        resumed, again = other(left, right, None if again is None else pickle.loads(pickle.dumps(again)))
+        assert resumed == (speed, curvature)
+        assert 0 <= speed <= 1
+        assert np.isfinite(curvature)
+
+
+FUNCTIONS: dict[str, Callable[[int, int], None]] = {
+    "Avoider": an_avoider_stays_within_its_speeds_and_goes_on_where_it_was,
+    "dog_spectrum": a_dog_spectrum_is_even_and_sums_to_zero,
+    "field_weights": fields_add_up_to_one,
+    "judge_speed_curve": a_speed_curve_is_judged_the_same_in_any_unit,
+    "low_pass_step": a_low_pass_stays_between,
+    "row_shift": nothing_moves_between_equal_rows,
+    "smoothing_factor": a_share_is_a_share,
+    "spatial_maximum": the_largest_magnitude_has_no_place,
+    "speed_response": a_response_is_the_same_in_chunks,
+    "alternation": alternation_is_a_share,
+    "weight_change": a_change_of_weights_is_a_size,
+    "object_table": objects_have_one_owner_each,
+    "bound_objects": objects_have_one_owner_each,
+    "describe": objects_have_one_owner_each,
+    "learning_rule": rules_go_by_name,
+    "limit_spectral_radius": a_limited_radius_keeps_its_limit,
+    "spectral_radius": a_radius_scales_with_its_weights,
+    "solutions": every_solution_separates,
+    "separated": every_solution_separates,
+    "save_state": a_state_comes_back_from_its_file,
+    "load_state": a_state_comes_back_from_its_file,
+    "to_device": a_state_comes_back_from_its_file,
+    "train_first_stage": what_cannot_be_trained_is_refused,
+    "controller_names": controllers_go_by_name,
+    "make_controller": controllers_go_by_name,
+    "cut_strips": strips_are_cut_out,
+}
+
+
+SEEDS, SIZES = st.integers(0, 2**31), st.integers(2, 6)
+
+
+@pytest.mark.parametrize("about", sorted(set(FUNCTIONS.values()), key=str))
+@QUICK
+@given(seed=SEEDS, n=SIZES)
+def test_functions(about: Callable[[int, int], None], seed: int, n: int) -> None:
+    about(seed, n)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("about", sorted(set(FUNCTIONS.values()), key=str))
+@LONG
+@given(seed=SEEDS, n=SIZES)
+def test_functions_for_many_inputs(about: Callable[[int, int], None], seed: int, n: int) -> None:
+    about(seed, n)
