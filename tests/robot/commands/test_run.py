@@ -1,0 +1,104 @@
+"""`ndtorch run`: what it refuses before a car is opened, and what it says at the end."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from ndtorch.commands import main
+from ndtorch.errors import InputError
+from ndtorch.installed import toml_file
+from ndtorch.toml import read_toml
+from ndtorch_robot.commands.run import with_stress, world
+from ndtorch_robot.run_config import RunConfig
+
+SUMMARY = {"steps": 3, "late": 0, "faults": [], "standing": None}
+
+
+class Car:
+    """A car that is told for how long it is to drive, and does not."""
+
+    def __init__(self) -> None:
+        self.safe, self.ended, self.observers = SimpleNamespace(), threading.Event(), []
+        self.pilot, self.cameras = SimpleNamespace(configuration=dict), SimpleNamespace()
+        self.asked: list[float | None] = []
+        self.go = False
+
+    def run(self, seconds: float | None) -> None:
+        self.asked.append(seconds)
+
+    def summary(self) -> dict[str, object]:
+        return dict(SUMMARY)
+
+
+@pytest.fixture
+def car(monkeypatch: pytest.MonkeyPatch) -> Car:
+    made = Car()
+
+    @contextlib.contextmanager
+    def opened(config: RunConfig, report: Any, go: bool) -> Iterator[Car]:
+        made.go = go
+        yield made
+
+    monkeypatch.setattr("ndtorch_robot.run.open_car", opened)
+    monkeypatch.setattr("ndtorch_robot.run.real_time_priority", lambda report: None)
+    monkeypatch.setattr("ndtorch_robot.emergency.emergency_stops", lambda *_: contextlib.nullcontext())
+    return made
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["sim", "--seconds", "0"], "--seconds must be positive, got 0"),
+        (["sim", "--seconds", "nan"], "--seconds must be positive, got nan"),
+        (["maxstone8", "--stress", "noise"], "--stress is for simulated worlds, and this car has cameras"),
+        (["simm"], "simm"),
+    ],
+)
+def test_refused_before_a_car_is_opened(
+    arguments: list[str], message: str, car: Car, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", *arguments]) == 2
+    assert message in capsys.readouterr().err
+    assert car.asked == []
+
+
+def test_a_map_that_is_not_made_cannot_be_saved(car: Car, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config = tmp_path / "car.toml"
+    config.write_text(toml_file(Path("sim"), "ndtorch_robot", "configs").read_text())
+    assert main(["run", str(config), "--save-map", str(tmp_path / "map")]) == 2
+    assert "--save-map needs a map: set map_half_size_m" in capsys.readouterr().err
+    assert car.asked == []
+    assert not (tmp_path / "map").exists()
+
+
+def test_the_summary_is_one_object_or_one_line_each(car: Car, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "sim", "--seconds", "2", "--go", "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out) == SUMMARY
+    assert "ready; " in err
+    assert (car.asked, car.go) == ([2.0], True)
+    assert main(["run", "sim"]) == 0
+    assert capsys.readouterr().out.splitlines() == [f"{key}: {value}" for key, value in SUMMARY.items()]
+    assert (car.asked[-1], car.go) == (None, False)
+
+
+def test_a_stress_goes_into_the_simulated_world() -> None:
+    config = read_toml(toml_file(Path("sim"), "ndtorch_robot", "configs"), RunConfig)
+    assert config.simulation is not None
+    changed = with_stress(config, "noise")
+    assert changed.simulation is not None
+    assert (changed.simulation.stress, config.simulation.stress) == ("noise", "")
+    with pytest.raises(InputError, match="this car has cameras"):
+        with_stress(read_toml(toml_file(Path("maxstone8"), "ndtorch_robot", "configs"), RunConfig), "noise")
+
+
+def test_cameras_know_nothing_of_collisions(car: Car) -> None:
+    assert world(car) == {}  # type: ignore[arg-type]
