@@ -179,10 +179,15 @@ class OrientedDoG(nn.Module):
 
     def images(self, image: Tensor) -> Tensor:
         """Signed responses `[..., 3, H, W]` to grey images `[..., H, W]`, exact."""
-        spectrum = torch.fft.rfft2(self._pad(image)).unsqueeze(-3) * self.spectrum
-        response: Tensor = torch.fft.irfft2(spectrum, s=self.padded)
+        response = self.responses(self._pad(image))
         top, left = self.margin
         return response[..., top : top + self.size[0], left : left + self.size[1]]
+
+    def responses(self, image: Tensor) -> Tensor:
+        """The same of images that have their mirrored margins already, and with margins around what comes out."""
+        spectrum = torch.fft.rfft2(image).unsqueeze(-3) * self.spectrum
+        response: Tensor = torch.fft.irfft2(spectrum, s=self.padded)
+        return response
 
     def sums(self, image: Tensor) -> Tensor:
         """Sums over space of the magnitudes, `[..., 3]`, of grey images `[..., H, W]`."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
-from torch import Tensor
 
 from ndtorch.binding.tracking.params import TrackParams
 from ndtorch.vision.camera.colors import SHADES
@@ -46,10 +46,10 @@ def strengths(motion: Floats) -> Floats:
 
 
 def detections(
-    motion: Tensor,
-    inputs: Tensor,
-    outputs: Tensor,
-    presence: Tensor,
+    motion: Floats,
+    inputs: Floats,
+    outputs: Floats,
+    presence: Floats,
     noise: float,
     strongest: float,
     criteria: TrackParams | None = None,
@@ -70,17 +70,15 @@ def detections(
         criteria: see there.
     """
     c = criteria or TrackParams()
-    moved = motion.double().numpy()
-    strength = strengths(moved)
+    strength = strengths(motion)
     rows, columns = strength.shape
     floor = max(c.faint, c.noisy * noise, c.relative * strongest)
-    filled = presence.double().numpy().reshape(-1)
-    order = [int(i) for i in np.argsort(-strength, axis=None)]
-    active = [i for i in order if strength.flat[i] > floor or filled[i] > c.filled]
-    if not active or strength.flat[active[0]] <= floor:
+    filled = presence.reshape(-1).tolist()
+    flat, weights = motion.reshape(-1, 2), strength.reshape(-1)
+    size: list[float] = weights.tolist()
+    active = [i for i in np.argsort(-weights).tolist() if size[i] > floor or filled[i] > c.filled]
+    if not active or size[active[0]] <= floor:
         return []
-    y, o = inputs.double().numpy(), outputs.double().numpy()
-    flat, size = moved.reshape(-1, 2), strength.reshape(-1)
     owner: dict[int, int] = {}
     members: dict[int, list[int]] = {}
     touching: dict[tuple[int, int], bool] = {}
@@ -92,7 +90,7 @@ def detections(
         for other in {owner[j] for j in near} - {peak}:
             pair = (min(peak, other), max(peak, other))
             level = size[i] >= c.saddle * min(size[peak], size[other]) or filled[i] >= c.filled
-            touching[pair] = touching.get(pair, False) or bool(level)
+            touching[pair] = touching.get(pair, False) or level
     for (one, other), level in touching.items():
         a, b = find(owner, one), find(owner, other)
         if a == b or not level:
@@ -100,7 +98,7 @@ def detections(
         first, second = moving(members[a], size, floor), moving(members[b], size, floor)
         if not first or not second:
             continue
-        same = likeness(o[first].sum(0), o[second].sum(0)) >= c.same_color
+        same = likeness(outputs[first].sum(0), outputs[second].sum(0)) >= c.same_color
         if same and cosine(flat[first].sum(0), flat[second].sum(0)) >= c.same_way:
             strong, weak = (a, b) if size[a] >= size[b] else (b, a)
             members[strong] += members.pop(weak)
@@ -110,16 +108,16 @@ def detections(
         fields = moving(every, size, floor)
         if not fields:
             continue
-        weight = size[fields] ** 2
+        weight = weights[fields] ** 2
         r = float(((np.array(fields) // columns + 0.5) * weight).sum() / weight.sum() / rows)
         q = float(((np.array(fields) % columns + 0.5) * weight).sum() / weight.sum() / columns)
         found.append(
-            Detection((r, q), float(size[peak]), flat[fields].sum(0), o[fields].sum(0), y[fields].sum(0), fields)
+            Detection((r, q), size[peak], flat[fields].sum(0), outputs[fields].sum(0), inputs[fields].sum(0), fields)
         )
     return sorted(found, key=lambda s: -s.strength)
 
 
-def moving(fields: list[int], size: Floats, floor: float) -> list[int]:
+def moving(fields: list[int], size: list[float], floor: float) -> list[int]:
     """Those of the fields that show motion."""
     return [i for i in fields if size[i] > floor]
 
@@ -131,6 +129,7 @@ def find(owner: dict[int, int], i: int) -> int:
     return i
 
 
+@cache
 def neighbours(i: int, rows: int, columns: int) -> list[int]:
     """Numbers of the up to eight fields around field `i`."""
     r, c = divmod(i, columns)

@@ -84,8 +84,10 @@ class Tracker:
         numbers = zip(fields.noise.tolist(), fields.time.tolist(), fields.cut.tolist(), strict=True)
         shades = fields.shades.to(fields.inputs.dtype)
         inputs, outputs = (torch.cat([part, shades], -1).flatten(1, 2) for part in (fields.inputs, fields.outputs))
-        parts = (part.detach().cpu() for part in (fields.motion, inputs, outputs, fields.presence))
-        for moved, y, o, presence, (noise, time, cut) in zip(*parts, numbers, strict=True):
+        parts = (part.detach().cpu().double().numpy() for part in (inputs, outputs, fields.presence))
+        for moved, y, o, presence, (noise, time, cut) in zip(
+            fields.motion.detach().cpu(), *parts, numbers, strict=True
+        ):
             motion = torch.lerp(motion, moved, share)
             if cut:
                 # Nothing goes on from one scene to the next.
@@ -93,8 +95,9 @@ class Tracker:
                 open_, motion, strongest, scene = [], moved, 0.0, time
             if time - scene < self.params.warm_up:
                 continue
-            strongest = max(strongest * keep, float(strengths(motion.double().numpy()).max()))
-            seen = detections(motion, y, o, presence, noise, strongest, self.params)
+            now = motion.double().numpy()
+            strongest = max(strongest * keep, float(strengths(now).max()))
+            seen = detections(now, y, o, presence, noise, strongest, self.params)
             open_, late = follow(open_, time, seen, began, self.aspect, self.params)
             began = max([began, *(track.number + 1 for track in open_)])
             # A track that was never one of an object will never be.

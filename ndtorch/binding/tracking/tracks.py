@@ -186,10 +186,14 @@ def follow(
     pairs = []
     for i, track in enumerate(kept):
         gate = c.gate + c.reach * min(time - track.last_seen, c.widest)
+        there = track.expected(time)
         for j, sight in enumerate(seen):
+            away = distance(there, sight.place, aspect)
+            # What else counts can only add to that.
+            if away >= gate:
+                continue
             unlike = 1 - likeness(track.outputs, sight.outputs)
             turned = (1 - cosine(track.heading, sight.motion)) / 2
-            away = distance(track.expected(time), sight.place, aspect)
             cost = away / gate + c.unlike * unlike + c.turn * turned
             if cost < 1:
                 pairs.append((cost, i, j))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, TypeVar
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
@@ -18,6 +19,7 @@ from ndtorch.vision.camera.background import BackgroundState, background_start, 
 from ndtorch.vision.camera.colors import balanced, hues_and_shades
 from ndtorch.vision.camera.exposure import exposure_gain
 from ndtorch.vision.camera.params import CameraParams
+from ndtorch.vision.camera.quick_signals import Weights, quick_signals
 from ndtorch.vision.camera.sampling import every_other
 from ndtorch.vision.camera.scales import LEVELS, ScaleState, scale_start, scale_step
 from ndtorch.vision.fields import field_weights, means, pool
@@ -217,6 +219,10 @@ class CameraFrontEnd(nn.Module):
         """Signals, motion, presence, level and shades, from the frame, its background and what differs."""
         p = self.parts
         scales = scale_start(torch.zeros_like(seen) if p.background else seen) if scales is None else scales
+        filters, weights = (self.dt, self.a_high, self.a_low), self._weights()
+        quick = quick_signals((frame, ground, seen, shown), scales, filters, weights, self.orientation, p)
+        if quick is not None:
+            return quick
         moved, level, scales = scale_step(seen, scales, self.dt, self.a_high, self.a_low, p)
         hue, shade = hues_and_shades(frame, ground, p)
         if not p.color_inhibition:
@@ -244,7 +250,11 @@ class CameraFrontEnd(nn.Module):
 
     def _pool(self, images: Tensor, level: int) -> Tensor:
         """Means over the fields of images on one level of the pyramid."""
-        return pool(images, self.get_buffer(f"rows_{level}"), self.get_buffer(f"columns_{level}"))
+        return pool(images, *self._weights()[level])
+
+    def _weights(self) -> Weights:
+        """Of the fields' rows and columns on each level."""
+        return [(self.get_buffer(f"rows_{level}"), self.get_buffer(f"columns_{level}")) for level in range(LEVELS)]
 
 
 def small_size(size: tuple[int, int], most: int = 56) -> tuple[int, int]:
@@ -269,7 +279,7 @@ def by_kernel(frame: Tensor, size: tuple[int, int]) -> Tensor:
     """`shrink` of one frame `[3, H, W]` by a kernel."""
     given, beside = pixels(frame)
     lines = given.reshape(1, given.shape[0], -1) if beside else given
-    means = torch.empty(3, *size)
-    unit = 1 / 255 if frame.dtype == torch.uint8 else 1.0
-    kernel("block_means", given.dtype).run(lines, 3 if beside else 1, unit, means.numpy())
+    means, whole = torch.empty(3, *size), frame.dtype == torch.uint8
+    sums = np.empty((4, lines.shape[-1]), np.int32 if whole else np.float32)
+    kernel("block_means", given.dtype).run(lines, 3 if beside else 1, 1 / 255 if whole else 1.0, sums, means.numpy())
     return means

@@ -60,7 +60,8 @@ def found(things: list[Thing], steps: int = 100) -> list[BoundObject]:
 
 
 def see(fields: VideoSignals, outputs: Tensor, n: int) -> list[Detection]:
-    return detections(fields.motion[n], outputs[n], outputs[n], fields.presence[n], 0.01, 0.1)
+    shown = outputs[n].double().numpy()
+    return detections(fields.motion[n].double().numpy(), shown, shown, fields.presence[n].double().numpy(), 0.01, 0.1)
 
 
 def test_two_things_in_different_places_are_two_detections() -> None:
