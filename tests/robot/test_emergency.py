@@ -53,6 +53,7 @@ def terminal():
     os.close(master)
 
 
+@pytest.mark.realtime
 def test_keys(terminal):
     """Any key stops, in the middle of a step; g goes on; Ctrl-C stops and ends, and the terminal is as it was."""
     master, process = terminal

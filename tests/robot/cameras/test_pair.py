@@ -89,6 +89,7 @@ def taken_or_none(cameras):
         return None
 
 
+@pytest.mark.realtime
 def test_files_at_their_rate(tmp_path):
     left, right = folder_of(tmp_path / "l", 12), folder_of(tmp_path / "r", 12, start=50)
     with StereoCameras(CameraSettings(left=str(left), right=str(right), max_age_ms=1000, **SMALL)) as cameras:
@@ -131,6 +132,7 @@ def test_driver_time_is_used_only_if_it_makes_sense():
     assert reader_module.driver_time(LiveCapture(stamped=False), 7.0) == 7.0
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("fault", [{"stops_at": 20}, {"hangs_at": 20}])
 def test_a_camera_that_falls_silent_is_named_in_time(fault):
     with live(LiveCapture(), LiveCapture(**fault), max_age_ms=300) as cameras:
@@ -149,6 +151,7 @@ def test_a_camera_that_falls_silent_is_named_in_time(fault):
             cameras.read()
 
 
+@pytest.mark.realtime
 def test_an_unplugged_camera_comes_back(monkeypatch):
     monkeypatch.setattr(reader_module, "BACK_OFF", (0.05,))
     with live(LiveCapture(), [LiveCapture(stops_at=10), LiveCapture()], max_age_ms=40) as cameras:
@@ -166,6 +169,7 @@ def test_an_unplugged_camera_comes_back(monkeypatch):
         assert cameras.readers[1].lost == 1
 
 
+@pytest.mark.realtime
 def test_why_a_camera_does_not_come_back(monkeypatch):
     monkeypatch.setattr(reader_module, "BACK_OFF", (0.01,))
     with live(LiveCapture(), LiveCapture(stops_at=10), max_age_ms=100) as cameras:
@@ -226,6 +230,7 @@ def test_folders_of_different_length(tmp_path):
             StereoCameras(CameraSettings(left=str(left), right=str(right), pace=pace, **SMALL))
 
 
+@pytest.mark.realtime
 def test_close_does_not_wait_for_a_driver_that_hangs():
     cameras = live(LiveCapture(), LiveCapture(hangs_at=5))
     time.sleep(0.15)
