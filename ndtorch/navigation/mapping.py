@@ -17,6 +17,7 @@ from ndtorch.navigation.certainty import REACH, BeamTable, beam_table, sample_ce
 from ndtorch.navigation.odometry import Pose, to_world
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import StereoRig
+from ndtorch.navigation.sights import Sights
 from ndtorch.navigation.tiles import Tiles, add_at, cell_tables, check_tiles, empty_tiles
 
 Certainty = Literal["beams", "log-odds"]
@@ -110,9 +111,11 @@ class GridMapState(NamedTuple):
     Attributes:
         tiles: summed certainty, or log-odds, in tiles; the first and last cell of the grid's rows and columns are a
             margin that collects what lies outside. A step shares the tiles it does not touch with the state before.
+        sights: what a map is drawn from whose parts are moved later; None where none are.
     """
 
     tiles: Tiles
+    sights: Sights | None = None
 
     @property
     def cells(self) -> Tensor:
@@ -192,18 +195,19 @@ class GridMap(nn.Module):
         tiles = empty_tiles(batch, *size, ranges.x) if state is None else state.tiles
         check_tiles(tiles, batch, *size)
         if self.certainty == "beams" and not batch and len(ranges.x) == 1 and kernels_wanted(*ranges, *pose):
-            return GridMapState(add_at(tiles, *self.beams(ranges, pose)))
+            return GridMapState(add_at(tiles, *self.beams(ranges, pose)), state and state.sights)
         pose = Pose(*(part.unsqueeze(-1).unsqueeze(-1) for part in pose))
         if self.certainty == "beams":
             x, y, weight = sample_certainty(ranges, self.rig, BeamTable(self.tangent, self.weight), self.reach)
             number = self.numbers(*to_world(pose, x, y))
-            return GridMapState(add_at(tiles, number.flatten(-3), (weight * (1 / self.grid.cell**2)).flatten(-3)))
+            tiles = add_at(tiles, number.flatten(-3), (weight * (1 / self.grid.cell**2)).flatten(-3))
+            return GridMapState(tiles, state and state.sights)
         x, y, change = self.sight(ranges)
         number = self.numbers(*to_world(pose, x, y))
         for t in range(number.shape[-3]):  # frame by frame, because no frame may take a cell over the limit
             at, now = number[..., t, :, :].flatten(-2), change[..., t, :, :].flatten(-2)
             tiles = add_at(tiles, at, now, self.odds.limit)
-        return GridMapState(tiles)
+        return GridMapState(tiles, state and state.sights)
 
     def warm_up(self) -> None:
         """Have the kernels ready that it uses once something is ranged."""

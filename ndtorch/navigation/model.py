@@ -22,8 +22,10 @@ from ndtorch.navigation.controllers.contract import (
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, make_controller
 from ndtorch.navigation.correspondence import MatchParams
 from ndtorch.navigation.features import FeatureParams
+from ndtorch.navigation.localisation.anchors import anchor_of
 from ndtorch.navigation.localisation.localiser import Localiser, LocaliserState
 from ndtorch.navigation.mapping import GridMap
+from ndtorch.navigation.moved_map import keep
 from ndtorch.navigation.near_check import NearCheck
 from ndtorch.navigation.observations import ObservationList
 from ndtorch.navigation.odometry import DeadReckoning, Pose
@@ -31,6 +33,7 @@ from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import AngleModel, StereoRig
 from ndtorch.navigation.row_ranging import RowRanging
 from ndtorch.navigation.row_search import SearchParams
+from ndtorch.navigation.sights import Anchor
 from ndtorch.navigation.state import NavigatorState, StepState, check_motion, place_of
 from ndtorch.navigation.strips import Strips, grey_pair, row_rect, strips
 from ndtorch.navigation.tracking import AlphaBetaTracker
@@ -129,8 +132,8 @@ class Navigator(nn.Module):
             step = batch_step(whole, ours, theirs, state, driven)
         if step is not None:
             return self.after(step, ours, theirs, state)
-        command, state, ranges, poses = self.see_and_steer(left, right, state, driven, start)
-        return command, self.remember(state, ranges, poses)
+        command, state, ranges, poses, anchors = self.see_and_steer(left, right, state, driven, start)
+        return command, self.remember(state, ranges, poses, anchors)
 
     def whole_step(self) -> WholeStep:
         """Steps of the parts that there are now."""
@@ -153,7 +156,8 @@ class Navigator(nn.Module):
         if self.localiser is not None:
             new = new._replace(located=self.locate(left.row, right.row, new.pose, state.located if state else None))
         if self.grid_map or self.observations or self.tracker:
-            new = self.remember(new, *in_frames(new.ranges, new.place))
+            anchors = None if new.located is None else [anchor_of(new.located)]
+            new = self.remember(new, *in_frames(new.ranges, new.place), anchors)
         if whole:
             new = StepState(*new)
             new.packed = packed
@@ -166,8 +170,8 @@ class Navigator(nn.Module):
         state: NavigatorState | None = None,
         driven: Command | None = None,
         start: Pose | None = None,
-    ) -> tuple[Command, NavigatorState, Ranges, Pose]:
-        """All but the memory: command, state, and the ranges and places of every frame, which `remember` takes."""
+    ) -> tuple[Command, NavigatorState, Ranges, Pose, list[Anchor | None] | None]:
+        """All but the memory: command, state, and the ranges, places and anchors of every frame for `remember`."""
         check_motion(driven, start)
         left_field, left_row = strips(left)
         right_field, right_row = strips(right)
@@ -179,13 +183,13 @@ class Navigator(nn.Module):
                 f"got {tuple(left_field.shape)} and {tuple(left_row.shape)}"
             )
         eyes = (left_field, right_field), (left_row, right_row)
-        command, control, poses, pose, located = self.steer(seen, ranges, state, driven, start, eyes)
+        command, control, poses, pose, located, anchors = self.steer(seen, ranges, state, driven, start, eyes)
         sides, difference = self.controller.sides(seen), self.controller.difference(control)
         last = Command(command.speed[..., -1], command.curvature[..., -1])
         now = Ranges(*(part[..., -1, :] for part in ranges))
         memory = (state.map, state.observations, state.tracks) if state else (None, None, None)
         state = NavigatorState(fields, rows, control, last, pose, sides[..., -1, :], difference, now, *memory, located)
-        return command, state, ranges, poses
+        return command, state, ranges, poses, anchors
 
     def locate(self, left: Tensor, right: Tensor, pose: Pose, located: LocaliserState | None) -> LocaliserState | None:
         """Correct the pose of a frame, whose rows are `[1, C, H, W]`; None where there is no localiser."""
@@ -198,11 +202,19 @@ class Navigator(nn.Module):
         new: LocaliserState = self.localiser(rows, pose, located)
         return new
 
-    def remember(self, state: NavigatorState, ranges: Ranges, poses: Pose) -> NavigatorState:
-        """Fill the map, the observation list and the tracks, as far as there are any."""
+    def remember(
+        self, state: NavigatorState, ranges: Ranges, poses: Pose, anchors: list[Anchor | None] | None = None
+    ) -> NavigatorState:
+        """Fill the map, the observation list and the tracks, as far as there are any.
+
+        Args:
+            anchors: where the frames were seen from in what the localiser moves; None where there is none.
+        """
         grid, seen, tracks = state.map, state.observations, state.tracks
         if self.grid_map is not None:
             grid = self.grid_map.update(ranges, poses, grid)
+            if anchors is not None:
+                grid = keep(grid, ranges, anchors)
         if self.observations is not None:
             _, seen = self.observations(ranges, poses, seen)
         if self.tracker is not None:
@@ -253,18 +265,18 @@ class Navigator(nn.Module):
         driven: Command | None,
         start: Pose | None = None,
         eyes: tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]] | None = None,
-    ) -> tuple[Command, Any, Pose, Pose, LocaliserState | None]:
+    ) -> tuple[Command, Any, Pose, Pose, LocaliserState | None, list[Anchor | None] | None]:
         """Frame by frame, because what is done at one frame is what was driven on the way to the next.
 
-        Returns commands, the controller's state, the corrected poses, the last one of dead reckoning, and the
-        localiser's state.
+        Returns commands, the controller's state, the corrected poses, the last one of dead reckoning, the localiser's
+        state, and the anchors of all frames.
         """
         still = torch.zeros_like(ranges.x[..., 0, 0])
         pose = state.pose if state else start or Pose(still, still, still)
         last = state.command if state else Command(still, still)
         dim = ranges.x.ndim - 2
         control = state.control if state else self.controller.start(seen.select(dim, 0), pose)
-        commands, poses = [], []
+        commands, poses, anchors = [], [], []
         located = state.located if state else None
         for t in range(ranges.x.shape[-2]):
             if driven is not None:
@@ -280,6 +292,7 @@ class Navigator(nn.Module):
                 located = self.locate(left, right, pose, located)
             place = place_of(pose, located)
             if located is not None:
+                anchors.append(anchor_of(located))
                 control = self.controller.told_place(control, pose, place if located.hunt is None else None)
             last, control = self.controller.step(seen.select(dim, t), ranges_at(ranges, t), pose, last, control)
             commands.append(last)
@@ -290,4 +303,5 @@ class Navigator(nn.Module):
             Pose(*(in_time(parts) for parts in zip(*poses, strict=True))),
             pose,
             located,
+            anchors if located is not None else None,
         )

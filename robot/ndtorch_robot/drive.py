@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Grid, GridMap, StereoRig
+from ndtorch.navigation import Grid, StereoRig
 from ndtorch.navigation.controllers import Trace
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import DriveConfig
@@ -143,7 +143,7 @@ def drive(
         if recorder is not None:
             recorder.close()
         wall = time.perf_counter() - began
-        cells = map_cells(pilot, plan)
+        cells = pilot.map_cells()
         summary = summarise(config, car, simulation, record, put_back, cells, wall)
         summary["recording"] = recorder.summary() if recorder is not None else None
         trace = pilot.navigator.controller.trace
@@ -210,14 +210,6 @@ def drive_configuration(config: DriveConfig, rig: StereoRig) -> dict[str, Any]:
         "rig": asdict(rig),
         "rate_hz": config.rate,
     }
-
-
-def map_cells(pilot: Pilot, plan: Plan) -> torch.Tensor:
-    """The map as it is now, scaled so that its largest cell is 1."""
-    grid = plan.grid()
-    if pilot.state is None or pilot.state.map is None:
-        return torch.zeros(grid.rows, grid.columns)
-    return GridMap.normalise(grid.inner(pilot.state.map.cells).clone())
 
 
 def found_after(record: Record, config: DriveConfig) -> float | None:

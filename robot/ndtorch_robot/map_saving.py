@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from ndtorch.navigation import GridMap
 from ndtorch.navigation.localisation.walls import pack
 from ndtorch.navigation.map_files import save_map
 from ndtorch_robot.pilot import Pilot
@@ -46,7 +45,5 @@ def save_pilot_map(folder: Path, pilot: Pilot, path: WalkedPath) -> None:
     """Write the map of a pilot that makes one."""
     grid = pilot.grid
     assert grid is not None
-    cells = torch.zeros(grid.rows, grid.columns)
-    if pilot.state is not None and pilot.state.map is not None:
-        cells = GridMap.normalise(grid.inner(pilot.state.map.cells).clone())
+    cells = pilot.map_cells()
     save_map(folder, cells, grid, np.array(path.places).reshape(-1, 2), pilot_walls(pilot))

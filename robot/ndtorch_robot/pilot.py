@@ -7,8 +7,10 @@ from typing import Any
 
 import torch
 
+from ndtorch.errors import InputError
 from ndtorch.navigation import Command, Grid, Navigator, NavigatorState, Pose, StereoRig
 from ndtorch.navigation.localisation import LocaliserState
+from ndtorch.navigation.moved_map import map_cells
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.navigating import configuration
 from ndtorch_robot.ports import DriveCommand, Placed, StereoFrames
@@ -109,6 +111,16 @@ class Pilot:
         if before.located is None or self.navigator.localiser is None:
             return None
         return before.located if placed is None else self.navigator.localiser.put(before.located, state.pose)
+
+    def map_cells(self) -> torch.Tensor:
+        """The map as far as is known now, `[rows, columns]`, its largest cell 1.
+
+        Raises:
+            InputError: this pilot makes no map.
+        """
+        if self.navigator.grid_map is None:
+            raise InputError("this pilot makes no map: give it a grid")
+        return map_cells(self.navigator.grid_map, self.state)
 
     def mode(self) -> int:
         """What the controller is doing, as it numbers it."""

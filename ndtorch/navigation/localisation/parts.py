@@ -20,6 +20,7 @@ from ndtorch.navigation.localisation.graph import FULL, carried, links_of, relax
 from ndtorch.navigation.localisation.params import LocaliserParams, PartParams
 from ndtorch.navigation.localisation.walls import Scan, empty_walls, fit_scan, pack, unpack
 from ndtorch.navigation.localisation.way import Way, no_way, one_way
+from ndtorch.navigation.sights import Frames
 
 Floats = npt.NDArray[Any]
 
@@ -53,6 +54,8 @@ class Parts(NamedTuple):
         driven: since it began.
         edges: fits of parts to each other, `[E, 11]`, see `graph`.
         pairs: that are still to be fitted, `[n, 2]`.
+        aside: frames of parts that were left out, which move with the finished part that shows most of the same,
+            `[n, 5]`: steps after which it was begun, the number of that part, and the pose in its frame.
     """
 
     done: tuple[Part, ...]
@@ -64,6 +67,7 @@ class Parts(NamedTuple):
     driven: Way
     edges: Tensor
     pairs: Tensor
+    aside: Tensor
 
 
 def no_parts(pose: tuple[float, float, float], params: LocaliserParams) -> Parts:
@@ -80,7 +84,22 @@ def no_parts(pose: tuple[float, float, float], params: LocaliserParams) -> Parts
         no_way(),
         zeros[None][:0],
         zeros[None, :2][:0],
+        zeros[None, :5][:0],
     )
+
+
+def left_out(parts: Parts, beside: int) -> Parts:
+    """Keep the frame of the part that is being made, which will not be finished, beside a finished one."""
+    at = seen_from(parts.poses[beside].numpy(), parts.poses[-1].numpy())
+    row = torch.tensor([[float(parts.begun[-1]), beside, *at.tolist()]], dtype=torch.float64)
+    return parts._replace(aside=torch.cat((parts.aside, row)))
+
+
+def frames_of(parts: Parts) -> Frames:
+    """All frames that there have been; their numbers are the steps after which their parts were begun."""
+    base, at = parts.poses[parts.aside[:, 1].long()].numpy(), parts.aside[:, 2:].numpy()
+    poses = torch.from_numpy(carried(base, at))
+    return Frames(torch.cat((parts.begun, parts.aside[:, 0])), torch.cat((parts.poses, poses)))
 
 
 def add_to_part(parts: Parts, scan: Scan, pose: tuple[float, float, float], params: LocaliserParams) -> Parts:
@@ -99,6 +118,7 @@ def begun_at(parts: Parts, pose: tuple[float, float, float], age: Tensor) -> Par
     if len(parts.done):
         there = seen_from(parts.poses[-2].numpy(), here[0].numpy())
         came = came._replace(pose=torch.from_numpy(there))
+        parts = left_out(parts, len(parts.done) - 1)
     return parts._replace(
         poses=torch.cat((parts.poses[:-1], here)),
         begun=torch.cat((parts.begun[:-1], age.reshape(1))),
@@ -121,6 +141,7 @@ def finish(parts: Parts, pose: tuple[float, float, float], age: Tensor, dt: floa
     full = len(parts.done) >= p.count
     if len(parts.done) and (len(middles) < p.least or share > p.known or full):
         came = one_way(parts.came, parts.driven)
+        fresh = left_out(fresh, int(overlap.argmax()))
         began = torch.cat((parts.begun[:-1], now))
         return fresh._replace(poses=torch.cat((parts.poses[:-1], here)), begun=began, came=came)
     number = len(parts.done)

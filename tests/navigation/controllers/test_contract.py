@@ -63,7 +63,7 @@ def test_alone_it_gives_what_the_navigator_gives(name):
     """On what the cameras saw, the ranges and the poses of a drive."""
     left, right = frames()
     navigator = Navigator(RIG, DT, controller=name)
-    command, _, ranges, poses = navigator.see_and_steer(left, right)
+    command, _, ranges, poses, _ = navigator.see_and_steer(left, right)
     driven = Command(*(torch.cat((torch.zeros(1), part[:-1])) for part in command))
     seen, _ = navigator.controller.see(left, right)
     alone, _ = navigator.controller(seen, ranges, poses, driven)

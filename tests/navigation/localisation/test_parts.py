@@ -9,8 +9,10 @@ import torch
 from ndtorch.errors import InputError
 from ndtorch.navigation import Pose, StereoRig
 from ndtorch.navigation.localisation import LocaliserParams
+from ndtorch.navigation.localisation.anchors import anchor_of
+from ndtorch.navigation.localisation.graph import carried
 from ndtorch.navigation.localisation.params import PartParams
-from ndtorch.navigation.localisation.parts import add_to_part, no_parts, redrawn
+from ndtorch.navigation.localisation.parts import add_to_part, begun_at, frames_of, no_parts, redrawn
 from ndtorch.navigation.localisation.walls import Scan, add_scan, empty_walls, pack
 from ndtorch.navigation.odometry import arc
 from tests.navigation.localisation.test_finding import Blindfold
@@ -73,7 +75,7 @@ def points():
     return np.concatenate(lines)
 
 
-def run(points, true, reckoned, params, steps=None, state=None):
+def run(points, true, reckoned, params, steps=None, state=None, anchors=None):
     localiser = Sighted(StereoRig(), DT, params)
     localiser.points, localiser.rng = points, np.random.default_rng(0)
     found = []
@@ -81,6 +83,8 @@ def run(points, true, reckoned, params, steps=None, state=None):
         localiser.pose = tuple(here)
         state = localiser(torch.zeros(2, 8), Pose(*(torch.tensor(v) for v in there)), state)
         found.append([float(part) for part in state.pose])
+        if anchors is not None:
+            anchors.append(anchor_of(state))
     return np.array(found), state
 
 
@@ -99,8 +103,8 @@ def test_after_three_rounds_with_a_wrong_odometer_the_walls_are_right(points):
     driven = rounds(3)
     true, reckoned = path(driven), path(driven, 0.03, 0.03, math.radians(0.1) * DT)
     assert math.dist(true[-1, :2], reckoned[-1, :2]) > 0.7
-    params = LocaliserParams()
-    found, state = run(points, true, reckoned, params)
+    params, anchors = LocaliserParams(), []
+    found, state = run(points, true, reckoned, params, anchors=anchors)
     off = found - true
     last = off[-len(off) // 3 :]
     assert np.hypot(*last[:, :2].T).max() < 0.1
@@ -109,6 +113,13 @@ def test_after_three_rounds_with_a_wrong_odometer_the_walls_are_right(points):
     assert np.median(aside) < 0.02
     assert np.percentile(aside, 90) < 0.08
     assert float(state.scale) == pytest.approx(0.03 / 1.03, abs=0.01)
+    # What was seen on the way moves with the parts, those that were left out too.
+    frames = frames_of(state.parts)
+    now = dict(zip(frames.numbers.tolist(), frames.poses.numpy(), strict=True))
+    moved = np.array([carried(now[a.frame], np.array(a.pose)) for a in anchors])
+    assert len(state.parts.aside) > 0
+    as_driven, afterwards = (np.percentile(np.hypot(*(way - true)[:, :2].T), 90) for way in (found, moved))
+    assert afterwards < 0.7 * as_driven
 
 
 def test_parts_overlap_and_stop_when_all_is_known(points):
@@ -134,6 +145,16 @@ def test_a_state_goes_on_the_same_wherever_it_was_kept(points):
     assert torch.equal(ends[0].walls, ends[1].walls)
     assert torch.equal(ends[0].parts.poses, ends[1].parts.poses)
     assert len(ends[0].parts.done) > count > 0
+
+
+def test_where_the_car_was_before_it_was_carried_is_kept_beside_the_last_part(points):
+    driven = rounds(1)
+    _, state = run(points, path(driven), path(driven), LocaliserParams(), 60)
+    before, last = state.parts, state.parts.poses[-1].tolist()
+    assert len(before.done) > 0
+    after = frames_of(begun_at(before, (5.0, 5.0, 0.0), torch.tensor(60.0, dtype=torch.float64)))
+    at = after.numbers.tolist().index(float(before.begun[-1]))
+    assert after.poses[at].tolist() == pytest.approx(last)
 
 
 def test_there_are_no_more_parts_than_allowed(points):

@@ -1,0 +1,61 @@
+"""A map is drawn where its parts are known to be when it is asked for."""
+
+import pytest
+import torch
+
+from ndtorch.navigation import Grid, GridMap, Pose, Ranges, StereoRig
+from ndtorch.navigation.moved_map import draw, evident, keep, map_cells
+from ndtorch.navigation.sights import Anchor, Frames, no_sights
+
+GRID = Grid(0.0, 6.0, -2.0, 2.0)
+
+
+def seen(rig, x, y=0.0):
+    """One feature, ranged at a place of the body frame."""
+    ahead = x - rig.forward
+    left, right = (torch.atan2(torch.tensor(y + side * rig.baseline / 2), torch.tensor(ahead)) for side in (-1, 1))
+    distance = torch.hypot(torch.tensor(ahead), torch.tensor(y - rig.baseline / 2))
+    parts = (distance, left, right, torch.tensor(x), torch.tensor(y), torch.tensor(True))
+    return Ranges(*(part.reshape(1, 1) for part in parts))
+
+
+def peak(cells):
+    row, column = divmod(int(cells.argmax()), cells.shape[-1])
+    return [float(v) for v in GRID.center(torch.tensor(row), torch.tensor(column))]
+
+
+def frames(*pose):
+    return Frames(torch.tensor([3.0], dtype=torch.float64), torch.tensor([pose], dtype=torch.float64))
+
+
+@pytest.mark.parametrize("certainty", ["beams", "log-odds"])
+def test_the_map_moves_with_the_frame_it_was_seen_in(certainty):
+    rig = StereoRig()
+    grid_map = GridMap(rig, GRID, certainty=certainty)
+    pose, ranges = Pose(*(torch.tensor([v]) for v in (1.0, 0.0, 0.0))), seen(rig, 1.5)
+    state = keep(grid_map.update(ranges, pose), ranges, [Anchor(3, (1.0, 0.0, 0.0))])
+    driven = GridMap.normalise(GRID.inner(state.cells))
+    drawn = draw(grid_map, state.sights, frames(0.0, 0.0, 0.0))
+    torch.testing.assert_close(drawn, evident(driven), rtol=1e-4, atol=1e-5)
+    moved = draw(grid_map, state.sights, frames(1.0, 0.5, 0.0))
+    (x, y), (there_x, there_y) = peak(drawn), peak(moved)
+    assert (there_x - x, there_y - y) == pytest.approx((1.0, 0.5), abs=0.011)
+
+
+def test_the_state_goes_through_updates_and_what_has_no_anchor_is_not_kept():
+    rig = StereoRig()
+    grid_map = GridMap(rig, GRID)
+    pose, ranges = Pose(*(torch.tensor([v]) for v in (1.0, 0.0, 0.0))), seen(rig, 1.5)
+    state = keep(grid_map.update(ranges, pose), ranges, [Anchor(3, (1.0, 0.0, 0.0))])
+    state = keep(grid_map.update(ranges, pose, state), ranges, [None])
+    assert len(state.sights.now) == 1
+
+
+def test_what_is_less_than_a_hundredth_is_no_evidence():
+    cells = torch.tensor([[1.0, 0.0101], [0.0099, 0.0]])
+    assert evident(cells).tolist() == [[1.0, pytest.approx(0.0101)], [0.0, 0.0]]
+
+
+def test_before_anything_was_seen_the_map_is_empty():
+    assert not bool(draw(GridMap(StereoRig(), GRID), no_sights(), frames(0.0, 0.0, 0.0)).any())
+    assert map_cells(GridMap(StereoRig(), GRID), None).shape == (GRID.rows, GRID.columns)

@@ -1,0 +1,57 @@
+"""Ranges kept with the pose they were seen from, in frames that move."""
+
+import math
+
+import pytest
+import torch
+
+from ndtorch.navigation import Ranges
+from ndtorch.navigation.sights import Anchor, Frames, add_sights, no_sights, placed_sights
+
+
+def ranges(*ahead):
+    """So many features straight ahead; None is a slot that is not valid."""
+    x = torch.tensor([0.0 if v is None else v for v in ahead])
+    valid = torch.tensor([v is not None for v in ahead])
+    return Ranges(x, -0.1 * valid, 0.1 * valid, x, 0 * x, valid)
+
+
+def frames(**poses):
+    numbers = torch.tensor([float(name[1:]) for name in poses], dtype=torch.float64)
+    return Frames(numbers, torch.tensor(list(poses.values()), dtype=torch.float64).reshape(-1, 3))
+
+
+def test_sights_move_with_their_frames():
+    sights = add_sights(no_sights(), Anchor(0, (1.0, 0.0, 0.0)), ranges(2.0, None))
+    sights = add_sights(sights, Anchor(0, (1.0, 0.5, 0.1)), ranges(None, None))
+    sights = add_sights(sights, Anchor(7, (0.0, 0.0, 0.0)), ranges(1.0, 1.5))
+    found, poses = placed_sights(sights, frames(f0=(0, 0, 0), f7=(3, 1, 0.2)))
+    assert found.x.flatten().tolist() == [2.0, 1.0, 1.5]
+    assert bool(found.valid.all())
+    assert torch.stack(poses, -1).tolist() == [pytest.approx(v) for v in ((1, 0, 0), (3, 1, 0.2), (3, 1, 0.2))]
+    _, poses = placed_sights(sights, frames(f0=(5, 0, math.pi / 2), f7=(0, 0, 0)))
+    assert [float(part[0]) for part in poses] == pytest.approx([5.0, 1.0, math.pi / 2])
+
+
+def test_a_frame_that_comes_again_and_one_that_was_forgotten():
+    sights = no_sights()
+    for number in (1, 2, 1):
+        sights = add_sights(sights, Anchor(number, (0.0, 0.0, 0.0)), ranges(float(number)))
+    found, poses = placed_sights(sights, frames(f1=(4, 0, 0)))
+    assert found.x.flatten().tolist() == [1.0, 1.0]
+    assert poses.x.tolist() == [4.0, 4.0]
+
+
+def test_sights_of_before_stay_as_they_were():
+    before = add_sights(no_sights(), Anchor(0, (0.0, 0.0, 0.0)), ranges(1.0))
+    kept = before.now.clone()
+    add_sights(before, Anchor(0, (0.0, 0.0, 0.0)), ranges(2.0))
+    add_sights(before, Anchor(1, (0.0, 0.0, 0.0)), ranges(2.0))
+    assert torch.equal(before.now, kept)
+    assert before.seen == ()
+
+
+def test_nothing_was_seen():
+    found, poses = placed_sights(no_sights(), frames(f0=(0, 0, 0)))
+    assert found.x.shape == (0, 1)
+    assert poses.x.shape == (0,)
