@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
+from statistics import median
 from typing import NamedTuple
 
 from ndtorch_robot.evaluation.drives import Summary
@@ -20,6 +21,8 @@ class Row(NamedTuple):
         people: people hit from ahead; times the car was hit while it stood, of all drives together.
         gates: doors, lines and the like that were passed, and how many there were.
         precision, recall, position_cm, spacing_percent: of the maps, means over the drives that have them.
+        pose_cm, pose_degrees: median error of the corrected pose in a drive: the median over the drives, and the worst;
+            None where there was no error, or it is not known.
         drives: the summaries.
     """
 
@@ -41,6 +44,8 @@ class Row(NamedTuple):
     recall: float | None
     position_cm: float | None
     spacing_percent: float | None
+    pose_cm: tuple[float, float] | None
+    pose_degrees: tuple[float, float] | None
 
 
 COLUMNS = (
@@ -62,13 +67,15 @@ COLUMNS = (
     "map recall %",
     "map position error cm",
     "map spacing error %",
+    "pose error cm, worst drive",
+    "pose error degrees, worst drive",
 )
 
 
 WORDS = 3
 """Columns of words, that come first."""
 
-SELDOM = ("stress", "people hit / hit standing", "gates passed")
+SELDOM = ("stress", "people hit / hit standing", "gates passed", *COLUMNS[-2:])
 """Columns that are left out where nobody has anything in them."""
 
 
@@ -111,7 +118,16 @@ def row_of(key: tuple[str, str, str, str], drives: list[Summary]) -> Row:
         of_maps("recall"),
         of_maps("position_error_cm"),
         of_maps("spacing_error_percent"),
+        pose_errors(drives, "median_m", 100.0),
+        pose_errors(drives, "median_degrees", 1.0),
     )
+
+
+def pose_errors(drives: list[Summary], name: str, factor: float) -> tuple[float, float] | None:
+    """The median over the drives of an error of the corrected pose, and the largest."""
+    errors = [d["pose_error"] for d in drives if isinstance(d.get("pose_error"), dict)]
+    values = [factor * number(e["located"][name]) for e in errors if isinstance(e, dict) and "located" in e]
+    return (median(values), max(values)) if any(values) else None
 
 
 def gates_of(drives: list[Summary]) -> tuple[int, int]:
@@ -151,6 +167,8 @@ def cells(row: Row) -> list[str]:
         value(row.recall, 0, 100),
         value(row.position_cm, 1),
         value(row.spacing_percent, 2),
+        "{:.1f}, {:.1f}".format(*row.pose_cm) if row.pose_cm else "",
+        "{:.2f}, {:.2f}".format(*row.pose_degrees) if row.pose_degrees else "",
     ]
 
 

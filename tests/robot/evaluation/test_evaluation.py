@@ -96,7 +96,7 @@ def test_rows_are_of_all_drives_together():
     table = list(csv.reader(comma_separated([room, loop]).splitlines()))
     assert table[0] == list(COLUMNS)
     assert table[2][:4] == ["loop", "textured", "published", ""]
-    assert table[2][4:] == ["1", "0.25", "8.0", "2", "", "4.0", "400", "50", "20", "", "80", "60", "1.5", ""]
+    assert table[2][4:] == ["1", "0.25", "8.0", "2", "", "4.0", "400", "50", "20", "", "80", "60", "1.5", "", "", ""]
 
 
 def test_rows_tell_stresses_gates_and_people():
@@ -111,6 +111,20 @@ def test_rows_tell_stresses_gates_and_people():
     head = markdown([plain, noisy], "").splitlines()[0]
     assert all(name in head for name in ("stress", "gates passed", "people hit"))
     assert "stress" not in markdown([plain], "").splitlines()[0]
+
+
+def test_the_error_of_the_pose_is_told_where_there_is_one():
+    off = [{"located": {"median_m": m, "median_degrees": d}} for m, d in ((0.03, 0.2), (0.5, 0.1), (0.05, 0.4))]
+    (row,) = rows_of([summary(seed=k, pose_error=error) for k, error in enumerate(off)])
+    assert row.pose_cm == pytest.approx((5.0, 50.0))
+    assert row.pose_degrees == pytest.approx((0.2, 0.4))
+    head, _, line, *_ = markdown([row], "").splitlines()
+    assert head.endswith("| pose error cm, worst drive | pose error degrees, worst drive |")
+    assert line.endswith("| 5.0, 50.0 | 0.20, 0.40 |")
+    exact = {"located": {"median_m": 0.0, "median_degrees": 0.0}}
+    (row,) = rows_of([summary(pose_error=exact), summary()])
+    assert row.pose_cm is None
+    assert "pose error" not in markdown([row], "")
 
 
 def test_words_for_many_arenas_and_stresses():
