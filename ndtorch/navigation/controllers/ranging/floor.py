@@ -84,7 +84,9 @@ def floor_constants(rig: StereoRig, params: FloorParams, view: FloorView, dt: fl
         ),
     )
     yaw, saturation, least, tolerance, clear, stands, learns, learn_share, share = numbers
-    rest = map(torch.tensor, (0.1, 0.02, 0.3, float(p.standing), p.trusted, 1.0))
+    # A car that goes from forward to backward passes through 0 while its picture still moves: only a wheel that stands
+    # says that what is seen is noise.
+    rest = map(torch.tensor, (0.1, 0.001, 0.3, float(p.standing), p.trusted, 1.0))
     return FloorConstants(
         (view.sweep * dt).square(),
         yaw,

@@ -152,6 +152,13 @@ def test_noise_is_learned_standing():
     assert after.noise == state.noise
 
 
+def test_noise_is_not_learned_between_forward_and_backward():
+    """The mean speed of the frame in which a car turns about is next to nothing, and its picture moves."""
+    for speed in (0.015, -0.015):
+        _, after = step(outputs(0.3), learned(), speed)
+        assert after.noise == 0
+
+
 def test_bad_parameters():
     with pytest.raises(InputError, match="near < far"):
         FloorParams(near=2.0)
