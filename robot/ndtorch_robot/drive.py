@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import torch
 
 from ndtorch.errors import InputError
@@ -17,7 +18,7 @@ from ndtorch.navigation import Grid, StereoRig
 from ndtorch.navigation.controllers import Trace
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import DriveConfig
-from ndtorch_robot.map_saving import pilot_walls
+from ndtorch_robot.map_saving import WalkedPath, pilot_walls
 from ndtorch_robot.navigating import print_note
 from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import DriveCommand, Observer, Step
@@ -63,6 +64,7 @@ class Result:
         interrupted: by Ctrl-C.
         trace: how to draw what the controller weighed.
         walls: what the localiser has gathered, for a map file; None where there is none.
+        walked: the path `[T, 2]` as it was known at the end, every few centimetres.
     """
 
     config: DriveConfig
@@ -76,6 +78,7 @@ class Result:
     interrupted: bool
     trace: Trace
     walls: torch.Tensor | None = None
+    walked: npt.NDArray[np.float64] | None = None
 
 
 def drive(
@@ -121,13 +124,13 @@ def drive(
         )
         steps = max(1, round(config.seconds * rate))
         car = Car(pilot, simulation, SafeDrive(simulation, simulation, LIMITS, sight), steer=steer, max_steps=steps)
-        record, put_back = Record(), PutBack(simulation, pilot)
+        record, put_back, path = Record(), PutBack(simulation, pilot), WalkedPath()
         view = show(config, plan, pilot, simulation, record, stack) if shown(config) else None
         recorder = make_recorder(config, simulation.rig)
         if recorder is not None:
             stack.callback(recorder.close)
             car.observers.append(RecordSteps(recorder))
-        car.observers.append(record.observer(pilot, lambda: simulation.pose))
+        car.observers += [record.observer(pilot, lambda: simulation.pose), path]
         car.observers += [] if view is None else [view]
         car.observers += [put_back, TellAgain(car.safe, put_back), *observers]
         if stress.none:
@@ -147,10 +150,8 @@ def drive(
         summary = summarise(config, car, simulation, record, put_back, cells, wall)
         summary["recording"] = recorder.summary() if recorder is not None else None
         trace = pilot.navigator.controller.trace
-        walls = pilot_walls(pilot)
-        return Result(
-            config, summary, record, plan, cells, plan.grid(), simulation, put_back.stops, interrupted, trace, walls
-        )
+        about = plan, cells, plan.grid(), simulation, put_back.stops, interrupted
+        return Result(config, summary, record, *about, trace, pilot_walls(pilot), path.moved(pilot.state))
 
 
 def drive_pilot(config: DriveConfig, plan: Plan) -> Pilot:

@@ -5,10 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import torch
 
+from ndtorch.navigation import NavigatorState
+from ndtorch.navigation.localisation.anchors import anchor_of, located_frames
+from ndtorch.navigation.localisation.graph import carried
 from ndtorch.navigation.localisation.walls import pack
 from ndtorch.navigation.map_files import save_map
+from ndtorch.navigation.sights import Anchor
 from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import Step
 
@@ -20,11 +25,13 @@ class WalkedPath:
     """An observer that keeps where the car believes that it was, for the free floor of a map.
 
     Attributes:
-        places: x, y, m.
+        places: x, y, m, as it was believed on the way.
+        anchors: the same in frames that are moved; None where there is no localiser, or it was lost.
     """
 
     def __init__(self) -> None:
         self.places: list[tuple[float, float]] = []
+        self.anchors: list[Anchor | None] = []
 
     def __call__(self, step: Step) -> None:
         if step.state is None:
@@ -32,6 +39,19 @@ class WalkedPath:
         x, y = float(step.state.place.x), float(step.state.place.y)
         if not self.places or np.hypot(x - self.places[-1][0], y - self.places[-1][1]) >= APART:
             self.places.append((x, y))
+            located = step.state.located
+            self.anchors.append(None if located is None else anchor_of(located))
+
+    def moved(self, state: NavigatorState | None) -> npt.NDArray[np.float64]:
+        """The path `[T, 2]` as far as it is known by now, in which the map has moved with the path."""
+        path = np.array(self.places, np.float64).reshape(-1, 2)
+        if state is not None and state.located is not None:
+            frames = located_frames(state.located)
+            where = dict(zip(frames.numbers.tolist(), frames.poses.numpy(), strict=True))
+            for k, anchor in enumerate(self.anchors):
+                if anchor is not None and anchor.frame in where:
+                    path[k] = carried(where[anchor.frame], np.array(anchor.pose))[:2]
+        return path
 
 
 def pilot_walls(pilot: Pilot) -> torch.Tensor | None:
@@ -46,4 +66,4 @@ def save_pilot_map(folder: Path, pilot: Pilot, path: WalkedPath) -> None:
     grid = pilot.grid
     assert grid is not None
     cells = pilot.map_cells()
-    save_map(folder, cells, grid, np.array(path.places).reshape(-1, 2), pilot_walls(pilot))
+    save_map(folder, cells, grid, path.moved(pilot.state), pilot_walls(pilot))

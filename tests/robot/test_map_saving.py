@@ -1,9 +1,13 @@
 """The map of a car: what its pilot knows becomes files."""
 
+from types import SimpleNamespace
+
 import numpy as np
+import pytest
 import torch
 
-from ndtorch.navigation import Grid
+from ndtorch.navigation import Grid, Pose
+from ndtorch.navigation.localisation import Localiser
 from ndtorch.navigation.map_files import load_map
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.map_saving import WalkedPath, save_pilot_map
@@ -35,3 +39,19 @@ def test_a_pilot_that_never_drove_saves_an_empty_map(tmp_path):
     pilot = Pilot(NavigatorOptions("published"), RIG, 30.0, Grid(-1, 1, -1, 1))
     save_pilot_map(tmp_path, pilot, WalkedPath())
     assert float(load_map(tmp_path).cells.max()) == 0.0
+
+
+def test_the_path_moves_with_the_parts_of_the_building():
+    pytest.importorskip("numba")
+    localiser, path = Localiser(RIG, 1 / 30), WalkedPath()
+    state = SimpleNamespace(located=None, place=None)
+    for x in (0.0, 0.5, 1.0):
+        pose = Pose(*(torch.tensor(v, dtype=torch.float64) for v in (x, 0.0, 0.0)))
+        located = localiser.start(Pose(*(torch.tensor(v) for v in (0.0, 0.0, 0.0))))._replace(pose=pose)
+        state = SimpleNamespace(located=located, place=pose)
+        path(SimpleNamespace(state=state))
+    assert path.moved(state).tolist() == [[0.0, 0.0], [0.5, 0.0], [1.0, 0.0]]
+    turned = torch.tensor([[2.0, 1.0, torch.pi / 2]], dtype=torch.float64)
+    later = SimpleNamespace(located=located._replace(parts=located.parts._replace(poses=turned)))
+    np.testing.assert_allclose(path.moved(later), [[2.0, 1.0], [2.0, 1.5], [2.0, 2.0]], atol=1e-9)
+    assert path.moved(None).tolist() == [[0.0, 0.0], [0.5, 0.0], [1.0, 0.0]]

@@ -146,7 +146,8 @@ def write_results(result: Result, folder: Path) -> None:
     (folder / "summary.json").write_text(json.dumps(result.summary, indent=1) + "\n")
     true, believed, located = (result.record.array(name).reshape(-1, 3) for name in ("pose", "believed", "located"))
     paths = {"true_path": true, "believed_path": believed, "located_path": located}
-    save_map(folder, result.cells, result.grid, located, result.walls, **paths)
+    walked = located if result.walked is None else result.walked
+    save_map(folder, result.cells, result.grid, walked, result.walls, **paths)
     write_figures(result, folder)
     write_drive_page(result, describe(result), folder)
 

@@ -26,6 +26,9 @@ LEFT, RIGHT, PATH, HIT = "#0072b2", "#d55e00", "#0072b2", "#cc0000"
 LONGEST = 40.0
 """Seconds shown in the picture of the speeds: more cannot be read."""
 
+CARRIED = 0.5
+"""Metres from place to place of a path from which on the car was carried, or has found itself elsewhere."""
+
 
 def write_figures(result: Result, folder: Path) -> None:
     """Write path.png, map.png, speeds.png and rows.png, and pose.png where the car was localised."""
@@ -146,9 +149,11 @@ def map_(plt: Any, result: Result) -> Any:
     axes.imshow(image, origin="lower", extent=extent, zorder=2, interpolation="nearest")
     believed, located = result.record.array("believed"), result.record.array("located")
     if len(believed):
-        # The map is drawn at the corrected poses, where there are any.
-        corrected = not np.array_equal(believed, located)
-        line, how = result.record.track("located"), "corrected by landmarks" if corrected else "by dead reckoning"
+        # The map is drawn where its parts are known to be at the end, and so is the path.
+        line, how = result.record.track("located"), "by dead reckoning"
+        if result.walked is not None and not np.array_equal(believed, located):
+            line, how = result.walked.copy(), "corrected by landmarks"
+            line[1:][np.hypot(*np.diff(result.walked, axis=0).T) > CARRIED] = np.nan
         axes.plot(*line.T, color=PATH, lw=1.0, alpha=0.6, zorder=3, label=f"path {how}")
         axes.plot([], [], color=(0.8, 0, 0), lw=4, label="map: features that were confirmed")
         axes.plot([], [], color=(0.8, 0, 0, 0.35), lw=4, label="faint: seen rarely, or matched wrongly")
