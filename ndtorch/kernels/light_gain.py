@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from ndtorch.kernels.nth import nth_of
 from ndtorch.kernels.strips import Array, grey_row
 
 
@@ -42,8 +45,13 @@ def light_gain(
                     now += grey[x]
                     was += before[x]
                 ratios[(eye * bands + band) * blocks + block] = max(now, dark) / max(was, dark)
-    ratios.sort()
-    gain = float(ratios[(len(ratios) - 1) // 2])
+    # What is no number has no place in an order; whoever asks finds it among the cells.
+    total = kind(0)
+    for k in range(ratios.shape[0]):
+        total += ratios[k]
+    if not math.isfinite(total):
+        return 1.0
+    gain: float = nth_of(ratios, ratios.shape[0], (ratios.shape[0] - 1) // 2)
     if abs(gain - 1) > limits[0] and 1 / limits[1] < gain < limits[1]:
         return gain
     return 1.0

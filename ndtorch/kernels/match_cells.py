@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ndtorch.kernels.inner import inner
+from ndtorch.kernels.inner import apart
 from ndtorch.kernels.strips import Array, grey_row
 
 
@@ -77,10 +77,10 @@ def match_cells(
                     change[1 - eye, start + away : start + away + length],
                 )
                 column = wide * begin
-                # One after the other these become vector instructions, together they do not.
-                add_products(ours, theirs, columns[eye, 0, column : column + length])
-                add_products(ours, ours, columns[eye, 1, column : column + length])
-                add_products(theirs, theirs, columns[eye, 2, column : column + length])
+                end = column + length
+                add_products(
+                    ours, theirs, columns[eye, 0, column:end], columns[eye, 1, column:end], columns[eye, 2, column:end]
+                )
         if r + 1 == rows.size or band != max(0, bands - 1 - rows[r + 1] // tall):
             for eye in range(2):
                 for k in range(blocks):
@@ -108,8 +108,11 @@ def match_cells(
                 found[eye, band, k] = kind(-1) if 2 * step * compared < tall else verdict
 
 
-@inner
-def add_products(one: Array, other: Array, sums: Array) -> None:
-    """Add the product of every two numbers to its sum."""
-    for x in range(sums.shape[0]):
-        sums[x] += one[x] * other[x]
+@apart
+def add_products(one: Array, other: Array, products: Array, squares: Array, others: Array) -> None:
+    """Add the products of every two numbers, and their squares, to their sums."""
+    for x in range(products.shape[0]):
+        mine, his = one[x], other[x]
+        products[x] += mine * his
+        squares[x] += mine * mine
+        others[x] += his * his

@@ -8,7 +8,7 @@ import numba
 import numba.extending
 import numpy as np
 
-from ndtorch.kernels.inner import exactly, inner
+from ndtorch.kernels.inner import apart, exactly, inner
 
 Array = Any
 """A NumPy array, or one row of it."""
@@ -63,9 +63,17 @@ def high_pass(grey: Array, low: Array, settle: bool, a: float, after: Array, siz
             after[x] = grey[x]
             size[x] = abs(grey[x] - grey[x])
         return
-    # As `torch.lerp` rounds it: from the nearer end.
-    one, other, share = (low, grey, kind(a)) if kind(a) < kind(0.5) else (grey, low, kind(1 - a))
-    for x in range(grey.shape[0]):
+    # As `torch.lerp` rounds it: from the nearer end. A loop for each is made of vector instructions.
+    if kind(a) < kind(0.5):
+        toward(low, grey, kind(a), grey, after, size)
+    else:
+        toward(grey, low, kind(1 - a), grey, after, size)
+
+
+@apart
+def toward(one: Array, other: Array, share: float, grey: Array, after: Array, size: Array) -> None:
+    """Means between two rows, and how far from them a third is."""
+    for x in range(size.shape[0]):
         mean = one[x] + share * (other[x] - one[x])
         after[x] = mean
         size[x] = abs(grey[x] - mean)
