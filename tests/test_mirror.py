@@ -133,7 +133,6 @@ TESTED_IN = {
     "navigation/prediction": "navigation/test_row_features",
     "navigation/row_ranging": "navigation/test_ranging",
     "navigation/strip_kernels": "navigation/test_kernels",
-    "navigation/batch_step": "navigation/test_kernels",
     "navigation/state": "navigation/test_navigator",
     "navigation/whole_step": "navigation/test_kernels",
     "navigation/strips": "robot/sim/test_cameras",

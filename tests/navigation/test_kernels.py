@@ -22,14 +22,12 @@ from ndtorch.navigation import (
     Navigator,
     NavigatorState,
     Pose,
-    RangingParams,
     RowRanging,
     StereoRig,
 )
 from ndtorch.navigation.controllers.published import AvoidanceState, SaccadeAvoidance, avoidance_step
 from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
 from ndtorch.navigation.controllers.subfields import SubfieldMotion
-from ndtorch.navigation.state import StepState
 from ndtorch.navigation.strips import cut_strips
 
 pytest.importorskip("numba")
@@ -244,34 +242,6 @@ def test_a_step_goes_on_from_a_state_that_was_copied_or_changed() -> None:
         _, other = navigator(*last, away)
         assert abs(float(other.pose.y) - 6) < 0.1
         assert float(navigator(*last, state)[1].pose.y) == float(after.pose.y)
-
-
-@pytest.mark.parametrize("controller", ["published", "ranging"])
-def test_many_cars_drive_as_each_of_them_alone(controller: str) -> None:
-    """Kernels for one car after the other, from the step on from which all know what to steer by."""
-    # It learns its floor though a thing may stand before it.
-    params = RangingParams(start_needs=1e-6) if controller == "ranging" else None
-    navigator, (left, right) = Navigator(RIG, DT, controller=controller, params=params), pairs(torch.uint8, 1, 30)
-    both = [torch.stack((eye, eye // 4 * 3), 1).unsqueeze(2) for eye in (left, right)]
-    driven = Command(torch.tensor([[0.5], [0.4]]), torch.tensor([[0.0], [0.1]]))
-    runs, state, steps = [], None, 0
-    with torch.inference_mode():
-        for ours, theirs in zip(*both, strict=True):
-            command, state = navigator(ours, theirs, state, driven)
-            runs.append(torch.cat((command.speed, command.curvature, *(p.unsqueeze(-1) for p in state.pose)), -1))
-            steps += isinstance(state, StepState)
-        assert steps > 5
-        for car in range(2):
-            alone = None
-            for n in range(30):
-                here = Command(*(part[car] for part in driven))
-                command, alone = navigator(*(eye[n, car] for eye in both), alone, here)
-                wanted = torch.cat((command.speed, command.curvature, torch.stack(alone.pose)))
-                torch.testing.assert_close(runs[n][car], wanted, rtol=1e-4, atol=1e-4)
-        for part, one in zip(tree_flatten(tuple(state))[0], tree_flatten(tuple(alone))[0], strict=True):
-            if one is not None:
-                assert part[1].numel() == one.numel()
-                torch.testing.assert_close(part[1].flatten(), one.flatten(), rtol=1e-3, atol=1e-3)
 
 
 def test_a_frame_is_handed_on_without_a_copy_where_it_has_no_gaps():

@@ -287,5 +287,8 @@ def test_bad_lists():
         ObservationList(dt=0.0)
     with pytest.raises(InputError, match="curvatures"):
         free_length(listed([[1.0, 0.0]]), HERE, torch.zeros(2, 2))
-    with pytest.raises(InputError, match="positive"):
-        free_length(listed([[1.0, 0.0]]), HERE, ARCS, enough=0.0)
+    for name in ("half_width", "farthest", "enough", "gather"):
+        free_length(listed([[1.0, 0.0]]), HERE, ARCS, **{name: 1e-3})
+        for value in (0.0, -1.0, math.nan):
+            with pytest.raises(InputError, match=f"{name}={value}"):
+                free_length(listed([[1.0, 0.0]]), HERE, ARCS, **{name: value})

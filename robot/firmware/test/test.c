@@ -140,6 +140,7 @@ static void test_bad_lines(void) {
     say(ARM, 0, 0);
     pass(600, 1, 1, 500, 0);
     CHECK(drive_receive(&d, OTHER_VERSION, &f, now) == WELCOME && stands() && d.faults == FAULT_VERSION);
+    CHECK(d.rejected == 1); /* counted as what is damaged is */
 
     begin();
     say(ARM, 0, 0);

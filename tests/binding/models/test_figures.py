@@ -252,3 +252,23 @@ def test_a_figure_is_looked_for_where_it_should_be():
     # It is not followed for ever.
     assert figure.box(9.0, 1.0).tolist() == pytest.approx([0.35, 0.45, 0.65, 0.55])
     assert figure.size == pytest.approx(0.2)
+
+
+def test_a_piece_that_something_cuts_off_belongs_to_its_track() -> None:
+    film, plain = squares(40, (0, 4.0, 44, (0.8, 0.1, 0.1))), ground()
+    for n in range(30, 40):
+        left = 4 * (n - 8)
+        film[n, :, 44:68, left + 4 : left + 10] = plain[..., 44:68, left + 4 : left + 10]
+    (signals,), state = run((film * 255).round().to(torch.uint8))
+    (thing,) = model().objects(state)
+    shapes = signals.silhouettes[-8:]
+    assert sorted(shapes.unique().tolist()) == [0, thing.track + 1]
+    for n, shape in enumerate(shapes, 32):
+        left = 4 * (n - 8)
+        assert float((shape[46:66, left : left + 3] > 0).float().mean()) > 0.5
+        assert float((shape[46:66, left + 6 : left + 8] > 0).float().mean()) < 0.5
+
+
+def test_it_is_static_until_something_stands_out_and_then_it_learns() -> None:
+    assert model().verdict(run((ground().repeat(12, 1, 1, 1) * 255).to(torch.uint8))[1]) == "static"
+    assert model().verdict(run(film()[:30])[1]) == "learning"

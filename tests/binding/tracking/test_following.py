@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ndtorch.binding.tracking.figure_params import FigureParams
-from ndtorch.binding.tracking.following import patience, start, travels
+from ndtorch.binding.tracking.following import part_of_another, patience, start, travels
 from ndtorch.binding.tracking.restless import at_rest
 
 
@@ -39,3 +39,34 @@ def test_a_track_is_waited_for_until_the_next_picture(dt: float, waited: float) 
     one = start(0, 0.0, np.array([0.5, 0.5]))
     one.late.append((0.0, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.01, 0.5, 0.5))
     assert patience(one, dt, FigureParams()) == pytest.approx(waited)
+
+
+PARTS = FigureParams()
+SMALL, LARGE = 0.01, 0.01 * PARTS.larger
+NEAR = PARTS.beside * 0.2
+
+
+@pytest.mark.parametrize(
+    ("gap", "pixels", "slower", "seen", "is_part"),
+    [
+        (0.9 * NEAR, LARGE, 0.9 * PARTS.fate, 1.0, True),
+        (1.1 * NEAR, LARGE, 0.9 * PARTS.fate, 1.0, False),
+        (0.9 * NEAR, 0.99 * LARGE, 0.9 * PARTS.fate, 1.0, False),
+        (0.9 * NEAR, LARGE, 1.1 * PARTS.fate, 1.0, False),
+        (0.9 * NEAR, LARGE, 0.9 * PARTS.fate, 0.9, False),
+    ],
+)
+@pytest.mark.parametrize("side", range(4))
+def test_what_moves_with_something_much_larger_beside_it_is_a_part_of_it(
+    side: int, gap: float, pixels: float, slower: float, seen: float, is_part: bool
+) -> None:
+    one, other = (start(n, 0.0, np.array([0.5, 0.5])) for n in range(2))
+    other.extent, one.extent = np.array([0.2, 0.2]), np.array([0.1, 0.1])
+    away = np.array([(0, 1), (0, -1), (1, 0), (-1, 0)][side]) * (gap + 0.15)
+    for each, time, (row, column), half, size in (
+        (one, 1.0, 0.5 + away, 0.05, SMALL),
+        (other, seen, (0.5, 0.5), 0.1, pixels),
+    ):
+        each.late.append((time, row, column, row - half, column - half, row + half, column + half, size, row, column))
+    other.velocity, one.velocity = np.array([0.0, 1.0]), np.array([0.0, 1.0 - slower])
+    assert part_of_another(one, [one, other], PARTS) is is_part

@@ -62,3 +62,39 @@ def test_a_fit_that_says_nothing_changes_nothing_and_a_slip_is_believed():
     assert after == pytest.approx(doubt, rel=1e-3)
     change, _ = updated(doubt, np.array((0.3, 0.0, 0.0)), SURE, PARAMS)
     assert change[0] > 0.2
+
+
+def test_deviations_of_a_step_add_up_in_each_number():
+    p, none = PARAMS, np.zeros((6, 6))
+    moved = np.sqrt(np.diag(predicted(none, 2.0, -0.5, 0.3, 0.7, PARAMS)))
+    place, turn = p.still + 2 * p.slip, p.turn_still + 0.5 * p.turn_slip + 2 * p.turn_way
+    assert moved == pytest.approx([place, place, turn, p.scale_walk, p.bend_walk, p.drift_walk])
+    # Between two scans of one moment the odometer has no time to change.
+    assert np.diag(predicted(none, 2.0, -0.5, 0.0, 0.7, PARAMS))[3:].tolist() == [0, 0, 0]
+
+
+def test_a_fit_changes_what_is_known_as_a_kalman_filter_does():
+    rng, p = np.random.default_rng(3), PARAMS
+    root = rng.normal(size=(6, 6)) * 0.02
+    doubt, off = root.T @ root, np.array((0.004, -0.003, 0.002))
+    information = np.array((4e4, 3e3, 5e4, -2e3, 1e3, 6e4))
+    xx, xy, yy, xh, yh, hh = information
+    said = np.array(((xx, xy, xh), (xy, yy, yh), (xh, yh, hh))) * p.trust + 1e-3 * np.eye(3)
+    error = np.linalg.inv(said) + np.diag(np.square((p.floor, p.floor, p.turn_floor)))
+    seen = np.eye(3, 6)
+    gain = doubt @ seen.T @ np.linalg.inv(seen @ doubt @ seen.T + error)
+    change, after = updated(doubt, off, information, PARAMS)
+    assert change == pytest.approx(gain @ off)
+    assert after == pytest.approx(doubt - gain @ seen @ doubt)
+
+
+@pytest.mark.parametrize("share", [0.99, 1.01, 4.0])
+def test_the_doubt_of_a_pose_grows_with_a_surprise_beyond_its_limit(share):
+    doubt, both = (
+        np.diag(np.square((0.02, 0.02, 0.01, 0.0, 0.0, 0.0))),
+        0.02**2 + 1 / (1e9 * PARAMS.trust) + PARAMS.floor**2,
+    )
+    off = np.array((math.sqrt(share * PARAMS.surprise * both), 0.0, 0.0))
+    change, _ = updated(doubt, off, np.array((1e9, 0.0, 1e9, 0.0, 0.0, 1e9)), PARAMS)
+    wider = 0.02**2 * max(share, 1.0)
+    assert change[0] / off[0] == pytest.approx(wider / (wider + PARAMS.floor**2), rel=1e-3)

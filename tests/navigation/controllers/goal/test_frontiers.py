@@ -10,7 +10,7 @@ import torch
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
 from ndtorch.navigation.controllers.goal.frontiers import large, opened, to_unvisited, where_to
 from ndtorch.navigation.controllers.goal.memory import visited_cells
-from ndtorch.navigation.controllers.goal.planning import clearance, plan
+from ndtorch.navigation.controllers.goal.planning import clearance, let_out, plan
 from ndtorch.navigation.controllers.goal.replanning import give_up
 from tests.navigation.controllers.goal.test_goal_control import DT, RIG, SMALL, floor, place
 from tests.navigation.controllers.goal.test_planning import CELL, PARAMS, SIDE, world
@@ -63,6 +63,30 @@ def test_a_car_that_stands_near_a_wall_may_leave_but_not_through_it():
     assert math.isinf(explored(world(wall), other, beside).cost)
 
 
+def test_half_a_metre_around_the_car_what_is_no_nearer_than_it_stands_is_let_out():
+    price = np.full((40, 40), np.inf, np.float32)
+    price[20, 22] = 3.0
+    near = np.repeat(np.linspace(0.0, 0.39, 40, dtype=np.float32)[:, None], 40, 1)
+    let_out(price, near, (20, 20), 0.1, PARAMS)
+    rows, columns = np.nonzero(np.isfinite(price))
+    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (15, 25, 15, 25)
+    assert price[20, 22] == 3.0
+    assert price[20, 21] == 1.0 + PARAMS.tight_price + PARAMS.blocked_price
+    # Nearer than it stands, and in what is blocked, it does not get.
+    let_out(price := np.full((40, 40), np.inf, np.float32), near, (8, 39), 0.1, PARAMS)
+    rows, columns = np.nonzero(np.isfinite(price))
+    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (3, 13, 34, 39)
+    let_out(price := np.full((40, 40), np.inf, np.float32), near, (2, 2), 0.1, PARAMS)
+    assert np.nonzero(np.isfinite(price))[0].min() == 1
+
+
+def test_a_car_along_a_wall_drives_on_along_it():
+    wall, visited = (-1.0, -0.9, -4, 4), np.ones((SIDE, SIDE), bool)
+    visited[square(-3.8, -3.0, 2, 3)] = False
+    made = explored(world(wall), visited, (-1.08, 0.0, math.pi / 2))
+    assert math.isfinite(made.cost)
+
+
 def test_a_gap_that_seems_a_little_too_narrow_is_dear_and_one_that_is_much_too_narrow_is_none():
     visited = np.zeros((SIDE, SIDE), bool)
     visited[:, : round(3.2 / CELL)] = True
@@ -77,6 +101,15 @@ def test_a_scrap_in_a_corner_is_no_aim():
     assert math.isinf(explored(world(), visited).cost)
     visited[square(2.8, 3.25, 2.8, 3.25)] = False
     assert math.isfinite(explored(world(), visited).cost)
+
+
+@pytest.mark.parametrize(("side", "worth"), [(0.5, False), (0.6, True)])
+def test_a_patch_never_seen_is_an_aim_from_its_least_area_on(side, worth):
+    around, visited = world(), np.ones((SIDE, SIDE), bool)
+    patch = square(0.0, side, 0.0, side)
+    around.free[patch] = visited[patch] = False
+    assert (side**2 > PARAMS.least_unseen) == worth
+    assert math.isfinite(explored(around, visited).cost) == worth
 
 
 def test_what_was_never_seen_beside_the_way_comes_after_what_was_seen():
