@@ -80,11 +80,13 @@ def test_half_a_metre_around_the_car_what_is_no_nearer_than_it_stands_is_let_out
     assert np.nonzero(np.isfinite(price))[0].min() == 1
 
 
-def test_a_car_along_a_wall_drives_on_along_it():
-    wall, visited = (-1.0, -0.9, -4, 4), np.ones((SIDE, SIDE), bool)
+@pytest.mark.parametrize(("half", "free"), [(0.2, True), (1.0, False)])
+def test_a_car_between_things_that_are_too_near_gets_out_where_that_is_not_far(half, free):
+    visited = np.ones((SIDE, SIDE), bool)
     visited[square(-3.8, -3.0, 2, 3)] = False
-    made = explored(world(wall), visited, (-1.08, 0.0, math.pi / 2))
-    assert math.isfinite(made.cost)
+    around = world((-2.4, -2.1, -half, half), (-1.9, -1.6, -half, half))
+    made = explored(around, visited, (-2.0, 0.0, math.pi / 2))
+    assert math.isfinite(made.cost) == free
 
 
 def test_a_gap_that_seems_a_little_too_narrow_is_dear_and_one_that_is_much_too_narrow_is_none():
