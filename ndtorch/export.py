@@ -103,18 +103,14 @@ def export(
 
 
 def write(files: Mapping[Path, torch.export.ExportedProgram], format: Format) -> None:
-    """Write programs in one of the formats: all of them, or none and the old files stay (ONNX: one after the other).
+    """Write programs in one of the formats: all of them, or none and the old files stay.
 
     Raises:
         InputError: a file that cannot be written, or packages that are missing.
     """
+    if format == "onnx" and (find_spec("onnx") is None or find_spec("onnxscript") is None):
+        raise InputError("ONNX needs two more packages: pip install onnx onnxscript")
     try:
-        if format == "onnx":
-            if find_spec("onnx") is None or find_spec("onnxscript") is None:
-                raise InputError("ONNX needs two more packages: pip install onnx onnxscript")
-            for path, program in files.items():
-                torch.onnx.export(program, (), str(path), verbose=False)
-            return
         whole = {path: packed(program, format) for path, program in files.items()}
         with ExitStack() as stack:
             for path, data in whole.items():
@@ -131,6 +127,10 @@ def packed(program: torch.export.ExportedProgram, format: Format) -> bytes:
     held = io.BytesIO()
     if format == "pt2":
         torch.export.save(program, held)
+    elif format == "onnx":
+        made = torch.onnx.export(program, (), verbose=False)
+        assert made is not None
+        held.write(made.model_proto.SerializeToString())
     else:
         torch._inductor.aoti_compile_and_package(program, package_path=held)
     return held.getvalue()

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -18,6 +19,7 @@ from ndtorch.errors import InputError
 from ndtorch.export import Step, export, write
 from ndtorch.scenes import two_bars
 from ndtorch.tree import leaves
+from tests.full_disk import full_disk
 from tests.golden.scenes import crossing
 from tests.vision.camera import passing_scenes
 
@@ -120,6 +122,38 @@ def test_on_a_full_disk_old_programs_stay_and_one_line_says_so(tmp_path: Path) -
     assert ended.stdout == f"{tmp_path / 'next.pt2'} cannot be written: File too large\n"
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
     assert [(tmp_path / name).read_text() for name in names] == ["old", "old"]
+
+
+def test_on_a_full_disk_old_onnx_programs_stay_and_none_is_cut_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sizes = iter((100, 5000))
+
+    def made(program: Any, *_: Any, **__: Any) -> Any:
+        size = next(sizes)
+        return SimpleNamespace(model_proto=SimpleNamespace(SerializeToString=lambda: bytes(size)))
+
+    monkeypatch.setattr(torch.onnx, "export", made)
+    monkeypatch.setattr("ndtorch.export.find_spec", lambda name: name)
+    files = [tmp_path / name for name in ("first.onnx", "next.onnx")]
+    for file in files:
+        file.write_text("old")
+    program = torch.export.export(Summed(), (torch.rand(3, 5), torch.rand(5)))
+    with full_disk(1000), pytest.raises(InputError, match=r"next\.onnx cannot be written: File too large$"):
+        write(dict.fromkeys(files, program), "onnx")
+    assert sorted(tmp_path.iterdir()) == files
+    assert [file.read_text() for file in files] == ["old", "old"]
+
+
+def test_an_onnx_program_is_one_file(tmp_path: Path) -> None:
+    onnx = pytest.importorskip("onnx")
+    pytest.importorskip("onnxscript")
+    program = torch.export.export(Summed(), (torch.rand(3, 5), torch.rand(5)))
+    write({tmp_path / "next.onnx": program}, "onnx")
+    assert [path.name for path in tmp_path.iterdir()] == ["next.onnx"]
+    written = onnx.load(tmp_path / "next.onnx")
+    onnx.checker.check_model(written)
+    assert [part.name for part in written.graph.input] == ["x", "total"]
 
 
 FULL = """

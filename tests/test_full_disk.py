@@ -5,12 +5,9 @@ What is full is made by the limit on the size of a file: it holds for whatever w
 
 from __future__ import annotations
 
-import contextlib
 import json
 import re
-import resource
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -21,6 +18,7 @@ from ndtorch.commands import installed, main
 from ndtorch.errors import InputError
 from ndtorch.installed import toml_file
 from ndtorch_robot.calibration import read_calibration, write_calibration
+from tests.full_disk import full_disk
 from tests.fuzz.targets import CORPUS
 from tests.robot.support.gl_needed import needs_gl
 
@@ -61,17 +59,6 @@ QUICK = ("bind", "render")
 
 def test_every_command_is_tried() -> None:
     assert {name.split()[0] for name in WRITERS} | SILENT | ELSEWHERE == set(installed())
-
-
-@contextlib.contextmanager
-def full_disk(most: int) -> Iterator[None]:
-    """No file grows beyond so many bytes."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (most, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def arguments(name: str, out: Path, given: Path) -> list[str]:
