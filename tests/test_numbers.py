@@ -192,3 +192,10 @@ def named_of_all(name: str) -> list[type]:
     found = [kind for each, kind in classes().items() if each.endswith(f".{name}")]
     assert found
     return found
+
+
+def test_a_limit_that_depends_on_others_is_said_with_its_value() -> None:
+    from ndtorch.navigation.controllers.goal import WayParams
+
+    with pytest.raises(InputError, match=r"soft must be more than disc \+ margin, 0\.5 m, got 0\.45"):
+        WayParams(disc=0.3, margin=0.2)

@@ -75,6 +75,17 @@ def test_one_object_its_features_place_and_velocity() -> None:
     assert float(state.age[k]) == pytest.approx(10.0, abs=0.3)
 
 
+@pytest.mark.parametrize("grid", [(9, 20), (20, 9)])
+def test_places_on_a_grid_that_is_longer_than_wide(grid: tuple[int, int]) -> None:
+    start = (grid[0] - 3.0, grid[1] - 4.0)
+    module = Windows(grid, 30.0, DT)
+    _, state = module(blob(RIGHT_RED, wave(60, 1.0), start, (0.0, 0.0), grid))
+    (place,) = state.place[module.confirmed(state)].tolist()
+    assert place == pytest.approx(start, abs=0.3)
+    assert module.centers.shape == (grid[0] * grid[1], 2)
+    assert module.centers[-1].tolist() == [grid[0] - 1, grid[1] - 1]
+
+
 def test_the_velocity_of_a_fast_object() -> None:
     """Over six fields a second: 200 pixels in fields of 31, as the shipped model has them."""
     module = windows()
