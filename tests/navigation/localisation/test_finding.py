@@ -96,3 +96,10 @@ def test_a_map_without_walls_is_refused(tmp_path):
     assert float(navigator.localiser.known.sum()) == 6.0
     with pytest.raises(InputError, match="walls"):
         Localiser(StereoRig(), DT, known=torch.zeros(2, 2, 6))
+
+
+def test_before_the_first_search_there_is_a_place_and_nothing_found():
+    hunt = no_hunt()
+    assert [tuple(part.shape) for part in hunt] == [(0, 2), (3,), (), (0, 4), (0, 4), ()]
+    assert {part.dtype for part in hunt} == {torch.float64}
+    assert float(hunt.turn) == -1
