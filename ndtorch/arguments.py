@@ -177,6 +177,11 @@ def is_number(value: object) -> bool:
         return False
 
 
+def is_whole(value: object) -> bool:
+    """Whether it is a whole number: of Python, or of NumPy."""
+    return isinstance(value, Integral) and not isinstance(value, bool)
+
+
 def is_finite(value: object) -> bool:
     """Whether it is a number that float64 can hold, and not infinity."""
     return isinstance(value, Real) and is_number(value) and math.isfinite(value)

@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pydantic
 import pytest
 import torch
@@ -140,6 +141,15 @@ def test_odd_numbers_are_refused_by_name(name: str) -> None:
 def test_training_refuses_them_before_it_begins(part: str, value: Any) -> None:
     with pytest.raises(InputError, match=part):
         binding.train_first_stage(**{"gamma": 50.0, part: value})
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    frame = scenes.two_bars(seconds=0.1, fluctuation="random", seed=np.int64(3), size=(np.int64(200), 200))
+    plain = scenes.two_bars(seconds=0.1, fluctuation="random", seed=3, size=(200, 200))
+    assert torch.equal(frame.frames(0, 1), plain.frames(0, 1))
+    assert binding.InhibitoryNetwork(np.int64(3), np.float32(0.01)).neurons == 3
+    assert binding.Windows((np.int64(4), 5), np.float64(4.0)).grid == (4, 5)
+    assert vision.VisualFeatures(np.zeros((16, 20)).shape, np.float64(0.01)).size == (16, 20)
 
 
 def test_nothing_is_left_out() -> None:

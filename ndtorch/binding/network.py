@@ -9,7 +9,7 @@ from typing import Any, Self
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_number, check_tensor
+from ndtorch.arguments import check_number, check_tensor, is_whole
 from ndtorch.binding.delayed_kernel import delayed_steps
 from ndtorch.binding.feedback import FEEDBACKS, Feedback, through
 from ndtorch.binding.learning import Constants, Moment, NetworkState, WhenFull, moments, network_step
@@ -91,7 +91,7 @@ class InhibitoryNetwork(nn.Module):
         super().__init__()
         if gamma is not None:
             raise InputError("gamma is an option of the rule now: rule=learning_rule('competitive', gamma=...)")
-        if not (type(neurons) is int and neurons >= 2):
+        if not (is_whole(neurons) and neurons >= 2):
             raise InputError(f"a network needs at least 2 neurons, got {repr(neurons)[:40]}")
         check_number("dt", dt, above=0, unit="seconds")
         if feedback not in FEEDBACKS:

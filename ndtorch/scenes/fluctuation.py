@@ -81,8 +81,8 @@ class RandomShadow(Fluctuation):
         check_seed(seed)
         for name, value in (("sigma", sigma), ("lowest", lowest), ("highest", highest)):
             check_number(name, value)
-        self.seeds = [int(seed)] if isinstance(seed, int) else [int(s) for s in seed]
-        self.batched = not isinstance(seed, int)
+        self.batched = isinstance(seed, Sequence)
+        self.seeds = [int(one) for one in (seed if isinstance(seed, Sequence) else [seed])]
         self.sigma, self.lowest, self.highest = sigma, lowest, highest
         if not sigma >= 0:
             raise InputError(f"sigma must be >= 0 pixels, got {sigma}")

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import is_finite
+from ndtorch.arguments import is_finite, is_whole
 from ndtorch.errors import InputError
 
 PerScene = float | Sequence[float] | Tensor
@@ -32,9 +32,7 @@ def per_bar(name: str, value: PerBar) -> Tensor:
 def check_seed(seed: object) -> None:
     """Raise `InputError` unless it is a whole number, or several."""
     several = seed if isinstance(seed, tuple | list) else (seed,)
-    if not several or not all(
-        isinstance(one, int) and not isinstance(one, bool) and abs(one) < 2**63 for one in several
-    ):
+    if not several or not all(is_whole(one) and abs(one) < 2**63 for one in several):
         raise InputError(f"seed must be a whole number or several, got {repr(seed)[:40]}")
 
 

@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_number, check_tensor
+from ndtorch.arguments import check_number, check_tensor, is_whole
 from ndtorch.binding.covariance import sample_step
 from ndtorch.binding.tracking.params import WindowParams
 from ndtorch.errors import InputError
@@ -93,7 +93,7 @@ class Windows(nn.Module):
         super().__init__()
         check_border(border)
         sides = grid if isinstance(grid, tuple | list) else ()
-        if len(sides) != 2 or not all(isinstance(side, int) and side >= 3 for side in sides):
+        if len(sides) != 2 or not all(is_whole(side) and side >= 3 for side in sides):
             raise InputError(f"grid must be at least 3 x 3 fields, got {repr(grid)[:40]}")
         check_number("spacing", spacing, above=0, unit="pixels")
         check_number("dt", dt, above=0, unit="seconds")
