@@ -9,6 +9,7 @@ import numpy as np
 from ndtorch.binding.tracking.figure_params import FigureParams
 from ndtorch.binding.tracking.figures import FOLLOWED, PATCH, PIXELS, SIGHTING, Figure, Numbers
 from ndtorch.binding.tracking.meeting import apart, meeting, visible
+from ndtorch.binding.tracking.parting import parting
 from ndtorch.binding.tracking.regions import Floats, Labels, Regions
 from ndtorch.binding.tracking.restless import restless
 from ndtorch.binding.tracking.shades import Light
@@ -32,7 +33,8 @@ def follow(
     """One step: every track to the region that fills most of its expected box, those left over by distance and color.
 
     A region that is that of several known tracks is shared: each of its pixels goes to the track whose box is nearest,
-    in sizes of that box. Other regions inside a track's expected box are pieces of it. What is left begins a track.
+    in sizes of that box, and whose color is most alike. When they part, place, color and size say who is who. Other
+    regions inside a track's expected box are pieces of it. What is left begins a track.
 
     Args:
         figures: open tracks; those that are seen are changed.
@@ -56,6 +58,7 @@ def follow(
         (late if time - one.last_seen > patience(one, dt, p) else kept).append(one)
     count = len(regions.areas)
     given, pieces = meeting(kept, time, regions, p)
+    parting(kept, given, pieces, regions, picture, time, p)
     taken = {k for ks in given.values() for k in ks}
     for k, r in apart(kept, taken, {r: given[r] for r in given if r not in pieces}, regions, picture, time, p):
         given[r].append(k)
@@ -63,9 +66,10 @@ def follow(
     groups: list[tuple[int, list[Figure]]] = []
     absorbed: set[int] = set()
     for r in range(count):
-        ones, parts = visible([kept[k] for k in given[r]], regions.areas[r] / height**2, p)
+        ones, hidden, parts = visible([kept[k] for k in given[r]], regions.areas[r] / height**2, p)
         absorbed |= {one.number for one in parts}
-        if len(ones) > 1:
+        # Of one that hides others it is not seen by itself what it looks like.
+        if len(ones) > 1 or hidden:
             groups.append((r, ones))
         elif ones:
             owners[r + 1] = ones[0].number + 1
@@ -78,7 +82,7 @@ def follow(
             kept.append(start(began - 1, time, np.array([box[0] + box[2], box[1] + box[3]]) / 2 / height))
     silhouettes: Labels = owners[labels]
     for r, ones in groups:
-        share(silhouettes, labels, r, regions.boxes[r], ones, time, p.ahead)
+        share(silhouettes, labels, r, regions.boxes[r], ones, time, picture, p)
     every = sightings(kept, silhouettes, standing, light, {one.number for _, ones in groups for one in ones})
     for one, seen in zip(kept, every, strict=True):
         if seen is not None:

@@ -12,8 +12,8 @@ from ndtorch.binding.tracking.regions import Floats, Regions
 from ndtorch.binding.tracking.whole import clear
 
 
-def visible(ones: list[Figure], area: float, p: FigureParams) -> tuple[list[Figure], list[Figure]]:
-    """Of the tracks whose region is one: those that are seen in it, and those that were pieces of another one.
+def visible(ones: list[Figure], area: float, p: FigureParams) -> tuple[list[Figure], list[Figure], list[Figure]]:
+    """Of the tracks whose region is one: those seen in it, those hidden there, and those that were pieces of another.
 
     A track that runs into a known one soon after it began was a piece of it, and of such only the oldest stays. Known
     tracks that are together much smaller than their region were pieces of one thing, and so was a small one that moves
@@ -25,20 +25,22 @@ def visible(ones: list[Figure], area: float, p: FigureParams) -> tuple[list[Figu
     known += [one for one in ones if not one.known and lasted(one, p) and p.larger * one.last[PIXELS] >= most]
     if not known:
         first = sorted(ones, key=lambda one: one.number)
-        return first[:1], first[1:]
+        return first[:1], [], first[1:]
     parts = [one for one in ones if all(one is not other for other in known)]
     known.sort(key=lambda one: one.number)
     if len(known) > 1 and sum(one.last[PIXELS] for one in known) < area / p.larger:
-        return known[:1], parts + known[1:]
+        return known[:1], [], parts + known[1:]
     largest = max(known, key=lambda one: one.last[PIXELS])
-    shown: list[Figure] = []
+    shown, hidden = list[Figure](), list[Figure]()
     for one in known:
         small = one.last[PIXELS] * p.larger < largest.last[PIXELS]
         if small and float(np.hypot(*(one.velocity - largest.velocity))) < p.fate * float(np.hypot(*largest.velocity)):
             parts.append(one)
         elif not shown or sum(other.last[PIXELS] for other in shown) + p.room * one.last[PIXELS] < area:
             shown.append(one)
-    return shown or [largest], parts
+        else:
+            hidden.append(one)
+    return shown or [largest], hidden, parts
 
 
 def lasted(one: Figure, p: FigureParams) -> bool:

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ndtorch.binding.tracking.figure_params import FigureParams
 from ndtorch.binding.tracking.figures import Figure, Numbers
-from ndtorch.binding.tracking.regions import Bools, Labels
+from ndtorch.binding.tracking.regions import Bools, Floats, Labels
 from ndtorch.binding.tracking.shades import APART, Light
 from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import kernels_wanted
@@ -152,17 +153,42 @@ def share(
     box: npt.NDArray[np.int64],
     ones: list[Figure],
     time: float,
-    ahead: float,
+    picture: Floats,
+    p: FigureParams,
 ) -> None:
-    """Give each pixel of a region to the nearest of several tracks, where they are expected."""
+    """Give each pixel of a region to one of several tracks: the nearest where they are expected, and most alike in
+    color.
+
+    Args:
+        silhouettes: number of the track of every pixel plus one, `[h, w]`; is changed.
+        labels: number of the region of every pixel, `[h, w]`.
+        r: the region.
+        box: its top, left, bottom and right.
+        ones: the tracks.
+        time: seconds.
+        picture: `[3, h, w]`, 0..1.
+        p: constants.
+    """
+    import cv2
+
     height = labels.shape[0]
-    top, left, bottom, right = box
+    top, left, bottom, right = box.tolist()
+    window = labels[top:bottom, left:right] == r + 1
+    here = silhouettes[top:bottom, left:right]
+    if len(ones) == 1:
+        here[window] = ones[0].number + 1
+        return
     rows = (np.arange(top, bottom) + 0.5)[:, None] / height
     columns = (np.arange(left, right) + 0.5)[None] / height
+    # Of neighbours together: single pixels are noise.
+    part = [np.asarray(cv2.blur(plane[top:bottom, left:right], (p.around, p.around))) for plane in picture]
     away = []
     for one in ones:
-        place = one.expected(time, ahead)
-        away.append(((rows - place[0]) / one.extent[0]) ** 2 + ((columns - place[1]) / one.extent[1]) ** 2)
+        place = one.expected(time, p.ahead)
+        apart = ((rows - place[0]) / one.extent[0]) ** 2 + ((columns - place[1]) / one.extent[1]) ** 2
+        most = np.zeros_like(part[0])
+        for plane, own in zip(part, one.color.tolist(), strict=True):
+            np.maximum(most, np.abs(plane - np.float32(own)), out=most)
+        away.append(apart + p.own_color * most**2)
     nearest = np.array([one.number + 1 for one in ones], np.int32)[np.argmin(np.stack(away), 0)]
-    window = labels[top:bottom, left:right] == r + 1
-    silhouettes[top:bottom, left:right][window] = nearest[window]
+    here[window] = nearest[window]

@@ -145,6 +145,16 @@ def test_two_that_cross_keep_who_they_are() -> None:
         assert abs(thing.path[-1][1] - thing.path[0][1]) > 100
 
 
+@pytest.mark.parametrize("colors_count", [True, False])
+def test_two_that_meet_and_turn_back_are_told_by_their_colors(colors_count: bool) -> None:
+    """Each covers the other, and goes back the way it came. By their places they would have gone on."""
+    coming = squares(37, (0, 3.0, 40, (0.85, 0.2, 0.2)), (176, -3.0, 40, (0.2, 0.75, 0.2)))
+    options = {} if colors_count else {"tracking.own_color": 0.0, "tracking.known_by": 0.0}
+    _, state = run(torch.cat([coming, coming[8:].flip(0)]), **options)
+    ends = [(thing.path[0][1] < SIZE[1] / 2, thing.path[-1][1] < SIZE[1] / 2) for thing in model().objects(state)]
+    assert ends == ([(True, True), (False, False)] if colors_count else [(True, False), (False, True)])
+
+
 def test_two_that_come_as_one_and_part_are_two() -> None:
     frames = squares(38, (64, -2.0, 40, (0.85, 0.2, 0.2)), (88, 2.0, 46, (0.2, 0.75, 0.2)))
     _, state = run(frames)
@@ -234,8 +244,16 @@ def test_two_tracks_share_a_region_in_its_middle() -> None:
         )
     labels, silhouettes = np.zeros((20, 20), np.int32), np.zeros((20, 20), np.int32)
     labels[2:10, 4:8] = 1
-    share(silhouettes, labels, 0, np.array([2, 4, 10, 8]), ones, 0.0, 0.0)
+    box, picture, params = np.array([2, 4, 10, 8]), np.zeros((3, 20, 20), np.float32), FigureParams()
+    share(silhouettes, labels, 0, box, ones, 0.0, picture, params)
     assert [int((silhouettes[2:10] == name).sum()) for name in (1, 2)] == [16, 16]
+    assert (silhouettes[2:6, 4:8] == 1).all()
+    # The lower one is red, and so is the picture's upper half.
+    ones[1].color, picture[0, :6] = np.array([0.8, 0, 0]), 0.8
+    share(silhouettes, labels, 0, box, ones, 0.0, picture, params)
+    assert (silhouettes[2:5, 4:8] == 2).all()
+    assert (silhouettes[7:10, 4:8] == 1).all()
+    share(silhouettes, labels, 0, box, ones, 0.0, picture, FigureParams(own_color=0.0))
     assert (silhouettes[2:6, 4:8] == 1).all()
 
 

@@ -1,0 +1,85 @@
+"""Who is who in generated clips of objects that cross: `python -m tests.benchmarks.crossings FIRST LAST MOST [MODEL]`.
+
+Of the clips that `ndtorch score --video` draws with these seeds of the split for tuning, two to four objects at 12.5
+and 25 frames a second, the first MOST are taken in which two objects overlap by a fifth of their sizes. A true object
+counts as there while 30 % of it shows.
+"""
+
+import math
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+
+from ndtorch_train.score.labelled.methods import see
+from ndtorch_train.score.labelled.metrics import score
+from ndtorch_train.score.labelled.sight import Box
+from ndtorch_train.score.labelled.sight import Clip as Film
+from ndtorch_train.score.labelled.truth import Frames, RealBox, RealFrame
+from ndtorch_train.score.video_clips import Clip, Mover, draw_clip, shown
+from ndtorch_train.score.video_score import clip_file
+
+IN_VIEW, THERE, OVERLAP = 0.7, 0.3, 0.8
+
+
+def box(mover: Mover, time: float, height: int) -> Box:
+    """Its box in pixels: it is drawn turned."""
+    row, column = mover.position(time)
+    sine, cosine = abs(math.sin(math.radians(mover.tilt))), abs(math.cos(math.radians(mover.tilt)))
+    tall, wide = mover.size[0] * cosine, mover.size[0] * sine
+    add = math.hypot if mover.shape == "ellipse" else lambda a, b: a + b
+    down, across = add(tall, mover.size[1] * sine) / 2, add(mover.size[1] * cosine, wide) / 2
+    return Box(*(height * side for side in (column - across, row - down, column + across, row + down)))
+
+
+def meet(one: Mover, other: Mover, time: float, width: float) -> bool:
+    if min(shown(one, time, width, ()), shown(other, time, width, ())) <= IN_VIEW:
+        return False
+    apart = np.abs(np.array(one.position(time)) - np.array(other.position(time)))
+    return bool((apart < OVERLAP / 2 * (np.array(one.size) + np.array(other.size))).all())
+
+
+def crosses(clip: Clip) -> bool:
+    width, pairs = clip.size[1] / clip.size[0], [(a, b) for i, a in enumerate(clip.movers) for b in clip.movers[:i]]
+    return any(meet(a, b, float(time), width) for time in np.arange(0, clip.seconds, 0.1) for a, b in pairs)
+
+
+def truth(clip: Clip) -> Iterator[RealFrame]:
+    height, width = clip.size[0], clip.size[1] / clip.size[0]
+    for n in range(clip.frames):
+        time = n / clip.fps
+        there = [k for k, one in enumerate(clip.movers) if shown(one, time, width, clip.occluders) >= THERE]
+        yield RealFrame([RealBox(k, box(clip.movers[k], time, height)) for k in there])
+
+
+def chosen(first: int, last: int, most: int) -> list[Clip]:
+    cells = ((seed, fps, count) for seed in range(first, last) for fps in (12.5, 25.0) for count in (2, 3, 4))
+    clips = (clip for seed, fps, count in cells if crosses(clip := draw_clip("tune", seed, count, fps)))
+    return [clip for clip, _ in zip(clips, range(most), strict=False)]
+
+
+def main(first: int, last: int, most: int, model: str = "figures") -> None:
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for clip in chosen(first, last, most):
+            path, _ = clip_file(clip, Path(folder))
+            seen = see(model, Film(clip.name, Frames(path), clip.fps, clip.size))
+            found, tracks = score(seen, truth(clip), clip.fps, False), {s.track for frame in seen.sights for s in frame}
+            path.unlink()
+            rows.append(
+                (found.f, found.idf1 or 0.0, found.switches or 0, found.count_error, abs(len(tracks) - clip.count))
+            )
+            print(clip.name, *(f"{value:.2f}" for value in rows[-1]), flush=True)
+    f, idf1, switches, count, wrong = np.array(rows, float).T
+    print(f"{len(rows)} clips: F {f.mean():.3f}, IDF1 {idf1.mean():.3f}, switches {switches.sum():.0f}", end="")
+    print(f", count error {count.mean():.3f}, tracks too many or few {wrong.sum():.0f}")
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:4]), *sys.argv[4:])
