@@ -97,6 +97,7 @@ TESTED_IN = {
     "kernels/stand_out": "vision/camera/test_figures",
     "kernels/strips": "navigation/test_kernels",
     "kernels/switch": "kernels/test_load",
+    "kernels/trail": "navigation/controllers/ranging/test_trail",
     "kernels/tile_sums": "navigation/test_tiles",
     "kernels/windows_update": "binding/tracking/test_windows",
     "kernels/triangulation": "navigation/test_kernels",

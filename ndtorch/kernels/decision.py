@@ -9,13 +9,14 @@ Machine = tuple[float, float, float, float, float, float, float]
 """Mode, age, side, swing, metres gone back, bold, difference: `RangingState` after its floor and patch."""
 
 NUMBERS: tuple[str, ...] = ("turn_at", "go_at", "wide_needs", "least", "turn_steps", "reverse_length", "reversed")
-NUMBERS += ("rear", "room", "prefer", "grace", "swing", "metres", "facts", "reverse", "turn", "cruise")
+NUMBERS += ("rear", "room", "prefer", "grace", "swing", "metres", "facts", "reverse", "turn", "cruise", "tightest")
 """Which of the controller's `Constants` make `numbers`, in order."""
 
 
 def decision(
     lengths: Array,
     speed: float,
+    trail: tuple[float, float],
     ages: tuple[float, float, float],
     state: Machine,
     comparison: Array,
@@ -28,6 +29,7 @@ def decision(
     Args:
         lengths: of the arcs, first to what blocks them and then to what is not known, `[2, arcs]`.
         speed: what the car drove since the last frame.
+        trail: how far it leads back, and the curvature that follows it.
         ages: of the floor's state, until when the car stands, and until when it learns.
         state: before.
         comparison: weights of the first arcs, `[2, 5]`.
@@ -36,7 +38,7 @@ def decision(
         numbers: see `NUMBERS`.
     """
     turn_at, go_at, wide_needs, least, turn_steps, reverse_length, backed, nothing, room, prefer = numbers[:10]
-    grace, enough, metres, facts, reverse, turn, cruise = numbers[10:]
+    grace, enough, metres, facts, reverse, turn, cruise = numbers[10:17]
     age_of_floor, standing, learning = ages
     mode, age, side, swing, gone, bold, _ = state
     free, known = lengths
@@ -54,14 +56,15 @@ def decision(
     behind = 5 if side > 0 else 7
     swing_back = min(free[behind], known[behind] + grace)
     if not reversing:
-        swing = 1.0 if swing_back > enough else 0.0
+        swing = 1.0 if swing_back > enough and trail[0] < nothing else 0.0
+    tracked = trail[0] >= nothing and swing <= 0
     straight_back = free[6] if blocked else min(free[6], known[6] + grace)
-    rear = swing_back if swing > 0 else straight_back
+    rear = trail[0] if tracked else swing_back if swing > 0 else straight_back
     unseen = longest < least and rear >= enough and bold < 1
     gone = gone - speed * metres if reversing else 0.0
     age += 1
     code = 1 * (age_of_floor < learning) + 2 * (free[0] < turn_at) + 4 * (free[0] >= go_at and age >= turn_steps)
-    code += 8 * (blocked or unseen) + 16 * (gone >= reverse_length or rear < nothing)
+    code += 8 * (blocked or unseen) + 16 * ((gone >= reverse_length and not tracked) or rear < nothing)
     code += 32 * (gone >= backed and longest >= room) + 64 * (rear < nothing)
     after = float(table[code + int(mode) * int(facts)])
     row = int(after) * 4 + 2 * (wide >= wide_needs) + int(swing)
@@ -70,4 +73,5 @@ def decision(
         bold = 1.0
     elif after == cruise:
         bold = 0.0
-    return ahead, moves[1, row] * side, (after, age if after == mode else 0.0, side, swing, gone, bold, difference)
+    bend = trail[1] if tracked and after == reverse else moves[1, row] * side
+    return ahead, bend, (after, age if after == mode else 0.0, side, swing, gone, bold, difference)

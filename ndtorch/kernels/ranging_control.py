@@ -10,18 +10,20 @@ from ndtorch.kernels.decision import decision
 from ndtorch.kernels.floor_cells import floor_cells
 from ndtorch.kernels.inner import exactly, inner
 from ndtorch.kernels.patch_arcs import patch_arcs
+from ndtorch.kernels.trail import follow_trail, lay_trail
 
 Array = Any
 
 seen_floor, free_arcs, decided = inner(floor_cells), inner(patch_arcs), exactly(decision)
+laid, followed = exactly(lay_trail), exactly(follow_trail)
 
 
 def ranging_control(
     cells: Array,
     ranges: tuple[Array, Array, Array],
     numbers: Array,
-    memory: tuple[Array, Array, Array],
-    new_memory: tuple[Array, Array, Array],
+    memory: tuple[Array, Array, Array, Array],
+    new_memory: tuple[Array, Array, Array, Array],
     after: Array,
     tables: tuple[Array, Array, Array, Array],
     floor: tuple[float, ...],
@@ -36,8 +38,9 @@ def ranging_control(
     Args:
         cells: `[4, bands, blocks]`, or the first half of it.
         ranges: x, y and valid, `[n]`.
-        numbers: speed and curvature driven; pose; noise and age of the floor, and `Machine`.
-        memory, new_memory: level `[bands]`, evidence `[size, size]` and tag `[2, size]`.
+        numbers: speed and curvature driven; pose; noise and age of the floor, `Machine`, and how many poses
+            are on the trail.
+        memory, new_memory: level `[bands]`, evidence `[size, size]`, tag `[2, size]` and trail `[poses, 3]`.
         after: as `numbers`, with the speed and curvature to drive; the pose is left alone.
         tables: flow, profile, places and what is under the car, as of `RangingControl`.
         floor: numbers of `floor_cells`.
@@ -47,7 +50,7 @@ def ranging_control(
         arcs: leading, steps, number of arcs, step.
         choice: comparison, table, moves of `decision`; limits: its numbers.
     """
-    level, evidence, tag = memory
+    level, evidence, tag, trail = memory
     flow, profile, places, under = tables
     _, bands, blocks = cells.shape
     evident = np.empty((2, bands, blocks), cells.dtype)
@@ -101,8 +104,12 @@ def ranging_control(
     mode, age_of_mode, side = float(numbers[7]), float(numbers[8]), float(numbers[9])
     swing, gone, bold, difference = float(numbers[10]), float(numbers[11]), float(numbers[12]), float(numbers[13])
     machine = (mode, age_of_mode, side, swing, gone, bold, difference)
+    here = (float(numbers[2]), float(numbers[3]), float(numbers[4]))
+    poses = laid(trail, float(numbers[14]), here, speed, new_memory[3])
+    back = followed(new_memory[3], poses, here, limits[17])
     ahead, bend, machine = decided(
-        far, speed, (age, floor[5], floor[6]), machine, choice[0], choice[1], choice[2], limits
+        far, speed, back, (age, floor[5], floor[6]), machine, choice[0], choice[1], choice[2], limits
     )
     after[0], after[1], after[5], after[6] = ahead, bend, noise, age
     after[7], after[8], after[9], after[10], after[11], after[12], after[13] = machine
+    after[14] = poses

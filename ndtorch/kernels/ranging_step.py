@@ -17,7 +17,7 @@ Array = Any
 
 seen, lit, matched, controlled = inner(look_around), inner(light_gain), inner(match_cells), inner(ranging_control)
 
-FLOOR, WORTH, PATCH, LIMITS = 14, 3, 9, 17
+FLOOR, WORTH, PATCH, LIMITS = 14, 3, 9, 18
 """How many numbers `ranging_control` takes of each."""
 
 
@@ -137,19 +137,26 @@ def ranging_step(
     size, leading, steps, arcs = own[0], own[1], own[2], own[3]
     n = whole[14]
     out = new_small[at + 4 : at + 4 + 5 * n].reshape((5, n))
-    # Behind fields and rows: level, evidence and tag.
+    # Behind fields and rows: level, evidence, tag and trail.
     begin = 2 * whole[11] * whole[12] + 2 * whole[13]
     middle, end = begin + bands, begin + bands + size * size
+    last = end + 2 * size
     floor = tuple_of(numbers[NUMBERS:worths], FLOOR)
     controlled(
         cells,
         (out[3], out[4], valid),
         now,
-        (large[begin:middle], large[middle:end].reshape((size, size)), large[end:].reshape((2, size))),
+        (
+            large[begin:middle],
+            large[middle:end].reshape((size, size)),
+            large[end:last].reshape((2, size)),
+            large[last:].reshape((-1, 3)),
+        ),
         (
             new_large[begin:middle],
             new_large[middle:end].reshape((size, size)),
-            new_large[end:].reshape((2, size)),
+            new_large[end:last].reshape((2, size)),
+            new_large[last:].reshape((-1, 3)),
         ),
         new_small,
         (flow, profile, places, under),

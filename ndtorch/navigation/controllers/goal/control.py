@@ -144,7 +144,7 @@ class GoalControl(Controller):
         c = self.reactive.constants
         before = state.reactive
         lengths, floor, patch = self.reactive.sense(seen, ranges, pose, driven, before, self.rays(ranges))
-        reaction, reactive = decide(lengths, driven, floor, patch, before, c, self.reactive.floor)
+        reaction, reactive = decide(lengths, driven, floor, patch, before, c, self.reactive.floor, pose)
         learning = floor.age < self.reactive.floor.learning
         visited = self.visit(state.visited, pose) if self.explores else state.visited
         state = state._replace(reactive=reactive, visited=visited)

@@ -31,6 +31,7 @@ from ndtorch.navigation.controllers.ranging.overhangs import in_the_way, remembe
 from ndtorch.navigation.controllers.ranging.params import RangingParams
 from ndtorch.navigation.controllers.ranging.patch import Patch, add_evidence, cell_numbers, empty_patch, move_patch
 from ndtorch.navigation.controllers.ranging.quick import QuickRanging
+from ndtorch.navigation.controllers.ranging.trail import empty_trail
 from ndtorch.navigation.controllers.registry import register
 from ndtorch.navigation.near_things import Near
 from ndtorch.navigation.odometry import Pose
@@ -117,7 +118,9 @@ class RangingControl(Controller):
         level = blank.new_zeros(*blank.shape, self.params.floor.bands)
         floor = FloorState(level, blank, blank)
         patch = empty_patch(pose, self.params.patch, self.params.overhangs)
-        return RangingState(floor, patch, blank + SUPPRESSED, blank, blank + 1, blank, blank, blank, blank)
+        return RangingState(
+            floor, patch, blank + SUPPRESSED, blank, blank + 1, blank, blank, blank, blank, empty_trail(pose)
+        )
 
     def step(
         self, seen: Tensor, ranges: Ranges, pose: Pose, driven: Command, state: RangingState
@@ -143,7 +146,7 @@ class RangingControl(Controller):
         ):
             return self.quick(seen, ranges, pose, driven, state)
         lengths, floor, patch = self.sense(seen, ranges, pose, driven, state)
-        return decide(lengths, driven, floor, patch, state, self.constants, self.floor)
+        return decide(lengths, driven, floor, patch, state, self.constants, self.floor, pose)
 
     def caution(self, command: Command, state: RangingState, pose: Pose) -> tuple[Command, RangingState]:
         """Stand where the way ahead is not long enough to begin, and go only as fast as floor is told from noise."""

@@ -13,6 +13,8 @@ from ndtorch.navigation.controllers.ranging.floor import FloorConstants, FloorSt
 from ndtorch.navigation.controllers.ranging.modes import MODES, Facts, transition_table
 from ndtorch.navigation.controllers.ranging.params import RangingParams
 from ndtorch.navigation.controllers.ranging.patch import Patch
+from ndtorch.navigation.controllers.ranging.trail import Trail, back, lay
+from ndtorch.navigation.odometry import Pose
 
 
 class RangingState(NamedTuple):
@@ -24,11 +26,12 @@ class RangingState(NamedTuple):
         mode: what the car is doing, `[...]` as all that follow.
         age: time steps since that began.
         side: +1 turns to the left, -1 to the right.
-        swing: 1 when reversing turns the car on towards that side, 0 when it goes straight back.
+        swing: 1 when reversing turns the car on towards that side, 0 when it goes back on its trail or straight.
         gone: metres reversed.
         bold: 1 from reversing to the next cruise: the car has backed once and now turns into what it has not
             seen free.
         difference: length of the free arcs on the left minus the right, m.
+        trail: where it has just driven.
     """
 
     floor: FloorState
@@ -40,6 +43,7 @@ class RangingState(NamedTuple):
     gone: Tensor
     bold: Tensor
     difference: Tensor
+    trail: Trail
 
 
 class Constants(NamedTuple):
@@ -74,6 +78,7 @@ class Constants(NamedTuple):
     reverse: Tensor
     turn: Tensor
     cruise: Tensor
+    tightest: Tensor
     stopped: Tensor
 
 
@@ -109,6 +114,7 @@ def ranging_constants(params: RangingParams, dt: float) -> Constants:
         REVERSE,
         TURN,
         CRUISE,
+        tight,
         STOPPED,
     )
     return Constants(
@@ -132,6 +138,7 @@ def decide(
     state: RangingState,
     constants: Constants,
     timing: FloorConstants,
+    pose: Pose,
 ) -> tuple[Command, RangingState]:
     """The next mode and its command.
 
@@ -142,6 +149,7 @@ def decide(
         state: of the controller before.
         constants: its numbers.
         timing: how long it stands and learns at the start.
+        pose: where the car is.
     """
     c = constants
     difference = (lengths[..., :5] * c.comparison).sum((-2, -1))
@@ -157,10 +165,15 @@ def decide(
     longest = torch.maximum(wide, tight)
     blocked = torch.where(left, free[..., 1:3], free[..., 3:5]).amax(-1) < c.least
     swing_back = torch.where(left[..., 0], confined[..., 5], confined[..., 7])
-    swing = torch.where(reversing, state.swing, (swing_back > c.swing).to(side.dtype))
+    trail = lay(state.trail, pose, driven.speed)
+    track, follow = back(trail, pose, c.tightest)
+    # Where the body came from it was free all along, whatever is remembered of it.
+    swings = (swing_back > c.swing) & (track < c.rear)
+    swing = torch.where(reversing, state.swing, swings.to(side.dtype))
+    tracked = (track >= c.rear) & (swing <= c.zero)
     # Only a car that cannot go ahead at all backs into what it has not seen.
     straight_back = torch.where(blocked, free[..., 6], confined[..., 6])
-    rear = torch.where(swing > c.zero, swing_back, straight_back)
+    rear = torch.where(tracked, track, torch.where(swing > c.zero, swing_back, straight_back))
     # Before a turn into what was not seen free the car backs once, if it knows that it can.
     unseen = (longest < c.least) & (rear >= c.swing) & (state.bold < c.one)
     gone = torch.where(reversing, state.gone - driven.speed * c.metres, c.zero)
@@ -170,7 +183,7 @@ def decide(
         straight < c.turn_at,
         (straight >= c.go_at) & (age >= c.turn_steps),
         blocked | unseen,
-        (gone >= c.reverse_length) | (rear < c.rear),
+        ((gone >= c.reverse_length) & ~tracked) | (rear < c.rear),
         (gone >= c.reversed) & (longest >= c.room),
         rear < c.rear,
     )
@@ -183,8 +196,9 @@ def decide(
     speed = torch.where(stands, c.zero, look_up(c.speeds, row))
     age = torch.where(mode == state.mode, age, c.zero)
     bold = torch.where(mode == c.reverse, c.one, torch.where(mode == c.cruise, c.zero, state.bold))
-    command = Command(speed, look_up(c.bends, row) * side)
-    return command, RangingState(floor, patch, mode, age, side, swing, gone, bold, difference)
+    bend = torch.where(tracked & (mode == c.reverse), follow, look_up(c.bends, row) * side)
+    going = RangingState(floor, patch, mode, age, side, swing, gone, bold, difference, trail)
+    return Command(speed, bend), going
 
 
 def look_up(table: Tensor, number: Tensor) -> Tensor:

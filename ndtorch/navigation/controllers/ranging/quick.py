@@ -11,6 +11,7 @@ from torch import Tensor
 
 from ndtorch.kernels.decision import NUMBERS
 from ndtorch.kernels.load import kernel
+from ndtorch.kernels.trail import POSES
 from ndtorch.navigation.controllers.contract import STOPPED, Command
 from ndtorch.navigation.controllers.quick import QuickControl
 from ndtorch.navigation.controllers.ranging.arcs import ArcTable
@@ -21,6 +22,7 @@ from ndtorch.navigation.controllers.ranging.floor_motion import LIMITS, FloorMot
 from ndtorch.navigation.controllers.ranging.floor_view import EVERY
 from ndtorch.navigation.controllers.ranging.params import RangingParams
 from ndtorch.navigation.controllers.ranging.patch import Patch
+from ndtorch.navigation.controllers.ranging.trail import Trail
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.ranging import Ranges
 
@@ -37,7 +39,7 @@ class QuickRanging(QuickControl):
         full_flow: of `known_share`.
     """
 
-    kernel, count = "ranging_step", 9
+    kernel, count = "ranging_step", 10
 
     def __init__(
         self,
@@ -53,7 +55,7 @@ class QuickRanging(QuickControl):
         rect, p = look.view.cells[0], params.patch
         self.shape = (2, rect.bottom - rect.top, (rect.right - rect.left) // EVERY)
         self.a = look.nd_min.a
-        self.sizes = (params.floor.bands, p.size**2, 2 * p.size)
+        self.sizes = (params.floor.bands, p.size**2, 2 * p.size, 3 * POSES)
         self.cells = (EVERY, params.floor.bands, params.floor.blocks)
         keep, fade, stopped = (float(c) for c in (constants.keep, constants.fade, constants.stopped))
         worth = tuple(constants.evidence.tolist())
@@ -84,15 +86,18 @@ class QuickRanging(QuickControl):
 
     def take(self, state: RangingState) -> tuple[Sequence[Tensor], Sequence[Tensor]]:
         """What was learned and remembered, and the rest."""
-        (level, noise, age), patch, *machine = state
-        return (level, patch.evidence, patch.tag), (noise, age, *machine)
+        (level, noise, age), patch, *machine, trail = state
+        return (level, patch.evidence, patch.tag, trail.places), (noise, age, *machine, trail.number)
 
     def give(self, arrays: Sequence[Tensor], numbers: Sequence[Tensor]) -> RangingState:
         """The reverse of `take`."""
-        level, evidence, tag = arrays
-        noise, age, *machine = numbers
-        places = tag.view(*tag.shape[:-1], 2, -1)
-        return RangingState(FloorState(level, noise, age), Patch(evidence, places, evidence[..., :0]), *machine)
+        level, evidence, tag, driven = arrays
+        noise, age, *machine, count = numbers
+        patch = Patch(evidence, tag.view(*tag.shape[:-1], 2, -1), evidence[..., :0])
+        mode, begun, side, swing, gone, bold, difference = machine
+        trail = Trail(driven.reshape(*driven.shape[:-1], -1, 3), count)
+        floor = FloorState(level, noise, age)
+        return RangingState(floor, patch, mode, begun, side, swing, gone, bold, difference, trail)
 
     def mode(self, numbers: Any) -> int:
         """The first number after what the floor has."""
@@ -108,10 +113,10 @@ class QuickRanging(QuickControl):
         *tables, full = self.tables[kind]
         return (*tables, *self.choice, full, *self.lines)
 
-    def memory(self, arrays: Sequence[Any]) -> tuple[Any, Any, Any]:
+    def memory(self, arrays: Sequence[Any]) -> tuple[Any, Any, Any, Any]:
         """The arrays in their shapes."""
-        level, evidence, tag = arrays
-        return level, evidence.reshape(-1, tag.size // 2), tag.reshape(2, -1)
+        level, evidence, tag, trail = arrays
+        return level, evidence.reshape(-1, tag.size // 2), tag.reshape(2, -1), trail.reshape(-1, 3)
 
     def __call__(
         self, seen: Tensor, ranges: Ranges, pose: Pose, driven: Command, state: RangingState
