@@ -9,7 +9,8 @@ Machine = tuple[float, float, float, float, float, float, float]
 """Mode, age, side, swing, metres gone back, bold, difference: `RangingState` after its floor and patch."""
 
 NUMBERS: tuple[str, ...] = ("turn_at", "go_at", "wide_needs", "least", "turn_steps", "reverse_length", "reversed")
-NUMBERS += ("rear", "room", "prefer", "grace", "swing", "metres", "facts", "reverse", "turn", "cruise", "tightest")
+NUMBERS += ("rear", "room", "prefer", "grace", "swing", "wide_swing", "metres", "facts", "reverse", "turn", "cruise")
+NUMBERS += ("tightest",)
 """Which of the controller's `Constants` make `numbers`, in order."""
 
 
@@ -38,7 +39,7 @@ def decision(
         numbers: see `NUMBERS`.
     """
     turn_at, go_at, wide_needs, least, turn_steps, reverse_length, backed, nothing, room, prefer = numbers[:10]
-    grace, enough, metres, facts, reverse, turn, cruise = numbers[10:17]
+    grace, enough, plenty, metres, facts, reverse, turn, cruise = numbers[10:18]
     age_of_floor, standing, learning = ages
     mode, age, side, swing, gone, bold, _ = state
     free, known = lengths
@@ -56,7 +57,7 @@ def decision(
     behind = 5 if side > 0 else 7
     swing_back = min(free[behind], known[behind] + grace)
     if not reversing:
-        swing = 1.0 if swing_back > enough and trail[0] < nothing else 0.0
+        swing = 1.0 if swing_back > enough and (trail[0] < nothing or swing_back > plenty) else 0.0
     tracked = trail[0] >= nothing and swing <= 0
     straight_back = free[6] if blocked else min(free[6], known[6] + grace)
     rear = trail[0] if tracked else swing_back if swing > 0 else straight_back

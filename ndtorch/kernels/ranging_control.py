@@ -106,7 +106,7 @@ def ranging_control(
     machine = (mode, age_of_mode, side, swing, gone, bold, difference)
     here = (float(numbers[2]), float(numbers[3]), float(numbers[4]))
     poses = laid(trail, float(numbers[14]), here, speed, new_memory[3])
-    back = followed(new_memory[3], poses, here, limits[17])
+    back = followed(new_memory[3], poses, here, limits[-1])
     ahead, bend, machine = decided(
         far, speed, back, (age, floor[5], floor[6]), machine, choice[0], choice[1], choice[2], limits
     )

@@ -17,7 +17,7 @@ Array = Any
 
 seen, lit, matched, controlled = inner(look_around), inner(light_gain), inner(match_cells), inner(ranging_control)
 
-FLOOR, WORTH, PATCH, LIMITS = 14, 3, 9, 18
+FLOOR, WORTH, PATCH, LIMITS = 14, 3, 9, 19
 """How many numbers `ranging_control` takes of each."""
 
 

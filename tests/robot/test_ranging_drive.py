@@ -1,12 +1,17 @@
 """The ranging controller in closed loop: no collision where it drives, and collisions where its turns are mirrored."""
 
+import copy
+
 import numpy as np
 import pytest
+import torch
 
 from ndtorch.navigation import CRUISE, SUPPRESSED, TURN
+from ndtorch.navigation.controllers.ranging.modes import REVERSE
 from ndtorch_robot.config import DriveConfig
-from ndtorch_robot.drive import drive
+from ndtorch_robot.drive import drive, drive_pilot
 from ndtorch_robot.ports import DriveCommand
+from ndtorch_robot.sim.arenas import load_arena
 from tests.robot.support.gl_needed import needs_gl
 
 pytestmark = needs_gl
@@ -61,3 +66,23 @@ def test_same_seed_same_drive_and_restart():
         assert np.array_equal(first.record.array(name), second.record.array(name))
     begun = first.record.placed[1]
     assert int(first.record.mode[begun]) == SUPPRESSED
+
+
+@pytest.mark.slow
+def test_every_step_of_a_drive_is_the_same_by_torch_and_by_kernels():
+    """From the same state, so that one rounding that tips a decision does not change all that follows."""
+    pytest.importorskip("numba")
+    config, seen = DriveConfig(arena="dead-end", seed=SEED, seconds=14), []
+    navigator = drive_pilot(config, load_arena("dead-end", SEED)).navigator
+    drive(config, [lambda step: seen.append(copy.deepcopy((step.frames.left, step.frames.right)))])
+    state, modes, apart = None, set(), []
+    for eyes in seen:
+        with torch.inference_mode():
+            found, after = navigator(*eyes, state)
+        with torch.no_grad():
+            wanted, state = navigator(*eyes, state)
+        modes.add(int(state.control.mode))
+        same = torch.tensor([*found, after.control.mode]), torch.tensor([*wanted, state.control.mode])
+        apart.append(not torch.allclose(*same, atol=1e-3))
+    assert {CRUISE, TURN, REVERSE} <= modes
+    assert sum(apart) <= 0.02 * len(apart)

@@ -26,7 +26,7 @@ class FigureParams(Constants):
     follow: float = Field(0.6, gt=0, le=1, description="share of the difference taken into the place")
     grouped: float = Field(0.5, gt=0, le=1, description="of that share, in a region that several tracks have in common")
     own_color: float = Field(16.0, ge=0, description="where a pixel of such a region goes: square of another color,")
-    around: int = Field(5, ge=1, description="in the mean over so many pixels, against that of its distance")
+    blurred: int = Field(5, ge=1, description="in the mean over so many pixels, against that of its distance")
     room: float = Field(0.5, ge=0, le=1, description="a track in such a region is hidden with room for less than this")
     tau_velocity: float = Field(0.4, ge=0, description="a sighting after t changes the velocity by t / (this + t)")
     tau_size: float = Field(0.4, ge=0, description="memory of the size and of the color")

@@ -181,7 +181,7 @@ def share(
     rows = (np.arange(top, bottom) + 0.5)[:, None] / height
     columns = (np.arange(left, right) + 0.5)[None] / height
     # Of neighbours together: single pixels are noise.
-    part = [np.asarray(cv2.blur(plane[top:bottom, left:right], (p.around, p.around))) for plane in picture]
+    part = [np.asarray(cv2.blur(plane[top:bottom, left:right], (p.blurred, p.blurred))) for plane in picture]
     away = []
     for one in ones:
         place = one.expected(time, p.ahead)

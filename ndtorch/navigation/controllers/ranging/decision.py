@@ -69,6 +69,7 @@ class Constants(NamedTuple):
     prefer: Tensor
     grace: Tensor
     swing: Tensor
+    wide_swing: Tensor
     metres: Tensor
     keep: Tensor
     fade: Tensor
@@ -105,6 +106,7 @@ def ranging_constants(params: RangingParams, dt: float) -> Constants:
         p.prefer,
         p.grace,
         0.3,
+        0.6,
         dt,
         math.exp(-dt / p.patch.lifetime),
         math.exp(-dt / p.fading),
@@ -167,8 +169,9 @@ def decide(
     swing_back = torch.where(left[..., 0], confined[..., 5], confined[..., 7])
     trail = lay(state.trail, pose, driven.speed)
     track, follow = back(trail, pose, c.tightest)
-    # Where the body came from it was free all along, whatever is remembered of it.
-    swings = (swing_back > c.swing) & (track < c.rear)
+    # Where the body came from it was free all along, whatever is remembered of it. But only turning on brings a car
+    # out of a corner: it does so where there is much room.
+    swings = (swing_back > c.swing) & ((track < c.rear) | (swing_back > c.wide_swing))
     swing = torch.where(reversing, state.swing, swings.to(side.dtype))
     tracked = (track >= c.rear) & (swing <= c.zero)
     # Only a car that cannot go ahead at all backs into what it has not seen.

@@ -5,8 +5,12 @@ import math
 import pytest
 import torch
 
+from ndtorch.kernels.decision import NUMBERS, decision
 from ndtorch.kernels.trail import POSES, SPACING, follow_trail, lay_trail
 from ndtorch.navigation import Pose
+from ndtorch.navigation.controllers.ranging.decision import ranging_constants
+from ndtorch.navigation.controllers.ranging.modes import REVERSE, TURN
+from ndtorch.navigation.controllers.ranging.params import RangingParams
 from ndtorch.navigation.controllers.ranging.trail import Trail, back, empty_trail, lay
 from ndtorch.navigation.odometry import drive_step
 
@@ -97,3 +101,27 @@ def test_a_batch_is_each_car():
         assert [float(v[k]) for v in back(both, poses, TIGHT)] == pytest.approx(
             [float(v) for v in back(one, pose, TIGHT)]
         )
+
+
+@pytest.mark.parametrize(("behind", "bend"), [(0.7, -2.0), (0.5, 0.3), (0.0, 0.3)])
+def test_with_much_room_behind_it_turns_on_while_it_backs(behind, bend):
+    """Going back the way it came and turning the same way once more would bring a car out of no corner."""
+    c = ranging_constants(RangingParams(), DT)
+    numbers = tuple(float(getattr(c, name)) for name in NUMBERS)
+    moves = torch.stack((c.speeds, c.bends)).double().numpy()
+    lengths = torch.full((2, 8), 0.1, dtype=torch.double)
+    lengths[:, 5] = behind
+    state = (float(TURN), 9.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+    speed, curvature, after = decision(
+        lengths.numpy(),
+        0.4,
+        (1.0, 0.3),
+        (99.0, 3.0, 15.0),
+        state,
+        c.comparison.double().numpy(),
+        c.table.numpy(),
+        moves,
+        numbers,
+    )
+    assert (int(after[0]), after[3]) == (REVERSE, float(behind == 0.7))
+    assert (speed, curvature) == pytest.approx((-0.3, bend))
