@@ -110,6 +110,7 @@ def test_what_is_no_fault_and_what_would_be_one(change, speed, limits, seen, fau
 
 
 @needs_gl
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["frozen", "nan"])
 def test_the_car_is_stopped_first(monkeypatch, fault):
     read, kept, worlds = Simulation.read, [], []
@@ -135,6 +136,7 @@ def test_the_car_is_stopped_first(monkeypatch, fault):
 
 
 @needs_gl
+@pytest.mark.slow
 def test_a_blank_building_is_no_fault():
     summary = drive(DriveConfig(arena="loop", walls="blank", seconds=3)).summary
     assert summary["simulated_seconds"] == 3.0
