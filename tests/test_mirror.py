@@ -205,7 +205,6 @@ TESTED_IN = {
     "robot/link/simulated_world": "robot/test_drive",
     "robot/navigating": "robot/recording/test_replay",
     "robot/ports": "robot/test_safety",
-    "robot/score/record": "robot/test_drive",
     "robot/recording/observe": "robot/recording/test_recorder",
     "robot/recording/reading": "robot/recording/test_replay",
     "robot/recording/recorded_car": "robot/recording/test_replay",

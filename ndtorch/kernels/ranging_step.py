@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ndtorch.kernels.decision import NUMBERS as DECISION
 from ndtorch.kernels.inner import inner, tuple_of
 from ndtorch.kernels.light_gain import light_gain
 from ndtorch.kernels.look_around import NUMBERS, WHOLE_NUMBERS, look_around
@@ -17,7 +18,7 @@ Array = Any
 
 seen, lit, matched, controlled = inner(look_around), inner(light_gain), inner(match_cells), inner(ranging_control)
 
-FLOOR, WORTH, PATCH, LIMITS = 14, 3, 9, 19
+FLOOR, WORTH, PATCH, LIMITS = 14, 3, 9, len(DECISION)
 """How many numbers `ranging_control` takes of each."""
 
 

@@ -98,10 +98,12 @@ class Record:
 
     @property
     def turns(self) -> int:
-        """Number of saccades begun."""
-        curvature = self.array("command")[:, 1] if self.command else np.zeros(0)
-        before = np.concatenate(([0.0], curvature[:-1]))
-        return int(((curvature != 0) & (before != curvature)).sum())
+        """Number of turns begun ahead: a curve after a straight, or after one to the other side."""
+        if not self.command:
+            return 0
+        speed, curvature = self.array("command").T
+        side = np.where(speed > 0, np.sign(curvature), 0.0)
+        return int(((side != 0) & (side != np.concatenate(([0.0], side[:-1])))).sum())
 
     @property
     def distance(self) -> float:

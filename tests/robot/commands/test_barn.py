@@ -12,17 +12,10 @@ from ndtorch import workers
 from ndtorch.commands import main
 from ndtorch_robot.barn.attempt import Attempt, Entry
 from ndtorch_robot.commands import barn
+from tests.robot.barn.test_barn import FILE as TWO_WORLDS
 
 WORLDS = [{"world": n, "path_m": 10.0, "cylinders": [[2.0, 4.0]]} for n in (4, 5, 6)]
-FILE = {
-    "radius_m": 0.075,
-    "height_m": 1.0,
-    "goal_radius_m": 1.0,
-    "time_limit_s": 100.0,
-    "start": [0.0, 0.0, 90.0],
-    "goal": [0.0, 10.0],
-    "worlds": WORLDS,
-}
+FILE = {**TWO_WORLDS, "worlds": WORLDS}
 
 
 @pytest.fixture
