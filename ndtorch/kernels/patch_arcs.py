@@ -22,6 +22,7 @@ def patch_arcs(
     weight: float,
     places: Array,
     weights: Array,
+    stands: tuple[Array, Array, Array, int, tuple[float, float, float, float]],
     cell: float,
     bounds: tuple[float, float],
     limits: tuple[float, float],
@@ -32,13 +33,15 @@ def patch_arcs(
     new_tag: Array,
     lengths: Array,
 ) -> None:
-    """`move_patch`, `add_evidence` and `free_travel` of one car.
+    """`move_patch`, `add_evidence`, `remember_ranges` and `free_travel` of one car.
 
     Args:
         evidence, tag: of `Patch` before, `[size, size]` and `[2, size]`; `new_` after.
         keep: share of the evidence that is not forgotten.
         ranges: x, y and valid, `[n]`; those nearer than `reach` count `weight`.
         places: body frame, `[2, K]`: first those of `weights`, then those along the arcs.
+        stands: what stands above floor before, `[size, size]` or `[0, 0]` where it is not remembered apart, and
+            after; the rest is of `remember_ranges`.
         cell: side of a cell, m.
         bounds: least and most evidence of a cell.
         limits: evidence that blocks, and that is not known to be floor.
@@ -46,7 +49,8 @@ def patch_arcs(
         lengths: of the arcs up to what blocks, and up to what is not known, `[2, arcs]`.
     """
     kind, size = evidence.dtype.type, evidence.shape[0]
-    move(evidence, tag, pose, kind(keep), kind(cell), new_evidence, new_tag)
+    retag(pose, kind(cell), new_tag)
+    move(evidence, tag, kind(keep), new_evidence, new_tag)
     turn = turning(pose, cell, evidence)
     for i in range(ranges[0].shape[0]):
         x, y = ranges[0][i], ranges[1][i]
@@ -63,6 +67,13 @@ def patch_arcs(
     for row in range(size):
         for column in range(size):
             new_evidence[row, column] = min(max(new_evidence[row, column], least), most)
+    upright, standing, line, under, beam = stands
+    worths = cells
+    if upright.size:
+        move(upright, tag, kind(keep), standing, new_tag)
+        remember_ranges(standing, ranges, turn, (reach, weight), line, at[marked - under : marked], beam, -least)
+        worths = np.empty(cells.size, cells.dtype)
+        in_the_way(cells, standing.reshape(-1), (least, most), kind(limits[0]), worths)
     arcs = lengths.shape[1]
     across = (places.shape[1] - marked) // (arcs * steps)
     for arc in range(arcs):
@@ -72,7 +83,7 @@ def patch_arcs(
             for k in range(across):
                 if blocked and (unknown or k >= leading):
                     break
-                worth = cells[at[start + k]]
+                worth = worths[at[start + k]]
                 blocked = blocked or worth >= kind(limits[0])
                 unknown = unknown or (k < leading and worth >= kind(limits[1]))
             free, seen = free + (not blocked), seen + (not unknown)
@@ -110,21 +121,19 @@ def find_all(x: Array, y: Array, turn: tuple[float, float, float, float], size: 
 
 
 @exactly
-def move(
-    evidence: Array,
-    tag: Array,
-    pose: tuple[float, float, float],
-    keep: float,
-    cell: float,
-    new_evidence: Array,
-    new_tag: Array,
-) -> None:
-    """`move_patch`."""
-    kind, size = evidence.dtype.type, evidence.shape[0]
+def retag(pose: tuple[float, float, float], cell: float, new_tag: Array) -> None:
+    """`tags`."""
+    kind, size = new_tag.dtype.type, new_tag.shape[1]
     for axis in range(2):
         here = math.floor(kind(pose[axis]) / cell)
         for n in range(size):
             new_tag[axis, n] = math.floor((kind(here) - kind(n)) / kind(size) + kind(0.5))
+
+
+@exactly
+def move(evidence: Array, tag: Array, keep: float, new_evidence: Array, new_tag: Array) -> None:
+    """`move_patch` of one kind of evidence."""
+    kind, size = evidence.dtype.type, evidence.shape[0]
     same = np.empty(size, evidence.dtype)
     for n in range(size):
         same[n] = kind(new_tag[1, n] == tag[1, n])
@@ -132,3 +141,50 @@ def move(
         kept = keep if new_tag[0, row] == tag[0, row] else kind(0)
         for column in range(size):
             new_evidence[row, column] = evidence[row, column] * (kept * same[column])
+
+
+@exactly
+def remember_ranges(
+    standing: Array,
+    ranges: tuple[Array, Array, Array],
+    turn: tuple[float, float, float, float],
+    found: tuple[float, float],
+    line: Array,
+    under: Array,
+    beam: tuple[float, float, float, float],
+    least: float,
+) -> None:
+    """`remember_ranges` into `standing`, which has been moved, before its bounds.
+
+    Args:
+        found: ranges nearer than the first count the second.
+        line: shares of a range that are its line of sight.
+        under: numbers of the cells below the car, from each of which `least` is taken.
+        beam: place of the left eye ahead and aside, m; how much a line takes from each of its places, and how many
+            cells a metre of range has between two of them.
+    """
+    kind, size, cells = standing.dtype.type, standing.shape[0], standing.reshape(-1)
+    ahead, aside = kind(beam[0]), kind(beam[1])
+    for i in range(ranges[0].shape[0]):
+        x, y = ranges[0][i], ranges[1][i]
+        if not ranges[2][i]:
+            continue
+        if max(abs(x), abs(y)) < kind(found[0]):
+            row, column = find(x, y, turn, size)
+            standing[row, column] += kind(found[1])
+        x, y = x - ahead, y - aside
+        miss = kind(beam[2]) * min(kind(math.hypot(x, y)) * kind(beam[3]), kind(1))
+        for k in range(line.shape[0]):
+            row, column = find(ahead + x * line[k], aside + y * line[k], turn, size)
+            standing[row, column] -= miss
+    for k in range(under.shape[0]):
+        cells[under[k]] -= least
+
+
+@exactly
+def in_the_way(cells: Array, standing: Array, bounds: tuple[float, float], blocked: float, worths: Array) -> None:
+    """`in_the_way` of evidence and of what stands, which is brought within its bounds."""
+    for k in range(cells.size):
+        stands = min(max(standing[k], bounds[0]), bounds[1])
+        standing[k] = stands
+        worths[k] = max(cells[k], blocked) if stands >= blocked else cells[k]

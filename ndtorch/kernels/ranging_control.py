@@ -22,16 +22,17 @@ def ranging_control(
     cells: Array,
     ranges: tuple[Array, Array, Array],
     numbers: Array,
-    memory: tuple[Array, Array, Array, Array],
-    new_memory: tuple[Array, Array, Array, Array],
+    memory: tuple[Array, Array, Array, Array, Array],
+    new_memory: tuple[Array, Array, Array, Array, Array],
     after: Array,
-    tables: tuple[Array, Array, Array, Array],
+    tables: tuple[Array, Array, Array, Array, Array],
     floor: tuple[float, ...],
     worth: tuple[float, float, float],
     patch: tuple[float, float, float, float, float, float, float, float, float],
     arcs: tuple[int, int, int, float],
     choice: tuple[Array, Array, Array],
     limits: tuple[float, ...],
+    beam: tuple[float, float, float, float],
 ) -> None:
     """`RangingControl.step`.
 
@@ -40,18 +41,21 @@ def ranging_control(
         ranges: x, y and valid, `[n]`.
         numbers: speed and curvature driven; pose; noise and age of the floor, `Machine`, and how many poses
             are on the trail.
-        memory, new_memory: level `[bands]`, evidence `[size, size]`, tag `[2, size]` and trail `[poses, 3]`.
+        memory, new_memory: level `[bands]`, evidence `[size, size]`, tag `[2, size]`, what stands `[size, size]` or
+            `[0, 0]`, and trail `[poses, 3]`.
         after: as `numbers`, with the speed and curvature to drive; the pose is left alone.
-        tables: flow, profile, places and what is under the car, as of `RangingControl`.
+        tables: flow, profile, places and what is under the car, as of `RangingControl`, and the lines of sight of
+            `remember_ranges`.
         floor: numbers of `floor_cells`.
         worth: evidence of the floor's end, of floor, and of a range.
         patch: share that is kept, and while boxed in; the mode of that; reach, cell, least and most evidence, and
             the two limits of `patch_arcs`.
         arcs: leading, steps, number of arcs, step.
         choice: comparison, table, moves of `decision`; limits: its numbers.
+        beam: of `remember_ranges`.
     """
-    level, evidence, tag, trail = memory
-    flow, profile, places, under = tables
+    level, evidence, tag, upright, trail = memory
+    flow, profile, places, under, line = tables
     _, bands, blocks = cells.shape
     evident = np.empty((2, bands, blocks), cells.dtype)
     marks = np.empty(evident.size + under.size, cells.dtype)
@@ -87,6 +91,7 @@ def ranging_control(
         worth[2],
         places,
         marks,
+        (upright, new_memory[3], line, under.size, beam),
         cell,
         (least, most),
         (blocked, unknown),
@@ -105,8 +110,8 @@ def ranging_control(
     swing, gone, bold, difference = float(numbers[10]), float(numbers[11]), float(numbers[12]), float(numbers[13])
     machine = (mode, age_of_mode, side, swing, gone, bold, difference)
     here = (float(numbers[2]), float(numbers[3]), float(numbers[4]))
-    poses = laid(trail, float(numbers[14]), here, speed, new_memory[3])
-    back = followed(new_memory[3], poses, here, limits[-1])
+    poses = laid(trail, float(numbers[14]), here, speed, new_memory[4])
+    back = followed(new_memory[4], poses, here, limits[-1])
     ahead, bend, machine = decided(
         far, speed, back, (age, floor[5], floor[6]), machine, choice[0], choice[1], choice[2], limits
     )

@@ -45,6 +45,7 @@ def ranging_step(
     profile: Array,
     places: Array,
     under: Array,
+    line: Array,
     comparison: Array,
     table: Array,
     moves: Array,
@@ -55,13 +56,13 @@ def ranging_step(
     """The step of `Navigator` of one car and one frame: arguments and result as of `published_step`.
 
     The controller's whole numbers are the size of the patch; `leading`, steps and number of its arcs; `first`, `wide`
-    and `tall` of `match_cells`, and the columns of the fields, every so many of them. Its others are those of
-    `ranging_control`, the length of a step of its arcs, the least noise of pictures, the shares of bands up
-    to which a car stands and from which on it is fast, the mode in which it stands, `alike` and
-    `least` of `match_cells`, and `limits` of `light_gain`.
+    and `tall` of `match_cells`, the columns of the fields, every so many of them; and the side of what stands, or 0.
+    Its others are those of `ranging_control`, the length of a step of its arcs, the least noise of pictures, the
+    shares of bands up to which a car stands and from which on it is fast, the mode in which it stands, `alike` and
+    `least` of `match_cells`, `limits` of `light_gain`, and `beam` of `ranging_control`.
 
     Args:
-        flow, profile, places, under: `tables` of `ranging_control`.
+        flow, profile, places, under, line: `tables` of `ranging_control`.
         comparison, table, moves: `choice` of `ranging_control`.
         full: share of its level that floor shows at full speed, `[bands]`.
         lines, shift: rows and shift of `match_cells`.
@@ -138,10 +139,11 @@ def ranging_step(
     size, leading, steps, arcs = own[0], own[1], own[2], own[3]
     n = whole[14]
     out = new_small[at + 4 : at + 4 + 5 * n].reshape((5, n))
-    # Behind fields and rows: level, evidence, tag and trail.
+    # Behind fields and rows: level, evidence, tag, what stands, and trail.
     begin = 2 * whole[11] * whole[12] + 2 * whole[13]
     middle, end = begin + bands, begin + bands + size * size
-    last = end + 2 * size
+    stands, side = end + 2 * size, own[9]
+    last = stands + side * side
     floor = tuple_of(numbers[NUMBERS:worths], FLOOR)
     controlled(
         cells,
@@ -150,23 +152,26 @@ def ranging_step(
         (
             large[begin:middle],
             large[middle:end].reshape((size, size)),
-            large[end:last].reshape((2, size)),
+            large[end:stands].reshape((2, size)),
+            large[stands:last].reshape((side, side)),
             large[last:].reshape((-1, 3)),
         ),
         (
             new_large[begin:middle],
             new_large[middle:end].reshape((size, size)),
-            new_large[end:last].reshape((2, size)),
+            new_large[end:stands].reshape((2, size)),
+            new_large[stands:last].reshape((side, side)),
             new_large[last:].reshape((-1, 3)),
         ),
         new_small,
-        (flow, profile, places, under),
+        (flow, profile, places, under, line),
         floor,
         tuple_of(numbers[worths:patch], WORTH),
         tuple_of(numbers[patch:limits], PATCH),
         (leading, steps, arcs, numbers[limits + LIMITS]),
         (comparison, table, moves),
         tuple_of(numbers[limits : limits + LIMITS], LIMITS),
+        (float(rest[9]), float(rest[10]), float(rest[11]), float(rest[12])),
     )
     learning = new_small[6] <= kind(floor[6])
     if not learning:

@@ -22,6 +22,7 @@ from ndtorch.navigation import (
     Navigator,
     NavigatorState,
     Pose,
+    RangingParams,
     RowRanging,
     StereoRig,
 )
@@ -203,10 +204,13 @@ def test_a_drive(controller: str, kind: torch.dtype) -> None:
     assert len({*runs[0][::4], *runs[0][1::4]}) > 1
 
 
-@pytest.mark.parametrize("controller", ["ranging", "published"])
-def test_a_step_has_all_parts_of_its_state(controller: str) -> None:
+@pytest.mark.parametrize(
+    ("controller", "params"), [("ranging", None), ("ranging", RangingParams(overhangs=True)), ("published", None)]
+)
+def test_a_step_has_all_parts_of_its_state(controller: str, params: object) -> None:
     """With what was driven, an error of the reckoning, strips, and a start that is not the origin."""
-    navigator, (left, right) = Navigator(RIG, DT, controller=controller, features=FeatureParams(7)), pairs(torch.uint8)
+    navigator = Navigator(RIG, DT, controller=controller, params=params, features=FeatureParams(7))
+    left, right = pairs(torch.uint8)
     navigator.reckoning = DeadReckoning(DT, scale_error=0.02, drift=0.01)
     fields = navigator.controller.fields
     start, driven = Pose(*torch.tensor([1.0, 2.0, 0.5])), Command(*torch.tensor([[0.4], [0.3]]))

@@ -69,13 +69,14 @@ def test_same_seed_same_drive_and_restart():
 
 
 @pytest.mark.slow
-def test_every_step_of_a_drive_is_the_same_by_torch_and_by_kernels():
+@pytest.mark.parametrize(("arena", "overhangs"), [("dead-end", False), ("sofa", True)])
+def test_every_step_of_a_drive_is_the_same_by_torch_and_by_kernels(arena, overhangs):
     """From the same state, so that one rounding that tips a decision does not change all that follows."""
     pytest.importorskip("numba")
-    config, seen = DriveConfig(arena="dead-end", seed=SEED, seconds=14), []
-    navigator = drive_pilot(config, load_arena("dead-end", SEED)).navigator
+    config, seen = DriveConfig(arena=arena, seed=SEED, seconds=14, overhangs=overhangs), []
+    navigator = drive_pilot(config, load_arena(arena, SEED)).navigator
     drive(config, [lambda step: seen.append(copy.deepcopy((step.frames.left, step.frames.right)))])
-    state, modes, apart = None, set(), []
+    state, modes, apart, stands = None, set(), [], 0
     for eyes in seen:
         with torch.inference_mode():
             found, after = navigator(*eyes, state)
@@ -83,6 +84,11 @@ def test_every_step_of_a_drive_is_the_same_by_torch_and_by_kernels():
             wanted, state = navigator(*eyes, state)
         modes.add(int(state.control.mode))
         same = torch.tensor([*found, after.control.mode]), torch.tensor([*wanted, state.control.mode])
-        apart.append(not torch.allclose(*same, atol=1e-3))
+        cells = sum(
+            int(((a - b).abs() > 1e-3).sum()) for a, b in zip(after.control.patch, state.control.patch, strict=True)
+        )
+        apart.append(not torch.allclose(*same, atol=1e-3) or cells > 16)
+        stands += int((state.control.patch.upright >= 1.9).sum())
     assert {CRUISE, TURN, REVERSE} <= modes
+    assert (stands > 0) == overhangs
     assert sum(apart) <= 0.02 * len(apart)

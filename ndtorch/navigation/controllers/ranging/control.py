@@ -80,12 +80,9 @@ class RangingControl(Controller):
         self.numbers = torch.arange(p.patch.size, dtype=torch.get_default_dtype())
         self.constants = ranging_constants(p, dt)
         self.full_flow = view.sweep * (dt * p.speed)
-        # No kernel remembers apart what stands.
-        self.quick: QuickRanging | None = None
-        if not p.overhangs:
-            self.quick = QuickRanging(
-                self.look, p, self.constants, self.floor, self.arcs, self.places, self.under, self.full_flow
-            )
+        self.quick: QuickRanging = QuickRanging(
+            self.look, p, self.constants, self.floor, self.arcs, self.places, self.under, self.full_flow, rig
+        )
 
     @classmethod
     def params_for(cls, task: Task) -> RangingParams:
@@ -139,8 +136,7 @@ class RangingControl(Controller):
     ) -> tuple[Command, RangingState]:
         """`step` without caution."""
         if (
-            self.quick is not None
-            and not pose.x.ndim
+            not pose.x.ndim
             and seen.dtype == state.floor.level.dtype == ranges.x.dtype
             and kernels_wanted(seen, *ranges)
         ):

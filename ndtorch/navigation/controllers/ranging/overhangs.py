@@ -30,15 +30,11 @@ def remember_ranges(
         body: places below the car, body frame, `[2, k]`.
     """
     p, batch = params.patch, pose.x.shape
-    first, last, count = LINE
-    line = torch.linspace(first, last, count).to(ranges.x)
-    from_eye = ranges.x - rig.forward, ranges.y - rig.baseline / 2
-    through = torch.stack(
-        (rig.forward + from_eye[0].unsqueeze(-1) * line, rig.baseline / 2 + from_eye[1].unsqueeze(-1) * line), -3
-    ).flatten(-2)
-    # Several places of a line may lie in one cell: together they take `miss`.
-    apart = torch.hypot(*from_eye) * ((last - first) / (count - 1) / p.cell)
-    miss = (-params.miss * apart.clamp(max=1.0) * ranges.valid).unsqueeze(-1).expand(*ranges.x.shape, count)
+    line, (ahead, aside, taken, apart) = line_of_sight(ranges.x), beam_numbers(rig, params)
+    x, y = ranges.x - ahead, ranges.y - aside
+    through = torch.stack((ahead + x.unsqueeze(-1) * line, aside + y.unsqueeze(-1) * line), -3).flatten(-2)
+    miss = -taken * (torch.hypot(x, y) * apart).clamp(max=1.0) * ranges.valid
+    miss = miss.unsqueeze(-1).expand(*ranges.x.shape, len(line))
     here = torch.stack((ranges.x, ranges.y), -2)
     found = (ranges.valid & (here.abs().amax(-2) < p.reach)) * params.range_weight
     places = torch.cat((here, through, body.expand(*batch, *body.shape)), -1)
@@ -46,6 +42,19 @@ def remember_ranges(
     weight = torch.cat((found, miss.flatten(-2), under), -1)
     upright = patch.upright.scatter_add(-1, cell_numbers(places, pose, p), weight).clamp(-p.least, p.most)
     return patch._replace(upright=upright)
+
+
+def line_of_sight(like: Tensor) -> Tensor:
+    """Shares of a range at which its line of sight counts as seen through."""
+    first, last, count = LINE
+    return torch.linspace(first, last, count).to(like)
+
+
+def beam_numbers(rig: StereoRig, params: RangingParams) -> tuple[float, float, float, float]:
+    """Where the left eye is, ahead and aside, m; evidence that a line of sight takes from a cell; and how many cells
+    two places of a line are apart for each metre of range, since those in one cell take that much together."""
+    first, last, count = LINE
+    return rig.forward, rig.baseline / 2, params.miss, (last - first) / (count - 1) / params.patch.cell
 
 
 def in_the_way(patch: Patch, blocked: float) -> Tensor:

@@ -20,11 +20,13 @@ from ndtorch.navigation.controllers.ranging.decision import Constants, RangingSt
 from ndtorch.navigation.controllers.ranging.floor import FloorConstants, FloorState
 from ndtorch.navigation.controllers.ranging.floor_motion import LIMITS, FloorMotion
 from ndtorch.navigation.controllers.ranging.floor_view import EVERY
+from ndtorch.navigation.controllers.ranging.overhangs import beam_numbers, line_of_sight
 from ndtorch.navigation.controllers.ranging.params import RangingParams
 from ndtorch.navigation.controllers.ranging.patch import Patch
 from ndtorch.navigation.controllers.ranging.trail import Trail
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.ranging import Ranges
+from ndtorch.navigation.rig import StereoRig
 
 
 class QuickRanging(QuickControl):
@@ -37,6 +39,7 @@ class QuickRanging(QuickControl):
         places: body frame, `[2, K]`: the cells that are seen, what is under the car, and those of the arcs.
         under: evidence under the car.
         full_flow: of `known_share`.
+        rig: the camera pair.
     """
 
     kernel, count = "ranging_step", 10
@@ -51,11 +54,13 @@ class QuickRanging(QuickControl):
         places: Tensor,
         under: Tensor,
         full_flow: Tensor,
+        rig: StereoRig,
     ) -> None:
         rect, p = look.view.cells[0], params.patch
         self.shape = (2, rect.bottom - rect.top, (rect.right - rect.left) // EVERY)
         self.a = look.nd_min.a
-        self.sizes = (params.floor.bands, p.size**2, 2 * p.size, 3 * POSES)
+        self.side = p.size if params.overhangs else 0
+        self.sizes = (params.floor.bands, p.size**2, 2 * p.size, self.side**2, 3 * POSES)
         self.cells = (EVERY, params.floor.bands, params.floor.blocks)
         keep, fade, stopped = (float(c) for c in (constants.keep, constants.fade, constants.stopped))
         worth = tuple(constants.evidence.tolist())
@@ -65,15 +70,15 @@ class QuickRanging(QuickControl):
         moves = torch.stack((constants.speeds, constants.bends)).double().numpy()
         choice = (constants.comparison.double().numpy(), constants.table.numpy(), moves)
         rest = tuple(float(part) for part in floor if part.ndim == 0)
-        self.rest, self.choice = (rest, worth, patch, ways, choice, numbers), choice
+        self.rest, self.choice = (rest, worth, patch, ways, choice, numbers, beam_numbers(rig, params)), choice
         lines, shift, first, wide, tall, alike, least = look.match()
         self.inward = (EVERY * first[0], EVERY * first[1])
         columns = (look.fields[0].right - look.fields[0].left) // EVERY
-        self.whole = (p.size, arcs.leading, arcs.steps, len(arcs.curvature), *first, wide, tall, columns)
+        self.whole = (p.size, arcs.leading, arcs.steps, len(arcs.curvature), *first, wide, tall, columns, self.side)
         self.lines = (lines, shift)
         self.numbers = (*rest[:14], *worth, *patch, *numbers, arcs.step, params.least_noise, LEAST, FULL, STOPPED)
-        self.numbers += (alike, least, *LIMITS)
-        self.tensors = (floor.flow, floor.profile, places, under)
+        self.numbers += (alike, least, *LIMITS, *self.rest[-1])
+        self.tensors = (floor.flow, floor.profile, places, under, line_of_sight(places))
         self.full = -torch.expm1(full_flow * floor.saturation)
         self.learned = float(floor.learning)
         self.tables: dict[Any, Any] = {}
@@ -82,18 +87,18 @@ class QuickRanging(QuickControl):
         """The tables and numbers of this precision, a NumPy dtype, in the order of `ranging_control`."""
         if kind not in self.tables:
             self.tables[kind] = tuple(part.numpy().astype(kind) for part in (*self.tensors, self.full))
-        return (self.tables[kind][:4], *self.rest)
+        return (self.tables[kind][:5], *self.rest)
 
     def take(self, state: RangingState) -> tuple[Sequence[Tensor], Sequence[Tensor]]:
         """What was learned and remembered, and the rest."""
         (level, noise, age), patch, *machine, trail = state
-        return (level, patch.evidence, patch.tag, trail.places), (noise, age, *machine, trail.number)
+        return (level, patch.evidence, patch.tag, patch.upright, trail.places), (noise, age, *machine, trail.number)
 
     def give(self, arrays: Sequence[Tensor], numbers: Sequence[Tensor]) -> RangingState:
         """The reverse of `take`."""
-        level, evidence, tag, driven = arrays
+        level, evidence, tag, upright, driven = arrays
         noise, age, *machine, count = numbers
-        patch = Patch(evidence, tag.view(*tag.shape[:-1], 2, -1), evidence[..., :0])
+        patch = Patch(evidence, tag.view(*tag.shape[:-1], 2, -1), upright)
         mode, begun, side, swing, gone, bold, difference = machine
         trail = Trail(driven.reshape(*driven.shape[:-1], -1, 3), count)
         floor = FloorState(level, noise, age)
@@ -113,10 +118,11 @@ class QuickRanging(QuickControl):
         *tables, full = self.tables[kind]
         return (*tables, *self.choice, full, *self.lines)
 
-    def memory(self, arrays: Sequence[Any]) -> tuple[Any, Any, Any, Any]:
+    def memory(self, arrays: Sequence[Any]) -> tuple[Any, Any, Any, Any, Any]:
         """The arrays in their shapes."""
-        level, evidence, tag, trail = arrays
-        return level, evidence.reshape(-1, tag.size // 2), tag.reshape(2, -1), trail.reshape(-1, 3)
+        level, evidence, tag, upright, trail = arrays
+        square = evidence.reshape(-1, tag.size // 2)
+        return level, square, tag.reshape(2, -1), upright.reshape(self.side, self.side), trail.reshape(-1, 3)
 
     def __call__(
         self, seen: Tensor, ranges: Ranges, pose: Pose, driven: Command, state: RangingState

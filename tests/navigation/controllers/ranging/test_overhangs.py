@@ -56,7 +56,7 @@ def test_many_cars_at_once_are_each_as_one():
         torch.testing.assert_close(alone.upright, together.upright[n])
 
 
-def driven(overhangs, frames=150):
+def driven(overhangs, frames=150, watch=None):
     """A car on open floor, 2.5 m before a board across its way with air below it, which is ranged in a few frames."""
     control = RangingControl(RIG, DT, RangingParams(overhangs=overhangs))
     view = control.look.view
@@ -71,6 +71,8 @@ def driven(overhangs, frames=150):
         there = there._replace(valid=(there.x > 2.0) & (there.x < 2.06))
         if state is None:
             state = control.start(floor, pose)
+        if watch is not None:
+            watch(control, (floor, there, pose, command, state))
         command, state = control.step(floor, there, pose, command, state)
         modes.append(int(control.mode(state)))
         pose = drive_step(pose, *command, DT)
@@ -85,6 +87,27 @@ def test_floor_below_a_board_does_not_free_it():
     assert set(modes[20:]) == {CRUISE}
     assert REVERSE not in modes
     assert through > 2.0
+
+
+def test_every_step_by_kernels_is_that_of_torch():
+    pytest.importorskip("numba")
+    blocked = []
+
+    def both(control, given):
+        with torch.no_grad():
+            wanted, slow = control.steer(*given)
+        with torch.inference_mode():
+            found, quick = control.steer(*given)
+        torch.testing.assert_close(torch.stack(found), torch.stack(wanted))
+        torch.testing.assert_close(torch.stack(quick[2:9]), torch.stack(slow[2:9]))
+        # A place at the border of two cells may be rounded into either of them.
+        for one, other in zip(quick.patch, slow.patch, strict=True):
+            assert int(((one - other).abs() > 1e-4).sum()) <= 16
+        blocked.append(int((quick.patch.upright >= control.params.blocked).sum()))
+
+    _, modes = driven(overhangs=True, watch=both)
+    assert TURN in modes
+    assert max(blocked) >= 3
 
 
 @pytest.mark.parametrize("name", ["published", "goal"])
