@@ -19,6 +19,9 @@ from ndtorch.errors import InputError
 from ndtorch.vision.blocks import BlockLowPass, Stretch
 from ndtorch.vision.temporal import low_pass_step, smoothing_factor
 
+MOST_NEURONS = 8192
+"""Their weights are N x N: 256 MiB in single precision."""
+
 
 class InhibitoryNetwork(nn.Module):
     """Neurons that inhibit one another; the weights W are learned from common fluctuations. [B eq. 22-24]
@@ -32,7 +35,7 @@ class InhibitoryNetwork(nn.Module):
     at the same time belongs together, even if it passes only once.
 
     Args:
-        neurons: N.
+        neurons: N, 2 to 8192.
         dt: time step in seconds. It is also the delay of delayed feedback.
         rule: learning rule, or its name; None for fixed weights.
         feedback: "delayed" or "settled".
@@ -91,8 +94,8 @@ class InhibitoryNetwork(nn.Module):
         super().__init__()
         if gamma is not None:
             raise InputError("gamma is an option of the rule now: rule=learning_rule('competitive', gamma=...)")
-        if not (is_whole(neurons) and neurons >= 2):
-            raise InputError(f"a network needs at least 2 neurons, got {repr(neurons)[:40]}")
+        if not (is_whole(neurons) and 2 <= neurons <= MOST_NEURONS):
+            raise InputError(f"neurons must be a whole number from 2 to {MOST_NEURONS}, got {repr(neurons)[:40]}")
         check_number("dt", dt, above=0, unit="seconds")
         if feedback not in FEEDBACKS:
             raise InputError(f"feedback must be one of {', '.join(FEEDBACKS)}, got {feedback!r}")

@@ -19,6 +19,9 @@ from ndtorch.tree import leaves, mapped, parts
 
 State = TypeVar("State")
 
+COUNTERS = ("resample.taken", "camera.frames", "frames", "windows.steps")
+"""Parts of the states of the models that count frames."""
+
 
 def save_state(state: Any, path: str | Path, about: Mapping[str, str] | None = None) -> None:
     """Write a state of any model, and strings that say what it belongs to, as safetensors with a checksum.
@@ -86,6 +89,12 @@ def rebuilt(example: Any, tensors: Mapping[str, Tensor], prefix: str) -> Any:
         else:
             values.append(rebuilt(part, tensors, f"{whole}."))
     return type(example)(*values)
+
+
+def frames_taken(state: Any) -> int | None:
+    """How many frames a state of one trial has seen since the start of its run; None where it does not say."""
+    counts = leaves(state)
+    return next((int(counts[name]) for name in COUNTERS if name in counts), None)
 
 
 def optional(example: Any, name: str) -> bool:

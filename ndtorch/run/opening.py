@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ndtorch.binding import BindingModel, load_state, to_device, train_first_stage
 from ndtorch.binding.models.video import switched_off
-from ndtorch.binding.saving import read_about
+from ndtorch.binding.saving import frames_taken, read_about
 from ndtorch.errors import InputError
 from ndtorch.loading import load, model_kind, model_names
 from ndtorch.nearest import meant
@@ -116,7 +116,18 @@ def prepare(job: BindJob) -> Prepared:
     state = None
     if job.resume is not None:
         state = to_device(load_state(job.resume / STATE, model)[0], device)
+        check_count(job.resume / STATE, state, about["frames"])
     return Prepared(source, model.to(device), state, first, chosen(job, name, model_name, kind), about)
+
+
+def check_count(path: Path, state: Any, frames: int) -> None:
+    """Raise `InputError` where a state has not seen as many frames as its run is said to have had.
+
+    The sum of the file says that it is whole, not that it tells the truth: a scene would go on at another place.
+    """
+    taken = frames_taken(state)
+    if taken is not None and taken != frames:
+        raise InputError(f"{path} says that it ended at frame {frames}, and its state has seen {taken}")
 
 
 def make_model(about: dict[str, Any], size: tuple[int, int], fps: float, border: str) -> BindingModel:

@@ -113,7 +113,7 @@ def test_settled_is_the_inverse() -> None:
 def test_other_widths_are_refused() -> None:
     with pytest.raises(InputError, match=r"inputs must be \[..., T, 4\], got \(10, 3\)"):
         InhibitoryNetwork.scale_free(4)(torch.zeros(10, 3))
-    with pytest.raises(InputError, match="at least 2 neurons, got 1"):
+    with pytest.raises(InputError, match="from 2 to 8192, got 1"):
         InhibitoryNetwork.scale_free(1)
 
 

@@ -26,7 +26,8 @@ def test_inputs_of_another_shape_are_refused() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"neurons": 1}, "at least 2 neurons, got 1"),
+        ({"neurons": 1}, "neurons must be a whole number from 2 to 8192, got 1"),
+        ({"neurons": 8193}, "from 2 to 8192, got 8193"),
         ({"when_full": "halve"}, "when_full must be 'rescale' or 'stop', got 'halve'"),
         ({"feedback": "none"}, "feedback must be one of delayed, settled, got 'none'"),
         ({"rule": "oja"}, "rule must be one of competitive, .*, got 'oja'"),

@@ -47,7 +47,7 @@ class TrackParams(Constants):
 class WindowParams(Constants):
     """Constants of `Windows`; lengths in fields (spacings of the grid), times in seconds."""
 
-    most: int = Field(8, gt=0, description="objects at a time")
+    most: int = Field(8, gt=0, le=1000, description="objects at a time")
     period: float = Field(0.05, gt=0, description="time between updates")
     tau_low: float = Field(0.05, gt=0, description="low-pass on the signals")
     window: float = Field(0.96, gt=0, description="standard deviation of a window's receptive field, fields")

@@ -21,7 +21,9 @@ MEAN_SIZE, MEDIAN_SIZE = 0.798, 0.6745
 class GroundParams(Constants):
     """Constants of figure and ground; brightness as a share of full scale, times in seconds."""
 
-    height: int = Field(224, ge=16, description="most rows of the image on which figures are told from the ground")
+    height: int = Field(
+        224, ge=16, le=32_768, description="most rows of the image on which figures are told from the ground"
+    )
     tau_ground: float = Field(10.0, gt=0, description="memory of the background")
     tau_noise: float = Field(4.0, gt=0, description="memory of the noise of every pixel")
     spread: float = Field(3.0, gt=0, description="standard deviations of the noise that count as standing out")

@@ -19,7 +19,7 @@ class CameraParams(Constants):
     scale: int | Literal["auto"] = Field("auto", description="level of the pyramid for motion, 0 to 2, or by the shift")
     compression: bool = Field(True, description="square root of the signals")
     grid: tuple[int, int] = Field((6, 10), description="rows and columns of fields; [1, 1] for the whole field")
-    height: int = Field(56, ge=16, description="rows of the small image on which everything is computed")
+    height: int = Field(56, ge=16, le=32_768, description="rows of the small image on which everything is computed")
     fastest: float = Field(30.5, gt=0, description="frames a second beyond which successive frames are averaged")
     tau_background: float = Field(10.0, ge=0, description="memory of the background")
     tau_deviation: float = Field(4.0, ge=0, description="memory of the noise of every pixel")
