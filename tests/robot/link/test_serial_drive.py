@@ -285,3 +285,32 @@ def test_a_board_that_never_answers_is_given_up(monkeypatch):
     assert read[-1] == pytest.approx(103.0 + given, abs=0.25)
     drive.closing.set()
     assert drive.converse() == "closed"
+
+
+def test_a_line_that_is_gone_is_not_written_to_and_opened_again_after_pauses_that_grow():
+    car = Known()
+    drive = SerialDrive.__new__(SerialDrive)
+    vars(drive).update(vars(car.drive))
+    waited, dropped, opened = [], [], []
+
+    class Closing(threading.Event):
+        def wait(self, timeout):
+            waited.append(timeout)
+            return False
+
+    def reopen():
+        opened.append(len(waited))
+        return len(opened) in (4, 5)
+
+    def converse():
+        if len(dropped) == 2:
+            drive.closing.set()
+        return "unplugged"
+
+    drive.closing, drive.converse, drive.hearing.telemetry = Closing(), converse, None
+    car.line.drop, car.line.reopen = (lambda: dropped.append(True)), reopen
+    drive.listen()
+    assert (car.line.said(), len(dropped), drive.welcomed.is_set()) == ([], 2, False)
+    assert (drive.trouble(), car.lines) == ("lost: unplugged", ["link: lost: unplugged"])
+    least, most = serial_drive.BACK_OFF
+    assert waited == [min(least * 2**n, most) for n in range(5)]

@@ -1,5 +1,7 @@
 """Cameras that fail are noticed, and the car is stopped."""
 
+import math
+
 import pytest
 import torch
 
@@ -11,7 +13,9 @@ from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import DRAWN, drive
 from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.sim.simulation import Simulation
-from ndtorch_robot.watching.watch import PATIENCE, CameraWatch
+from ndtorch_robot.watching import agreement
+from ndtorch_robot.watching.eye import SightLimits
+from ndtorch_robot.watching.watch import EVERY, PATIENCE, CameraWatch
 from tests.robot.support.gl_needed import needs_gl
 
 RIG = StereoRig(width=64, height=48, focal=43.0)
@@ -35,6 +39,15 @@ def see(change, speed=0.5, count=2 * PATIENCE, dtype=torch.uint8, limits=None):
 def counts(watch):
     """How many pictures looked wrong of late, in each way."""
     return watch.dark, watch.frozen, watch.blind, watch.stuck, watch.carried
+
+
+def test_both_patiences_are_counted_in_the_pictures_that_are_looked_at():
+    """One of `EVERY`: at 20 or 40 frames a second, and at whatever rate, that is as many seconds."""
+    limits = SightLimits(patience_s=0.6, agreement_s=5.0)
+    for rate in (20.0, 40.0):
+        watch = CameraWatch(RIG, rate=rate, limits=limits)
+        assert watch.wrong_for == 0.6 * rate / EVERY
+        assert watch.agreement.keep == pytest.approx(math.exp(-agreement.EVERY / (rate / EVERY * 5.0)))
 
 
 GOOD = [0, 0], [0, 0], [0, 0], [0, 0], 0
