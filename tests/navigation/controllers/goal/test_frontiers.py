@@ -10,7 +10,7 @@ import torch
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
 from ndtorch.navigation.controllers.goal.frontiers import large, opened, to_unvisited, where_to
 from ndtorch.navigation.controllers.goal.memory import visited_cells
-from ndtorch.navigation.controllers.goal.planning import clearance, let_out, plan
+from ndtorch.navigation.controllers.goal.planning import Surroundings, clearance, let_out, plan
 from ndtorch.navigation.controllers.goal.replanning import give_up
 from tests.navigation.controllers.goal.test_goal_control import DT, RIG, SMALL, floor, place
 from tests.navigation.controllers.goal.test_planning import CELL, PARAMS, SIDE, world
@@ -77,7 +77,8 @@ def test_half_a_metre_around_the_car_what_is_no_nearer_than_it_stands_is_let_out
     rows, columns = np.nonzero(np.isfinite(price))
     assert (rows.min(), rows.max(), columns.min(), columns.max()) == (3, 13, 34, 39)
     let_out(price := np.full((40, 40), np.inf, np.float32), near, (2, 2), 0.1, PARAMS)
-    assert np.nonzero(np.isfinite(price))[0].min() == 1
+    rows, columns = np.nonzero(np.isfinite(price))
+    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (1, 7, 0, 7)
 
 
 @pytest.mark.parametrize(("half", "free"), [(0.2, True), (1.0, False)])
@@ -153,6 +154,51 @@ def test_the_end_of_the_cheapest_way_is_found():
     x, y = where_to(made.to_go, around, PARAMS.coarse, (-2.0, 0.0))
     assert x == pytest.approx(1.0, abs=0.15)
     assert abs(y) < 0.15
+
+
+@pytest.mark.parametrize("end", [(0, 0), (4, 6), (0, 6), (4, 0), (2, 3)])
+@pytest.mark.parametrize("begin", [(2, 3), (0, 0), (4, 6), (-3, 9), (9, -3)])
+def test_downhill_from_anywhere_to_the_only_end(end, begin):
+    """Cells of .2 m from 1, -2 on; a place outside counts as the nearest cell."""
+    around = Surroundings(np.zeros((10, 14), bool), np.zeros((10, 14), bool), 1.0, -2.0, 0.1)
+    rows, columns = np.indices((5, 7))
+    cost = (0.2 * np.hypot(rows - end[0], columns - end[1])).astype(np.float32)
+    here = (1.0 + 0.2 * (begin[1] + 0.5), -2.0 + 0.2 * (begin[0] + 0.5))
+    assert where_to(cost, around, 2, here) == pytest.approx((1.1 + 0.2 * end[1], -1.9 + 0.2 * end[0]))
+
+
+def test_downhill_by_the_nearer_of_two_that_are_as_low_and_nowhere_from_where_nothing_leads():
+    around = Surroundings(np.zeros((6, 6), bool), np.zeros((6, 6), bool), 0.0, 0.0, 0.1)
+    cost = np.array([[3, 9, 1.9], [9, 2, 9], [9, 1.9, 9]], np.float32)
+    # From the middle to the one below it, not to the one in the corner.
+    assert where_to(cost, around, 2, (0.3, 0.3)) == pytest.approx((0.3, 0.5))
+    cost[0, 2] = 1.7
+    assert where_to(cost, around, 2, (0.3, 0.3)) == pytest.approx((0.5, 0.1))
+    cost[1, 1] = np.inf
+    assert where_to(cost, around, 2, (0.3, 0.3)) == pytest.approx((0.3, 0.3))
+
+
+def test_where_a_way_may_end():
+    """Floor that was seen and not passed costs nothing, what was never seen beside it a price."""
+    wall = world((1.0, 1.5, -4, 4))
+    visited = np.zeros((SIDE, SIDE), bool)
+    visited[square(-4.0, -1.0, -4, 4)] = True
+    wall.free[square(-3.0, -2.0, -1.0, 1.0)] = False
+    visited[square(-3.0, -2.0, -1.0, 1.0)] = False
+    # Beyond the wall nothing was seen, and nothing borders on floor.
+    wall.free[square(1.5, 4.0, -4.0, 4.0)] = False
+    seed = to_unvisited(wall, visited, clearance(wall.blocked, CELL), PARAMS)
+    assert set(np.unique(seed)) == {0.0, PARAMS.unseen_end, np.inf}
+    x = -4.0 + 2 * CELL * (np.argwhere(seed == 0)[:, 1] + 0.5)
+    y = -4.0 + 2 * CELL * (np.argwhere(seed == 0)[:, 0] + 0.5)
+    assert (x.min(), x.max()) == pytest.approx((-0.95, 1.0 - PARAMS.disc - PARAMS.margin), abs=0.06)
+    assert (y.min(), y.max()) == pytest.approx((-3.95, 3.95), abs=0.06)
+    # The border of the unseen square, two cells wide at most, and not its inside.
+    unseen = -4.0 + 2 * CELL * (np.argwhere(seed == PARAMS.unseen_end) + 0.5)
+    assert np.abs(unseen[:, 1] + 2.5).max() < 0.5
+    assert np.abs(unseen[:, 0]).max() < 1.0
+    deep = np.minimum(0.5 - np.abs(unseen[:, 1] + 2.5), 1.0 - np.abs(unseen[:, 0]))
+    assert deep.max() < 3 * CELL
 
 
 def test_what_was_tried_in_vain_counts_as_passed():

@@ -1,5 +1,6 @@
 """The goal controller: what it is asked to do, and that its state is all it has."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -8,9 +9,23 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.kernels.load import kernel
-from ndtorch.navigation import ARRIVED, CRUISE, STOPPED, Command, Navigator, NavigatorOptions, Pose, StereoRig
+from ndtorch.navigation import (
+    ARRIVED,
+    CRUISE,
+    STOPPED,
+    SUPPRESSED,
+    TURN,
+    Command,
+    Navigator,
+    NavigatorOptions,
+    Pose,
+    StereoRig,
+)
+from ndtorch.navigation.controllers.contract import Task
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
+from ndtorch.navigation.controllers.goal.errands import EXPLORE, TO
 from ndtorch.navigation.controllers.goal.params import reactive_params
+from ndtorch.navigation.controllers.goal.state import LONGEST
 from ndtorch.navigation.controllers.ranging.patch import PatchParams
 from ndtorch.navigation.localisation import LocaliserState
 from ndtorch.navigation.near_things import Near
@@ -273,3 +288,135 @@ def test_speed_falls_with_the_room_beside_the_way(clear, share):
     back = way * np.array([-1.0, 1.0, 1.0, 1.0, -1.0], np.float32)
     reverse = allowed_speeds(back, around, Planned(back, 1.0, room, seen, seen), params)
     assert reverse.tolist() == pytest.approx([min(wanted, params.reactive.reverse_speed)] * 2, abs=1e-5)
+
+
+def test_it_begins_knowing_nothing_and_about_its_first_errand():
+    pose = place(1.0, 2.0, 0.5)
+    for params, errand, cells in ((GoalParams(to=(3.0, 0.0)), TO, 0), (GoalParams(), EXPLORE, 512 * 512)):
+        state = GoalControl(RIG, DT, params).start(floor(), pose)
+        values = {name: part.tolist() for name, part in state._asdict().items() if isinstance(part, torch.Tensor)}
+        assert values.pop("home") == [1.0, 2.0]
+        assert values.pop("frame") == [0.0, 0.0, 0.0]
+        assert values.pop("way") == [[0.0] * 6] * LONGEST
+        given = {"errand": errand, "direction": 1, "best": math.inf, "mode": SUPPRESSED}
+        assert values == dict.fromkeys(values, 0) | given
+        assert state.visited.evidence.shape == (cells,)
+        assert not state.visited.evidence.any()
+
+
+def test_where_the_way_has_ended_it_stands_and_lets_the_other_drive_after_a_while():
+    control, pose, state, reaction = on_the_way()
+    room = torch.full((2, len(control.reactive.arcs.curvature)), 2.0)
+    ended = state._replace(at=state.places, due=torch.tensor(5.0))
+    for count in range(2 * control.every):
+        command, after = control.drive_one(room, pose, reaction, ended._replace(vetoed=torch.tensor(count)), False)
+        assert (float(command.speed), float(command.curvature)) == (0.0, 0.0)
+        assert (int(after.due), int(after.vetoed), int(after.lost), int(control.mode(after))) == (0, count + 1, 0, TURN)
+    _, after = control.drive_one(room, pose, reaction, ended._replace(vetoed=torch.tensor(2 * control.every)), False)
+    assert (int(after.vetoed), float(after.lost)) == (0, pytest.approx(1 / DT))
+
+
+def test_exploring_counts_how_long_it_tries_and_how_long_it_finds_nothing():
+    control = GoalControl(RIG, DT, GoalParams(explore=True, reactive=SMALL))
+    pose, state, _ = drive(control, 20, place(0.0, 0.0, 0.0))
+    room = torch.full((2, len(control.reactive.arcs.curvature)), 2.0)
+    reaction = Command(torch.tensor(-0.1), torch.tensor(1.5))
+    found = state._replace(cost=torch.tensor(1.0), due=torch.tensor(5.0), tried=torch.tensor(3.0), lost=state.lost * 0)
+    nothing = found._replace(cost=torch.tensor(math.inf), fruitless=torch.tensor(2.0))
+    _, after = control.drive_one(room, pose, reaction, found._replace(fruitless=torch.tensor(2.0)), False)
+    assert (float(after.tried), float(after.fruitless), float(after.lost)) == (pytest.approx(3 + DT), 0.0, 0.0)
+    command, after = control.drive_one(room, pose, reaction, nothing, False)
+    assert command == reaction
+    assert (float(after.fruitless), float(after.lost)) == pytest.approx((2 + DT, 1 / DT - 1))
+    # The time for which the other drives is not begun anew at every step.
+    _, after = control.drive_one(room, pose, reaction, nothing._replace(lost=torch.tensor(4.0)), False)
+    assert (float(after.fruitless), float(after.lost)) == pytest.approx((2 + DT, 3.0))
+
+
+def test_while_it_looks_for_itself_the_other_drives_and_nothing_is_planned():
+    control, pose, state, reaction = on_the_way()
+    room = torch.full((2, len(control.reactive.arcs.curvature)), 2.0)
+    state = state._replace(told=torch.tensor(-1.0), due=torch.tensor(5.0), tried=torch.tensor(1.0))
+    state = state._replace(reactive=state.reactive._replace(mode=torch.tensor(float(TURN))))
+    command, after = control.drive_one(room, pose, reaction, state, False)
+    assert command == reaction
+    assert (float(after.due), int(control.mode(after)), float(after.tried)) == (0.0, TURN, 1.0)
+    # While it learns the floor nothing else is counted either.
+    assert control.drive_one(room, pose, reaction, state, True) == (reaction, state)
+
+
+@pytest.mark.parametrize("asked", [STOPPED, CRUISE])
+@pytest.mark.parametrize("drives", [STOPPED, CRUISE])
+@pytest.mark.parametrize("mode", [ARRIVED, CRUISE])
+def test_it_stands_where_caution_stops_the_other_unless_it_has_arrived(monkeypatch, asked, drives, mode):
+    control, pose, state, reaction = on_the_way()
+    still = Command(torch.tensor(0.0), torch.tensor(0.0))
+    state = state._replace(mode=torch.tensor(float(mode)))
+    state = state._replace(reactive=state.reactive._replace(mode=torch.tensor(float(drives))))
+    careful = state.reactive._replace(mode=torch.tensor(float(asked)))
+    monkeypatch.setattr(control.reactive, "caution", lambda *_: (still, careful))
+    command, after = control.caution(reaction, state, pose)
+    assert (command, after.reactive) == (still, careful)
+    stops = asked == STOPPED and drives != STOPPED and mode != ARRIVED
+    assert int(control.mode(after)) == (STOPPED if stops else mode)
+
+
+def test_room_is_that_of_the_longer_of_the_two_arcs_beside_what_is_wanted():
+    control = on_the_way()[0]
+    arcs = control.reactive.arcs
+    lengths = torch.stack((torch.tensor([0.7, 0.3, 0.9, 0.2, 0.6, 0.4, 0.8, 0.5]), torch.zeros(8)))
+    for direction in (1.0, -1.0):
+        own = (arcs.forward == direction).nonzero().flatten()
+        for curvature in (-3.0, -1.3, -0.4, 0.1, 0.9, 1.7):
+            near = own[(arcs.curvature[own] - curvature).abs().argsort()[:2]]
+            assert control.free_ahead(lengths, direction, curvature) == float(lengths[0, near].max())
+
+
+def test_the_places_around_the_car_count_as_visited_and_those_before_stay():
+    control = GoalControl(RIG, DT, GoalParams(explore=True, reactive=SMALL))
+    p, pose = control.params, place(0.0, 0.0, 0.0)
+    once = control.visit(control.start(floor(), pose).visited, pose)
+    assert float(once.evidence.sum()) == control.disc.shape[1]
+    assert float(once.evidence.sum()) * p.places.cell**2 == pytest.approx(math.pi * p.passed**2, rel=0.05)
+    assert torch.equal(control.visit(once, pose).evidence, once.evidence)
+    both = control.visit(once, place(3.0, 0.0, 0.0))
+    assert float(both.evidence.sum()) == 2 * control.disc.shape[1]
+
+
+def test_a_task_sets_the_speeds_and_leaves_the_rest():
+    usual = GoalParams()
+    asked = GoalControl.params_for(Task(to=(1.0, 2.0), explore=True, back=True, cruise=0.5))
+    assert asked == replace(usual, to=(1.0, 2.0), explore=True, back=True, reactive=asked.reactive)
+    assert asked.reactive == usual.reactive
+    slow = GoalControl.params_for(Task(cruise=0.2))
+    assert (slow.to, slow.explore, slow.back) == (None, False, False)
+    assert (slow.speed, slow.slow, slow.creep) == (0.2, 0.2, 0.2)
+    r = slow.reactive
+    assert (r.speed, r.tight_speed, r.reverse_speed) == pytest.approx((0.2, 0.16, 0.2))
+    assert replace(r, speed=0.5, tight_speed=usual.reactive.tight_speed, reverse_speed=0.3) == usual.reactive
+    with pytest.raises(InputError, match="goal controller does not remember overhangs"):
+        GoalControl.params_for(Task(overhangs=True))
+
+
+def test_the_speed_before_what_is_slow_is_what_can_be_braked_from():
+    """v^2 = v'^2 + 2 a s from place to place, and standing where the direction changes."""
+    from ndtorch.navigation.controllers.goal.memory import Surroundings
+    from ndtorch.navigation.controllers.goal.planning import Planned
+    from ndtorch.navigation.controllers.goal.speeds import allowed_speeds
+
+    params, blocked = GoalParams(braking=0.1), np.zeros((60, 60), bool)
+    around = Surroundings(blocked, ~blocked, -1.0, -1.0, 0.05)
+    x = [0.0, 0.2, 0.5, 0.6, 0.7]
+    way = np.array([[v, 0.0, 0.0, 0.0, 1.0] for v in x], np.float32)
+    seen = np.zeros((60, 60), np.float32)
+    unseen = seen.copy()
+    unseen[:, round((0.65 + 0.3 + 1) / 0.05) :] = 1  # what the bumper comes over at the last place
+    speeds = allowed_speeds(way, around, Planned(way, 1.0, seen + 9, unseen, seen), params)
+    wanted = [math.sqrt(params.creep**2 + 2 * 0.1 * (0.7 - v)) for v in x]
+    assert speeds.tolist() == pytest.approx(wanted, abs=1e-5)
+    assert wanted[0] < params.speed
+    way[3:, 4] = -1.0
+    speeds = allowed_speeds(way, around, Planned(way, 1.0, seen + 9, seen, seen), params)
+    back = params.reactive.reverse_speed
+    begun = [math.sqrt(0.2 * 0.5), math.sqrt(0.2 * 0.3), math.sqrt(back**2 + 0.2 * 0.1), back, back]
+    assert speeds.tolist() == pytest.approx(begun, abs=1e-5)

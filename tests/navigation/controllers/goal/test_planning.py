@@ -6,13 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ndtorch.navigation.controllers.goal.following import follow
 from ndtorch.navigation.controllers.goal.params import WayParams
 from ndtorch.navigation.controllers.goal.planning import (
     Surroundings,
     clearance,
+    coarser,
     hidden_cells,
     plan,
+    prices,
     to_place,
 )
 
@@ -107,21 +108,6 @@ def test_a_goal_outside_is_approached_over_the_nearest_border():
     assert made.cost == pytest.approx(22.0, rel=0.03)
 
 
-def test_following_steers_back_and_ends_with_the_stretch():
-    way = np.array([[0.2 * n, 0, 0, 0, 1] for n in range(6)] + [[0.8, 0, 0, 0, -1], [0.6, 0, 0, 0, -1]], np.float32)
-    aim = follow(way, 0, (0.0, 0.1, 0.0), 0.3, 2.0)
-    assert aim.direction == 1
-    assert aim.curvature < -0.5
-    assert aim.left == pytest.approx(1.0, abs=0.03)
-    assert follow(way, 0, (0.0, -0.1, 0.0), 0.3, 2.0).curvature == pytest.approx(-aim.curvature)
-    back = follow(way, aim.at, (1.0, 0.0, 0.0), 0.3, 2.0)
-    assert back.direction == -1
-    assert back.left == pytest.approx(0.4, abs=0.03)
-    assert follow(way, back.at, (0.6, 0.0, 0.0), 0.3, 2.0).direction == 0
-    # Driving backward the same error is steered back with the opposite curvature of the way that lies behind.
-    assert follow(way, 5, (1.0, 0.1, 0.0), 0.3, 2.0).curvature * math.copysign(1, aim.curvature) > 0
-
-
 def test_a_place_outside_is_driven_to_by_the_border_on_every_side():
     """What each cell of the border costs is how far its middle is from the place; no other cell is an end."""
     around, side = world(), CELL * PARAMS.coarse
@@ -135,3 +121,49 @@ def test_a_place_outside_is_driven_to_by_the_border_on_every_side():
     inside = to_place(around, (3.999, -4.0), PARAMS)
     assert np.argwhere(np.isfinite(inside)).tolist() == [[0, n - 1]]
     assert inside[0, n - 1] == 0
+
+
+@pytest.mark.parametrize("corner", [(2.03, 2.03), (2.03, 0.5), (0.5, 2.03)])
+def test_a_car_in_the_last_cell_of_an_odd_number_plans_from_the_last_coarse_one(corner):
+    blocked = np.zeros((41, 41), bool)
+    around = Surroundings(blocked, ~blocked, 0.0, 0.0, CELL)
+    assert 40 in around.cell_of(*corner)
+    made = planned(around, (0.5, 0.5), (*corner, math.pi))
+    assert made.to_go.shape == (20, 20)
+    assert made.cost == pytest.approx(math.dist(corner, (0.5, 0.5)), rel=0.15)
+
+
+def test_prices_rise_with_nearness_and_over_what_was_not_seen():
+    """1 a metre, `tight_price` more where the body just fits, and what is blocked only where there is no other way."""
+    p, inner = PARAMS, PARAMS.disc + PARAMS.margin
+    near = (p.soft, (p.soft + inner) / 2, inner, inner - 0.029, inner - 0.031, p.shut + 0.001, p.shut - 0.001, 0.0)
+    clear = np.repeat(np.repeat(np.array([near], np.float32), 2, 0), 2, 1)
+    tight = (0.0, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+    dear = (0, 0, 0, 0, 1, 1, 1, 1)
+    seen = np.zeros(clear.shape, bool)
+    wanted = [1 + p.tight_price * t + p.blocked_price * d for t, d in zip(tight, dear, strict=True)]
+    np.testing.assert_allclose(prices(clear, seen, p)[0], wanted, rtol=1e-5)
+    shut = [*wanted[:6], np.inf, np.inf]
+    np.testing.assert_allclose(prices(clear, seen, p, through=False)[0], shut, rtol=1e-5)
+    np.testing.assert_allclose(prices(clear, ~seen, p)[0], np.array(wanted) + p.unknown_price, rtol=1e-5)
+    # A coarse cell was not seen where one of its cells was not.
+    partly = seen.copy()
+    partly[1, 3] = True
+    one = np.arange(8) == 1
+    np.testing.assert_allclose(prices(clear, partly, p)[0], np.array(wanted) + p.unknown_price * one, rtol=1e-5)
+
+
+def test_the_least_of_each_square_and_no_cell_twice():
+    values = np.arange(35.0).reshape(5, 7)[::-1, ::-1]
+    assert coarser(values, 2).tolist() == [[26.0, 24.0, 22.0], [12.0, 10.0, 8.0]]
+    assert coarser(values, 3).tolist() == [[18.0, 15.0]]
+
+
+def test_clearance_is_the_distance_to_what_is_blocked():
+    around = world((0.0, 0.05, 0.0, 0.05))
+    clear = clearance(around.blocked, CELL)
+    row, column = around.cell_of(0.01, 0.01)
+    assert clear[row, column] == 0
+    assert clear[row, column + 10] == pytest.approx(10 * CELL)
+    assert clear[row + 6, column - 8] == pytest.approx(10 * CELL, rel=0.03)
+    assert (clearance(np.zeros((3, 4), bool), CELL) == 99.0).all()

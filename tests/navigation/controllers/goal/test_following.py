@@ -1,0 +1,110 @@
+"""Driving along a way: which place is reached, where to aim, and the arc that leads there."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from ndtorch.navigation.controllers.goal.following import follow
+
+WAY = np.array(
+    [
+        [0.0, 0.0, 0.0, 0.0, 1.0],
+        [0.2, 0.0, 0.1, 0.5, 1.0],
+        [0.4, 0.03, 0.3, 1.0, 1.0],
+        [0.58, 0.12, 0.6, 1.5, 1.0],
+        [0.42, 0.02, 0.4, 1.0, -1.0],
+        [0.2, -0.04, 0.2, 1.0, -1.0],
+    ],
+    np.float32,
+)
+WIDE = 99.0
+"""A largest curvature that limits nothing."""
+
+
+def along(places: list[tuple[float, float]], length: float, heading: float, direction: float) -> tuple[float, float]:
+    """The place so far along a broken line, and straight on beyond its end."""
+    for (x, y), (to_x, to_y) in itertools.pairwise(places):
+        piece = math.hypot(to_x - x, to_y - y)
+        if length <= piece:
+            return x + length / piece * (to_x - x), y + length / piece * (to_y - y)
+        length -= piece
+    x, y = places[-1]
+    return x + length * direction * math.cos(heading), y + length * direction * math.sin(heading)
+
+
+def arc_to(pose: tuple[float, float, float], place: tuple[float, float]) -> float:
+    """Curvature of the circle that touches the heading and goes through a place: sine law, 2 sin(angle) / distance."""
+    dx, dy = place[0] - pose[0], place[1] - pose[1]
+    return 2 * math.sin(math.atan2(dy, dx) - pose[2]) / math.hypot(dx, dy)
+
+
+@pytest.mark.parametrize("ahead", [0.1, 0.3, 0.45, 0.8])
+@pytest.mark.parametrize("pose", [(0.01, 0.02, 0.1), (0.1, -0.05, -0.3), (0.3, 0.1, 0.2), (0.42, 0.0, 0.5)])
+def test_it_aims_at_the_place_so_far_ahead_along_the_way(pose: tuple[float, float, float], ahead: float) -> None:
+    aim = follow(WAY, 0, pose, ahead, WIDE)
+    left = [(float(x), float(y)) for x, y in WAY[aim.at + 1 : 4, :2]]
+    aimed = along([pose[:2], *left], ahead, float(WAY[3, 2]), 1.0)
+    assert aim.direction == 1.0
+    assert aim.curvature == pytest.approx(arc_to(pose, aimed), abs=1e-4)
+    lengths = [math.dist(a, b) for a, b in zip([pose[:2], *left], left, strict=False)]
+    assert aim.left == pytest.approx(sum(lengths), abs=1e-6)
+
+
+@pytest.mark.parametrize("ahead", [0.1, 0.3, 0.8])
+@pytest.mark.parametrize("pose", [(0.57, 0.1, 0.5), (0.5, 0.1, 0.7), (0.3, 0.0, 0.3)])
+def test_going_back_it_aims_behind_itself(pose: tuple[float, float, float], ahead: float) -> None:
+    aim = follow(WAY, 3, pose, ahead, WIDE)
+    left = [(float(x), float(y)) for x, y in WAY[aim.at + 1 :, :2]]
+    aimed = along([pose[:2], *left], ahead, float(WAY[5, 2]), -1.0)
+    assert aim.direction == -1.0
+    assert aim.curvature == pytest.approx(arc_to(pose, aimed), abs=1e-4)
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+@pytest.mark.parametrize(("before", "reached"), [(0.021, 0), (0.019, 1), (-0.1, 1)])
+def test_a_place_is_reached_2_cm_before_the_line_across_the_way(before: float, reached: int, direction: float) -> None:
+    """The line is at right angles to the heading there, wherever aside the car is."""
+    turned = 0.5
+    cos, sin = math.cos(turned), math.sin(turned)
+    way = np.array([[direction * 0.2 * n * cos, direction * 0.2 * n * sin, turned, 0, direction] for n in range(4)])
+    for aside in (0.3, -0.3):
+        x = direction * (0.2 - before)
+        pose = (x * cos - aside * sin, x * sin + aside * cos, turned)
+        assert follow(way, 0, pose, 0.3, WIDE).at == reached
+
+
+@pytest.mark.parametrize("aside", [0.2, -0.2])
+def test_no_arc_is_tighter_than_the_tightest(aside: float) -> None:
+    assert follow(WAY, 0, (0.0, aside, 0.0), 0.1, 2.0).curvature == math.copysign(2.0, -aside)
+
+
+def test_a_way_without_another_place_has_ended() -> None:
+    for way, at in ((WAY[:0], 0), (WAY[:1], 0), (WAY, 5), (WAY, 6)):
+        assert follow(way, at, (0.0, 0.0, 0.0), 0.3, 2.0) == (0.0, 0.0, at, 0.0)
+
+
+def test_beyond_the_end_of_a_stretch_the_next_one_begins_and_beyond_the_last_none() -> None:
+    aim = follow(WAY, 0, (0.6, 0.13, 0.6), 0.3, WIDE)
+    assert (aim.direction, aim.at) == (-1.0, 3)
+    assert follow(WAY, 0, (0.1, -0.06, 0.2), 0.3, WIDE).direction == 1.0
+    done = follow(WAY, 3, (0.1, -0.06, 0.2), 0.3, WIDE)
+    assert (done.direction, done.at, done.left) == (0.0, 5, 0.0)
+
+
+def test_following_steers_back_and_ends_with_the_stretch() -> None:
+    way = np.array([[0.2 * n, 0, 0, 0, 1] for n in range(6)] + [[0.8, 0, 0, 0, -1], [0.6, 0, 0, 0, -1]], np.float32)
+    aim = follow(way, 0, (0.0, 0.1, 0.0), 0.3, 2.0)
+    assert aim.direction == 1
+    assert aim.curvature < -0.5
+    assert aim.left == pytest.approx(1.0, abs=0.03)
+    assert follow(way, 0, (0.0, -0.1, 0.0), 0.3, 2.0).curvature == pytest.approx(-aim.curvature)
+    back = follow(way, aim.at, (1.0, 0.0, 0.0), 0.3, 2.0)
+    assert back.direction == -1
+    assert back.left == pytest.approx(0.4, abs=0.03)
+    assert follow(way, back.at, (0.6, 0.0, 0.0), 0.3, 2.0).direction == 0
+    # Driving backward the same error is steered back with the opposite curvature of the way that lies behind.
+    assert follow(way, 5, (1.0, 0.1, 0.0), 0.3, 2.0).curvature * math.copysign(1, aim.curvature) > 0

@@ -1,0 +1,73 @@
+"""A new way: where it begins, what of it is kept, and what is taken for floor."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+
+from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
+from ndtorch.navigation.controllers.goal.errands import EXPLORE
+from ndtorch.navigation.controllers.goal.replanning import replan
+from ndtorch.navigation.controllers.goal.state import LONGEST, GoalState
+from tests.navigation.controllers.goal.test_goal_control import DT, RIG, SMALL, floor, place
+
+pytest.importorskip("numba")
+HERE = (0.3, -0.2, 0.1)
+PARAMS = GoalParams(to=(2.0, 0.0), reactive=SMALL)
+
+
+def known(evidence: float, params: GoalParams = PARAMS) -> GoalState:
+    """All that is around the car was seen so far, in shares of what counts as blocked."""
+    state = GoalControl(RIG, DT, params).start(floor(), place(*HERE))
+    patch = state.reactive.patch
+    patch = patch._replace(evidence=torch.full_like(patch.evidence, evidence * params.reactive.blocked))
+    return state._replace(reactive=state.reactive._replace(patch=patch))
+
+
+def test_the_way_begins_where_the_car_is_and_with_what_it_drives() -> None:
+    state = known(-1.0)
+    before = torch.arange(float(LONGEST * 6)).view(LONGEST, 6) / 100
+    for places, at, wanted in ((0, 0, 0.0), (5, 2, float(before[3, 3])), (5, 4, float(before[4, 3]))):
+        for direction in (1.0, -1.0):
+            told = state._replace(
+                way=before,
+                places=torch.tensor(float(places)),
+                at=torch.tensor(float(at)),
+                direction=torch.tensor(direction),
+            )
+            made = replan(told, HERE, PARAMS, 7)
+            assert made.way[0, :5].tolist() == pytest.approx([*HERE, wanted, direction], abs=1e-6)
+            assert (float(made.at), float(made.due)) == (0.0, 7.0)
+
+
+def test_as_much_is_kept_as_was_planned_with_the_speeds_that_are_allowed() -> None:
+    made = replan(known(-1.0), HERE, PARAMS, 7)
+    places = int(made.places)
+    # Arcs of 0.2 m for 1.7 m, after the place where the car is.
+    assert places == pytest.approx(1 + math.dist(HERE[:2], (2.0, 0.0)) / PARAMS.way.step, abs=1.5)
+    assert not made.way[places:].any()
+    assert float(made.cost) == pytest.approx(math.dist(HERE[:2], (2.0, 0.0)), abs=0.15)
+    speeds = made.way[:places, 5]
+    assert float(speeds[0]) == PARAMS.speed
+    assert bool((speeds > 0).all())
+
+
+@pytest.mark.parametrize(
+    ("evidence", "speed"), [(-1.0, PARAMS.speed), (-0.101, PARAMS.speed), (-0.099, PARAMS.creep), (0.5, PARAMS.creep)]
+)
+def test_floor_is_known_from_a_tenth_of_the_evidence_against_it_on_and_else_crept_over(
+    evidence: float, speed: float
+) -> None:
+    assert float(replan(known(evidence), HERE, PARAMS, 7).way[0, 5]) == pytest.approx(speed)
+
+
+def test_what_is_blocked_is_driven_through_at_its_price_to_a_place_and_not_at_all_when_exploring() -> None:
+    costs = [float(replan(known(evidence), HERE, PARAMS, 7).cost) for evidence in (0.999, 1.0)]
+    assert costs[0] < 4 < PARAMS.way.blocked_price < costs[1]
+    params = GoalParams(explore=True, reactive=SMALL)
+    state = known(1.0, params)
+    assert int(state.errand) == EXPLORE
+    made = replan(state, HERE, params, 7)
+    assert (float(made.places), math.isinf(float(made.cost))) == (0.0, True)
