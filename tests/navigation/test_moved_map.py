@@ -3,9 +3,9 @@
 import pytest
 import torch
 
-from ndtorch.navigation import Grid, GridMap, Pose, Ranges, StereoRig
-from ndtorch.navigation.moved_map import draw, evident, keep, map_cells
-from ndtorch.navigation.sights import Anchor, Frames, no_sights
+from ndtorch.navigation import Grid, GridMap, Navigator, Pose, Ranges, StereoRig
+from ndtorch.navigation.moved_map import CHUNK, draw, evident, keep, map_cells
+from ndtorch.navigation.sights import Anchor, Frames, add_sights, no_sights, placed_sights
 
 GRID = Grid(0.0, 6.0, -2.0, 2.0)
 
@@ -59,3 +59,33 @@ def test_what_is_less_than_a_hundredth_is_no_evidence():
 def test_before_anything_was_seen_the_map_is_empty():
     assert not bool(draw(GridMap(StereoRig(), GRID), no_sights(), frames(0.0, 0.0, 0.0)).any())
     assert map_cells(GridMap(StereoRig(), GRID), None).shape == (GRID.rows, GRID.columns)
+
+
+def test_many_sights_are_drawn_as_few_are():
+    """More than are drawn at once, each of its own."""
+    rig, sights, count = StereoRig(), no_sights(), CHUNK + 44
+    for n in range(count):
+        there = seen(rig, 1.2 + 0.01 * (n % 30), 0.1 * (n % 7 - 3))
+        sights = add_sights(sights, Anchor(3, (0.01 * n, 0.0, 0.0)), Ranges(*(part[0] for part in there)))
+    assert len(sights.now) == count
+    grid_map, where = GridMap(rig, GRID, certainty="log-odds"), frames(0.5, 0.2, 0.1)
+    drawn = draw(grid_map, sights, where)
+    whole = grid_map.update(*placed_sights(sights, where))
+    torch.testing.assert_close(drawn, evident(GridMap.normalise(GRID.inner(whole.cells))), rtol=1e-4, atol=1e-5)
+    less = draw(grid_map, sights._replace(now=sights.now[:CHUNK]), where)
+    assert not torch.allclose(drawn, less, atol=1e-3)
+
+
+def test_a_navigator_without_a_localiser_has_the_map_that_it_drew():
+    rig = StereoRig()
+    navigator = Navigator(rig, 1 / 30, grid_map=GridMap(rig, GRID))
+    eyes = torch.zeros(2, 1, rig.height, rig.width, dtype=torch.uint8)
+    _, state = navigator(eyes, eyes)
+    pose, ranges = Pose(*(torch.tensor([v]) for v in (1.0, 0.0, 0.0))), seen(rig, 1.5)
+    state = state._replace(map=navigator.grid_map.update(ranges, pose))
+    drawn = GridMap.normalise(GRID.inner(state.map.cells))
+    assert float(drawn.max()) == 1
+    assert torch.equal(map_cells(navigator.grid_map, state), drawn)
+    kept = state._replace(map=keep(state.map, ranges, [Anchor(3, (1.0, 0.0, 0.0))]))
+    assert torch.equal(map_cells(navigator.grid_map, kept), drawn)
+    assert not map_cells(navigator.grid_map, state._replace(map=None)).any()

@@ -55,3 +55,26 @@ def test_nothing_was_seen():
     found, poses = placed_sights(no_sights(), frames(f0=(0, 0, 0)))
     assert found.x.shape == (0, 1)
     assert poses.x.shape == (0,)
+
+
+def test_each_number_of_a_range_stays_what_it_was_and_its_pose_is_turned_with_the_frame():
+    numbers = torch.tensor([[2.0, -0.3, 0.2, 1.9, 0.4], [3.0, -0.1, 0.6, 2.8, -0.5]])
+    seen = Ranges(*numbers.unbind(-1), torch.tensor([True, True]))
+    sights = add_sights(no_sights(), Anchor(4, (1.0, 2.0, 0.3)), seen)
+    found, pose = placed_sights(sights, frames(f4=(10, 20, math.pi / 6)))
+    assert [part.shape for part in found] == [(2, 1)] * 6
+    torch.testing.assert_close(torch.cat(found[:-1], -1), numbers)
+    cos, sin = math.cos(math.pi / 6), math.sin(math.pi / 6)
+    wanted = (10 + cos - 2 * sin, 20 + sin + 2 * cos, 0.3 + math.pi / 6)
+    assert [part.tolist() for part in pose] == [pytest.approx([v] * 2) for v in wanted]
+
+
+def test_frames_without_a_sight_leave_nothing_and_the_rest_lie_in_the_order_they_came():
+    sights = no_sights()
+    for number, count in ((3, 2), (4, 0), (5, 1), (3, 1), (3, 1), (6, 0)):
+        sights = add_sights(sights, Anchor(number, (0.0, 0.0, 0.0)), ranges(*[float(number)] * count))
+    assert sights.numbers.tolist() == [3.0, 5.0, 3.0]
+    assert [len(part) for part in sights.seen] == [2, 1, 2]
+    assert (float(sights.frame), len(sights.now)) == (6.0, 0)
+    found, _ = placed_sights(sights, frames(f3=(0, 0, 0), f5=(1, 0, 0), f6=(2, 0, 0)))
+    assert found.x.flatten().tolist() == [3.0, 3.0, 5.0, 3.0, 3.0]

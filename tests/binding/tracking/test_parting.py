@@ -8,7 +8,7 @@ import pytest
 from ndtorch.binding.tracking.figure_params import FigureParams
 from ndtorch.binding.tracking.figures import Figure
 from ndtorch.binding.tracking.following import start
-from ndtorch.binding.tracking.parting import NEVER, assigned, parting
+from ndtorch.binding.tracking.parting import NEVER, assigned, costs, of_its_own, parting
 from ndtorch.binding.tracking.regions import Regions
 
 HEIGHT, SIDE = 100, 20
@@ -77,3 +77,66 @@ def test_one_stays_and_each_region_gets_one_at_most() -> None:
     assert assigned(left, stay) == [(0, 0), (2, 1)]
     assert assigned(left[:2, :1], stay[:2]) == [(0, 0)]
     assert assigned(np.full((2, 1), NEVER, np.float32), stay[:2]) == []
+
+
+ORANGE = np.array([0.7, 0.25, 0.2])
+
+
+def test_what_it_costs_is_the_distance_in_reaches_and_how_much_the_color_differs() -> None:
+    """Of regions where it is expected, 7 pixels beside that, of other colors, and too far away to leave for."""
+    one, p = track(0, 0.6, RED, seconds=3.0), FigureParams()
+    regions, picture = scene((50, RED), (57, ORANGE), (57, GREEN), (95, RED))
+    reach = p.gate * one.size * (1 + p.reach * (NOW - one.last_seen))
+    apart, most = (np.array([0.0, 0.07, 0.07, 0.45]) / reach).tolist(), [0.0, 0.1, 0.6, 0.0]
+    wanted = [a + p.known_by * m for a, m in zip(apart, most, strict=True)]
+    for n, left in enumerate((50, 57, 57, 95)):
+        color = (RED, ORANGE, GREEN, RED)[n]
+        regions.labels[:] = 0
+        regions.labels[40:60, left : left + SIDE] = n + 1
+        picture[:, 40:60, left : left + SIDE] = color[:, None, None]
+        stays = costs([one], [n], regions, picture, NOW, p, alike=False)
+        leaves = costs([one], [n], regions, picture, NOW, p)
+        assert stays.tolist() == [[pytest.approx(wanted[n], abs=1e-4)]]
+        assert leaves.tolist() == [[pytest.approx(wanted[n] if wanted[n] < p.leaves else NEVER, abs=1e-4)]]
+    assert wanted[1] < p.leaves < min(wanted[2:])
+    # Later its reach is larger.
+    early, late = (costs([one], [3], regions, picture, NOW + s, p, alike=False)[0, 0] for s in (0.0, 2.0))
+    assert late == pytest.approx(
+        early * reach / (p.gate * one.size * (1 + p.reach * (NOW + 2.0 - one.last_seen))), rel=1e-4
+    )
+
+
+@pytest.mark.parametrize(("ratio", "leaves"), [(2.9, True), (3.1, False), (1 / 2.9, True), (1 / 3.1, False)])
+def test_it_leaves_for_what_is_of_its_size_and_stays_in_any(ratio: float, leaves: bool) -> None:
+    regions, picture = scene((50, RED))
+    regions = regions._replace(areas=np.array([SIDE**2 * ratio]))
+    one, p = track(0, 0.6, RED), FigureParams()
+    assert (costs([one], [0], regions, picture, NOW, p) < NEVER).item() == leaves
+    assert (costs([one], [0], regions, picture, NOW, p, alike=False) < NEVER).item()
+
+
+def test_it_stays_at_its_own_price_in_a_group_that_is_much_larger_than_each() -> None:
+    """The one that is nearer to the middle of the group stays, where both would leave as gladly."""
+    ones = [track(0, 0.6, RED), track(1, 0.66, RED)]
+    for middle, gone in ((0.57, 1), (0.69, 0)):
+        regions, picture = scene((0, RED), (53, RED))
+        left = round(100 * middle) - 30
+        regions.labels[20:40, left : left + 60] = 1
+        picture[:] = RED[:, None, None]
+        boxes = np.array([[20, left, 80, left + 60], [40, 53, 60, 53 + SIDE]])
+        regions = regions._replace(boxes=boxes, areas=np.array([3600, SIDE**2]))
+        given: dict[int, list[int]] = {0: [0, 1], 1: []}
+        parting(ones, given, {}, regions, picture, NOW, FigureParams())
+        assert given == {0: [1 - gone], 1: [gone]}
+
+
+def test_a_track_is_of_its_own_once_it_is_known_for_long_enough() -> None:
+    p = FigureParams()
+    for seconds, own in ((p.familiar + 0.01, True), (p.familiar - 0.02, False)):
+        one = track(0, 0.6, RED)
+        first = one.late[-1]
+        one.late.clear()
+        one.late += [(first[0] - seconds, *first[1:]), first]
+        assert of_its_own(one, p) == own
+        one.known = False
+        assert not of_its_own(one, p)
