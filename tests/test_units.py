@@ -31,7 +31,7 @@ ENDINGS = ("_s", "_ms", "_m", "_px", "_hz", "_deg", "_rad", "_percent", "_per_s"
 
 WITHOUT = {
     "sight": "row_contrast field_contrast row_relative field_relative sharpness noise sharp_range softness row_change "
-    "field_change still swapped mirrored agreement_patches turns backwards",
+    "field_change still by_chance swapped mirrored turns backwards",
     "simulation": "seed",
     "cameras": "gain",
     "left": "distortion",

@@ -87,10 +87,9 @@ class SightTable(Strict):
     row_change: Positive = 1.0
     field_change: Positive = 0.45
     still: Annotated[float, Field(ge=-1, le=1)] = 0.5
-    swapped: Annotated[float, Field(ge=0, le=2)] = 0.1
-    mirrored: Annotated[float, Field(ge=0, le=2)] = 0.1
-    agreement_patches: Positive = 25.0
-    agreement_s: Positive = 2.0
+    by_chance: Annotated[float, Field(ge=0, le=2)] = 0.05
+    swapped: Positive = 8.0
+    mirrored: Positive = 4.0
     turns: Positive = 3.0
     backwards: Annotated[float, Field(ge=0, le=3)] = 0.3
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from ndtorch.kernels.glance import BLOCK
@@ -34,42 +32,54 @@ class Agreement:
 
     What parallel cameras see lies further to the right in the left row. Where partners lie on the other side, the
     cameras are swapped, both are upside down, or one looks outward; where they fit when mirrored, one is upside down.
+    How much better they fit there is summed up, less what chance may do, and never below 0 (the cumulative sum test of
+    Page, Biometrika 41, 1954): the sum of good cameras falls back to 0, that of wrong ones grows as the car drives.
 
     Args:
-        rate: frames a second.
         limits: see `SightLimits`.
         reach: largest disparity, pixels.
     """
 
-    def __init__(self, rate: float, limits: SightLimits, reach: int = REACH) -> None:
+    def __init__(self, limits: SightLimits, reach: int = REACH) -> None:
         self.limits, self.reach = limits, reach // BLOCK
-        self.keep = math.exp(-EVERY / (rate * max(limits.agreement_s, 1e-6)))
         self.seen = 0
         self.forget()
 
     def forget(self) -> None:
         """Nothing was compared yet: somebody may have turned the cameras round."""
-        self.patches = self.swapped = self.flipped = 0.0
+        self.swapped = self.mirrored = 0.0
+        self.view: tuple[float, float] | None = None
 
-    def compare(self, left: Eye, right: Eye) -> str | None:
-        """Look at two rows; returns what is wrong with them, in words."""
+    def compare(self, left: Eye, right: Eye, view: tuple[float, float] | None = None) -> str | None:
+        """Look at two rows; returns what is wrong with them, in words.
+
+        Args:
+            view: way and turn of the car so far, m and rad. One view is looked at once: it does not become likelier by
+                being seen again. By default the view is another one every time.
+        """
         self.seen += 1
-        if self.seen % EVERY == 1 and len(right.row) > PATCH + self.reach:
+        if self.seen % EVERY == 1 and len(right.row) > PATCH + self.reach and self.is_new(view):
+            self.view = view
             self.add(partners(left.row, right.row, self.reach, self.limits))
-        if self.patches < self.limits.agreement_patches:
-            return None
-        if self.flipped > self.limits.mirrored * self.patches:
+        if self.mirrored > self.limits.mirrored:
             return "one of the cameras is upside down: the rows fit when one is mirrored"
-        if self.swapped > self.limits.swapped * self.patches:
+        if self.swapped > self.limits.swapped:
             return "the cameras are swapped, upside down or turned: things lie on the wrong side of each other"
         return None
 
+    def is_new(self, view: tuple[float, float] | None) -> bool:
+        """Whether the car has gone so far since the last comparison that the picture must have changed."""
+        if view is None or self.view is None:
+            return True
+        way, turn = abs(view[0] - self.view[0]), abs(view[1] - self.view[1])
+        return way >= self.limits.moved_m or turn >= self.limits.turned_rad
+
     def add(self, found: tuple[Floats, Floats, Floats]) -> None:
-        """Take the correlations of patches into the means: as they should lie, on the wrong side, mirrored."""
+        """Take in the correlations of patches: as they should lie, on the wrong side, mirrored."""
         right, wrong, mirrored = found
-        self.patches = self.patches * self.keep + len(right)
-        self.swapped = self.swapped * self.keep + float((wrong - right).sum())
-        self.flipped = self.flipped * self.keep + float((mirrored - np.maximum(right, wrong)).sum())
+        chance = self.limits.by_chance * len(right)
+        self.swapped = max(0.0, self.swapped + float((wrong - right).sum()) - chance)
+        self.mirrored = max(0.0, self.mirrored + float((mirrored - np.maximum(right, wrong)).sum()) - chance)
 
 
 def partners(

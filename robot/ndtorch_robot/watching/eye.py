@@ -52,10 +52,9 @@ class SightLimits:
         moved_m, turned_rad: how far the car must have driven or turned before its picture must have changed.
         row_change, field_change: root mean square change of the block means below which nothing has changed.
         still: correlation of pictures a third of a second apart below which they have moved although the wheels stand.
-        swapped: how much better, as a correlation, the rows must fit with near things on the wrong side.
-        mirrored: how much better they must fit when one is mirrored.
-        agreement_patches: so many patches of the row must have been compared before.
-        agreement_s: seconds over which they are averaged.
+        by_chance: how much better, as a correlation, a patch of a row may fit where it must not lie.
+        swapped: sum of what patches fit better than that with near things on the wrong side.
+        mirrored: the same where one row is mirrored.
         turns: so many comparisons of pictures from before and after a turn must have been made before.
         backwards: how much better they must fit when turned the wrong way. The natural logarithm of what is left
             unexplained must be less by so much.
@@ -75,10 +74,9 @@ class SightLimits:
     row_change: float = 1.0
     field_change: float = 0.45
     still: float = 0.5
-    swapped: float = 0.1
-    mirrored: float = 0.1
-    agreement_patches: float = 25.0
-    agreement_s: float = 2.0
+    by_chance: float = 0.05
+    swapped: float = 8.0
+    mirrored: float = 4.0
     turns: float = 3.0
     backwards: float = 0.3
 

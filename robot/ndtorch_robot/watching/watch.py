@@ -55,7 +55,7 @@ class CameraWatch:
 
     After `limits.patience_s` of pictures that look wrong (one that looks right takes one back): a camera that
     shows nothing or is blurred, one whose picture hardly changes on a way on which it must, both pictures moving
-    while the wheels stand. After `limits.agreement_s`: cameras that are swapped, upside down or turned. After some
+    while the wheels stand. After some views on the way: cameras that are swapped, upside down or turned. After some
     sharp turns: a camera whose picture turns the wrong way, because it is upside down.
 
     Args:
@@ -77,7 +77,7 @@ class CameraWatch:
         self.rig, self.patience, self.fields = rig, patience, rig.subfields()
         self.together, self.rate, self.limits = together, rate, limits or SightLimits()
         self.wrong_for = max(2, round(self.limits.patience_s * rate / EVERY))
-        self.agreement = Agreement(rate / EVERY, self.limits)
+        self.agreement = Agreement(self.limits)
         self.turning = [Turning(rig.focal, self.limits) for _ in NAMES]
         self.compared_at = 0.0
         self.time = -math.inf
@@ -184,7 +184,7 @@ class CameraWatch:
         self.before.append((self.driven, self.turned, eyes))
         if self.carried >= self.wrong_for:
             raise SightError(Kind.CARRIED, "both pictures move although the wheels stand")
-        wrong = self.agreement.compare(*eyes) if reasons == [None, None] else None
+        wrong = self.agreement.compare(*eyes, view=(self.driven, self.turned)) if reasons == [None, None] else None
         if wrong is not None:
             raise SightError(Kind.MOUNTING, wrong)
 

@@ -1,11 +1,13 @@
 """Patches are found where they are, by kernel and by NumPy."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from ndtorch_robot.drive import DriveConfig, drive
 from ndtorch_robot.watching import agreement
-from ndtorch_robot.watching.agreement import partners
+from ndtorch_robot.watching.agreement import EVERY, Agreement, partners
 from ndtorch_robot.watching.eye import SightLimits
 from tests.robot.support.gl_needed import needs_gl
 
@@ -51,6 +53,61 @@ def test_kernel_and_numpy_find_the_same(monkeypatch, kind):
     assert len(quick[0]) == len(slow[0]) > 0
     for a, b in zip(quick, slow, strict=True):
         np.testing.assert_allclose(a, b, atol=2e-5)
+
+
+def seen(row):
+    """As much of an eye as is compared."""
+    return SimpleNamespace(row=row)
+
+
+def judged(rows, views, limits=LIMITS):
+    """What is said of pairs of rows, each of `EVERY` times looked at, and the judge."""
+    judge = Agreement(limits, 4 * REACH)
+    said = None
+    for (left, right), view in zip(rows, views, strict=True):
+        for _ in range(EVERY):
+            said = judge.compare(seen(left), seen(right), view) or said
+    return said, judge
+
+
+def moved(blocks):
+    """Rows of noise, each with its partner so many blocks away."""
+    return [(row(n), np.roll(row(n), -blocks)) for n in range(8)]
+
+
+def test_wrong_cameras_are_told_on_the_way_and_good_ones_are_not():
+    way = [(0.05 * n, 0.0) for n in range(8)]
+    said, judge = judged(moved(12), way)
+    assert (said, judge.swapped, judge.mirrored) == (None, 0, 0)
+    said, judge = judged(moved(-12), way)
+    assert "swapped" in said
+    assert judge.swapped > 8 * 9 * 0.1
+    upside_down = [(left, right[::-1].copy()) for left, right in moved(-1)]
+    said, judge = judged(upside_down, way)
+    assert "upside down" in said
+    assert judge.mirrored > LIMITS.mirrored
+
+
+@pytest.mark.parametrize(("step", "heading"), [(0.0, 0.0), (0.009, 0.011)])
+def test_a_view_is_looked_at_once(step, heading):
+    """A corner that by chance fits wrongly does not become likelier while the car stands, or creeps."""
+    count = 5
+    said, judge = judged(moved(-12)[:1] * count, [(step * n, heading * n) for n in range(count)])
+    once = judged(moved(-12)[:1], [(0.0, 0.0)])[1].swapped
+    assert said is None
+    assert 0 < once < LIMITS.swapped
+    assert judge.swapped == once
+    assert judged(moved(-12)[:1] * count, [None] * count)[1].swapped == pytest.approx(count * once)
+    assert judged(moved(-12)[:1] * count, [(0.0, 0.06 * n) for n in range(count)])[1].swapped == pytest.approx(
+        count * once
+    )
+
+
+def test_what_fits_takes_back_what_did_not():
+    views = [(0.05 * n, 0.0) for n in range(3)]
+    before = judged(moved(-12)[:2], views[:2])[1].swapped
+    after = judged(moved(-12)[:2] + moved(12)[2:3], views)[1].swapped
+    assert after < before - 1
 
 
 @needs_gl
