@@ -40,6 +40,7 @@ CAR = Path(__file__).resolve().parents[2] / "shared" / "data" / "car-detection.m
 
 
 @pytest.mark.usefixtures("undrawn")
+@pytest.mark.slow
 def test_json_is_one_object_and_nothing_else(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bind", "one-bar", "--seconds", "0.5", "--settle", "0.2", "--json", "--out", str(tmp_path)]) == 0
     printed = json.loads(capsys.readouterr().out)
@@ -85,6 +86,7 @@ def test_default_run_names_both_bars_in_words(tmp_path: Path, capsys: pytest.Cap
 
 
 @pytest.mark.usefixtures("undrawn")
+@pytest.mark.slow
 def test_a_folder_of_ones_own_is_a_model(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ndtorch.load("scale-free", gamma=0.4).save(tmp_path / "mine")
     asked = ["bind", str(clip), "--model", str(tmp_path / "mine"), "--seconds", "0.4", "--pictures", "0"]

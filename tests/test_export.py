@@ -112,6 +112,7 @@ def test_a_package_is_compiled_by_inductor(tmp_path: Path, monkeypatch: pytest.M
     assert (tmp_path / "next.pt2").read_bytes() == b"compiled"
 
 
+@pytest.mark.slow
 def test_on_a_full_disk_old_programs_stay_and_one_line_says_so(tmp_path: Path) -> None:
     """In a process of its own: torch's writer would end it."""
     names = ("first.pt2", "next.pt2")

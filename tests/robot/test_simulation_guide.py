@@ -25,6 +25,7 @@ def test_arenas_of_the_guide(tmp_path, number, rings, area):
 
 
 @needs_gl
+@pytest.mark.slow
 def test_script_of_the_guide(capsys):
     script, _ = re.findall(r"```python\n(.*?)```", GUIDE, flags=re.DOTALL)
     names = {}

@@ -63,6 +63,7 @@ def test_an_object_is_reported_when_it_is_there(tmp_path: Path, suffix: str, mod
     assert TO - 0.5 < thing.last_seen < TO + 0.2
 
 
+@pytest.mark.slow
 def test_the_retinotopic_model_tells_when_it_came_and_how_fast_it_goes(tmp_path: Path) -> None:
     """The bar stays in view: what is gone is no object of this model any more."""
     side, speed, came = 160, 40, 1.0

@@ -71,6 +71,7 @@ def squares(frames: int, *things: tuple[int, float, int, tuple[float, float, flo
     return video
 
 
+@pytest.mark.slow
 def test_what_passes_has_a_box_and_a_silhouette_at_every_frame() -> None:
     signals, state = whole()
     (thing,) = model().objects(state)

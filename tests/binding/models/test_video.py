@@ -71,6 +71,7 @@ def test_chunks_of_any_length_give_the_same_to_the_last_bit(lengths: list[int]) 
 
 @pytest.mark.parametrize("at", [1, 7, 30])
 @torch.inference_mode()  # as `whole`: kernels round in another way than torch
+@pytest.mark.slow
 def test_a_state_is_saved_and_goes_on_bit_for_bit(tmp_path: Path, at: int) -> None:
     module = model()
     _, state = module(film()[:at])

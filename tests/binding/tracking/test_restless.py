@@ -80,6 +80,7 @@ def test_outside_the_picture_and_as_large_as_it() -> None:
         assert np.isfinite(restless(track(1, left, left), gone))
 
 
+@pytest.mark.slow
 def test_a_thing_that_crosses_restless_ground_is_found() -> None:
     """Patches of leaves sway for 12 s. From 8 s on a bright square crosses them."""
     fps, count = 25, 300

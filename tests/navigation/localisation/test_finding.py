@@ -48,6 +48,7 @@ class Blindfold(Localiser):
         return Scan(ahead[seen][::6], aside[seen][::6], np.ones(len(ahead[seen][::6])))
 
 
+@pytest.mark.slow
 def test_it_finds_itself_from_an_unknown_start_and_goes_on_in_the_map():
     points = building(4)
     known = known_walls(points)

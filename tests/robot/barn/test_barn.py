@@ -90,6 +90,7 @@ def test_tables_and_the_picture(tmp_path):
     assert (tmp_path / "barn.png").stat().st_size > 5000
 
 
+@pytest.mark.slow
 def test_a_world_is_driven_to_its_goal():
     reached = attempt(Entry(small(), NavigatorOptions("goal", ranging="search")))
     assert (reached.success, reached.collided) == (True, False)

@@ -164,6 +164,7 @@ def in_this_process(function, tasks, jobs):
 
 
 @needs_gl
+@pytest.mark.slow
 def test_command_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
     place = tmp_path / "e"
     arguments = ["evaluate", "--arenas", "room", "--seconds", "1", "--jobs", "1", "--out", str(place)]

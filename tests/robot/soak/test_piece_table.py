@@ -51,6 +51,7 @@ def test_a_piece_of_other_code_is_driven_again(tmp_path):
         Soak(piece=1.0, out=tmp_path).run()
 
 
+@pytest.mark.slow
 def test_a_soak_goes_on_and_another_car_gets_a_folder_of_its_own(tmp_path, monkeypatch, capsys):
     driven = []
 

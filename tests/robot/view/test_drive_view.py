@@ -92,6 +92,7 @@ def test_paths_are_cut_where_the_car_was_carried():
 
 
 @needs_gl
+@pytest.mark.slow
 def test_recording_a_drive_changes_nothing(tmp_path):
     config = DriveConfig(arena="curve", seed=1, seconds=0.5)
     recorded = drive(config.model_copy(update={"rrd": tmp_path / "run.rrd"}))

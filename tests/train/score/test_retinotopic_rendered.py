@@ -50,6 +50,7 @@ def test_a_cross_hides_what_is_behind_it() -> None:
     assert shown[..., :220, :220].unique().numel() > 1 or shown[..., 280:, 280:].unique().numel() > 1
 
 
+@pytest.mark.slow
 def test_a_ground_without_bars_is_nothing() -> None:
     empty = local.OnGround(Scene(3, ()), TEXTURED, seconds=0.6)
     assert local.seen_in(empty).shape == (0, 10)

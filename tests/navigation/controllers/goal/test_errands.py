@@ -70,6 +70,7 @@ def test_goals_are_where_the_car_is_told_that_it_is():
     assert int(next_errand(told, (0.1, 1.0, 0.0), control.errands, params).errand) == BACK
 
 
+@pytest.mark.slow
 def test_while_the_car_looks_for_itself_in_a_known_map_no_goal_is_reached_and_home_stays_where_it_was():
     params = GoalParams(to=(0.0, 0.0), back=True, reactive=SMALL)
     control = GoalControl(RIG, DT, params)
