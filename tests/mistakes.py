@@ -90,6 +90,7 @@ CASES = {
         drive --places moton
         drive --compiled
         drive --to 3
+        drive --controller goal --to 90,0
         drive secnods.toml
         drive kind.toml
         drive nowhere.toml

@@ -80,6 +80,9 @@ class NavigatorOptions:
     def __post_init__(self) -> None:
         for option in dataclasses.fields(NavigatorOptions):
             check_option(option.name, getattr(self, option.name))
+        to, reach = place_of(self.to), LocaliserParams().reach_of_walls
+        if (self.localise or self.known_map) and to is not None and max(map(abs, to)) >= reach:
+            raise InputError(f"localise knows walls up to {reach:g} m from 0,0 along x and y: to {self.to} is beyond")
 
     def fields(self, rig: StereoRig) -> tuple[Rect, Rect]:
         """The rectangles that the controller looks at."""

@@ -16,6 +16,7 @@ import torch
 from ndtorch.errors import InputError
 from ndtorch.navigation import Grid, StereoRig
 from ndtorch.navigation.controllers import Trace
+from ndtorch.navigation.options import place_of
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.map_saving import WalkedPath, pilot_walls
@@ -100,6 +101,7 @@ def drive(
     plan = load_arena(config.arena, config.seed)
     for remark in plan.remarks:
         print_note(f"{plan.name}: {remark}")
+    check_goal(config, plan)
     pilot, stress, rate = pilot or drive_pilot(config, plan), read_stress(config.stress), config.rate
     with contextlib.ExitStack() as stack:
         simulation = Simulation(
@@ -152,6 +154,17 @@ def drive(
         trace = pilot.navigator.controller.trace
         about = plan, cells, plan.grid(), simulation, put_back.stops, interrupted
         return Result(config, summary, record, *about, trace, pilot_walls(pilot), path.moved(pilot.state))
+
+
+def check_goal(config: DriveConfig, plan: Plan) -> None:
+    """Raise `InputError` where a drive shall lead to a place at which there is no room for the car's middle."""
+    to = None if config.known_map else place_of(config.to)
+    if to is not None and not plan.clearance(np.array([to]))[0] > 0:
+        left, right, bottom, top = plan.bounds
+        raise InputError(
+            f"to {config.to} is no free place of {plan.name}, "
+            f"which reaches from {left:g},{bottom:g} to {right:g},{top:g} m"
+        )
 
 
 def drive_pilot(config: DriveConfig, plan: Plan) -> Pilot:

@@ -188,3 +188,8 @@ class LocaliserParams:
                 raise InputError(f"{name} must be a number > 0, got {value}")
         if not (self.settle >= 0 and self.near < self.far and self.size % 2 == 0):
             raise InputError(f"expected settle >= 0, near < far and an even size, got {self}")
+
+    @property
+    def reach_of_walls(self) -> float:
+        """How far from the origin walls are gathered, along x and y, m."""
+        return self.size // 2 * self.cell

@@ -76,6 +76,19 @@ def test_it_goes_to_the_place_and_back_and_stands():
     assert float(command.speed) == 0
 
 
+def test_it_goes_to_a_place_farther_away_than_it_remembers():
+    """The memory is a square around the car that comes along: 1.6 m to each side here."""
+    near = replace(SMALL, patch=PatchParams(cell=0.05, size=64))
+    control = GoalControl(RIG, DT, GoalParams(to=(4.5, 0.0), reactive=near))
+    state, pose = None, place(0.0, 0.0, 0.0)
+    for _ in range(90):
+        pose, state, _ = drive(control, 10, pose, state)
+        if int(control.mode(state)) == ARRIVED:
+            break
+    assert int(control.mode(state)) == ARRIVED
+    assert float(torch.hypot(pose.x - 4.5, pose.y)) < 0.35
+
+
 def test_the_same_state_gives_the_same_step_and_stays_as_it_was():
     control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL))
     pose, state, command = drive(control, 30, place(0.0, 0.0, 0.0))
