@@ -70,8 +70,8 @@ class Navigator(nn.Module):
             than the published default.
         angles: `"atan"` (exact) or `"linear"` (as published).
         grid_map, observations, tracker: parts to fill with the ranges; none by default.
-        near_check: while one car stands, at the start or boxed in, look at what is right ahead with both cameras, and
-            tell the controller.
+        near_check: while one car stands, at the start or boxed in, and where the controller wants it in turns, look at
+            what is right ahead with both cameras, and tell the controller.
         localiser: corrects the poses at which these parts are filled, and tells the controller where the car is, so
             that it finds its goals; it steers by dead reckoning, which never jumps. None by default.
 
@@ -153,6 +153,10 @@ class Navigator(nn.Module):
             if ahead is not new.command:
                 new, whole = new._replace(command=ahead, control=control), False
                 command = Command(ahead.speed.unsqueeze(0), ahead.curvature.unsqueeze(0))
+        if self.near is not None and not new.pose.x.ndim:
+            told = self.glance(new.control, new.pose, (left.row[0], right.row[0]))
+            if told is not new.control:
+                new, whole = new._replace(control=told), False
         if self.localiser is not None:
             new = new._replace(located=self.locate(left.row, right.row, new.pose, state.located if state else None))
         if self.grid_map or self.observations or self.tracker:
@@ -257,6 +261,12 @@ class Navigator(nn.Module):
             return False
         return begins or int(self.controller.mode(control)) in (SUPPRESSED, STOPPED)
 
+    def glance(self, control: Any, pose: Pose, rows: tuple[Tensor, Tensor]) -> Any:
+        """The state of the controller of one car after a look at what is near, where it wants one while it drives."""
+        if self.near is None or not self.controller.glances(control):
+            return control
+        return self.controller.told_ahead(control, pose, self.near.things(rows))
+
     def steer(
         self,
         seen: Tensor,
@@ -295,6 +305,8 @@ class Navigator(nn.Module):
                 anchors.append(anchor_of(located))
                 control = self.controller.told_place(control, pose, place if located.hunt is None else None)
             last, control = self.controller.step(seen.select(dim, t), ranges_at(ranges, t), pose, last, control)
+            if eyes is not None and self.near is not None and not pose.x.ndim:
+                control = self.glance(control, pose, tuple(eye[..., t, :, :, :] for eye in eyes[1]))  # type: ignore[arg-type]
             commands.append(last)
             poses.append(place)
         return (

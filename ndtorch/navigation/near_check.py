@@ -1,4 +1,4 @@
-"""What is right before a car that stands."""
+"""What is right before a car that stands, and what is near to one that turns."""
 
 from __future__ import annotations
 
@@ -35,9 +35,17 @@ class NearCheck:
             fields, rows: of the left and the right camera, frames `[C, H, W]`, whole or cut.
         """
         size = (self.rig.height, self.rig.width)
-        grey = grey_pair(rows[0][None], rows[1][None], self.row, self.row, size)[0, :, 0].float().numpy()
         floor = grey_pair(fields[0][None], fields[1][None], *self.rects, size)[0].float().numpy()
         by_kernel = kernels_wanted(*fields, *rows)
         likeness = floor_likeness(floor[0], floor[1], self.rects, self.rig, self.params, by_kernel)
-        near = near_things(grey[0], grey[1], self.rig, self.params, by_kernel)
-        return believed(near, likeness, self.rig, self.params), likeness >= self.params.floor
+        return believed(self.things(rows), likeness, self.rig, self.params), likeness >= self.params.floor
+
+    def things(self, rows: tuple[Tensor, Tensor]) -> Near:
+        """Things that are near, whatever the floor shows.
+
+        Args:
+            rows: of the left and the right camera, frames `[C, H, W]`, whole or cut.
+        """
+        size = (self.rig.height, self.rig.width)
+        grey = grey_pair(rows[0][None], rows[1][None], self.row, self.row, size)[0, :, 0].float().numpy()
+        return near_things(grey[0], grey[1], self.rig, self.params, kernels_wanted(*rows))

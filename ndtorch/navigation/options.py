@@ -51,8 +51,6 @@ class NavigatorOptions:
         explore: the controller `goal` then drives wherever it was not yet.
         back: the controller `goal` then goes back to where the drive began.
         cruise: speed where nothing is in the way, m/s.
-        overhangs: the controller `ranging` remembers what was ranged although floor is seen below it, as below sofas;
-            with the ranges of `"search"`, which are many enough.
         localise: correct dead reckoning by what is ranged, see `Localiser`; the map is made with the corrected poses.
         known_map: `map.npz` of a drive with `localise`, in which the car finds itself wherever it starts, and
             localises; empty for none.
@@ -73,7 +71,6 @@ class NavigatorOptions:
     explore: bool = False
     back: bool = False
     cruise: float = 0.5
-    overhangs: bool = False
     localise: bool = False
     known_map: str = ""
 
@@ -90,7 +87,7 @@ class NavigatorOptions:
 
     def task(self) -> Task:
         """What the controller is asked to do."""
-        return Task(place_of(self.to), self.explore, self.back, self.cruise, self.overhangs)
+        return Task(place_of(self.to), self.explore, self.back, self.cruise)
 
     def make(self, rig: StereoRig, dt: float) -> Controller:
         """The controller.
@@ -179,7 +176,7 @@ def check_option(name: str, value: Any) -> None:
         raise InputError(f"cruise must be a speed from 0.1 to {FASTEST} m/s, got {value!r}")
     elif name == "ahead" and not (isinstance(value, int | float) and 0 <= value <= 1):
         raise InputError(f"ahead must be a share from 0 to 1, got {value!r}")
-    elif name in ("prediction", "explore", "back", "overhangs", "localise") and not isinstance(value, bool):
+    elif name in ("prediction", "explore", "back", "localise") and not isinstance(value, bool):
         raise InputError(f"{name} must be true or false, got {value!r}")
 
 

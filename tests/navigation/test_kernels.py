@@ -205,7 +205,7 @@ def test_a_drive(controller: str, kind: torch.dtype) -> None:
 
 
 @pytest.mark.parametrize(
-    ("controller", "params"), [("ranging", None), ("ranging", RangingParams(overhangs=True)), ("published", None)]
+    ("controller", "params"), [("ranging", None), ("ranging", RangingParams(overhangs=False)), ("published", None)]
 )
 def test_a_step_has_all_parts_of_its_state(controller: str, params: object) -> None:
     """With what was driven, an error of the reckoning, strips, and a start that is not the origin."""

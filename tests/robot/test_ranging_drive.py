@@ -69,11 +69,11 @@ def test_same_seed_same_drive_and_restart():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("arena", "overhangs"), [("dead-end", False), ("sofa", True)])
-def test_every_step_of_a_drive_is_the_same_by_torch_and_by_kernels(arena, overhangs):
+@pytest.mark.parametrize("arena", ["dead-end", "sofa"])
+def test_every_step_of_a_drive_is_the_same_by_torch_and_by_kernels(arena):
     """From the same state, so that one rounding that tips a decision does not change all that follows."""
     pytest.importorskip("numba")
-    config, seen = DriveConfig(arena=arena, seed=SEED, seconds=14, overhangs=overhangs), []
+    config, seen = DriveConfig(arena=arena, seed=SEED, seconds=14), []
     navigator = drive_pilot(config, load_arena(arena, SEED)).navigator
     drive(config, [lambda step: seen.append(copy.deepcopy((step.frames.left, step.frames.right)))])
     state, modes, apart, stands = None, set(), [], 0
@@ -90,5 +90,5 @@ def test_every_step_of_a_drive_is_the_same_by_torch_and_by_kernels(arena, overha
         apart.append(not torch.allclose(*same, atol=1e-3) or cells > 16)
         stands += int((state.control.patch.upright >= 1.9).sum())
     assert {CRUISE, TURN, REVERSE} <= modes
-    assert (stands > 0) == overhangs
+    assert stands > 0
     assert sum(apart) <= 0.02 * len(apart)

@@ -39,14 +39,12 @@ class Task:
         explore: drive wherever it was not yet.
         back: then go back to where the drive began.
         cruise: speed where nothing is in the way, m/s.
-        overhangs: remember what was ranged although floor is seen below it.
     """
 
     to: tuple[float, float] | None = None
     explore: bool = False
     back: bool = False
     cruise: float = 0.5
-    overhangs: bool = False
 
     def __post_init__(self) -> None:
         check_numbers(self)
@@ -145,8 +143,6 @@ class Controller(nn.Module, ABC):
         if task.has_goal and not cls.has_goals:
             raise InputError(f"the {cls.name} controller has no goals: to, explore and back belong to controller goal")
         params = cls.Params()
-        if task.overhangs and not hasattr(params, "overhangs"):
-            raise InputError(f"the {cls.name} controller does not remember overhangs: that is for controller ranging")
         if task.cruise == Task.cruise:
             return params
         if not hasattr(params, "speed"):
@@ -200,6 +196,20 @@ class Controller(nn.Module, ABC):
             things: that are near.
             across: places across the path: something is believed there where no floor is seen.
             floor_seen: right ahead.
+        """
+        return state
+
+    def glances(self, state: Any) -> bool:
+        """Whether one car wants to be told, while it drives, what is nearer than ranges are measured."""
+        return False
+
+    def told_ahead(self, state: Any, pose: Pose, things: Near) -> Any:
+        """The state of one car that is told, while it drives, what is near.
+
+        Args:
+            state: before.
+            pose: where the car is, without dimensions.
+            things: that are near.
         """
         return state
 

@@ -28,7 +28,7 @@ FAILED = 1
 
 
 @dataclass(frozen=True)
-@navigator_flags("controller", "ranging", "cruise", "overhangs", "to", "explore", "back")
+@navigator_flags("controller", "ranging", "cruise", "to", "explore", "back")
 class Barn:
     """Drive through every world of the BARN challenge once: fields of cylinders, the goal 10 m ahead.
 

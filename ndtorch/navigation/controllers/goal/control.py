@@ -8,7 +8,6 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.contract import (
     ARRIVED,
     CRUISE,
@@ -82,8 +81,6 @@ class GoalControl(Controller):
     @classmethod
     def params_for(cls, task: Task) -> GoalParams:
         """As `Controller.params_for`."""
-        if task.overhangs:
-            raise InputError(f"the {cls.name} controller does not remember overhangs: that is for controller ranging")
         d = GoalParams()
         slow, creep = min(d.slow, task.cruise), min(d.creep, task.cruise)
         r = d.reactive

@@ -17,6 +17,7 @@ def reactive_params() -> RangingParams:
         body=Body(room=0.03),
         patch=PatchParams(cell=0.05, size=512, lifetime=120.0),
         least=0.15,
+        overhangs=False,
     )
 
 

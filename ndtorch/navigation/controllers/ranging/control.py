@@ -27,7 +27,7 @@ from ndtorch.navigation.controllers.ranging.caution import FULL, known_share, re
 from ndtorch.navigation.controllers.ranging.decision import RangingState, decide, ranging_constants
 from ndtorch.navigation.controllers.ranging.floor import FloorState, floor_constants, floor_step
 from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
-from ndtorch.navigation.controllers.ranging.overhangs import in_the_way, remember_ranges
+from ndtorch.navigation.controllers.ranging.overhangs import in_the_way, remember_ranges, remember_things
 from ndtorch.navigation.controllers.ranging.params import RangingParams
 from ndtorch.navigation.controllers.ranging.patch import Patch, add_evidence, cell_numbers, empty_patch, move_patch
 from ndtorch.navigation.controllers.ranging.quick import QuickRanging
@@ -79,6 +79,7 @@ class RangingControl(Controller):
         self.under = torch.full((body[0].numel(),), -2.0)
         self.numbers = torch.arange(p.patch.size, dtype=torch.get_default_dtype())
         self.constants = ranging_constants(p, dt)
+        self.every = max(1, round(p.glance_time / dt))
         self.full_flow = view.sweep * (dt * p.speed)
         self.quick: QuickRanging = QuickRanging(
             self.look, p, self.constants, self.floor, self.arcs, self.places, self.under, self.full_flow, rig
@@ -90,7 +91,7 @@ class RangingControl(Controller):
         params: RangingParams = super().params_for(task)
         tight = min(params.tight_speed, 0.8 * task.cruise)
         back = min(params.reverse_speed, task.cruise)
-        return replace(params, tight_speed=tight, reverse_speed=back, overhangs=task.overhangs)
+        return replace(params, tight_speed=tight, reverse_speed=back)
 
     @property
     def trace(self) -> Trace:
@@ -176,6 +177,15 @@ class RangingControl(Controller):
         """As `Controller.told_near`."""
         p = self.params
         return state._replace(patch=remember_near(state.patch, pose, things, across, floor_seen, p.blocked, p.patch))
+
+    def glances(self, state: RangingState) -> bool:
+        """As `Controller.glances`: every `glance_time` of a turn: it may lead to what was too near to be ranged."""
+        turns = self.params.overhangs and int(state.mode) == TURN
+        return turns and int(state.age) % self.every == 0
+
+    def told_ahead(self, state: RangingState, pose: Pose, things: Near) -> RangingState:
+        """As `Controller.told_ahead`."""
+        return state._replace(patch=remember_things(state.patch, pose, things, self.params))
 
     def settled(self, state: RangingState) -> bool:
         """As `Controller.settled`: it knows its floor."""

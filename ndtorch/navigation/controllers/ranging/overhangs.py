@@ -1,7 +1,8 @@
 """What stands above floor that is seen: below a sofa or a table floor goes on, and a range is all that tells of it.
 
 So ranges go into evidence of their own, which no floor takes away. What does is a range behind it, on whose line of
-sight it would lie, the car itself, and time.
+sight it would lie, the car itself, and time. A turn may lead to what was never ranged because it is nearer than the
+least range: in turns both rows are compared for that, a few times a second.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from torch import Tensor
 
 from ndtorch.navigation.controllers.ranging.params import RangingParams
 from ndtorch.navigation.controllers.ranging.patch import Patch, cell_numbers
+from ndtorch.navigation.near_things import Near
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import StereoRig
@@ -41,6 +43,18 @@ def remember_ranges(
     under = here.new_full((*batch, body.shape[-1]), -p.least)
     weight = torch.cat((found, miss.flatten(-2), under), -1)
     upright = patch.upright.scatter_add(-1, cell_numbers(places, pose, p), weight).clamp(-p.least, p.most)
+    return patch._replace(upright=upright)
+
+
+def remember_things(patch: Patch, pose: Pose, things: Near, params: RangingParams) -> Patch:
+    """The patch of one car with the cells in which things are, each of which counts as one range."""
+    if not len(things.x) or not patch.upright.shape[-1]:
+        return patch
+    places = torch.stack((torch.from_numpy(things.x), torch.from_numpy(things.y))).to(patch.upright)
+    number = cell_numbers(places, pose, params.patch)
+    upright = patch.upright.clone()
+    # What was seen free before there was any look at so near a thing says nothing.
+    upright[number] = (upright[number].clamp(min=0.0) + params.range_weight).clamp(max=params.patch.most)
     return patch._replace(upright=upright)
 
 

@@ -36,6 +36,7 @@ class RangingParams:
         least_noise: output of the motion detectors that the 256 levels of a picture alone can make.
         overhangs: what was ranged stays in the way although floor is seen there, as below sofas, see `overhangs`.
         miss: evidence that a range takes away from each cell before it, where `overhangs`.
+        glance_time: time between two looks in a turn at what is nearer than ranges are measured, where `overhangs`, s.
         fading: time constant at which a car that is boxed in forgets, s.
         body: outline of the car.
         patch: the memory.
@@ -63,8 +64,9 @@ class RangingParams:
     blocked: float = 1.9
     start_needs: float = 0.7
     least_noise: float = 0.005
-    overhangs: bool = False
+    overhangs: bool = True
     miss: float = 0.15
+    glance_time: float = 0.17
     fading: float = 1.0
     body: Body = field(default_factory=Body)
     patch: PatchParams = field(default_factory=PatchParams)

@@ -407,8 +407,7 @@ def test_a_task_sets_the_speeds_and_leaves_the_rest():
     r = slow.reactive
     assert (r.speed, r.tight_speed, r.reverse_speed) == pytest.approx((0.2, 0.16, 0.2))
     assert replace(r, speed=0.5, tight_speed=usual.reactive.tight_speed, reverse_speed=0.3) == usual.reactive
-    with pytest.raises(InputError, match="goal controller does not remember overhangs"):
-        GoalControl.params_for(Task(overhangs=True))
+    assert not r.overhangs
 
 
 def test_the_speed_before_what_is_slow_is_what_can_be_braked_from():

@@ -1,15 +1,14 @@
 """What stands above floor that is seen: remembered as long as no range goes through it."""
 
+import numpy as np
 import pytest
 import torch
 
-from ndtorch.errors import InputError
 from ndtorch.navigation import CRUISE, REVERSE, TURN, Command, Pose, Ranges, RangingParams, StereoRig
-from ndtorch.navigation.controllers.contract import Task
 from ndtorch.navigation.controllers.ranging.control import RangingControl
-from ndtorch.navigation.controllers.ranging.overhangs import in_the_way, remember_ranges
+from ndtorch.navigation.controllers.ranging.overhangs import in_the_way, remember_ranges, remember_things
 from ndtorch.navigation.controllers.ranging.patch import cell_numbers, empty_patch
-from ndtorch.navigation.controllers.registry import make_controller
+from ndtorch.navigation.near_things import Near
 from ndtorch.navigation.odometry import drive_step
 
 DT = 1 / 30
@@ -110,10 +109,26 @@ def test_every_step_by_kernels_is_that_of_torch():
     assert max(blocked) >= 3
 
 
-@pytest.mark.parametrize("name", ["published", "goal"])
-def test_other_controllers_say_that_they_do_not(name):
-    pytest.importorskip("numba")
-    made = make_controller("ranging", RIG, DT, RangingControl.params_for(Task(overhangs=True)))
-    assert made.params.overhangs
-    with pytest.raises(InputError, match="does not remember overhangs"):
-        type(make_controller(name, RIG, DT)).params_for(Task(overhangs=True))
+def test_what_is_near_is_in_the_way_after_two_looks():
+    params = RangingParams(overhangs=True)
+    patch = empty_patch(HERE, params.patch, upright=True)
+    # Twice in one cell: one look counts once there.
+    things = Near(np.array([0.5, 0.51], np.float32), np.array([0.12, 0.13], np.float32))
+    patch = patch._replace(upright=patch.upright - 1.0)
+    once = remember_things(patch, HERE, things, params)
+    assert worth(once, 0.5, 0.12, params) == pytest.approx(1.0)
+    assert worth(once, 0.5, 0.30, params) == pytest.approx(-1.0)
+    twice = remember_things(once, HERE, things, params)
+    assert worth(twice, 0.5, 0.12, params) >= params.blocked
+    nothing = Near(things.x[:0], things.y[:0])
+    assert remember_things(patch, HERE, nothing, params) is patch
+
+
+def test_it_looks_near_every_so_often_in_turns_alone():
+    control = RangingControl(RIG, DT)
+    state = control.start(torch.zeros(2, control.params.floor.bands, control.params.floor.blocks), HERE)
+    turning = state._replace(mode=torch.tensor(float(TURN)))
+    looks = [control.glances(turning._replace(age=torch.tensor(float(age)))) for age in range(20)]
+    assert [age for age, look in enumerate(looks) if look] == [0, 5, 10, 15]
+    assert not any(control.glances(state._replace(mode=torch.tensor(float(m)))) for m in (CRUISE, REVERSE))
+    assert not RangingControl(RIG, DT, RangingParams(overhangs=False)).glances(turning)
