@@ -123,6 +123,7 @@ TESTED_IN = {
     "navigation/correspondence": "navigation/test_row_features",
     "navigation/features": "navigation/test_row_features",
     "navigation/localisation/params": "navigation/localisation/test_localiser",
+    "navigation/localisation/state": "navigation/localisation/test_trail",
     "navigation/localisation/walls": "navigation/localisation/test_localiser",
     "navigation/model": "navigation/test_navigator",
     "navigation/near_floor": "navigation/test_near_check",

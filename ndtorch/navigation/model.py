@@ -23,7 +23,8 @@ from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, make_con
 from ndtorch.navigation.correspondence import MatchParams
 from ndtorch.navigation.features import FeatureParams
 from ndtorch.navigation.localisation.anchors import anchor_of
-from ndtorch.navigation.localisation.localiser import Localiser, LocaliserState
+from ndtorch.navigation.localisation.localiser import Localiser
+from ndtorch.navigation.localisation.state import LocaliserState
 from ndtorch.navigation.mapping import GridMap
 from ndtorch.navigation.moved_map import keep
 from ndtorch.navigation.near_check import NearCheck

@@ -9,7 +9,7 @@ from torch import Tensor
 from ndtorch.arguments import check_tensor
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.contract import Command
-from ndtorch.navigation.localisation.localiser import LocaliserState
+from ndtorch.navigation.localisation.state import LocaliserState
 from ndtorch.navigation.mapping import GridMapState
 from ndtorch.navigation.observations import Observations
 from ndtorch.navigation.odometry import Pose

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from ndtorch.navigation.localisation.graph import seen_from
-from ndtorch.navigation.localisation.localiser import LocaliserState, floats
+from ndtorch.navigation.localisation.graph import carried, seen_from
 from ndtorch.navigation.localisation.parts import frames_of
+from ndtorch.navigation.localisation.state import LocaliserState, floats
 from ndtorch.navigation.sights import Anchor, Frames
 
 KNOWN_MAP = -1.0
@@ -21,8 +21,13 @@ def anchor_of(state: LocaliserState) -> Anchor | None:
     pose = floats(state.pose)
     if state.parts is None:
         return Anchor(KNOWN_MAP, pose)
-    x, y, heading = seen_from(state.parts.poses[-1].numpy(), np.array(pose)).tolist()
-    return Anchor(float(state.parts.begun[-1]), (x, y, heading))
+    frame, base = float(state.parts.begun[-1]), state.parts.poses[-1].numpy()
+    if state.trail is not None and len(state.parts.scans):
+        # What is seen now will be gone through again, and then each scan moves by itself.
+        frame, part, *at = state.parts.scans[-1].tolist()
+        base = carried(state.parts.poses[int(part)].numpy(), np.array(at))
+    x, y, heading = seen_from(base, np.array(pose)).tolist()
+    return Anchor(frame, (x, y, heading))
 
 
 def located_frames(state: LocaliserState) -> Frames:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -23,7 +22,10 @@ from ndtorch.navigation.localisation.parts import (
     no_parts,
     redrawn,
     relaxed,
+    with_frame,
 )
+from ndtorch.navigation.localisation.state import LocaliserState, Trail, floats, number
+from ndtorch.navigation.localisation.trail import driven_on, gone_through, is_due, no_trail, scan_of, with_scan
 from ndtorch.navigation.localisation.walls import Scan, add_scan, empty_walls, fit_scan
 from ndtorch.navigation.localisation.way import drive_on
 from ndtorch.navigation.odometry import Pose
@@ -36,36 +38,8 @@ WORST_SCALE, WORST_DRIFT = 0.2, math.radians(2.0)
 """No odometer is believed to be worse: as a share of the way, and in radians a second."""
 
 
-class LocaliserState(NamedTuple):
-    """State of `Localiser`; single numbers are float64 tensors `[]`.
-
-    Attributes:
-        walls: what was ranged, `[size, size, 6]`, see `walls`.
-        pose: where the car is.
-        reckoned: where dead reckoning says that it is.
-        way, turned: metres driven since the last scan, without sign, and radians turned, with it.
-        scale, bend, drift: of the odometer, as far as known: the shares by which it counts too much way and too much
-            turning, and the radians that it adds to the heading each second of driving.
-        doubt: covariance of x, y, heading, scale, bend and drift, `[6, 6]`.
-        age: steps since the start.
-        score: how well the last scan fitted, 0..1.
-        hunt: the search for the place in a known map; None where there is none, or where it has been found.
-        parts: of the building; None with a known map, which is not moved.
-    """
-
-    walls: Tensor
-    pose: Pose
-    reckoned: Pose
-    way: Tensor
-    turned: Tensor
-    scale: Tensor
-    bend: Tensor
-    drift: Tensor
-    doubt: Tensor
-    age: Tensor
-    score: Tensor
-    hunt: Hunt | None = None
-    parts: Parts | None = None
+QUICKER = 6
+"""The way since the start is gone through again so many times as fast as it was driven, or nearly."""
 
 
 class Localiser(nn.Module):
@@ -75,8 +49,9 @@ class Localiser(nn.Module):
     Gauss-Newton, begun where dead reckoning has led, and an extended Kalman filter weighs what the fit says of the pose
     and of the odometer's scale, bend and drift (`filter`). Then the scan becomes part of the walls. Every few metres a
     part of the building is finished and fitted to the parts it overlaps, one of them a step; then all parts are moved
-    to where they agree, and the car with them (`parts`). A loop is closed where the error of the round is less than
-    about a cell and a half; there is no search for loops beyond that.
+    to where they agree, and the car with them (`parts`). After the first minutes, when the odometer is known, the way
+    since the start is gone through again (`trail`), a scan a step. A loop is closed where the error of the round is
+    less than about a cell and a half; there is no search for loops beyond that.
 
     Called once a frame, `state = localiser(rows, reckoned, state)`. One car at a time, on the CPU, without gradients.
 
@@ -137,9 +112,41 @@ class Localiser(nn.Module):
             state = self.look(rows, state)
         if state.hunt is not None:
             state = self.find(state, state.hunt)
-        elif state.parts is not None and len(state.parts.pairs) and (not due or self.every == 1):
-            state = self.arrange(state, state.parts)
+        elif not due or self.every == 1:
+            if state.parts is not None and len(state.parts.pairs):
+                state = self.arrange(state, state.parts)
+            for _ in range(math.ceil(QUICKER / self.every)):
+                state = state if state.trail is None else self.retrace(state, state.trail)
         return state._replace(age=state.age + 1)
+
+    def retrace(self, state: LocaliserState, trail: Trail) -> LocaliserState:
+        """Go through the trail again where it is time to, one scan or one pair of parts on."""
+        p, again = self.params.retrace, trail.again
+        if again is None:
+            return state._replace(trail=trail._replace(again=self.anew(state, trail))) if is_due(trail, p) else state
+        assert again.parts is not None
+        if len(again.parts.pairs):
+            again = self.arrange(again, again.parts)
+        elif int(trail.reached) < len(trail.entries):
+            entry = trail.entries[int(trail.reached)]
+            again = self.move(again._replace(age=entry.age), entry.reckoned, float(entry.seconds))
+            again = self.absorb(again, scan_of(entry), True)
+            trail = trail._replace(reached=trail.reached + 1)
+        else:
+            again = self.move(again, state.reckoned, float(trail.seconds))
+            return again._replace(age=state.age, trail=gone_through(trail, p))
+        return state._replace(trail=trail._replace(again=again))
+
+    def anew(self, state: LocaliserState, trail: Trail) -> LocaliserState:
+        """A car where the trail begins that knows the odometer as it is known now."""
+        doubt = torch.zeros_like(state.doubt)
+        doubt[3:, 3:] = state.doubt[3:, 3:] * self.params.retrace.widen**2
+        again = self.start(trail.entries[0].reckoned)
+        assert again.parts is not None
+        # Only the first part, begun in the first step, still has nothing that it could be fitted to.
+        parts = again.parts._replace(learning=number(self.dt))
+        again = again._replace(scale=state.scale, bend=state.bend, drift=state.drift, doubt=doubt)
+        return again._replace(parts=parts, trail=None)
 
     def arrange(self, state: LocaliserState, parts: Parts) -> LocaliserState:
         """Fit the next pair of parts; after the last one all are moved to where they fit, and the car with them."""
@@ -178,18 +185,24 @@ class Localiser(nn.Module):
         hunt = None if self.known is None else no_hunt()
         doubt = torch.diag(number(1.0).new_tensor([0.0, 0.0, 0.0, p.scale, p.bend, p.drift]).square())
         parts = no_parts(floats(pose), self.params) if self.known is None else None
+        trail = no_trail() if self.known is None and self.params.retrace.after else None
         return LocaliserState(
-            empty_walls(self.params), pose, pose, zero, zero, zero, zero, zero, doubt, zero, zero, hunt, parts
+            empty_walls(self.params), pose, pose, zero, zero, zero, zero, zero, doubt, zero, zero, hunt, parts, trail
         )
 
     def put(self, state: LocaliserState, at: Pose) -> LocaliserState:
         """The state of a car that was carried to a pose, and has been told so."""
         pose = Pose(*(number(float(part)) for part in at))
         parts = None if state.parts is None else begun_at(state.parts, floats(pose), state.age)
-        return state._replace(pose=pose, reckoned=pose, way=number(0.0), turned=number(0.0), parts=parts)
+        return state._replace(pose=pose, reckoned=pose, way=number(0.0), turned=number(0.0), parts=parts, trail=None)
 
-    def move(self, state: LocaliserState, reckoned: Pose) -> LocaliserState:
-        """Drive on by what dead reckoning says, corrected by what is known of the odometer."""
+    def move(self, state: LocaliserState, reckoned: Pose, seconds: float | None = None) -> LocaliserState:
+        """Drive on by what dead reckoning says, corrected by what is known of the odometer.
+
+        Args:
+            seconds: of driving, a time step by default.
+        """
+        seconds = self.dt if seconds is None else seconds
         x, y, heading = map(float, reckoned)
         ox, oy, before = map(float, state.reckoned)
         length, turn = math.hypot(x - ox, y - oy), heading - before
@@ -197,7 +210,7 @@ class Localiser(nn.Module):
             return state
         aside = math.atan2(y - oy, x - ox) - before  # of the chord, from where the car headed
         length *= 1 - float(state.scale)
-        true_turn = (turn - float(state.drift) * self.dt) * (1 - float(state.bend))
+        true_turn = (turn - float(state.drift) * seconds) * (1 - float(state.bend))
         here = float(state.pose.heading)
         direction = here + aside + (true_turn - turn) / 2
         pose = Pose(
@@ -211,16 +224,27 @@ class Localiser(nn.Module):
         if parts is not None:
             odometer = (float(state.scale), float(state.bend), float(state.drift))
             step = (math.hypot(x - ox, y - oy), aside, turn)
-            parts = parts._replace(driven=drive_on(parts.driven, step, self.dt, odometer))
-        return state._replace(
-            pose=pose, reckoned=there, way=state.way + length, turned=state.turned + true_turn, hunt=hunt, parts=parts
-        )
+            parts = parts._replace(driven=drive_on(parts.driven, step, seconds, odometer))
+        trail = None if state.trail is None else driven_on(state.trail, length, seconds)
+        way, turned = state.way + length, state.turned + true_turn
+        return state._replace(pose=pose, reckoned=there, way=way, turned=turned, hunt=hunt, parts=parts, trail=trail)
 
     def look(self, rows: Tensor, state: LocaliserState) -> LocaliserState:
-        """Fit what is ranged now to the walls, correct the pose, and add it to them."""
-        scan = self.scan(rows)
-        if len(scan.x) < 3:
+        """Range what the rows show, keep it for later, and correct the pose by it."""
+        scan, trail = self.scan(rows), state.trail
+        # Where the car stood it has seen the same before.
+        keep = trail is not None and (float(trail.seconds) > 0 or float(state.age) < self.settle)
+        if trail is not None and keep:
+            state = state._replace(trail=with_scan(trail, scan, state.age, state.reckoned))
+        return self.absorb(state, scan, keep)
+
+    def absorb(self, state: LocaliserState, scan: Scan, keep: bool = False) -> LocaliserState:
+        """Fit a scan to the walls, correct the pose, and add it to them; keep a frame for it, too, where wanted."""
+        if len(scan.x) < 3 and not keep:
             return state
+        if len(scan.x) < 3:
+            assert state.parts is not None
+            return state._replace(parts=with_frame(state.parts, floats(state.pose), state.age))
         p = self.params
         if float(state.age) >= self.settle:
             state = self.correct(state, scan)
@@ -230,6 +254,7 @@ class Localiser(nn.Module):
         parts = state.parts
         if parts is not None:
             parts = add_to_part(parts, scan, (x, y, heading), p)
+            parts = with_frame(parts, (x, y, heading), state.age) if keep else parts
             if float(parts.driven.length) > p.parts.way and not len(parts.pairs):
                 parts = finish(parts, (x, y, heading), state.age, self.dt, p)
         return state._replace(walls=walls, pose=pose, way=number(0.0), turned=number(0.0), parts=parts)
@@ -265,13 +290,3 @@ class Localiser(nn.Module):
         good = (distance > p.near) & (distance < p.far)
         x, y, distance = x[good], y[good], distance[good]
         return Scan(x, y, np.minimum(1.0, (p.full / np.maximum(distance, p.near)) ** 2))
-
-
-def number(value: float) -> Tensor:
-    """A single number of the state."""
-    return torch.tensor(value, dtype=torch.float64)
-
-
-def floats(pose: Pose) -> tuple[float, float, float]:
-    """A pose as numbers."""
-    return float(pose.x), float(pose.y), float(pose.heading)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
@@ -73,7 +74,8 @@ class PartParams:
         aside: a fit begins so far to all sides of where it is expected, too, m.
         apart, better: fits farther apart than this are two, m, and so much worse all but the best must be.
         trust: factor of what a fit says, whose points are not independent.
-        learning: what was seen in this time from the start, s, counts only where nothing was seen later.
+        learning: what was seen in this time from the start, s, counts only where nothing was seen later; until the way
+            since the start was gone through again, see `RetraceParams`.
         early: factor of what fits to it say.
         still, slip, turn_still, turn_way, turn_slip: standard deviations of dead reckoning along a part, m, and m
             each metre; radians, radians each metre, and radians each radian turned.
@@ -116,6 +118,27 @@ class PartParams:
 
 
 @dataclass(frozen=True)
+class RetraceParams:
+    """When the way since the start is gone through again, with what is known of the odometer by then.
+
+    Args:
+        after: driven before each time, m, growing; empty for never.
+        widen: factor of the standard deviations of what is known then: they are too small, since what was seen was
+            fitted to what was placed wrongly itself.
+    """
+
+    after: tuple[float, ...] = (57.0, 115.0)
+    widen: float = 4.0
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+        if not self.widen > 0:
+            raise InputError(f"widen must be a number > 0, got {self.widen}")
+        if not all(before < after for before, after in pairwise((0.0, *self.after))):
+            raise InputError(f"after must be ways > 0 that grow, got {self.after}")
+
+
+@dataclass(frozen=True)
 class LocaliserParams:
     """How the car finds out where it is.
 
@@ -143,6 +166,7 @@ class LocaliserParams:
         finding: how an unknown place is found in a known map.
         search: how the right row is searched for ranges.
         parts: how what was ranged is gathered in parts that can be moved.
+        retrace: when the way since the start is gone through again.
 
     Raises:
         InputError: a number that is not positive.
@@ -161,9 +185,9 @@ class LocaliserParams:
     gate: float = 9.0
     steps: int = 8
     still: float = 0.001
-    slip: float = 0.02
+    slip: float = 0.05
     turn_still: float = 0.0003
-    turn_slip: float = 0.01
+    turn_slip: float = 0.04
     turn_way: float = 0.002
     scale: float = 0.03
     bend: float = 0.03
@@ -180,11 +204,12 @@ class LocaliserParams:
     finding: FindingParams = field(default_factory=FindingParams)
     search: SearchParams = field(default_factory=SearchParams)
     parts: PartParams = field(default_factory=PartParams)
+    retrace: RetraceParams = field(default_factory=RetraceParams)
 
     def __post_init__(self) -> None:
         check_numbers(self)
         for name, value in vars(self).items():
-            if name not in ("search", "finding", "parts", "settle") and not value > 0:
+            if name not in ("search", "finding", "parts", "retrace", "settle") and not value > 0:
                 raise InputError(f"{name} must be a number > 0, got {value}")
         if not (self.settle >= 0 and self.near < self.far and self.size % 2 == 0):
             raise InputError(f"expected settle >= 0, near < far and an even size, got {self}")

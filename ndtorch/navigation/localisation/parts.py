@@ -56,6 +56,9 @@ class Parts(NamedTuple):
         pairs: that are still to be fitted, `[n, 2]`.
         aside: frames of parts that were left out, which move with the finished part that shows most of the same,
             `[n, 5]`: steps after which it was begun, the number of that part, and the pose in its frame.
+        scans: likewise, frames of single scans, half a step after each, which move by themselves as long as the way
+            since the start will be gone through again.
+        learning: parts begun in this time from the start, s, count only where nothing was seen later.
     """
 
     done: tuple[Part, ...]
@@ -68,6 +71,8 @@ class Parts(NamedTuple):
     edges: Tensor
     pairs: Tensor
     aside: Tensor
+    scans: Tensor
+    learning: Tensor
 
 
 def no_parts(pose: tuple[float, float, float], params: LocaliserParams) -> Parts:
@@ -85,6 +90,8 @@ def no_parts(pose: tuple[float, float, float], params: LocaliserParams) -> Parts
         zeros[None][:0],
         zeros[None, :2][:0],
         zeros[None, :5][:0],
+        zeros[None, :5][:0],
+        zeros.new_tensor(params.parts.learning),
     )
 
 
@@ -92,14 +99,26 @@ def left_out(parts: Parts, beside: int) -> Parts:
     """Keep the frame of the part that is being made, which will not be finished, beside a finished one."""
     at = seen_from(parts.poses[beside].numpy(), parts.poses[-1].numpy())
     row = torch.tensor([[float(parts.begun[-1]), beside, *at.tolist()]], dtype=torch.float64)
-    return parts._replace(aside=torch.cat((parts.aside, row)))
+    scans = parts.scans.clone()
+    here = scans[:, 1] == len(parts.done)
+    scans[here, 2:] = torch.from_numpy(carried(at, scans[here, 2:].numpy()))
+    scans[here, 1] = beside
+    return parts._replace(aside=torch.cat((parts.aside, row)), scans=scans)
+
+
+def with_frame(parts: Parts, pose: tuple[float, float, float], age: Tensor) -> Parts:
+    """With a frame for a scan that was seen from a pose of the world."""
+    at = seen_from(parts.poses[-1].numpy(), np.array(pose))
+    row = torch.tensor([[float(age) + 0.5, len(parts.done), *at.tolist()]], dtype=torch.float64)
+    return parts._replace(scans=torch.cat((parts.scans, row)))
 
 
 def frames_of(parts: Parts) -> Frames:
-    """All frames that there have been; their numbers are the steps after which their parts were begun."""
-    base, at = parts.poses[parts.aside[:, 1].long()].numpy(), parts.aside[:, 2:].numpy()
+    """All frames that there have been; their numbers are the steps after which their parts were begun, or the scans."""
+    more = torch.cat((parts.aside, parts.scans))
+    base, at = parts.poses[more[:, 1].long()].numpy(), more[:, 2:].numpy()
     poses = torch.from_numpy(carried(base, at))
-    return Frames(torch.cat((parts.begun, parts.aside[:, 0])), torch.cat((parts.poses, poses)))
+    return Frames(torch.cat((parts.begun, more[:, 0])), torch.cat((parts.poses, poses)))
 
 
 def add_to_part(parts: Parts, scan: Scan, pose: tuple[float, float, float], params: LocaliserParams) -> Parts:
@@ -119,6 +138,8 @@ def begun_at(parts: Parts, pose: tuple[float, float, float], age: Tensor) -> Par
         there = seen_from(parts.poses[-2].numpy(), here[0].numpy())
         came = came._replace(pose=torch.from_numpy(there))
         parts = left_out(parts, len(parts.done) - 1)
+    else:
+        parts = parts._replace(scans=parts.scans[:0])
     return parts._replace(
         poses=torch.cat((parts.poses[:-1], here)),
         begun=torch.cat((parts.begun[:-1], age.reshape(1))),
@@ -135,7 +156,7 @@ def finish(parts: Parts, pose: tuple[float, float, float], age: Tensor, dt: floa
     packed = pack(parts.cells)
     packed = packed[packed[:, 2] >= params.least].double()
     middles = (packed[:, :2] + 0.5) * params.cell + packed[:, 3:5] / packed[:, 2:3]
-    overlap, share = overlaps(parts, middles, parts.begun[:-1].numpy() * dt < p.learning, p)
+    overlap, share = overlaps(parts, middles, parts.begun[:-1].numpy() * dt < float(parts.learning), p)
     here, now = torch.tensor([pose], dtype=torch.float64), age.reshape(1)
     fresh = parts._replace(cells=torch.zeros_like(parts.cells), points=parts.points[:0], driven=no_way())
     full = len(parts.done) >= p.count
@@ -211,7 +232,7 @@ def fit_pair(parts: Parts, dt: float, params: LocaliserParams) -> Parts:
     elsewhere = [one.score for one in fits if math.hypot(one.x - fit.x, one.y - fit.y) > p.apart]
     if fit.score < p.good or fit.score - max(elsewhere, default=0.0) < p.better:
         return parts
-    trust = p.trust * (p.early if float(parts.begun[first]) * dt < p.learning else 1.0)
+    trust = p.trust * (p.early if float(parts.begun[first]) * dt < float(parts.learning) else 1.0)
     edge = np.concatenate(((first, second, fit.x, fit.y, fit.heading), fit.information * trust))
     return parts._replace(edges=torch.cat((parts.edges, torch.from_numpy(edge)[None])))
 
@@ -260,7 +281,7 @@ def redrawn(parts: Parts, dt: float, params: LocaliserParams) -> Tensor:
     """The walls of all parts where they are now, `[size, size, 6]`; of early ones where no other has seen any."""
     walls, old = empty_walls(params), empty_walls(params)
     cells = [*(part.packed.numpy() for part in parts.done), pack(parts.cells).double().numpy()]
-    early = (parts.begun * dt < params.parts.learning).tolist()
+    early = (parts.begun * dt < parts.learning).tolist()
     for (x, y, heading), packed, first in zip(parts.poses.tolist(), cells, early, strict=True):
         sums = (old if first else walls).numpy()
         kernel("add_cells").run(sums, packed, math.cos(heading), math.sin(heading), x, y, params.cell)

@@ -1,0 +1,91 @@
+"""What a localiser passes from step to step."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from ndtorch.navigation.localisation.finding import Hunt
+from ndtorch.navigation.localisation.parts import Parts
+from ndtorch.navigation.odometry import Pose
+
+
+class Entry(NamedTuple):
+    """A scan and the way to it.
+
+    Attributes:
+        age: steps since the start, `[]`.
+        reckoned: where dead reckoning had the car.
+        seconds: of driving since the entry before, `[]`.
+        points: of the body frame, and weights, `[n, 3]`.
+    """
+
+    age: Tensor
+    reckoned: Pose
+    seconds: Tensor
+    points: Tensor
+
+
+class Trail(NamedTuple):
+    """All entries since the start.
+
+    Attributes:
+        entries: in their order; those in which the car stood are left out.
+        way, seconds: driven since the start, m, and since the last entry, s, `[]`.
+        times: how often the trail was gone through, `[]`.
+        again: the state of a localiser that goes through it; None while nothing does.
+        reached: how many entries that has, `[]`.
+    """
+
+    entries: tuple[Entry, ...]
+    way: Tensor
+    seconds: Tensor
+    times: Tensor
+    again: LocaliserState | None
+    reached: Tensor
+
+
+class LocaliserState(NamedTuple):
+    """State of `Localiser`; single numbers are float64 tensors `[]`.
+
+    Attributes:
+        walls: what was ranged, `[size, size, 6]`, see `walls`.
+        pose: where the car is.
+        reckoned: where dead reckoning says that it is.
+        way, turned: metres driven since the last scan, without sign, and radians turned, with it.
+        scale, bend, drift: of the odometer, as far as known: the shares by which it counts too much way and too much
+            turning, and the radians that it adds to the heading each second of driving.
+        doubt: covariance of x, y, heading, scale, bend and drift, `[6, 6]`.
+        age: steps since the start.
+        score: how well the last scan fitted, 0..1.
+        hunt: the search for the place in a known map; None where there is none, or where it has been found.
+        parts: of the building; None with a known map, which is not moved.
+        trail: kept until it was gone through again for the last time; None from then on, and with a known map.
+    """
+
+    walls: Tensor
+    pose: Pose
+    reckoned: Pose
+    way: Tensor
+    turned: Tensor
+    scale: Tensor
+    bend: Tensor
+    drift: Tensor
+    doubt: Tensor
+    age: Tensor
+    score: Tensor
+    hunt: Hunt | None = None
+    parts: Parts | None = None
+    trail: Trail | None = None
+
+
+def number(value: float) -> Tensor:
+    """A single number of the state."""
+    return torch.tensor(value, dtype=torch.float64)
+
+
+def floats(pose: Pose) -> tuple[float, float, float]:
+    """A pose as numbers."""
+    return float(pose.x), float(pose.y), float(pose.heading)
