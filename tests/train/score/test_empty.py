@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from ndtorch.commands import main
-from ndtorch_train.score.labelled import empty
-from ndtorch_train.score.labelled.empty import FPS, KINDS, empty_clips
+from ndtorch_train.score.labelled import weather
+from ndtorch_train.score.labelled.empty import KINDS, empty_clips
+from ndtorch_train.score.labelled.weather import FPS
 
 
 @pytest.fixture
@@ -33,7 +34,7 @@ def test_a_clip_is_the_same_every_time_and_changes_with_time(picture, kind):
 
 
 def test_what_is_reported_there_is_false(picture, tmp_path, monkeypatch):
-    monkeypatch.setattr(empty, "SWAY", 40.0)  # a storm, which makes objects of leaves
+    monkeypatch.setattr(weather, "SWAY", 40.0)  # a storm, which makes objects of leaves
     pytest.importorskip("norfair")
     words = ["score", "--empty", str(picture), "--empty-seconds", "2", "--methods", "mog2-norfair"]
     assert main([*words, "--out", str(tmp_path / "out")]) == 0

@@ -79,7 +79,7 @@ class ScoreOptions:
     labelled: Path | None = None
     """Folder of clips with others' truth (clip.mp4 with gt.txt or masks.mkv): score on them instead (labelled.csv)."""
     empty: Path | None = None
-    """A picture or video: score on noise, rain, changing light and leaves over its first frame, where nothing is."""
+    """A picture, or a video, whose median is taken: score on weather, light and shake over it, where nothing is."""
     empty_seconds: float = 60.0
     """Empty: length of each of these clips."""
     methods: tuple[str, ...] = LABELLED

@@ -1,101 +1,37 @@
-"""Clips in which nothing is there: noise, rain, changing light and shaking leaves, drawn over one still picture."""
+"""Clips in which nothing is there but weather, light, and what is near the camera, drawn over one still picture."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from ndtorch.errors import InputError
 from ndtorch.scenes.quiet import quiet_opencv
 from ndtorch_train.score.choices import Split
+from ndtorch_train.score.labelled.nearby import noise, screen, shake
 from ndtorch_train.score.labelled.sight import Clip, Pixels
 from ndtorch_train.score.labelled.truth import Labelled
+from ndtorch_train.score.labelled.weather import FPS, Chance, Floats, leaves, light, nightfall, rain, snow, water
 
-Floats = npt.NDArray[np.float32]
-Chance = np.random.Generator
-
-FPS = 25.0
-TALL = 288.0
-"""Rows of a picture for which lengths in pixels hold; others are scaled."""
 SEEDS: dict[Split, int] = {"tune": 0, "test": 1_000_000}
 
-NOISE = 0.05
-"""Standard deviation of the noise of every pixel and color."""
-STREAKS = 60
-"""Streaks of rain a frame on 288 x 384 pixels."""
-SWING, SWING_S, JUMP, JUMP_S = 0.25, 8.0, 1.2, 10.0
-"""The light swings by this share in so many seconds, and jumps by this factor up and down again after so many."""
-PATCHES, SWAY = 6, 4.0
-"""Patches of leaves, and by how many pixels they are moved at most."""
-
-
-def noise(still: Floats, chance: Chance, count: int) -> Iterator[Floats]:
-    """White noise of the camera."""
-    for _ in range(count):
-        yield still + np.float32(NOISE) * chance.standard_normal(still.shape, dtype=np.float32)
-
-
-def rain(still: Floats, chance: Chance, count: int) -> Iterator[Floats]:
-    """Light streaks, at other places in every frame."""
-    height, width = still.shape[:2]
-    scale = height / TALL
-    slant = chance.uniform(-0.3, 0.3)
-    for _ in range(count):
-        drops = np.zeros((height, width), np.float32)
-        for _ in range(round(STREAKS * height * width / (288 * 384 * scale))):
-            length, x, y = scale * chance.uniform(6, 22), chance.uniform(0, width), chance.uniform(-10, height)
-            ends = (round(x), round(y)), (round(x + slant * length), round(y + length))
-            cv2.line(drops, *ends, float(chance.uniform(0.15, 0.4)), max(1, round(scale)), cv2.LINE_AA)
-        yield np.asarray(still + (0.9 - still).clip(0) * drops[..., None], np.float32)
-
-
-def light(still: Floats, chance: Chance, count: int) -> Iterator[Floats]:
-    """The sun behind clouds, and a lamp that is switched on and off."""
-    phase = chance.uniform(0, 2 * math.pi)
-    for n in range(count):
-        t = n / FPS
-        gain = 1 + SWING * math.sin(2 * math.pi * t / SWING_S + phase) - SWING * math.sin(phase)
-        yield still * np.float32(gain / 1.5 * (JUMP if int(t / JUMP_S) % 2 else 1.0))
-
-
-def leaves(still: Floats, chance: Chance, count: int) -> Iterator[Floats]:
-    """Patches of a fine texture that sway, each at its own pace and in gusts."""
-    height, width = still.shape[:2]
-    scale = height / TALL
-    rows, columns = np.mgrid[0:height, 0:width].astype(np.float32)
-    fine = cv2.GaussianBlur(chance.standard_normal((height, width, 1), dtype=np.float32), (0, 0), 2 * scale)
-    texture = fine[..., None] / fine.std()
-    green = np.array((0.15, 0.35, 0.2), np.float32) + texture * np.array((0.05, 0.12, 0.07), np.float32)
-    kinds = []
-    for _ in range(PATCHES):
-        middle = chance.uniform(0.1, 0.9) * height, chance.uniform(0.1, 0.9) * width
-        size = chance.uniform(0.06, 0.16) * height, chance.uniform(0.06, 0.16) * height
-        apart = ((rows - middle[0]) / size[0]) ** 2 + ((columns - middle[1]) / size[1]) ** 2
-        cover = np.clip((1.2 - apart) / 0.4, 0, 1).astype(np.float32)
-        kinds.append((cover, chance.uniform(0.4, 1.2), chance.uniform(0, 7), chance.uniform(0, math.pi)))
-    for n in range(count):
-        picture, t = still.copy(), n / FPS
-        for cover, pace, phase, way in kinds:
-            gust = 0.5 + 0.5 * math.sin(0.7 * t + phase)
-            sway = scale * SWAY * gust * math.sin(2 * math.pi * pace * t + phase)
-            at = columns + np.float32(sway * math.cos(way)), rows + np.float32(sway * math.sin(way))
-            moved = cv2.remap(green, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
-            share = cv2.remap(cover, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)[..., None]
-            picture += share * (moved - picture)
-        yield picture
-
+SAMPLES = 25
+"""Frames of a video whose median is its still picture."""
 
 KINDS: dict[str, Callable[[Floats, Chance, int], Iterator[Floats]]] = {
     "noise": noise,
     "rain": rain,
     "light": light,
     "leaves": leaves,
+    "snow": snow,
+    "water": water,
+    "nightfall": nightfall,
+    "shake": shake,
+    "screen": screen,
 }
 
 
@@ -117,14 +53,14 @@ class Drawn:
 
 
 def empty_clips(source: Path, seconds: float, split: Split) -> list[Labelled]:
-    """One clip of each kind over a picture, or the first frame of a video.
+    """One clip of each kind over a picture, or the median of a video.
 
     Raises:
         InputError: no picture there, or a time out of range.
     """
     if not 1 <= seconds <= 3600:
         raise InputError(f"empty-seconds must lie between 1 and 3600, got {seconds:g}")
-    still = first_picture(source)
+    still = still_picture(source)
     count = round(seconds * FPS)
     return [
         Labelled(Clip(kind, Drawn(kind, still, SEEDS[split], count), FPS, still.shape[:2]), "none", source)
@@ -132,8 +68,8 @@ def empty_clips(source: Path, seconds: float, split: Split) -> list[Labelled]:
     ]
 
 
-def first_picture(source: Path) -> Pixels:
-    """A picture, or the first frame of a video, blue, green, red.
+def still_picture(source: Path) -> Pixels:
+    """A picture, or the median of frames of a video, in which what passes is gone, blue, green, red.
 
     Raises:
         InputError: neither.
@@ -142,10 +78,23 @@ def first_picture(source: Path) -> Pixels:
         raise InputError(f"{source}: no such file")
     with quiet_opencv():
         picture = cv2.imread(str(source))
-        if picture is None:
-            capture = cv2.VideoCapture(str(source))
-            _, picture = capture.read()
-            capture.release()
+    if picture is None:
+        picture = median_frame(source)
     if picture is None or min(picture.shape[:2]) < 32:
         raise InputError(f"{source} is no picture or video of 32 x 32 pixels or more")
     return np.asarray(picture, np.uint8)
+
+
+def median_frame(path: Path) -> Pixels | None:
+    """The median of frames all over a video, pixel by pixel; None where there are none."""
+    with quiet_opencv():
+        capture = cv2.VideoCapture(str(path))
+        step = max(1, int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) // SAMPLES)
+        frames, number = [], 0
+        while capture.grab():
+            if number % step == 0:
+                there, frame = capture.retrieve()
+                frames += [frame] if there else []
+            number += 1
+        capture.release()
+    return np.median(np.stack(frames), 0).astype(np.uint8) if frames else None
