@@ -71,8 +71,8 @@ class Navigator(nn.Module):
             than the published default.
         angles: `"atan"` (exact) or `"linear"` (as published).
         grid_map, observations, tracker: parts to fill with the ranges; none by default.
-        near_check: while one car stands, at the start or boxed in, and where the controller wants it in turns, look at
-            what is right ahead with both cameras, and tell the controller.
+        near_check: while one car stands, at the start or boxed in, look at what is right ahead with both cameras, and
+            tell the controller; while it drives, search the right row for what stands wherever the controller wants it.
         localiser: corrects the poses at which these parts are filled, and tells the controller where the car is, so
             that it finds its goals; it steers by dead reckoning, which never jumps. None by default.
 
@@ -117,6 +117,7 @@ class Navigator(nn.Module):
         self.row = row_rect(rig)
         self.whole: WholeStep | None = None
         self.near = NearCheck(rig, self.controller.fields) if near_check and self.controller.looks_near else None
+        self.searching = RowRanging(rig, dt, angles=angles, search=SearchParams(rows=1))
 
     def forward(
         self,
@@ -242,6 +243,7 @@ class Navigator(nn.Module):
             # Before a blank wall the car stands, and its parts look for a way, one after the other.
             _, state = self(frame, frame)
             self(frame, frame, state)
+            self.searching(frame, frame)
             self.controller.warm_up()
             for memory in (self.grid_map, self.localiser):
                 if memory is not None:
@@ -263,10 +265,15 @@ class Navigator(nn.Module):
         return begins or int(self.controller.mode(control)) in (SUPPRESSED, STOPPED)
 
     def glance(self, control: Any, pose: Pose, rows: tuple[Tensor, Tensor]) -> Any:
-        """The state of the controller of one car after a look at what is near, where it wants one while it drives."""
-        if self.near is None or not self.controller.glances(control):
+        """The state of the controller of one car that is told what it wants to know while it drives."""
+        ahead, near = self.controller.glances(control)
+        if self.near is None or not (ahead or near):
             return control
-        return self.controller.told_ahead(control, pose, self.near.things(rows))
+        ranges = None
+        # Where the ranging itself searches, the controller has been told.
+        if ahead and self.ranging.search is None:
+            ranges = ranges_at(self.searching(rows[0].unsqueeze(0), rows[1].unsqueeze(0))[0], 0)
+        return self.controller.told_more(control, pose, ranges, self.near.things(rows) if near else None)
 
     def steer(
         self,

@@ -23,6 +23,13 @@ CRUISE, TURN, SUPPRESSED, STOPPED, REVERSE, ARRIVED = 0, 1, 2, 3, 4, 5
 """What a controller can be doing, the numbers of `Controller.mode`."""
 
 
+class Glance(NamedTuple):
+    """What one car wants to be told beside its own ranges: what stands `ahead`, and what is too `near` to be ranged."""
+
+    ahead: bool = False
+    near: bool = False
+
+
 class Command(NamedTuple):
     """What the car is to do: `speed` in m/s and `curvature` in 1/m, positive to the left."""
 
@@ -199,17 +206,18 @@ class Controller(nn.Module, ABC):
         """
         return state
 
-    def glances(self, state: Any) -> bool:
-        """Whether one car wants to be told, while it drives, what is nearer than ranges are measured."""
-        return False
+    def glances(self, state: Any) -> Glance:
+        """What one car wants to be told while it drives; nothing by default."""
+        return Glance()
 
-    def told_ahead(self, state: Any, pose: Pose, things: Near) -> Any:
-        """The state of one car that is told, while it drives, what is near.
+    def told_more(self, state: Any, pose: Pose, ranges: Ranges | None, things: Near | None) -> Any:
+        """The state of one car that is told what it wanted, see `glances`.
 
         Args:
             state: before.
             pose: where the car is, without dimensions.
-            things: that are near.
+            ranges: of places of the left row that were searched for in the right one, `[n]`; None where it did not ask.
+            things: that are near; None where it did not ask.
         """
         return state
 

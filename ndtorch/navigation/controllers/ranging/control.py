@@ -19,6 +19,7 @@ from ndtorch.navigation.controllers.contract import (
     TURN,
     Command,
     Controller,
+    Glance,
     Task,
     Trace,
 )
@@ -79,7 +80,8 @@ class RangingControl(Controller):
         self.under = torch.full((body[0].numel(),), -2.0)
         self.numbers = torch.arange(p.patch.size, dtype=torch.get_default_dtype())
         self.constants = ranging_constants(p, dt)
-        self.every = max(1, round(p.glance_time / dt))
+        self.every, self.searched = max(1, round(p.glance_time / dt)), replace(p, range_weight=p.glance_weight)
+        self.nowhere = torch.zeros(2, 0)
         self.full_flow = view.sweep * (dt * p.speed)
         self.quick: QuickRanging = QuickRanging(
             self.look, p, self.constants, self.floor, self.arcs, self.places, self.under, self.full_flow, rig
@@ -178,14 +180,19 @@ class RangingControl(Controller):
         p = self.params
         return state._replace(patch=remember_near(state.patch, pose, things, across, floor_seen, p.blocked, p.patch))
 
-    def glances(self, state: RangingState) -> bool:
-        """As `Controller.glances`: every `glance_time` of a turn: it may lead to what was too near to be ranged."""
-        turns = self.params.overhangs and int(state.mode) == TURN
-        return turns and int(state.age) % self.every == 0
+    def glances(self, state: RangingState) -> Glance:
+        """As `Controller.glances`: every `glance_time`; a turn may lead to what was too near to be ranged."""
+        looks = self.params.overhangs and int(state.age) % self.every == 0
+        return Glance(looks, looks and int(state.mode) == TURN)
 
-    def told_ahead(self, state: RangingState, pose: Pose, things: Near) -> RangingState:
-        """As `Controller.told_ahead`."""
-        return state._replace(patch=remember_things(state.patch, pose, things, self.params))
+    def told_more(self, state: RangingState, pose: Pose, ranges: Ranges | None, things: Near | None) -> RangingState:
+        """As `Controller.told_more`."""
+        patch, p = state.patch, self.params
+        if ranges is not None:
+            patch = remember_ranges(patch, ranges, pose, self.nowhere, self.rig, self.searched)
+        if things is not None:
+            patch = remember_things(patch, pose, things, p)
+        return state._replace(patch=patch)
 
     def settled(self, state: RangingState) -> bool:
         """As `Controller.settled`: it knows its floor."""

@@ -36,7 +36,9 @@ class RangingParams:
         least_noise: output of the motion detectors that the 256 levels of a picture alone can make.
         overhangs: what was ranged stays in the way although floor is seen there, as below sofas, see `overhangs`.
         miss: evidence that a range takes away from each cell before it, where `overhangs`.
-        glance_time: time between two looks in a turn at what is nearer than ranges are measured, where `overhangs`, s.
+        glance_time: time between two searches of the right row for what stands, where `overhangs`, s; in turns both
+            rows are compared then for what is nearer than ranges are measured.
+        glance_weight: evidence that a range of such a search gives.
         fading: time constant at which a car that is boxed in forgets, s.
         body: outline of the car.
         patch: the memory.
@@ -67,6 +69,7 @@ class RangingParams:
     overhangs: bool = True
     miss: float = 0.15
     glance_time: float = 0.17
+    glance_weight: float = 2.0
     fading: float = 1.0
     body: Body = field(default_factory=Body)
     patch: PatchParams = field(default_factory=PatchParams)

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 import torch
 
-from ndtorch.navigation import CRUISE, REVERSE, TURN, Command, Pose, Ranges, RangingParams, StereoRig
+from ndtorch.navigation import CRUISE, REVERSE, TURN, Command, Navigator, Pose, Ranges, RangingParams, StereoRig
 from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.controllers.ranging.overhangs import in_the_way, remember_ranges, remember_things
 from ndtorch.navigation.controllers.ranging.patch import cell_numbers, empty_patch
 from ndtorch.navigation.near_things import Near
 from ndtorch.navigation.odometry import drive_step
+from ndtorch.navigation.row_search import SearchParams
 
 DT = 1 / 30
 RIG = StereoRig(forward=0.15)
@@ -124,11 +125,59 @@ def test_what_is_near_is_in_the_way_after_two_looks():
     assert remember_things(patch, HERE, nothing, params) is patch
 
 
-def test_it_looks_near_every_so_often_in_turns_alone():
+def test_it_looks_ahead_every_so_often_and_near_in_turns_alone():
     control = RangingControl(RIG, DT)
     state = control.start(torch.zeros(2, control.params.floor.bands, control.params.floor.blocks), HERE)
     turning = state._replace(mode=torch.tensor(float(TURN)))
     looks = [control.glances(turning._replace(age=torch.tensor(float(age)))) for age in range(20)]
-    assert [age for age, look in enumerate(looks) if look] == [0, 5, 10, 15]
-    assert not any(control.glances(state._replace(mode=torch.tensor(float(m)))) for m in (CRUISE, REVERSE))
-    assert not RangingControl(RIG, DT, RangingParams(overhangs=False)).glances(turning)
+    assert [age for age, look in enumerate(looks) if look.ahead] == [0, 5, 10, 15]
+    assert all(look.near == look.ahead for look in looks)
+    for mode in (CRUISE, REVERSE):
+        assert control.glances(state._replace(mode=torch.tensor(float(mode)))) == (True, False)
+    assert not any(RangingControl(RIG, DT, RangingParams(overhangs=False)).glances(turning))
+
+
+def test_one_searched_range_stands_in_the_way_and_what_lies_before_it_less():
+    control = RangingControl(RIG, DT)
+    p = control.params
+    state = control.start(torch.zeros(2, p.floor.bands, p.floor.blocks), HERE)
+    here = ranged((1.2, 0.15))
+    assert control.told_more(state, HERE, None, None).patch.upright.eq(state.patch.upright).all()
+    told = control.told_more(state, HERE, here, None).patch
+    assert worth(told, 1.2, 0.15, p) == pytest.approx(p.glance_weight)
+    assert p.glance_weight >= p.blocked
+    behind = control.told_more(state._replace(patch=told), HERE, ranged((2.0, 0.15)), None).patch
+    assert worth(behind, 1.2, 0.15, p) < p.blocked
+    near = control.told_more(state, HERE, None, Near(np.array([0.5], np.float32), np.array([0.1], np.float32))).patch
+    assert worth(near, 0.5, 0.1, p) == pytest.approx(p.range_weight)
+
+
+class Asking(RangingControl):
+    """Writes down what it is told."""
+
+    def told_more(self, state, pose, ranges, things):
+        self.told.append((ranges, things))
+        return super().told_more(state, pose, ranges, things)
+
+
+@pytest.mark.parametrize(("search", "given"), [(None, True), (SearchParams(), False)])
+def test_the_navigator_searches_for_it_unless_all_ranges_are_searched_for(search, given):
+    pytest.importorskip("numba")
+    control = Asking(RIG, DT)
+    control.told = []
+    navigator = Navigator(RIG, DT, controller=control, search=search, near_check=True)
+    rows = torch.randint(0, 256, (1, 3, RIG.height, RIG.width), generator=torch.Generator().manual_seed(3))
+    left = rows.to(torch.uint8)
+    with torch.inference_mode():
+        _, state = navigator(left, left.roll(-100, -1))
+        control.told.clear()
+        state = state._replace(control=state.control._replace(age=torch.tensor(0.0), mode=torch.tensor(float(CRUISE))))
+        told = navigator.glance(state.control, state.pose, (left[0], left.roll(-100, -1)[0]))
+    [(ranges, things)] = control.told
+    assert things is None
+    assert (ranges is not None) == given
+    if given:
+        depth = RIG.focal * RIG.baseline / 100 + RIG.forward
+        assert ranges.x[ranges.valid] == pytest.approx(torch.full((int(ranges.valid.sum()),), depth), rel=0.02)
+        assert int(ranges.valid.sum()) == SearchParams().count
+        assert told.patch.upright.max() >= control.params.blocked
