@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from ndtorch.kernels.inner import inner
+from ndtorch.kernels.inner import apart, inner
 
 Array = Any
 """A NumPy array, or one row of it."""
 
 
-@inner
+@apart
 def filter_row(
     colors: tuple[Array, Array, Array],
     third: float,
@@ -66,20 +66,31 @@ def outside(colors: tuple[Array, Array, Array], unit: float) -> int:
     return wrong
 
 
-@inner
+@apart
 def correlate(
-    high: Array, late: Array, high_before: Array, late_before: Array
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Sums and sums of magnitudes of `high late' - high' late`: with the left neighbour, and with the row before."""
-    kind = high.dtype.type
-    across, across_size, along, along_size = kind(0), kind(0), kind(0), kind(0)
-    for x in range(1, high.shape[0]):
-        signed = high[x] * late[x - 1] - high[x - 1] * late[x]
-        across, across_size = across + signed, across_size + abs(signed)
-        signed = high[x] * late_before[x] - high_before[x] * late[x]
-        along, along_size = along + signed, along_size + abs(signed)
-    signed = high[0] * late_before[0] - high_before[0] * late[0]
-    return (across, across_size), (along + signed, along_size + abs(signed))
+    high: Array, late: Array, high_before: Array, late_before: Array, lag: int, total: tuple[Array, Array]
+) -> None:
+    """Sums and sums of magnitudes of `high late' - high' late`: with the left neighbour, and with the row before.
+
+    Args:
+        high, late: rows `[R, W]`.
+        high_before, late_before: those before each.
+        lag: 1, unsigned. Where the compiler knew that, it would shuffle vectors instead of loading neighbours.
+        total: the sums across and along are added to these, `[2]` each.
+    """
+    kind, (rows, width) = high.dtype.type, high.shape
+    along_row, over_rows = total
+    for y in range(rows):
+        across, across_size, along, along_size = kind(0), kind(0), kind(0), kind(0)
+        for x in range(width - lag):
+            here, now = high[y, x + lag], late[y, x + lag]
+            signed = here * late[y, x] - high[y, x] * now
+            across, across_size = across + signed, across_size + abs(signed)
+            signed = here * late_before[y, x + lag] - high_before[y, x + lag] * now
+            along, along_size = along + signed, along_size + abs(signed)
+        signed = high[y, 0] * late_before[y, 0] - high_before[y, 0] * late[y, 0]
+        along_row[0], along_row[1] = along_row[0] + across, along_row[1] + across_size
+        over_rows[0], over_rows[1] = over_rows[0] + along + signed, over_rows[1] + along_size + abs(signed)
 
 
 @inner

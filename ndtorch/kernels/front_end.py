@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.filters import Array, add_to_two, add_weighted, correlate, filter_row, outside
-from ndtorch.kernels.inner import inner
+from ndtorch.kernels.inner import apart, inner
 from ndtorch.kernels.thinned_columns import thin_columns
 
-BAND = 8
+BAND = 4
 """Rows of pixels that all frames go through before the next ones: so many rows of the states stay in the cache."""
 
 
@@ -48,8 +48,8 @@ def front_end(
     """
     (times, kept, _), (height, width), margin = images.shape, slow.shape, margins[0]
     kind = slow.dtype.type
-    third, shares = kind(unit / 3), (a_high, a_low)
-    greys, highs = np.empty((block, width), slow.dtype), np.empty((2, width), slow.dtype)
+    third, shares, lag = kind(unit / 3), (a_high, a_low), np.uintp(min(width, 1))
+    greys, highs = np.empty((BAND, width), slow.dtype), np.empty((BAND, width), slow.dtype)
     rows = np.zeros((times, kept, width), slow.dtype)
     # The first row is kept for where the torus closes, the last one of a band for the next.
     first, last = np.empty((times, 2, width), slow.dtype), np.empty((times, 2, width), slow.dtype)
@@ -57,46 +57,52 @@ def front_end(
     # begin two rows into a block, and so do bands.
     inner_from, inner_to = (2 * margin + 2) // 4 * 4 + 2 - margin, (height - 3) // 4 * 4 + 2 - margin
     sums[:] = 0
+    unused, plane, pixels = np.zeros(2), height * width, frames.reshape(times, -1)
+    flat = (slow.reshape(-1), delayed.reshape(-1), greys.reshape(-1), highs.reshape(-1))
     for begin in range(-((margin + 2) % 4), height, BAND):
         top, bottom = max(begin, 0), min(begin + BAND, height)
+        count = bottom - top
+        high, grey, late = highs[:count], greys[:count], delayed[top:bottom]
+        begins, ends = top * width, bottom * width
+        states, out = (flat[0][begins:ends], flat[1][begins:ends]), (flat[2][: ends - begins], flat[3][: ends - begins])
         for t in range(times):
             total, settled = sums[t], settle and t == 0
+            if beside:
+                some = pixels[t, 3 * begins : 3 * ends]
+                r, g, b = filter_row((some[::3], some[1::3], some[2::3]), third, settled, *states, shares, *out)
+            else:
+                green, blue = plane + begins, 2 * plane + begins
+                planes = (pixels[t, begins:ends], pixels[t, green : plane + ends], pixels[t, blue : 2 * plane + ends])
+                r, g, b = filter_row(planes, third, settled, *states, shares, *out)
             for y in range(top, bottom):
-                high, late, grey = highs[y % 2], delayed[y], greys[(y + margins[0]) % block]
-                if beside:
-                    colors = (frames[t, y, :, 0], frames[t, y, :, 1], frames[t, y, :, 2])
-                    r, g, b = filter_row(colors, third, settled, slow[y], late, shares, grey, high)
-                    wrong = outside(colors, unit) if every and y % every == 0 else 0
-                else:
-                    planes = (frames[t, 0, y], frames[t, 1, y], frames[t, 2, y])
-                    r, g, b = filter_row(planes, third, settled, slow[y], late, shares, grey, high)
-                    wrong = outside(planes, unit) if every and y % every == 0 else 0
-                total[4], total[5], total[6], total[7] = total[4] + r, total[5] + g, total[6] + b, total[7] + wrong
-                if y == 0:
-                    keep(high, late, first[t])
-                    keep(high, late, last[t])
-                high_before, late_before = last[t, 0], last[t, 1]
-                if y > top:
-                    high_before, late_before = highs[1 - y % 2], delayed[y - 1]
-                left, above = correlate(high, late, high_before, late_before)
-                total[0], total[1] = total[0] + left[0], total[1] + left[1]
-                if y:
-                    total[2], total[3] = total[2] + above[0], total[3] + above[1]
-                if wrap:
-                    signed = high[0] * late[width - 1] - high[width - 1] * late[0]
+                if every and y % every == 0:
+                    if beside:
+                        total[7] += outside((frames[t, y, :, 0], frames[t, y, :, 1], frames[t, y, :, 2]), unit)
+                    else:
+                        total[7] += outside((frames[t, 0, y], frames[t, 1, y], frames[t, 2, y]), unit)
+            total[4], total[5], total[6] = total[4] + r, total[5] + g, total[6] + b
+            ahead, along, over = total[0:2], total[2:4], total[2:4]
+            if top == 0:
+                keep(high[0], late[0], first[t])
+                keep(high[0], late[0], last[t])
+                over = unused
+            correlate(high[:1], late[:1], last[t, :1], last[t, 1:], lag, (ahead, over))
+            correlate(high[1:], late[1:], high[:-1], late[:-1], lag, (ahead, along))
+            keep(high[count - 1], late[count - 1], last[t])
+            if wrap:
+                for y in range(count):
+                    signed = high[y, 0] * late[y, width - 1] - high[y, width - 1] * late[y, 0]
                     total[0], total[1] = total[0] + signed, total[1] + abs(signed)
-                if block == 4 and inner_from <= y < inner_to:
-                    if (y + margin) % 4 == 1:
-                        here = (y + margin) // 4
-                        add_four(greys, rows[t, here - 1], rows[t, here])
-                else:
-                    add_mirrored(grey, y, height, margin, block, rows[t])
-            keep(highs[(bottom - 1) % 2], delayed[bottom - 1], last[t])
+            if block == 4 and inner_from <= top < inner_to:
+                here = (top + margin) // 4
+                add_four(grey, rows[t, here], rows[t, here + 1])
+            else:
+                for y in range(count):
+                    add_mirrored(grey[y], top + y, height, margin, block, rows[t])
     for t in range(times):
         total = sums[t]
         if wrap:
-            _, above = correlate(first[t, 0], first[t, 1], last[t, 0], last[t, 1])
-            total[2], total[3] = total[2] + above[0], total[3] + above[1]
+            correlate(first[t, :1], first[t, 1:], last[t, :1], last[t, 1:], lag, (unused, total[2:4]))
         for color in range(4, 7):
             total[color] *= unit
         thin_columns(rows[t], margins[1], images[t])
@@ -109,12 +115,12 @@ def keep(high: Array, late: Array, both: Array) -> None:
         both[0, x], both[1, x] = high[x], late[x]
 
 
-@inner
+@apart
 def add_four(greys: Array, here: Array, there: Array) -> None:
     """`add_thinned` of four rows at once: the last two of a block and the first two of the next."""
     kind = here.dtype.type
     least, less, more, most = kind(0.125), kind(0.375), kind(0.625), kind(0.875)
-    one, two, three, four = greys[2], greys[3], greys[0], greys[1]
+    one, two, three, four = greys[0], greys[1], greys[2], greys[3]
     for x in range(here.shape[0]):
         here[x] += most * one[x] + more * two[x] + less * three[x] + least * four[x]
         there[x] += least * one[x] + less * two[x] + more * three[x] + most * four[x]

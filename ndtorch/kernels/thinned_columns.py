@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import inner
+from ndtorch.kernels.inner import apart, inner
 
 
 @inner
@@ -25,12 +25,10 @@ def thin_columns(rows: Array, margin: int, image: Array) -> None:
     # A closed line: before it stands its last number, and after it its first two.
     line, halves = np.empty(length + 3, rows.dtype), np.empty((max(times - 1, 1), length // 2 + 1), rows.dtype)
     for y in range(height):
-        row = rows[y]
-        for x in range(width):
-            line[1 + margin + x] = row[x]
+        copy_row(rows[y], line[1 + margin :])
         for x in range(margin):
-            line[1 + x] = row[margin - x]
-            line[1 + margin + width + x] = row[width - 2 - x]
+            line[1 + x] = rows[y, margin - x]
+            line[1 + margin + width + x] = rows[y, width - 2 - x]
         line[0], line[length + 1], line[length + 2] = line[length], line[1], line[2]
         if times == 0:
             for x in range(length):
@@ -46,7 +44,14 @@ def thin_columns(rows: Array, margin: int, image: Array) -> None:
             halve_even(halves[times - 2], length >> times, image[y])
 
 
-@inner
+@apart
+def copy_row(row: Array, line: Array) -> None:
+    """Copy a row to where a line begins: a view of it, since with numbers of places added up it is no vector loop."""
+    for x in range(row.shape[0]):
+        line[x] = row[x]
+
+
+@apart
 def halve_pairs(line: Array, first: int, length: int, half: Array) -> None:
     """Half of the numbers of a line from `first` on: weights 1/4, 3/4, 3/4, 1/4 around the middles of pairs."""
     quarter, most = half.dtype.type(0.25), half.dtype.type(0.75)
@@ -55,7 +60,7 @@ def halve_pairs(line: Array, first: int, length: int, half: Array) -> None:
         half[c] = quarter * (line[x] + line[x + 3]) + most * (line[x + 1] + line[x + 2])
 
 
-@inner
+@apart
 def halve_odd(line: Array, length: int, half: Array) -> None:
     """Every second number of a closed line from the second on, smoothed with weights 1/2, 1, 1/2 beforehand."""
     share = half.dtype.type(0.5)
@@ -64,7 +69,7 @@ def halve_odd(line: Array, length: int, half: Array) -> None:
     half[length] = half[0]
 
 
-@inner
+@apart
 def halve_even(line: Array, length: int, half: Array) -> None:
     """The same from the first number on."""
     share = half.dtype.type(0.5)
