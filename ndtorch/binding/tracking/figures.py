@@ -38,6 +38,8 @@ class FigureTable(NamedTuple):
         unlike: sums of squared differences between that and what was at the same place later, and at its new one,
             `[N, 2]`.
         sure: by how many deviations of the noise it stood out, summed over its sightings, `[N]` float64.
+        since: time at which it first became an object, -1 before, `[N]` float64. With a time and not known it was
+            taken back.
         length: sightings of every track, `[N]` int64.
         path: all their sightings, track after track, `[P, 10]`: time, and in shares of the height row and column of its
             middle, top, left, bottom and right, pixels, and row and column by which it is followed.
@@ -58,6 +60,7 @@ class FigureTable(NamedTuple):
     patch: Tensor
     unlike: Tensor
     sure: Tensor
+    since: Tensor
     length: Tensor
     path: Tensor
 
@@ -81,6 +84,7 @@ class Figure:
     patch: npt.NDArray[np.float32]
     unlike: Numbers
     sure: float
+    since: float
     before: Numbers
     late: list[tuple[float, ...]] = field(default_factory=list)
 
@@ -141,6 +145,7 @@ def figures_of(table: FigureTable) -> list[Figure]:
         table.patch.numpy(),
         table.unlike.numpy(),
         table.sure.tolist(),
+        table.since.tolist(),
         paths,
         strict=True,
     )
@@ -170,6 +175,7 @@ def table_of(figures: Sequence[Figure]) -> FigureTable:
         torch.from_numpy(np.stack(patches)) if patches else torch.zeros(0, 3, PATCH, PATCH),
         stacked([one.unlike for one in figures], 2),
         torch.tensor([one.sure for one in figures], dtype=torch.float64),
+        torch.tensor([one.since for one in figures], dtype=torch.float64),
         torch.tensor([len(path) for path in paths], dtype=torch.int64),
         torch.from_numpy(np.concatenate(paths)) if paths else torch.zeros(0, SIGHTING, dtype=torch.float64),
     )

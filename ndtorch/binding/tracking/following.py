@@ -14,7 +14,7 @@ from ndtorch.binding.tracking.regions import Floats, Labels, Regions
 from ndtorch.binding.tracking.restless import restless
 from ndtorch.binding.tracking.shades import Light
 from ndtorch.binding.tracking.silhouettes import Sighting, share, sightings
-from ndtorch.binding.tracking.whole import clear, look_again, moves_as_a_whole
+from ndtorch.binding.tracking.whole import clear, look_again, moves_as_a_whole, straightness, swings, taken_back
 from ndtorch.vision.camera.figures import Standing
 
 
@@ -97,10 +97,12 @@ def follow(
             and not one.known
             and one.last_seen == time
             and travels(one, gone, dt, p)
-            and (not p.travel or clear(one, p) or moves_as_a_whole(one, bright, p))
+            and is_thing(one, bright, p)
             and not part_of_another(one, kept, p)
         ):
-            one.known = True
+            one.known, one.since = True, time if one.since < 0 else one.since
+        elif one.known and one.last_seen == time and restless(one, gone) > 0 and taken_back(one, time, dt, p):
+            one.known = False
     return [one for one in kept if one.number not in absorbed], late, silhouettes
 
 
@@ -123,7 +125,17 @@ def travels(one: Figure, gone: Floats, dt: float, p: FigureParams) -> bool:
     enough = max(p.travel * one.size, p.way) if p.travel else 0.0
     if far < enough or span < p.shortest or seen < p.steady * (span + dt):
         return False
-    return far >= p.wander * enough or restless(one, gone) <= p.restless
+    unrest = min(1.0, restless(one, gone) / p.restless)
+    further = enough if unrest < 1 else p.wander * enough
+    return far >= further and (not unrest or straightness(one, p) >= p.straight * unrest)
+
+
+def is_thing(one: Figure, light: float, p: FigureParams) -> bool:
+    """Whether a track stands out clearly and does not swing, or moves as a whole and straight; anything is, where
+    `travel` is 0. What was taken back has to go straight, too."""
+    if not p.travel or (clear(one, p) and one.since < 0 and not swings(one, p)):
+        return True
+    return (clear(one, p) or moves_as_a_whole(one, light, p)) and straightness(one, p) >= p.straight
 
 
 def part_of_another(one: Figure, others: Sequence[Figure], p: FigureParams) -> bool:
@@ -145,7 +157,7 @@ def start(number: int, time: float, place: Numbers) -> Figure:
     """A track without sightings."""
     two, ten = np.zeros(2), np.zeros(10)
     none, blank = np.zeros((0, SIGHTING)), np.zeros((3, PATCH, PATCH), np.float32)
-    looks = (np.zeros(4), blank, two, 0.0)
+    looks = (np.zeros(4), blank, two, 0.0, -1.0)
     return Figure(number, False, two, two, np.zeros(3), place, time, place, ten, ten, np.zeros(4), *looks, none)
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
 from ndtorch.binding.tracking.figure_params import FigureParams
-from ndtorch.binding.tracking.figures import PATCH, Figure, Numbers
+from ndtorch.binding.tracking.figures import FOLLOWED, PATCH, Figure, Numbers
 from ndtorch.binding.tracking.regions import Floats
 
 
@@ -82,3 +84,53 @@ def moves_as_a_whole(one: Figure, light: float, p: FigureParams) -> bool:
     stayed, went = one.unlike.tolist()
     doubt = (p.doubt * light) ** 2
     return bool(stayed - went - doubt >= p.whole * (stayed + went + doubt))
+
+
+def swings(one: Figure, p: FigureParams) -> bool:
+    """Whether what it looked like stayed behind wherever it went, and its way leads to and fro: leaves in the wind.
+
+    A leg of one who walks stays behind as well, but its way is straight.
+
+    Args:
+        one: the track.
+        p: constants.
+    """
+    stayed, went = one.unlike.tolist()
+    return bool(stayed - went < -p.behind * (stayed + went)) and straightness(one, p) < p.straight
+
+
+def straightness(one: Figure, p: FigureParams) -> float:
+    """How far a track got, as a share of the length of its way in steps of `step` of its size; 1 before the first."""
+    got, _, length = way_of(one, p)
+    return got / length if length else 1.0
+
+
+def taken_back(one: Figure, time: float, dt: float, p: FigureParams) -> bool:
+    """Whether an object turns out to go to and fro: its way was long, and it never was far from where it began.
+
+    That is asked every second for `trial` seconds after it became an object. Later one may pace up and down.
+
+    Args:
+        one: the object.
+        time: seconds.
+        dt: seconds of a step.
+        p: constants.
+    """
+    age = time - one.since + dt / 2
+    if not p.travel or age > p.trial + dt or int(age) == int(age - dt) or age < 1:
+        return False
+    _, furthest, length = way_of(one, p)
+    return furthest < p.swing * length
+
+
+def way_of(one: Figure, p: FigureParams) -> tuple[float, float, float]:
+    """How far a track is from where it began, how far it was at most, and the length of its way, in steps."""
+    way = one.path[:, FOLLOWED].tolist()
+    start = row, column = way[0]
+    length, furthest, least = 0.0, 0.0, p.step * one.size
+    for down, across in way:
+        far = math.hypot(down - row, across - column)
+        if far > least:
+            length, row, column = length + far, down, across
+            furthest = max(furthest, math.hypot(down - start[0], across - start[1]))
+    return math.hypot(row - start[0], column - start[1]), furthest, length

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import load_file
 from torch import Tensor
 
 import ndtorch
@@ -19,13 +20,14 @@ from ndtorch.binding.tracking.figures import FOLLOWED, PATCH, PIXELS, SIGHTING, 
 from ndtorch.binding.tracking.meeting import apart
 from ndtorch.binding.tracking.regions import Regions
 from ndtorch.binding.tracking.silhouettes import share
+from ndtorch.checked import save_tensors
 from ndtorch.errors import InputError
 from ndtorch.tree import leaves
 from tests.vision.camera.passing_scenes import SIZE, ground, passing
 
 STEPS = 50
 FPS = 25.0
-UNSEEN: Any = (np.zeros(4), np.zeros((3, PATCH, PATCH), np.float32), np.zeros(2), 0.0)
+UNSEEN: Any = (np.zeros(4), np.zeros((3, PATCH, PATCH), np.float32), np.zeros(2), 0.0, -1.0)
 """A track that was not looked at closely."""
 
 
@@ -291,3 +293,12 @@ def test_a_piece_that_something_cuts_off_belongs_to_its_track() -> None:
 def test_it_is_static_until_something_stands_out_and_then_it_learns() -> None:
     assert model().verdict(run((ground().repeat(12, 1, 1, 1) * 255).to(torch.uint8))[1]) == "static"
     assert model().verdict(run(film()[:30])[1]) == "learning"
+
+
+def test_a_state_from_before_objects_could_be_taken_back_is_refused(tmp_path: Path) -> None:
+    path, module, (_, state) = tmp_path / "state", model(), whole()
+    save_state(state, path)
+    older = {name: part for name, part in load_file(path).items() if not name.endswith(".since")}
+    save_tensors(older, path)
+    with pytest.raises(InputError, match=r"is not a saved state of this model \(figures\): \S+\.since missing"):
+        load_state(path, module)

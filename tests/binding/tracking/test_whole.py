@@ -12,10 +12,19 @@ from ndtorch.binding import BoundObject
 from ndtorch.binding.models.figures import FiguresModel
 from ndtorch.binding.tracking.figure_params import FigureParams
 from ndtorch.binding.tracking.figures import Figure
-from ndtorch.binding.tracking.following import start
+from ndtorch.binding.tracking.following import is_thing, start
 from ndtorch.binding.tracking.shades import Light, ShadeParams
 from ndtorch.binding.tracking.silhouettes import sightings
-from ndtorch.binding.tracking.whole import clear, look_again, moves_as_a_whole, patch_of
+from ndtorch.binding.tracking.whole import (
+    clear,
+    look_again,
+    moves_as_a_whole,
+    patch_of,
+    straightness,
+    swings,
+    taken_back,
+    way_of,
+)
 from ndtorch.vision.camera.figures import Standing
 from tests.vision.camera.passing_scenes import SIZE, ground
 
@@ -95,6 +104,59 @@ def test_a_clear_track_stands_out_by_many_deviations_of_its_own_pixels() -> None
         (seen,) = sightings([one], silhouettes, step, Light(picture, plain, ShadeParams()), set())
         assert seen is not None
         assert seen.sure == 0
+
+
+def walked(columns: list[float], dt: float = 0.1) -> Figure:
+    """A track of size .2 that was at these columns, one after the other."""
+    one = start(0, 0.0, np.array([0.5, columns[0]]))
+    one.extent = np.full(2, 0.2)
+    for n, at in enumerate(columns):
+        one.late.append((n * dt, 0.5, at, 0.4, at - 0.1, 0.6, at + 0.1, 0.04, 0.5, at))
+    return one
+
+
+TO_AND_FRO = [0.5, 0.6, 0.7, 0.6, 0.5]
+STRAIGHT = [0.5, 0.6, 0.7, 0.8, 0.9]
+
+
+def test_a_way_is_measured_in_steps_so_that_trembling_adds_nothing() -> None:
+    assert way_of(walked(TO_AND_FRO), P) == pytest.approx((0, 0.2, 0.4))
+    assert way_of(walked(STRAIGHT), P) == pytest.approx((0.4, 0.4, 0.4))
+    trembling = [at + d for at in STRAIGHT for d in (0, 0.03, -0.03)]
+    assert way_of(walked(trembling), P)[2] == pytest.approx(0.4, abs=0.04)
+    assert straightness(walked([0.5, 0.53, 0.47]), P) == 1
+
+
+@pytest.mark.parametrize(
+    ("stayed", "columns", "swinging"), [(0.1, TO_AND_FRO, True), (0.1, STRAIGHT, False), (0.9, TO_AND_FRO, False)]
+)
+def test_what_stays_behind_on_a_way_to_and_fro_swings(stayed: float, columns: list[float], swinging: bool) -> None:
+    """`stayed` is the difference at the old places: small where the looks stayed there."""
+    one = walked(columns)
+    one.unlike, one.sure = np.array([stayed, 1 - stayed]), 99.0 * len(columns)
+    assert swings(one, P) is swinging
+    assert is_thing(one, LIGHT, P) is not swinging
+    assert is_thing(one, LIGHT, FigureParams(travel=0.0))
+
+
+def test_what_was_taken_back_has_to_go_straight() -> None:
+    for columns in (TO_AND_FRO, STRAIGHT):
+        one = walked(columns)
+        one.unlike, one.sure = np.array([0.9, 0.1]), 99.0 * len(columns)
+        assert is_thing(one, LIGHT, P)
+        one.since = 0.0
+        assert is_thing(one, LIGHT, P) is (columns is STRAIGHT)
+
+
+def test_an_object_that_only_went_to_and_fro_is_taken_back_within_its_trial() -> None:
+    swaying, walking = walked(TO_AND_FRO * 4), walked(STRAIGHT)
+    times = [n / 10 for n in range(1, 101)]
+    for one, most in ((swaying, P.trial), (walking, 0.0)):
+        one.since = 0.0
+        back = [time for time in times if taken_back(one, time, 0.1, P)]
+        # Once a second, and not later than that.
+        assert back == [float(n) for n in range(1, int(most) + 1)]
+    assert not taken_back(swaying, 1.0, 0.1, FigureParams(travel=0.0))
 
 
 def objects(video: Tensor) -> list[BoundObject]:
