@@ -50,7 +50,7 @@ class FigureParams(Constants):
     doubt: float = Field(0.25, ge=0, description="against a doubt that a difference of this share of the light settles")
     behind: float = Field(0.3, ge=0, le=1, description="what fits its old places better by this, on a way in steps")
     step: float = Field(0.2, gt=0, description="of this share of its size that got it no further")
-    straight: float = Field(0.65, ge=0, le=1, description="than this share of its length, swings: leaves")
+    straight: float = Field(0.4, ge=0, le=1, description="than this share of its length, swings: leaves")
     trial: float = Field(5.0, ge=0, description="an object is taken back within this time if it never was further from")
     swing: float = Field(0.35, ge=0, le=1, description="where it began than this share of its way's length")
     larger: float = Field(2.0, ge=1, description="a track of this many times its pixels,")
