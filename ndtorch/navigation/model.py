@@ -117,7 +117,9 @@ class Navigator(nn.Module):
         self.row = row_rect(rig)
         self.whole: WholeStep | None = None
         self.near = NearCheck(rig, self.controller.fields) if near_check and self.controller.looks_near else None
-        self.searching = RowRanging(rig, dt, angles=angles, search=SearchParams(rows=1))
+        # Where the ranging itself searches, the controller is told at every frame.
+        looks = self.near is not None and search is None
+        self.searching = RowRanging(rig, dt, angles=angles, search=SearchParams(rows=1)) if looks else None
 
     def forward(
         self,
@@ -243,7 +245,8 @@ class Navigator(nn.Module):
             # Before a blank wall the car stands, and its parts look for a way, one after the other.
             _, state = self(frame, frame)
             self(frame, frame, state)
-            self.searching(frame, frame)
+            if self.searching is not None:
+                self.searching(frame, frame)
             self.controller.warm_up()
             for memory in (self.grid_map, self.localiser):
                 if memory is not None:
@@ -270,8 +273,7 @@ class Navigator(nn.Module):
         if self.near is None or not (ahead or near):
             return control
         ranges = None
-        # Where the ranging itself searches, the controller has been told.
-        if ahead and self.ranging.search is None:
+        if ahead and self.searching is not None:
             ranges = ranges_at(self.searching(rows[0].unsqueeze(0), rows[1].unsqueeze(0))[0], 0)
         return self.controller.told_more(control, pose, ranges, self.near.things(rows) if near else None)
 

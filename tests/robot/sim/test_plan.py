@@ -1,6 +1,7 @@
 """Plans: arenas by name and seed, rooms to walls, ray casting, free places, files."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from ndtorch_robot.sim.plan import Plan, Ring, inside, ring
 from ndtorch_robot.sim.tracing import Box, trace
 from ndtorch_robot.sim.trials import TRIALS
 
+OTHERS = Path(__file__).resolve().parents[3] / "robot" / "arenas"
 SQUARE = [(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0)]
 
 
@@ -146,6 +148,17 @@ def test_bad_arena_files(tmp_path, text, message):
         load_arena(str(file))
     assert "\n" not in str(error.value)
     assert "bad.toml" in str(error.value)
+
+
+@pytest.mark.parametrize("file", sorted(OTHERS.glob("*.toml")), ids=lambda file: file.stem)
+def test_arena_files_that_come_along(file):
+    plan = load_arena(str(file))
+    assert plan.name == file.stem
+    assert len(Places(plan).points) > 20
+
+
+def test_eight_arena_files_come_along():
+    assert len(list(OTHERS.glob("*.toml"))) == 8
 
 
 def test_missing_arena_file():
