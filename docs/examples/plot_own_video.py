@@ -2,8 +2,9 @@
 Your own video
 ==============
 
-The model ``video`` finds objects over time. Here the clip is rendered first; put the path of yours in its place.
-``ndtorch bind my-video.mp4 --open`` does the same and shows a report.
+The model ``figures`` finds objects over time, with a box and a silhouette each. Here the clip is rendered first; put
+the path of yours in its place.
+``ndtorch bind my-video.mp4 --open`` looks with the same model and shows a report.
 """
 
 import tempfile
@@ -24,21 +25,34 @@ with VideoWriter(clip, 25, (500, 500)) as film:
             film.write(frame)
 
 # %%
-# A model is made for the size and the rate of its frames.
+# A model is made for the size and the rate of its frames. ``reduce`` keeps the whole picture at 224 rows.
+# ``mask`` is 1 at the pixels of known objects.
 state = None
-with open_video(clip, size=(200, 200)) as video, torch.inference_mode():
-    model = ndtorch.load("video", size=video.size, fps=video.fps)
+with open_video(clip, size=(224, 224), fit="reduce") as video, torch.inference_mode():
+    model = ndtorch.load("figures", size=video.size, fps=video.fps)
     for frames in video.chunks(4):
         signals, state = model(frames, state)
 for thing in model.objects(state):
-    print(f"{thing.first_seen:.1f} to {thing.last_seen:.1f} s: {thing.color}, {thing.direction}")
+    left, top, right, bottom = thing.box
+    print(f"{thing.first_seen:.1f} to {thing.last_seen:.1f} s: {thing.color}, {thing.direction}, ", end="")
+    print(f"last at columns {left:.0f} to {right:.0f}, rows {top:.0f} to {bottom:.0f}")
 
 # %%
-# Where each was seen, in pixels.
-figure, axes = plt.subplots(figsize=(5, 5), layout="constrained")
+# The last frame and what stands out in it, and where each object was seen.
+figure, (seen, paths) = plt.subplots(1, 2, figsize=(9, 4.5), layout="constrained")
+seen.imshow(frames[-1].permute(1, 2, 0))
+seen.contour(signals.mask[-1] > 0, levels=[0.5], colors="white")
+seen.set(title="last frame, outlined", xlabel="column (pixels)", ylabel="row (pixels)")
 for thing in model.objects(state):
     times, columns, rows = zip(*thing.path, strict=True)
-    axes.plot(columns, rows, ".-", label=f"{thing.color}, {thing.direction}")
-axes.set(xlim=(0, 200), ylim=(200, 0), xlabel="column (pixels)", ylabel="row (pixels)")
-axes.legend()
+    paths.plot(columns, rows, ".-", label=f"{thing.color}, {thing.direction}")
+paths.set(
+    xlim=(0, video.size[1]),
+    ylim=(video.size[0], 0),
+    xlabel="column (pixels)",
+    ylabel="row (pixels)",
+    title="paths",
+    aspect="equal",
+)
+paths.legend()
 plt.show()

@@ -17,14 +17,14 @@ from ndtorch.scenes import FrameSource, open_video, two_bars
 # Three seconds of the first camera. ``open_video`` raises an error that says what is wrong.
 source: FrameSource
 try:
-    source = open_video(0, size=(200, 200), stop=75)
+    source = open_video(0, size=(224, 224), fit="reduce", stop=75)
 except InputError as error:
     print(f"{error}. A generated scene takes its place.")
     source = two_bars(seconds=3, fps=25, size=(200, 200))
 
 # %%
 # Frames go through the model as they come; a live source gives each of them once.
-model = ndtorch.load("video", size=source.size, fps=source.fps)
+model = ndtorch.load("figures", size=source.size, fps=source.fps)
 state, count = None, 0
 with torch.inference_mode():
     for frames in source.chunks(4):

@@ -37,7 +37,10 @@ def check_frames(frames: Tensor, size: tuple[int, int] | None = None, values: bo
     if frames.numel() == 0:
         raise InputError(f"frames must hold at least one frame, got {tuple(frames.shape)}")
     if size is not None and (height, width) != tuple(size):
-        raise InputError(f"frames must be {size[0]}x{size[1]} pixels (height x width), got {height}x{width}")
+        raise InputError(
+            f"frames must be {size[0]}x{size[1]} pixels (height x width), got {height}x{width}; "
+            f"what looks at these is made with size=({height}, {width})"
+        )
     if values:
         check_values(frames)
     return frames if channels == 3 else frames.expand(*frames.shape[:-3], 3, height, width)
