@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Protocol
 
 from ndtorch.code_digest import module_places
-from ndtorch.ending import NOTHING_KEPT
+from ndtorch.ending import NOTHING_KEPT, Stopped
 from ndtorch.errors import InputError
 from ndtorch.optional import OURS, remedy
 
@@ -87,8 +87,8 @@ def run_command(prog: str, kind: type[Subcommand], arguments: Sequence[str]) -> 
             raise
         print(f"error: {prog}: {words}", file=sys.stderr)
         return UNUSABLE
-    except KeyboardInterrupt:
-        print(NOTHING_KEPT, file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        print(stop if isinstance(stop, Stopped) else NOTHING_KEPT, file=sys.stderr)
         return INTERRUPTED
 
 

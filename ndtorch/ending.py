@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import FrameType
 
 ENDING = (signal.SIGINT, signal.SIGTERM, *((signal.SIGHUP,) if hasattr(signal, "SIGHUP") else ()))
@@ -13,6 +14,32 @@ ENDING = (signal.SIGINT, signal.SIGTERM, *((signal.SIGHUP,) if hasattr(signal, "
 
 NOTHING_KEPT = "stopped before there was anything to keep"
 """What is said then, where nothing was computed."""
+
+
+class Stopped(KeyboardInterrupt):
+    """Ctrl-C in a command that has kept something; the message says what."""
+
+
+@contextlib.contextmanager
+def parts_kept(folder: Path, what: str, total: int, finished: Callable[[], int]) -> Iterator[None]:
+    """Ctrl-C inside tells how many parts are kept, where the same command goes on with the others.
+
+    Args:
+        folder: where they are.
+        what: their name, as many: "trials".
+        total: how many there will be.
+        finished: how many there are, asked then.
+
+    Raises:
+        Stopped: Ctrl-C, and there are some.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        if count := finished():
+            words = f"stopped; {folder} keeps {count} of {total} {what}, and the same command goes on with the others"
+            raise Stopped(words) from None
+        raise
 
 
 @contextlib.contextmanager

@@ -50,6 +50,7 @@ class Soak:
         import torch
 
         from ndtorch.code_digest import code_digest
+        from ndtorch.ending import parts_kept
         from ndtorch.files import write_text
         from ndtorch.installed import toml_file
         from ndtorch.run.folder import place_for
@@ -73,19 +74,20 @@ class Soak:
         every = sorted({*files, *place.folder.glob("piece-*.json")})
         known = {file: made for file in every if (made := kept(file, key)) is not None}
         process, pieces = secrets.token_hex(4), list(known.values())
-        for number, file in enumerate(files):
-            made = known.get(file)
-            if made is None:
-                made = drive_piece(config, number, self.piece, lambda seconds: None)
-                gc.collect()
-                made |= {"process": process, "megabytes": round(resident_megabytes(), 1), "key": key}
-                write_text(file, json.dumps(made) + "\n")
-                known[file] = made
-                pieces = [known[each] for each in sorted(known)]
-            for line in troubles([made]):
-                print(line, file=sys.stderr, flush=True)
-            print(f"{number + 1}: {summary([made])}", file=sys.stderr, flush=True)
-            write_text(place.folder / "table.md", report(pieces))
+        with parts_kept(place.folder, "pieces", len(files), lambda: sum(file in known for file in files)):
+            for number, file in enumerate(files):
+                made = known.get(file)
+                if made is None:
+                    made = drive_piece(config, number, self.piece, lambda seconds: None)
+                    gc.collect()
+                    made |= {"process": process, "megabytes": round(resident_megabytes(), 1), "key": key}
+                    write_text(file, json.dumps(made) + "\n")
+                    known[file] = made
+                    pieces = [known[each] for each in sorted(known)]
+                for line in troubles([made]):
+                    print(line, file=sys.stderr, flush=True)
+                print(f"{number + 1}: {summary([made])}", file=sys.stderr, flush=True)
+                write_text(place.folder / "table.md", report(pieces))
         print(json.dumps(summary(pieces)) if self.json else report(pieces))
         return FAILED if troubles(pieces) else 0
 

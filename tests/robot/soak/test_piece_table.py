@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from ndtorch.ending import Stopped
 from ndtorch.errors import InputError
 from ndtorch_robot.commands.soak import Soak, kept
 from ndtorch_robot.sim.hosted_board import HostedBoard
@@ -82,3 +83,15 @@ def test_a_soak_goes_on_and_another_car_gets_a_folder_of_its_own(tmp_path, monke
     assert Soak(minutes=0.5, piece=30.0, out=tmp_path / "mine").run() == 0
     assert (tmp_path / "mine" / "table.md").read_text() == "mine"
     assert (tmp_path / "mine-2" / "piece-0000.json").is_file()
+
+
+def test_a_soak_that_is_stopped_tells_what_it_keeps(tmp_path, monkeypatch):
+    def drive(config, number, seconds, note):
+        if number:
+            raise KeyboardInterrupt
+        return piece(number, 300.0, [row()])
+
+    monkeypatch.setattr("ndtorch_robot.soak.piece.drive_piece", drive)
+    monkeypatch.setattr(HostedBoard, "code", staticmethod(lambda: "board"))
+    with pytest.raises(Stopped, match=f"stopped; {tmp_path / 'soak'} keeps 1 of 3 pieces"):
+        Soak(minutes=3.0, piece=60.0, out=tmp_path / "soak").run()

@@ -32,6 +32,19 @@ def in_process(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return ran
 
 
+def test_ctrl_c_tells_how_many_results_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def stopped(function: Any, tasks: Any, jobs: int) -> Any:
+        function(next(task for task in tasks if task[0].id == "A3"), lambda share: None)
+        raise KeyboardInterrupt
+        yield
+
+    monkeypatch.setattr("ndtorch_train.reproduce.command.run_tasks", stopped)
+    assert main(["reproduce", "A3", "C1", "--out", str(tmp_path / "out"), "--jobs", "1"]) == 130
+    assert "keeps 1 of 2 results, and the same command goes on with the others\n" in capsys.readouterr().err
+
+
 def test_results_are_kept_until_code_or_parameters_change(
     tmp_path: Path, in_process: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -65,6 +65,34 @@ def test_a_sweep_goes_on_where_it_was(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "out-2", "out-3", "s.toml"]
 
 
+@pytest.mark.parametrize("after", [0, 1])
+def test_a_stopped_sweep_tells_what_it_keeps(
+    after: int,
+    tmp_path: Path,
+    in_process: list[int],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def stopped(function: Any, tasks: Any, jobs: int) -> Any:
+        for n, task in enumerate(tasks[:after]):
+            yield "done", n, fake_block(task)
+        raise KeyboardInterrupt
+
+    file, out = write_sweep(tmp_path / "s.toml", [0.5, 1.0]), tmp_path / "out"
+    command = ["sweep", str(file), "--out", str(out), "--jobs", "2"]
+    with monkeypatch.context() as own:
+        own.setattr("ndtorch_train.sweep.command.run_tasks", stopped)
+        assert main(command) == 130
+    told = capsys.readouterr().err
+    assert (
+        f"stopped; {out} keeps 2 of 4 trials, and the same command goes on with the others\n" in told
+        if after
+        else ("stopped before there was anything to keep\n" in told)
+    )
+    assert main(command) == 0
+    assert sum(in_process) == (2 if after else 4)
+
+
 def test_a_finished_sweep_keeps_what_was_told_of_its_run(
     tmp_path: Path, in_process: list[int], capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -101,6 +101,7 @@ class Reproduce:
 
     def collect(self, claims: Sequence[Claim], jobs: int, out: Path) -> tuple[list[Entry], dict[str, str]]:
         """Results of all claims, from the cache or computed now, and why some could not be had."""
+        from ndtorch.ending import parts_kept
         from ndtorch_train.reproduce.context import ResultCache
         from ndtorch_train.reproduce.outcome import with_better
         from ndtorch_train.reproduce.page import Entry, not_run
@@ -109,9 +110,8 @@ class Reproduce:
         store.folder.mkdir(exist_ok=True)
         store.tidy()
         todo, other_code = [], []
-        for claim in with_better(claims):
-            if claim.parameters(self.quick) is None:
-                continue
+        wanted = [claim for claim in with_better(claims) if claim.parameters(self.quick) is not None]
+        for claim in wanted:
             result, outdated = store.load(claim, self.quick)
             if result is None:
                 todo.append(claim)
@@ -119,7 +119,12 @@ class Reproduce:
                 other_code.append(claim.id)
         if other_code:
             print(f"note: results of {', '.join(other_code)} are of other code and not used", file=sys.stderr)
-        failed = compute(todo, self.quick, jobs, store.folder)
+
+        def finished() -> int:
+            return sum(store.load(claim, self.quick)[0] is not None for claim in wanted)
+
+        with parts_kept(out, "results", len(wanted), finished):
+            failed = compute(todo, self.quick, jobs, store.folder)
 
         def entry(claim: Claim) -> Entry | None:
             """What is known of a claim; None if it could not be tried."""

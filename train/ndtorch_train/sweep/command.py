@@ -53,6 +53,7 @@ class Sweep:
     def run(self) -> int:
         """Do it; returns the exit code."""
         from ndtorch.code_digest import code_digest
+        from ndtorch.ending import parts_kept
         from ndtorch.installed import toml_file
         from ndtorch.run.folder import place_for
         from ndtorch_train.sweep.config import read_sweep, results_of
@@ -81,12 +82,14 @@ class Sweep:
                 print(f"note: {store.outdated} trials in {out} are of other code and not used", file=sys.stderr)
             for line in store.damaged:
                 print(f"note: {line}; its trials are run again", file=sys.stderr)
+            names = {trial_id(trial) for trial in config.trials}
             todo = [trial for trial in config.trials if trial_id(trial) not in done]
             if len(todo) < len(config.trials):
                 finished = f"{len(config.trials) - len(todo)} of {len(config.trials)} trials were finished before"
                 print(finished, file=sys.stderr if self.json else sys.stdout)
             began = time.perf_counter()
-            failed = self.work(config, todo, module, jobs, store)
+            with parts_kept(out, "trials", len(config.trials), lambda: len(store.load().keys() & names)):
+                failed = self.work(config, todo, module, jobs, store)
             seconds = time.perf_counter() - began
             rows = store.finish(config)
             file = out / "summary.json"
