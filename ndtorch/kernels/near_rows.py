@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-Floats = npt.NDArray[np.float32]
-Whole = npt.NDArray[np.int64]
+from ndtorch.kernels.compare_rows import NEVER, Floats, Whole, first_least, follow, least_of
+from ndtorch.kernels.inner import apart, inner
+from ndtorch.kernels.strips import as_whole
 
-NEVER = np.float32(9.0)
-"""More than two windows can differ: where one of them leaves its row."""
+Columns = npt.NDArray[np.int64]
 
 
 def near_rows(
@@ -19,8 +19,8 @@ def near_rows(
     high: int,
     half: int,
     neighbors: int,
-    best: Whole,
-    back: Whole,
+    best: Columns,
+    back: Columns,
     costs: Floats,
 ) -> None:
     """Fill in the best disparity of every left column, that of its partner, and the costs.
@@ -35,28 +35,48 @@ def near_rows(
         costs: of the best one, and the least one elsewhere, `[2, W]`.
     """
     width, size, depth = len(left), 2 * half + 1, high - first
-    cost = np.full((depth, width), NEVER, np.float32)
+    # Lines of one column each, by the right end of its window; see `compare_rows`, which does not keep them.
+    cost, turned = np.empty((width, depth), np.float32), np.zeros((1, width + high), np.float32)
+    for x in range(width):
+        turned[0, x] = right[width - 1 - x]
+    none, total, windows = np.zeros(depth, np.float32), np.zeros(depth, np.float32), np.zeros((size, depth), np.float32)
+    bits, behind, partner = as_whole(cost), np.empty(depth, np.int32), np.zeros(width + high, np.int32)
     for k in range(depth):
-        d, total, line = k + first, 0.0, cost[k]
-        for c in range(d, width):
-            total += abs(left[c] - right[c - d])
-            if c >= d + size:
-                total -= abs(left[c - size] - right[c - size - d])
-            if c >= d + size - 1:
-                line[c - half] = max(np.float32(total / size), np.float32(0))
-    costs[:] = NEVER
-    best[:] = 0
-    for k in range(depth):
-        for c in range(width):
-            if cost[k, c] < costs[0, c]:
-                costs[0, c], best[c] = cost[k, c], k
-    for k in range(depth):
-        for c in range(width):
-            if abs(k - best[c]) > neighbors:
-                costs[1, c] = min(costs[1, c], cost[k, c])
+        behind[k] = depth - k
+    lowest = np.empty(width + high, np.float32)
+    for x in range(width + high):
+        lowest[x] = NEVER
+    lowest_bits = as_whole(lowest)
+    elsewhere = np.empty(1, np.float32)
+    second = as_whole(elsewhere)
     for c in range(width):
-        partner = min(max(c - first - best[c], 0), width - 1)
-        least, back[c] = NEVER, 0
-        for k in range(depth):
-            if partner + first + k < width and cost[k, partner + first + k] < least:
-                least, back[c] = cost[k, partner + first + k], k
+        best[c], costs[0, c], costs[1, c] = 0, NEVER, NEVER
+    for c in range(first, width):
+        reach, n, m = min(depth, c - first + 1), min(depth, c - first - size + 2), c - half
+        start, share = width - 1 - c + first, np.float32(1 / size)
+        follow(left[c], turned, 0, start, reach, none, windows, c % size, total, share, cost, c)
+        if n > 0:
+            nothing_below(cost, c, n)
+            k = first_least(bits, c, n, behind)
+            partners(bits, c, n, lowest_bits, partner, width - 1 - m + first, behind)
+            second[0] = min(least_of(bits, c, 0, k - neighbors), least_of(bits, c, k + neighbors + 1, n))
+            best[m], costs[0, m], costs[1, m] = k, cost[c, k], elsewhere[0]
+    for c in range(width):
+        x = min(max(c - first - best[c], 0), width - 1)
+        back[c] = depth - partner[width - 1 - x] if partner[width - 1 - x] else 0
+
+
+@inner
+def nothing_below(cost: Floats, c: int, n: int) -> None:
+    """What was added and taken again may end a little below 0."""
+    for k in range(n):
+        cost[c, k] = cost[c, k] if cost[c, k] > 0 else np.float32(0)
+
+
+@apart
+def partners(bits: Whole, now: int, n: int, lowest: Whole, partner: Whole, start: int, behind: Whole) -> None:
+    """Of every right column the lowest number so far, and the first place, counted from behind, that has it."""
+    for k in range(n):
+        at = np.uintp(start + k)
+        partner[at] = behind[k] if bits[now, k] < lowest[at] else partner[at]
+        lowest[at] = min(lowest[at], bits[now, k])
