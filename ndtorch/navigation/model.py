@@ -38,7 +38,7 @@ from ndtorch.navigation.sights import Anchor
 from ndtorch.navigation.state import NavigatorState, StepState, check_motion, place_of
 from ndtorch.navigation.strips import Strips, grey_pair, row_rect, strips
 from ndtorch.navigation.tracking import AlphaBetaTracker
-from ndtorch.navigation.whole_step import Parts, Stepped, WholeStep, in_frames
+from ndtorch.navigation.whole_step import Beginning, Parts, Stepped, WholeStep, in_frames, take_over
 
 STANDS = 0.05
 """m/s: a car slower than this stands."""
@@ -131,7 +131,7 @@ class Navigator(nn.Module):
     ) -> tuple[Command, NavigatorState]:
         ours, theirs = strips(left), strips(right)
         whole = self.whole_step()
-        step = whole(ours, theirs, state, driven, start)
+        step = whole(ours, theirs, state, driven, start, self.beginning(ours, theirs))
         if step is None and self.localiser is None:
             step = batch_step(whole, ours, theirs, state, driven)
         if step is not None:
@@ -143,7 +143,7 @@ class Navigator(nn.Module):
         """Steps of the parts that there are now."""
         parts = Parts(self.controller, self.ranging, self.reckoning)
         if self.whole is None or not all(map(operator.is_, self.whole.parts, parts)):
-            self.whole = WholeStep(parts, self.near is not None)
+            self.whole = WholeStep(parts)
         return self.whole
 
     def after(
@@ -159,7 +159,10 @@ class Navigator(nn.Module):
                 command = Command(ahead.speed.unsqueeze(0), ahead.curvature.unsqueeze(0))
         if self.near is not None and not new.pose.x.ndim:
             told = self.glance(new.control, new.pose, (left.row[0], right.row[0]))
-            if told is not new.control:
+            if told is not new.control and whole and self.controller.quick is not None:
+                # Nobody else has this state yet: so what the next step goes on from stays in one piece.
+                take_over(self.controller.quick.take(new.control), self.controller.quick.take(told))
+            elif told is not new.control:
                 new, whole = new._replace(control=told), False
         if self.localiser is not None:
             new = new._replace(located=self.locate(left.row, right.row, new.pose, state.located if state else None))
@@ -242,20 +245,15 @@ class Navigator(nn.Module):
             height, width = self.ranging.rig.height, self.ranging.rig.width
             frame = torch.zeros(1, height, width, 3, dtype=torch.uint8).permute(0, 3, 1, 2)
         with torch.inference_mode():
-            # Before a blank wall the car stands, and its parts look for a way, one after the other.
             _, state = self(frame, frame)
             self(frame, frame, state)
             if self.searching is not None:
-                self.searching(frame, frame)
+                ranges, _ = self.searching(frame, frame)
+                self.controller.told_more(state.control, state.pose, ranges_at(ranges, 0), None)
             self.controller.warm_up()
             for memory in (self.grid_map, self.localiser):
                 if memory is not None:
                     memory.warm_up()
-            # While it drives, one kernel does it.
-            eye = strips(frame)
-            step = WholeStep(self.whole_step().parts, watched=False)(eye, eye, None, None, None)
-            if step is not None:
-                self.after(step, eye, eye, None)
 
     def mode(self, state: NavigatorState) -> Tensor:
         """What the controller is doing, `[...]`: one of its `modes`, `CRUISE`, `TURN`, ..."""
@@ -266,6 +264,24 @@ class Navigator(nn.Module):
         if self.near is None or last.speed.ndim or abs(float(last.speed)) > STANDS:
             return False
         return begins or int(self.controller.mode(control)) in (SUPPRESSED, STOPPED)
+
+    def told_near(self, control: Any, pose: Pose, fields: tuple[Tensor, Tensor], rows: tuple[Tensor, Tensor]) -> Any:
+        """The state of the controller of one car that is told what is right ahead of it."""
+        assert self.near is not None
+        things, floor_seen = self.near(fields, rows)
+        return self.controller.told_near(control, pose, things, self.near.across, floor_seen)
+
+    def beginning(self, left: Strips, right: Strips) -> Beginning | None:
+        """What comes before a step of these frames, `[1, C, H, W]`, that a car begins standing."""
+        if self.near is None:
+            return None
+
+        def look(last: Command, control: Any, pose: Pose, begins: bool) -> Any:
+            if not self.looks_near(last, control, begins):
+                return control
+            return self.told_near(control, pose, (left.field[0], right.field[0]), (left.row[0], right.row[0]))
+
+        return look
 
     def glance(self, control: Any, pose: Pose, rows: tuple[Tensor, Tensor]) -> Any:
         """The state of the controller of one car that is told what it wants to know while it drives."""
@@ -303,10 +319,8 @@ class Navigator(nn.Module):
                 last = Command(driven.speed[..., t], driven.curvature[..., t])
             pose = self.reckoning.step(pose, last.speed, last.curvature)
             if eyes is not None and self.looks_near(last, control, state is None or (t == 0 and state.fields is None)):
-                assert self.near is not None
                 fields, rows = (tuple(eye[..., t, :, :, :] for eye in part) for part in eyes)
-                things, floor_seen = self.near(fields, rows)  # type: ignore[arg-type]
-                control = self.controller.told_near(control, pose, things, self.near.across, floor_seen)
+                control = self.told_near(control, pose, fields, rows)  # type: ignore[arg-type]
             if eyes is not None and self.localiser is not None:
                 left, right = (eye[..., t : t + 1, :, :, :] for eye in eyes[1])
                 located = self.locate(left, right, pose, located)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -60,39 +61,38 @@ class Stepped(NamedTuple):
     careful: bool
 
 
+Beginning = Callable[[Command, Any, Pose, bool], Any]
+"""What the controller's state becomes before a step that a car begins standing: of the motion before, the state, the
+pose of the frame, and whether it is the first one."""
+
+
 class WholeStep:
-    """Steps of these parts, as long as there is a kernel for them.
+    """Steps of these parts, as long as there is a kernel for them."""
 
-    Args:
-        parts: those of a navigator.
-        watched: whether what is near is looked at while the car stands, which no kernel does.
-    """
-
-    def __init__(self, parts: Parts, watched: bool) -> None:
-        self.parts, self.watched = parts, watched
+    def __init__(self, parts: Parts) -> None:
+        self.parts = parts
         self.quick = None if parts.ranging.search or parts.ranging.follow else parts.controller.quick
         self.forms: dict[Any, tuple[Any, Any] | None] = {}
 
     def __call__(
-        self, left: Strips, right: Strips, state: NavigatorState | None, driven: Command | None, start: Pose | None
+        self,
+        left: Strips,
+        right: Strips,
+        state: NavigatorState | None,
+        driven: Command | None,
+        start: Pose | None,
+        begin: Beginning | None = None,
     ) -> Stepped | None:
-        """One step; None where the parts are to do it: several frames or cars, gradients, a part without a kernel."""
+        """One step; None where the parts are to do it: several frames or cars, gradients, a part without a kernel.
+
+        Args:
+            begin: what comes before a step that a car begins standing, if anything.
+        """
         quick = self.quick
         if quick is None:
             return None
         seen = self.look(quick, left, right)
         if seen is None:
-            return None
-        before: Packed | None
-        kind = image_kind(left.field)
-        if state is None:
-            before = None if self.watched else self.begin(quick, start, kind)
-        elif isinstance(state, StepState) and state.packed is not None:
-            small = state.packed.small
-            before = state.packed if small.ndim == 1 and numpy_kind(kind) == small.dtype else None
-        else:
-            before = self.gather(quick, state, kind)
-        if before is None or (state is not None and self.at_a_stand(quick, before.small)):
             return None
         moved = (False, 0.0, 0.0)
         if driven is not None:
@@ -101,12 +101,38 @@ class WholeStep:
             moved = (True, driven.speed.item(), driven.curvature.item())
             if not (math.isfinite(moved[1]) and math.isfinite(moved[2])):
                 return None
-        return self.run(quick, seen, before, state, moved, left.field)
+        kind = image_kind(left.field)
+        if state is None:
+            before = self.first(quick, driven, start, begin, kind)
+        else:
+            before = self.going_on(quick, state, driven, begin, kind)
+        return None if before is None else self.run(quick, seen, before, state, moved, left.field)
 
-    def at_a_stand(self, quick: QuickControl, numbers: Any) -> bool:
-        """Whether the step may begin with something that no kernel does."""
-        mode = quick.mode(numbers)
-        return mode == STOPPED or (mode == SUPPRESSED and self.watched)
+    def going_on(
+        self,
+        quick: QuickControl,
+        state: NavigatorState,
+        driven: Command | None,
+        begin: Beginning | None,
+        kind: torch.dtype,
+    ) -> Packed | None:
+        """What a step goes on from; None where no kernel can."""
+        before: Packed | None
+        if isinstance(state, StepState) and state.packed is not None:
+            small = state.packed.small
+            before = state.packed if small.ndim == 1 and numpy_kind(kind) == small.dtype else None
+        else:
+            before = self.gather(quick, state, kind)
+        mode = None if before is None else quick.mode(before.small)
+        if mode == STOPPED or (mode == SUPPRESSED and begin is not None):
+            control = state.control
+            if begin is not None:
+                last = state.command if driven is None else one_of(driven)
+                control = begin(last, control, self.parts.reckoning.step(state.pose, *last), False)
+            control = self.parts.controller.woken(control)
+            if control is not state.control:
+                before = self.gather(quick, state._replace(control=control), kind)
+        return before
 
     def look(self, quick: QuickControl, left: Strips, right: Strips) -> Seen | None:
         """What the kernel sees of frames `[1, C, H, W]`; None where they are none that it takes."""
@@ -157,7 +183,14 @@ class WholeStep:
         numbers = [unit, quick.a, ranging.nd_min.a, SPEED_SCALE, weakest, difference, least, most, limit, *geometry]
         return np.array([*whole, *quick.whole], np.int64), np.array([*numbers, *quick.numbers])
 
-    def begin(self, quick: QuickControl, start: Pose | None, kind: torch.dtype) -> Packed | None:
+    def first(
+        self,
+        quick: QuickControl,
+        driven: Command | None,
+        start: Pose | None,
+        begin: Beginning | None,
+        kind: torch.dtype,
+    ) -> Packed | None:
         """What a car starts from; None where its pose is none of one car."""
         still = torch.zeros((), dtype=kind)
         pose = start or Pose(still, still, still)
@@ -165,11 +198,13 @@ class WholeStep:
             return None
         if not all(map(math.isfinite, pose)):
             return None
+        rest = Command(still, still)
         control = self.parts.controller.start(still.new_zeros(2), pose)
+        if begin is not None:
+            last = rest if driven is None else one_of(driven)
+            control = begin(last, control, self.parts.reckoning.step(pose, *last), True)
         rows = torch.empty(2, 1, self.parts.ranging.rig.width, dtype=kind)
-        return self.packed(
-            quick, (torch.empty(quick.shape, dtype=kind), rows), control, Command(still, still), pose, kind
-        )
+        return self.packed(quick, (torch.empty(quick.shape, dtype=kind), rows), control, rest, pose, kind)
 
     def gather(self, quick: QuickControl, state: NavigatorState, kind: torch.dtype) -> Packed | None:
         """What a step goes on from; None where that is of several cars or of another precision, or settles first."""
@@ -253,6 +288,11 @@ class WholeStep:
         return Stepped(new, after, Command(parts[2], parts[3]), careful)
 
 
+def one_of(driven: Command) -> Command:
+    """Of the one frame."""
+    return Command(driven.speed[0], driven.curvature[0])
+
+
 def as_array(frame: Tensor) -> tuple[Any, bool]:
     """A frame `[1, C, H, W]` as an array without gaps, and whether that is `[1, H, W, C]`: colors beside each other."""
     if frame.is_contiguous():
@@ -272,3 +312,11 @@ def numpy_kind(kind: torch.dtype) -> Any:
 def in_frames(ranges: Ranges, pose: Pose) -> tuple[Ranges, Pose]:
     """Ranges `[..., 1, n]` and poses `[..., 1]` of the one frame."""
     return Ranges(*(part.unsqueeze(-2) for part in ranges)), Pose(*(part.unsqueeze(-1) for part in pose))
+
+
+def take_over(new: tuple[Sequence[Tensor], Sequence[Tensor]], told: tuple[Sequence[Tensor], Sequence[Tensor]]) -> None:
+    """Write into a state of `QuickControl.take` that was just made what is another in the one that was told more."""
+    for ours, theirs in zip(new, told, strict=True):
+        for mine, other in zip(ours, theirs, strict=True):
+            if mine is not other:
+                mine.copy_(other)

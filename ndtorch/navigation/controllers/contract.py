@@ -194,6 +194,10 @@ class Controller(nn.Module, ABC):
     def difference(self, state: Any) -> Tensor:
         """What it weighs, `[...]`: positive where the car should rather turn left. `trace` says what it is."""
 
+    def woken(self, state: Any) -> Any:
+        """The state with which a car that stands begins a step; the same object where nothing changes."""
+        return state
+
     def told_near(self, state: Any, pose: Pose, things: Near, across: Near, floor_seen: bool) -> Any:
         """The state of one car that is told, while it stands, what is right before it.
 

@@ -131,8 +131,13 @@ class RangingControl(Controller):
             seen: cells `[..., 4, bands, blocks]`.
             ranges, pose, driven, state: as `Controller.step`.
         """
-        state = state._replace(mode=woken(state.mode, state.floor, self.floor))
-        return self.caution(*self.steer(seen, ranges, pose, driven, state), pose)
+        return self.caution(*self.steer(seen, ranges, pose, driven, self.woken(state)), pose)
+
+    def woken(self, state: RangingState) -> RangingState:
+        """As `Controller.woken`: a car that could not begin tries again."""
+        if not state.mode.ndim and kernels_wanted(state.mode) and int(state.mode) != STOPPED:
+            return state
+        return state._replace(mode=woken(state.mode, state.floor, self.floor))
 
     def steer(
         self, seen: Tensor, ranges: Ranges, pose: Pose, driven: Command, state: RangingState
@@ -189,7 +194,12 @@ class RangingControl(Controller):
         """As `Controller.told_more`."""
         patch, p = state.patch, self.params
         if ranges is not None:
-            patch = remember_ranges(patch, ranges, pose, self.nowhere, self.rig, self.searched)
+            one, kinds = not pose.x.ndim, (patch.upright.dtype, ranges.x.dtype, ranges.y.dtype)
+            if one and kinds == (pose.x.dtype,) * 3 and kernels_wanted(patch.upright, *ranges):
+                upright = self.quick.with_ranges(patch.upright, ranges, pose, p.glance_weight)
+                patch = patch._replace(upright=upright)
+            else:
+                patch = remember_ranges(patch, ranges, pose, self.nowhere, self.rig, self.searched)
         if things is not None:
             patch = remember_things(patch, pose, things, p)
         return state._replace(patch=patch)

@@ -82,6 +82,7 @@ class QuickRanging(QuickControl):
         self.full = -torch.expm1(full_flow * floor.saturation)
         self.learned = float(floor.learning)
         self.tables: dict[Any, Any] = {}
+        self.nowhere = np.zeros(0, np.int32)
 
     def fixed(self, kind: Any) -> tuple[Any, ...]:
         """The tables and numbers of this precision, a NumPy dtype, in the order of `ranging_control`."""
@@ -143,3 +144,21 @@ class QuickRanging(QuickControl):
         )
         speed, curvature, _, _, _, *machine = torch.from_numpy(after).unbind()
         return Command(speed, curvature), self.give([part.flatten() for part in new], machine)
+
+    def with_ranges(self, upright: Tensor, ranges: Ranges, pose: Pose, weight: float) -> Tensor:
+        """`remember_ranges` of one car that has no new places below it, each range of this weight."""
+        after, p = upright.clone(), self.rest[2]
+        _, _, _, reach, cell, *bounds = p[:7]
+        standing = after.numpy().reshape(self.side, self.side)
+        kernel("add_ranges", standing.dtype).run(
+            standing,
+            (float(pose.x), float(pose.y), float(pose.heading)),
+            (ranges.x.numpy(), ranges.y.numpy(), ranges.valid.numpy()),
+            (reach, weight),
+            self.fixed(standing.dtype)[0][4],
+            self.nowhere,
+            self.rest[-1],
+            cell,
+            (bounds[0], bounds[1]),
+        )
+        return after

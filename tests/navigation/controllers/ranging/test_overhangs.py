@@ -152,6 +152,23 @@ def test_one_searched_range_stands_in_the_way_and_what_lies_before_it_less():
     assert worth(near, 0.5, 0.1, p) == pytest.approx(p.range_weight)
 
 
+def test_what_a_search_tells_is_remembered_alike_by_kernel_and_torch():
+    pytest.importorskip("numba")
+    control = RangingControl(RIG, DT)
+    p, pose = control.params, Pose(*torch.tensor([0.31, -0.47, 0.6]))
+    state = control.start(torch.zeros(2, p.floor.bands, p.floor.blocks), pose)
+    there = ranged((1.2, 0.15), (0.83, -0.31), (2.2, 0.4), (1.4, 0.7))
+    there = there._replace(valid=torch.tensor([True, True, True, False]))
+    told = []
+    for mode in (torch.no_grad, torch.inference_mode):
+        with mode():
+            told.append(control.told_more(control.told_more(state, pose, there, None), pose, there, None).patch.upright)
+    assert not state.patch.upright.any()
+    assert int((told[0] >= p.blocked).sum()) == 3
+    # A place at the border of two cells may be rounded into either of them.
+    assert int(((told[0] - told[1]).abs() > 1e-5).sum()) <= 2
+
+
 class Asking(RangingControl):
     """Writes down what it is told."""
 
