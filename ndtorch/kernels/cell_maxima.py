@@ -48,7 +48,9 @@ def cell_maxima(
                 grey_row(frames[eye], beside, tops[eye] + start + y, lefts[eye], every, unit, count, grey[y])
             before, after = low[eye, start : start + tall], new_low[eye, start : start + tall]
             if bright != one and not settle:
-                lit[:] = before * bright
+                for y in range(tall):
+                    for x in range(width):
+                        lit[y, x] = before[y, x] * bright
                 before = lit
             high_pass(grey.reshape(-1), before.reshape(-1), settle, a, after.reshape(-1), size)
             for x in range(width):

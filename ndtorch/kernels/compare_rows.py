@@ -144,7 +144,8 @@ def first_least(bits: Whole, now: int, n: int, behind: Whole) -> int:
         least = min(least, bits[now, k])
     for k in range(n):
         at = max(at, behind[k] if bits[now, k] == least else none)
-    return behind[0] - at
+    place: int = behind[0] - at
+    return place
 
 
 @apart
@@ -155,7 +156,7 @@ def lower(bits: Whole, now: int, n: int, back: Whole, start: int) -> None:
 
 
 @exactly
-def least_of(bits: Whole, now: int, start: int, end: int) -> int:
+def least_of(bits: Whole, now: int, start: int, end: int) -> np.int32:
     """The least of some numbers of a line; that of `NEVER` where there are none."""
     least = NEVER_BITS
     for k in range(start, end):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -27,6 +28,10 @@ class Part(JITCodeLibrary):  # type: ignore[misc]
 
     whole: str
     later: dict[str, Any]
+
+    def _optimize_functions(self, module: Any) -> None:
+        if self.name == self.whole:
+            super()._optimize_functions(module)
 
     def _optimize_final_module(self) -> None:
         if self.name == self.whole:
@@ -66,14 +71,21 @@ class Part(JITCodeLibrary):  # type: ignore[misc]
 
 @contextmanager
 def optimised_once(name: str) -> Iterator[None]:
-    """Everything that is compiled meanwhile is part of the kernel of this name."""
+    """Everything that is compiled meanwhile is part of the kernel of this name.
+
+    Nor does Python look for unused objects meanwhile: the compiler makes so many that this takes a tenth of the time.
+    """
     lock: Any = global_compiler_lock
     with lock:
         context: Any = cpu_target.target_context
         context.refresh()
         maker = context.codegen()
         maker._library_class = type("PartOfKernel", (Part,), {"whole": name, "later": {}})
+        collecting = gc.isenabled()
+        gc.disable()
         try:
             yield
         finally:
             del maker._library_class
+            if collecting:
+                gc.enable()

@@ -93,7 +93,10 @@ def match_cells(
                     sums[eye, band, place, 0] += product
                     sums[eye, band, place, 1] += square
                     sums[eye, band, place, 2] += other
-            columns[:] = 0
+            for eye in range(2):
+                for k in range(3):
+                    for x in range(blocks * wide):
+                        columns[eye, k, x] = 0
     step = 2 if rows.size < 2 else rows[1] - rows[0]
     for eye in range(2):
         for band in range(bands):

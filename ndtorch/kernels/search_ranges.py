@@ -47,7 +47,8 @@ def search_ranges(
                 most = most if most >= size or most != most else size
                 rows[eye, r, x] = grey[x]
             if r == around // 2:
-                horizon[eye] = grey
+                for x in range(width):
+                    horizon[eye, x] = grey[x]
     found = np.empty((3, n), np.float32)
     find_places(rows[0], rows[1], params, band, found)
     column = np.empty(n, out.dtype)
