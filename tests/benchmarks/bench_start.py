@@ -13,13 +13,15 @@ import tempfile
 from tests.benchmarks.timing import Row, table
 
 TITLE = "Start of a navigator"
-CONTROLLERS = ("published", "ranging")
+CONTROLLERS = ("published", "ranging", "ranging, near check")
+"""The last as `ndtorch drive` has it: it looks at what is near, and searches for what stands."""
 
 STEP = """
 import sys, time
 from ndtorch.navigation import Navigator, StereoRig
 from tests.benchmarks.timing import in_turn, reference
-navigator = Navigator(StereoRig(), 1 / 30, controller=sys.argv[1])
+name, *near = sys.argv[1].split(", ")
+navigator = Navigator(StereoRig(), 1 / 30, controller=name, near_check=bool(near))
 start = time.thread_time()
 if sys.argv[2] == "plain":
     import numba
@@ -41,7 +43,7 @@ def waits(controller: str, how: str, folder: str) -> tuple[float, float]:
 
 
 def rows(device: str | None = None) -> list[Row]:
-    """Of both controllers."""
+    """Of both controllers, with the near check too."""
     return [row for controller in CONTROLLERS for row in start_of(controller)]
 
 
@@ -53,7 +55,8 @@ def start_of(controller: str) -> list[Row]:
             pairs = [(waits(controller, "", ours), waits(controller, "plain", plain)) for _ in range(turns)]
             (own, cost), (other, _) = min(a for a, _ in pairs), min(b for _, b in pairs)
             against = f"`numba.njit(cache=True)` {other:.2f} s"
-            what = f"step of `{controller}`, {done}"
+            name, *near = controller.split(", ")
+            what = ", ".join((f"step of `{name}`", *near, done))
             found.append(Row(what, f"{own:.2f} s", against, f"{other / own:.1f}x", cost))
     return found
 
