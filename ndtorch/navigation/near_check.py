@@ -6,6 +6,7 @@ import numpy as np
 from torch import Tensor
 
 from ndtorch.kernels.switch import kernels_wanted
+from ndtorch.navigation.near_columns import without_unseen
 from ndtorch.navigation.near_floor import floor_likeness
 from ndtorch.navigation.near_params import NearParams
 from ndtorch.navigation.near_things import Near, believed, near_things
@@ -38,7 +39,9 @@ class NearCheck:
         floor = grey_pair(fields[0][None], fields[1][None], *self.rects, size)[0].float().numpy()
         by_kernel = kernels_wanted(*fields, *rows)
         likeness = floor_likeness(floor[0], floor[1], self.rects, self.rig, self.params, by_kernel)
-        return believed(self.things(rows), likeness, self.rig, self.params), likeness >= self.params.floor
+        things = believed(self.things(rows), likeness, self.rig, self.params)
+        things = without_unseen(things, floor[0], floor[1], self.rects, self.rig, self.params)
+        return things, likeness >= self.params.floor
 
     def things(self, rows: tuple[Tensor, Tensor]) -> Near:
         """Things that are near, whatever the floor shows.

@@ -22,6 +22,7 @@ class NearParams:
         floor: correlation from which what both see right ahead is one floor.
         unbroken: correlation from which nothing stands on that floor.
         few: so many places on such a floor, or more, are believed all the same.
+        through_to: depth up to which a thing is not believed behind which such a floor is seen, m.
         middle: how far to either side of the car's middle a thing would break that floor, m.
         floor_from, floor_to: depths of the floor right ahead that must be seen, m.
         floor_beside: how far to either side of the car's middle, m.
@@ -43,6 +44,7 @@ class NearParams:
     floor: float = 0.7
     unbroken: float = 0.95
     few: int = 12
+    through_to: float = 0.6
     middle: float = 0.1
     floor_from: float = 0.8
     floor_to: float = 1.15
@@ -56,8 +58,8 @@ class NearParams:
         check_numbers(self)
         if not (0 < self.nearest < self.farthest and self.beside > 0):
             raise InputError(f"expected 0 < nearest < farthest and beside > 0, got {self}")
-        if not self.floor_beside > 0:
-            raise InputError(f"expected floor_beside > 0, got {self.floor_beside}")
+        if not (self.floor_beside > 0 and self.through_to > 0):
+            raise InputError(f"expected floor_beside and through_to > 0, got {self.floor_beside}, {self.through_to}")
         if not (self.half >= 1 and 0 < self.ratio <= 1 and self.texture >= 0 and self.enough >= 1 and self.blank >= 0):
             raise InputError(f"expected half and enough >= 1 and 0 < ratio <= 1, got {self}")
         check_signs(self, positive=("few", "narrowest", "pixels"))
