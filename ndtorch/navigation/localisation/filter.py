@@ -14,12 +14,19 @@ Floats = npt.NDArray[Any]
 
 
 def predicted(
-    doubt: Floats, way: float, turned: float, seconds: float, heading: float, params: LocaliserParams
+    doubt: Floats,
+    way: float,
+    turned: float,
+    unsure: Floats,
+    seconds: float,
+    heading: float,
+    params: LocaliserParams,
 ) -> Floats:
     """The covariance `[6, 6]` of x, y, heading, scale, bend and drift after driving on.
 
     Args:
         way, turned: driven, m, and radians.
+        unsure: variances of both, `[2]`.
         seconds: of driving.
         heading: after it.
     """
@@ -31,11 +38,11 @@ def predicted(
     step[2, 4], step[2, 5] = -turned, -seconds
     step[:2, 4:] = step[:2, 2:3] * step[2, 4:] / 2
     noise = np.zeros(6)
-    noise[:2] = p.still + p.slip * way
-    noise[2] = p.turn_still + p.turn_slip * abs(turned) + p.turn_way * way
+    noise[:2] = p.still**2 + unsure[0]
+    noise[2] = p.turn_still**2 + unsure[1]
     if seconds:
-        noise[3:] = p.scale_walk, p.bend_walk, p.drift_walk
-    return step @ doubt @ step.T + np.diag(noise**2)
+        noise[3:] = np.square((p.scale_walk, p.bend_walk, p.drift_walk))
+    return step @ doubt @ step.T + np.diag(noise)
 
 
 def updated(doubt: Floats, off: Floats, information: Floats, params: LocaliserParams) -> tuple[Floats, Floats]:

@@ -12,6 +12,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation.localisation.filter import predicted, updated
 from ndtorch.navigation.localisation.finding import Hunt, begin, carried_over, draw, no_hunt, refine, verdict, vote
 from ndtorch.navigation.localisation.graph import carried, seen_from
+from ndtorch.navigation.localisation.motion import look_of, motion_seen
 from ndtorch.navigation.localisation.params import LocaliserParams
 from ndtorch.navigation.localisation.parts import (
     Parts,
@@ -24,19 +25,18 @@ from ndtorch.navigation.localisation.parts import (
     relaxed,
     with_frame,
 )
-from ndtorch.navigation.localisation.state import LocaliserState, Trail, floats, number
+from ndtorch.navigation.localisation.scanning import scan_rows
+from ndtorch.navigation.localisation.state import LocaliserState, Trail, floats, fresh, less_sure, number
 from ndtorch.navigation.localisation.trail import driven_on, gone_through, is_due, no_trail, scan_of, with_scan
 from ndtorch.navigation.localisation.walls import Scan, add_scan, empty_walls, fit_scan
 from ndtorch.navigation.localisation.way import drive_on
+from ndtorch.navigation.localisation.wheels import carried_to, corrected, looked, no_wheels, rolled
 from ndtorch.navigation.odometry import Pose
-from ndtorch.navigation.ranging import triangulate
 from ndtorch.navigation.rig import StereoRig
-from ndtorch.navigation.row_search import search_rows
 from ndtorch.optional import need
 
 WORST_SCALE, WORST_DRIFT = 0.2, math.radians(2.0)
 """No odometer is believed to be worse: as a share of the way, and in radians a second."""
-
 
 QUICKER = 6
 """The way since the start is gone through again so many times as fast as it was driven, or nearly."""
@@ -45,13 +45,14 @@ QUICKER = 6
 class Localiser(nn.Module):
     """Corrects dead reckoning by landmarks: the ranges of both rows, fitted to all that was ranged before.
 
-    A few times a second both rows are searched for ranges up to some metres. The scan is fitted to the walls by
-    Gauss-Newton, begun where dead reckoning has led, and an extended Kalman filter weighs what the fit says of the pose
-    and of the odometer's scale, bend and drift (`filter`). Then the scan becomes part of the walls. Every few metres a
-    part of the building is finished and fitted to the parts it overlaps, one of them a step; then all parts are moved
-    to where they agree, and the car with them (`parts`). After the first minutes, when the odometer is known, the way
-    since the start is gone through again (`trail`), a scan a step. A loop is closed where the error of the round is
-    less than about a cell and a half; there is no search for loops beyond that.
+    A few times a second both rows are searched for ranges, and for what was ranged in the look before, which tells how
+    the car moved since then even where its wheels slip (`motion`, `wheels`). The scan is fitted to the walls by
+    Gauss-Newton, begun where this has led, and an extended Kalman filter weighs what the fit says of the pose and of
+    the scale, bend and drift that are left (`filter`). Then the scan becomes part of the walls. Every few metres a part
+    of the building is finished and fitted to the parts it overlaps, one of them a step; then all parts are moved to
+    where they agree, and the car with them (`parts`). After the first minutes the way since the start is gone through
+    again (`trail`), a scan a step. A loop is closed where the error of the round is less than about a cell and a half;
+    there is no search for loops beyond that.
 
     Called once a frame, `state = localiser(rows, reckoned, state)`. One car at a time, on the CPU, without gradients.
 
@@ -90,6 +91,8 @@ class Localiser(nn.Module):
         wall, here = Scan(ahead, ahead - 1.5, np.ones_like(ahead)), (0.0, 0.0, 0.0)
         walls = add_scan(empty_walls(self.params), wall, here, self.params)
         fit_scan(walls, wall, here, (0.1, 0.1), self.params)
+        before = look_of(torch.zeros(2, self.rig.width), wall)
+        motion_seen(before, before.rows, (0.0, 0.0), self.rig, self.params.motion)
         redrawn(add_to_part(no_parts(here, self.params), wall, here, self.params), self.dt, self.params)
         if self.picture is not None:
             pattern = torch.from_numpy(np.stack((wall.x, wall.y), -1))
@@ -105,7 +108,8 @@ class Localiser(nn.Module):
         due = self.due(state)
         if state is None:
             state = self.start(reckoned)
-        state = self.move(state, reckoned)
+        state = state._replace(wheels=rolled(state.wheels, reckoned, self.dt))
+        state = self.move(state, corrected(state.wheels))
         if due:
             if rows is None:
                 raise InputError("this step looks at the rows, see `due`, but there are none")
@@ -129,12 +133,12 @@ class Localiser(nn.Module):
             again = self.arrange(again, again.parts)
         elif int(trail.reached) < len(trail.entries):
             entry = trail.entries[int(trail.reached)]
-            again = self.move(again._replace(age=entry.age), entry.reckoned, float(entry.seconds))
+            again = self.move(again._replace(age=entry.age), entry.reckoned, float(entry.seconds), entry.unsure)
             again = self.absorb(again, scan_of(entry), True)
             trail = trail._replace(reached=trail.reached + 1)
         else:
             again = self.move(again, state.reckoned, float(trail.seconds))
-            return again._replace(age=state.age, trail=gone_through(trail, p))
+            return again._replace(age=state.age, wheels=state.wheels, trail=gone_through(trail, p))
         return state._replace(trail=trail._replace(again=again))
 
     def anew(self, state: LocaliserState, trail: Trail) -> LocaliserState:
@@ -186,23 +190,27 @@ class Localiser(nn.Module):
         doubt = torch.diag(number(1.0).new_tensor([0.0, 0.0, 0.0, p.scale, p.bend, p.drift]).square())
         parts = no_parts(floats(pose), self.params) if self.known is None else None
         trail = no_trail() if self.known is None and self.params.retrace.after else None
-        return LocaliserState(
-            empty_walls(self.params), pose, pose, zero, zero, zero, zero, zero, doubt, zero, zero, hunt, parts, trail
-        )
+        wheels, walls = no_wheels(pose, self.params.motion), empty_walls(self.params)
+        known = (zero, zero, zero, doubt, zero, zero, hunt, parts, trail)
+        return LocaliserState(walls, pose, pose, zero, zero, doubt[0, :2], wheels, *known)
 
     def put(self, state: LocaliserState, at: Pose) -> LocaliserState:
         """The state of a car that was carried to a pose, and has been told so."""
         pose = Pose(*(number(float(part)) for part in at))
-        parts = None if state.parts is None else begun_at(state.parts, floats(pose), state.age)
-        return state._replace(pose=pose, reckoned=pose, way=number(0.0), turned=number(0.0), parts=parts, trail=None)
+        parts, wheels = state.parts and begun_at(state.parts, floats(pose), state.age), carried_to(state.wheels, pose)
+        return fresh(state._replace(pose=pose, reckoned=pose, wheels=wheels, parts=parts, trail=None))
 
-    def move(self, state: LocaliserState, reckoned: Pose, seconds: float | None = None) -> LocaliserState:
-        """Drive on by what dead reckoning says, corrected by what is known of the odometer.
+    def move(
+        self, state: LocaliserState, reckoned: Pose, seconds: float | None = None, unsure: Tensor | None = None
+    ) -> LocaliserState:
+        """Drive on by what dead reckoning says, corrected by what is known of it.
 
         Args:
             seconds: of driving, a time step by default.
+            unsure: variances of way and turn since the last look, `[2]`, to be counted now.
         """
         seconds = self.dt if seconds is None else seconds
+        state = state if unsure is None else less_sure(state, unsure)
         x, y, heading = map(float, reckoned)
         ox, oy, before = map(float, state.reckoned)
         length, turn = math.hypot(x - ox, y - oy), heading - before
@@ -231,11 +239,15 @@ class Localiser(nn.Module):
 
     def look(self, rows: Tensor, state: LocaliserState) -> LocaliserState:
         """Range what the rows show, keep it for later, and correct the pose by it."""
+        wheels, unsure = looked(state.wheels, rows, self.rig, self.params.motion)
+        state = self.move(state, corrected(wheels), 0.0, unsure)
         scan, trail = self.scan(rows), state.trail
+        state = state._replace(wheels=wheels._replace(look=look_of(rows, scan)))
+        scan = Scan(*(part[scan.weight > 0] for part in scan))
         # Where the car stood it has seen the same before.
         keep = trail is not None and (float(trail.seconds) > 0 or float(state.age) < self.settle)
         if trail is not None and keep:
-            state = state._replace(trail=with_scan(trail, scan, state.age, state.reckoned))
+            state = state._replace(trail=with_scan(trail, scan, state.age, state.reckoned, unsure))
         return self.absorb(state, scan, keep)
 
     def absorb(self, state: LocaliserState, scan: Scan, keep: bool = False) -> LocaliserState:
@@ -257,13 +269,14 @@ class Localiser(nn.Module):
             parts = with_frame(parts, (x, y, heading), state.age) if keep else parts
             if float(parts.driven.length) > p.parts.way and not len(parts.pairs):
                 parts = finish(parts, (x, y, heading), state.age, self.dt, p)
-        return state._replace(walls=walls, pose=pose, way=number(0.0), turned=number(0.0), parts=parts)
+        return fresh(state._replace(walls=walls, pose=pose, parts=parts))
 
     def correct(self, state: LocaliserState, scan: Scan) -> LocaliserState:
         """The pose, and what is known of the odometer, after a scan: one step of an extended Kalman filter."""
         p, start = self.params, np.array(floats(state.pose))
-        way, turned, seconds = float(state.way), float(state.turned), self.every * self.dt
-        doubt = predicted(state.doubt.numpy(), way, turned, seconds if way > 1e-3 else 0.0, start[2], p)
+        way, turned = float(state.way), float(state.turned)
+        seconds = self.every * self.dt if way > 1e-3 else 0.0
+        doubt = predicted(state.doubt.numpy(), way, turned, state.unsure.numpy(), seconds, start[2], p)
         place, angle = p.reach * np.sqrt(doubt[[0, 1], [0, 1]].max()), p.reach * np.sqrt(doubt[2, 2])
         fit = fit_scan(state.walls, scan, tuple(start.tolist()), (place + p.floor, angle + p.turn_floor), p)
         if fit.score < p.worst:
@@ -282,11 +295,5 @@ class Localiser(nn.Module):
         )
 
     def scan(self, rows: Tensor) -> Scan:
-        """What is ranged in both rows."""
-        p = self.params
-        ranges = triangulate(search_rows(rows.detach().cpu(), p.search), self.rig)
-        x, y = (part[ranges.valid].double().numpy() for part in (ranges.x, ranges.y))
-        distance = np.hypot(x, y)
-        good = (distance > p.near) & (distance < p.far)
-        x, y, distance = x[good], y[good], distance[good]
-        return Scan(x, y, np.minimum(1.0, (p.full / np.maximum(distance, p.near)) ** 2))
+        """What is ranged in both rows; what is too near or too far to count weighs nothing."""
+        return scan_rows(rows, self.rig, self.params)

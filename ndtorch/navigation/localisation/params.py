@@ -100,13 +100,13 @@ class PartParams:
     apart: float = 0.1
     better: float = 0.05
     trust: float = 0.1
-    learning: float = 60.0
+    learning: float = 1.0
     early: float = 0.1
     still: float = 0.01
-    slip: float = 0.02
+    slip: float = 0.003
     turn_still: float = 0.002
-    turn_way: float = 0.002
-    turn_slip: float = 0.01
+    turn_way: float = 0.0003
+    turn_slip: float = 0.001
     gate: float = 16.0
     rounds: int = 2
 
@@ -139,6 +139,63 @@ class RetraceParams:
 
 
 @dataclass(frozen=True)
+class MotionParams:
+    """How way and turn between two looks are seen, and weighed against what the wheels say.
+
+    Args:
+        half: pixels compared to either side of a place.
+        reach: pixels that it may be off.
+        max_difference: mean difference of a match at most, for intensities 0..1.
+        ratio: a match must differ by less than this share of the best one elsewhere.
+        least: places in either row that must be found again.
+        pixel, disparity: standard deviations of where a place is found, and of its disparity, pixels.
+        gate: squared distance, in standard deviations, at which a place counts a quarter.
+        worst: mean of these squares at most, of places within the gate.
+        agree: share of the places found that these must be.
+        steps: of Gauss-Newton.
+        floor, turn_floor: standard deviations of what is seen at best, m and radians.
+        scale, bend, drift: standard deviations of the wheels' errors before anything is known of them: share of way and
+            turn, share of turn, and radians a second.
+        scale_walk, bend_walk, drift_walk: by which they change from look to look.
+        slip, still, turn_slip, turn_still: standard deviations of the wheels between two looks, m each metre and m, and
+            radians each radian turned and radians.
+        surprise: squared distance, in standard deviations, of what is seen from what the wheels say, beyond which they
+            have slipped.
+    """
+
+    half: int = 8
+    reach: int = 24
+    max_difference: float = 0.05
+    ratio: float = 0.8
+    least: int = 5
+    pixel: float = 0.39
+    disparity: float = 0.3
+    gate: float = 6.0
+    worst: float = 0.8
+    agree: float = 0.85
+    steps: int = 6
+    floor: float = 0.001
+    turn_floor: float = 0.0001
+    scale: float = 0.1
+    bend: float = 0.03
+    drift: float = math.radians(0.2)
+    scale_walk: float = 0.01
+    bend_walk: float = 2e-4
+    drift_walk: float = math.radians(0.001)
+    slip: float = 0.02
+    still: float = 1e-4
+    turn_slip: float = 0.02
+    turn_still: float = 0.001
+    surprise: float = 9.0
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+        for name, value in vars(self).items():
+            if not value > 0:
+                raise InputError(f"{name} must be a number > 0, got {value}")
+
+
+@dataclass(frozen=True)
 class LocaliserParams:
     """How the car finds out where it is.
 
@@ -153,9 +210,10 @@ class LocaliserParams:
         least, most: weight that a cell must have to count, and the largest it can have.
         gate: squared distance, in standard deviations, at which a point counts a quarter.
         steps: of Gauss-Newton, at most.
-        still, slip, turn_still, turn_slip, turn_way: standard deviations of dead reckoning between two scans: of the
-            place, m and m each metre, and of the heading, radians, radians each radian turned and each metre.
-        scale, bend, drift: standard deviations of the odometer's errors before anything is known of them.
+        still, turn_still: standard deviations of dead reckoning between two scans, m and radians, beside those of
+            `motion`.
+        scale, bend, drift: standard deviations of the errors of what `motion` makes of the odometer, before anything is
+            known of them.
         scale_walk, bend_walk, drift_walk: by which they change from scan to scan.
         trust: factor of what a fit says, whose points are not independent.
         floor, turn_floor: standard deviations of a fit at best, m and radians.
@@ -165,6 +223,7 @@ class LocaliserParams:
             have slipped.
         finding: how an unknown place is found in a known map.
         search: how the right row is searched for ranges.
+        motion: how the way between two scans is seen.
         parts: how what was ranged is gathered in parts that can be moved.
         retrace: when the way since the start is gone through again.
 
@@ -185,13 +244,10 @@ class LocaliserParams:
     gate: float = 9.0
     steps: int = 8
     still: float = 0.001
-    slip: float = 0.05
     turn_still: float = 0.0003
-    turn_slip: float = 0.04
-    turn_way: float = 0.002
-    scale: float = 0.03
-    bend: float = 0.03
-    drift: float = math.radians(0.1)
+    scale: float = 0.01
+    bend: float = 0.01
+    drift: float = math.radians(0.02)
     scale_walk: float = 2e-4
     bend_walk: float = 2e-4
     drift_walk: float = math.radians(0.001)
@@ -202,14 +258,15 @@ class LocaliserParams:
     worst: float = 0.1
     surprise: float = 16.0
     finding: FindingParams = field(default_factory=FindingParams)
-    search: SearchParams = field(default_factory=SearchParams)
+    search: SearchParams = field(default_factory=lambda: SearchParams(count=32, min_disparity=8))
+    motion: MotionParams = field(default_factory=MotionParams)
     parts: PartParams = field(default_factory=PartParams)
     retrace: RetraceParams = field(default_factory=RetraceParams)
 
     def __post_init__(self) -> None:
         check_numbers(self)
         for name, value in vars(self).items():
-            if name not in ("search", "finding", "parts", "retrace", "settle") and not value > 0:
+            if name not in ("search", "finding", "motion", "parts", "retrace", "settle") and not value > 0:
                 raise InputError(f"{name} must be a number > 0, got {value}")
         if not (self.settle >= 0 and self.near < self.far and self.size % 2 == 0):
             raise InputError(f"expected settle >= 0, near < far and an even size, got {self}")

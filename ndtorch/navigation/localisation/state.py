@@ -9,6 +9,7 @@ from torch import Tensor
 
 from ndtorch.navigation.localisation.finding import Hunt
 from ndtorch.navigation.localisation.parts import Parts
+from ndtorch.navigation.localisation.wheels import Wheels
 from ndtorch.navigation.odometry import Pose
 
 
@@ -20,12 +21,14 @@ class Entry(NamedTuple):
         reckoned: where dead reckoning had the car.
         seconds: of driving since the entry before, `[]`.
         points: of the body frame, and weights, `[n, 3]`.
+        unsure: variances of way and turn since the entry before, `[2]`.
     """
 
     age: Tensor
     reckoned: Pose
     seconds: Tensor
     points: Tensor
+    unsure: Tensor
 
 
 class Trail(NamedTuple):
@@ -53,9 +56,11 @@ class LocaliserState(NamedTuple):
     Attributes:
         walls: what was ranged, `[size, size, 6]`, see `walls`.
         pose: where the car is.
-        reckoned: where dead reckoning says that it is.
+        reckoned: where dead reckoning, corrected by what is seen of the motion, says that it is.
         way, turned: metres driven since the last scan, without sign, and radians turned, with it.
-        scale, bend, drift: of the odometer, as far as known: the shares by which it counts too much way and too much
+        unsure: variances of both, `[2]`.
+        wheels: what they say, and what is known of them.
+        scale, bend, drift: of `reckoned`, as far as known: the shares by which it counts too much way and too much
             turning, and the radians that it adds to the heading each second of driving.
         doubt: covariance of x, y, heading, scale, bend and drift, `[6, 6]`.
         age: steps since the start.
@@ -70,6 +75,8 @@ class LocaliserState(NamedTuple):
     reckoned: Pose
     way: Tensor
     turned: Tensor
+    unsure: Tensor
+    wheels: Wheels
     scale: Tensor
     bend: Tensor
     drift: Tensor
@@ -89,3 +96,17 @@ def number(value: float) -> Tensor:
 def floats(pose: Pose) -> tuple[float, float, float]:
     """A pose as numbers."""
     return float(pose.x), float(pose.y), float(pose.heading)
+
+
+def fresh(state: LocaliserState) -> LocaliserState:
+    """A state since whose last scan nothing was driven."""
+    return state._replace(way=number(0.0), turned=number(0.0), unsure=torch.zeros_like(state.unsure))
+
+
+def less_sure(state: LocaliserState, unsure: Tensor) -> LocaliserState:
+    """A state whose way since the last scan, and that along its part, are known so much worse, variances `[2]`."""
+    state = state._replace(unsure=state.unsure + unsure)
+    if state.parts is None:
+        return state
+    driven = state.parts.driven
+    return state._replace(parts=state.parts._replace(driven=driven._replace(unsure=driven.unsure + unsure)))

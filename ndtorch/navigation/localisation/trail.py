@@ -28,10 +28,10 @@ def driven_on(trail: Trail, length: float, seconds: float) -> Trail:
     return trail._replace(way=trail.way + length, seconds=trail.seconds + seconds)
 
 
-def with_scan(trail: Trail, scan: Scan, age: Tensor, reckoned: Pose) -> Trail:
+def with_scan(trail: Trail, scan: Scan, age: Tensor, reckoned: Pose, unsure: Tensor) -> Trail:
     """With one more entry."""
     points = torch.from_numpy(np.stack(scan, -1))
-    entry = Entry(age, reckoned, trail.seconds, points)
+    entry = Entry(age, reckoned, trail.seconds, points, unsure)
     return trail._replace(entries=(*trail.entries, entry), seconds=torch.zeros_like(trail.seconds))
 
 

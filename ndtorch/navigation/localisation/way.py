@@ -20,6 +20,7 @@ class Way(NamedTuple):
         change: of `pose` with scale, bend and drift, `[3, 3]`.
         known: scale, bend and drift with which it was reckoned, on average, `[3]`.
         length, turned: m, and radians without sign, `[]`.
+        unsure: variances of the length and of the turn, as far as they are known, `[2]`.
     """
 
     pose: Tensor
@@ -27,12 +28,13 @@ class Way(NamedTuple):
     known: Tensor
     length: Tensor
     turned: Tensor
+    unsure: Tensor
 
 
 def no_way() -> Way:
     """Before anything was driven."""
     zeros = torch.zeros(3, 3, dtype=torch.float64)
-    return Way(zeros[0], zeros, zeros[0], zeros[0, 0], zeros[0, 0])
+    return Way(zeros[0], zeros, zeros[0], zeros[0, 0], zeros[0, 0], zeros[0, :2])
 
 
 def drive_on(
@@ -61,12 +63,9 @@ def drive_on(
     far = float(way.length) + length
     share = length / far if far > 0 else 1.0
     known = [before + share * (now - before) for before, now in zip(way.known.tolist(), odometer, strict=True)]
-    return Way(
-        *(
-            torch.tensor(part, dtype=torch.float64)
-            for part in ((x + ahead, y + left, heading + true_turn), change, known, far, float(way.turned) + abs(turn))
-        )
-    )
+    places = torch.tensor(((x + ahead, y + left, heading + true_turn), known), dtype=torch.float64)
+    lengths = places.new_tensor((far, float(way.turned) + abs(turn)))
+    return Way(places[0], places.new_tensor(change), places[1], lengths[0], lengths[1], way.unsure)
 
 
 def one_way(first: Way, second: Way) -> Way:
@@ -83,4 +82,5 @@ def one_way(first: Way, second: Way) -> Way:
         (first.known * first.length + second.known * second.length) / length.clamp_min(1e-9),
         length,
         first.turned + second.turned,
+        first.unsure + second.unsure,
     )

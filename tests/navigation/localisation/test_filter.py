@@ -33,21 +33,22 @@ def test_the_covariance_is_that_of_the_step():
         change[n] = size
         ends = [driven(start + s * change[:3], way, turned, seconds, *(s * change[3:])) for s in (1, -1)]
         jacobian[:3, n] = (ends[0] - ends[1]) / (2 * size)
-    found = predicted(doubt, way, turned, seconds, start[2] + turned, PARAMS)
-    noise = predicted(np.zeros((6, 6)), way, turned, seconds, start[2] + turned, PARAMS)
+    unsure = np.array((1e-4, 1e-5))
+    found = predicted(doubt, way, turned, unsure, seconds, start[2] + turned, PARAMS)
+    noise = predicted(np.zeros((6, 6)), way, turned, unsure, seconds, start[2] + turned, PARAMS)
     assert noise == pytest.approx(np.diag(np.diag(noise)))
     assert found - noise == pytest.approx(jacobian @ doubt @ jacobian.T, rel=1e-3, abs=1e-9)
 
 
 def test_it_learns_what_the_odometer_does():
-    errors = np.array((0.03, -0.02, math.radians(0.08)))
+    errors = np.array((0.015, -0.01, math.radians(0.03)))
     known, doubt = np.zeros(3), np.diag(np.square((0, 0, 0, PARAMS.scale, PARAMS.bend, PARAMS.drift)))
     true = pose = np.array((0.0, 0.0, 0.0))
     for n in range(400):
         way, turned = 0.1, 0.1 if n % 40 < 15 else 0.0
         true = driven(true, way, turned, 0.2, *errors)
         pose = driven(pose, way, turned, 0.2, *known)
-        doubt = predicted(doubt, way, turned, 0.2, pose[2], PARAMS)
+        doubt = predicted(doubt, way, turned, np.array((2.5e-5, 1e-5)), 0.2, pose[2], PARAMS)
         change, doubt = updated(doubt, true - pose, SURE, PARAMS)
         pose, known = pose + change[:3], known + change[3:]
     assert pose == pytest.approx(true, abs=0.005)
@@ -65,12 +66,12 @@ def test_a_fit_that_says_nothing_changes_nothing_and_a_slip_is_believed():
 
 
 def test_deviations_of_a_step_add_up_in_each_number():
-    p, none = PARAMS, np.zeros((6, 6))
-    moved = np.sqrt(np.diag(predicted(none, 2.0, -0.5, 0.3, 0.7, PARAMS)))
-    place, turn = p.still + 2 * p.slip, p.turn_still + 0.5 * p.turn_slip + 2 * p.turn_way
+    p, none, unsure = PARAMS, np.zeros((6, 6)), np.array((0.04, 0.01))
+    moved = np.sqrt(np.diag(predicted(none, 2.0, -0.5, unsure, 0.3, 0.7, PARAMS)))
+    place, turn = math.hypot(p.still, 0.2), math.hypot(p.turn_still, 0.1)
     assert moved == pytest.approx([place, place, turn, p.scale_walk, p.bend_walk, p.drift_walk])
     # Between two scans of one moment the odometer has no time to change.
-    assert np.diag(predicted(none, 2.0, -0.5, 0.0, 0.7, PARAMS))[3:].tolist() == [0, 0, 0]
+    assert np.diag(predicted(none, 2.0, -0.5, unsure, 0.0, 0.7, PARAMS))[3:].tolist() == [0, 0, 0]
 
 
 def test_a_fit_changes_what_is_known_as_a_kalman_filter_does():

@@ -67,11 +67,11 @@ def test_it_stays_where_it_is_when_dead_reckoning_drifts_away(drive):
     assert np.median(np.hypot(*error[:, :2].T)) < 0.05
     assert np.hypot(*error[-1, :2]) < 0.25 * away[-1]
     assert abs(error[-1, 2]) < math.radians(2)
-    # It has found out what the odometer does: in a car that always turns, bend and drift are one.
+    # It has found out what the wheels do: in a car that always turns, bend and drift are one.
+    share, bend, drift = state.wheels.errors.tolist()
     turn = 0.5 * 0.9 * DT + math.radians(0.5) * DT
-    wrong = float(state.drift) * DT + float(state.bend) * turn
-    assert wrong == pytest.approx(math.radians(0.5) * DT, rel=0.5)
-    assert float(state.scale) > 0.01
+    assert drift * DT + (bend + share) * turn == pytest.approx(math.radians(0.5) * DT, rel=0.3)
+    assert share == pytest.approx(0.04 / 1.04, abs=0.015)
 
 
 def test_a_state_is_left_as_it_was_and_goes_on_the_same(drive):

@@ -28,6 +28,9 @@ def test_a_way_knows_how_it_changes_with_the_errors_of_the_odometer():
 
 def test_two_ways_are_one():
     known = (0.02, -0.01, 0.003)
-    whole, both = way(STEPS, known), one_way(way(STEPS[:5], known), way(STEPS[5:], known))
+    first, second = (way(steps, known) for steps in (STEPS[:5], STEPS[5:]))
+    first, second = (part._replace(unsure=part.unsure + n) for part, n in ((first, 1.0), (second, 2.0)))
+    whole, both = way(STEPS, known), one_way(first, second)
+    whole = whole._replace(unsure=whole.unsure + 3.0)
     for a, b in zip(whole, both, strict=True):
         assert a.numpy() == pytest.approx(b.numpy(), abs=1e-12)

@@ -1,0 +1,76 @@
+"""What is known of the wheels, and what of a way is believed of them where they slip and where nothing is seen."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from ndtorch.navigation import Pose
+from ndtorch.navigation.localisation.motion import Motion
+from ndtorch.navigation.localisation.params import MotionParams
+from ndtorch.navigation.localisation.wheels import carried_to, corrected, expected, no_wheels, rolled, weighed
+
+PARAMS = MotionParams()
+SURE = np.diag(np.square((0.001, 0.0002)))
+DT = 0.2
+
+
+def pose_of(*values):
+    return Pose(*(torch.tensor(value, dtype=torch.float64) for value in values))
+
+
+def roll(wheels, way, turn):
+    """After they have said so much in one step."""
+    x, y, heading = map(float, wheels.said)
+    middle = heading + turn / 2
+    return rolled(wheels, pose_of(x + way * math.cos(middle), y + way * math.sin(middle), heading + turn), DT)
+
+
+def taught(steps=150, share=0.08, bend=0.02, drift=0.003):
+    """Wheels that were seen to count too much."""
+    wheels = no_wheels(pose_of(0.0, 0.0, 0.0), PARAMS)
+    for n in range(steps):
+        way, turn = 0.1, 0.08 if n % 20 < 8 else 0.0
+        wheels = roll(wheels, way / (1 - share), turn / (1 - share) / (1 - bend) + drift * DT)
+        wheels, driven = weighed(wheels, Motion(np.array((way, turn)), SURE), PARAMS)
+        assert driven.mean == pytest.approx((way, turn), abs=0.003)
+    return wheels
+
+
+def test_their_errors_are_learned():
+    wheels = taught()
+    assert wheels.errors.tolist() == pytest.approx((0.08, 0.02, 0.003), abs=0.004)
+    assert expected(roll(wheels, 0.1 / 0.92, 0.0)) == pytest.approx((0.1, -0.0005), abs=0.0005)
+
+
+def test_where_nothing_is_seen_they_are_corrected_and_less_is_known():
+    before = taught()
+    wheels = roll(before, 0.1, 0.05)
+    guess, place = expected(wheels), corrected(wheels)
+    after, driven = weighed(wheels, None, PARAMS)
+    assert driven.mean == pytest.approx(guess)
+    assert [float(part) for part in place] == pytest.approx(after.base.tolist())
+    assert after.errors.tolist() == before.errors.tolist()
+    _, seen = weighed(wheels, Motion(driven.mean, SURE), PARAMS)
+    assert (seen.variance < 0.5 * driven.variance).all()
+
+
+def test_a_slip_is_seen_and_not_learned():
+    before = taught()
+    wheels = roll(before, 0.14, 0.035)
+    after, driven = weighed(wheels, Motion(np.array((0.09, 0.0)), SURE), PARAMS)
+    assert driven.mean == pytest.approx((0.09, 0.0), abs=0.002)
+    assert after.errors.tolist() == pytest.approx(before.errors.tolist(), abs=0.03)
+    assert after.since.tolist() == [0, 0, 0]
+
+
+def test_a_car_that_stands_or_was_carried_has_driven_nothing():
+    wheels = taught(20)
+    still, driven = weighed(roll(wheels, 0.0, 0.0), None, PARAMS)
+    assert driven.mean.tolist() == [0, 0]
+    assert torch.equal(still.doubt, wheels.doubt)
+    put = carried_to(roll(wheels, 0.1, 0.1), pose_of(1.0, 2.0, 3.0))
+    assert [float(part) for part in corrected(put)] == [1.0, 2.0, 3.0]
+    assert torch.equal(put.errors, wheels.errors)
+    assert put.look is None
