@@ -83,6 +83,7 @@ def windows_update(
             highest = max(highest, energy[r, c])
     top = max(peak[0] * (1 - p.dt / p.tau_peak), highest)
     peak[0] = top
+    median = np.sort(energy.ravel())[(rows * columns - 1) // 2]  # the lower one, as torch has it
 
     # Every window by itself, but for what they share where they overlap.
     down, across = np.empty((count, rows)), np.empty((count, columns))
@@ -128,7 +129,7 @@ def windows_update(
                 toward_columns += weight * across[k, c]
                 for n in range(10):
                     inside[n] += window * low[r, c, n]
-        seen = opened[k] and strongest > p.visible * top
+        seen = opened[k] and strongest > max(p.visible * top, median)
         lights[k] = weights / max(shares, tiny)
         follow(place[k], velocity[k], (toward_rows, toward_columns), max(weights, tiny), seen, age[k], p)
         age[k] += p.dt if opened[k] else 0.0
@@ -151,7 +152,7 @@ def windows_update(
             before = 0.0 if first[k] or first[j] else light[k, j]
             light[k, j] = before + take * (lights[k] * lights[j] - before)
     close(place, velocity, opened, age, unseen, light, p, (rows, columns), wrap)
-    open_one(energy, top, place, velocity, opened, age, unseen, covariance, p, wrap)
+    open_one(energy, top, median, place, velocity, opened, age, unseen, covariance, p, wrap)
 
 
 @inner
@@ -240,6 +241,7 @@ def close(
 def open_one(
     energy: Array,
     top: float,
+    median: float,
     place: Array,
     velocity: Array,
     opened: Array,
@@ -265,13 +267,7 @@ def open_one(
                 and not claimed(r, c, place, opened, p, rows, columns, wrap)
             ):
                 height, where_row, where_column = here, r, c
-    # That many are below what their median may be at most.
-    below = 0
-    for r in range(rows):
-        for c in range(columns):
-            if p.contrast * energy[r, c] < height:
-                below += 1
-    if slot < 0 or not height > p.birth * top or below <= (rows * columns - 1) // 2 or not height > 0:
+    if slot < 0 or not height > p.birth * top or not height > p.contrast * median or not height > 0:
         return
     place[slot, 0], place[slot, 1] = where_row, where_column
     velocity[slot, 0] = velocity[slot, 1] = 0

@@ -210,6 +210,7 @@ def windows_step(low: Tensor, state: WindowState, windows: Windows) -> WindowSta
     # The detectors multiply brightness with brightness; the root is proportional to it again.
     energy = root(motion.sum(-1))  # [..., F]
     peak = torch.maximum(state.peak * (1 - dt / p.tau_peak), energy.amax(-1))
+    median = energy.median(-1).values  # objects fill few fields: what most show is noise
 
     # Follow: predict, then move towards the motion in the window's own direction.
     place = predicted(state.place, state.velocity, dt)
@@ -218,7 +219,7 @@ def windows_step(low: Tensor, state: WindowState, windows: Windows) -> WindowSta
     shared = window * window / (window.sum(-2, keepdim=True) + p.crowd)
     own = root(own_direction(state, windows) @ motion.mT)  # [..., K, F]
     weight = shared * own
-    seen = state.open & ((window * own).amax(-1) > p.visible * peak.unsqueeze(-1))
+    seen = state.open & ((window * own).amax(-1) > torch.maximum(p.visible * peak, median).unsqueeze(-1))
     towards = (weight.unsqueeze(-1) * away).sum(-2) / weight.sum(-1, keepdim=True).clamp_min(tiny)
     towards = towards.clamp(-p.reach, p.reach) * seen.unsqueeze(-1)
     young = (state.age < p.young).unsqueeze(-1)
@@ -252,7 +253,7 @@ def windows_step(low: Tensor, state: WindowState, windows: Windows) -> WindowSta
         light=pairs,
     )
     closing, place = closed(now, windows)
-    return opened(now._replace(open=state.open & ~closing, place=place), energy, windows)
+    return opened(now._replace(open=state.open & ~closing, place=place), energy, median, windows)
 
 
 def own_direction(state: WindowState, windows: Windows) -> Tensor:
@@ -290,8 +291,8 @@ def closed(state: WindowState, windows: Windows) -> tuple[Tensor, Tensor]:
     return closing, state.place + torch.where(ends.unsqueeze(-1), away, 0.0).sum(-3) / count
 
 
-def opened(state: WindowState, energy: Tensor, windows: Windows) -> WindowState:
-    """Open one window where the largest motion is that no window claims; `energy` `[..., F]`."""
+def opened(state: WindowState, energy: Tensor, median: Tensor, windows: Windows) -> WindowState:
+    """Open one window where the largest motion is that no window claims; `energy` `[..., F]`, its `median` `[...]`."""
     p = windows.params
     away = windows.offset(windows.centers - state.place.unsqueeze(-2)).norm(dim=-1)
     claimed = ((away < p.claim) & state.open.unsqueeze(-1)).any(-2)
@@ -299,7 +300,7 @@ def opened(state: WindowState, energy: Tensor, windows: Windows) -> WindowState:
     summit = local_maximum(grid, windows.border).flatten(-2)
     free = torch.where(claimed | ~summit, 0.0, energy)
     height, where = free.max(-1)
-    wanted = (height > p.birth * state.peak) & (height > p.contrast * energy.median(-1).values)
+    wanted = (height > p.birth * state.peak) & (height > p.contrast * median)
     wanted = wanted & ~state.open.all(-1) & (height > 0)
     slot = (~state.open).to(torch.uint8).argmax(-1)
     number = torch.arange(p.most, device=slot.device)

@@ -146,6 +146,25 @@ def test_two_that_touch_and_fluctuate_by_themselves_stay_two() -> None:
     assert counts[-60:].tolist() == [2] * 60
 
 
+def test_ends_that_were_two_objects_become_one_once_they_fluctuate_alike() -> None:
+    """As where a window comes from another object, which fluctuated more: five seconds are enough to forget that."""
+    steps = 200
+    early, alike = torch.arange(steps) < 100, 0.5 + 0.1 * torch.sin(2 * math.pi * torch.arange(steps) * DT / 0.9)
+    ends = [torch.where(early, wave(steps, period, phase), alike) for period, phase in ((1.3, 0.0), (0.8, 0.4))]
+    upper, lower = (blob(RIGHT_RED, end, (row, 3.0), (0.0, 1.5)) for end, row in zip(ends, (4.9, 7.1), strict=True))
+    counts, _ = windows()(upper + lower)
+    assert (int(counts[95]), int(counts[-1])) == (2, 1)
+
+
+def test_a_faint_object_is_seen_beside_a_bright_one() -> None:
+    bright = blob(RIGHT_RED, wave(160, 1.1), (4.0, 3.0), (0.0, 1.5))
+    faint = blob(LEFT_GREEN, 0.15 * wave(160, 0.7), (11.0, 9.0), (0.0, -1.5))
+    module = windows()
+    counts, state = module(bright + faint)
+    assert counts[-60:].tolist() == [2] * 60
+    assert features_of(module, state) == [{"right", "0°", "red"}, {"left", "60°", "green"}]
+
+
 def test_a_light_ground_is_told_from_a_dark_one() -> None:
     thing, module = blob(RIGHT_RED, wave(60, 1.3), (6.0, 3.0), (0.0, 1.5)), windows()
     ground = 0.5 * torch.tensor([0, 0, 0, 0, 0.2, 0.2, 0.2, 1, 1, 1])
@@ -161,6 +180,28 @@ def test_an_object_that_leaves_is_given_up() -> None:
     counts, state = module(scene + still)
     assert counts[60] == 2
     assert features_of(module, state) == [{"up", "120°", "blue"}]
+
+
+def slow_noise(seed: int, steps: int) -> Tensor:
+    """Noise `[T, R, C, 10]` of deviation 1, every signal of every field by itself, smoothed over .2 s."""
+    raw = torch.randn(math.prod(GRID) * 10, 1, steps + 24, generator=torch.Generator().manual_seed(seed))
+    over = torch.exp(-(torch.arange(25) - 12.0).square() / 32)
+    smooth = torch.nn.functional.conv1d(raw, (over / over.norm()).reshape(1, 1, -1))
+    return smooth.reshape(*GRID, 10, steps).permute(3, 0, 1, 2)
+
+
+def test_an_object_that_leaves_is_given_up_in_slow_noise_too() -> None:
+    """Its window does not live on noise: it must see more than most fields do."""
+    steps = 240
+    stays = blob(RIGHT_RED, wave(steps, 1.1), (4.0, 3.0), (0.0, 1.5))
+    leaves = blob(UP_BLUE, wave(steps, 1.1) * (torch.arange(steps) < 100), (12.0, 12.0), (-1.5, 0.0))
+    scenes = torch.stack([stays + leaves + 0.03 * slow_noise(seed, steps) for seed in range(1, 4)])
+    batch, _ = windows()(scenes)
+    with torch.inference_mode():  # by the kernel, where there is one
+        alone = torch.stack([windows()(scene)[0] for scene in scenes])
+    for counts in (batch, alone):
+        assert counts[:, 90].tolist() == [2] * 3
+        assert counts[:, -20:].tolist() == [[1] * 20] * 3
 
 
 @pytest.mark.parametrize("seed", range(5))
