@@ -84,7 +84,7 @@ chosen where they are silent (README.md, "Choices the papers leave open").
 
 ## How it was measured, and where it fails
 
-`ndtorch reproduce`: 28 published claims again, 16 hold, 7 in part, 5 do not ([table](../README.md)). Two bars are bound
+`ndtorch reproduce`: 28 published claims again, 17 hold, 6 in part, 5 do not ([table](../README.md)). Two bars are bound
 rightly at 18 of 24 phases, three at 31 of 90 combinations of phase and offset. On 300 seeded random scenes of one to
 three bars the number of objects is right in .42 of them after 15 s, and all features in .33
 ([train/books/score.md](../../train/books/score.md)). Bars alike in everything are one object. At high learning rates
