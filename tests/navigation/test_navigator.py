@@ -20,6 +20,7 @@ from ndtorch.navigation import (
     RowRanging,
     StereoRig,
     Strips,
+    controller_names,
     cut_strips,
 )
 from ndtorch.navigation.controllers.published import SaccadeAvoidance
@@ -233,6 +234,17 @@ def test_unusable_values(value, place):
     right[0, 1, row, column] = value  # already in the first frame
     with pytest.raises(InputError, match="finite"):
         Navigator(RIG, DT, controller="published")(left, right)
+
+
+@pytest.mark.parametrize("controller", controller_names())
+def test_double_precision(controller):
+    navigator = Navigator(RIG, DT, controller=controller).double()
+    state = None
+    left, right = (eye.double() for eye in frames(3, 2))
+    for k in range(3):
+        command, state = navigator(left[:, k : k + 1], right[:, k : k + 1], state)
+    assert command.speed.dtype == torch.float64
+    assert command.speed.isfinite().all()
 
 
 def test_compiles():

@@ -137,7 +137,7 @@ def avoidance_step(
     kept = torch.where(age < c.turn_steps, state.curvature, c.zero)
     curvature = torch.where(turn, away, kept)
     age = torch.where(turn, c.zero, torch.where(stop, c.stopped, age))
-    speed = torch.where(age > c.stopped, c.speed, c.zero)
+    speed = torch.where(age > c.stopped, c.speed, c.zero).to(curvature.dtype)
     return Command(speed, curvature), AvoidanceState(difference, age, curvature)
 
 

@@ -208,7 +208,8 @@ class GoalControl(Controller):
         """The cells around the car are visited."""
         p = self.params.places
         kept = move_patch(visited, pose, self.numbers, torch.ones_like(pose.x), p)
-        number = cell_numbers(self.disc.expand(*pose.x.shape, *self.disc.shape), pose, p)
+        disc = self.disc.to(pose.x.dtype)
+        number = cell_numbers(disc.expand(*pose.x.shape, *disc.shape), pose, p)
         return kept._replace(evidence=kept.evidence.scatter(-1, number, 1.0))
 
     def drive_one(

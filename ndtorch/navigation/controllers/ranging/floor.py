@@ -154,11 +154,13 @@ def floor_step(
     near = max(1, cells.shape[-2] * 2 // 5)
     steady = cells / shape.clamp(min=c.moving).unsqueeze(-1).unsqueeze(-3)
     median = steady[..., :near, :].flatten(-3).median(-1).values.unsqueeze(-1) * c.profile
-    first = torch.where(state.level > 0, torch.lerp(state.level, median, c.learn_share), median)
+    first = torch.where(state.level > 0, torch.lerp(state.level, median, c.learn_share.to(median.dtype)), median)
     moving = ((age > c.standing) & (speed > c.moving)).unsqueeze(-1)
     level = torch.where(learning, torch.where(moving, first, state.level), level)
     median_now = cells.flatten(-3).median(-1).values
-    noise = torch.where(speed < c.still, torch.lerp(state.noise, median_now, c.noise_share), state.noise)
+    noise = torch.where(
+        speed < c.still, torch.lerp(state.noise, median_now, c.noise_share.to(median.dtype)), state.noise
+    )
     return FloorSeen(free, ends, known), FloorState(level, noise, age)
 
 
