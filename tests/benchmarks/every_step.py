@@ -27,7 +27,7 @@ LIMITS = (200.0, 400.0)
 
 
 def main(arena: str = "sofa", seed: int = 103, seconds: float = 8.0) -> list[Row]:
-    """Of steps without a search, with one, and with a look at what is near besides."""
+    """Of steps without a search, with one, and with a look at what is near."""
     torch.set_num_threads(1)
     config, frames = DriveConfig(arena=arena, seed=seed, seconds=seconds), []
     drive(config, [lambda step: frames.append(copy.deepcopy((step.frames.left, step.frames.right)))])
@@ -35,8 +35,13 @@ def main(arena: str = "sofa", seed: int = 103, seconds: float = 8.0) -> list[Row
     plain = drive_pilot(config, load_arena(arena, seed)).navigator
     control = plain.controller
     plain.controller = RangingControl(plain.ranging.rig, plain.reckoning.dt, replace(control.params, overhangs=False))
-    kinds = ("no search", "a search", "a search, and what is near")
-    found: dict[str, list[float]] = {kind: [] for kind in kinds}
+    kinds = {
+        (False, False): "no search",
+        (True, False): "a search",
+        (False, True): "a look at what is near",
+        (True, True): "both",
+    }
+    found: dict[str, list[float]] = {kind: [] for kind in kinds.values()}
     every: dict[str, list[float]] = {"with": [], "without": []}
     asked = usual.controller.glances
     looks: list[tuple[bool, bool]] = []
@@ -59,7 +64,7 @@ def main(arena: str = "sofa", seed: int = 103, seconds: float = 8.0) -> list[Row
                         continue
                     every[name].append(taken)
                     if name == "with":
-                        found[kinds[sum(looks[-1]) if looks else 0]].append(taken)
+                        found[kinds[tuple(looks[-1]) if looks else (False, False)]].append(taken)
     middle = statistics.median(every["without"])
     rows = []
     for kind, times in {**found, "all": every["with"]}.items():

@@ -186,9 +186,14 @@ class RangingControl(Controller):
         return state._replace(patch=remember_near(state.patch, pose, things, across, floor_seen, p.blocked, p.patch))
 
     def glances(self, state: RangingState) -> Glance:
-        """As `Controller.glances`: every `glance_time`; a turn may lead to what was too near to be ranged."""
-        looks = self.params.overhangs and int(state.age) % self.every == 0
-        return Glance(looks, looks and int(state.mode) == TURN)
+        """As `Controller.glances`: every `glance_time`; a turn may lead to what was too near to be ranged.
+
+        No frame has both, as long as there is one between: the longest step counts.
+        """
+        if not self.params.overhangs:
+            return Glance()
+        since = int(state.age) % self.every
+        return Glance(since == 0, since == self.every // 2 and int(state.mode) == TURN)
 
     def told_more(self, state: RangingState, pose: Pose, ranges: Ranges | None, things: Near | None) -> RangingState:
         """As `Controller.told_more`."""

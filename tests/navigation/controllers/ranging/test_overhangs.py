@@ -131,9 +131,12 @@ def test_it_looks_ahead_every_so_often_and_near_in_turns_alone():
     turning = state._replace(mode=torch.tensor(float(TURN)))
     looks = [control.glances(turning._replace(age=torch.tensor(float(age)))) for age in range(20)]
     assert [age for age, look in enumerate(looks) if look.ahead] == [0, 5, 10, 15]
-    assert all(look.near == look.ahead for look in looks)
+    # Not both in one step, unless every step has one.
+    assert [age for age, look in enumerate(looks) if look.near] == [2, 7, 12, 17]
+    assert RangingControl(RIG, 0.2).glances(turning) == (True, True)
     for mode in (CRUISE, REVERSE):
-        assert control.glances(state._replace(mode=torch.tensor(float(mode)))) == (True, False)
+        driving = [state._replace(mode=torch.tensor(float(mode)), age=torch.tensor(float(age))) for age in (5, 7)]
+        assert [tuple(control.glances(each)) for each in driving] == [(True, False), (False, False)]
     assert not any(RangingControl(RIG, DT, RangingParams(overhangs=False)).glances(turning))
 
 
