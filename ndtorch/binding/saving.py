@@ -12,6 +12,7 @@ from torch import Tensor
 
 from ndtorch.binding.models.contract import BindingModel
 from ndtorch.binding.tracking.figures import FigureTable
+from ndtorch.binding.tracking.many import Comings
 from ndtorch.binding.tracking.tracks import TrackTable
 from ndtorch.checked import read_tensors, save_tensors
 from ndtorch.errors import InputError
@@ -77,7 +78,7 @@ def example_state(model: BindingModel) -> Any:
 
 def rebuilt(example: Any, tensors: Mapping[str, Tensor], prefix: str) -> Any:
     """A tuple like the example, of the tensors whose names begin with the prefix."""
-    ragged, values = isinstance(example, TrackTable | FigureTable), list[Any]()
+    ragged, values = isinstance(example, TrackTable | FigureTable | Comings), list[Any]()
     for name, part in parts(example):
         whole = prefix + name
         if isinstance(part, Tensor):

@@ -18,6 +18,7 @@ from ndtorch.binding.objects import BoundObject
 from ndtorch.binding.readout.owners import features_by_group
 from ndtorch.binding.tracking.figures import Figure, figures_of, table_of
 from ndtorch.binding.tracking.following import follow
+from ndtorch.binding.tracking.many import COMING, Comings, comings
 from ndtorch.binding.tracking.regions import holes, parted, regions_of
 from ndtorch.binding.tracking.restless import at_rest, come_and_gone
 from ndtorch.binding.tracking.shades import Light, shade_of
@@ -196,7 +197,10 @@ class FiguresModel(BindingModel):
         light = Light(standing.picture, standing.ground, self.config.shades)
         seen_for = (int(ground.frames) - 1) * self.dt
         before = seen.gone.numpy()
-        open_, late, silhouettes = follow(open_, time, seen_for, regions, standing, light, before, began, self.dt, t)
+        open_, late, silhouettes = follow(
+            open_, time, seen_for, regions, standing, light, before, seen.come.rows.numpy(), began, self.dt, t
+        )
+        come = Comings(torch.from_numpy(comings(seen.come.rows.numpy(), open_, late, time, t)))
         gone = torch.from_numpy(come_and_gone(before, late, open_, self.dt, t))
         began = max([began, *(one.number + 1 for one in open_)])
         keep = np.zeros(began + 2, np.uint8)
@@ -207,7 +211,7 @@ class FiguresModel(BindingModel):
         shape_of = torch.from_numpy(silhouettes)
         here, behind = torch.from_numpy(standing.picture), torch.from_numpy(standing.ground)
         signals, fields = self.fields(here, behind, shape_of, seen.fields)
-        after = SeenState(ground, shape_of, torch.from_numpy(kept), gone, fields)
+        after = SeenState(ground, shape_of, torch.from_numpy(kept), gone, come, fields)
         return signals, after, open_, late, began, False
 
     def _each(self, frames: Tensor, state: Any) -> tuple[FiguresSignals, Any]:
@@ -279,4 +283,11 @@ class FiguresModel(BindingModel):
 def blank(ground: GroundState, shape: tuple[int, ...]) -> SeenState:
     """The memory before anything was seen on a ground; `shape` is that of the picture."""
     zeros = torch.zeros(shape)
-    return SeenState(ground, zeros.to(torch.int32), zeros, torch.from_numpy(at_rest(*shape)), None)
+    return SeenState(
+        ground,
+        zeros.to(torch.int32),
+        zeros,
+        torch.from_numpy(at_rest(*shape)),
+        Comings(torch.zeros(0, COMING, dtype=torch.float64)),
+        None,
+    )

@@ -11,6 +11,7 @@ from ndtorch.binding.learning import NetworkState
 from ndtorch.binding.models.video import FieldNormalise, SharedNetwork
 from ndtorch.binding.tracking.figure_params import FigureParams
 from ndtorch.binding.tracking.figures import FigureTable
+from ndtorch.binding.tracking.many import Comings
 from ndtorch.binding.tracking.shades import ShadeParams
 from ndtorch.config import ModelConfig, Size
 from ndtorch.vision.camera.figure_signals import FieldsState, SignalParams
@@ -61,6 +62,7 @@ class SeenState(NamedTuple):
         silhouettes: of the step before, `[h, w]` int32.
         kept: where the ground is not learned, `[h, w]`.
         gone: how many tracks came and went at each place without having become objects, `[rows, columns]` float32.
+        come: tracks that came lately: number, time, row, column and size of each.
         fields: of the motion detectors.
     """
 
@@ -68,6 +70,7 @@ class SeenState(NamedTuple):
     silhouettes: Tensor
     kept: Tensor
     gone: Tensor
+    come: Comings
     fields: FieldsState | None
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ndtorch.binding.tracking.figure_params import FigureParams
 from ndtorch.binding.tracking.figures import FOLLOWED, PATCH, PIXELS, SIGHTING, Figure, Numbers
+from ndtorch.binding.tracking.many import one_of_many
 from ndtorch.binding.tracking.meeting import apart, meeting, visible
 from ndtorch.binding.tracking.parting import parting
 from ndtorch.binding.tracking.regions import Floats, Labels, Regions
@@ -26,6 +27,7 @@ def follow(
     standing: Standing,
     light: Light,
     gone: Floats,
+    come: Numbers,
     began: int,
     dt: float,
     p: FigureParams,
@@ -44,6 +46,7 @@ def follow(
         standing: picture, ground and noise of this step.
         light: in which it was taken.
         gone: how many tracks came and went at each place, of `come_and_gone`.
+        come: tracks that came lately, of `comings`.
         began: tracks begun so far.
         dt: seconds of a step.
         p: constants.
@@ -90,6 +93,7 @@ def follow(
             if not one.known and not seen.shared:
                 one.sure += seen.sure
                 look_again(one, picture, standing.ground, p)
+    width = labels.shape[1] / height
     bright = float(standing.ground.mean()) if any(not one.known for one in kept) else 0.0
     for one in kept:
         if (
@@ -99,9 +103,14 @@ def follow(
             and travels(one, gone, dt, p)
             and is_thing(one, bright, p)
             and not part_of_another(one, kept, p)
+            and not one_of_many(one, come, seen_for, width, p)
         ):
             one.known, one.since = True, time if one.since < 0 else one.since
         elif one.known and one.last_seen == time and restless(one, gone) > 0 and taken_back(one, time, dt, p):
+            one.known = False
+    for one in (*kept, *late):
+        # It may be that the others came later.
+        if one.known and one.last_seen - one.since < p.trial and one_of_many(one, come, seen_for, width, p):
             one.known = False
     return [one for one in kept if one.number not in absorbed], late, silhouettes
 

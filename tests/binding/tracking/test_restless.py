@@ -92,6 +92,7 @@ def test_a_thing_that_crosses_restless_ground_is_found() -> None:
         film[n, :, 44:68, left : left + 24] = 0.9
     # Without what tells leaves from things, leaves are objects.
     blind = {"tracking.restless": 1e9, "tracking.straight": 0.0, "tracking.swing": 0.0}
+    blind |= {"tracking.many": 1e9, "tracking.crowded": 1e9}
     counts = []
     for options in ({}, blind):
         model = ndtorch.load("figures", size=SIZE, fps=fps, **options)

@@ -1,0 +1,109 @@
+"""One of many things of a size that come all over the picture, or close together, is no object: snow, and glints."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+import ndtorch
+from ndtorch.binding.tracking.figure_params import FigureParams
+from ndtorch.binding.tracking.figures import Figure
+from ndtorch.binding.tracking.following import start
+from ndtorch.binding.tracking.many import COMING, comings, one_of_many
+from ndtorch_train.score.labelled.weather import snow
+from tests.vision.camera.passing_scenes import SIZE, ground
+
+P = FigureParams()
+DT, WIDTH = 0.04, 1.6
+STEPS = int(P.shortest / DT) + 2
+
+
+def track(
+    number: int, place: tuple[float, float], size: float = 0.05, steps: int = STEPS, known: bool = False
+) -> Figure:
+    """A square that stays where it is, seen from time 0 on."""
+    one = start(number, 0.0, np.array(place))
+    one.known, one.extent = known, np.full(2, size)
+    box = (place[0] - size / 2, place[1] - size / 2, place[0] + size / 2, place[1] + size / 2)
+    one.late = [(n * DT, *place, *box, size**2, *place) for n in range(steps)]
+    return one
+
+
+def come(number: int, size: float, top: float, bottom: float, left: float, right: float) -> np.ndarray:
+    """So many tracks that came evenly in a part of the picture."""
+    chance = np.random.default_rng(0)
+    rows, columns = chance.uniform(top, bottom, number), chance.uniform(left, right, number)
+    return np.stack([np.arange(100.0, 100 + number), np.zeros(number), rows, columns, np.full(number, size)], 1)
+
+
+EVERYWHERE = round(1.2 * P.many * P.lately * WIDTH)
+CLOSE = round(1.2 * P.crowded * P.lately * 4 * P.among**2)
+
+
+@pytest.mark.parametrize(
+    ("others", "size", "many"),
+    [
+        (come(EVERYWHERE, 0.05, 0, 1, 0, WIDTH), 0.05, True),
+        (come(EVERYWHERE, 0.05, 0, 1, 0, WIDTH), 0.1, False),
+        (come(EVERYWHERE, 0.05, 0, 1, 0, WIDTH), 0.025, False),
+        (come(EVERYWHERE // 2, 0.05, 0, 1, 0, WIDTH), 0.05, False),
+        (come(CLOSE, 0.05, 0.3, 0.7, 0.6, 1.0), 0.05, True),
+        (come(CLOSE, 0.05, 0.3, 0.7, 1.2, 1.6), 0.05, False),
+    ],
+    ids=["everywhere", "it is larger", "it is smaller", "half as many", "close to it", "close together elsewhere"],
+)
+def test_many_of_a_size(others: np.ndarray, size: float, many: bool) -> None:
+    one = track(0, (0.5, 0.8), size)
+    assert one_of_many(one, others, 60.0, WIDTH, P) is many
+    assert not one_of_many(one, others, 60.0, WIDTH, P.model_copy(update={"travel": 0.0}))
+
+
+def test_a_few_at_the_very_beginning_are_not_many() -> None:
+    one = track(0, (0.02, 0.02))
+    assert not one_of_many(one, come(P.several - 1, 0.05, 0, 0.04, 0, 0.04), 1.0, WIDTH, P)
+    assert not one_of_many(one, np.zeros((0, COMING)), 1.0, WIDTH, P)
+
+
+def test_what_came_is_told_once_and_forgotten() -> None:
+    one, none = track(7, (0.5, 0.8)), np.zeros((0, COMING))
+    seen = comings(none, [one], [], one.last_seen, P)
+    np.testing.assert_allclose(seen, [[7, 0, 0.5, 0.8, 0.05]])
+    one.late.append((one.last_seen + DT, *one.last[1:]))
+    assert len(comings(seen, [one], [], one.last_seen, P)) == 1
+    assert len(comings(seen, [], [], P.lately + DT, P)) == 0
+
+
+@pytest.mark.parametrize(("steps", "told"), [(2, 0), (4, 1), (STEPS, 0)], ids=["a glimpse", "short", "told before"])
+def test_what_went_soon_is_told_as_it_goes(steps: int, told: int) -> None:
+    gone = track(8, (0.5, 0.8), steps=steps)
+    assert len(comings(np.zeros((0, COMING)), [], [gone], gone.last_seen + 1, P)) == told
+
+
+@pytest.mark.parametrize(("size", "told"), [(0.05, 1), (0.2, 0)], ids=["of its size", "larger"])
+def test_pieces_of_a_larger_object_do_not_count(size: float, told: int) -> None:
+    one, other = track(0, (0.5, 0.8)), track(1, (0.5, 0.85), size, known=True)
+    other.late = [(row[0] - DT, *row[1:]) for row in other.late]
+    assert len(comings(np.zeros((0, COMING)), [one, other], [], one.last_seen, P)) == told
+
+
+@pytest.mark.slow
+def test_a_thing_that_crosses_snow_is_found_and_the_flakes_are_not() -> None:
+    """It crosses from 4 s to 8 s, as large as three flakes."""
+    fps, count = 25, 200
+    still = np.asarray(ground().permute(1, 2, 0).numpy())
+    frames = [frame.copy() for frame in snow(still, np.random.default_rng(3), count)]
+    for n in range(100, count):
+        at = round(16 * (n - 100) / 100 * SIZE[1]), round(16 * 0.35 * SIZE[0])
+        cv2.circle(frames[n], at, 16 * SIZE[0] // 12, (0.1, 0.1, 0.5), -1, cv2.LINE_AA, 4)
+    film = torch.stack([torch.from_numpy(frame) for frame in frames]).permute(0, 3, 1, 2).clamp(0, 1)
+    counts = []
+    for options in ({}, {"tracking.many": 1e9, "tracking.crowded": 1e9}):
+        model = ndtorch.load("figures", size=SIZE, fps=fps, **options)
+        with torch.inference_mode():
+            _, state = model(film)
+        objects = model.objects(state)
+        assert any(one.heading[0] > 0.6 * SIZE[1] for one in objects)
+        counts.append(len(objects))
+    assert 10 * counts[0] < counts[1]
