@@ -14,6 +14,7 @@ from ndtorch.binding.covariance import CovarianceState, RunningCovariances
 from ndtorch.binding.readout.owners import signal_statistics
 from ndtorch.binding.readout.sums import SumStatistics
 from ndtorch.errors import InputError
+from tests.compilers import exports
 from tests.strategies import chunkings
 
 
@@ -72,6 +73,7 @@ class Exported(torch.nn.Module):
 @pytest.mark.parametrize(
     "module", [signal_statistics(), RunningCovariances(0.01, (3.0, 9.0), (0.01, 0.2), pieces=2, piece=0.2)]
 )
+@exports
 def test_a_program_goes_on_wherever_a_chunk_begins(module: Any) -> None:
     # Seven samples a chunk against blocks of ten: chunks with no, and with one whole block.
     chunks = torch.split(noise(70, 3), 7)

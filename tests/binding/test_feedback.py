@@ -13,6 +13,7 @@ from ndtorch.binding.feedback import settled
 from ndtorch.binding.normalise import FieldInputs
 from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.errors import InputError
+from tests.compilers import exports
 from tests.strategies import chunkings, in_chunks
 
 
@@ -234,6 +235,7 @@ def exported_inputs(steps: int) -> torch.Tensor:
 
 # tests/test_export.py exports one with delays, in its model.
 @pytest.mark.parametrize("use", [pytest.param("delayed", marks=pytest.mark.long), "settled", "fields"])
+@exports
 def test_an_exported_network_gives_the_same_chunk_by_chunk(use: str) -> None:
     """From the middle of a block on, for chunks that are no whole number of blocks."""
     inputs = exported_inputs(51)

@@ -16,6 +16,7 @@ from ndtorch.binding.feedback import inhibit
 from ndtorch.binding.learning import NetworkState, WhenFull
 from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.binding.spectrum import SQUARING_FROM
+from tests.compilers import exports
 from tests.strategies import chunkings, in_chunks
 
 
@@ -346,6 +347,7 @@ class Exported(torch.nn.Module):
         return tuple(part.clone() for part in (out, *after))
 
 
+@exports
 def test_a_program_whose_chunks_are_no_whole_blocks_gives_the_same() -> None:
     # Eight samples a chunk, five from change to change: one whole block in some chunks, and two in others.
     network = InhibitoryNetwork.scale_free(4, settle=0.0)

@@ -28,6 +28,7 @@ from ndtorch.navigation.controllers.subfields import SubfieldMotion
 from ndtorch.navigation.state import StepState
 from ndtorch.navigation.strips import strips
 from ndtorch.vision.nondirectional import NDMin, spatial_maximum
+from tests.compilers import compiles
 
 DT = 1 / 30
 RIG = StereoRig(width=320, height=240, focal=215.0)
@@ -247,6 +248,7 @@ def test_double_precision(controller):
     assert command.speed.isfinite().all()
 
 
+@compiles
 def test_compiles():
     torch._dynamo.reset()
     left, right = ((255 * x).to(torch.uint8) for x in frames(3, steps=2))

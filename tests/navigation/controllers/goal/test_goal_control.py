@@ -165,7 +165,8 @@ class Shifted(torch.nn.Module):
         still = torch.zeros((), dtype=torch.float64)
         age = still if state is None else state.age + 1
         pose = Pose(reckoned.x.double() + 1 + 0.1 * age, reckoned.y.double(), reckoned.heading.double())
-        return LocaliserState(still, pose, reckoned, **dict.fromkeys(LocaliserState._fields[3:13], still) | {"age": age})
+        others = dict.fromkeys(LocaliserState._fields[3:13], still) | {"age": age}
+        return LocaliserState(still, pose, reckoned, **others)
 
 
 def test_the_navigator_tells_it_where_it_is_at_every_frame():
