@@ -195,3 +195,19 @@ def test_slower_on_floor_that_is_told_worse_from_noise():
     assert 0 < speeds[0.2][0] < 0.5
     assert speeds[5.0][0] == 0
     assert "noisy" in speeds[5.0][1]
+
+
+@pytest.mark.parametrize(("age", "ahead", "goes"), [(0, 0.6, False), (0, 0.85, True), (9, 0.6, True), (9, 0.3, False)])
+def test_who_has_begun_goes_on_nearer_to_what_is_ahead_than_who_stands(age, ahead, goes):
+    """Else a car with 0.8 m free would begin, come nearer, and stand for good."""
+    controller, origin = Navigator(RIG, DT).controller, torch.zeros(())
+    pose = Pose(origin, origin, origin)
+    state = controller.start(torch.zeros(2, 14, 8), pose)
+    body, none = controller.params.body, np.zeros(0, np.float32)
+    y = np.linspace(-0.2, 0.2, 12, dtype=np.float32)
+    things = Near(np.full_like(y, body.length + body.room + ahead), y)
+    state = controller.told_near(state, pose, things, Near(none, none), True)
+    floor = state.floor._replace(age=controller.floor.standing + 1 + age)
+    command, after = controller.caution(Command(torch.tensor(0.5), origin), state._replace(floor=floor), pose)
+    assert (float(command.speed) > 0) == goes
+    assert (controller.trouble(after) is None) == goes

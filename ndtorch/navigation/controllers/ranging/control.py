@@ -39,6 +39,9 @@ from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import StereoRig
 
+START_GOES_ON = 0.65
+"""A car that has begun to learn its floor goes on with this share of `start_needs`: it drives 0.2 m meanwhile."""
+
 
 @register
 class RangingControl(Controller):
@@ -160,7 +163,9 @@ class RangingControl(Controller):
             return command, state
         floor, stands = state.floor, share <= 0.0
         if bool(learning.any()):
-            held = learning & (self.straight(state.patch, pose) < self.params.start_needs)
+            # Who has begun comes nearer to what is ahead while it learns: it shall not stand there again, and for good.
+            needs = torch.where(floor.age > self.floor.standing + 1, START_GOES_ON, 1.0) * self.params.start_needs
+            held = learning & (self.straight(state.patch, pose) < needs)
             floor = FloorState(
                 torch.where(held.unsqueeze(-1), 0.0, floor.level),
                 floor.noise,
