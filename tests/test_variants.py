@@ -44,6 +44,13 @@ def test_turns_hold_every_variant() -> None:
     assert "plain" in variants.TURNS
 
 
+def test_the_workflow_fetches_all_commits() -> None:
+    """A checkout of the last commit alone counts one, and would have the same turn for ever."""
+    (workflow,) = (variants.ROOT / ".github" / "workflows").glob("*.yml")
+    tests = workflow.read_text().split("\n  audit:")[0]
+    assert tests.index("actions/checkout") < tests.index("fetch-depth: 0") < tests.index(".ci/run")
+
+
 def test_pytest_runs_under_the_variant(tmp_path: Path) -> None:
     """With the variables set, SIGINT ignored, and a HOME that nobody can write to."""
     looked_at = tmp_path / "test_inside.py"
