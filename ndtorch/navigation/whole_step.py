@@ -203,11 +203,18 @@ class WholeStep:
         if begin is not None:
             last = rest if driven is None else one_of(driven)
             control = begin(last, control, self.parts.reckoning.step(pose, *last), True)
+        return self.packed(quick, self.unset(quick, kind), control, rest, pose, kind)
+
+    def unset(self, quick: QuickControl, kind: torch.dtype) -> tuple[Tensor, Tensor]:
+        """Fields and rows of filters that begin with the frame to come, which writes them."""
         rows = torch.empty(2, 1, self.parts.ranging.rig.width, dtype=kind)
-        return self.packed(quick, (torch.empty(quick.shape, dtype=kind), rows), control, rest, pose, kind)
+        return torch.empty(quick.shape, dtype=kind), rows
 
     def gather(self, quick: QuickControl, state: NavigatorState, kind: torch.dtype) -> Packed | None:
-        """What a step goes on from; None where that is of several cars or of another precision, or settles first."""
+        """What a step goes on from; None where that is of several cars or of another precision."""
+        if state.fields is None and state.rows is None:
+            # After a fault the filters begin anew.
+            return self.packed(quick, self.unset(quick, kind), state.control, state.command, state.pose, kind)
         if state.fields is None or state.rows is None:
             return None
         lows = (state.fields.low, state.rows.rows.low)
@@ -258,7 +265,7 @@ class WholeStep:
             reckoning.dt,
             reckoning.drift * reckoning.dt,
             1 + reckoning.scale_error,
-            state is None,
+            state is None or state.fields is None,
             *moved,
             *before,
             *after,

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 import ndtorch.navigation as navigation
+from ndtorch import tree
 from ndtorch.errors import InputError
 from ndtorch.navigation import (
     AlphaBetaTracker,
@@ -27,6 +28,7 @@ from ndtorch.navigation.controllers.published import SaccadeAvoidance
 from ndtorch.navigation.controllers.subfields import SubfieldMotion
 from ndtorch.navigation.state import StepState
 from ndtorch.navigation.strips import strips
+from ndtorch.navigation.whole_step import WholeStep
 from ndtorch.vision.nondirectional import NDMin, spatial_maximum
 from tests.compilers import compiles
 
@@ -297,3 +299,33 @@ def test_a_navigator_that_was_warmed_up_answers_as_any_other():
     warm.warm_up()
     for one, other in zip(warm(left[0], right[0])[0], cold(left[0], right[0])[0], strict=True):
         assert torch.equal(one, other)
+
+
+@pytest.mark.parametrize("controller", ["published", "ranging"])
+def test_filters_that_begin_anew_change_nothing_but_the_way_to_compute(controller, monkeypatch):
+    """After a fault: one kernel and the parts give the same state, two steps on."""
+    pytest.importorskip("numba")
+    left, right = ((255 * eye).to(torch.uint8) for eye in frames(3, 1, steps=10))
+
+    def driven():
+        navigator = Navigator(RIG, DT, controller=controller)
+        state = None
+        with torch.inference_mode():
+            for n in range(10):
+                if n == 8 and state is not None:
+                    state = state._replace(fields=None, rows=None)
+                moved = Command(torch.tensor([0.2]), torch.tensor([0.1]))
+                _, state = navigator(left[0, n : n + 1], right[0, n : n + 1], state, moved)
+            return state
+
+    steps, run = [], WholeStep.run
+    monkeypatch.setattr(WholeStep, "run", lambda *given: steps.append(1) or run(*given))
+    by_kernel = driven()
+    assert len(steps) == 10
+    monkeypatch.setattr(WholeStep, "__call__", lambda *given: None)
+    by_parts = driven()
+    assert len(steps) == 10
+    for name, one in tree.leaves(by_kernel).items():
+        torch.testing.assert_close(
+            one, tree.leaves(by_parts)[name], atol=1e-4, rtol=1e-4, msg=lambda m, k=name: f"{k}: {m}"
+        )
