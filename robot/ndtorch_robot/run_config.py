@@ -89,7 +89,7 @@ class SightTable(Strict):
     still: Annotated[float, Field(ge=-1, le=1)] = 0.5
     by_chance: Annotated[float, Field(ge=0, le=2)] = 0.05
     swapped: Positive = 8.0
-    mirrored: Positive = 4.0
+    mirrored: Positive = 3.0
     turns: Positive = 3.0
     backwards: Annotated[float, Field(ge=0, le=3)] = 0.3
 

@@ -27,6 +27,11 @@ EVERY = 3
 """Frames of which one is compared: it costs as much as all else."""
 
 
+SYMMETRIC = 3
+"""Patches without which a view does not say that a row is mirrored: one or two may be of a thing that is its own mirror
+image, as an edge or a door is, and stay in view for metres."""
+
+
 class Agreement:
     """Looks for patches of the left row in the right one, where they may be and where they may not.
 
@@ -79,7 +84,8 @@ class Agreement:
         right, wrong, mirrored = found
         chance = self.limits.by_chance * len(right)
         self.swapped = max(0.0, self.swapped + float((wrong - right).sum()) - chance)
-        self.mirrored = max(0.0, self.mirrored + float((mirrored - np.maximum(right, wrong)).sum()) - chance)
+        if len(right) >= SYMMETRIC:
+            self.mirrored = max(0.0, self.mirrored + float((mirrored - np.maximum(right, wrong)).sum()) - chance)
 
 
 def partners(

@@ -76,7 +76,7 @@ class SightLimits:
     still: float = 0.5
     by_chance: float = 0.05
     swapped: float = 8.0
-    mirrored: float = 4.0
+    mirrored: float = 3.0
     turns: float = 3.0
     backwards: float = 0.3
 

@@ -103,6 +103,16 @@ def test_a_view_is_looked_at_once(step, heading):
     )
 
 
+def test_a_thing_that_is_its_own_mirror_image_is_no_camera_upside_down(monkeypatch):
+    """Met in a drive: two patches of it, whose true partners were too near to be looked for, for a metre."""
+    for count, wrong in ((2, False), (3, True)):
+        found = tuple(np.full(count, fits, np.float32) for fits in (0.4, 0.1, 0.97))
+        monkeypatch.setattr("ndtorch_robot.watching.agreement.partners", lambda *given, found=found: found)
+        said, judge = judged(moved(12), [(0.05 * n, 0.0) for n in range(8)])
+        assert (judge.mirrored > LIMITS.mirrored) == wrong
+        assert (said is not None and "upside down" in said) == wrong
+
+
 def test_what_fits_takes_back_what_did_not():
     views = [(0.05 * n, 0.0) for n in range(3)]
     before = judged(moved(-12)[:2], views[:2])[1].swapped
