@@ -84,8 +84,8 @@ def near_things(left: Floats, right: Floats, rig: StereoRig, params: NearParams,
     aside = rig.baseline / 2 + depth * ((width - 1) / 2 - columns) / focal
     good = mutual & busy & (value < p.ratio * elsewhere) & (disparity >= low) & (np.abs(aside) <= p.beside)
     # Neighbors that agree: a mismatch seldom has any.
-    depths = np.where(good, depth, np.nan)
-    found = [k for k in np.flatnonzero(good).tolist() if agreeing(depths, k, p)]
+    found = np.flatnonzero(good)
+    found = found[agreeing(np.where(good, depth, np.nan), found, p)]
     x, y = rig.forward + depth[found], aside[found]
     return Near(np.asarray(x, np.float32), np.asarray(y, np.float32))
 
@@ -126,7 +126,11 @@ def pairs_of(row: Floats) -> Floats:
     return np.asarray((row[::2] + row[1::2]) / 2, np.float32)
 
 
-def agreeing(depths: npt.NDArray[np.float64], k: int, params: NearParams) -> bool:
-    """Whether enough places around column `k` have its depth, within a tenth."""
-    around = depths[max(0, k - params.half) : k + params.half + 1]
-    return int((np.abs(around - depths[k]) < 0.1 * depths[k]).sum()) >= params.enough
+def agreeing(depths: npt.NDArray[np.float64], columns: Whole, params: NearParams) -> npt.NDArray[np.bool_]:
+    """Whether enough places around each of these columns have its depth, within a tenth; NaN where there is none."""
+    half = params.half
+    beside = np.full(len(depths) + 2 * half, np.nan)  # `np.pad` takes ten times as long
+    beside[half : half + len(depths)] = depths
+    around = beside[columns[:, None] + np.arange(2 * half + 1)]
+    own = depths[columns, None]
+    return np.asarray((np.abs(around - own) < 0.1 * own).sum(1) >= params.enough)
