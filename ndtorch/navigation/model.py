@@ -30,6 +30,7 @@ from ndtorch.navigation.moved_map import keep
 from ndtorch.navigation.near_check import NearCheck
 from ndtorch.navigation.observations import ObservationList
 from ndtorch.navigation.odometry import DeadReckoning, Pose
+from ndtorch.navigation.one_frame import in_frames, take_over
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import AngleModel, StereoRig
 from ndtorch.navigation.row_ranging import RowRanging
@@ -38,7 +39,7 @@ from ndtorch.navigation.sights import Anchor
 from ndtorch.navigation.state import NavigatorState, StepState, check_motion, place_of
 from ndtorch.navigation.strips import Strips, grey_pair, row_rect, strips
 from ndtorch.navigation.tracking import AlphaBetaTracker
-from ndtorch.navigation.whole_step import Beginning, Parts, Stepped, WholeStep, in_frames, take_over
+from ndtorch.navigation.whole_step import Beginning, Parts, Stepped, WholeStep
 
 STANDS = 0.05
 """m/s: a car slower than this stands."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.navigation.controllers.contract import STOPPED, SUPPRESSED, Command, Controller
 from ndtorch.navigation.controllers.quick import QuickControl
 from ndtorch.navigation.odometry import DeadReckoning, Pose
+from ndtorch.navigation.one_frame import as_array, numpy_kind, one_of
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.row_ranging import RowRanging, RowRangingState
 from ndtorch.navigation.state import NavigatorState, Packed, StepState
@@ -293,37 +294,3 @@ class WholeStep:
             *memory,
         )
         return Stepped(new, after, Command(parts[2], parts[3]), careful)
-
-
-def one_of(driven: Command) -> Command:
-    """Of the one frame."""
-    return Command(driven.speed[0], driven.curvature[0])
-
-
-def as_array(frame: Tensor) -> tuple[Any, bool]:
-    """A frame `[1, C, H, W]` as an array without gaps, and whether that is `[1, H, W, C]`: colors beside each other."""
-    if frame.is_contiguous():
-        return frame.numpy(), False
-    if frame.ndim == 4:
-        last = frame.permute(0, 2, 3, 1)
-        if last.is_contiguous():
-            return last.numpy(), True
-    return frame.contiguous().numpy(), False
-
-
-def numpy_kind(kind: torch.dtype) -> Any:
-    """The precision of an image as NumPy calls it."""
-    return np.dtype(np.float64 if kind == torch.float64 else np.float32)
-
-
-def in_frames(ranges: Ranges, pose: Pose) -> tuple[Ranges, Pose]:
-    """Ranges `[..., 1, n]` and poses `[..., 1]` of the one frame."""
-    return Ranges(*(part.unsqueeze(-2) for part in ranges)), Pose(*(part.unsqueeze(-1) for part in pose))
-
-
-def take_over(new: tuple[Sequence[Tensor], Sequence[Tensor]], told: tuple[Sequence[Tensor], Sequence[Tensor]]) -> None:
-    """Write into a state of `QuickControl.take` that was just made what is another in the one that was told more."""
-    for ours, theirs in zip(new, told, strict=True):
-        for mine, other in zip(ours, theirs, strict=True):
-            if mine is not other:
-                mine.copy_(other)

@@ -249,7 +249,7 @@ def test_a_step_goes_on_from_a_state_that_was_copied_or_changed() -> None:
 
 
 def test_a_frame_is_handed_on_without_a_copy_where_it_has_no_gaps():
-    from ndtorch.navigation.whole_step import as_array
+    from ndtorch.navigation.one_frame import as_array
 
     frame = torch.rand(1, 3, 4, 5)
     array, last = as_array(frame)
