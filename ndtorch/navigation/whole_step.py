@@ -125,11 +125,12 @@ class WholeStep:
         else:
             before = self.gather(quick, state, kind)
         mode = None if before is None else quick.mode(before.small)
-        if mode == STOPPED or (mode == SUPPRESSED and begin is not None):
+        anew = state.fields is None
+        if mode == STOPPED or (begin is not None and (anew or mode == SUPPRESSED)):
             control = state.control
             if begin is not None:
                 last = state.command if driven is None else one_of(driven)
-                control = begin(last, control, self.parts.reckoning.step(state.pose, *last), False)
+                control = begin(last, control, self.parts.reckoning.step(state.pose, *last), anew)
             control = self.parts.controller.woken(control)
             if control is not state.control:
                 before = self.gather(quick, state._replace(control=control), kind)
