@@ -106,6 +106,7 @@ TESTED_IN = {
     "kernels/triangulation": "navigation/test_kernels",
     "kernels/vote_places": "navigation/localisation/test_finding",
     "kernels/ways": "navigation/controllers/goal/test_planning",
+    "navigation/one_frame": "navigation/test_kernels",
     "navigation/certainty": "navigation/test_mapping",
     "navigation/controllers/ranging/caution": "navigation/test_near_check",
     "navigation/controllers/goal/control": "navigation/controllers/goal/test_goal_control",

@@ -47,7 +47,7 @@ class FigureParams(Constants):
         6.0, gt=0, description="where so many tracks of a size came, a second and square of the height,"
     )
     lately: float = Field(5.0, gt=0, description="within this time, one of them is no object: snow;")
-    alike: float = Field(1.5, gt=1, description="of a size are sides of up to this ratio;")
+    same_size: float = Field(1.5, gt=1, description="of a size are sides of up to this ratio;")
     crowded: float = Field(25.0, gt=0, description="nor is it where so many of a size came around it,")
     among: float = Field(0.2, gt=0, description="up to so many heights away: glints on water;")
     several: int = Field(4, ge=1, description="but fewer than this are never many")

@@ -83,7 +83,7 @@ def one_of_many(one: Figure, come: Numbers, seen_for: float, width: float, p: Fi
         return False
     # Glints join and part; what leaves the picture is small at last.
     size = size_of(one.path, 0.25)
-    alike = (come[:, 4] > size / p.alike) & (come[:, 4] < size * p.alike) & (come[:, 0] != one.number)
+    alike = (come[:, 4] > size / p.same_size) & (come[:, 4] < size * p.same_size) & (come[:, 0] != one.number)
     everywhere = int(alike.sum())
     if everywhere < p.several:
         return False
