@@ -44,11 +44,11 @@ class FigureParams(Constants):
     near: float = Field(0.5, ge=0, description="and were not nearer than this to an object, in its sizes,")
     shortly: float = Field(0.5, ge=0, description="from this long before to this long after")
     many: float = Field(
-        6.0, gt=0, description="where so many tracks of a size came, a second and square of the height,"
+        5.0, gt=0, description="where so many tracks of a size came, a second and square of the height,"
     )
     lately: float = Field(5.0, gt=0, description="within this time, one of them is no object: snow;")
     same_size: float = Field(1.5, gt=1, description="of a size are sides of up to this ratio;")
-    crowded: float = Field(25.0, gt=0, description="nor is it where so many of a size came around it,")
+    crowded: float = Field(18.0, gt=0, description="nor is it where so many of a size came around it,")
     among: float = Field(0.2, gt=0, description="up to so many heights away: glints on water;")
     several: int = Field(4, ge=1, description="but fewer than this are never many")
     clear: float = Field(9.0, gt=0, description="what stands out by so many deviations in the mean is a thing; else,")
