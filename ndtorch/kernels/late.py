@@ -29,10 +29,6 @@ class Part(JITCodeLibrary):  # type: ignore[misc]
     whole: str
     later: dict[str, Any]
 
-    def _optimize_functions(self, module: Any) -> None:
-        if self.name == self.whole:
-            super()._optimize_functions(module)
-
     def _optimize_final_module(self) -> None:
         if self.name == self.whole:
             super()._optimize_final_module()
