@@ -181,7 +181,8 @@ void drive_tick(struct drive *d, uint32_t now_ms) {
     int32_t offset = (int32_t)d->speed * MOTOR_US_PER_M_S / 1000;
     if (d->speed > 0) offset += MOTOR_DEAD_BAND_US;
     if (d->speed < 0) offset -= MOTOR_DEAD_BAND_US;
-    if (d->gear == BRAKING) offset = d->brake_us - MOTOR_NEUTRAL_US;
+    /* An int of the board has 16 bits: without this the difference is 65501, which is full speed forward. */
+    if (d->gear == BRAKING) offset = (int32_t)d->brake_us - MOTOR_NEUTRAL_US;
     d->motor_us = pulse(MOTOR_NEUTRAL_US, offset);
     d->front_us = pulse(FRONT_NEUTRAL_US, (int32_t)d->curvature * FRONT_US_PER_1_M / 1000);
     d->rear_us = pulse(REAR_NEUTRAL_US, (int32_t)d->curvature * REAR_US_PER_1_M / 1000);

@@ -35,6 +35,14 @@ def test_own_tests_and_a_short_fuzzing():
     assert "0 accepted that were not sent" in done.stdout
 
 
+@needs_board
+def test_own_tests_on_a_board():
+    """An int of the board has 16 bits: sums that are right on this computer may be wrong there."""
+    done = subprocess.run(["make", "-s", "-C", FIRMWARE, "test-board"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "checks passed, int has 16 bits" in done.stdout
+
+
 def test_both_sides_mean_the_same():
     text = (FIRMWARE / "protocol.h").read_text() + (FIRMWARE / "drive.h").read_text()
     assert int(re.search(r"PROTOCOL_VERSION (\d+)", text)[1]) == VERSION

@@ -12,10 +12,13 @@ import torch
 from ndtorch.errors import InputError
 from ndtorch_robot.run import open_car, real_time_priority
 from ndtorch_robot.run_config import RunConfig, SimulationTable
+from ndtorch_robot.sim.board import constants
 from ndtorch_robot.watching.watch import MOVING
 from tests.stalls import OTHERS
 
 NEUTRAL, SLACK, STEERING_SLACK = 1500.0, 2.0, 12.0
+FASTEST = 0.5
+"""What the navigator asks for at most, m/s, and what a motor pulse may therefore mean."""
 LIMIT = 0.25
 
 
@@ -75,6 +78,13 @@ class Bench:
 
     def moving(self):
         return [p.time for p in self.board.pulses if p.name == "motor" and abs(p.width - NEUTRAL) > SLACK]
+
+    def too_fast(self):
+        """Motor pulses beyond what the navigator can have asked for, either way; a brake is the shortest."""
+        c = constants()
+        widest = c["MOTOR_NEUTRAL_US"] + c["MOTOR_DEAD_BAND_US"] + FASTEST * c["MOTOR_US_PER_M_S"] + SLACK
+        motor = [p.width for p in self.board.pulses if p.name == "motor"]
+        return [width for width in motor if not c["MOTOR_BRAKE_US"] - SLACK <= width <= widest]
 
     def wait_to_move(self, seconds=10.0):
         """Until it has driven for a while, at a speed at which pictures must change.
@@ -148,6 +158,7 @@ def bench(**changes):
         result = Bench(made[0], lines)
         result.wait_to_move()
         yield result
+        assert not result.too_fast()
     finally:
         for car in made:
             OTHERS.extend((event.time, event.late) for event in car.cameras.inner.board.events if event.name == "late")
