@@ -14,7 +14,8 @@ from ndtorch.binding.models.contract import BindingModel, Nested, Verdict, by_tr
 from ndtorch.binding.objects import BoundObject
 from ndtorch.binding.readout.covariances import single_table, single_weights
 from ndtorch.binding.tracking.params import WindowParams
-from ndtorch.binding.tracking.windows import Windows, WindowState
+from ndtorch.binding.tracking.window_step import WindowState
+from ndtorch.binding.tracking.windows import Windows
 from ndtorch.config import Constants, Deviations, ModelConfig, Size
 from ndtorch.errors import InputError
 from ndtorch.vision.features import FEATURES, VisualFeatures

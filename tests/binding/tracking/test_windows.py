@@ -14,7 +14,8 @@ from ndtorch import InputError
 from ndtorch.binding import Windows
 from ndtorch.binding.readout.covariances import single_table
 from ndtorch.binding.tracking.params import WindowParams
-from ndtorch.binding.tracking.windows import DIRECTIONS, WindowState
+from ndtorch.binding.tracking.window_step import WindowState
+from ndtorch.binding.tracking.windows import DIRECTIONS
 from ndtorch.vision import FEATURES
 from ndtorch.vision.motion import Border
 

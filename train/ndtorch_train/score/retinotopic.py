@@ -12,7 +12,7 @@ from torch import Tensor
 from ndtorch.binding import Windows
 from ndtorch.binding.readout.covariances import single_table
 from ndtorch.binding.tracking.params import WindowParams
-from ndtorch.binding.tracking.windows import WindowState
+from ndtorch.binding.tracking.window_step import WindowState
 from ndtorch.vision import LocalFeatures, VisualFeatures
 from ndtorch_train.score.choices import SETTLE, Split
 from ndtorch_train.score.leaderboard import Row
