@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -181,6 +182,26 @@ def test_tests_that_fail_by_themselves_say_nothing(checkout: Path, tmp_path: Pat
         pytest.raises(RuntimeError, match="fail without any change"),
     ):
         bench.try_change(less_to(">"))
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_firmware_is_asked_on_a_board_too_where_there_is_a_compiler_for_it(
+    there: bool, checkout: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name: name if there else None)
+    asked = Bench(checkout, tmp_path / "tree", sys.executable, SETTINGS).commands("robot/firmware/drive.c")
+    assert ["test-board" in command[-1] for command in asked] == [False, False, True][: 2 + there]
+
+
+def test_programs_that_fail_by_themselves_say_nothing_of_firmware(checkout: Path, tmp_path: Path) -> None:
+    """As `make test-board` does where there is no simulator."""
+    (checkout / "near.c").write_text("int near;\n")
+    change = Change("near.c", 1, 4, 8, "far", "name")
+    with Bench(checkout, tmp_path / "tree", sys.executable, SETTINGS) as bench:
+        bench.commands = lambda file: [("grep", "int", file), ("false",)]  # type: ignore[method-assign]
+        assert bench.try_change(change) == "survived"
+        bench.commands = lambda file: [("grep", "int", file), ("false",), ("grep", "near", file)]  # type: ignore[method-assign]
+        assert bench.try_change(change) == "noticed: wider list"
 
 
 def test_what_takes_too_long_is_ended(tmp_path: Path) -> None:

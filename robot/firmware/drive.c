@@ -15,7 +15,18 @@ _Static_assert(MAX_SPEED_MM_S > 0 && MAX_SPEED_MM_S <= 5000 && MAX_CURVATURE_1_K
                "limits of a car");
 _Static_assert(BATTERY_ABSENT_MV < BATTERY_LOW_MV && BATTERY_EMPTY_MV < BATTERY_LOW_MV, "empty is lower than low");
 _Static_assert(BATTERY_EMPTY_MV == 0 || BATTERY_EMPTY_MV > BATTERY_ABSENT_MV, "an empty battery is not an absent one");
+_Static_assert(BATTERY_ABSENT_MV >= 0 && BATTERY_LOW_MV < BATTERY_FULL_SCALE_MV && BATTERY_FULL_SCALE_MV <= 65535,
+               "voltages that are measured, in 16 bits");
 _Static_assert(BATTERY_LOW_SPEED_MM_S > 0 && BATTERY_LOW_SPEED_MM_S <= MAX_SPEED_MM_S, "a low battery drives slower");
+
+_Static_assert(ACCELERATION_MM_S2 > 0 && ACCELERATION_MM_S2 <= 100000, "a step of 50 ms fits into 16 bits");
+_Static_assert(MOTOR_US_PER_M_S > 0 && MOTOR_US_PER_M_S <= 10000 && MOTOR_DEAD_BAND_US >= 0, "longer pulses are forward");
+_Static_assert(FRONT_US_PER_1_M >= -10000 && FRONT_US_PER_1_M <= 10000, "what the front servo may turn by");
+_Static_assert(REAR_US_PER_1_M >= -10000 && REAR_US_PER_1_M <= 10000, "what the rear servo may turn by");
+_Static_assert(COMMAND_TIMEOUT_MS > 0 && COMMAND_TIMEOUT_MS <= 1000, "a car that is told nothing more stands in a second");
+_Static_assert(HEARTBEAT_TIMEOUT_MS > 0 && HEARTBEAT_TIMEOUT_MS <= 1000, "a car that hears nothing more stands in a second");
+_Static_assert(NOISE_LIMIT >= 2 && NOISE_LIMIT <= 100 && NOISE_MS > 0, "refusals are counted in 8 bits, all but one kept");
+_Static_assert(BRAKE_MS > 0 && PAUSE_MS > 0 && FORWARD_MS > 0 && BATTERY_LASTS_MS > 0, "times go forward");
 
 static int16_t clip(int16_t value, int16_t most) { return value > most ? most : value < -most ? (int16_t)-most : value; }
 
@@ -152,13 +163,14 @@ static void shift(struct drive *d, uint16_t elapsed_ms, uint32_t now_ms) {
 
 /* Low is a limit of the speed, empty is a stop. */
 static void look_at_battery(struct drive *d, uint32_t now_ms) {
+    const uint16_t empty_mv = BATTERY_EMPTY_MV; /* 0 is compared as a number, not as a constant that warns */
     uint8_t absent = d->battery_mv <= BATTERY_ABSENT_MV;
     if (absent || d->battery_mv >= BATTERY_LOW_MV) {
         d->not_low_ms = d->not_empty_ms = now_ms;
         d->faults &= (uint8_t)~(FAULT_BATTERY | FAULT_EMPTY);
         return;
     }
-    if (d->battery_mv >= BATTERY_EMPTY_MV) d->not_empty_ms = now_ms;
+    if (d->battery_mv >= empty_mv) d->not_empty_ms = now_ms;
     if (now_ms - d->not_low_ms >= BATTERY_LASTS_MS) d->faults |= FAULT_BATTERY;
     if (now_ms - d->not_empty_ms >= BATTERY_LASTS_MS && !(d->faults & FAULT_EMPTY)) stand(d, FAULT_EMPTY);
 }

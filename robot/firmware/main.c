@@ -136,7 +136,7 @@ static void start_hardware(void) {
     UCSR0B = _BV(RXEN0) | _BV(TXEN0) | _BV(RXCIE0);
     ADMUX = _BV(REFS0);
     ADCSRA = _BV(ADEN) | _BV(ADPS2) | _BV(ADPS1) | _BV(ADPS0) | _BV(ADSC);
-    set_sleep_mode(SLEEP_MODE_IDLE);
+    SMCR = SLEEP_MODE_IDLE;
 }
 
 static void measure_battery(struct drive *d) {

@@ -3,6 +3,7 @@
 import os
 import re
 import select
+import shutil
 import subprocess
 import time
 
@@ -35,12 +36,101 @@ def test_own_tests_and_a_short_fuzzing():
     assert "0 accepted that were not sent" in done.stdout
 
 
+def make(folder, *targets):
+    return subprocess.run(["make", "-s", "-C", folder, *targets], capture_output=True, text=True, check=False)
+
+
 @needs_board
 def test_own_tests_on_a_board():
     """An int of the board has 16 bits: sums that are right on this computer may be wrong there."""
-    done = subprocess.run(["make", "-s", "-C", FIRMWARE, "test-board"], capture_output=True, text=True, check=False)
+    done = make(FIRMWARE, "test-board", "BOARD_INPUTS=300")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "checks passed, int has 16 bits" in done.stdout
+    assert "30 drives" in done.stdout
+    assert "0 accepted that were not sent" in done.stdout
+
+
+def changed(folder, file, old, new):
+    """A copy of the firmware with that change in it."""
+    shutil.copytree(FIRMWARE, folder, ignore=shutil.ignore_patterns("build"))
+    text = (folder / file).read_text()
+    assert len(re.findall(old, text)) == 1
+    (folder / file).write_text(re.sub(old, new, text))
+    return folder
+
+
+@needs_board
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (r"\(int32_t\)(?=d->brake_us - )", "", "does not hold"),
+        (r"\(uint32_t\)(?=ACCELERATION_MM_S2 )", "", "> 30 drives"),
+    ],
+)
+def test_a_sum_too_wide_for_the_board_is_noticed(tmp_path, old, new, said):
+    """On this computer, whose int has 32 bits, it is right."""
+    folder = changed(tmp_path / "firmware", "drive.c", old, new)
+    done = make(folder, "HOST=cc -w", "build/test", "build/drives")
+    assert done.returncode == 0, done.stderr
+    for program in ("test", "drives"):
+        assert subprocess.run([folder / "build" / program], capture_output=True, check=False).returncode == 0
+    done = make(folder, "HOST=cc -w", "CROSS=avr-gcc -w", "test-board")
+    assert done.returncode != 0
+    assert said in done.stdout + done.stderr
+
+
+COMPILERS = ["cc", pytest.param("avr-gcc -mmcu=atmega328p", marks=needs_board)]
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+@pytest.mark.parametrize(
+    ("name", "value", "taken"),
+    [
+        ("BATTERY_EMPTY_MV", "0", True),  # never stop
+        ("BATTERY_EMPTY_MV", "900", False),
+        ("BATTERY_LOW_SPEED_MM_S", "MAX_SPEED_MM_S", True),  # no limit
+        ("BATTERY_ABSENT_MV", "0", True),
+        ("BATTERY_ABSENT_MV", "(-1)", False),
+        ("BATTERY_FULL_SCALE_MV", "65535", True),
+        ("BATTERY_FULL_SCALE_MV", "65536", False),
+        ("BATTERY_FULL_SCALE_MV", "BATTERY_LOW_MV", False),
+        ("NOISE_LIMIT", "2", True),
+        ("NOISE_LIMIT", "1", False),
+        ("NOISE_LIMIT", "101", False),
+        ("NOISE_MS", "0", False),
+        ("ACCELERATION_MM_S2", "100000", True),
+        ("ACCELERATION_MM_S2", "100001", False),
+        ("ACCELERATION_MM_S2", "0", False),
+        ("MOTOR_US_PER_M_S", "0", False),
+        ("MOTOR_US_PER_M_S", "10001", False),
+        ("MOTOR_DEAD_BAND_US", "(-1)", False),
+        ("FRONT_US_PER_1_M", "(-10000)", True),
+        ("FRONT_US_PER_1_M", "(-10001)", False),
+        ("REAR_US_PER_1_M", "10000", True),
+        ("REAR_US_PER_1_M", "10001", False),
+        ("COMMAND_TIMEOUT_MS", "1000", True),
+        ("COMMAND_TIMEOUT_MS", "1001", False),
+        ("COMMAND_TIMEOUT_MS", "0", False),
+        ("HEARTBEAT_TIMEOUT_MS", "1001", False),
+        ("HEARTBEAT_TIMEOUT_MS", "0", False),
+        ("BRAKE_MS", "70000", True),
+        ("BRAKE_MS", "0", False),
+        ("PAUSE_MS", "0", False),
+        ("FORWARD_MS", "(-1)", False),
+        ("BATTERY_LASTS_MS", "0", False),
+    ],
+)
+def test_numbers_of_a_car_are_taken_or_refused_when_it_is_compiled(tmp_path, compiler, name, value, taken):
+    folder = changed(tmp_path / "firmware", "config.h", rf"(?m)^#define {name} [^/\n]*", f"#define {name} {value} ")
+    flags = ["-std=c11", "-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-Werror", "-O1", "-c", "-o"]
+    done = subprocess.run(
+        [*compiler.split(), *flags, tmp_path / "drive.o", folder / "drive.c"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode == 0) == taken, done.stderr
+    assert taken or "static assertion failed" in done.stderr
 
 
 def test_both_sides_mean_the_same():

@@ -2,6 +2,8 @@
  *
  *     mutate INPUTS SEED
  *
+ * On a simulated board, which takes no arguments, both are given when it is compiled.
+ *
  * An input is one to four random good frames, one after the other, changed in one to eight places: bits turned, bytes
  * replaced, removed, inserted, doubled or swapped, pieces moved, the end cut off, zeros put in. The generator of random
  * numbers is fixed (xorshift64*), so a run can be repeated. */
@@ -10,6 +12,7 @@
 #include <string.h>
 
 #include "../drive.h"
+#include "../test/end.h"
 
 #define MOST 4
 #define ROOM 512
@@ -21,6 +24,13 @@ static uint32_t draw(uint32_t below) {
     random_state ^= random_state << 25;
     random_state ^= random_state >> 27;
     return (uint32_t)((random_state * 2685821657736338717u) >> 32) % below;
+}
+
+static unsigned few(unsigned below) { return (unsigned)draw(below); } /* an int of the board has 16 bits */
+
+static void broken(void) {
+    printf("a pulse beyond its limits\n");
+    end(1);
 }
 
 static unsigned long accepted, other_version, refused, forged;
@@ -36,8 +46,8 @@ static void make(struct frame *f) {
 }
 
 static unsigned mutate(uint8_t *bytes, unsigned length) {
-    for (uint32_t n = 1 + draw(8); n && length; n--) {
-        unsigned at = draw(length), more;
+    for (unsigned n = 1 + few(8); n && length; n--) {
+        unsigned at = few(length), more;
         switch (draw(9)) {
         case 0: bytes[at] ^= (uint8_t)(1u << draw(8)); break;
         case 1: bytes[at] = (uint8_t)draw(256); break;
@@ -50,21 +60,21 @@ static unsigned mutate(uint8_t *bytes, unsigned length) {
             break;
         case 5: length = at; break;
         case 6: { /* a piece said twice */
-            more = 1 + draw(30);
+            more = 1 + few(30);
             if (at + more > length || length + more > ROOM) break;
             memmove(bytes + at + more, bytes + at, length - at);
             length += more;
             break;
         }
         case 7: { /* two bytes change places */
-            unsigned other = draw(length);
+            unsigned other = few(length);
             uint8_t kept = bytes[at];
             bytes[at] = bytes[other];
             bytes[other] = kept;
             break;
         }
         case 8: /* a burst */
-            for (more = draw(6); more && at < length; more--) bytes[at++] ^= (uint8_t)draw(256);
+            for (more = few(6); more && at < length; more--) bytes[at++] ^= (uint8_t)draw(256);
             break;
         }
     }
@@ -74,7 +84,7 @@ static unsigned mutate(uint8_t *bytes, unsigned length) {
 static void input(void) {
     struct frame sent[MOST];
     uint8_t bytes[ROOM + MAX_FRAME];
-    unsigned length = 0, count = 1 + draw(MOST);
+    unsigned length = 0, count = 1 + few(MOST);
     for (unsigned i = 0; i < count; i++) {
         make(&sent[i]);
         length += frame_encode(&sent[i], bytes + length);
@@ -90,7 +100,7 @@ static void input(void) {
         if (result == NOTHING) continue;
         drive_receive(&drive, result, &got, i);
         drive_tick(&drive, i);
-        if (drive.motor_us < 1000 || drive.motor_us > 2000 || drive.front_us < 1000 || drive.front_us > 2000) abort();
+        if (drive.motor_us < 1000 || drive.motor_us > 2000 || drive.front_us < 1000 || drive.front_us > 2000) broken();
         refused += result == REFUSED;
         if (result == REFUSED) continue;
         accepted += result == FRAME;
@@ -104,11 +114,19 @@ static void input(void) {
 }
 
 int main(int argc, char **argv) {
+#ifdef __AVR__
+    (void)argc, (void)argv;
+    begin_output();
+    unsigned long inputs = INPUTS;
+    random_state = SEED;
+#else
     if (argc < 3) return fprintf(stderr, "usage: mutate INPUTS SEED\n"), 2;
     unsigned long inputs = strtoul(argv[1], NULL, 10);
-    random_state = strtoull(argv[2], NULL, 10) * 0x9e3779b97f4a7c15u + 1;
+    random_state = strtoull(argv[2], NULL, 10);
+#endif
+    random_state = random_state * 0x9e3779b97f4a7c15u + 1;
     for (unsigned long i = 0; i < inputs; i++) input();
     printf("%lu inputs: %lu frames accepted, %lu of other versions, %lu refused, %lu accepted that were not sent\n",
            inputs, accepted, other_version, refused, forged);
-    return forged != 0;
+    end(forged != 0);
 }

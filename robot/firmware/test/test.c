@@ -74,9 +74,9 @@ static void test_frames(void) {
         if (r == FRAME) CHECK(g.sequence == 0x1200 && memcmp(f.body, g.body, size) == 0);
         for (unsigned i = 0; i < length - 1u; i++) /* every single wrong bit is noticed */
             for (unsigned bit = 0; bit < 8; bit++) {
-                bytes[i] ^= (uint8_t)(1 << bit);
+                bytes[i] = (uint8_t)(bytes[i] ^ 1u << bit);
                 for (unsigned k = 0; k < length; k++) CHECK(parser_feed(&p, bytes[k], &g) != FRAME);
-                bytes[i] ^= (uint8_t)(1 << bit);
+                bytes[i] = (uint8_t)(bytes[i] ^ 1u << bit);
             }
     }
     struct frame f = {.version = 2, .type = 77, .sequence = 1, .size = 3}, g;
