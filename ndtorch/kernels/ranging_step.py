@@ -59,7 +59,8 @@ def ranging_step(
     and `tall` of `match_cells`, the columns of the fields, every so many of them; and the side of what stands, or 0.
     Its others are those of `ranging_control`, the length of a step of its arcs, the least noise of pictures, the
     shares of bands up to which a car stands and from which on it is fast, the mode in which it stands, `alike` and
-    `least` of `match_cells`, `limits` of `light_gain`, and `beam` of `ranging_control`.
+    `least` of `match_cells`, `limits` of `light_gain`, `beam` of `ranging_control`, and below which share of what it
+    was noise has not settled.
 
     Args:
         flow, profile, places, under, line: `tables` of `ranging_control`.
@@ -182,7 +183,7 @@ def ranging_step(
         share = min(max((kind(known) / kind(bands) - kind(rest[1])) / kind(rest[2] - rest[1]), kind(0)), kind(1))
         if new_small[0] > 0:
             new_small[0] *= share
-        if share <= 0:
+        if share <= 0 or (share < 1 and new_small[5] < kind(rest[13]) * small[5]):
             new_small[0], new_small[1], new_small[7] = 0, 0, rest[3]
     new_small[at + 2], new_small[at + 3] = new_small[0], new_small[1]
     return float(peak), largest, learning

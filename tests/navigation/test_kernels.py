@@ -204,6 +204,27 @@ def test_a_drive(controller: str, kind: torch.dtype) -> None:
     assert len({*runs[0][::4], *runs[0][1::4]}) > 1
 
 
+def test_a_view_that_comes_to_rest() -> None:
+    """A car that stands, and before which something moved, goes on after as many frames by torch and by kernels."""
+    navigator, (left, right) = Navigator(RIG, DT, controller="ranging"), pairs(torch.uint8, 1, 40)
+    numbers = [*range(40), *[39] * 25]
+    runs = []
+    for mode in (torch.no_grad, torch.inference_mode):
+        state, run = None, []
+        with mode():
+            for k, n in enumerate(numbers):
+                driven = Command(*torch.tensor([[0.5 if 3 < k < 30 else 0.0], [0.0]]))
+                command, state = navigator(left[n : n + 1], right[n : n + 1], state, driven)
+                run.append((float(command.speed), float(state.control.floor.noise)))
+        runs.append(run)
+    for wanted, found in zip(*runs, strict=True):
+        assert found == pytest.approx(wanted, abs=1e-4)
+    speeds, noises = zip(*runs[1], strict=True)
+    begins = next(k for k in range(40, len(numbers)) if speeds[k] > 0)
+    assert max(speeds[35:40]) == 0 < max(noises)
+    assert noises[begins] < 0.2 * max(noises)
+
+
 @pytest.mark.parametrize(
     ("controller", "params"), [("ranging", None), ("ranging", RangingParams(overhangs=False)), ("published", None)]
 )

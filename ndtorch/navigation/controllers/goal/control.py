@@ -132,7 +132,7 @@ class GoalControl(Controller):
         """Remember what is seen, plan where it is time to, follow the way, and listen to the reactive controller."""
         woke = woken(state.reactive.mode, state.reactive.floor, self.reactive.floor)
         state = state._replace(reactive=state.reactive._replace(mode=woke))
-        return self.caution(*self.steer(seen, ranges, pose, driven, state), pose)
+        return self.caution(*self.steer(seen, ranges, pose, driven, state), pose, state.reactive.floor.noise)
 
     def steer(
         self, seen: Tensor, ranges: Ranges, pose: Pose, driven: Command, state: GoalState
@@ -158,9 +158,11 @@ class GoalControl(Controller):
         commands, states = zip(*made, strict=True)
         return put_together(list(commands), batch), put_together(list(states), batch)
 
-    def caution(self, command: Command, state: GoalState, pose: Pose) -> tuple[Command, GoalState]:
+    def caution(
+        self, command: Command, state: GoalState, pose: Pose, noise: Tensor | None = None
+    ) -> tuple[Command, GoalState]:
         """As `RangingControl.caution`."""
-        command, reactive = self.reactive.caution(command, state.reactive, pose)
+        command, reactive = self.reactive.caution(command, state.reactive, pose, noise)
         if reactive is state.reactive:
             return command, state
         stands = (reactive.mode == STOPPED) & (state.reactive.mode != STOPPED) & (state.mode != ARRIVED)

@@ -14,6 +14,9 @@ from ndtorch.navigation.odometry import Pose
 LEAST, FULL = 0.25, 0.75
 """Shares of the bands of floor that are told from noise: up to the first it stands, from the second on it is fast."""
 
+SETTLED = 0.95
+"""Noise that falls below so much of what it was a step before has not settled yet."""
+
 
 def remember_near(
     patch: Patch, pose: Pose, things: Near, across: Near, floor_seen: bool, blocked: float, params: PatchParams
@@ -51,6 +54,15 @@ def known_share(floor: FloorState, flow: Tensor, least: float, constants: FloorC
     noise = floor.noise.clamp(min=least).unsqueeze(-1)
     share = (expected > noise * constants.clear).to(expected.dtype).mean(-1)
     return torch.where(floor.age <= constants.learning, torch.ones_like(share), share)
+
+
+def settling(noise: Tensor, before: Tensor) -> Tensor:
+    """Whether what is taken for noise still falls, `[...]` bool.
+
+    It changes only while the wheels stand. Somebody who walks past a standing car is noise for as long, and who
+    drives off as soon as the first floor is told from it goes slowly until it stands again.
+    """
+    return noise < SETTLED * before
 
 
 def speed_share(share: Tensor) -> Tensor:

@@ -24,7 +24,14 @@ from ndtorch.navigation.controllers.contract import (
     Trace,
 )
 from ndtorch.navigation.controllers.ranging.arcs import arc_table, free_travel
-from ndtorch.navigation.controllers.ranging.caution import FULL, known_share, remember_near, speed_share, woken
+from ndtorch.navigation.controllers.ranging.caution import (
+    FULL,
+    known_share,
+    remember_near,
+    settling,
+    speed_share,
+    woken,
+)
 from ndtorch.navigation.controllers.ranging.decision import RangingState, decide, ranging_constants
 from ndtorch.navigation.controllers.ranging.floor import FloorState, floor_constants, floor_step
 from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
@@ -134,7 +141,7 @@ class RangingControl(Controller):
             seen: cells `[..., 4, bands, blocks]`.
             ranges, pose, driven, state: as `Controller.step`.
         """
-        return self.caution(*self.steer(seen, ranges, pose, driven, self.woken(state)), pose)
+        return self.caution(*self.steer(seen, ranges, pose, driven, self.woken(state)), pose, state.floor.noise)
 
     def woken(self, state: RangingState) -> RangingState:
         """As `Controller.woken`: a car that could not begin tries again."""
@@ -155,13 +162,21 @@ class RangingControl(Controller):
         lengths, floor, patch = self.sense(seen, ranges, pose, driven, state)
         return decide(lengths, driven, floor, patch, state, self.constants, self.floor, pose)
 
-    def caution(self, command: Command, state: RangingState, pose: Pose) -> tuple[Command, RangingState]:
-        """Stand where the way ahead is not long enough to begin, and go only as fast as floor is told from noise."""
+    def caution(
+        self, command: Command, state: RangingState, pose: Pose, noise: Tensor | None = None
+    ) -> tuple[Command, RangingState]:
+        """Stand where the way ahead is not long enough to begin, and go only as fast as floor is told from noise.
+
+        Args:
+            noise: of the state before the step; with it a car stands on until its noise has settled.
+        """
         share = speed_share(known_share(state.floor, self.full_flow, self.params.least_noise, self.floor))
         slow, learning = share < 1.0, state.floor.age <= self.floor.learning
         if not bool((slow | learning).any()):
             return command, state
         floor, stands = state.floor, share <= 0.0
+        if noise is not None:
+            stands = stands | (slow & settling(floor.noise, noise))
         if bool(learning.any()):
             # Who has begun comes nearer to what is ahead while it learns: it shall not stand there again, and for good.
             needs = torch.where(floor.age > self.floor.standing + 1, START_GOES_ON, 1.0) * self.params.start_needs

@@ -15,7 +15,7 @@ from ndtorch.kernels.trail import POSES
 from ndtorch.navigation.controllers.contract import STOPPED, Command
 from ndtorch.navigation.controllers.quick import QuickControl
 from ndtorch.navigation.controllers.ranging.arcs import ArcTable
-from ndtorch.navigation.controllers.ranging.caution import FULL, LEAST
+from ndtorch.navigation.controllers.ranging.caution import FULL, LEAST, SETTLED
 from ndtorch.navigation.controllers.ranging.decision import Constants, RangingState
 from ndtorch.navigation.controllers.ranging.floor import FloorConstants, FloorState
 from ndtorch.navigation.controllers.ranging.floor_motion import LIMITS, FloorMotion
@@ -77,7 +77,7 @@ class QuickRanging(QuickControl):
         self.whole = (p.size, arcs.leading, arcs.steps, len(arcs.curvature), *first, wide, tall, columns, self.side)
         self.lines = (lines, shift)
         self.numbers = (*rest[:14], *worth, *patch, *numbers, arcs.step, params.least_noise, LEAST, FULL, STOPPED)
-        self.numbers += (alike, least, *LIMITS, *self.rest[-1])
+        self.numbers += (alike, least, *LIMITS, *self.rest[-1], SETTLED)
         self.tensors = (floor.flow, floor.profile, places, under, line_of_sight(places))
         self.full = -torch.expm1(full_flow * floor.saturation)
         self.learned = float(floor.learning)
