@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from ndtorch.binding import limit_spectral_radius, spectral_radius
-from ndtorch.binding.spectrum import SQUARING_FROM, perron_root
+from ndtorch.binding.spectrum import SQUARING_FROM, always_limited, perron_root
 
 # Batches that go to the eigenvalue solver, and batches that are squared.
 BATCHES = [1, SQUARING_FROM - 1, SQUARING_FROM, SQUARING_FROM + 9]
@@ -121,6 +121,26 @@ def test_limit_holds_and_scales_uniformly(
             factor = float(new.max() / old.max())
             assert factor == pytest.approx(min(1.0, limit / rho), rel=2e-4)
             assert_allclose(new, old * factor, rtol=1e-5)
+
+
+@pytest.mark.parametrize("kind", [sparse, blocks, reducible, cyclic])
+@pytest.mark.parametrize("limit", [0.3, 0.95, 1.5])
+def test_what_is_compiled_limits_as_what_decides(kind, limit: float) -> None:
+    """On either side of the limit, and with a matrix of no numbers among them, which stays as it is."""
+    rng = np.random.default_rng(5)
+    weights = shuffled(rng, kind(rng, 12, 6, 0.5))
+    size = torch.tensor([1e-3, 0.2, 0.5, 1.0, 3.0, 100.0], dtype=torch.float64).repeat(2)
+    weights = weights * size[:, None, None] / radius(weights).max()
+    weights[7, 2, 3] = float("inf")
+    good = torch.arange(12) != 7
+    limited = always_limited(weights, limit)
+    assert torch.equal(limited[7], weights[7])
+    assert limited.dtype == torch.float64
+    assert (radius(limited[good]) <= limit).all()
+    assert_allclose(limited[good], limit_spectral_radius(weights[good], limit), rtol=2e-4)
+    assert_allclose(always_limited(weights.float(), limit)[good], limited[good], rtol=1e-5, atol=1e-12)
+    inside = good & torch.from_numpy(radius(weights.nan_to_num(posinf=0.0)) < limit * (1 - 1e-3))
+    assert torch.equal(limited[inside], weights[inside])
 
 
 @pytest.mark.parametrize("count", BATCHES)

@@ -71,6 +71,19 @@ def test_bad_requests():
         rig.subfields(near=0.2)
     with pytest.raises(InputError, match="near < far"):
         rig.subfields(near=2.0, far=1.0)
+    half = math.pi / 2
+    for floor in (
+        {"near": 0.0},
+        {"near": 1.5},
+        {"far": math.inf},
+        {"inner": -half},
+        {"inner": -2.0},
+        {"outer": half},
+        {"outer": 2.0},
+        {"inner": 0.2, "outer": 0.2},
+    ):
+        with pytest.raises(InputError, match="expected 0 < near < far and inner < outer"):
+            rig.subfields(**floor)
     with pytest.raises(InputError, match="angle model"):
         rig.angle(torch.zeros(1), "cubic")
 

@@ -150,3 +150,12 @@ def test_bad_input():
         ChahlSrinivasan()(torch.zeros(2, 1, 1, 8, dtype=torch.uint8))
     with pytest.raises(InputError, match="min_contrast"):
         ChahlSrinivasan(-1)
+
+
+def test_two_rows_that_cannot_be_compared_are_refused():
+    row = torch.zeros(2, 1, 1, 8)
+    assert row_shift(row[..., :3], row[..., :3]).shape == (2,)
+    narrow, flat = row[..., :2], row[0, 0]
+    for earlier, later in ((narrow, narrow), (row, row[..., 1:]), (flat, row), (row, flat)):
+        with pytest.raises(InputError, match="W >= 3"):
+            row_shift(earlier, later)

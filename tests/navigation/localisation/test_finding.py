@@ -1,6 +1,7 @@
 """A place is found in a known map, whatever frame the car began in, and is not where two places look the same."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import torch
 from ndtorch.errors import InputError
 from ndtorch.navigation import Pose, StereoRig
 from ndtorch.navigation.localisation import Localiser, LocaliserParams
-from ndtorch.navigation.localisation.finding import carried_over, no_hunt, verdict
+from ndtorch.navigation.localisation.finding import begin, carried_over, draw, middles, no_hunt, refine, verdict, vote
 from ndtorch.navigation.localisation.walls import Scan, add_scan, empty_walls
 from ndtorch.navigation.options import NavigatorOptions
 
@@ -104,3 +105,95 @@ def test_before_the_first_search_there_is_a_place_and_nothing_found():
     assert [tuple(part.shape) for part in hunt] == [(0, 2), (3,), (), (0, 4), (0, 4), ()]
     assert {part.dtype for part in hunt} == {torch.float64}
     assert float(hunt.turn) == -1
+
+
+ALONG = np.stack((np.linspace(1.0, 3.0, 161), np.full(161, -1.1)), -1)
+ACROSS = np.stack((np.full(97, 3.1), np.linspace(-1.0, 0.2, 97)), -1)
+CORNER = np.concatenate((ALONG, ACROSS))
+"""Two walls that meet, away from the origin."""
+
+
+def test_cells_are_where_their_points_are():
+    points = CORNER + np.random.default_rng(2).normal(0, 0.01, CORNER.shape)
+    cells = {}
+    for point in points:
+        cells.setdefault(tuple(np.floor(point / PARAMS.cell).astype(int)), []).append(point)
+    wanted = {at: np.array(them) for at, them in cells.items() if len(them) >= PARAMS.least}
+    mean, spread = middles(known_walls(points), PARAMS)
+    assert len(mean) == len(wanted)
+    for middle, square in zip(mean, spread, strict=True):
+        them = wanted.pop(tuple(np.floor(middle / PARAMS.cell).astype(int)))
+        assert middle == pytest.approx(them.mean(0), abs=1e-4)
+        assert square == pytest.approx(np.cov(them.T, bias=True), abs=1e-5)
+
+
+def test_walls_are_drawn_as_bright_lines():
+    f = PARAMS.finding
+    picture = draw(known_walls(CORNER), PARAMS)
+    rows, columns = np.indices(picture.light.shape)
+    x, y = picture.left + columns * f.pixel, picture.bottom + rows * f.pixel
+    away = np.hypot(x[..., None] - CORNER[:, 0], y[..., None] - CORNER[:, 1]).min(-1)
+    near = away < 2.4 * f.blur
+    assert near.sum() > 100
+    assert picture.light[near] == pytest.approx(np.exp(-(away[near] ** 2) / (2 * f.blur**2)), abs=0.12)
+    assert picture.light[away > 4 * f.blur].max() < 0.01
+    assert x.min() == pytest.approx(1.0 - 4 * f.blur, abs=f.pixel)
+    assert y.min() == pytest.approx(-1.1 - 4 * f.blur, abs=f.pixel)
+    assert x.max() == pytest.approx(3.1 + 4 * f.blur, abs=f.pixel)
+    assert y.max() == pytest.approx(0.2 + 4 * f.blur, abs=f.pixel)
+    none = draw(empty_walls(PARAMS), PARAMS)
+    assert (none.left, none.bottom) == (0, 0)
+    assert none.light.tolist() == [[0.0]]
+
+
+def test_a_search_begins_with_what_is_around_the_car():
+    params = replace(PARAMS, finding=replace(PARAMS.finding, least=5, around=1.2))
+    walls, pose = known_walls(CORNER), (2.2, -0.4, 2.0)
+    middle = middles(walls, params)[0]
+    near = middle[np.hypot(*(middle - pose[:2]).T) < 1.2]
+    assert 5 < len(near) < len(middle)
+    hunt = begin(no_hunt()._replace(way=torch.tensor(3.2, dtype=torch.float64)), walls, pose, params)
+    turn = np.array([[math.cos(2.0), -math.sin(2.0)], [math.sin(2.0), math.cos(2.0)]])
+    assert hunt.pattern.numpy() @ turn.T + pose[:2] == pytest.approx(near)
+    assert hunt.origin.tolist() == list(pose)
+    assert (float(hunt.turn), float(hunt.way)) == (0, 0)
+    assert (len(hunt.places), len(hunt.done)) == (0, 0)
+    scarce = replace(params, finding=replace(params.finding, least=len(near) + 1, again=0.7))
+    later = begin(no_hunt()._replace(way=torch.tensor(3.2, dtype=torch.float64)), walls, pose, scarce)
+    assert float(later.way) == pytest.approx(2.5)
+    assert float(later.turn) == -1
+    assert len(later.pattern) == 0
+    enough = replace(params, finding=replace(params.finding, least=len(near)))
+    assert float(begin(no_hunt(), walls, pose, enough).turn) == 0
+
+
+def test_the_best_places_of_each_direction_are_tried_and_refined():
+    params = replace(PARAMS, finding=replace(PARAMS.finding, around=3.0, kept=5))
+    f, known = params.finding, known_walls(building(4))
+    picture, heading = draw(known, params), 2 * math.pi * 20 / f.turns
+    x, y = 6.04, 2.93
+    hunt = begin(no_hunt(), known, (x, y, heading + 0.01), params)
+    wrong = vote(hunt._replace(turn=torch.tensor(50.0, dtype=torch.float64)), picture, params)
+    assert wrong.places.shape == (f.each, 4)
+    assert float(wrong.turn) == 51
+    assert wrong.places[:, 3].tolist() == [2 * math.pi * 50 / f.turns] * f.each
+    tried = wrong._replace(turn=torch.tensor(20.0, dtype=torch.float64))
+    tried = vote(tried, picture, params)
+    assert len(tried.places) == 2 * f.each
+    assert tried.places[0].tolist()[1:] == pytest.approx([x, y, heading], abs=f.stride * f.pixel)
+    assert (tried.places[:-1, 0] >= tried.places[1:, 0]).all()
+    assert 0.7 < float(tried.places[0, 0]) <= 1
+    first, second = (one for one in tried.places.numpy() if one[3] == heading)
+    assert np.abs(first[1:3] - second[1:3]).max() > 2.5 * f.stride * f.pixel  # not beside the best
+    more = vote(tried._replace(turn=hunt.turn), picture, params)
+    assert len(more.places) == f.kept
+    fitted = refine(tried, known, params)
+    assert torch.equal(fitted.places, tried.places[1:])
+    score, *pose = fitted.done[0].tolist()
+    assert pose == pytest.approx([x, y, heading + 0.01], abs=2e-3)
+    assert score > 0.9
+    again = refine(fitted, known, params)
+    assert again.done.shape == (2, 4)
+    assert torch.equal(again.done[:1], fitted.done)
+    assert verdict(again, params) == tuple(pose)
+    assert verdict(again._replace(done=again.done.flip(0)), params) == tuple(pose)

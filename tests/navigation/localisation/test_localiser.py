@@ -9,7 +9,8 @@ import torch
 from ndtorch.errors import InputError
 from ndtorch.navigation import Pose, StereoRig
 from ndtorch.navigation.localisation import Localiser, LocaliserParams
-from ndtorch.navigation.localisation.walls import pack, unpack
+from ndtorch.navigation.localisation.localiser import WORST_DRIFT, WORST_SCALE
+from ndtorch.navigation.localisation.walls import Fit, pack, unpack
 from ndtorch.navigation.odometry import arc
 from tests.navigation.planar_world import PlanarWorld
 
@@ -122,6 +123,43 @@ def test_a_car_that_is_carried_goes_on_from_there(drive):
     assert torch.equal(put.walls, state.walls)
     assert put.parts.poses[-1].tolist() == [1.0, 2.0, 3.0]
     assert not put.parts.cells.any()
+
+
+def test_a_scan_is_fitted_from_as_far_as_the_pose_is_in_doubt(drive, monkeypatch):
+    """And the pose and the odometer are corrected by what comes out, within what an odometer can be wrong by."""
+    poses, driven, rows = drive
+    p = LocaliserParams()
+    localiser = Localiser(RIG, DT, p)
+    _, state = run(localiser, rows, reckon(poses, driven, 0, 0), stop=8)
+    deviations = torch.tensor([0.1, 0.3, 0.02, 0.01, 0.02, 0.03], dtype=torch.float64)
+    still = torch.zeros((), dtype=torch.float64)
+    state = state._replace(doubt=deviations.square().diag(), way=still, turned=still, unsure=torch.zeros(2))
+    asked, fit = [], Fit(0.0, 0.0, 0.0, 0.9, np.array([1e6, 0, 1e6, 0, 0, 1e6]))
+
+    def fitted(walls, scan, start, windows, params):
+        asked.append(windows)
+        return fit._replace(x=start[0] + 0.01, y=start[1] - 0.02, heading=start[2] + 0.003)
+
+    monkeypatch.setattr("ndtorch.navigation.localisation.localiser.fit_scan", fitted)
+    after = localiser.correct(state, localiser.scan(rows[8]))
+    place, angle = math.hypot(0.3, p.still), math.hypot(0.02, p.turn_still)
+    assert asked == [pytest.approx((p.reach * place + p.floor, p.reach * angle + p.turn_floor))]
+    moved = [float(b) - float(a) for a, b in zip(state.pose, after.pose, strict=True)]
+    error = 1 / (1e6 * p.trust) + np.square([p.floor, p.floor, p.turn_floor])
+    before = np.square([0.1, 0.3, 0.02]) + np.square([p.still, p.still, p.turn_still])
+    assert moved == pytest.approx(np.array([0.01, -0.02, 0.003]) * before / (before + error), rel=1e-4)
+    assert float(after.score) == 0.9
+    assert (after.doubt.diagonal()[:3] < state.doubt.diagonal()[:3]).all()
+    for sign in (1, -1):  # an odometer is no worse than it can be
+        together = torch.tensor([0.01, 0.0, 0.0, sign, -sign, sign], dtype=torch.float64)
+        learned = localiser.correct(state._replace(doubt=together.outer(together)), localiser.scan(rows[8]))
+        found = [float(learned.scale), float(learned.bend), float(learned.drift)]
+        assert found == [sign * WORST_SCALE, -sign * WORST_SCALE, sign * WORST_DRIFT]
+    fit = fit._replace(score=p.worst - 0.01)  # a bad one corrects nothing
+    refused = localiser.correct(state, localiser.scan(rows[8]))
+    assert [float(part) for part in refused.pose] == [float(part) for part in state.pose]
+    assert (refused.doubt.diagonal()[:3] >= state.doubt.diagonal()[:3]).all()
+    assert float(refused.score) == fit.score
 
 
 def test_what_it_cannot_do_is_said():

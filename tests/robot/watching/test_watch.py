@@ -80,6 +80,28 @@ def test_bad_frames(change, message, dtype):
     assert "\n" not in str(error.value)
 
 
+def spoilt(k, how):
+    """The left camera (0) or the right one (1), whose pictures are like that."""
+    return lambda n, f: f._replace(**{("left", "right")[k]: how(f[k])})
+
+
+@pytest.mark.parametrize("k", [0, 1])
+@pytest.mark.parametrize(
+    ("how", "at", "message"),
+    [
+        (lambda eye: eye * 0, PATIENCE, "has seen nothing but black"),
+        (lambda eye: picture(1), PATIENCE + 1, "has given the same picture"),
+        (lambda eye: torch.full_like(eye, 99), EVERY * round(0.5 * 30 / EVERY), "shows nothing"),
+    ],
+)
+def test_either_camera_is_believed_for_as_long(k, how, at, message):
+    """To the very picture: from the first one that looks wrong."""
+    limits = SightLimits(patience_s=0.5)
+    see(spoilt(k, how), count=at - 1, limits=limits)
+    with pytest.raises(InputError, match=message):
+        see(spoilt(k, how), count=at, limits=limits)
+
+
 def left_stays(n, frames):
     return frames._replace(left=picture(1))
 
