@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 import torch
 
-from ndtorch.binding.readout.sums import SumStatistics
+from ndtorch.binding.objects import ObjectTable
+from ndtorch.binding.readout.sums import SumStatistics, sums_table
 from ndtorch.errors import InputError
 from tests.binding.readout.three_lights import MIXING, count, lights
 
@@ -38,6 +39,20 @@ def test_a_change_of_all_objects_is_a_new_scene() -> None:
     assert count(state) == 1
     # What stays as it is begins nothing anew.
     assert float(SumStatistics()(100 * light[:, :2] @ MIXING[:2]).scene.age) > 23
+
+
+def test_scenes_in_a_batch_are_told_apart_as_each_alone() -> None:
+    """Of one, two and three things; of the last one leaves."""
+    light = lights(14).expand(3, -1, -1) * torch.tensor([[1.0, 0, 0], [1, 1, 0], [1, 1, 1]])[:, None]
+    light[2, 800:, 1] = 0.0
+    sums, nothing = 100 * light @ MIXING, torch.zeros(10, 10)
+    none = ObjectTable(torch.zeros(3, 10, dtype=torch.bool), torch.zeros(3, 10, 10))
+    together = sums_table(none, nothing.expand(3, -1, -1), SumStatistics()(sums), nothing)
+    assert together.owners.sum(-1).tolist() == [1, 2, 2]
+    for scene, owners, rows in zip(sums, *together, strict=True):
+        alone = sums_table(ObjectTable(*(part[0] for part in none)), nothing, SumStatistics()(scene), nothing)
+        assert torch.equal(alone.owners, owners)
+        torch.testing.assert_close(alone.rows, rows, rtol=1e-3, atol=1e-5)
 
 
 def test_delays_of_nothing_are_refused() -> None:
