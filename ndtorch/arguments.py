@@ -49,6 +49,25 @@ def check_dense(name: str, value: object) -> None:
         raise InputError(f"{name} must hold numbers, got a meta tensor")
 
 
+def check_kind(name: str, value: object, kind: type) -> None:
+    """Raise `InputError` unless `value` is None or of that class."""
+    if value is not None and not isinstance(value, kind):
+        raise InputError(f"{name} must be a {kind.__name__} or None, got {type(value).__name__}")
+
+
+def check_state(state: Any, kind: type) -> None:
+    """Raise `InputError` unless `state` is None or a named tuple of that class whose own tensors hold numbers.
+
+    Tuples within it are looked at by the module that they belong to. Sizes and types are not looked at: torch refuses
+    what does not fit together.
+    """
+    check_kind("state", state, kind)
+    if state is not None and not torch.compiler.is_compiling():
+        for field, value in zip(state._fields, state, strict=True):
+            if isinstance(value, Tensor):
+                check_dense(f"state.{field}", value)
+
+
 def check_finite(name: str, value: Tensor) -> None:
     """Raise `InputError` where floating point numbers are NaN or infinite."""
     if torch.compiler.is_compiling():

@@ -29,6 +29,7 @@ TESTED_IN = {
     "binding/tracking/figures": "binding/models/test_figures",
     "binding/tracking/meeting": "binding/models/test_figures",
     "binding/tracking/params": "binding/tracking/test_windows",
+    "binding/tracking/window_step": "binding/tracking/test_windows",
     "binding/tracking/tracker": "binding/tracking/test_tracks",
     "cli/bind": "test_cli",
     "cli/render": "test_cli",

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_number, check_tensor, is_finite
+from ndtorch.arguments import check_number, check_state, check_tensor, is_finite
 from ndtorch.errors import InputError
 from ndtorch.vision.blocks import BlockLowPass, Stretch
 from ndtorch.vision.temporal import smoothing_factor, time_dim
@@ -176,6 +176,7 @@ class RunningCovariances(nn.Module):
         )
 
     def forward(self, signals: Tensor, state: CovarianceState | None = None) -> CovarianceState:
+        check_state(state, CovarianceState)
         time_dim(signals, 1, "signals")
         check_tensor("signals", signals)
         now = state = self.start(signals[..., 0, :]) if state is None else state

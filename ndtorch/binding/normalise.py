@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_number, check_tensor
+from ndtorch.arguments import check_number, check_state, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.vision.features import GROUPS
 from ndtorch.vision.temporal import FilterState, HighPass, RecentMax, RecentMaxState, time_dim
@@ -71,6 +71,7 @@ class BindingInputs(nn.Module):
         self.recent_max = RecentMax(window, dt)
 
     def forward(self, sums: Tensor, state: InputState | None = None) -> tuple[tuple[Tensor, Tensor], InputState]:
+        check_state(state, InputState)
         time_dim(sums, 1, "sums")
         check_tensor("sums", sums)
         if sums.shape[-1] != 10:

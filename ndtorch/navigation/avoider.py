@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
+from ndtorch.arguments import check_kind
 from ndtorch.errors import InputError
 from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import installed, switched_on
@@ -65,6 +66,7 @@ class Avoider:
     def __call__(
         self, left: Any, right: Any, state: AvoiderState | None = None
     ) -> tuple[tuple[float, float], AvoiderState]:
+        check_kind("state", state, AvoiderState)
         shape = left.shape
         if len(shape) != 3 or right.shape != shape or not left.dtype == right.dtype == np.uint8:
             raise InputError(f"left and right must be uint8 frames alike, got {left.dtype} {shape} and {right.shape}")

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple, get_args
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_number, check_numbers, check_tensor, surely_finite
+from ndtorch.arguments import check_number, check_numbers, check_state, check_tensor, surely_finite
 from ndtorch.errors import InputError
 from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import kernels_wanted
@@ -191,6 +191,7 @@ class GridMap(nn.Module):
 
     def update(self, ranges: Ranges, pose: Pose, state: GridMapState | None = None) -> GridMapState:
         """The state after ranges `[..., T, n]` seen from poses `[..., T]`."""
+        check_state(state, GridMapState)
         batch, size = check_observations(ranges, pose), (self.grid.rows + 2, self.grid.columns + 2)
         tiles = empty_tiles(batch, *size, ranges.x) if state is None else state.tiles
         check_tiles(tiles, batch, *size)

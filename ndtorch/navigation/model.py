@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from ndtorch.arguments import check_kind
 from ndtorch.errors import InputError
 from ndtorch.navigation.batch_step import batch_step
 from ndtorch.navigation.controllers.contract import (
@@ -130,6 +131,9 @@ class Navigator(nn.Module):
         driven: Command | None = None,
         start: Pose | None = None,
     ) -> tuple[Command, NavigatorState]:
+        check_kind("state", state, NavigatorState)
+        check_kind("driven", driven, Command)
+        check_kind("start", start, Pose)
         ours, theirs = strips(left), strips(right)
         whole = self.whole_step()
         step = whole(ours, theirs, state, driven, start, self.beginning(ours, theirs))

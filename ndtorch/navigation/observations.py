@@ -8,7 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_number
+from ndtorch.arguments import check_number, check_state
 from ndtorch.errors import InputError
 from ndtorch.navigation.mapping import check_observations
 from ndtorch.navigation.odometry import Pose, to_body, to_world
@@ -62,6 +62,7 @@ class ObservationList(nn.Module):
     def forward(
         self, ranges: Ranges, pose: Pose, state: Observations | None = None
     ) -> tuple[Observations, Observations]:
+        check_state(state, Observations)
         batch = check_observations(ranges, pose)
         if state is None:
             blank = ranges.x.new_zeros(*batch, self.capacity)

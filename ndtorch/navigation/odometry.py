@@ -8,7 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_number, check_tensor
+from ndtorch.arguments import check_number, check_state, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.kernels.arc import arc
 from ndtorch.kernels.switch import kernels_wanted
@@ -67,6 +67,7 @@ class DeadReckoning(nn.Module):
         self.dt, self.scale_error, self.drift = dt, scale_error, drift
 
     def forward(self, speed: Tensor, curvature: Tensor, state: Pose | None = None) -> tuple[Pose, Pose]:
+        check_state(state, Pose)
         check_tensor("speed", speed)
         check_tensor("curvature", curvature)
         if speed.shape != curvature.shape or speed.ndim < 1 or speed.shape[-1] == 0:

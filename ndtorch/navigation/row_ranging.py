@@ -8,6 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
+from ndtorch.arguments import check_state
 from ndtorch.errors import InputError
 from ndtorch.navigation.correspondence import MatchParams, match_features
 from ndtorch.navigation.features import FeatureParams, Features, find_features
@@ -103,6 +104,7 @@ class RowRanging(nn.Module):
     def forward(
         self, left: Tensor, right: Tensor, state: RowRangingState | None = None
     ) -> tuple[Ranges, RowRangingState]:
+        check_state(state, RowRangingState)
         check_eyes(left, right)
         quick = self.by_kernels(left, right, state)
         if quick is not None:

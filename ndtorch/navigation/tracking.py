@@ -9,7 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_numbers, is_finite
+from ndtorch.arguments import check_numbers, check_state, is_finite
 from ndtorch.errors import InputError
 from ndtorch.navigation.mapping import check_observations
 from ndtorch.navigation.odometry import Pose, to_world
@@ -127,6 +127,7 @@ class AlphaBetaTracker(nn.Module):
         self.dt, self.params = dt, params or TrackParams()
 
     def forward(self, ranges: Ranges, pose: Pose, state: Tracks | None = None) -> tuple[Tracks, Tracks]:
+        check_state(state, Tracks)
         batch = check_observations(ranges, pose)
         if state is None:
             blank = ranges.x.new_zeros(*batch, self.params.slots)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_number, check_tensor
+from ndtorch.arguments import check_number, check_state, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.vision.temporal import time_dim
 
@@ -84,6 +84,7 @@ class ChahlSrinivasan(nn.Module):
         self.min_contrast = min_contrast
 
     def forward(self, x: Tensor, state: ShiftState | None = None) -> tuple[Tensor, ShiftState]:
+        check_state(state, ShiftState)
         dim = time_dim(x, 3)
         if x.shape[-1] < 3:
             raise InputError(f"x must be at least 3 pixels wide, got shape {tuple(x.shape)}")

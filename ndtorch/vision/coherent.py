@@ -10,7 +10,7 @@ from pydantic import Field
 from torch import Tensor, nn
 from torch.nn import functional
 
-from ndtorch.arguments import check_number, check_size
+from ndtorch.arguments import check_number, check_size, check_state
 from ndtorch.config import Constants
 from ndtorch.errors import InputError
 from ndtorch.vision.fields import pool
@@ -112,6 +112,7 @@ class CoherentMotion(nn.Module):
         return CoherentState(image, past, torch.zeros((), dtype=torch.int64))
 
     def forward(self, frames: Tensor, state: CoherentState | None = None) -> tuple[Tensor, CoherentState]:
+        check_state(state, CoherentState)
         images = grey(as_float(check_frames(frames, self.size))).unbind(-3)
         state = self.start(images[0]) if state is None else state
         maps = []
@@ -122,6 +123,7 @@ class CoherentMotion(nn.Module):
 
     def advance(self, frames: Tensor, state: CoherentState | None = None) -> CoherentState:
         """The state after frames `[..., T, C, H, W]`, for those who do not need the maps of every frame."""
+        check_state(state, CoherentState)
         for image in grey(as_float(check_frames(frames, self.size))).unbind(-3):
             state = self.step(image, self.start(image) if state is None else state)
         assert state is not None

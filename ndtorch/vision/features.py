@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_size
+from ndtorch.arguments import check_size, check_state
 from ndtorch.errors import InputError
 from ndtorch.memory import keep_freed_memory
 from ndtorch.vision.frames import as_float, check_frames, check_values, grey
@@ -92,6 +92,7 @@ class VisualFeatures(nn.Module):
         keep_freed_memory()
 
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
+        check_state(state, MotionState)
         frames = check_frames(frames, self.size, values=False)
         batch = frames.shape[:-4]
         if batch and frames.device.type == "cpu" and frames.shape[-1] * frames.shape[-2] * 2 > CPU_PIXELS:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_number
+from ndtorch.arguments import check_number, check_state
 from ndtorch.errors import InputError
 from ndtorch.vision.features import VisualFeatures
 from ndtorch.vision.fields import field_weights
@@ -78,6 +78,7 @@ class LocalFeatures(nn.Module):
             self.register_buffer(name, weights)
 
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
+        check_state(state, MotionState)
         frames = check_frames(frames, self.features.size, values=False)
         if self.features.orientation.paired and one_pass_fits(frames, state):
             return self._together(*self._one_pass(frames, state))

@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple
 import torch
 from torch import Tensor, nn
 
+from ndtorch.arguments import check_state
 from ndtorch.errors import InputError
 from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.temporal import low_pass_step, smoothing_factor
@@ -113,6 +114,7 @@ class HassensteinReichardt(nn.Module):
 
     def scan(self, images: Tensor, state: MotionState | None) -> tuple[Tensor, Tensor, MotionState]:
         """Run the temporal filters over grey images `[..., T, H, W]`; returns PH, PHL and the state."""
+        check_state(state, MotionState)
         frames = images.unbind(-3)
         state = self.start(frames[0]) if state is None else state
         if len(frames) == 1:

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from ndtorch.arguments import check_number, check_tensor
+from ndtorch.arguments import check_number, check_state, check_tensor
 from ndtorch.vision.temporal import (
     FilterState,
     HighPass,
@@ -54,6 +54,7 @@ class NDMin(nn.Module):
         return f"tau_high={self.tau_high}, dt={self.dt}"
 
     def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
+        check_state(state, FilterState)
         dim = time_dim(x, 3)
         check_tensor("x", x)
         return self.scan(x, state, dim)
@@ -118,6 +119,7 @@ class NDS(nn.Module):
         self.low_pass = LowPass(tau_low, dt)
 
     def forward(self, x: Tensor, state: NDSState | None = None) -> tuple[Tensor, NDSState]:
+        check_state(state, NDSState)
         high, high_state = self.high_pass(x, None if state is None else state.high)
         low, low_state = self.low_pass(high, None if state is None else state.low)
         padded = F.pad(low, (1, 1))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_tensor, is_finite
+from ndtorch.arguments import check_state, check_tensor, is_finite
 from ndtorch.errors import InputError
 from ndtorch.vision.temporal import time_dim
 
@@ -52,6 +52,7 @@ class Resample(nn.Module):
         self.identity = math.isclose(dt_in, dt_out, rel_tol=1e-9)
 
     def forward(self, x: Tensor, state: ResampleState | None = None) -> tuple[Tensor, ResampleState]:
+        check_state(state, ResampleState)
         time_dim(x, 1)
         check_tensor("x", x)
         if self.identity:

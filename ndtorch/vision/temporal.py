@@ -7,7 +7,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_dense, check_number, check_tensor, is_finite, is_number
+from ndtorch.arguments import check_dense, check_number, check_state, check_tensor, is_finite, is_number
 from ndtorch.errors import InputError
 
 
@@ -72,6 +72,7 @@ class LowPass(nn.Module):
         return f"tau={self.tau}, dt={self.dt}, sample_dims={self.sample_dims}"
 
     def forward(self, x: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
+        check_state(state, FilterState)
         dim = time_dim(x, self.sample_dims)
         check_tensor("x", x)
         samples = x.unbind(dim)
@@ -129,6 +130,7 @@ class RecentMax(nn.Module):
         self.window = max(1, round(seconds / dt))
 
     def forward(self, x: Tensor, state: RecentMaxState | None = None) -> tuple[Tensor, RecentMaxState]:
+        check_state(state, RecentMaxState)
         time_dim(x, 1)
         check_tensor("x", x)
         length = self.window - 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Protocol, Self
 
@@ -35,6 +36,19 @@ class Signals(Protocol):
     def outputs(self) -> Tensor: ...
     @property
     def time(self) -> Tensor: ...
+
+
+def states_of(state: object, films: int) -> Sequence[Any]:
+    """The state of each film of a batch whose films go through one after the other.
+
+    Raises:
+        InputError: these are not as many.
+    """
+    if state is None:
+        return [None] * films
+    if not isinstance(state, tuple | list) or hasattr(state, "_fields") or len(state) != films:
+        raise InputError(f"state must be {films} states, one for each film, or None, got {type(state).__name__}")
+    return state
 
 
 class BindingModel(nn.Module, ABC):

@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_dense
-from ndtorch.binding.models.contract import BindingModel, Nested, Verdict
+from ndtorch.arguments import check_dense, check_state
+from ndtorch.binding.models.contract import BindingModel, Nested, Verdict, states_of
 from ndtorch.binding.models.figures_state import FiguresConfig, FiguresSignals, FiguresState, SeenState
 from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.normalise import FieldInputs
@@ -87,6 +87,7 @@ class FiguresModel(BindingModel):
         frames = check_frames(frames, self.size)
         if frames.requires_grad and torch.is_grad_enabled():
             raise InputError("figures has no gradients: detach the frames, or take the model video")
+        check_state(state, FiguresState)
         state = self._start() if state is None else state
         seen, waiting, counted = state.seen, state.waiting, int(state.frames)
         began, time = int(state.began), float(state.time)
@@ -216,7 +217,7 @@ class FiguresModel(BindingModel):
 
     def _each(self, frames: Tensor, state: Any) -> tuple[FiguresSignals, Any]:
         """One film after the other."""
-        states = [None] * len(frames) if state is None else state
+        states = states_of(state, len(frames))
         parts = [self(film, own) for film, own in zip(frames, states, strict=True)]
         columns = zip(*(signals for signals, _ in parts), strict=True)
         stacked = FiguresSignals(*(torch.stack(column) for column in columns))

@@ -8,6 +8,7 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
+from ndtorch.arguments import check_state
 from ndtorch.binding.feedback import settled
 from ndtorch.binding.first_stage import FirstStage, first_stage_weights
 from ndtorch.binding.models.contract import BindingModel, Nested, Verdict, by_trial
@@ -125,6 +126,7 @@ class RetinotopicModel(BindingModel):
     def forward(
         self, frames: Tensor, state: RetinotopicState | None = None
     ) -> tuple[RetinotopicSignals, RetinotopicState]:
+        check_state(state, RetinotopicState)
         if state is not None and state.motion is None:
             raise InputError("state comes from from_fields and has no motion filters: go on with from_fields")
         fields, motion = self.eyes(frames, state.motion if state is not None else None)
@@ -135,6 +137,7 @@ class RetinotopicModel(BindingModel):
         self, fields: Tensor, state: RetinotopicState | None = None
     ) -> tuple[RetinotopicSignals, RetinotopicState]:
         """The model from the signals of its fields on, `[..., T, R, C, 10]`."""
+        check_state(state, RetinotopicState)
         number, windows = self.windows(fields, state.windows if state is not None else None)
         outputs = fields @ settled(self.first_weights).to(fields.dtype).mT
         steps = fields.shape[-4]

@@ -10,9 +10,9 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
-from ndtorch.arguments import check_dense
+from ndtorch.arguments import check_dense, check_state
 from ndtorch.binding.learning import NetworkState
-from ndtorch.binding.models.contract import BindingModel, Nested, Verdict
+from ndtorch.binding.models.contract import BindingModel, Nested, Verdict, states_of
 from ndtorch.binding.models.scale_free import RuleConstants
 from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.normalise import FieldInputs
@@ -176,6 +176,7 @@ class VideoModel(BindingModel):
 
     def signals(self, frames: Tensor, state: VideoState | None = None) -> tuple[VideoSignals, VideoState]:
         """All but the tracks: the part that is tensors from end to end, and that `ndtorch.export` exports."""
+        check_state(state, VideoState)
         seen, camera = self.camera(frames, state.camera if state is not None else None)
         level = seen.signals.new_zeros(3) if state is None else state.level
         network, tracker = (None, None) if state is None else (state.network, state.tracker)
@@ -189,7 +190,7 @@ class VideoModel(BindingModel):
 
     def _each(self, frames: Tensor, state: Any) -> tuple[VideoSignals, Any]:
         """One film after the other."""
-        states = [None] * len(frames) if state is None else state
+        states = states_of(state, len(frames))
         parts = [self(film, own) for film, own in zip(frames, states, strict=True)]
         columns = zip(*(signals for signals, _ in parts), strict=True)
         stacked = VideoSignals(*(torch.stack(column) for column in columns))

@@ -9,7 +9,7 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
-from ndtorch.arguments import check_tensor
+from ndtorch.arguments import check_state, check_tensor
 from ndtorch.binding.first_stage import FirstStage, first_stage_weights
 from ndtorch.binding.models.contract import BindingModel, Nested, Verdict, by_trial
 from ndtorch.binding.normalise import BindingInputs, InputState, Order
@@ -131,6 +131,7 @@ class WholeFieldModel(BindingModel):
         """Of every trial, `[...]` bool: whether its outputs alternate, and whether its weights are stable if not."""
 
     def forward(self, frames: Tensor, state: BindingState | None = None) -> tuple[BindingSignals, BindingState]:
+        check_state(state, BindingState)
         motion = state.motion if state is not None else None
         if state is not None and motion is None:
             raise InputError("state comes from from_sums and has no motion filters: go on with from_sums")
@@ -143,6 +144,7 @@ class WholeFieldModel(BindingModel):
 
         For sums that were stored or superposed: many trials of many scenes make one batch.
         """
+        check_state(state, BindingState)
         check_tensor("sums", sums, half=False)
         if sums.ndim < 2 or sums.shape[-1] != 10:
             raise InputError(f"sums must be [..., T, 10], got {tuple(sums.shape)}")

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
+from ndtorch.arguments import check_state
 from ndtorch.binding.covariance import Anew, CovarianceState, RunningCovariances
 from ndtorch.binding.feedback import settled
 from ndtorch.binding.normalise import divide, group_max, spread_groups
@@ -84,6 +85,7 @@ class SumStatistics(nn.Module):
         self.scene = RunningCovariances(dt, (tau_slow,), lags, tau_high, every=every, at_first=True, anew=anew)
 
     def forward(self, sums: Tensor, state: SumState | None = None) -> SumState:
+        check_state(state, SumState)
         before = (None, None) if state is None else state
         return SumState(self.all(sums, before[0]), self.scene(sums, before[1]))
 

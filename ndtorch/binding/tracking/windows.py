@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_number, check_tensor, is_whole
+from ndtorch.arguments import check_number, check_state, check_tensor, is_whole
 from ndtorch.binding.tracking.params import WindowParams
 from ndtorch.binding.tracking.window_step import WindowState, windows_step
 from ndtorch.errors import InputError
@@ -90,6 +90,7 @@ class Windows(nn.Module):
         )
 
     def forward(self, signals: Tensor, state: WindowState | None = None) -> tuple[Tensor, WindowState]:
+        check_state(state, WindowState)
         check_tensor("signals", signals, half=False)
         if signals.ndim < 4 or tuple(signals.shape[-3:]) != (*self.grid, 10):
             raise InputError(

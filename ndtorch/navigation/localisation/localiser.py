@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from ndtorch.arguments import check_state
 from ndtorch.errors import InputError
 from ndtorch.navigation.localisation.filter import predicted, updated
 from ndtorch.navigation.localisation.finding import Hunt, begin, carried_over, draw, no_hunt, refine, verdict, vote
@@ -103,6 +104,7 @@ class Localiser(nn.Module):
         return state is None or int(state.age) % self.every == 0
 
     def forward(self, rows: Tensor | None, reckoned: Pose, state: LocaliserState | None = None) -> LocaliserState:
+        check_state(state, LocaliserState)
         if reckoned.x.ndim or (rows is not None and rows.ndim != 2):
             raise InputError(f"localise knows one car at a time, got poses {tuple(reckoned.x.shape)}")
         due = self.due(state)

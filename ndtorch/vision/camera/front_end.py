@@ -10,7 +10,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_dense, check_size, is_finite
+from ndtorch.arguments import check_dense, check_size, check_state, is_finite
 from ndtorch.errors import InputError
 from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import kernels_wanted
@@ -130,6 +130,7 @@ class CameraFrontEnd(nn.Module):
         self.a_high, self.a_low = smoothing_factor(p.tau_high, self.dt), smoothing_factor(p.tau_low, self.dt)
 
     def forward(self, frames: Tensor, state: CameraState | None = None) -> tuple[FieldSignals, CameraState]:
+        check_state(state, CameraState)
         check_dense("frames", frames)
         if frames.ndim != 4:
             raise InputError(f"frames must have shape [T, C, H, W], got {tuple(frames.shape)}")

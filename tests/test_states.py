@@ -1,0 +1,93 @@
+"""Every public module against every kind of thing that is no state of its own: one `InputError` that says so."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+
+import ndtorch
+from ndtorch import navigation, vision
+from ndtorch.errors import InputError
+from tests.properties import DT, RIG, Part, samples, trial
+from tests.test_properties import PARTS
+
+WITH_STATE = [name for name, part in PARTS.items() if part.state]
+
+
+def spoiled(state: Any, change: Callable[[Tensor], Any]) -> Any:
+    """The same, with every tensor changed."""
+    if isinstance(state, Tensor):
+        return change(state)
+    if isinstance(state, tuple):
+        parts = [spoiled(part, change) for part in state]
+        return type(state)(*parts) if hasattr(state, "_fields") else tuple(parts)
+    return state
+
+
+def streams(part: Part, steps: int = 3) -> Any:
+    chance = torch.Generator().manual_seed(1)
+    made = part.given(lambda *shape: samples((2, steps, *shape), "noise", chance))
+    return made if part.batched else trial(made, 0)
+
+
+BAD: dict[str, Callable[[Any], Any]] = {
+    "text": lambda state: "state",
+    "number": lambda state: 1.0,
+    "list": lambda state: [1, 2],
+    "dict": lambda state: {},
+    "tensor": lambda state: torch.zeros(3),
+    "nothing": lambda state: (),
+    "its parts": lambda state: tuple(state),
+    "the output": lambda state: (torch.zeros(3), state),
+    "of another": lambda state: vision.ChahlSrinivasan()(torch.zeros(2, 1, 1, 8))[1],
+    "meta": lambda state: spoiled(state, lambda x: x.to("meta")),
+    "sparse": lambda state: spoiled(state, lambda x: x.to_sparse() if x.ndim else x),
+}
+LATER = {"GridMap", "RowRanging", "Navigator", "Controller"}
+"""Modules that look at no tensor of their states: it would take as long as what they do."""
+
+
+@pytest.mark.parametrize("name", WITH_STATE)
+@torch.no_grad()
+def test_what_is_no_state_is_refused(name: str) -> None:
+    part = PARTS[name]
+    given = streams(part)
+    _, state = part.run(given)
+    part.run(given, state)
+    kinds = set(BAD) - {"of another"} if name == "ChahlSrinivasan" else set(BAD)
+    for kind in sorted(kinds - {"meta", "sparse"} if name in LATER else kinds):
+        with pytest.raises(InputError, match="state"):
+            part.run(given, BAD[kind](state))
+
+
+@pytest.mark.parametrize("name", ["video", "figures"])
+def test_states_of_films_must_be_as_many(name: str) -> None:
+    model, films = ndtorch.load(name, size=(40, 48), fps=30.0), torch.zeros(2, 1, 3, 40, 48)
+    with torch.no_grad():
+        _, states = model(films)
+        assert len(states) == 2
+        model(films, states)
+        model(films, list(states))
+        for bad in (states[:1], (*states, None), states[0], "ab", {0: states[0], 1: states[1]}, 2):
+            with pytest.raises(InputError, match="state must be 2 states, one for each film"):
+                model(films, bad)
+        with pytest.raises(InputError, match="state must be a"):
+            model(films, (states[0], "state"))
+        with pytest.raises(InputError, match="state must be a"):
+            model(films[0], states)
+
+
+def test_what_a_navigator_is_told_must_be_of_its_kind() -> None:
+    navigator, part = navigation.Navigator(RIG, DT), PARTS["Navigator"]
+    left, right = streams(part)
+    one = torch.zeros(1)
+    for bad in ((one, one), one, 0.5, {"speed": one}, navigation.Pose(one, one, one)):
+        with pytest.raises(InputError, match="driven must be a Command or None"):
+            navigator(left, right, driven=bad)  # type: ignore[arg-type]
+    for bad in ((one, one, one), one, 0.5, navigation.Command(one, one)):
+        with pytest.raises(InputError, match="start must be a Pose or None"):
+            navigator(left, right, start=bad)  # type: ignore[arg-type]
