@@ -97,6 +97,16 @@ def test_what_passes_has_a_box_and_a_silhouette_at_every_frame() -> None:
     assert signals[0].inputs[n, thing.track].max() > 0.1
 
 
+def test_the_ground_is_not_learned_under_what_is_followed() -> None:
+    """Nor a pixel beside it."""
+    _, state = run(film()[:30])
+    shape = (state.seen.silhouettes > 0).numpy()
+    assert shape.sum() > 50
+    wide = np.pad(shape, 1)
+    wide = np.logical_or.reduce([np.roll(wide, (down, across), (0, 1)) for down in (-1, 0, 1) for across in (-1, 0, 1)])
+    assert np.array_equal(state.seen.kept.numpy() > 0, wide[1:-1, 1:-1])
+
+
 @pytest.mark.parametrize("lengths", [[1] * STEPS, [7, 30, 13]])
 def test_chunks_of_any_length_give_the_same_to_the_last_bit(lengths: list[int]) -> None:
     signals, state = run(film(), lengths)
