@@ -109,7 +109,6 @@ TESTED_IN = {
     "kernels/ways": "navigation/controllers/goal/test_planning",
     "navigation/one_frame": "navigation/test_kernels",
     "navigation/certainty": "navigation/test_mapping",
-    "navigation/controllers/ranging/caution": "navigation/test_near_check",
     "navigation/controllers/goal/control": "navigation/controllers/goal/test_goal_control",
     "navigation/controllers/goal/params": "navigation/controllers/goal/test_goal_control",
     "navigation/controllers/goal/speeds": "navigation/controllers/goal/test_goal_control",
