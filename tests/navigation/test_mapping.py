@@ -292,3 +292,21 @@ def test_bad_lists():
         for value in (0.0, -1.0, math.nan):
             with pytest.raises(InputError, match=f"{name}={value}"):
                 free_length(listed([[1.0, 0.0]]), HERE, ARCS, **{name: value})
+
+
+def test_cars_in_a_batch_are_as_free_as_each_alone():
+    generator = torch.Generator().manual_seed(3)
+    points = torch.rand(2, 6, 40, 2, generator=generator, dtype=torch.float64) * 4 - 2
+    weight = torch.rand(2, 6, 40, generator=generator, dtype=torch.float64) * 2
+    turned = torch.linspace(-1, 1, 12, dtype=torch.float64).view(2, 6)
+    seen = Observations(points[..., 0], points[..., 1], weight, torch.ones_like(weight), torch.zeros(2, 6, 40, 3))
+    poses = Pose(turned / 3, turned / 4, turned)
+    free = free_length(seen, poses, ARCS, 0.3, 1.8, 2.0, 0.3)
+    assert free.shape == (2, 6, 5)
+    for i in range(2):
+        for j in range(6):
+            one, pose = (
+                Observations(*(part[i, j] for part in seen)),
+                Pose(*(part[i, j] for part in (turned / 3, turned / 4, turned))),
+            )
+            assert torch.equal(free[i, j], free_length(one, pose, ARCS, 0.3, 1.8, 2.0, 0.3))

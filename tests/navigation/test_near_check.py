@@ -8,9 +8,10 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Command, Navigator, Pose, StereoRig
-from ndtorch.navigation.near_floor import floor_likeness
+from ndtorch.navigation.near_floor import floor_by_kernel, floor_likeness, row_likeness
 from ndtorch.navigation.near_params import NearParams
 from ndtorch.navigation.near_things import Near, believed, compared, compared_by_kernel, near_things
+from ndtorch.navigation.rig import Rect
 from ndtorch.tree import leaves
 
 RIG = StereoRig(forward=0.15)
@@ -211,3 +212,44 @@ def test_who_has_begun_goes_on_nearer_to_what_is_ahead_than_who_stands(age, ahea
     command, after = controller.caution(Command(torch.tensor(0.5), origin), state._replace(floor=floor), pose)
     assert (float(command.speed) > 0) == goes
     assert (controller.trouble(after) is None) == goes
+
+
+def plain_likeness(left, right, rows, offset, horizon, rects, rig, p):
+    """Correlation of pixels that see one place of the floor, pair by pair."""
+    ours, theirs = rects
+    pairs = {}
+    for row in rows:
+        shift = round(rig.baseline / rig.camera_height * (row - horizon + offset))
+        for column in range(ours.left, ours.right):
+            partner, ahead = column - shift, (rig.width - 1) / 2 - column + shift / 2
+            if theirs.left <= partner < theirs.right and abs(ahead) * rig.baseline <= p.floor_beside * shift:
+                both = left[row - ours.top, column - ours.left], right[row - theirs.top, partner - theirs.left]
+                pairs.setdefault(row, []).append(both)
+    kept = [np.array(each, float) for each in pairs.values() if len(each) >= p.narrowest]
+    if sum(map(len, kept)) < p.pixels:
+        return 0.0
+    a, b = np.concatenate([each - each.mean(0) for each in kept]).T
+    if min(np.mean(a * a), np.mean(b * b)) < p.blank**2:
+        return 0.0
+    return float(a @ b / math.sqrt((a @ a) * (b @ b)))
+
+
+@pytest.mark.parametrize("by_kernel", [False, True])
+@pytest.mark.parametrize("offset", [0, -3, 4])
+def test_likeness_of_one_horizon_against_plain_loops(offset, by_kernel):
+    """With subfields so narrow that partners lie in their first and last columns."""
+    params = NearParams(floor_beside=0.4, pixels=40, narrowest=3)
+    rig = StereoRig(width=120, height=80, focal=80.0)
+    rects = Rect(50, 70, 20, 60), Rect(50, 70, 3, 33)
+    rng = np.random.default_rng(4)
+    left, right = (rng.random((20, r.right - r.left), np.float32) for r in rects)
+    rows, horizon = np.arange(51, 70, 2), (rig.height - 1) / 2
+    given = (left, right, rows, offset, horizon, rects, rig)
+    wanted = plain_likeness(*given, params)
+    assert abs(wanted) > 1e-3
+    if by_kernel:
+        pytest.importorskip("numba")
+        found = floor_by_kernel(left, right, rows, [offset], horizon, rects, rig, params)
+    else:
+        found = row_likeness(*given, params)
+    assert found == pytest.approx(wanted, abs=1e-5)

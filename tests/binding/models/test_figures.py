@@ -16,7 +16,7 @@ import ndtorch
 from ndtorch.binding import load_state, save_state
 from ndtorch.binding.models.figures import FiguresModel
 from ndtorch.binding.tracking.figure_params import FigureParams
-from ndtorch.binding.tracking.figures import FOLLOWED, PATCH, PIXELS, SIGHTING, Figure
+from ndtorch.binding.tracking.figures import FOLLOWED, PATCH, PIXELS, SIGHTING, Figure, figures_of
 from ndtorch.binding.tracking.meeting import apart
 from ndtorch.binding.tracking.regions import Regions
 from ndtorch.binding.tracking.silhouettes import share
@@ -312,3 +312,19 @@ def test_a_state_from_before_objects_could_be_taken_back_is_refused(tmp_path: Pa
     save_tensors(older, path)
     with pytest.raises(InputError, match=r"is not a saved state of this model \(figures\): \S+\.since missing"):
         load_state(path, module)
+
+
+def test_places_are_told_in_pixels_of_the_frames(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whose sides need not be as those of the small pictures."""
+    made, (_, state) = model(), run(film()[:30])
+    (one,) = figures_of(state.open)
+    monkeypatch.setattr(FiguresModel, "size", (300, 500))
+    made.small = (30, 40)
+    thing = made._bound(one)
+    across = 300 * 500 / 300 / 40 * 30  # a share of the height, in columns of the frames
+    for at, (time, column, row), box in zip(one.path.tolist(), thing.path, thing.boxes, strict=True):
+        assert time == at[0]
+        assert (row, column) == pytest.approx((300 * at[1], across * at[2]))
+        assert box == pytest.approx((across * at[4], 300 * at[3], across * at[6], 300 * at[5]))
+        assert box[0] < column < box[2]
+        assert box[1] < row < box[3]

@@ -64,3 +64,30 @@ def test_other_rows_show_no_motion(views):
     assert motion_seen(look, other, (0.1, 0.0), RIG, PARAMS.motion) is None
     assert motion_seen(look, rows[1][:, :100], (0.1, 0.0), RIG, PARAMS.motion) is None
     assert motion_seen(Look(look.rows, look.points[:1]), rows[1], (0.1, 0.0), RIG, PARAMS.motion) is None
+
+
+def test_what_the_kernel_says_of_a_motion(views, monkeypatch):
+    """Its information becomes a covariance, and too few places, or such as do not fit, are no motion."""
+    p, (_, _, rows) = PARAMS.motion, views[0]
+    look = look_of(rows[0], scan_rows(rows[0], RIG, PARAMS))
+    said = np.array([0.1, 0.02, 4e5, -2e5, 9e6, 20.0, 0.9 * p.worst, 20 / p.agree])
+
+    class Told:
+        def run(self, *given):
+            given[-1][:] = said
+
+    monkeypatch.setattr("ndtorch.navigation.localisation.motion.kernel", lambda name: Told())
+    seen = motion_seen(look, rows[1], (0.1, 0.0), RIG, p)
+    assert seen.mean.tolist() == [0.1, 0.02]
+    wanted = np.linalg.inv([[4e5, -2e5], [-2e5, 9e6]]) + np.diag((p.floor**2, p.turn_floor**2))
+    assert seen.doubt == pytest.approx(wanted, rel=1e-6)
+    for place, limit, worse in ((5, 20.0, -0.1), (6, p.worst, 1e-6), (7, 20 / p.agree, 0.1)):
+        kept, said[place] = said[place], limit
+        assert motion_seen(look, rows[1], (0.1, 0.0), RIG, p) is not None
+        said[place] = limit + worse
+        assert motion_seen(look, rows[1], (0.1, 0.0), RIG, p) is None
+        said[place] = kept
+    said[5:] = p.least, 0.0, 0.0
+    assert motion_seen(look, rows[1], (0.1, 0.0), RIG, p) is not None
+    said[5] = p.least - 1
+    assert motion_seen(look, rows[1], (0.1, 0.0), RIG, p) is None

@@ -93,3 +93,15 @@ def blind(state):
     patch = state.reactive.patch
     reactive = state.reactive._replace(patch=patch._replace(evidence=torch.zeros_like(patch.evidence)))
     return state._replace(reactive=reactive)
+
+
+def test_only_exploring_is_given_up():
+    """A car on its way to a place, or back, goes on however long nothing new was found."""
+    params = GoalParams(to=(0.2, 0.0), back=True, reactive=SMALL)
+    control = GoalControl(RIG, DT, params)
+    state = control.start(floor(), place(*HERE))._replace(fruitless=torch.tensor(2 * params.patience))
+    assert int(next_errand(state, (2.0, 0.0, 0.0), control.errands, params).errand) == TO
+    back = next_errand(state, HERE, control.errands, params)
+    assert int(back.errand) == BACK
+    back = back._replace(fruitless=torch.tensor(2 * params.patience))
+    assert int(next_errand(back, (2.0, 0.0, 0.0), control.errands, params).errand) == BACK
