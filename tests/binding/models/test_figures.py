@@ -107,6 +107,15 @@ def test_the_ground_is_not_learned_under_what_is_followed() -> None:
     assert np.array_equal(state.seen.kept.numpy() > 0, wide[1:-1, 1:-1])
 
 
+def test_what_is_no_object_yet_keeps_the_ground_for_so_long_and_no_longer() -> None:
+    """Of what came at 0.24 s, to the very step."""
+    options = {"tracking.doubtful": 8 / FPS - 6 / FPS}
+    for frames, kept in ((8, True), (9, False)):
+        _, state = run(film()[:frames], **options)
+        assert [one.first_seen for one in figures_of(state.open)] == [6 / FPS]
+        assert bool(state.seen.kept.any()) == kept
+
+
 @pytest.mark.parametrize("lengths", [[1] * STEPS, [7, 30, 13]])
 def test_chunks_of_any_length_give_the_same_to_the_last_bit(lengths: list[int]) -> None:
     signals, state = run(film(), lengths)
