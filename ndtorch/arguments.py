@@ -58,14 +58,29 @@ def check_kind(name: str, value: object, kind: type) -> None:
 def check_state(state: Any, kind: type) -> None:
     """Raise `InputError` unless `state` is None or a named tuple of that class whose own tensors hold numbers.
 
-    Tuples within it are looked at by the module that they belong to. Sizes and types are not looked at: torch refuses
-    what does not fit together.
+    Tuples within it are looked at by the module that they belong to, and sizes and types by filters.
     """
     check_kind("state", state, kind)
     if state is not None and not torch.compiler.is_compiling():
         for field, value in zip(state._fields, state, strict=True):
             if isinstance(value, Tensor):
                 check_dense(f"state.{field}", value)
+
+
+def check_fits(name: str, value: Tensor, like: Tensor) -> None:
+    """Raise `InputError` unless a filter's memory is of the type of a sample, and of a size that goes with it."""
+    if torch.compiler.is_compiling() or (value.dtype == like.dtype and value.shape == like.shape):
+        return
+    if value.dtype != like.dtype:
+        raise InputError(f"{name} must be {like.dtype} as the input is, got {value.dtype}")
+    if any(a != b and 1 not in (a, b) for a, b in zip(reversed(value.shape), reversed(like.shape), strict=False)):
+        raise InputError(f"{name} must go with samples {tuple(like.shape)}, got {tuple(value.shape)}")
+
+
+def check_alike(name: str, value: Tensor, like: Tensor) -> None:
+    """Raise `InputError` unless samples that are kept are of the size of those that come."""
+    if value.shape != like.shape and not torch.compiler.is_compiling():
+        raise InputError(f"{name} must be {tuple(like.shape)} as the input is, got {tuple(value.shape)}")
 
 
 def check_finite(name: str, value: Tensor) -> None:

@@ -64,6 +64,32 @@ def test_what_is_no_state_is_refused(name: str) -> None:
             part.run(given, BAD[kind](state))
 
 
+@pytest.mark.parametrize("name", ["LowPass", "HighPass", "NDMin", "NDMinus", "NDS", "HassensteinReichardt"])
+@torch.no_grad()
+def test_what_a_filter_remembers_must_go_with_what_comes(name: str) -> None:
+    part = PARTS[name]
+    given = streams(part)
+    _, state = part.run(given)
+    wanted, _ = part.run(given, state)
+    spread, _ = part.run(given, spoiled(state, lambda x: x[:1]))  # one memory for all trials
+    assert spread.keys() == wanted.keys()
+    with pytest.raises(InputError, match=r"state\.\w+ must be torch.float64 as the input is, got torch.int64"):
+        part.run(given, spoiled(state, Tensor.long))
+    with pytest.raises(InputError, match=r"state\.\w+ must go with samples"):
+        part.run(given, spoiled(state, lambda x: torch.cat([x, x, x])))
+
+
+@pytest.mark.parametrize("name", ["RecentMax", "ChahlSrinivasan", "Resample"])
+@pytest.mark.parametrize("change", [lambda x: x[:1], lambda x: torch.cat([x, x]), lambda x: x[..., :-1]])
+@torch.no_grad()
+def test_samples_that_are_kept_must_be_of_the_size_of_those_that_come(name: str, change: Any) -> None:
+    part = PARTS[name]
+    given = streams(part)
+    _, state = part.run(given)
+    with pytest.raises(InputError, match=r"state\.\w+ must be \(2, .* as the input is"):
+        part.run(given, spoiled(state, lambda x: change(x) if x.ndim else x))
+
+
 @pytest.mark.parametrize("name", ["video", "figures"])
 def test_states_of_films_must_be_as_many(name: str) -> None:
     model, films = ndtorch.load(name, size=(40, 48), fps=30.0), torch.zeros(2, 1, 3, 40, 48)

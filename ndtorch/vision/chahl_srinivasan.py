@@ -7,7 +7,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_number, check_state, check_tensor
+from ndtorch.arguments import check_alike, check_number, check_state, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.vision.temporal import time_dim
 
@@ -90,6 +90,7 @@ class ChahlSrinivasan(nn.Module):
             raise InputError(f"x must be at least 3 pixels wide, got shape {tuple(x.shape)}")
         check_tensor("x", x)
         first = x.select(dim, 0) if state is None else state.last
+        check_alike("state.last", first, x.select(dim, 0))
         frames = torch.cat([first.unsqueeze(dim), x], dim)
         steps = x.shape[dim]
         shift = shift_between(frames.narrow(dim, 0, steps), frames.narrow(dim, 1, steps), self.min_contrast)

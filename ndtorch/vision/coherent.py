@@ -10,7 +10,7 @@ from pydantic import Field
 from torch import Tensor, nn
 from torch.nn import functional
 
-from ndtorch.arguments import check_number, check_size, check_state
+from ndtorch.arguments import check_fits, check_number, check_size, check_state
 from ndtorch.config import Constants
 from ndtorch.errors import InputError
 from ndtorch.vision.fields import pool
@@ -131,6 +131,7 @@ class CoherentMotion(nn.Module):
 
     def step(self, image: Tensor, state: CoherentState) -> CoherentState:
         """The state after one more grey image `[..., H, W]`."""
+        check_fits("state.slow", state.slow, image)
         slow, steps = low_pass_step(image, state.slow, self.a_high), state.steps + 1
         if int(steps) % self.every:
             return state._replace(slow=slow, steps=steps)

@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_state
+from ndtorch.arguments import check_fits, check_state
 from ndtorch.errors import InputError
 from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.temporal import low_pass_step, smoothing_factor
@@ -117,6 +117,8 @@ class HassensteinReichardt(nn.Module):
         check_state(state, MotionState)
         frames = images.unbind(-3)
         state = self.start(frames[0]) if state is None else state
+        for name, kept in zip(state._fields, state, strict=True) if frames else ():
+            check_fits(f"state.{name}", kept, frames[0])
         if len(frames) == 1:
             high, delayed, state = motion_step(frames[0], state, self.a_high, self.a_low)
             return high.unsqueeze(-3), delayed.unsqueeze(-3), state

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from ndtorch.arguments import check_number, check_state, check_tensor
+from ndtorch.arguments import check_fits, check_number, check_state, check_tensor
 from ndtorch.vision.temporal import (
     FilterState,
     HighPass,
@@ -64,6 +64,8 @@ class NDMin(nn.Module):
         # A high-pass written out: on the few pixels of a strip nested modules take as long as the sums.
         samples = x.unbind(dim)
         low = samples[0] if state is None else state.low
+        if samples:
+            check_fits("state.low", low, samples[0])
         out = []
         for sample in samples:
             low = low_pass_step(sample, low, self.a)

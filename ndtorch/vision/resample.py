@@ -8,7 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_state, check_tensor, is_finite
+from ndtorch.arguments import check_alike, check_state, check_tensor, is_finite
 from ndtorch.errors import InputError
 from ndtorch.vision.temporal import time_dim
 
@@ -61,6 +61,7 @@ class Resample(nn.Module):
         taken = 0 if state is None else int(state.taken)
         given = 0 if state is None else int(state.given)
         last = x[..., 0, :] if state is None else state.last
+        check_alike("state.last", last, x[..., 0, :])
         length = x.shape[-2]
         end = taken + length
         # A hair of slack: output times that coincide with a frame must not wait for the next one.

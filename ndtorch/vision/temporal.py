@@ -7,7 +7,16 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_dense, check_number, check_state, check_tensor, is_finite, is_number
+from ndtorch.arguments import (
+    check_alike,
+    check_dense,
+    check_fits,
+    check_number,
+    check_state,
+    check_tensor,
+    is_finite,
+    is_number,
+)
 from ndtorch.errors import InputError
 
 
@@ -77,6 +86,8 @@ class LowPass(nn.Module):
         check_tensor("x", x)
         samples = x.unbind(dim)
         low = samples[0] if state is None else state.low
+        if samples:
+            check_fits("state.low", low, samples[0])
         if self.a == 1.0:
             return x, FilterState(samples[-1] if samples else low)
         out = []
@@ -136,6 +147,8 @@ class RecentMax(nn.Module):
         length = self.window - 1
         if state is None:
             state = RecentMaxState(x[..., :1, :].expand(*x.shape[:-2], length, x.shape[-1]))
+        elif length and x.shape[-2]:
+            check_alike("the last sample of state.history", state.history[..., -1, :], x[..., 0, :])
         samples = torch.cat([state.history, x], dim=-2)
         # A view of every window, then one reduction: no loop over time and no copy of the windows.
         largest = samples.unfold(-2, self.window, 1).amax(-1)
