@@ -81,7 +81,6 @@ TESTED_IN = {
     "kernels/partners": "robot/watching/test_agreement",
     "kernels/nth": "vision/camera/test_figures",
     "kernels/part_regions": "binding/tracking/test_regions",
-    "kernels/inner": "navigation/test_kernels",
     "kernels/light_change": "vision/camera/test_figures",
     "kernels/light_gain": "navigation/controllers/ranging/test_light",
     "kernels/local_sums": "vision/test_local",

@@ -42,4 +42,4 @@ def apart(function: Callable[..., Any]) -> Any:
 @cache
 def exactly(function: Callable[..., Any]) -> Any:
     """A function whose order of operations stays as it is written."""
-    return numba.njit(**ALONE)(function)
+    return numba.njit(fastmath=False, **ALONE)(function)
