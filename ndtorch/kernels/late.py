@@ -12,6 +12,8 @@ from numba.core import codegen
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target
 
+from ndtorch.kernels.asked_once import asked_once
+
 JITCodeLibrary: Any = codegen.JITCodeLibrary
 
 
@@ -80,7 +82,8 @@ def optimised_once(name: str) -> Iterator[None]:
         collecting = gc.isenabled()
         gc.disable()
         try:
-            yield
+            with asked_once():
+                yield
         finally:
             del maker._library_class
             if collecting:
