@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ndtorch.kernels.strips import Array, as_whole, grey_row, high_pass
+from ndtorch.kernels.inner import inner
+from ndtorch.kernels.strips import Array, as_whole, grey_rows, high_pass
 
 
 def cell_maxima(
@@ -33,26 +34,33 @@ def cell_maxima(
         gain: how much brighter the light is than in the state, 1 where that is not asked.
         cells: `[2, bands, blocks]`.
     """
+    grey = np.empty(low.shape, low.dtype)
+    grey_rows(frames, beside, tops, lefts, every, unit, count, grey)
+    grey_maxima(grey, settle, low, gain, a, new_low, cells)
+
+
+@inner
+def grey_maxima(grey: Array, settle: bool, low: Array, gain: float, a: float, new_low: Array, cells: Array) -> None:
+    """`cell_maxima` of what is grey already, `[2, h, w]`."""
     _, height, width = low.shape
     _, bands, blocks = cells.shape
     tall, wide = height // bands, width // blocks
     # A band at a time: long loops, of numbers that stay in the cache.
-    grey, size, peak = np.empty((tall, width), low.dtype), np.empty(tall * width, low.dtype), np.empty(width, low.dtype)
+    size, peak = np.empty(tall * width, low.dtype), np.empty(width, low.dtype)
     lit, one = np.empty((tall, width), low.dtype), low.dtype.type(1)
     bright = low.dtype.type(gain)
     sizes, peaks, largest = as_whole(size), as_whole(peak), as_whole(cells)
     for eye in range(2):
         for band in range(bands):
             start = band * tall
-            for y in range(tall):
-                grey_row(frames[eye], beside, tops[eye] + start + y, lefts[eye], every, unit, count, grey[y])
             before, after = low[eye, start : start + tall], new_low[eye, start : start + tall]
             if bright != one and not settle:
                 for y in range(tall):
                     for x in range(width):
                         lit[y, x] = before[y, x] * bright
                 before = lit
-            high_pass(grey.reshape(-1), before.reshape(-1), settle, a, after.reshape(-1), size)
+            now = grey[eye, start : start + tall]
+            high_pass(now.reshape(-1), before.reshape(-1), settle, a, after.reshape(-1), size)
             for x in range(width):
                 peaks[x] = sizes[x]
             for y in range(1, tall):

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from ndtorch.kernels.inner import inner
 from ndtorch.kernels.nth import nth_of
 from ndtorch.kernels.strips import Array, grey_row
 
@@ -29,20 +30,29 @@ def light_gain(
         frames, beside, tops, lefts, every, unit, count, low: as of `cell_maxima`.
         limits: the smallest change that counts, the largest factor, and the mean that is dark.
     """
-    _, height, width = low.shape
-    tall, wide = height // bands, width // blocks
-    kind = low.dtype.type
-    dark = kind(limits[2]) * kind(wide)
-    grey, ratios = np.empty(width, low.dtype), np.empty(2 * bands * blocks, low.dtype)
+    tall = low.shape[1] // bands
+    grey = np.empty((2, bands, low.shape[2]), low.dtype)
     for eye in range(2):
         for band in range(bands):
-            y = band * tall
-            grey_row(frames[eye], beside, tops[eye] + y, lefts[eye], every, unit, count, grey)
-            before = low[eye, y]
+            grey_row(frames[eye], beside, tops[eye] + band * tall, lefts[eye], every, unit, count, grey[eye, band])
+    return grey_gain(grey, 1, low, blocks, limits)  # type: ignore[no-any-return]
+
+
+@inner
+def grey_gain(grey: Array, step: int, low: Array, blocks: int, limits: tuple[float, float, float]) -> float:
+    """`light_gain` of what is grey already: every so many rows are the top rows of the bands."""
+    bands = grey.shape[1] // step
+    tall, wide = low.shape[1] // bands, low.shape[2] // blocks
+    kind = low.dtype.type
+    dark = kind(limits[2]) * kind(wide)
+    ratios = np.empty(2 * bands * blocks, low.dtype)
+    for eye in range(2):
+        for band in range(bands):
+            line, before = grey[eye, step * band], low[eye, tall * band]
             for block in range(blocks):
                 now, was = kind(0), kind(0)
                 for x in range(block * wide, (block + 1) * wide):
-                    now += grey[x]
+                    now += line[x]
                     was += before[x]
                 ratios[(eye * bands + band) * blocks + block] = max(now, dark) / max(was, dark)
     # What is no number has no place in an order; whoever asks finds it among the cells.

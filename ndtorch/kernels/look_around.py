@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ndtorch.kernels.arc import arc
-from ndtorch.kernels.cell_maxima import cell_maxima
+from ndtorch.kernels.cell_maxima import grey_maxima
 from ndtorch.kernels.inner import exactly, inner
 from ndtorch.kernels.row_ranges import row_ranges
 
@@ -14,7 +14,7 @@ Array = Any
 WHOLE_NUMBERS, NUMBERS = 24, 13
 """How many of the whole numbers, and of the others, are used here; those of the controller come after them."""
 
-largest_in_cells, ranged, driven = inner(cell_maxima), inner(row_ranges), exactly(arc)
+ranged, driven = inner(row_ranges), exactly(arc)
 
 
 def look_around(
@@ -27,14 +27,15 @@ def look_around(
     before: tuple[Array, Array],
     after: tuple[Array, Array],
     valid: Array,
-    cells: Array,
+    grey: Array,
     gain: float,
+    cells: Array,
 ) -> float:
     """Cells, ranges and the pose.
 
     Args:
         eyes: left and right frame of the fields, and of the rows, `[1, C, H, W]`, or `[1, H, W, C]` where colors lie
-            beside each other.
+            beside each other; only rows are read here.
         whole: whether colors lie beside each other in the fields, and in the rows; tops and lefts of the fields, and
             the top of the rows; the count and `every` of `grey_row`; bands and blocks; height and width of the
             fields and width of the rows as the state has them; whole numbers of `finding`, one to one, and whether
@@ -48,8 +49,8 @@ def look_around(
             and curvature driven, pose, the controller's numbers; then the largest motion on both sides, the command,
             and ranges `[5, n]`. Of `after`, fields, rows, pose and ranges are filled here.
         valid: of the ranges, `[n]`.
+        grey, gain: of the fields, see `grey_maxima`.
         cells: becomes the largest motion in every cell, `[2, bands, blocks]`.
-        gain: of `cell_maxima`.
 
     Returns:
         The largest motion in the rows.
@@ -60,21 +61,7 @@ def look_around(
     low, new_low = before[0][:pixels].reshape((2, height, width)), after[0][:pixels].reshape((2, height, width))
     rows = before[0][pixels : pixels + 2 * line].reshape((2, line))
     new_rows = after[0][pixels : pixels + 2 * line].reshape((2, line))
-    largest_in_cells(
-        (eyes[0][0], eyes[1][0]),
-        whole[0] != 0,
-        (whole[2], whole[3]),
-        (whole[4], whole[5]),
-        whole[8],
-        numbers[0],
-        whole[7],
-        settle,
-        low,
-        gain,
-        numbers[1],
-        new_low,
-        cells,
-    )
+    grey_maxima(grey, settle, low, gain, numbers[1], new_low, cells)
     n = whole[14]
     out = after[1][first + 4 : first + 4 + 5 * n].reshape((5, n))
     kept = (whole[18], whole[19], whole[20])

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ndtorch.kernels.inner import apart
+from ndtorch.kernels.inner import apart, inner
 from ndtorch.kernels.strips import Array, grey_row
 
 
@@ -36,10 +36,30 @@ def match_cells(
         rows, shift, first, wide, tall, alike, least: of `MatchTables`.
         found: `[2, bands, blocks]`, nearest band and outermost block first.
     """
+    grey = np.empty((2, rows.size, width), found.dtype)
+    for eye in range(2):
+        for r in range(rows.size):
+            grey_row(frames[eye], beside, tops[eye] + rows[r], lefts[eye], every, unit, count, grey[eye, r])
+    compare_cells(grey, rows, shift, first, wide, tall, alike, least, found)
+
+
+@inner
+def compare_cells(
+    grey: Array,
+    rows: Array,
+    shift: Array,
+    first: tuple[int, int],
+    wide: int,
+    tall: int,
+    alike: float,
+    least: float,
+    found: Array,
+) -> None:
+    """`match_cells` of rows that are grey already, `[2, R, width]`."""
     _, bands, blocks = found.shape
+    width = grey.shape[2]
     kind, n = found.dtype.type, wide - 1
     each = kind(1) / kind(n)
-    grey = np.empty((2, width), found.dtype)
     change = np.empty((2, width - 1), found.dtype)
     # Of the rows of one band so far, in every column: long loops over neighbours. Blocks are summed up once a band.
     columns = np.zeros((2, 3, blocks * wide), found.dtype)
@@ -49,9 +69,9 @@ def match_cells(
         y = rows[r]
         band = max(0, bands - 1 - y // tall)
         for eye in range(2):
-            grey_row(frames[eye], beside, tops[eye] + y, lefts[eye], every, unit, count, grey[eye])
+            line = grey[eye, r]
             for x in range(width - 1):
-                change[eye, x] = grey[eye, x + 1] - grey[eye, x]
+                change[eye, x] = line[x + 1] - line[x]
         for eye in range(2):
             away = -shift[r] if eye else shift[r]
             begin, end = blocks, 0
@@ -61,8 +81,8 @@ def match_cells(
                     continue
                 begin, end = min(begin, k), k + 1
                 # Changes add up to the difference of the last pixel and the first.
-                mine = grey[eye, start + n] - grey[eye, start]
-                his = grey[1 - eye, start + away + n] - grey[1 - eye, start + away]
+                mine = grey[eye, r, start + n] - grey[eye, r, start]
+                his = grey[1 - eye, r, start + away + n] - grey[1 - eye, r, start + away]
                 place = blocks - 1 - k if eye else k
                 of_all = mine * each
                 total = sums[eye, band, place]

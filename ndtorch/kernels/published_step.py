@@ -9,7 +9,7 @@ import numpy as np
 from ndtorch.kernels.avoidance import avoidance
 from ndtorch.kernels.inner import exactly, inner, tuple_of
 from ndtorch.kernels.look_around import NUMBERS, look_around
-from ndtorch.kernels.strips import larger
+from ndtorch.kernels.strips import grey_rows, larger
 
 Array = Any
 
@@ -49,7 +49,9 @@ def published_step(
         The largest magnitude of motion in the fields and in the rows, and whether the controller's caution has
         something to say.
     """
-    cells = np.empty((2, 1, 1), large.dtype)
+    cells, grey = np.empty((2, 1, 1), large.dtype), np.empty((2, whole[11], whole[12]), large.dtype)
+    frames, tops, lefts = (left_field[0], right_field[0]), (whole[2], whole[3]), (whole[4], whole[5])
+    grey_rows(frames, whole[0] != 0, tops, lefts, whole[8], numbers[0], whole[7], grey)
     eyes = (left_field, right_field, left_row, right_row)
     driven = (speed, curvature) if given else (float(small[0]), float(small[1]))
     largest = seen(
@@ -62,8 +64,9 @@ def published_step(
         (large, small),
         (new_large, new_small),
         valid,
-        cells,
+        grey,
         1.0,
+        cells,
     )
     kind, at = cells.dtype.type, whole[23]
     peak = larger(cells[0, 0, 0], cells[1, 0, 0])

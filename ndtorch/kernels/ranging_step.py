@@ -8,15 +8,15 @@ import numpy as np
 
 from ndtorch.kernels.decision import NUMBERS as DECISION
 from ndtorch.kernels.inner import inner, tuple_of
-from ndtorch.kernels.light_gain import light_gain
+from ndtorch.kernels.light_gain import grey_gain
 from ndtorch.kernels.look_around import NUMBERS, WHOLE_NUMBERS, look_around
-from ndtorch.kernels.match_cells import match_cells
+from ndtorch.kernels.match_cells import compare_cells
 from ndtorch.kernels.ranging_control import ranging_control
-from ndtorch.kernels.strips import larger
+from ndtorch.kernels.strips import grey_row, larger
 
 Array = Any
 
-seen, lit, matched, controlled = inner(look_around), inner(light_gain), inner(match_cells), inner(ranging_control)
+seen, controlled = inner(look_around), inner(ranging_control)
 
 FLOOR, WORTH, PATCH, LIMITS = 14, 3, 9, len(DECISION)
 """How many numbers `ranging_control` takes of each."""
@@ -74,21 +74,12 @@ def ranging_step(
     driven = (speed, curvature) if given else (float(small[0]), float(small[1]))
     own, gain = whole[WHOLE_NUMBERS:], 1.0
     rest = numbers[NUMBERS + FLOOR + WORTH + PATCH + LIMITS + 1 :]
+    height, width, first = whole[11], whole[12], (own[4], own[5])
+    grey, wider = np.empty((2, height, width), large.dtype), np.empty((2, lines.size, own[8]), large.dtype)
+    grey_once((left_field[0], right_field[0]), whole, numbers[0], lines, first, grey, wider)
     if not settle:
-        height, width = whole[11], whole[12]
-        gain = lit(
-            (left_field[0], right_field[0]),
-            whole[0] != 0,
-            (whole[2], whole[3]),
-            (whole[4], whole[5]),
-            whole[8],
-            numbers[0],
-            whole[7],
-            large[: 2 * height * width].reshape((2, height, width)),
-            bands,
-            blocks,
-            (float(rest[6]), float(rest[7]), float(rest[8])),
-        )
+        low = large[: 2 * height * width].reshape((2, height, width))
+        gain = grey_gain(grey, height // bands, low, blocks, (float(rest[6]), float(rest[7]), float(rest[8])))
     largest = seen(
         eyes,
         whole,
@@ -99,8 +90,9 @@ def ranging_step(
         (large, small),
         (new_large, new_small),
         valid,
-        found,
+        grey,
         gain,
+        found,
     )
     kind = found.dtype.type
     peak = kind(0)
@@ -116,24 +108,7 @@ def ranging_step(
         new_small[at + eye] = highest * kind(numbers[3])
     worths, patch = NUMBERS + FLOOR, NUMBERS + FLOOR + WORTH
     limits = patch + PATCH
-    matched(
-        (left_field[0], right_field[0]),
-        whole[0] != 0,
-        (whole[2], whole[3]),
-        (whole[4] - whole[8] * own[4], whole[5] - whole[8] * own[5]),
-        whole[8],
-        numbers[0],
-        whole[7],
-        own[8],
-        lines,
-        shift,
-        (own[4], own[5]),
-        own[6],
-        own[7],
-        rest[4],
-        rest[5],
-        cells[2:],
-    )
+    compare_cells(wider, lines, shift, first, own[6], own[7], rest[4], rest[5], cells[2:])
     now = small[:at].copy()
     now[0], now[1] = driven
     now[2], now[3], now[4] = new_small[2], new_small[3], new_small[4]
@@ -187,3 +162,45 @@ def ranging_step(
             new_small[0], new_small[1], new_small[7] = 0, 0, rest[3]
     new_small[at + 2], new_small[at + 3] = new_small[0], new_small[1]
     return float(peak), largest, learning
+
+
+@inner
+def grey_once(
+    fields: tuple[Array, Array],
+    whole: Array,
+    unit: float,
+    lines: Array,
+    first: tuple[int, int],
+    grey: Array,
+    wider: Array,
+) -> None:
+    """Every row of pixels once, see `grey_row`.
+
+    Args:
+        fields: both frames of them, `[C, H, W]` or `[H, W, C]`.
+        whole, unit: of `look_around`.
+        lines: which rows are compared, in order, `[R]`.
+        first: by how many columns they begin farther left.
+        grey: becomes the fields, `[2, h, w]`.
+        wider: becomes the rows that are compared, `[2, R, width]`.
+    """
+    for eye in range(2):
+        r, left, top = 0, whole[4 + eye], whole[2 + eye]
+        for y in range(grey.shape[1]):
+            if r < lines.size and lines[r] == y:
+                start = first[eye]
+                grey_row(
+                    fields[eye],
+                    whole[0] != 0,
+                    top + y,
+                    left - whole[8] * start,
+                    whole[8],
+                    unit,
+                    whole[7],
+                    wider[eye, r],
+                )
+                for x in range(grey.shape[2]):
+                    grey[eye, y, x] = wider[eye, r, start + x]
+                r += 1
+            else:
+                grey_row(fields[eye], whole[0] != 0, top + y, left, whole[8], unit, whole[7], grey[eye, y])

@@ -52,6 +52,23 @@ def grey_row(frame: Array, beside: bool, y: int, left: int, every: int, unit: fl
 
 
 @inner
+def grey_rows(
+    frames: tuple[Array, Array],
+    beside: bool,
+    tops: tuple[int, int],
+    lefts: tuple[int, int],
+    every: int,
+    unit: float,
+    count: int,
+    grey: Array,
+) -> None:
+    """Rows of both eyes, see `grey_row`: `[2, h, w]`."""
+    for eye in range(2):
+        for y in range(grey.shape[1]):
+            grey_row(frames[eye], beside, tops[eye] + y, lefts[eye], every, unit, count, grey[eye, y])
+
+
+@inner
 def high_pass(grey: Array, low: Array, settle: bool, a: float, after: Array, size: Array) -> None:
     """One step of `NDMin` of many pixels in a row: new state into `after`, magnitude of the output into `size`.
 
