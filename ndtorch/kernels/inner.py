@@ -42,4 +42,5 @@ def apart(function: Callable[..., Any]) -> Any:
 @cache
 def exactly(function: Callable[..., Any]) -> Any:
     """A function whose order of operations stays as it is written."""
+    # Unless told, Numba would give it the flags of the kernel that calls it.
     return numba.njit(fastmath=False, **ALONE)(function)
