@@ -10,8 +10,11 @@ import torch
 import ndtorch
 from ndtorch.binding.tracking.figure_params import FigureParams
 from ndtorch.binding.tracking.figures import Figure
-from ndtorch.binding.tracking.following import start
+from ndtorch.binding.tracking.following import follow, start
 from ndtorch.binding.tracking.many import COMING, comings, one_of_many
+from ndtorch.binding.tracking.regions import Regions
+from ndtorch.binding.tracking.shades import Light, ShadeParams
+from ndtorch.vision.camera.figures import Standing
 from ndtorch_train.score.labelled.weather import snow
 from tests.vision.camera.passing_scenes import SIZE, ground
 
@@ -58,6 +61,23 @@ def test_many_of_a_size(others: np.ndarray, size: float, many: bool) -> None:
     one = track(0, (0.5, 0.8), size)
     assert one_of_many(one, others, 60.0, WIDTH, P) is many
     assert not one_of_many(one, others, 60.0, WIDTH, P.model_copy(update={"travel": 0.0}))
+
+
+@pytest.mark.parametrize(("since", "known"), [(2.0, False), (2.25, False), (1.75, True), (0.0, True)])
+def test_an_object_is_one_of_many_only_while_it_is_on_trial(since: float, known: bool) -> None:
+    """Be it in sight no more: the others may have come after it was taken for an object."""
+    p, others = P.model_copy(update={"trial": 2.25}), come(EVERYWHERE, 0.05, 0, 1, 0, WIDTH)
+    one = track(0, (0.5, 0.8), steps=101, known=True)
+    one.since = since
+    assert one.last_seen == 4.0
+    dark, blank = np.zeros((3, 50, 80), np.float32), np.zeros((50, 80), np.int32)
+    standing = Standing(dark, dark, dark, np.ones(3, np.float32), dark[0], blank > 0, False)
+    nothing = Regions(blank, np.zeros((0, 4), np.int64), np.zeros(0, np.int64))
+    light, gone = Light(dark, dark, ShadeParams()), np.zeros((1, 1), np.float32)
+    kept, late, shapes = follow([one], 60.0, 60.0, nothing, standing, light, gone, others, 1, DT, p)
+    assert (kept, late) == ([], [one])
+    assert not shapes.any()
+    assert one.known is known
 
 
 def test_a_few_at_the_very_beginning_are_not_many() -> None:
