@@ -196,11 +196,20 @@ static void test_bad_lines(void) {
     pass(600, 1, 1, 500, 0);
     sequence -= 2; /* a frame sent before */
     int16_t target = d.target_speed;
-    say(COMMAND, 900, 0);
+    CHECK(say(COMMAND, 900, 0) == 0); /* nothing is answered to it */
     CHECK(d.target_speed == target && d.rejected == 1);
+    CHECK(say(HEARTBEAT, 0, 0) == 0 && d.rejected == 2);
     sequence += 2;
-    say(COMMAND, 900, 0);
+    CHECK(say(COMMAND, 900, 0) == 0);
     CHECK(d.target_speed == 900);
+    struct frame answer = {.version = PROTOCOL_VERSION, .type = TELEMETRY};
+    CHECK(drive_receive(&d, FRAME, &answer, now) == 0 && d.rejected == 3); /* what a board says, not what it hears */
+    CHECK(drive_receive(&d, REFUSED, &answer, now) == 0 && d.rejected == 4 && drive_receive(&d, NOTHING, &answer, now) == 0);
+    CHECK(d.state == STANDING && d.faults == FAULT_NOISE);
+    sequence++;
+    say(ARM, 0, 0);
+    d.rejected = 1;
+    say(COMMAND, 900, 0);
     uint16_t now_at = d.sequence;
     sequence = (uint16_t)(now_at + 0x7fff); /* half way around and one more: the past */
     say(COMMAND, 800, 0);

@@ -197,3 +197,35 @@ def test_the_best_places_of_each_direction_are_tried_and_refined():
     assert torch.equal(again.done[:1], fitted.done)
     assert verdict(again, params) == tuple(pose)
     assert verdict(again._replace(done=again.done.flip(0)), params) == tuple(pose)
+
+
+def test_a_search_goes_from_step_to_step_and_ends_where_a_place_was_found():
+    params = replace(PARAMS, finding=replace(PARAMS.finding, turns=3, way=1.0, least=10))
+    known = known_walls(building(4))
+    localiser = Localiser(StereoRig(), DT, params, known)
+    zero = torch.zeros((), dtype=torch.float64)
+    start = localiser.start(Pose(zero + 6.0, zero + 3.0, zero + 0.5))
+    state = start._replace(walls=known)
+    waiting = no_hunt()._replace(way=zero + 0.9)
+    assert localiser.find(state, waiting).hunt is waiting  # not far enough yet
+    state = localiser.find(state, no_hunt()._replace(way=zero + 1.1))
+    assert float(state.hunt.turn) == 0
+    assert len(state.hunt.pattern) > 10
+    for turn in (1, 2, 3):
+        state = localiser.find(state, state.hunt)
+        assert float(state.hunt.turn) == turn
+    assert len(state.hunt.places) == 3 * params.finding.each
+    state = localiser.find(state, state.hunt)
+    assert (len(state.hunt.places), len(state.hunt.done)) == (3 * params.finding.each - 1, 1)
+    ended = state.hunt._replace(places=state.hunt.places[:0], way=zero + 0.4)
+    done = torch.tensor([[0.9, 2.0, 1.0, 0.5 + math.pi / 2]], dtype=torch.float64)
+    moved = state._replace(pose=Pose(zero + 7.0, zero + 3.0, zero + 0.6), walls=empty_walls(params))
+    found = localiser.find(moved, ended._replace(done=done))
+    assert found.hunt is None
+    assert torch.equal(found.walls, known)
+    # It has driven a metre since, and the frame is turned by a right angle.
+    assert [float(part) for part in found.pose] == pytest.approx([2.0, 2.0, 0.6 + math.pi / 2])
+    lost = localiser.find(moved, ended._replace(done=done * torch.tensor([0.1, 1, 1, 1], dtype=torch.float64)))
+    assert [float(part) for part in lost.pose] == [7.0, 3.0, 0.6]
+    assert (float(lost.hunt.turn), float(lost.hunt.way), len(lost.hunt.done)) == (-1, 0.4, 0)
+    assert torch.equal(lost.walls, moved.walls)
