@@ -181,3 +181,10 @@ def test_mixing_of_the_owners_of_an_object_table() -> None:
     got = mixing_from_weights(weights, object_table(weights).owners)
     assert_allclose(got[:, 0], [0.85, 0.4, 0.7, 0, 0, 0, 0, 0, 1, 0])
     assert got.shape == (10, 1)
+
+
+def test_a_source_that_lowers_every_signal_is_one_and_one_that_reaches_none_is_none() -> None:
+    lowers = torch.tensor([[1.0, 0.0], [0.0, -1.0], [0.5, -0.5]], dtype=torch.float64)
+    assert [found.owners for found in solutions(lowers)] == [(0, 1), (0, 2), (2, 1)]
+    with pytest.raises(InputError, match="reaches no neuron"):
+        solutions(lowers * torch.tensor([1.0, 0.0]))
