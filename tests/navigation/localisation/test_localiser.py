@@ -10,7 +10,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import Pose, StereoRig
 from ndtorch.navigation.localisation import Localiser, LocaliserParams
 from ndtorch.navigation.localisation.localiser import WORST_DRIFT, WORST_SCALE
-from ndtorch.navigation.localisation.walls import Fit, pack, unpack
+from ndtorch.navigation.localisation.walls import Fit, Scan, pack, unpack
 from ndtorch.navigation.odometry import arc
 from tests.navigation.planar_world import PlanarWorld
 
@@ -160,6 +160,21 @@ def test_a_scan_is_fitted_from_as_far_as_the_pose_is_in_doubt(drive, monkeypatch
     assert [float(part) for part in refused.pose] == [float(part) for part in state.pose]
     assert (refused.doubt.diagonal()[:3] >= state.doubt.diagonal()[:3]).all()
     assert float(refused.score) == fit.score
+
+
+def test_two_points_are_no_scan(drive):
+    """They correct nothing and are no wall; that the car was there is kept where it is wanted."""
+    poses, driven, rows = drive
+    localiser = Localiser(RIG, DT, LocaliserParams())
+    _, state = run(localiser, rows, reckon(poses, driven, 0, 0), stop=8)
+    scan = localiser.scan(rows[8])
+    two, three = (Scan(*(part[scan.weight > 0][:n] for part in scan)) for n in (2, 3))
+    assert localiser.absorb(state, two) is state
+    kept = localiser.absorb(state, two, keep=True)
+    assert torch.equal(kept.walls, state.walls)
+    assert kept.pose is state.pose
+    assert len(kept.parts.scans) == len(state.parts.scans) + 1
+    assert not torch.equal(localiser.absorb(state, three).walls, state.walls)
 
 
 def test_what_it_cannot_do_is_said():
