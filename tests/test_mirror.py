@@ -84,6 +84,7 @@ TESTED_IN = {
     "kernels/light_change": "vision/camera/test_figures",
     "kernels/light_gain": "navigation/controllers/ranging/test_light",
     "kernels/local_sums": "vision/test_local",
+    "kernels/count_marked": "binding/tracking/test_regions",
     "kernels/look_up": "binding/tracking/test_silhouettes",
     "kernels/look_around": "navigation/test_kernels",
     "kernels/patch_arcs": "navigation/test_kernels",

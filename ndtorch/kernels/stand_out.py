@@ -16,27 +16,30 @@ def stand_out(
     offset: float,
     darkest: float,
     tint: float,
+    pure: float,
     corrected: Array,
     grey: Array,
     light: Array,
     out: Array,
     may_be: Array,
+    pale: Array,
 ) -> None:
     """See `ndtorch.vision.camera.figures.stand_out`.
 
     Args:
         picture, ground, deviation: `[3, h, w]`.
         gain, noise: of each color, `[3]`.
-        spread, mean_size, offset, darkest, tint: constants.
+        spread, mean_size, offset, darkest, tint, pure: constants.
         corrected: becomes the picture without its gain, `[3, h, w]`.
         grey, light: become the mean of its colors, and of their ratios to the ground, `[h, w]`.
-        out, may_be: become 1 where a pixel stands out, and where it may be shadow, `[h, w]` uint8.
+        out, may_be, pale: become 1 where a pixel stands out, where it may be shadow, and where so with hardly any tint,
+            `[h, w]` uint8.
     """
     kind = picture.dtype.type
     r_gain, g_gain, b_gain = kind(1) / gain[0], kind(1) / gain[1], kind(1) / gain[2]
     r_least, g_least, b_least = kind(spread) * noise[0], kind(spread) * noise[1], kind(spread) * noise[2]
     third, own, small = kind(1 / 3), kind(spread / mean_size), kind(offset)
-    low, shade = kind(darkest), kind(2 * tint)
+    low, shade, least_tint = kind(darkest), kind(2 * tint), kind(2 * pure)
     one = kind(1)
     for y in range(picture.shape[1]):
         for x in range(picture.shape[2]):
@@ -54,5 +57,6 @@ def stand_out(
             b = (blue + small) / (b_ground + small)
             mean = (r + g + b) * third
             light[y, x] = mean
-            tinted = max(r, g, b) - min(r, g, b) <= shade * mean
-            may_be[y, x] = (mean < one) & (mean > low) & tinted
+            apart, dimmed = max(r, g, b) - min(r, g, b), (mean < one) & (mean > low)
+            may_be[y, x] = dimmed & (apart <= shade * mean)
+            pale[y, x] = dimmed & (apart <= least_tint * mean)

@@ -12,6 +12,7 @@ from ndtorch.kernels.switch import kernels_wanted
 
 Floats = npt.NDArray[np.float32]
 Bools = npt.NDArray[np.bool_]
+Bytes = npt.NDArray[np.uint8]
 Labels = npt.NDArray[np.int32]
 
 
@@ -106,6 +107,33 @@ def parted(regions: Regions, notch: float, least: float) -> Regions:
                 labels[top:bottom, start : start + half.shape[1]][half] = name + 1
             todo.append(name)
     return Regions(labels, np.array(found_boxes, np.int64).reshape(-1, 4), np.array(found_areas, np.int64))
+
+
+def without_shadows(regions: Regions, narrow: Bytes, most: float) -> Regions:
+    """Regions of which less than a share may be a narrow shadow.
+
+    The edges of a shadow are as uneven as a thing is, and a narrow shadow is all edge. But it only takes light, and of
+    a thing some part is brighter than the ground, of another color, darker than a shadow, or broad and uneven.
+
+    Args:
+        regions: of a picture.
+        narrow: 1 in narrow parts where the ground may have lost nothing but light, `[h, w]`.
+        most: share of a region that makes it a shadow; 1 where none is.
+    """
+    labels, boxes, areas = regions
+    if most >= 1 or not len(areas):
+        return regions
+    if kernels_wanted():
+        counts = np.zeros(len(areas) + 1, np.int64)
+        kernel("count_marked").run(labels, narrow, counts)
+    else:
+        counts = np.bincount(labels.ravel(), narrow.ravel(), minlength=len(areas) + 1)
+    things = counts[1:] < most * areas
+    if things.all():
+        return regions
+    number = np.zeros(len(areas) + 1, np.int32)
+    number[1:][things] = np.arange(1, things.sum() + 1)
+    return Regions(number[labels], boxes[things], areas[things])
 
 
 def narrow(counts: npt.NDArray[np.int64], width: int, notch: float, least: float) -> int:

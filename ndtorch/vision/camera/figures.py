@@ -27,8 +27,8 @@ from ndtorch.vision.temporal import smoothing_factor
 
 class Standing(NamedTuple):
     """One step's result: exposure-corrected picture, background, and mean deviation from it before this step,
-    `[3, h, w]`, noise of each color `[3]`, the picture in grey, which pixels stand out, `[h, w]`, and whether a new
-    scene begins."""
+    `[3, h, w]`, noise of each color `[3]`, the picture in grey, which pixels stand out, which may be a narrow
+    shadow on known ground, 1 or 0, `[h, w]`, and whether a new scene begins."""
 
     picture: Floats
     ground: Floats
@@ -36,6 +36,7 @@ class Standing(NamedTuple):
     noise: Floats
     grey: Floats
     figure: Bools
+    narrow: Bytes
     cut: bool
 
 
@@ -89,14 +90,14 @@ def ground_step(
     p = params
     raw, ground, deviation = picture, state.mean.numpy(), state.deviation.numpy()
     gain, noise, other = light_change(picture, ground, p)
-    picture, grey, light, out, may_be = stand_out(picture, gain, ground, deviation, noise, p)
+    picture, grey, light, out, may_be, pale = stand_out(picture, gain, ground, deviation, noise, p)
     known = state.known.numpy()
     seen = int(state.frames) + 1
     soft = softened(picture, p.soft)
     quiet, restless = stillness(soft, out, state, dt, p)
     if other or cv2.countNonZero(out) > p.cut * out.size or new_scene(soft, state.before.numpy(), p):
-        nothing = np.zeros(out.shape, bool)
-        return Standing(raw, raw, deviation, noise, grey_of(raw), nothing, True), ground_start(raw, p)
+        none = np.zeros(out.shape, np.uint8)
+        return Standing(raw, raw, deviation, noise, grey_of(raw), none > 0, none, True), ground_start(raw, p)
     needed = p.still * p.settle / max(p.settle, seen * dt)
     mean, spread, settled = learn(picture, ground, deviation, noise, (kept, quiet, known), (needed, dt, seen), p)
     after = GroundState(
@@ -125,7 +126,19 @@ def ground_step(
     # A pixel alone is noise; a gap of a pixel is none.
     square = np.ones((p.speckle, p.speckle), np.uint8)
     figure = np.asarray(cv2.morphologyEx(most_of(figure, p.speckle), cv2.MORPH_OPEN, square))
-    return Standing(picture, ground, deviation, noise, grey, np.asarray(figure > 0), False), after
+    narrow = pale & sure & (1 - broad(figure, p))
+    return Standing(picture, ground, deviation, noise, grey, np.asarray(figure > 0), narrow, False), after
+
+
+def broad(figure: Bytes, p: GroundParams) -> Bytes:
+    """Where something stands out that is too broad to be a shadow's edge, 1, and 0 elsewhere, `[h, w]`.
+
+    What is left of a shadow by `shadow` is no broader than its window and two edges.
+    """
+    import cv2
+
+    square = np.ones((p.patch + 2 * p.penumbra,) * 2, np.uint8)
+    return np.asarray(cv2.morphologyEx(figure, cv2.MORPH_OPEN, square), np.uint8)
 
 
 def most_of(image: Bytes, side: int) -> Bytes:
@@ -138,24 +151,27 @@ def most_of(image: Bytes, side: int) -> Bytes:
 
 def stand_out(
     picture: Floats, gain: Floats, ground: Floats, deviation: Floats, noise: Floats, p: GroundParams
-) -> tuple[Floats, Floats, Floats, Bytes, Bytes]:
-    """The picture without its gain `[3, h, w]`, in grey, its light over that of the ground, and where it stands out
-    and where it may be shadow, 1 or 0, `[h, w]`."""
+) -> tuple[Floats, Floats, Floats, Bytes, Bytes, Bytes]:
+    """The picture without its gain `[3, h, w]`, in grey, its light over that of the ground, and where it stands out,
+    where it may be shadow, and where so with hardly any tint, 1 or 0, `[h, w]`."""
     if kernels_wanted():
-        new, out, may_be = np.empty_like(picture), *(np.empty(picture.shape[1:], np.uint8) for _ in range(2))
+        new, (out, may_be, pale) = np.empty_like(picture), np.empty((3, *picture.shape[1:]), np.uint8)
         grey, light = (np.empty(picture.shape[1:], np.float32) for _ in range(2))
-        constants = (p.spread, MEAN_SIZE, p.offset, p.darkest, p.tint)
-        kernel("stand_out").run(picture, gain, ground, deviation, noise, *constants, new, grey, light, out, may_be)
-        return new, grey, light, out, may_be
+        constants, after = (
+            (p.spread, MEAN_SIZE, p.offset, p.darkest, p.tint, p.pure),
+            (new, grey, light, out, may_be, pale),
+        )
+        kernel("stand_out").run(picture, gain, ground, deviation, noise, *constants, *after)
+        return after
     picture = np.asarray(picture / gain[:, None, None], np.float32)
     threshold = p.spread * np.maximum(noise[:, None, None], deviation * np.float32(1 / MEAN_SIZE))
     over = np.abs(picture - ground) > threshold
     small = np.float32(p.offset)
     ratio = (picture + small) / (ground + small)
     light = np.asarray((ratio[0] + ratio[1] + ratio[2]) * np.float32(1 / 3))
-    tint = (ratio.max(0) - ratio.min(0)) <= np.float32(p.tint * 2) * light
-    may_be = ((light < 1) & (light > np.float32(p.darkest)) & tint).astype(np.uint8)
-    return picture, grey_of(picture), light, (over[0] | over[1] | over[2]).astype(np.uint8), may_be
+    apart, dimmed = ratio.max(0) - ratio.min(0), (light < 1) & (light > np.float32(p.darkest))
+    may_be, pale = ((dimmed & (apart <= np.float32(tint * 2) * light)).astype(np.uint8) for tint in (p.tint, p.pure))
+    return picture, grey_of(picture), light, (over[0] | over[1] | over[2]).astype(np.uint8), may_be, pale
 
 
 def learn(

@@ -39,6 +39,7 @@ class GroundParams(Constants):
     uneven: float = Field(0.06, ge=0, description="and its own share varies by at most this among neighbours")
     penumbra: int = Field(2, ge=0, description="width of a shadow's edge, pixels of that image")
     around: float = Field(0.04, ge=0, description="what lies within this between parts that are no shadow is none")
+    pure: float = Field(0.05, ge=0, description="and a narrow one changes the colors' shares by less")
     gain_limit: float = Field(4.0, ge=1, description="largest gain of the exposure, and 1 / the smallest")
     dark: float = Field(0.04, ge=0, lt=1, description="the exposure is told where the ground is lighter than this,")
     light: float = Field(0.1, ge=0, le=1, description="and only where that is at least this share of the picture")

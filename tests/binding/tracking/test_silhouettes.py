@@ -24,7 +24,9 @@ def test_the_kernel_is_its_reference() -> None:
     silhouettes[35:44, 50:64] = 8 * (chance.random((9, 14)) < 0.5)
     silhouettes[47, 0] = 9
     noise = np.array([0.006, 0.01, 0.02], kind)
-    standing = Standing(picture, ground, deviation, noise, picture[0], silhouettes > 0, False)
+    standing = Standing(
+        picture, ground, deviation, noise, picture[0], silhouettes > 0, np.zeros_like(silhouettes, np.uint8), False
+    )
     light = Light(picture, ground, ShadeParams())
     doubted = [True, False, True, True, True]
     table = chance.integers(0, 2, 14, np.uint8)

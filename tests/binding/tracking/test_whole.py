@@ -93,7 +93,16 @@ def test_a_clear_track_stands_out_by_many_deviations_of_its_own_pixels() -> None
         one = start(0, 0.0, np.array([0.4, 0.5]))
         one.late.append((0.0, 0.4, 0.5, 0.25, 0.25, 0.5, 0.75, 0.1, 0.4, 0.5))
         noise = np.full(3, 0.006, np.float32)
-        step = Standing(picture, plain, np.full_like(plain, deviation), noise, plain[0], silhouettes > 0, False)
+        step = Standing(
+            picture,
+            plain,
+            np.full_like(plain, deviation),
+            noise,
+            plain[0],
+            silhouettes > 0,
+            np.zeros_like(silhouettes, np.uint8),
+            False,
+        )
         (seen,) = sightings([one], silhouettes, step, Light(picture, plain, ShadeParams()), set())
         assert seen is not None
         one.sure = seen.sure

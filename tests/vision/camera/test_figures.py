@@ -152,3 +152,11 @@ def test_an_exposure_beyond_its_limits_is_a_new_scene() -> None:
             assert new(1, 0.24, 0.24)
             # Out of the dark.
             assert light_change(ground, ground * np.float32(0.01), PARAMS)[2]
+
+
+def test_a_narrow_strip_may_be_a_shadow_and_a_broad_part_is_none() -> None:
+    figure = np.zeros((100, 160), np.uint8)
+    figure[40:44, 20:100] = figure[60:80, 20:100] = 1
+    broad = figures.broad(figure, PARAMS)
+    assert not broad[40:44].any()
+    assert np.array_equal(broad[60:80], figure[60:80])
