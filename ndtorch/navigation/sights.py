@@ -58,7 +58,8 @@ def no_sights() -> Sights:
 def add_sights(sights: Sights, anchor: Anchor, ranges: Ranges) -> Sights:
     """With the valid ones of the ranges `[n]` of a frame of the cameras.
 
-    What is over is shared with the sights before, and what is added to is one frame's, some hundred sights.
+    What a car sees while it stands counts once. What is over is shared with the sights before, and what is added to is
+    one frame's, some hundred sights.
     """
     if float(sights.frame) != anchor.frame:
         if len(sights.now):
@@ -69,6 +70,8 @@ def add_sights(sights: Sights, anchor: Anchor, ranges: Ranges) -> Sights:
         return sights
     found = torch.stack(ranges[:-1], -1)[ranges.valid].to(sights.now)
     pose = found.new_tensor(anchor.pose).expand(len(found), 3)
+    if len(sights.now) and torch.equal(sights.now[-1, 5:], pose[0]):
+        return sights
     return sights._replace(now=torch.cat((sights.now, torch.cat((found, pose), -1))))
 
 

@@ -71,10 +71,19 @@ def test_each_number_of_a_range_stays_what_it_was_and_its_pose_is_turned_with_th
 
 def test_frames_without_a_sight_leave_nothing_and_the_rest_lie_in_the_order_they_came():
     sights = no_sights()
-    for number, count in ((3, 2), (4, 0), (5, 1), (3, 1), (3, 1), (6, 0)):
-        sights = add_sights(sights, Anchor(number, (0.0, 0.0, 0.0)), ranges(*[float(number)] * count))
+    for step, (number, count) in enumerate(((3, 2), (4, 0), (5, 1), (3, 1), (3, 1), (6, 0))):
+        sights = add_sights(sights, Anchor(number, (0.1 * step, 0.0, 0.0)), ranges(*[float(number)] * count))
     assert sights.numbers.tolist() == [3.0, 5.0, 3.0]
     assert [len(part) for part in sights.seen] == [2, 1, 2]
     assert (float(sights.frame), len(sights.now)) == (6.0, 0)
     found, _ = placed_sights(sights, frames(f3=(0, 0, 0), f5=(1, 0, 0), f6=(2, 0, 0)))
     assert found.x.flatten().tolist() == [3.0, 3.0, 5.0, 3.0, 3.0]
+
+
+def test_what_a_standing_car_sees_counts_once():
+    sights = add_sights(no_sights(), Anchor(3, (0.1, 0.0, 0.0)), ranges(None))
+    for _ in range(4):
+        sights = add_sights(sights, Anchor(3, (0.1, 0.0, 0.0)), ranges(1.0, 2.0))
+    assert len(sights.now) == 2
+    sights = add_sights(sights, Anchor(3, (0.1, 0.0, 0.01)), ranges(1.0, 2.0))
+    assert len(sights.now) == 4

@@ -182,8 +182,7 @@ class Localiser(nn.Module):
         found = verdict(hunt, p)
         if found is None:
             return state._replace(hunt=no_hunt()._replace(way=hunt.way))
-        here = Pose(*map(number, carried_over(hunt, found, pose)))
-        return state._replace(walls=self.known, pose=here, hunt=None)
+        return state._replace(walls=self.known, pose=Pose(*map(number, carried_over(hunt, found, pose))), hunt=None)
 
     def start(self, at: Pose) -> LocaliserState:
         """A car at a pose that has ranged nothing yet."""
@@ -246,7 +245,8 @@ class Localiser(nn.Module):
         scan, trail = self.scan(rows), state.trail
         state = state._replace(wheels=wheels._replace(look=look_of(rows, scan)))
         scan = Scan(*(part[scan.weight > 0] for part in scan))
-        # Where the car stood it has seen the same before.
+        if float(state.age) >= self.settle and not float(state.way) and not float(state.turned):
+            return state  # it stands, and has seen the same before
         keep = trail is not None and (float(trail.seconds) > 0 or float(state.age) < self.settle)
         if trail is not None and keep:
             state = state._replace(trail=with_scan(trail, scan, state.age, state.reckoned, unsure))
@@ -264,14 +264,13 @@ class Localiser(nn.Module):
             state = self.correct(state, scan)
         x, y, heading = floats(state.pose)
         pose = Pose(number(x), number(y), number(heading))
-        walls = add_scan(state.walls, scan, (x, y, heading), p)
         parts = state.parts
         if parts is not None:
             parts = add_to_part(parts, scan, (x, y, heading), p)
             parts = with_frame(parts, (x, y, heading), state.age) if keep else parts
             if float(parts.driven.length) > p.parts.way and not len(parts.pairs):
                 parts = finish(parts, (x, y, heading), state.age, self.dt, p)
-        return fresh(state._replace(walls=walls, pose=pose, parts=parts))
+        return fresh(state._replace(walls=add_scan(state.walls, scan, (x, y, heading), p), pose=pose, parts=parts))
 
     def correct(self, state: LocaliserState, scan: Scan) -> LocaliserState:
         """The pose, and what is known of the odometer, after a scan: one step of an extended Kalman filter."""

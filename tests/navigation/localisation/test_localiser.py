@@ -98,6 +98,18 @@ def test_it_looks_at_the_rows_only_now_and_then(drive):
         localiser(None, pose_of(poses[0]))
 
 
+def test_a_standing_car_learns_nothing_from_what_it_sees_again(drive):
+    poses, driven, rows = drive
+    reckoned = reckon(poses, driven, 0.01, 0.0)
+    localiser = Localiser(RIG, DT)
+    _, before = run(localiser, rows, reckoned, stop=20)
+    _, state = run(localiser, rows[19:20].expand(30, 2, -1), reckoned[19:20].repeat(30, 0), before)
+    assert torch.equal(state.walls, before.walls)
+    assert all(torch.equal(a, b) for a, b in zip(state.pose, before.pose, strict=True))
+    _, on = run(localiser, rows[20:21], reckoned[20:21], state)
+    assert not torch.equal(on.walls, state.walls)
+
+
 def test_walls_are_packed_and_unpacked(drive):
     poses, _, rows = drive
     params = LocaliserParams(every=DT)
