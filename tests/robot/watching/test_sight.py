@@ -95,7 +95,8 @@ def test_a_blind_camera_stops_the_car(name, eyes, light):
     n, why = stopped(spoil(SHADE[name], eyes, light))
     assert n is not None
     assert BEFORE < n <= BEFORE + 0.4 * RATE
-    assert ("right" if eyes == (1,) else "left") in why
+    blind = [("left", "right")[eye] for eye in eyes]
+    assert any(name in why for name in blind)  # of two that are blind, either may be told first
 
 
 @pytest.mark.parametrize("light", [0.25, 1.0])
