@@ -19,7 +19,7 @@ from ndtorch.binding.readout.owners import features_by_group
 from ndtorch.binding.tracking.figures import Figure, figures_of, table_of
 from ndtorch.binding.tracking.following import follow
 from ndtorch.binding.tracking.many import COMING, Comings, comings
-from ndtorch.binding.tracking.regions import holes, parted, regions_of, without_shadows
+from ndtorch.binding.tracking.regions import holes, parted, regions_of
 from ndtorch.binding.tracking.restless import at_rest, come_and_gone
 from ndtorch.binding.tracking.shades import Light, shade_of
 from ndtorch.binding.tracking.silhouettes import told
@@ -195,7 +195,6 @@ class FiguresModel(BindingModel):
             ground = ground._replace(mean=mean)
             figure = figure & ~hole
         regions = parted(regions_of(figure, smallest, t.gap), t.notch, smallest)
-        regions = without_shadows(regions, standing.narrow, t.shadow)
         light = Light(standing.picture, standing.ground, self.config.shades)
         seen_for = (int(ground.frames) - 1) * self.dt
         before = seen.gone.numpy()

@@ -14,7 +14,9 @@ class FigureParams(Constants):
     smallest: float = Field(0.0005, gt=0, description="smallest region, as a share of the picture")
     gap: int = Field(2, ge=0, description="gaps that are closed, pixels of that image")
     notch: float = Field(0.8, ge=0, le=1, description="a region is cut where it has less of its height than both sides")
-    shadow: float = Field(0.8, gt=0, le=1, description="and is a shadow where this share of it may be a narrow one")
+    shadow: float = Field(
+        0.5, gt=0, le=1, description="a track is none but a shadow where so much of it may be a narrow one"
+    )
     shared: float = Field(0.3, gt=0, description="share of a region or of a track's box that makes them meet")
     piece: float = Field(0.6, gt=0, description="share of a region inside a track's box that makes it a piece of it")
     gate: float = Field(1.0, gt=0, description="how far from where a track is expected a region may be,")

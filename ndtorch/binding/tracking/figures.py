@@ -37,7 +37,8 @@ class FigureTable(NamedTuple):
             ground, `[N, 4]` and `[N, 3, PATCH, PATCH]` float32.
         unlike: sums of squared differences between that and what was at the same place later, and at its new one,
             `[N, 2]`.
-        sure: by how many deviations of the noise it stood out, summed over its sightings, `[N]` float64.
+        sure: by how many deviations of the noise it stood out, and narrow: share of it that may be a narrow shadow,
+            summed over the sightings of those that are no objects yet, `[N]` float64.
         since: time at which it first became an object, -1 before, `[N]` float64. With a time and not known it was
             taken back.
         length: sightings of every track, `[N]` int64.
@@ -60,6 +61,7 @@ class FigureTable(NamedTuple):
     patch: Tensor
     unlike: Tensor
     sure: Tensor
+    narrow: Tensor
     since: Tensor
     length: Tensor
     path: Tensor
@@ -84,6 +86,7 @@ class Figure:
     patch: npt.NDArray[np.float32]
     unlike: Numbers
     sure: float
+    narrow: float
     since: float
     before: Numbers
     late: list[tuple[float, ...]] = field(default_factory=list)
@@ -145,6 +148,7 @@ def figures_of(table: FigureTable) -> list[Figure]:
         table.patch.numpy(),
         table.unlike.numpy(),
         table.sure.tolist(),
+        table.narrow.tolist(),
         table.since.tolist(),
         paths,
         strict=True,
@@ -175,6 +179,7 @@ def table_of(figures: Sequence[Figure]) -> FigureTable:
         torch.from_numpy(np.stack(patches)) if patches else torch.zeros(0, 3, PATCH, PATCH),
         stacked([one.unlike for one in figures], 2),
         torch.tensor([one.sure for one in figures], dtype=torch.float64),
+        torch.tensor([one.narrow for one in figures], dtype=torch.float64),
         torch.tensor([one.since for one in figures], dtype=torch.float64),
         torch.tensor([len(path) for path in paths], dtype=torch.int64),
         torch.from_numpy(np.concatenate(paths)) if paths else torch.zeros(0, SIGHTING, dtype=torch.float64),

@@ -11,7 +11,7 @@ from ndtorch.binding.tracking.figures import FOLLOWED, PATCH, PIXELS, SIGHTING, 
 from ndtorch.binding.tracking.many import one_of_many
 from ndtorch.binding.tracking.meeting import apart, meeting, visible
 from ndtorch.binding.tracking.parting import parting
-from ndtorch.binding.tracking.regions import Floats, Labels, Regions
+from ndtorch.binding.tracking.regions import Floats, Labels, Regions, shares
 from ndtorch.binding.tracking.restless import restless
 from ndtorch.binding.tracking.shades import Light
 from ndtorch.binding.tracking.silhouettes import Sighting, share, sightings
@@ -87,11 +87,13 @@ def follow(
     for r, ones in groups:
         share(silhouettes, labels, r, regions.boxes[r], ones, time, picture, p)
     every = sightings(kept, silhouettes, standing, light, {one.number for _, ones in groups for one in ones})
+    shaded = np.zeros(0) if all(one.known for one in kept) else shares(silhouettes, standing.narrow, began)
     for one, seen in zip(kept, every, strict=True):
         if seen is not None:
             add(one, time, seen, p)
             if not one.known and not seen.shared:
                 one.sure += seen.sure
+                one.narrow += shaded[one.number + 1]
                 look_again(one, picture, standing.ground, p)
     width = labels.shape[1] / height
     bright = float(standing.ground.mean()) if any(not one.known for one in kept) else 0.0
@@ -101,6 +103,7 @@ def follow(
             and not one.known
             and one.last_seen == time
             and travels(one, gone, dt, p)
+            and not is_shadow(one, p)
             and is_thing(one, bright, p)
             and not part_of_another(one, kept, p)
             and not one_of_many(one, come, seen_for, width, p)
@@ -147,6 +150,11 @@ def is_thing(one: Figure, light: float, p: FigureParams) -> bool:
     return (clear(one, p) or moves_as_a_whole(one, light, p)) and straightness(one, p) >= p.straight
 
 
+def is_shadow(one: Figure, p: FigureParams) -> bool:
+    """Whether a track was, in all its sightings together, hardly more than a narrow shadow."""
+    return one.narrow >= p.shadow * (len(one.before) + len(one.late))
+
+
 def part_of_another(one: Figure, others: Sequence[Figure], p: FigureParams) -> bool:
     """Whether a much larger track beside it moves as it does: common fate. So do shadows, and pieces of a thing."""
     time, top, left, bottom, right = one.last[0], *one.last[3:7]
@@ -166,7 +174,7 @@ def start(number: int, time: float, place: Numbers) -> Figure:
     """A track without sightings."""
     two, ten = np.zeros(2), np.zeros(10)
     none, blank = np.zeros((0, SIGHTING)), np.zeros((3, PATCH, PATCH), np.float32)
-    looks = (np.zeros(4), blank, two, 0.0, -1.0)
+    looks = (np.zeros(4), blank, two, 0.0, 0.0, -1.0)
     return Figure(number, False, two, two, np.zeros(3), place, time, place, ten, ten, np.zeros(4), *looks, none)
 
 

@@ -109,31 +109,15 @@ def parted(regions: Regions, notch: float, least: float) -> Regions:
     return Regions(labels, np.array(found_boxes, np.int64).reshape(-1, 4), np.array(found_areas, np.int64))
 
 
-def without_shadows(regions: Regions, narrow: Bytes, most: float) -> Regions:
-    """Regions of which less than a share may be a narrow shadow.
-
-    The edges of a shadow are as uneven as a thing is, and a narrow shadow is all edge. But it only takes light, and of
-    a thing some part is brighter than the ground, of another color, darker than a shadow, or broad and uneven.
-
-    Args:
-        regions: of a picture.
-        narrow: 1 in narrow parts where the ground may have lost nothing but light, `[h, w]`.
-        most: share of a region that makes it a shadow; 1 where none is.
-    """
-    labels, boxes, areas = regions
-    if most >= 1 or not len(areas):
-        return regions
+def shares(labels: Labels, marked: Bytes, most: int) -> npt.NDArray[np.float64]:
+    """Share of the pixels of every number up to `most` that are marked, 1 and not 0, `[most + 1]`."""
     if kernels_wanted():
-        counts = np.zeros(len(areas) + 1, np.int64)
-        kernel("count_marked").run(labels, narrow, counts)
+        counts, areas = np.zeros(most + 1, np.int64), np.zeros(most + 1, np.int64)
+        kernel("count_marked").run(labels, marked, counts, areas)
     else:
-        counts = np.bincount(labels.ravel(), narrow.ravel(), minlength=len(areas) + 1)
-    things = counts[1:] < most * areas
-    if things.all():
-        return regions
-    number = np.zeros(len(areas) + 1, np.int32)
-    number[1:][things] = np.arange(1, things.sum() + 1)
-    return Regions(number[labels], boxes[things], areas[things])
+        counts = np.bincount(labels.ravel(), marked.ravel(), minlength=most + 1)
+        areas = np.bincount(labels.ravel(), minlength=most + 1)
+    return np.asarray(counts / np.maximum(areas, 1))
 
 
 def narrow(counts: npt.NDArray[np.int64], width: int, notch: float, least: float) -> int:

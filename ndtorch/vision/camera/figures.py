@@ -126,8 +126,15 @@ def ground_step(
     # A pixel alone is noise; a gap of a pixel is none.
     square = np.ones((p.speckle, p.speckle), np.uint8)
     figure = np.asarray(cv2.morphologyEx(most_of(figure, p.speckle), cv2.MORPH_OPEN, square))
-    narrow = pale & sure & (1 - broad(figure, p))
+    # In a film without colors every dark thing is without tint.
+    narrow = pale & sure & (1 - broad(figure, p)) if chroma(ground) >= p.colored else np.zeros_like(sure)
     return Standing(picture, ground, deviation, noise, grey, np.asarray(figure > 0), narrow, False), after
+
+
+def chroma(ground: Floats) -> float:
+    """Mean distance of a pixel's largest color from its smallest, of every fourth row and column."""
+    some = ground[:, ::4, ::4]
+    return float((some.max(0) - some.min(0)).mean())
 
 
 def broad(figure: Bytes, p: GroundParams) -> Bytes:

@@ -27,7 +27,7 @@ from tests.vision.camera.passing_scenes import SIZE, ground, passing
 
 STEPS = 50
 FPS = 25.0
-UNSEEN: Any = (np.zeros(4), np.zeros((3, PATCH, PATCH), np.float32), np.zeros(2), 0.0, -1.0)
+UNSEEN: Any = (np.zeros(4), np.zeros((3, PATCH, PATCH), np.float32), np.zeros(2), 0.0, 0.0, -1.0)
 """A track that was not looked at closely."""
 
 

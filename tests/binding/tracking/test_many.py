@@ -71,7 +71,8 @@ def test_an_object_is_one_of_many_only_while_it_is_on_trial(since: float, known:
     one.since = since
     assert one.last_seen == 4.0
     dark, blank = np.zeros((3, 50, 80), np.float32), np.zeros((50, 80), np.int32)
-    standing = Standing(dark, dark, dark, np.ones(3, np.float32), dark[0], blank > 0, False)
+    none = np.zeros(blank.shape, np.uint8)
+    standing = Standing(dark, dark, dark, np.ones(3, np.float32), dark[0], blank > 0, none, False)
     nothing = Regions(blank, np.zeros((0, 4), np.int64), np.zeros(0, np.int64))
     light, gone = Light(dark, dark, ShadeParams()), np.zeros((1, 1), np.float32)
     kept, late, shapes = follow([one], 60.0, 60.0, nothing, standing, light, gone, others, 1, DT, p)

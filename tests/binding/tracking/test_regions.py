@@ -7,7 +7,7 @@ import pytest
 import torch
 
 import ndtorch
-from ndtorch.binding.tracking.regions import parted, regions_of, without_shadows
+from ndtorch.binding.tracking.regions import parted, regions_of, shares
 from tests.vision.camera.passing_scenes import SIZE, ground
 
 
@@ -58,40 +58,30 @@ def test_kernels_find_and_cut_what_opencv_and_numpy_do() -> None:
     assert cuts > 20
 
 
-def test_a_region_that_may_be_nothing_but_a_narrow_shadow_is_one() -> None:
-    picture, narrow = np.zeros((30, 50), bool), np.zeros((30, 50), np.uint8)
-    picture[2:6, 3:23] = picture[10:20, 3:13] = picture[10:20, 30:40] = True
-    narrow[2:6, 3:23] = narrow[10:20, 3:11] = 1
-    before = regions_of(picture, 10, 0)
-    after = without_shadows(before, narrow, 0.9)
-    # Eight tenths of the second are not enough.
-    assert sorted(after.boxes.tolist()) == [[10, 3, 20, 13], [10, 30, 20, 40]]
-    for r, (top, left, bottom, right) in enumerate(after.boxes.tolist()):
-        assert (after.labels[top:bottom, left:right] == r + 1).all()
-    assert np.count_nonzero(after.labels) == after.areas.sum() == 200
-    assert len(before.areas) == len(without_shadows(before, narrow, 1.0).areas) == 3
-    assert len(without_shadows(before, narrow, 0.7).areas) == 1
-
-
-def test_kernels_leave_out_the_shadows_that_numpy_does() -> None:
+def test_share_of_every_region_that_is_marked() -> None:
     pytest.importorskip("numba")
-    chance, left_out = np.random.default_rng(6), 0
-    for _ in range(50):
-        picture, narrow = chance.random((20, 30)) > 0.7, (chance.random((20, 30)) > 0.3).astype(np.uint8)
-        before = regions_of(picture, 1, 0)
-        plain = without_shadows(before, narrow, 0.7)
-        with torch.inference_mode():
-            quick = without_shadows(before, narrow, 0.7)
-        for one, other in zip(plain, quick, strict=True):
-            assert np.array_equal(one, other)
-        left_out += len(before.areas) - len(plain.areas)
-    assert left_out > 50
+    labels, marked = np.zeros((4, 6), np.int32), np.zeros((4, 6), np.uint8)
+    labels[1:3, 1:5], labels[3, 5] = 2, 4
+    marked[1] = 1
+    for mode in (torch.no_grad, torch.inference_mode):
+        with mode():
+            assert shares(labels, marked, 5).tolist() == pytest.approx([2 / 15, 0, 0.5, 0, 0, 0])
 
 
 @pytest.mark.parametrize(("blue", "objects"), [(0.0, 0), (0.4, 1)])
 def test_a_narrow_shadow_that_passes_is_no_object_and_a_thing_of_its_form_is_one(blue: float, objects: int) -> None:
     """Four rows: all of it is edge, so that its light is as uneven as that of a thing."""
-    frames = ground().repeat(50, 1, 1, 1)
+    colored = ground() * torch.tensor([1.0, 0.9, 0.8])[:, None, None]
+    assert objects_of_a_strip(colored, blue) == objects
+
+
+def test_in_a_film_without_colors_a_narrow_dark_thing_is_an_object() -> None:
+    assert objects_of_a_strip(ground(), 0.0) == 1
+
+
+def objects_of_a_strip(still: torch.Tensor, blue: float) -> int:
+    """Which takes light from a still, and adds some blue."""
+    frames = still.repeat(50, 1, 1, 1)
     light = torch.tensor([0.8, 0.55, 0.55, 0.8])[:, None]
     for n in range(8, 50):
         part = frames[n, :, 50:54, (left := 4 * (n - 8)) : min(left + 40, SIZE[1])]
@@ -100,7 +90,7 @@ def test_a_narrow_shadow_that_passes_is_no_object_and_a_thing_of_its_form_is_one
     model = ndtorch.load("figures", size=SIZE, fps=25.0)
     with torch.inference_mode():
         _, state = model(frames)
-    assert len(model.objects(state)) == objects
+    return len(model.objects(state))
 
 
 def test_a_broad_thing_that_is_darker_than_the_ground_everywhere_is_one() -> None:
