@@ -57,7 +57,10 @@ def test_the_meter_notices_a_stall():
         os.kill(meter.process.pid, signal.SIGSTOP)
         time.sleep(0.15)
         os.kill(meter.process.pid, signal.SIGCONT)
-        assert meter.worst(began) > 0.12
+        noted = began + 30.0  # on a machine with much else to do it goes on when it may
+        while (worst := meter.worst(began)) <= 0.12 and time.monotonic() < noted:
+            pass
+        assert worst > 0.12
     finally:
         meter.close()
     with pytest.raises(ProcessLookupError):
