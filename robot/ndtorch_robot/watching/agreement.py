@@ -55,13 +55,19 @@ class Agreement:
         self.swapped = self.mirrored = 0.0
         self.view: tuple[float, float] | None = None
 
-    def compare(self, left: Eye, right: Eye, view: tuple[float, float] | None = None) -> str | None:
+    def compare(
+        self, left: Eye, right: Eye, view: tuple[float, float] | None = None, upright: bool = False
+    ) -> str | None:
         """Look at two rows; returns what is wrong with them, in words.
 
         Args:
             view: way and turn of the car so far, m and rad. One view is looked at once: it does not become likelier by
                 being seen again. By default the view is another one every time.
+            upright: both pictures turn as the wheels say. Then none is upside down, and what fits when mirrored is a
+                place that is nearly its own mirror image.
         """
+        if upright:
+            self.mirrored = 0.0
         self.seen += 1
         if self.seen % EVERY == 1 and len(right.row) > PATCH + self.reach and self.is_new(view):
             self.view = view

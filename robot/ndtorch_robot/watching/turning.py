@@ -49,8 +49,17 @@ class Turning:
         with_it, against_it = (fit(*rows, sign * shift) for sign in (1, -1))
         self.count = KEEP * self.count + 1
         self.backwards = KEEP * self.backwards + float(np.log((1 + FINE - with_it) / (1 + FINE - against_it)))
-        enough = self.count >= self.limits.turns
-        return enough and self.backwards > self.limits.backwards * self.count
+        return self.enough and self.backwards > self.limits.backwards * self.count
+
+    @property
+    def enough(self) -> bool:
+        """Whether there were turns to judge by."""
+        return self.count >= self.limits.turns
+
+    @property
+    def upright(self) -> bool:
+        """Whether its picture turns as the wheels say, by as much as it must turn the other way to be wrong."""
+        return self.enough and self.backwards < -self.limits.backwards * self.count
 
 
 def fit(now: Floats, before: Floats, shift: float) -> float:

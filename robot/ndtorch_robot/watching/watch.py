@@ -184,7 +184,10 @@ class CameraWatch:
         self.before.append((self.driven, self.turned, eyes))
         if self.carried >= self.wrong_for:
             raise SightError(Kind.CARRIED, "both pictures move although the wheels stand")
-        wrong = self.agreement.compare(*eyes, view=(self.driven, self.turned)) if reasons == [None, None] else None
+        wrong = None
+        if reasons == [None, None]:
+            upright = all(judge.upright for judge in self.turning)
+            wrong = self.agreement.compare(*eyes, view=(self.driven, self.turned), upright=upright)
         if wrong is not None:
             raise SightError(Kind.MOUNTING, wrong)
 

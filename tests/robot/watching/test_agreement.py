@@ -60,13 +60,13 @@ def seen(row):
     return SimpleNamespace(row=row)
 
 
-def judged(rows, views, limits=LIMITS):
+def judged(rows, views, limits=LIMITS, upright=False):
     """What is said of pairs of rows, each of `EVERY` times looked at, and the judge."""
     judge = Agreement(limits, 4 * REACH)
     said = None
     for (left, right), view in zip(rows, views, strict=True):
         for _ in range(EVERY):
-            said = judge.compare(seen(left), seen(right), view) or said
+            said = judge.compare(seen(left), seen(right), view, upright) or said
     return said, judge
 
 
@@ -111,6 +111,14 @@ def test_a_thing_that_is_its_own_mirror_image_is_no_camera_upside_down(monkeypat
         said, judge = judged(moved(12), [(0.05 * n, 0.0) for n in range(8)])
         assert (judge.mirrored > LIMITS.mirrored) == wrong
         assert (said is not None and "upside down" in said) == wrong
+
+
+def test_cameras_whose_pictures_turn_as_the_wheels_say_are_not_upside_down():
+    """Whatever fits when mirrored: a place may nearly be its own mirror image. They may still be swapped."""
+    way = [(0.05 * n, 0.0) for n in range(8)]
+    upside_down = [(left, right[::-1].copy()) for left, right in moved(-1)]
+    assert judged(upside_down, way, upright=True)[0] is None
+    assert "swapped" in judged(moved(-12), way, upright=True)[0]
 
 
 def test_what_fits_takes_back_what_did_not():
