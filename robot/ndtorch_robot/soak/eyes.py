@@ -19,6 +19,9 @@ Levels = npt.NDArray[np.float64]
 NOISE = 1.0
 """Standard deviation of the noise of good cameras, levels of 255: drawn pictures have none."""
 
+POOL = 1 << 20
+"""Values of noise that are drawn once. A picture begins anywhere in them: to draw each value took half of a soak."""
+
 BLUR = 14
 """Pixels over which a blurred picture is smeared."""
 
@@ -43,6 +46,7 @@ class FailingCameras:
 
     def __init__(self, world: LockstepWorld, seed: int) -> None:
         self.world, self.random = world, np.random.default_rng((seed, 7))
+        self.pool = np.rint(self.random.normal(0, NOISE, POOL)).astype(np.int16)
         self.fault: str | None = None
         self.stall = 0.0
         self.sides: tuple[int, ...] = (0,)
@@ -114,7 +118,14 @@ class FailingCameras:
 
     def noisy(self, eye: torch.Tensor | Strips) -> Strips:
         """As a real camera gives it."""
-        return self.changed(eye, lambda a: a + self.random.normal(0, NOISE, a.shape))
+        assert isinstance(eye, Strips)
+        parts = []
+        for part in eye:
+            levels = part[0].numpy()
+            start = int(self.random.integers(POOL - levels.size))
+            noise = self.pool[start : start + levels.size].reshape(levels.shape)
+            parts.append(torch.from_numpy(np.clip(levels + noise, 0, 255).astype(np.uint8))[None])
+        return Strips(*parts)
 
     def changed(self, eye: torch.Tensor | Strips, change: Callable[[Levels], Levels]) -> Strips:
         """Both strips of an eye after a change of their levels."""
