@@ -36,9 +36,9 @@ TURN = 0.08
 TIGHT = 0.4
 """Radians to a meter from which a turn counts: in a wide one things beside the car go the other way."""
 
-LIVELY, REST = 30, 8
-"""Pictures in a row of a standing car that must have differed, by their noise, before so many in a row that do not are
-a fault."""
+LIVELY = 30
+"""Pictures of a standing car that must have differed, with none between them that did not, before its camera is known
+to have noise."""
 
 KEPT = 6
 """Pictures that are kept to compare with: 0.4 s at 30 frames a second."""
@@ -85,7 +85,6 @@ class CameraWatch:
         self.dark = [0, 0]
         self.frozen = [0, 0]
         self.lively = [0, 0]
-        self.resting = [0, 0]
         self.blind = [0, 0]
         self.stuck = [0, 0]
         self.carried = self.seen = 0
@@ -135,12 +134,13 @@ class CameraWatch:
         for k, name in enumerate(NAMES):
             darkest = DARK * 255 if eyes[k].row.dtype == torch.uint8 else DARK
             alone = self.together or not same[1 - k]
+            self.rest(k, same[k], speed)
             # Something must be in it: a blank wall that fills the subfield looks the same from everywhere. Asked last,
             # for it takes longest.
-            stuck = same[k] and alone and abs(speed) > MOVING and mixed(eyes[k].field)
+            tells = abs(speed) > MOVING or self.noisy(k)
+            stuck = same[k] and alone and tells and mixed(eyes[k].field)
             self.dark[k] = self.dark[k] + 1 if float(eyes[k].row.max()) <= darkest else 0
             self.frozen[k] = self.frozen[k] + 1 if stuck else 0
-            self.rest(k, name, same[k], speed)
             if self.dark[k] >= self.patience:
                 raise SightError(Kind.BLACK, f"the {name} camera has seen nothing but black for {self.patience} frames")
             if self.frozen[k] >= self.patience:
@@ -148,19 +148,17 @@ class CameraWatch:
                     Kind.FROZEN, f"the {name} camera has given the same picture for {self.patience} frames"
                 )
 
-    def rest(self, k: int, name: str, same: bool, speed: float) -> None:
-        """A camera has noise, or it has none: one that had, and has none any more, is frozen while the car stands too.
+    def rest(self, k: int, same: bool, speed: float) -> None:
+        """Count pictures of a standing car that differ: what cannot move has changed, so its camera has noise."""
+        if not self.noisy(k):
+            self.lively[k] = 0 if same else self.lively[k] + (speed == 0)
+
+    def noisy(self, k: int) -> bool:
+        """A camera that has noise never gives the same picture again, whether the car drives, turns back or stands.
 
         Asked of real cameras alone. In a drawn world everything may stand still, and nothing has noise.
         """
-        if not self.together or speed != 0:
-            self.resting[k] = 0
-            return
-        self.resting[k] = self.resting[k] + 1 if same else 0
-        if self.lively[k] < LIVELY:
-            self.lively[k] = 0 if same else self.lively[k] + 1
-        elif self.resting[k] >= REST:
-            raise SightError(Kind.FROZEN, f"the {name} camera has given the same picture for {REST} frames")
+        return self.together and self.lively[k] >= LIVELY
 
     def check_pictures(self, eyes: tuple[Eye, Eye]) -> None:
         """What is in the pictures, against the way that the wheels say was driven."""

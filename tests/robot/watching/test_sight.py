@@ -125,22 +125,52 @@ def test_a_frozen_picture_while_turning_on_the_spot():
     assert "same picture" in why
 
 
+def frozen(begins, eyes, moving=False, noise=1.0):
+    """What these eyes give that are frozen, to the bit, from a picture on."""
+    kept: list[np.ndarray] = []
+    for n, part in enumerate(drive(3.0, moving=moving, noise=noise)):
+        kept = part if n <= begins else kept
+        yield [kept[k] if k % 2 in eyes else p for k, p in enumerate(part)]
+
+
 @pytest.mark.parametrize("eyes", [(0,), (1,), (0, 1)])
 def test_a_camera_without_its_noise_is_frozen_while_the_car_stands_too(eyes):
     """Who changes from forward to reverse stands for half a second, and must not drive on by what was seen before."""
-
-    def parts(begins):
-        kept: list[np.ndarray] = []
-        for n, part in enumerate(drive(3.0, moving=False)):
-            kept = part if n <= begins else kept
-            yield [kept[k] if k % 2 in eyes else p for k, p in enumerate(part)]
-
-    n, why = stopped(parts(45), speed=0.0)
-    assert n == 45 + 8
+    n, why = stopped(frozen(45, eyes), speed=0.0)
+    assert n == 45 + 4
     assert "same picture" in why
     assert ("right" if eyes == (1,) else "left") in why
     # A camera that has shown no noise for long enough may have none.
-    assert stopped(parts(28), speed=0.0) == (None, "")
+    assert stopped(frozen(28, eyes), speed=0.0) == (None, "")
+
+
+@pytest.mark.parametrize(
+    "speeds",
+    [
+        (0.3, 0.2, 0.1, 0.03),  # the car slows down,
+        (-0.3, -0.2, -0.1, 0.0),  # comes to stand,
+        (-0.1, -0.01, 0.05, 0.1),  # and goes the other way without a stand
+    ],
+)
+def test_a_camera_without_its_noise_is_frozen_at_every_speed(speeds):
+    """Four pictures, wherever in the change from forward to reverse it freezes."""
+
+    def judged(stands):
+        sight = Sight(RIG, RATE, 0.1)
+        for n, part in enumerate(frozen(45, (1,))):
+            # It has stood twice for a short while before, and is slow enough between for nobody to ask for more.
+            speed = speeds[n - 46] if 46 <= n < 50 else 0.0 if n < stands or 40 > n >= 40 - stands else 0.05
+            why = sight.judge(frames(part, n), speed, n / RATE)
+            if why is not None:
+                return n, why.words
+        return None, ""
+
+    n, why = judged(stands=15)
+    assert n == 45 + 4
+    assert "the right camera has given the same picture for 4 frames" in why
+    # One that has stood for too few pictures may have no noise.
+    n, _ = judged(stands=14)
+    assert n is None or n > 45 + 4
 
 
 def test_cameras_without_noise_stand():
