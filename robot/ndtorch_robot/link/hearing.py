@@ -7,7 +7,7 @@ import threading
 from ndtorch_robot.link.line import Noise
 from ndtorch_robot.link.messages import VERSION, Fault, Frame, Telemetry, read_telemetry
 from ndtorch_robot.link.parser import Parser
-from ndtorch_robot.ports import DriveCommand
+from ndtorch_robot.ports import STAND, DriveCommand
 
 MOST_APPLIED = 30
 """Commands of the board that are kept for a loop that does not ask for them."""
@@ -21,12 +21,14 @@ class Hearing:
         noise: whether too many are refused.
         telemetry: the latest, None before any.
         last: when the board was heard last, s.
+        applied: by the latest telemetry since the board was greeted; standing before any.
     """
 
     def __init__(self) -> None:
         self.parser, self.noise = Parser(), Noise()
         self.telemetry: Telemetry | None = None
         self.last = 0.0
+        self.applied = STAND
         self._sequence: int | None = None
         self._applied: list[DriveCommand] = []
         self._lock = threading.Lock()
@@ -38,6 +40,7 @@ class Hearing:
     def welcome(self, frame: Frame, now: float) -> None:
         """The board has answered."""
         self.last, self._sequence = now, frame.sequence
+        self.applied = STAND  # what it applied before the line was lost is long over
         self.noise.count = 0
 
     def take(self, frame: Frame, now: float) -> Telemetry | None:
@@ -46,7 +49,7 @@ class Hearing:
             self.parser.refused += 1
             return None
         self.telemetry = telemetry = read_telemetry(frame.body)
-        self._sequence, self.last = frame.sequence, now
+        self._sequence, self.last, self.applied = frame.sequence, now, telemetry.applied
         with self._lock:
             self._applied.append(telemetry.applied)
             del self._applied[:-MOST_APPLIED]

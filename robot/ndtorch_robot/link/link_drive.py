@@ -103,7 +103,7 @@ class LinkDrive(Drive):
         driven = self.hearing.driven()
         if driven is not None:
             return driven
-        return self.heard.applied if self.heard is not None and self.welcomed.is_set() else STAND
+        return self.hearing.applied if self.welcomed.is_set() else STAND
 
     def telemetry(self) -> dict[str, Any]:
         """What the board says of itself; `link` is why it cannot be commanded, or None."""

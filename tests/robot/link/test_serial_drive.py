@@ -204,6 +204,20 @@ def test_a_link_is_lost_after_a_patience_and_not_before():
     assert car.line.said() == []
 
 
+def test_what_was_applied_before_a_link_was_lost_is_not_driven_after_it():
+    """Who took it for driven would say that pictures stand still that must move."""
+    car = Known()
+    car.tell()
+    assert car.drive.driven() == car.drive.driven() == DriveCommand(0.5, 0.1)  # the second time it is the latest
+    car.time += 1.0
+    car.drive.look_after()
+    assert car.drive.driven() == STAND
+    car.drive.on_welcome(Frame(1, Type.WELCOME, car.sequence, struct.pack("<H8s", 1, b"maxston8")))
+    assert car.drive.driven() == STAND
+    car.tell()
+    assert car.drive.driven() == car.drive.driven() == DriveCommand(0.5, 0.1)
+
+
 def test_an_old_command_is_not_sent_and_one_that_is_not_taken_moves_nothing():
     car = Known()
     car.time = 10.099
