@@ -11,7 +11,7 @@ from typing import Any
 
 from ndtorch_robot.link.hosted_board import HostedDrive
 from ndtorch_robot.link.registry import HOSTED_BOARD
-from ndtorch_robot.ports import Step
+from ndtorch_robot.ports import Observer, Step
 from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import RunConfig, SimulationTable
 from ndtorch_robot.sim.arenas import ARENAS
@@ -50,14 +50,7 @@ def drive_piece(config: RunConfig, number: int, seconds: float, tell: Callable[[
             if step.number % 300 == 299:
                 tell(simulation.now())
 
-        tell_again = TellAgain(car.safe, put_back)
-
-        def before_a_blank_wall(step: Step) -> None:
-            """It stands there for the rest of the piece, and tries nothing, unless it is put elsewhere."""
-            if trials.fault is None:
-                tell_again(step)
-
-        car.observers += [put_back, trials, before_a_blank_wall, told]
+        car.observers += [put_back, trials, go_elsewhere(trials, put_back), told]
         car.run(seconds)
         return {
             "number": number,
@@ -69,8 +62,20 @@ def drive_piece(config: RunConfig, number: int, seconds: float, tell: Callable[[
             "controller_stops": len(put_back.stops),
             "unexplained": trials.unexplained,
             "blank": trials.blank,
+            "carried": trials.carried,
             "faults": [row for row in trials.rows if "on after" in row],
         }
+
+
+def go_elsewhere(trials: Trials, put_back: PutBack) -> Observer:
+    """Before a blank wall a car stands for the rest of the piece, and tries nothing, unless it is put elsewhere."""
+    tell_again = TellAgain(trials.car.safe, put_back)
+
+    def observe(step: Step) -> None:
+        if trials.fault is None:
+            tell_again(step)
+
+    return observe
 
 
 def resident_megabytes() -> float:

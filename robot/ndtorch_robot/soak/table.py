@@ -72,6 +72,7 @@ def summary(pieces: list[Piece]) -> dict[str, Any]:
         "bad": sum(row["bad"] is not None for row in rows),
         "unexplained_stops": sum(len(piece["unexplained"]) for piece in pieces),
         "stops_before_blank_walls": sum(len(piece["blank"]) for piece in pieces),
+        "stops_when_put_elsewhere": sum(len(piece["carried"]) for piece in pieces),
         "collisions": sum(piece["collisions"] for piece in pieces),
         "megabytes_an_hour": None if grown is None else round(grown, 1),
     }

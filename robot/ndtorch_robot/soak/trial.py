@@ -32,7 +32,7 @@ BEYOND = 0.6
 """A fault lasts so much longer than the car may take to stop, s."""
 
 AFTER = 1.0
-"""Seconds after a fault in which a stop is still its doing."""
+"""Seconds after a fault, or after the car was put elsewhere, in which a stop is still its doing."""
 
 AGAIN = 10.0
 """Seconds in which the car must drive again after a fault."""
@@ -56,6 +56,7 @@ class Trials:
         rows: one for each fault.
         unexplained: stops for which there was no fault.
         blank: stops before a wall that shows nothing.
+        carried: stops because the pictures moved, after somebody really had put the car elsewhere.
         lines: what was said.
     """
 
@@ -66,12 +67,15 @@ class Trials:
         self.rows: list[Row] = []
         self.unexplained: list[str] = []
         self.blank: list[str] = []
+        self.carried: list[str] = []
+        self.stopped: list[str] = []
         self.lines: list[str] = []
         self.waiting: list[Fault] = []
         self.fault: Fault | None = None
         self.disk: DiskTrial | None = None
         self.began = self.ends = self.mended = -math.inf
-        self.turned = -math.inf
+        self.turned = self.put = -math.inf
+        self.placed = world.simulation.placed
         self.calm, self.driving = float(self.random.uniform(*CALM)), 0.0
         self.counted = 0
         self.moved_for = 0
@@ -86,7 +90,9 @@ class Trials:
 
     def __call__(self, step: Step) -> None:
         now = self.world.now()
-        self.look_for_unexplained()
+        if self.world.simulation.placed is not self.placed:
+            self.placed, self.put = self.world.simulation.placed, now
+        self.look_at_stops()
         if self.disk is not None:
             self.disk(step)
         if self.fault is not None:
@@ -105,20 +111,27 @@ class Trials:
         elif self.driving >= self.calm and self.moved_for > 25:
             self.begin(now)
 
-    def look_for_unexplained(self) -> None:
-        """Stops that no fault has brought about."""
+    def look_at_stops(self) -> None:
+        """Stops that no fault has brought about, though there may be one that the car must drive through."""
         faults = self.car.safe.faults
         for stop in faults[self.counted :]:
-            if self.fault is None and stop.time > self.mended + AFTER and stop.kind is not Kind.NOT_TOLD:
-                blank = stop.kind is Kind.BLANK and self.nothing_to_see()
-                (self.blank if blank else self.unexplained).append(f"{stop.time:.2f} s: {stop.why}")
+            must_drive = self.fault is not None and self.fault.within is None
+            calm = self.fault is None and stop.time > self.mended + AFTER and stop.kind is not Kind.NOT_TOLD
+            if must_drive or calm:
+                kept = self.stopped if must_drive else self.unexplained
+                if stop.kind is Kind.BLANK and self.nothing_to_see():
+                    kept = self.blank
+                elif stop.kind is Kind.CARRIED and stop.time < self.put + AFTER:
+                    kept = self.carried
+                kept.append(f"{stop.time:.2f} s: {stop.why}")
         self.counted = len(faults)
 
     def nothing_to_see(self) -> bool:
         """Whether good cameras have nothing before them but a wall without any mark."""
         seen = self.world.read()
         limits = self.car.safe.sight.watch.limits if self.car.safe.sight is not None else SightLimits()
-        return any(isinstance(eye, Strips) and blindness(look(eye), limits) is not None for eye in seen[:2])
+        wrong = [blindness(look(eye), limits) for eye in seen[:2] if isinstance(eye, Strips)]
+        return any(each is not None and each.kind is Kind.BLANK for each in wrong)
 
     def begin(self, now: float) -> None:
         """Something goes wrong."""
@@ -126,7 +139,7 @@ class Trials:
             self.waiting = [FAULTS[n] for n in self.random.permutation(len(FAULTS))]
         self.fault = fault = self.waiting.pop()
         self.began, self.ends = now, now + (1.0 if fault.within is None else fault.within) + BEYOND
-        self.stops = len(self.car.safe.faults)
+        self.stops, self.stopped = len(self.car.safe.faults), []
         self.calm, self.driving = float(self.random.uniform(*CALM)), 0.0
         if fault.part == "camera":
             self.cameras.fail(fault.name)
@@ -148,7 +161,7 @@ class Trials:
         row: Row = {"part": fault.part, "fault": fault.name, "at": round(self.began, 3), "said": said[:1]}
         row["turned"] = round(turned, 3) if fault.within is not None else None
         if fault.within is None:
-            row["bad"] = f"stopped: {said[0]}" if said else None
+            row["bad"] = f"stopped at {self.stopped[0]}" if self.stopped else None
         elif turned > fault.within + 1e-9:
             row["bad"] = f"wheels turned for {turned:.3f} s"
         else:

@@ -23,6 +23,7 @@ def piece(number, megabytes, rows, unexplained=()):
         "faults": rows,
         "unexplained": list(unexplained),
         "blank": [],
+        "carried": [],
     }
 
 
