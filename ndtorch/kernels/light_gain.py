@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 
+from ndtorch.kernels.grey import grey_row
 from ndtorch.kernels.inner import inner
 from ndtorch.kernels.nth import nth_of
-from ndtorch.kernels.strips import Array, grey_row
+from ndtorch.kernels.strips import Array
 
 
 def light_gain(

@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
+from ndtorch.kernels.grey import grey_row
 from ndtorch.kernels.inner import apart, inner
-from ndtorch.kernels.strips import Array, grey_row
+from ndtorch.kernels.strips import Array
 
 
 def match_cells(

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 
 from ndtorch.kernels.decision import NUMBERS as DECISION
-from ndtorch.kernels.inner import inner, tuple_of
+from ndtorch.kernels.grey import grey_row
+from ndtorch.kernels.inner import apart, inner, tuple_of
 from ndtorch.kernels.light_gain import grey_gain
 from ndtorch.kernels.look_around import NUMBERS, WHOLE_NUMBERS, look_around
 from ndtorch.kernels.match_cells import compare_cells
 from ndtorch.kernels.ranging_control import ranging_control
-from ndtorch.kernels.strips import grey_row, larger
+from ndtorch.kernels.strips import larger
 
 Array = Any
 
@@ -164,6 +165,13 @@ def ranging_step(
     return float(peak), largest, learning
 
 
+@apart
+def copy_from(row: Array, start: int, part: Array) -> None:
+    """Some of a row, from a column on."""
+    for x in range(part.shape[0]):
+        part[x] = row[start + np.uintp(x)]
+
+
 @inner
 def grey_once(
     fields: tuple[Array, Array],
@@ -199,8 +207,7 @@ def grey_once(
                     whole[7],
                     wider[eye, r],
                 )
-                for x in range(grey.shape[2]):
-                    grey[eye, y, x] = wider[eye, r, start + x]
+                copy_from(wider[eye, r], np.uintp(start), grey[eye, y])
                 r += 1
             else:
                 grey_row(fields[eye], whole[0] != 0, top + y, left, whole[8], unit, whole[7], grey[eye, y])

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ndtorch.kernels.grey import grey_row
 from ndtorch.kernels.row_features import describe, match, strongest
-from ndtorch.kernels.strips import Array, as_whole, grey_row, high_pass
+from ndtorch.kernels.strips import Array, as_whole, high_pass
 from ndtorch.kernels.triangulation import triangulate
 
 

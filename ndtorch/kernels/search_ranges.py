@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ndtorch.kernels.grey import grey_row
 from ndtorch.kernels.search_row import Numbers, find_places
-from ndtorch.kernels.strips import Array, grey_row
+from ndtorch.kernels.strips import Array
 from ndtorch.kernels.triangulation import triangulate
 
 

@@ -1,4 +1,4 @@
-"""What kernels do with the rows that navigation reads: grey, and the high-pass of ND-min."""
+"""What kernels do with the rows that navigation reads: grey of both eyes, and the high-pass of ND-min."""
 
 from __future__ import annotations
 
@@ -8,47 +8,11 @@ import numba
 import numba.extending
 import numpy as np
 
+from ndtorch.kernels.grey import grey_row
 from ndtorch.kernels.inner import apart, exactly, inner
 
 Array = Any
 """A NumPy array, or one row of it."""
-
-
-@inner
-def grey_row(frame: Array, beside: bool, y: int, left: int, every: int, unit: float, count: int, grey: Array) -> None:
-    """Every so many pixels of row `y` from column `left` on: sum of colors times `unit`, over `count`.
-
-    Args:
-        frame: `[C, H, W]`, or `[H, W, C]` where colors lie `beside` each other.
-    """
-    kind = grey.dtype.type
-    unit, count = kind(unit), kind(count)
-    # One color stands for three. Loops with a known step become vector instructions.
-    last = frame.shape[2 if beside else 0] - 1
-    count = count if last else kind(3) * count
-    if beside:
-        line, step, middle = frame[y, left:].reshape(-1), every * (last + 1), last // 2
-        if last == 2 and every == 1:
-            for x in range(grey.shape[0]):
-                grey[x] = (kind(line[3 * x]) + kind(line[3 * x + 1]) + kind(line[3 * x + 2])) * unit / count
-        elif last == 2 and every == 2:
-            for x in range(grey.shape[0]):
-                grey[x] = (kind(line[6 * x]) + kind(line[6 * x + 1]) + kind(line[6 * x + 2])) * unit / count
-        else:
-            for x in range(grey.shape[0]):
-                k = step * x
-                grey[x] = (kind(line[k]) + kind(line[k + middle]) + kind(line[k + last])) * unit / count
-        return
-    red, green, blue = frame[0, y, left:], frame[last // 2, y, left:], frame[last, y, left:]
-    if every == 1:
-        for x in range(grey.shape[0]):
-            grey[x] = (kind(red[x]) + kind(green[x]) + kind(blue[x])) * unit / count
-    elif every == 2:
-        for x in range(grey.shape[0]):
-            grey[x] = (kind(red[2 * x]) + kind(green[2 * x]) + kind(blue[2 * x])) * unit / count
-    else:
-        for x in range(grey.shape[0]):
-            grey[x] = (kind(red[every * x]) + kind(green[every * x]) + kind(blue[every * x])) * unit / count
 
 
 @inner
