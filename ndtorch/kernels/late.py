@@ -13,6 +13,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target
 
 from ndtorch.kernels.asked_once import asked_once
+from ndtorch.kernels.counted_plainly import counted_plainly, own, plain_counts
 
 JITCodeLibrary: Any = codegen.JITCodeLibrary
 
@@ -33,6 +34,7 @@ class Part(JITCodeLibrary):  # type: ignore[misc]
 
     def _optimize_final_module(self) -> None:
         if self.name == self.whole:
+            own(self._final_module)
             super()._optimize_final_module()
 
     def _finalize_final_module(self) -> None:
@@ -77,12 +79,14 @@ def optimised_once(name: str) -> Iterator[None]:
     with lock:
         context: Any = cpu_target.target_context
         context.refresh()
+        # Made before everything is a part.
+        plain_counts()
         maker = context.codegen()
         maker._library_class = type("PartOfKernel", (Part,), {"whole": name, "later": {}})
         collecting = gc.isenabled()
         gc.disable()
         try:
-            with asked_once():
+            with asked_once(), counted_plainly():
                 yield
         finally:
             del maker._library_class
