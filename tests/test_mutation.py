@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import pytest
 from tests.mutation import c_changes, forks, whom
 from tests.mutation.change import Change
 from tests.mutation.table import HEADER, UNASKED, Table, WrongTable, interval, sample_name
-from tests.mutation.trial import Bench
+from tests.mutation.trial import Bench, Ended
 
 ROOT = Path(__file__).parents[1]
 C = """#define LIMIT 3 /* 1 < 2 */
@@ -173,6 +174,33 @@ def test_a_change_is_tried_in_a_copy(checkout: Path, tmp_path: Path) -> None:
         assert bench.try_change(less_to("<="), begin=1) == "noticed: wider list"
         assert bench.try_change(less_to("<  ")) == "survived"
         assert (folder / "ndtorch/near.py").read_text() == (checkout / "ndtorch/near.py").read_text()
+
+
+def test_only_what_fails_with_the_change_is_run_without_it(
+    checkout: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (checkout / "tests/test_near.py").write_text(
+        "from ndtorch.near import near\n\n\ndef test_it():\n    assert near(1)\n\n\ndef test_no():\n    assert False\n"
+    )
+    settings = SETTINGS | {"also": {"ndtorch": ["tests/test_more.py", "tests/test_bad.py"]}, "longest": 40}
+    with Bench(checkout, tmp_path / "tree", sys.executable, settings) as bench:
+        ran: list[str] = []
+        run = bench.run
+
+        def watched(command: Sequence[str], cpu: float, wall: float) -> Ended:
+            ran.append(command[-1])
+            return run(command, cpu, wall)
+
+        monkeypatch.setattr(bench, "run", watched)
+        assert bench.try_change(less_to(">")) == "noticed"
+        assert ran == ["tests/test_near.py", "tests/test_near.py::test_it"]
+        with pytest.raises(RuntimeError, match="fail without any change"):
+            bench.try_change(less_to("<="))
+        ran.clear()
+        assert bench.try_change(less_to("<="), begin=1) == "noticed: wider list"
+        assert ran == ["tests/test_more.py"] * 2
+        assert bench.try_change(less_to("<  "), begin=1) == "survived"
+        assert ran[2:] == ["tests/test_more.py"] + ["tests/test_bad.py"] * 2
 
 
 def test_tests_that_fail_by_themselves_say_nothing(checkout: Path, tmp_path: Path) -> None:

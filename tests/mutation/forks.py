@@ -1,8 +1,9 @@
 """`python forks.py MODULES...`: run pytest again and again, in children of one process that has imported what is slow.
 
 Reads one JSON object a line: `arguments` for pytest, `cpu` and `wall`, the seconds that it may take. Answers with one:
-`status`, None where it took too long, and the seconds of `cpu` and `wall` that it did take. Nothing of the project is
-imported before the fork, so every child sees the sources as they are then.
+`status`, None where it took too long, `failed`, the first test that did, None where no single one is known, and the
+seconds of `cpu` and `wall` that it did take. Nothing of the project is imported before the fork, so every child sees
+the sources as they are then.
 """
 
 from __future__ import annotations
@@ -23,7 +24,24 @@ MEMORY = 16 << 30
 """Bytes that a child may ask for: a change that asks for more is noticed, and nothing else on the machine."""
 
 
-def child(arguments: Sequence[str], cpu: float) -> int:
+class First:
+    """A plugin of pytest: the first test that fails is written to `pipe`.
+
+    Args:
+        pipe: file descriptor to write to; closed for the programs that tests begin.
+    """
+
+    def __init__(self, pipe: int) -> None:
+        self.pipe: int | None = pipe
+
+    def pytest_runtest_logreport(self, report: Any) -> None:
+        """Called by pytest after each part of a test."""
+        if report.failed and self.pipe is not None:
+            os.write(self.pipe, report.nodeid.encode()[:4000])  # less than a pipe holds: nobody reads before the end
+            self.pipe = None
+
+
+def child(arguments: Sequence[str], cpu: float, pipe: int) -> int:
     """In the child: the exit status of pytest."""
     limit = math.ceil(cpu)
     resource.setrlimit(resource.RLIMIT_CPU, (limit, limit + 5))
@@ -33,20 +51,23 @@ def child(arguments: Sequence[str], cpu: float) -> int:
         os.dup2(silent, stream)
     import pytest
 
-    return int(pytest.main(list(arguments)))
+    return int(pytest.main(list(arguments), plugins=[First(pipe)]))
 
 
 def run(arguments: Sequence[str], cpu: float, wall: float) -> dict[str, Any]:
     """In a child of its own group, of which nothing is left afterwards."""
     began = time.monotonic()
+    reading, writing = os.pipe()
     process = os.fork()
     if process == 0:
         status = 99
         try:
             os.setsid()
-            status = child(arguments, cpu)
+            os.close(reading)
+            status = child(arguments, cpu, writing)
         finally:
             os._exit(status)
+    os.close(writing)
     late = False
     try:
         while True:
@@ -62,9 +83,15 @@ def run(arguments: Sequence[str], cpu: float, wall: float) -> dict[str, Any]:
     finally:
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(process, signal.SIGKILL)
+    os.set_blocking(reading, False)  # a grandchild that has left the group may hold the other end
+    failed = b""
+    with contextlib.suppress(BlockingIOError):
+        failed = os.read(reading, 4096)
+    os.close(reading)
     late = late or (os.WIFSIGNALED(code) and os.WTERMSIG(code) == signal.SIGXCPU)
     status = None if late else os.waitstatus_to_exitcode(code)
-    return {"status": status, "cpu": usage.ru_utime + usage.ru_stime, "wall": time.monotonic() - began}
+    cpu, first = usage.ru_utime + usage.ru_stime, failed.decode(errors="replace")
+    return {"status": status, "cpu": cpu, "wall": time.monotonic() - began, "failed": first or None}
 
 
 def main() -> None:
