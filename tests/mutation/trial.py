@@ -95,7 +95,10 @@ class Bench:
                 asked.append(f"{make} test-board")  # an int has 16 bits there
             return [("sh", "-c", each) for each in asked]
         tests = tests_of(file, self.folder, self.settings["also"], self.settings["wider"])
-        tests = list(dict.fromkeys([*tests[:1], *self.settings.get("everywhere", ()), *tests[1:]]))
+        near = [
+            each for prefix, tests in self.settings.get("next", {}).items() if file.startswith(prefix) for each in tests
+        ]
+        tests = list(dict.fromkeys([*tests[:1], *near, *tests[1:]]))
         quiet = ["-x", "-q", "-p", "no:cacheprovider", "-n", "0", "--tb=no", "-m", self.settings["marks"]]
         return [("pytest", *quiet, test) for test in tests]
 
