@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
@@ -12,6 +13,9 @@ from ndtorch.binding.models.retinotopic import RetinotopicConfig, RetinotopicMod
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.common_fate import coherent_patches
 from ndtorch.binding.readout.sums import SumStatistics, sums_table
+from ndtorch.binding.tracking.detections import detections
+from ndtorch.binding.tracking.tracks import Track, TrackParams, follow, standing
+from ndtorch.binding.tracking.windows import Windows
 from ndtorch.scenes import CommonFate
 from ndtorch.vision import CoherentMotion
 from tests.binding.models.test_figures import squares
@@ -63,6 +67,35 @@ def patches() -> Any:
     ]
 
 
+def crowd() -> Any:
+    """Fields that move by chance, some together: what is seen at each step, and the tracks and objects at the end."""
+    chance, params, aspect = np.random.default_rng(4), TrackParams(shortest=0.2, travel=0.02), 1.5
+    open_: list[Track] = []
+    gone, seen = [], []
+    for n in range(24):
+        motion = chance.normal(0, 0.02, (8, 12, 2))
+        for k, (row, column) in enumerate([(1, n // 3), (2 + n // 12, 11 - n // 4), (6, 2), (6, 8 - n // 6)]):
+            motion[row : row + 2, column : column + 2] += (0.6 - 0.3 * k, 0.1 * k)
+        signals = [chance.random((96, 14)) for _ in range(2)]
+        found = detections(motion, signals[0], signals[1], chance.random((8, 12)), 0.02, 1.0, params)
+        open_, late = follow(open_, 0.04 * n, found, len(open_) + len(gone), aspect, params)
+        gone += late
+        seen.append((len(found), sum(len(one.fields) * k for k, one in enumerate(found))))
+    return seen, open_, gone, standing(open_ + gone, 0.04, aspect, params)
+
+
+def windows() -> Any:
+    """Where windows are that follow things around a torus, in three trials of which each sees more."""
+    layer, chance = Windows((6, 8), 5.0, border="wrap"), torch.Generator().manual_seed(2)
+    steps = torch.arange(160)
+    fields = 0.02 * torch.rand(3, 160, 6, 8, 10, generator=chance)
+    for trial in range(3):
+        for k in range(trial + 1):
+            fields[trial, steps, 2 * k, (3 * k + steps // 6) % 8, 1 + k :: 4] += 1.0
+    state = layer(fields)[1]
+    return state, layer.places(state), layer.confirmed(state), layer.before_light(state)
+
+
 APART = {"PublishedModel", "ScaleFreeModel"}
 """Of pictures as small as those, their inputs differ by some percent between processors."""
 
@@ -73,6 +106,8 @@ SCENES = of_parts({name: part for name, part in PARTS.items() if name not in APA
     "sums": lambda: sums(20, 12),
     "sums of one that left just now": lambda: sums(9, 8.5),
     "patches": patches,
+    "crowd": crowd,
+    "windows": windows,
 }
 
 

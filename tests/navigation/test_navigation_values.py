@@ -11,9 +11,12 @@ import pytest
 import torch
 
 from ndtorch.navigation import Command, Grid, NavigatorOptions, Pose, StereoRig, controller_names
+from ndtorch.navigation.controllers.goal.frontiers import to_unvisited, where_to
+from ndtorch.navigation.controllers.goal.planning import clearance, plan, to_place
 from ndtorch.navigation.localisation import Localiser, LocaliserParams
 from ndtorch.navigation.localisation.params import RetraceParams
 from ndtorch.navigation.odometry import arc
+from tests.navigation.controllers.goal.test_planning import CELL, PARAMS, SIDE, world
 from tests.navigation.localisation.test_finding import Blindfold, building, known_walls
 from tests.navigation.localisation.test_localiser import CORNERS
 from tests.navigation.localisation.test_parts import Sighted, corridor, path, rounds
@@ -92,6 +95,23 @@ def corrected() -> Any:
     return kept, state
 
 
+def planned() -> Any:
+    """Ways through maps of boxes and of what was not seen, to a place and to what is left."""
+    made = []
+    for seed in range(4):
+        chance = np.random.default_rng(seed)
+        walls = [(x, x + 0.4, y, y + 0.9) for x, y in chance.uniform(-3.6, 3.0, (7, 2))]
+        around, visited = world(*walls), chance.random((SIDE, SIDE)) < 0.0
+        visited[:, : 30 + 20 * seed] = True
+        around.free[:, -12 * seed - 4 :] = False
+        clear, pose = clearance(around.blocked, CELL), (-2.0, 0.3 * seed, 0.5 * seed)
+        seeds = to_unvisited(around, visited, clear, PARAMS), to_place(around, (3.1, -1.0 + 2 * seed), PARAMS)
+        for to in seeds:
+            found = plan(around, clear, to, pose, 0.2 * seed - 0.3, 1.0, PARAMS, through=seed % 2 == 0)
+            made.append((to, found, where_to(np.asarray(found.to_go), around, PARAMS.coarse, pose[:2])))
+    return made
+
+
 SCENES = (
     of_parts(PARTS, "ndtorch.navigation")
     | {f"controller {name}": partial(steered, controller=name) for name in controller_names() if name != "goal"}
@@ -104,6 +124,7 @@ SCENES = (
         "localised": localised,
         "found again": found_again,
         "corrected": corrected,
+        "planned": planned,
     }
 )
 
