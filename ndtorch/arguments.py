@@ -67,6 +67,19 @@ def check_state(state: Any, kind: type) -> None:
                 check_dense(f"state.{field}", value)
 
 
+def check_batch(state: Any, batch: tuple[int, ...], *names: str) -> None:
+    """Raise `InputError` unless a state is None, or these tensors of it are floating point and begin with the batch of
+    the input: to look at all of them would take as long as some steps do."""
+    if state is None or torch.compiler.is_compiling():
+        return
+    for name in names:
+        value = getattr(state, name)
+        if value.shape[: len(batch)] != batch:
+            raise InputError(f"state.{name} must begin with {tuple(batch)} as the input does, got {tuple(value.shape)}")
+        if not value.is_floating_point():
+            raise InputError(f"state.{name} must be floating point, got {value.dtype}")
+
+
 def check_fits(name: str, value: Tensor, like: Tensor) -> None:
     """Raise `InputError` unless a filter's memory is of the type of a sample, and of a size that goes with it."""
     if torch.compiler.is_compiling() or (value.dtype == like.dtype and value.shape == like.shape):

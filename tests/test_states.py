@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -47,8 +48,6 @@ BAD: dict[str, Callable[[Any], Any]] = {
     "meta": lambda state: spoiled(state, lambda x: x.to("meta")),
     "sparse": lambda state: spoiled(state, lambda x: x.to_sparse() if x.ndim else x),
 }
-LATER = {"GridMap", "RowRanging", "Navigator", "Controller"}
-"""Modules that look at no tensor of their states: it would take as long as what they do."""
 
 
 @pytest.mark.parametrize("name", WITH_STATE)
@@ -58,8 +57,7 @@ def test_what_is_no_state_is_refused(name: str) -> None:
     given = streams(part)
     _, state = part.run(given)
     part.run(given, state)
-    kinds = set(BAD) - {"of another"} if name == "ChahlSrinivasan" else set(BAD)
-    for kind in sorted(kinds - {"meta", "sparse"} if name in LATER else kinds):
+    for kind in sorted(set(BAD) - {"of another"} if name == "ChahlSrinivasan" else BAD):
         with pytest.raises(InputError, match="state"):
             part.run(given, BAD[kind](state))
 
@@ -88,6 +86,78 @@ def test_samples_that_are_kept_must_be_of_the_size_of_those_that_come(name: str,
     _, state = part.run(given)
     with pytest.raises(InputError, match=r"state\.\w+ must be \(2, .* as the input is"):
         part.run(given, spoiled(state, lambda x: change(x) if x.ndim else x))
+
+
+OF_TRIALS = {"CoherentMotion", "InhibitoryNetwork", "Windows", "RetinotopicModel", "AlphaBetaTracker", "GridMap"} | {
+    "ObservationList",
+    "Navigator",
+    "Controller",
+}
+CHANGED: dict[str, Callable[[Tensor], Tensor]] = {
+    "half the trials": lambda x: x[:1] if x.ndim and len(x) == 2 else x,
+    "three times as many": lambda x: torch.cat([x, x, x]) if x.ndim and len(x) == 2 else x,
+    "whole numbers": lambda x: x.long() if x.is_floating_point() else x,
+}
+
+
+@pytest.mark.parametrize("change", CHANGED)
+@pytest.mark.parametrize("name", sorted(OF_TRIALS))
+@torch.no_grad()
+def test_a_state_must_be_of_as_many_trials_and_hold_numbers_with_a_fraction(name: str, change: str) -> None:
+    part = PARTS[name]
+    given = streams(part, 8)
+    _, state = part.run(given)
+    with pytest.raises(InputError, match=r"state\.[\w.]+ "):
+        part.run(given, spoiled(state, CHANGED[change]))
+
+
+@torch.no_grad()
+def test_a_pose_that_is_driven_on_from_must_go_with_what_is_driven() -> None:
+    part = PARTS["DeadReckoning"]
+    given = streams(part)
+    _, state = part.run(given)
+    part.run(given, spoiled(state, lambda x: x[:1]))  # all from one place
+    for change, said in (
+        (lambda x: torch.cat([x, x, x]), r"state.x must go with samples \(2,\), got \(6,\)"),
+        (torch.Tensor.long, "state.x must be floating point, got torch.int64"),
+        (lambda x: x * math.nan, "state.x must be finite"),
+    ):
+        with pytest.raises(InputError, match=said):
+            part.run(given, spoiled(state, change))
+
+
+FINITE = {"AlphaBetaTracker": ("place", "velocity"), "CoherentMotion": ("slow", "past")}
+
+
+@pytest.mark.parametrize(
+    ("name", "field"),
+    [(name, field) for name, fields in FINITE.items() for field in fields],
+)
+@torch.no_grad()
+def test_what_is_remembered_must_be_finite(name: str, field: str) -> None:
+    part = PARTS[name]
+    given = streams(part)
+    _, state = part.run(given)
+    with pytest.raises(InputError, match=f"state.{field} must be finite"):
+        part.run(given, state._replace(**{field: getattr(state, field) * math.nan}))
+
+
+@torch.no_grad()
+def test_a_failure_that_is_not_of_the_state_stays_what_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    navigator, part = navigation.Navigator(RIG, DT), PARTS["Navigator"]
+    given = streams(part)
+    _, state = navigator(*given)
+
+    steps = navigator.controller.step
+
+    def broken(seen: Tensor, ranges: Any, pose: Any, last: Any, control: Any) -> Any:
+        if control is state.control:
+            raise RuntimeError("of the controller")
+        return steps(seen, ranges, pose, last, control)
+
+    monkeypatch.setattr(navigator.controller, "step", broken)
+    with pytest.raises(RuntimeError, match="of the controller"):
+        navigator(*given, state)
 
 
 @pytest.mark.parametrize("name", ["video", "figures"])

@@ -9,7 +9,7 @@ from typing import Any, Self
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_number, check_state, check_tensor, is_whole
+from ndtorch.arguments import check_batch, check_number, check_state, check_tensor, is_whole
 from ndtorch.binding.delayed_kernel import delayed_steps
 from ndtorch.binding.feedback import FEEDBACKS, Feedback, through
 from ndtorch.binding.learning import Constants, Moment, NetworkState, WhenFull, moments, network_step
@@ -172,6 +172,7 @@ class InhibitoryNetwork(nn.Module):
     def forward(self, inputs: Tensor, state: NetworkState | None = None) -> tuple[Tensor, NetworkState]:
         check_state(state, NetworkState)
         time, c = self._check(inputs), self.constants
+        check_batch(state, inputs.shape[:time], "weights", "outputs")
         state = self.start(inputs.select(time, 0)) if state is None else state
         found = delayed_steps(inputs, state, c, self.a_in, self.a_rough)
         if found is not None:

@@ -194,7 +194,7 @@ class GridMap(nn.Module):
         check_state(state, GridMapState)
         batch, size = check_observations(ranges, pose), (self.grid.rows + 2, self.grid.columns + 2)
         tiles = empty_tiles(batch, *size, ranges.x) if state is None else state.tiles
-        check_tiles(tiles, batch, *size)
+        check_tiles("state.tiles", tiles, batch, *size)
         if self.certainty == "beams" and not batch and len(ranges.x) == 1 and kernels_wanted(*ranges, *pose):
             return GridMapState(add_at(tiles, *self.beams(ranges, pose)), state and state.sights)
         pose = Pose(*(part.unsqueeze(-1).unsqueeze(-1) for part in pose))

@@ -37,7 +37,7 @@ from ndtorch.navigation.rig import AngleModel, StereoRig
 from ndtorch.navigation.row_ranging import RowRanging
 from ndtorch.navigation.row_search import SearchParams
 from ndtorch.navigation.sights import Anchor
-from ndtorch.navigation.state import NavigatorState, StepState, check_motion, place_of
+from ndtorch.navigation.state import NavigatorState, StepState, check_like, check_motion, place_of
 from ndtorch.navigation.strips import Strips, grey_pair, row_rect, strips
 from ndtorch.navigation.tracking import AlphaBetaTracker
 from ndtorch.navigation.whole_step import Beginning, Parts, Stepped, WholeStep
@@ -134,6 +134,25 @@ class Navigator(nn.Module):
         check_kind("state", state, NavigatorState)
         check_kind("driven", driven, Command)
         check_kind("start", start, Pose)
+        try:
+            return self.advance(left, right, state, driven, start)
+        except InputError:
+            raise
+        except (RuntimeError, TypeError, ValueError, IndexError):
+            # Looked at once it has failed: at every step that would take as long as some of what is computed.
+            if state is not None:
+                check_like(state, self.advance(left, right, None, None, None)[1])
+            raise
+
+    def advance(
+        self,
+        left: Tensor | Strips,
+        right: Tensor | Strips,
+        state: NavigatorState | None,
+        driven: Command | None,
+        start: Pose | None,
+    ) -> tuple[Command, NavigatorState]:
+        """`forward` with a state that is taken as it is."""
         ours, theirs = strips(left), strips(right)
         whole = self.whole_step()
         step = whole(ours, theirs, state, driven, start, self.beginning(ours, theirs))

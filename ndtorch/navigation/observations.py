@@ -8,7 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_number, check_state
+from ndtorch.arguments import check_batch, check_number, check_state
 from ndtorch.errors import InputError
 from ndtorch.navigation.mapping import check_observations
 from ndtorch.navigation.odometry import Pose, to_body, to_world
@@ -64,6 +64,7 @@ class ObservationList(nn.Module):
     ) -> tuple[Observations, Observations]:
         check_state(state, Observations)
         batch = check_observations(ranges, pose)
+        check_batch(state, batch, "x", "seen_from")
         if state is None:
             blank = ranges.x.new_zeros(*batch, self.capacity)
             state = Observations(blank, blank, blank, blank + 1.0, blank.new_zeros(*blank.shape, 3))

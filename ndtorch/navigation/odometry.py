@@ -8,7 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_number, check_state, check_tensor
+from ndtorch.arguments import check_fits, check_number, check_state, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.kernels.arc import arc
 from ndtorch.kernels.switch import kernels_wanted
@@ -77,6 +77,9 @@ class DeadReckoning(nn.Module):
             )
         zero = torch.zeros_like(speed[..., 0])
         pose = Pose(zero, zero, zero) if state is None else state
+        for name, value in zip(Pose._fields, pose, strict=True) if state is not None else ():
+            check_tensor(f"state.{name}", value)
+            check_fits(f"state.{name}", value, zero)
         poses = []
         for v, k in zip(speed.unbind(-1), curvature.unbind(-1), strict=True):
             pose = self.step(pose, v, k)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_state
+from ndtorch.arguments import check_dense, check_state
 from ndtorch.errors import InputError
 from ndtorch.navigation.correspondence import MatchParams, match_features
 from ndtorch.navigation.features import FeatureParams, Features, find_features
@@ -120,6 +120,8 @@ class RowRanging(nn.Module):
             horizon = around[..., -1, :, around.shape[-2] // 2, :].unsqueeze(-2)
             return ranges, RowRangingState(FilterState(horizon), None)
         rows = around
+        if state is not None:
+            check_dense("state.rows.low", state.rows.low)
         motion, filters = self.nd_min.scan(rows, state.rows if state else None, rows.ndim - 4)
         if left.is_floating_point():
             check_unit_range(spatial_maximum(motion), left)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from torch import Tensor
 
-from ndtorch.arguments import check_tensor
+from ndtorch.arguments import check_dense, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.contract import Command
 from ndtorch.navigation.localisation.state import LocaliserState
@@ -16,6 +16,7 @@ from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.row_ranging import RowRangingState
 from ndtorch.navigation.tracking import Tracks
+from ndtorch.tree import leaves
 from ndtorch.vision.temporal import FilterState
 
 
@@ -77,6 +78,23 @@ class StepState(NavigatorState):
 
     def __reduce__(self) -> tuple[type[NavigatorState], tuple[Any, ...]]:
         return NavigatorState, tuple(self)
+
+
+def check_like(state: NavigatorState, fresh: NavigatorState) -> None:
+    """Raise `InputError` for the first tensor of a state that is of another kind than that of a fresh one.
+
+    What either of them lacks, and the sizes of what is remembered, are not looked at.
+    """
+    known = leaves(fresh)
+    for name, value in leaves(state).items():
+        check_dense(f"state.{name}", value)
+        wanted = known.get(name)
+        if wanted is None or name.startswith(("map.", "located.")):
+            continue
+        if value.shape != wanted.shape:
+            raise InputError(f"state.{name} must be {tuple(wanted.shape)}, got {tuple(value.shape)}")
+        if value.is_floating_point() != wanted.is_floating_point():
+            raise InputError(f"state.{name} must be {wanted.dtype}, got {value.dtype}")
 
 
 def check_motion(driven: Command | None, start: Pose | None) -> None:

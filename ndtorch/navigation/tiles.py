@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import check_kind, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import kernels_wanted
@@ -39,13 +40,15 @@ def empty_tiles(batch: tuple[int, ...], rows: int, columns: int, like: Tensor) -
     return Tiles(((blank,) * -(-columns // SIDE),) * -(-rows // SIDE))
 
 
-def check_tiles(tiles: Tiles, batch: tuple[int, ...], rows: int, columns: int) -> None:
-    """Raise `InputError` where tiles are not those of such a grid."""
+def check_tiles(name: str, tiles: Tiles, batch: tuple[int, ...], rows: int, columns: int) -> None:
+    """Raise `InputError` where tiles are not those of such a grid; of their numbers the first tile is looked at."""
+    check_kind(name, tiles, Tiles)
+    check_tensor(name, tiles.rows[0][0], half=False, finite=False)
     found = (*tiles.rows[0][0].shape[:-2], len(tiles.rows), len(tiles.rows[0]))
     wanted = (*batch, -(-rows // SIDE), -(-columns // SIDE))
     if found != wanted:
         raise InputError(
-            f"tiles [..., rows, columns] of {found} do not fit batch {batch} and a grid that needs {wanted}"
+            f"{name} [..., rows, columns] of {found} do not fit batch {batch} and a grid that needs {wanted}"
         )
 
 

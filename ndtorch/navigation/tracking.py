@@ -9,7 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_numbers, check_state, is_finite
+from ndtorch.arguments import check_batch, check_finite, check_numbers, check_state, is_finite, surely_finite
 from ndtorch.errors import InputError
 from ndtorch.navigation.mapping import check_observations
 from ndtorch.navigation.odometry import Pose, to_world
@@ -133,6 +133,11 @@ class AlphaBetaTracker(nn.Module):
             blank = ranges.x.new_zeros(*batch, self.params.slots)
             pairs = ranges.x.new_zeros(*batch, self.params.slots, 2)
             state = Tracks(pairs, pairs, blank, blank + math.inf, blank > 0)
+        else:
+            check_batch(state, batch, "place", "unseen")
+            if torch.compiler.is_compiling() or not surely_finite((state.place, state.velocity)):
+                check_finite("state.place", state.place)
+                check_finite("state.velocity", state.velocity)
         x, y = to_world(Pose(*(part.unsqueeze(-1) for part in pose)), ranges.x, ranges.y)
         places = torch.stack((x, y), -1)
         for t in range(pose.x.shape[-1]):

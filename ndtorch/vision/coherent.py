@@ -10,7 +10,7 @@ from pydantic import Field
 from torch import Tensor, nn
 from torch.nn import functional
 
-from ndtorch.arguments import check_fits, check_number, check_size, check_state
+from ndtorch.arguments import check_batch, check_finite, check_fits, check_number, check_size, check_state
 from ndtorch.config import Constants
 from ndtorch.errors import InputError
 from ndtorch.vision.fields import pool
@@ -114,7 +114,7 @@ class CoherentMotion(nn.Module):
     def forward(self, frames: Tensor, state: CoherentState | None = None) -> tuple[Tensor, CoherentState]:
         check_state(state, CoherentState)
         images = grey(as_float(check_frames(frames, self.size))).unbind(-3)
-        state = self.start(images[0]) if state is None else state
+        state = self.start(images[0]) if state is None else self.known(state, images[0])
         maps = []
         for image in images:
             state = self.step(image, state)
@@ -124,9 +124,21 @@ class CoherentMotion(nn.Module):
     def advance(self, frames: Tensor, state: CoherentState | None = None) -> CoherentState:
         """The state after frames `[..., T, C, H, W]`, for those who do not need the maps of every frame."""
         check_state(state, CoherentState)
-        for image in grey(as_float(check_frames(frames, self.size))).unbind(-3):
-            state = self.step(image, self.start(image) if state is None else state)
-        assert state is not None
+        images = grey(as_float(check_frames(frames, self.size))).unbind(-3)
+        state = self.start(images[0]) if state is None else self.known(state, images[0])
+        for image in images:
+            state = self.step(image, state)
+        return state
+
+    def known(self, state: CoherentState, image: Tensor) -> CoherentState:
+        """A state that goes with images like this one.
+
+        Raises:
+            InputError: its own images are others, or not finite: what is kept would stay so for seconds.
+        """
+        check_batch(state, image.shape[:-2], "slow", "past")
+        check_finite("state.slow", state.slow)
+        check_finite("state.past", state.past)
         return state
 
     def step(self, image: Tensor, state: CoherentState) -> CoherentState:

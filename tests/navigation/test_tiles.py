@@ -36,9 +36,9 @@ def test_a_step_shares_what_it_does_not_touch_and_leaves_the_grid_it_was_given()
 
 def test_tiles_of_another_grid_are_refused() -> None:
     tiles = empty_tiles((2,), SIDE, SIDE + 1, torch.zeros(1))
-    check_tiles(tiles, (2,), SIDE, 2 * SIDE)
+    check_tiles("tiles", tiles, (2,), SIDE, 2 * SIDE)
     with pytest.raises(InputError, match=r"tiles \[..., rows, columns\] of \(2, 1, 2\) do not fit batch \(2,\)"):
-        check_tiles(tiles, (2,), SIDE, SIDE)
+        check_tiles("tiles", tiles, (2,), SIDE, SIDE)
 
 
 def test_a_grid_of_one_tile() -> None:

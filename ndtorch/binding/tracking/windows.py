@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_number, check_state, check_tensor, is_whole
+from ndtorch.arguments import check_batch, check_number, check_state, check_tensor, is_whole
 from ndtorch.binding.tracking.params import WindowParams
 from ndtorch.binding.tracking.window_step import WindowState, windows_step
 from ndtorch.errors import InputError
@@ -96,6 +96,7 @@ class Windows(nn.Module):
             raise InputError(
                 f"signals must be [..., T, {self.grid[0]}, {self.grid[1]}, 10], got {tuple(signals.shape)}"
             )
+        check_batch(state, signals.shape[:-4], "low", "place")
         state = self.start(signals[..., 0, :, :, :]) if state is None else state
         a = self.dt / (self.params.tau_low + self.dt)
         counts, low = [], state.low
