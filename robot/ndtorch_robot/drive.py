@@ -123,6 +123,7 @@ def drive(
             PATIENCE,
             together=False,
             limits=BLANK if config.walls == "blank" else DRAWN,
+            floor=pilot.fields,
         )
         steps = max(1, round(config.seconds * rate))
         car = Car(pilot, simulation, SafeDrive(simulation, simulation, LIMITS, sight), steer=steer, max_steps=steps)

@@ -74,7 +74,7 @@ def make_car(
     limits, half = config.limits.limits(), config.navigation.map_half_size_m
     grid = Grid(-half, half, -half, half) if half else None
     pilot = Pilot(within_limits(config.navigation.options(), limits), rig, config.rate_hz, grid, near_check)
-    sight = Sight(rig, config.rate_hz, limits.age, limits=config.sight.limits())
+    sight = Sight(rig, config.rate_hz, limits.age, limits=config.sight.limits(), floor=pilot.fields)
     safe = SafeDrive(drive, clock, limits, sight, report)
     return Car(pilot, cameras, safe, observers=observers, go=go)
 

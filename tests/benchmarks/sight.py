@@ -31,9 +31,14 @@ class Judge:
 
     def __init__(self, name: str) -> None:
         self.name, self.noise = name, torch.Generator().manual_seed(1)
-        self.sights = {light: Sight(RIG, RATE, 0.1) for light in LIGHTS}
+        self.fields = DriveConfig().options().fields(RIG)
+        self.sights = {light: self.new() for light in LIGHTS}
         self.stops: list[str] = []
         self.steps = self.blank = 0
+
+    def new(self) -> Sight:
+        """One that has seen nothing yet."""
+        return Sight(RIG, RATE, 0.1, floor=self.fields)
 
     def __call__(self, step: Step) -> None:
         assert step.frames is not None
@@ -43,7 +48,7 @@ class Judge:
             why = sight.judge(frames, step.driven.speed, frames.time, step.driven.curvature)
             if why is None:
                 continue
-            self.sights[light] = Sight(RIG, RATE, 0.1)
+            self.sights[light] = self.new()
             if why.kind is Kind.BLANK and "blank" in self.name:
                 self.blank += 1
             else:

@@ -88,7 +88,7 @@ def attempt(entry: Entry) -> Attempt:
     pilot = Pilot(options, RIG, RATE)
     simulation = Simulation(world.plan(), entry.seed, fields=pilot.fields)
     try:
-        sight = Sight(simulation.rig, RATE, LIMITS.age, PATIENCE, together=False)
+        sight = Sight(simulation.rig, RATE, LIMITS.age, PATIENCE, together=False, floor=pilot.fields)
         car = Car(pilot, simulation, SafeDrive(simulation, simulation, LIMITS, sight))
         referee = Referee(world, simulation, car)
         car.observers.append(referee)

@@ -56,7 +56,12 @@ class Agreement:
         self.view: tuple[float, float] | None = None
 
     def compare(
-        self, left: Eye, right: Eye, view: tuple[float, float] | None = None, upright: bool = False
+        self,
+        left: Eye,
+        right: Eye,
+        view: tuple[float, float] | None = None,
+        upright: bool = False,
+        sure: bool = False,
     ) -> str | None:
         """Look at two rows; returns what is wrong with them, in words.
 
@@ -65,25 +70,21 @@ class Agreement:
                 being seen again. By default the view is another one every time.
             upright: both pictures turn as the wheels say. Then none is upside down, and what fits when mirrored is a
                 place that is nearly its own mirror image.
+            sure: both pictures show one floor. Then the cameras lie as they should, and nothing else counts.
         """
         if upright:
             self.mirrored = 0.0
         self.seen += 1
-        if self.seen % EVERY == 1 and len(right.row) > PATCH + self.reach and self.is_new(view):
+        if self.seen % EVERY == 1 and len(right.row) > PATCH + self.reach and is_new(view, self.view, self.limits):
             self.view = view
             self.add(partners(left.row, right.row, self.reach, self.limits))
+        if sure:
+            self.swapped = self.mirrored = 0.0
         if self.mirrored > self.limits.mirrored:
             return "one of the cameras is upside down: the rows fit when one is mirrored"
         if self.swapped > self.limits.swapped:
             return "the cameras are swapped, upside down or turned: things lie on the wrong side of each other"
         return None
-
-    def is_new(self, view: tuple[float, float] | None) -> bool:
-        """Whether the car has gone so far since the last comparison that the picture must have changed."""
-        if view is None or self.view is None:
-            return True
-        way, turn = abs(view[0] - self.view[0]), abs(view[1] - self.view[1])
-        return way >= self.limits.moved_m or turn >= self.limits.turned_rad
 
     def add(self, found: tuple[Floats, Floats, Floats]) -> None:
         """Take in the correlations of patches: as they should lie, on the wrong side, mirrored."""
@@ -92,6 +93,14 @@ class Agreement:
         self.swapped = max(0.0, self.swapped + float((wrong - right).sum()) - chance)
         if len(right) >= SYMMETRIC:
             self.mirrored = max(0.0, self.mirrored + float((mirrored - np.maximum(right, wrong)).sum()) - chance)
+
+
+def is_new(view: tuple[float, float] | None, before: tuple[float, float] | None, limits: SightLimits) -> bool:
+    """Whether the picture must have changed between two views: the way and the turn of the car so far, m and rad."""
+    if view is None or before is None:
+        return True
+    way, turn = abs(view[0] - before[0]), abs(view[1] - before[1])
+    return way >= limits.moved_m or turn >= limits.turned_rad
 
 
 def partners(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from ndtorch.navigation import StereoRig
+from ndtorch.navigation.rig import Rect
 from ndtorch_robot.ports import StereoFrames
 from ndtorch_robot.trouble import Kind, SightError, Wrong
 from ndtorch_robot.watching.eye import SightLimits
@@ -25,6 +26,7 @@ class Sight:
         together: both pictures standing still together is a fault as well. Not where pictures are drawn: they have no
             noise, and before a blank wall they may stay the same to the bit.
         limits: what the pictures are judged by.
+        floor: rectangles of both images that see the floor; see `CameraWatch`.
     """
 
     SLOW = 1.6
@@ -38,9 +40,10 @@ class Sight:
         patience: int = 4,
         together: bool = True,
         limits: SightLimits | None = None,
+        floor: tuple[Rect, Rect] | None = None,
     ) -> None:
         self.rate, self.age = rate, age
-        self.watch = CameraWatch(rig, patience, together, rate, limits)
+        self.watch = CameraWatch(rig, patience, together, rate, limits, floor)
         self.time = -math.inf
         self.late = 0
 

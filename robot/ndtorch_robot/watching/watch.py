@@ -10,10 +10,12 @@ from torch import Tensor
 
 from ndtorch.kernels.glance import BLOCK
 from ndtorch.navigation import StereoRig, Strips, cut_strips
+from ndtorch.navigation.rig import Rect
 from ndtorch_robot.ports import StereoFrames
 from ndtorch_robot.trouble import Kind, SightError
 from ndtorch_robot.watching.agreement import PATCH, Agreement, partners
 from ndtorch_robot.watching.eye import Eye, SightLimits, blindness, change, likeness, look
+from ndtorch_robot.watching.one_floor import OneFloor
 from ndtorch_robot.watching.turning import MOST, Turning
 
 NAMES = ("left", "right")
@@ -55,8 +57,9 @@ class CameraWatch:
 
     After `limits.patience_s` of pictures that look wrong (one that looks right takes one back): a camera that
     shows nothing or is blurred, one whose picture hardly changes on a way on which it must, both pictures moving
-    while the wheels stand. After some views on the way: cameras that are swapped, upside down or turned. After some
-    sharp turns: a camera whose picture turns the wrong way, because it is upside down.
+    while the wheels stand. After some views on the way: cameras that are swapped, upside down or turned, by what both
+    rows show and by the floor. After some sharp turns: a camera whose picture turns the wrong way, because it is upside
+    down.
 
     Args:
         rig: the camera pair.
@@ -64,6 +67,8 @@ class CameraWatch:
         together: two pictures that stay the same together are a fault as well. Not in a world that may stop.
         rate: frames a second.
         limits: what the pictures are judged by.
+        floor: rectangles of both images that see the floor, where strips of them are given. With those both cameras
+            must go on seeing one floor once they have, but for noise and walls.
     """
 
     def __init__(
@@ -73,11 +78,13 @@ class CameraWatch:
         together: bool = False,
         rate: float = 30.0,
         limits: SightLimits | None = None,
+        floor: tuple[Rect, Rect] | None = None,
     ) -> None:
         self.rig, self.patience, self.fields = rig, patience, rig.subfields()
         self.together, self.rate, self.limits = together, rate, limits or SightLimits()
         self.wrong_for = max(2, round(self.limits.patience_s * rate / EVERY))
         self.agreement = Agreement(self.limits)
+        self.floor = None if floor is None else OneFloor(rig, floor, self.limits)
         self.turning = [Turning(rig.focal, self.limits) for _ in NAMES]
         self.compared_at = 0.0
         self.time = -math.inf
@@ -99,6 +106,8 @@ class CameraWatch:
         change(eye.row, eye.row)
         if columns > PATCH:
             partners(eye.row, eye.row, columns - PATCH, self.limits)
+        if self.floor is not None:
+            self.floor.warm_up()
 
     def check(self, frames: StereoFrames, speed: float, curvature: float = 0.0) -> None:
         """Look at new frames.
@@ -125,7 +134,7 @@ class CameraWatch:
         self.check_exactly(eyes, speed)
         self.seen += 1
         if self.seen % EVERY == 0:
-            self.check_pictures((look(eyes[0]), look(eyes[1])))
+            self.check_pictures((look(eyes[0]), look(eyes[1])), (eyes[0], eyes[1]))
 
     def check_exactly(self, eyes: list[Strips], speed: float) -> None:
         """Black, and the same to the bit: told soonest."""
@@ -160,7 +169,7 @@ class CameraWatch:
         """
         return self.together and self.lively[k] >= LIVELY
 
-    def check_pictures(self, eyes: tuple[Eye, Eye]) -> None:
+    def check_pictures(self, eyes: tuple[Eye, Eye], strips: tuple[Strips, Strips]) -> None:
         """What is in the pictures, against the way that the wheels say was driven."""
         reasons = [blindness(eye, self.limits) for eye in eyes]
         away = next((b for b in reversed(self.before) if self.far_from(b)), None)
@@ -184,8 +193,11 @@ class CameraWatch:
             raise SightError(Kind.CARRIED, "both pictures move although the wheels stand")
         wrong = None
         if reasons == [None, None]:
-            upright = all(judge.upright for judge in self.turning)
-            wrong = self.agreement.compare(*eyes, view=(self.driven, self.turned), upright=upright)
+            view, upright = (self.driven, self.turned), all(judge.upright for judge in self.turning)
+            sure = self.floor is not None and self.floor.compare(*strips, view)
+            wrong = self.agreement.compare(*eyes, view=view, upright=upright, sure=sure)
+            if wrong is None and self.floor is not None and self.floor.lost:
+                wrong = "both cameras do not see one floor any more: one is upside down or turned, or they are swapped"
         if wrong is not None:
             raise SightError(Kind.MOUNTING, wrong)
 
@@ -206,6 +218,8 @@ class CameraWatch:
     def forget_mounting(self) -> None:
         """Somebody may have put the cameras right."""
         self.agreement.forget()
+        if self.floor is not None:
+            self.floor.forget()
         for judge in self.turning:
             judge.forget()
 

@@ -1,0 +1,128 @@
+"""Do both cameras still see one floor? Then they lie as they lay; what fits by chance or by symmetry is outvoted."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ndtorch.navigation import Strips
+from ndtorch.navigation.near_floor import floor_likeness
+from ndtorch.navigation.near_params import NearParams
+from ndtorch.navigation.rig import Rect, StereoRig
+from ndtorch_robot.watching.agreement import EVERY, is_new
+from ndtorch_robot.watching.eye import Floats, SightLimits, compiled, one_color
+
+SEEN = 0.7
+"""Likeness from which both cameras see one floor, beyond doubt."""
+
+LOST = 0.5
+"""Likeness below which they do not, as a share of what their noise leaves of it."""
+
+CLEAR = 0.6
+"""Correlation of neighbouring pixels of the floor below which it is noise, or too fine, and says nothing."""
+
+DEEP = 1.3
+"""The nearest floor is looked at: up to so many times the depth of its nearest row."""
+
+BESIDE = 0.3
+"""How far to either side of the car's middle, m."""
+
+TILT = 8
+"""Rows by which the horizon may lie higher or lower: a bump, or a camera that is turned by a degree and a half."""
+
+BEFORE = 5
+"""Looks that must have seen one floor before it can be lost."""
+
+VIEWS = 20
+"""Views in a row without one floor after which it is lost: 0.8 m of way, or a radian of turns, or more."""
+
+PATCH, STEP = 64, 4
+"""Columns of what is looked for where there is a wall, and rows between two that are compared."""
+
+
+class OneFloor:
+    """Looks whether the floor lies in both pictures where it must: the best proof that cameras lie as they should.
+
+    Two rows are alike by chance, or because a corridor is its own mirror image. Floors are not: of one camera that is
+    upside down next to nothing fits.
+
+    Args:
+        rig: the camera pair.
+        rects: where the strips of both cameras lie.
+        limits: see `SightLimits`.
+    """
+
+    def __init__(self, rig: StereoRig, rects: tuple[Rect, Rect], limits: SightLimits) -> None:
+        self.rig, self.rects, self.limits = rig, rects, limits
+        horizon = (rig.height - 1) / 2 - rig.focal * math.tan(rig.pitch)
+        near = rig.focal * rig.camera_height / max(1.0, rects[0].bottom - 1 - horizon)
+        self.params = NearParams(
+            floor=SEEN, floor_from=0.99 * near, floor_to=DEEP * near, floor_beside=BESIDE, tilt=TILT
+        )
+        self.size = (rects[0].bottom - rects[0].top, rects[0].right - rects[0].left)
+        self.asked = self.seen = self.without = 0
+        self.view: tuple[float, float] | None = None
+
+    def warm_up(self) -> None:
+        """Have the kernel compiled or loaded."""
+        blank = np.zeros(self.size, np.float32)
+        floor_likeness(blank, blank, self.rects, self.rig, self.params, compiled())
+
+    def forget(self) -> None:
+        """Somebody may have turned the cameras round."""
+        self.without = 0
+
+    def compare(self, left: Strips, right: Strips, view: tuple[float, float]) -> bool:
+        """Look at two pictures, now and then; True when both see one floor for sure.
+
+        Args:
+            view: way and turn of the car so far, m and rad.
+        """
+        self.asked += 1
+        ours, theirs = one_color(left.field), one_color(right.field)
+        if self.asked % EVERY != 1 or ours.shape != self.size or theirs.shape != self.size:
+            return False
+        scale = np.float32(1 if ours.dtype.kind == "f" else 255)
+        pair = ours.astype(np.float32) / scale, theirs.astype(np.float32) / scale
+        likeness = floor_likeness(*pair, self.rects, self.rig, self.params, compiled())
+        if likeness >= SEEN:
+            self.seen, self.without = self.seen + 1, 0
+            return True
+        clear = min(clearness(each) for each in pair)
+        if clear >= CLEAR:
+            if likeness >= LOST * clear or wall_likeness(*pair) >= SEEN:
+                self.without = 0
+            elif is_new(view, self.view, self.limits):
+                self.view, self.without = view, self.without + 1
+        return False
+
+    @property
+    def lost(self) -> bool:
+        """Both have seen one floor, and do not any more."""
+        return self.seen >= BEFORE and self.without >= VIEWS
+
+
+def clearness(field: Floats) -> float:
+    """Correlation of neighbouring pixels in the lower half of a subfield, 0..1: noise has none."""
+    rows = field[field.shape[0] // 2 :]
+    rows = rows - rows.mean(1, keepdims=True)
+    power = float(np.vdot(rows, rows))
+    return max(0.0, float(np.vdot(rows[:, 1:], rows[:, :-1])) / power) if power > 0 else 0.0
+
+
+def wall_likeness(left: Floats, right: Floats) -> float:
+    """Best correlation of a patch of the left subfield anywhere in the same rows of the right one: a near wall."""
+    ours, theirs = left[::STEP], right[::STEP]
+    if ours.shape[1] < PATCH:
+        return 0.0
+    windows = np.lib.stride_tricks.sliding_window_view(theirs, PATCH, 1)
+    mean = windows.mean((0, 2))
+    size = np.sqrt(np.maximum((windows**2).sum((0, 2)) - mean**2 * len(ours) * PATCH, 1e-6))
+    best = 0.0
+    for at in range(0, ours.shape[1] - PATCH + 1, PATCH):
+        patch = ours[:, at : at + PATCH] - ours[:, at : at + PATCH].mean()
+        own = math.sqrt(float(np.vdot(patch, patch)))
+        if own > 0.01 * math.sqrt(patch.size):
+            best = max(best, float((np.einsum("rnc,rc->n", windows, patch) / (size * own)).max()))
+    return best

@@ -1,0 +1,188 @@
+"""Both cameras see one floor, or they do not any more."""
+
+import functools
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from ndtorch.navigation import Strips
+from ndtorch.navigation.options import NavigatorOptions
+from ndtorch_robot.config import DriveConfig
+from ndtorch_robot.drive import drive
+from ndtorch_robot.ports import StereoFrames
+from ndtorch_robot.sim.simulation import RIG
+from ndtorch_robot.trouble import Kind
+from ndtorch_robot.watching.agreement import EVERY
+from ndtorch_robot.watching.eye import SightLimits
+from ndtorch_robot.watching.one_floor import BEFORE, VIEWS, OneFloor, clearness, wall_likeness
+from ndtorch_robot.watching.sight import Sight
+from tests.robot.support.gl_needed import needs_gl
+
+RECTS = NavigatorOptions().fields(RIG)
+GRAIN = 0.006
+"""Size of a spot of the carpet, m."""
+WAY = 0.05
+"""Between two looks, m."""
+
+
+@functools.cache
+def carpet():
+    """Levels 60 to 200 or so, 6.6 m long and 3 m wide."""
+    spots = np.random.default_rng(3).normal(0, 1, (1100, 500)).astype(np.float32)
+    return 128 + 60 * cv2.GaussianBlur(spots, (0, 0), 0.8)
+
+
+def floor(at):
+    """What both cameras see of it from `at` m on, levels `[h, w]`."""
+    pictures = []
+    for side, rect in zip((0.5, -0.5), RECTS, strict=True):
+        rows, columns = np.mgrid[rect.top : rect.bottom, rect.left : rect.right].astype(np.float32)
+        ahead = RIG.focal * RIG.camera_height / (rows - (RIG.height - 1) / 2)
+        aside = side * RIG.baseline + ahead * ((RIG.width - 1) / 2 - columns) / RIG.focal
+        pictures.append(cv2.remap(carpet(), (aside + 1.5) / GRAIN, (ahead + at) / GRAIN, cv2.INTER_LINEAR))
+    return pictures
+
+
+def strips(left, right, noise=1.0, seed=0):
+    """Of two pictures in levels, with noise; the rows show something else."""
+    rng = np.random.default_rng(seed)
+    wall = rng.uniform(60, 200, 900).repeat(5)
+    out = []
+    for at, picture in zip((0, 60), (left, right), strict=True):
+        levels = np.clip(np.rint(picture + rng.normal(0, noise, picture.shape)), 0, 255).astype(np.uint8)
+        row = torch.from_numpy(wall[at : at + RIG.width].astype(np.uint8))
+        out.append(Strips(torch.from_numpy(levels)[None].repeat(3, 1, 1), row.repeat(3, 1, 1)))
+    return out
+
+
+def upside_down(left, right):
+    """The right one is."""
+    return left, right[::-1, ::-1]
+
+
+def swapped(left, right):
+    """The wrong cables."""
+    return right, left
+
+
+def look(judge, count, change=lambda left, right: (left, right), begin=0, moving=True, light=1.0):
+    """So many looks that are looked into; the last answer."""
+    sure = False
+    for n in range(begin, begin + count):
+        left, right = change(*floor(WAY * n))
+        pair = strips(light * left, light * right, seed=n)
+        view = (WAY * n if moving else 0.0, 0.0)
+        answers = [judge.compare(*pair, view) for _ in range(EVERY)]
+        assert not any(answers[1:])  # one of so many is looked into
+        sure = answers[0]
+    return sure
+
+
+def judge():
+    return OneFloor(RIG, RECTS, SightLimits())
+
+
+def test_good_cameras_see_one_floor():
+    mine = judge()
+    assert look(mine, 2 * VIEWS)
+    assert (mine.seen, mine.without, mine.lost) == (2 * VIEWS, 0, False)
+
+
+@pytest.mark.parametrize("change", [upside_down, swapped])
+def test_a_floor_that_was_seen_is_lost_after_so_many_views(change):
+    mine = judge()
+    look(mine, BEFORE)
+    assert not look(mine, VIEWS - 1, change, begin=BEFORE)
+    assert not mine.lost
+    look(mine, 1, change, begin=BEFORE + VIEWS)
+    assert mine.lost
+    mine.forget()
+    assert not mine.lost
+    look(mine, 1, begin=100)
+    assert (mine.without, mine.seen) == (0, BEFORE + 1)
+
+
+def test_who_has_never_seen_one_floor_long_enough_loses_none():
+    mine = judge()
+    look(mine, BEFORE - 1)
+    look(mine, VIEWS, upside_down, begin=BEFORE)
+    assert (mine.without, mine.lost) == (VIEWS, False)
+
+
+def test_a_car_that_stands_loses_no_floor():
+    mine = judge()
+    look(mine, BEFORE)
+    look(mine, 2 * VIEWS, upside_down, moving=False)
+    assert mine.without == 1
+
+
+def test_noise_is_no_floor_and_no_other_one():
+    mine = judge()
+    look(mine, BEFORE)
+    look(mine, VIEWS, light=0.02)
+    assert (mine.without, mine.seen) == (0, BEFORE)
+    rng = np.random.default_rng(0)
+    assert clearness(rng.normal(0, 1, (70, 560)).astype(np.float32)) < 0.05
+    assert clearness(np.full((70, 560), 0.5, np.float32)) == 0.0
+    assert clearness(floor(0.0)[0].astype(np.float32)) > 0.8
+
+
+def test_a_near_wall_hides_the_floor_of_good_cameras():
+    """Both see it, as far apart in all rows as it is near."""
+    paper = floor(0.0)[0].astype(np.float32)
+    left, right = paper, np.roll(paper, 80 - 150, 1)
+    assert wall_likeness(left, right) > 0.99
+    assert wall_likeness(left, right[::-1, ::-1]) < 0.5
+    assert wall_likeness(left[:, :50], right[:, :50]) == 0.0
+    mine = judge()
+    look(mine, BEFORE)
+    look(mine, VIEWS, lambda *_: (left, right), begin=BEFORE)
+    assert mine.without == 0
+    look(mine, 3, lambda *_: upside_down(left, right), begin=100)
+    assert mine.without == 3
+
+
+def test_strips_of_another_place_are_not_looked_at():
+    mine = judge()
+    left, right = floor(0.0)
+    assert not mine.compare(*strips(left[:29, :85], right[:29, :85]), (0.0, 0.0))
+    assert (mine.seen, mine.without) == (0, 0)
+
+
+def test_floats_are_looked_at_like_bytes():
+    left, right = (Strips(*(part.float() / 255 for part in eye)) for eye in strips(*floor(0.0)))
+    assert judge().compare(left, right, (0.0, 0.0))
+
+
+def test_the_car_is_stopped_and_may_be_told_to_go_on():
+    sight = Sight(RIG, 30.0, 0.1, floor=RECTS)
+
+    def drives(begin, seconds, change):
+        for n in range(round(30 * begin), round(30 * (begin + seconds))):
+            pair = strips(*change(*floor(0.5 * n / 30)), seed=n)
+            wrong = sight.judge(StereoFrames(*pair, n / 30), 0.5, n / 30)
+            if wrong is not None:
+                return n / 30 - begin, wrong
+        return None
+
+    assert drives(0.0, 2.0, lambda left, right: (left, right)) is None
+    after, wrong = drives(2.0, 6.0, upside_down)
+    assert after < 1.05 * VIEWS * 2 * EVERY / 30 + 0.3
+    assert wrong.kind is Kind.MOUNTING
+    assert "do not see one floor any more" in wrong.words
+    sight.watch.forget_mounting()
+    assert drives(6.0, 2.0, lambda left, right: (left, right)) is None
+    # Somebody looks through the same strips without knowing where they lie.
+    assert Sight(RIG, 30.0, 0.1).watch.floor is None
+
+
+@needs_gl
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [801, 810])
+def test_a_corridor_that_is_its_own_mirror_image_ends_no_drive(seed):
+    """Without a mark, one wall is seen from one side as the other one from the other side."""
+    steps = []
+    drive(DriveConfig(arena="hallway", walls="blank", seed=seed, seconds=6.0), [steps.append])
+    assert len(steps) == 180
