@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from statistics import median
 from typing import Any
+
+import numpy as np
 
 from ndtorch_robot.soak.faults import FAULTS
 from ndtorch_robot.soak.piece import Piece
@@ -23,8 +24,8 @@ COLUMNS = (
 MOST_GROWTH = 10.0
 """Megabytes an hour by which the memory of the process may grow."""
 
-SETTLES = 3
-"""Pieces of a process after which its memory is compared: the first ones load and compile."""
+SETTLES = 6
+"""Pieces of a process after which its memory is compared: the first ones load and compile, each in another arena."""
 
 
 def table(pieces: list[Piece]) -> str:
@@ -50,14 +51,19 @@ def table(pieces: list[Piece]) -> str:
 
 
 def growth(pieces: list[Piece]) -> float | None:
-    """Megabytes an hour of driving by which the memory grew, over all processes; None before it can be said."""
-    grown = hours = 0.0
+    """Megabytes an hour of driving by which the memory grew: the slope that fits all processes best, each by itself.
+
+    None before it can be said. Buildings differ in size, so two pieces alone say little.
+    """
+    moved = spread = 0.0
     for process in dict.fromkeys(piece["process"] for piece in pieces):
-        mine = [piece for piece in pieces if piece["process"] == process][SETTLES:]
-        for before, after in pairwise(mine):
-            grown += after["megabytes"] - before["megabytes"]
-            hours += after["seconds"] / 3600
-    return grown / hours if hours else None
+        mine = [piece for piece in pieces if piece["process"] == process]
+        hours = np.cumsum([piece["seconds"] for piece in mine])[SETTLES:] / 3600
+        if len(hours) > 1:
+            from_middle = hours - hours.mean()
+            moved += float(from_middle @ [piece["megabytes"] for piece in mine[SETTLES:]])
+            spread += float(from_middle @ from_middle)
+    return moved / spread if spread else None
 
 
 def summary(pieces: list[Piece]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from ndtorch.ending import Stopped
 from ndtorch.errors import InputError
 from ndtorch_robot.commands.soak import Soak, kept
 from ndtorch_robot.sim.hosted_board import HostedBoard
-from ndtorch_robot.soak.table import report, summary, troubles
+from ndtorch_robot.soak.table import SETTLES, growth, report, summary, troubles
 
 
 def piece(number, megabytes, rows, unexplained=()):
@@ -32,13 +32,29 @@ def row(bad=None, turned=0.1):
 
 
 def test_the_table_tells_what_was_bad():
-    good = [piece(n, 300.0 + (50.0 if n else 0.0), [row()]) for n in range(8)]
+    good = [piece(n, 300.0 + (50.0 if n else 0.0), [row()]) for n in range(SETTLES + 2)]
     assert troubles(good) == []
     assert summary(good)["megabytes_an_hour"] == 0.0
     assert "| camera | black | 0.25 | 8 | 0 | 0.10 | 0.10 | 1.0 |" in report(good)
     bad = [*good[:-1], piece(7, 360.0, [row("wheels turned for 0.400 s", 0.4)], ["3.00 s: why"])]
     assert len(troubles(bad)) == 3  # a stop, wheels that turned, and memory
     assert "| camera | black | 0.25 | 8 | 1 | 0.10 | 0.40 | 1.0 |" in report(bad)
+
+
+def test_memory_is_judged_by_all_pieces_of_each_process():
+    """Pieces of .1 h, of which the first ones load."""
+    loads = [piece(n, 100.0 * n, []) for n in range(SETTLES)]
+    saw = [piece(n, 700.0 + (40.0 if n % 2 else 0.0), []) for n in range(40)]
+    assert growth(loads) is None
+    assert growth([*loads, saw[0]]) is None
+    assert growth([*loads, *saw[:2]]) == pytest.approx(400.0)
+    assert abs(growth([*loads, *saw])) < 2.0  # the ends alone would say 10
+    leaks = [made | {"megabytes": made["megabytes"] + 1.2 * n} for n, made in enumerate(saw)]
+    assert growth([*loads, *leaks]) == pytest.approx(12.0, abs=2.0)
+    assert "memory grew by" in troubles([*loads, *leaks])[0]
+    # Another process begins with another memory.
+    others = [made | {"process": "b", "megabytes": made["megabytes"] + 500.0} for made in [*loads, *leaks]]
+    assert growth([*loads, *leaks, *others]) == pytest.approx(growth([*loads, *leaks]))
 
 
 def test_a_piece_of_other_code_is_driven_again(tmp_path):
