@@ -82,8 +82,8 @@ class SightTable(Strict):
     noise: Positive = 10.0
     sharp_range: Positive = 20.0
     softness: Annotated[float, Field(ge=0, le=1)] = 0.36
-    moved_m: Positive = 0.04
-    turned_rad: Positive = 0.05
+    moved_m: Positive = 0.02
+    turned_rad: Positive = 0.025
     row_change: Positive = 1.0
     field_change: Positive = 0.45
     still: Annotated[float, Field(ge=-1, le=1)] = 0.5

@@ -23,6 +23,9 @@ REACH = 240
 MIRRORED = 160
 """How far apart patches may lie that fit when mirrored, pixels. Both sides of a corridor do, further apart."""
 
+MOVED, TURNED = 0.04, 0.05
+"""Way, m, and turn, radians, from which a view is another one."""
+
 EVERY = 3
 """Frames of which one is compared: it costs as much as all else."""
 
@@ -75,7 +78,7 @@ class Agreement:
         if upright:
             self.mirrored = 0.0
         self.seen += 1
-        if self.seen % EVERY == 1 and len(right.row) > PATCH + self.reach and is_new(view, self.view, self.limits):
+        if self.seen % EVERY == 1 and len(right.row) > PATCH + self.reach and is_new(view, self.view):
             self.view = view
             self.add(partners(left.row, right.row, self.reach, self.limits))
         if sure:
@@ -95,12 +98,12 @@ class Agreement:
             self.mirrored = max(0.0, self.mirrored + float((mirrored - np.maximum(right, wrong)).sum()) - chance)
 
 
-def is_new(view: tuple[float, float] | None, before: tuple[float, float] | None, limits: SightLimits) -> bool:
-    """Whether the picture must have changed between two views: the way and the turn of the car so far, m and rad."""
+def is_new(view: tuple[float, float] | None, before: tuple[float, float] | None) -> bool:
+    """Whether a view is another one than that before: the way and the turn of the car so far, m and rad."""
     if view is None or before is None:
         return True
     way, turn = abs(view[0] - before[0]), abs(view[1] - before[1])
-    return way >= limits.moved_m or turn >= limits.turned_rad
+    return way >= MOVED or turn >= TURNED
 
 
 def partners(

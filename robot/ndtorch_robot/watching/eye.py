@@ -69,8 +69,8 @@ class SightLimits:
     noise: float = 10.0
     sharp_range: float = 20.0
     softness: float = 0.36
-    moved_m: float = 0.04
-    turned_rad: float = 0.05
+    moved_m: float = 0.02
+    turned_rad: float = 0.025
     row_change: float = 1.0
     field_change: float = 0.45
     still: float = 0.5

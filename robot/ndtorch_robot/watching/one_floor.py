@@ -11,7 +11,7 @@ from ndtorch.navigation.near_floor import floor_likeness
 from ndtorch.navigation.near_params import NearParams
 from ndtorch.navigation.rig import Rect, StereoRig
 from ndtorch_robot.watching.agreement import EVERY, is_new
-from ndtorch_robot.watching.eye import Floats, SightLimits, compiled, one_color
+from ndtorch_robot.watching.eye import Floats, compiled, one_color
 
 SEEN = 0.7
 """Likeness from which both cameras see one floor, beyond doubt."""
@@ -50,11 +50,10 @@ class OneFloor:
     Args:
         rig: the camera pair.
         rects: where the strips of both cameras lie.
-        limits: see `SightLimits`.
     """
 
-    def __init__(self, rig: StereoRig, rects: tuple[Rect, Rect], limits: SightLimits) -> None:
-        self.rig, self.rects, self.limits = rig, rects, limits
+    def __init__(self, rig: StereoRig, rects: tuple[Rect, Rect]) -> None:
+        self.rig, self.rects = rig, rects
         horizon = (rig.height - 1) / 2 - rig.focal * math.tan(rig.pitch)
         near = rig.focal * rig.camera_height / max(1.0, rects[0].bottom - 1 - horizon)
         self.params = NearParams(
@@ -93,7 +92,7 @@ class OneFloor:
         if clear >= CLEAR:
             if likeness >= LOST * clear or wall_likeness(*pair) >= SEEN:
                 self.without = 0
-            elif is_new(view, self.view, self.limits):
+            elif is_new(view, self.view):
                 self.view, self.without = view, self.without + 1
         return False
 

@@ -84,7 +84,7 @@ class CameraWatch:
         self.together, self.rate, self.limits = together, rate, limits or SightLimits()
         self.wrong_for = max(2, round(self.limits.patience_s * rate / EVERY))
         self.agreement = Agreement(self.limits)
-        self.floor = None if floor is None else OneFloor(rig, floor, self.limits)
+        self.floor = None if floor is None else OneFloor(rig, floor)
         self.turning = [Turning(rig.focal, self.limits) for _ in NAMES]
         self.compared_at = 0.0
         self.time = -math.inf

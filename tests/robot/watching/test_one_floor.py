@@ -15,7 +15,6 @@ from ndtorch_robot.ports import StereoFrames
 from ndtorch_robot.sim.simulation import RIG
 from ndtorch_robot.trouble import Kind
 from ndtorch_robot.watching.agreement import EVERY
-from ndtorch_robot.watching.eye import SightLimits
 from ndtorch_robot.watching.one_floor import BEFORE, VIEWS, OneFloor, clearness, wall_likeness
 from ndtorch_robot.watching.sight import Sight
 from tests.robot.support.gl_needed import needs_gl
@@ -81,7 +80,7 @@ def look(judge, count, change=lambda left, right: (left, right), begin=0, moving
 
 
 def judge():
-    return OneFloor(RIG, RECTS, SightLimits())
+    return OneFloor(RIG, RECTS)
 
 
 def test_good_cameras_see_one_floor():

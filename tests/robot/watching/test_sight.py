@@ -125,6 +125,23 @@ def test_a_frozen_picture_while_turning_on_the_spot():
     assert "same picture" in why
 
 
+@pytest.mark.parametrize("curvature", [0.0, 2.0])
+@pytest.mark.parametrize("late", range(-6, 8, 2))
+def test_a_picture_that_freezes_about_a_change_from_reverse_to_forward(late, curvature):
+    """With noise. On its way through standing the car hardly moves, and nothing shows; but it must stop in time."""
+    begins, kept, sight = 40, [], Sight(RIG, RATE, 0.1)
+    for n, part in enumerate(drive(3.0)):
+        kept = part if n <= begins else kept
+        noisy = [np.round(p) + RANDOM.integers(-1, 2, p.shape) for p in kept]
+        speed = min(0.4, -0.3 + 2.0 * max(0, n - begins - late) / RATE)
+        seen = [noisy[k] if n > begins and k % 2 == 0 else p for k, p in enumerate(part)]
+        why = sight.judge(frames(seen, n), speed, n / RATE, curvature)
+        if why is not None:
+            break
+    assert "the left camera shows the same picture" in why.words
+    assert 0 < n - begins <= 13  # and half a second are 15
+
+
 def frozen(begins, eyes, moving=False, noise=1.0):
     """What these eyes give that are frozen, to the bit, from a picture on."""
     kept: list[np.ndarray] = []
