@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from ndtorch.kernels.inner import inner
+from ndtorch.kernels.inner import apart, inner
 from ndtorch.kernels.strips import Array, as_whole, grey_rows, high_pass
 
 
@@ -64,10 +66,22 @@ def grey_maxima(grey: Array, settle: bool, low: Array, gain: float, a: float, ne
             for x in range(width):
                 peaks[x] = sizes[x]
             for y in range(1, tall):
-                for x in range(width):
-                    peaks[x] = max(peaks[x], sizes[y * width + x])
+                raise_to(peaks, sizes, np.uintp(y * width))
             for block in range(blocks):
-                most = peaks[block * wide]
-                for x in range(block * wide + 1, (block + 1) * wide):
-                    most = max(most, peaks[x])
-                largest[eye, band, block] = most
+                largest[eye, band, block] = highest(peaks, np.uintp(block * wide), wide)
+
+
+@apart
+def raise_to(peaks: Array, sizes: Array, start: Any) -> None:
+    """The larger of each of two numbers, from `start` on."""
+    for x in range(peaks.shape[0]):
+        peaks[x] = max(peaks[x], sizes[start + np.uintp(x)])
+
+
+@apart
+def highest(peaks: Array, start: Any, count: int) -> Any:
+    """The largest of so many numbers."""
+    most = peaks[start]
+    for x in range(1, count):
+        most = max(most, peaks[start + np.uintp(x)])
+    return most

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
+from ndtorch.kernels.ahead import ask_for
 from ndtorch.kernels.grey import grey_row
 from ndtorch.kernels.inner import apart, inner
 from ndtorch.kernels.strips import Array
@@ -41,7 +43,7 @@ def match_cells(
     for eye in range(2):
         for r in range(rows.size):
             grey_row(frames[eye], beside, tops[eye] + rows[r], lefts[eye], every, unit, count, grey[eye, r])
-    compare_cells(grey, rows, shift, first, wide, tall, alike, least, found)
+    compare_cells(grey, rows, shift, first, wide, tall, alike, least, found, found.reshape(-1))
 
 
 @inner
@@ -55,8 +57,13 @@ def compare_cells(
     alike: float,
     least: float,
     found: Array,
+    soon: Array,
 ) -> None:
-    """`match_cells` of rows that are grey already, `[2, R, width]`."""
+    """`match_cells` of rows that are grey already, `[2, R, width]`.
+
+    Args:
+        soon: numbers that are written next, which are asked for meanwhile.
+    """
     _, bands, blocks = found.shape
     width = grey.shape[2]
     kind, n = found.dtype.type, wide - 1
@@ -66,13 +73,13 @@ def compare_cells(
     columns = np.zeros((2, 3, blocks * wide), found.dtype)
     sums = np.zeros((2, bands + 1, blocks, 3), found.dtype)
     seen = np.zeros((2, bands + 1, blocks), np.int64)
+    share = soon.size // max(rows.size, 1) + 1
     for r in range(rows.size):
+        ask_for(soon, np.uintp(r * share), share)
         y = rows[r]
         band = max(0, bands - 1 - y // tall)
         for eye in range(2):
-            line = grey[eye, r]
-            for x in range(width - 1):
-                change[eye, x] = line[x + 1] - line[x]
+            changes(grey[eye, r], change[eye])
         for eye in range(2):
             away = -shift[r] if eye else shift[r]
             begin, end = blocks, 0
@@ -81,43 +88,34 @@ def compare_cells(
                 if start + away < 0 or start + away + n > width - 1:
                     continue
                 begin, end = min(begin, k), k + 1
+                at, there = np.uintp(start), np.uintp(start + away)
                 # Changes add up to the difference of the last pixel and the first.
-                mine = grey[eye, r, start + n] - grey[eye, r, start]
-                his = grey[1 - eye, r, start + away + n] - grey[1 - eye, r, start + away]
+                mine = grey[eye, r, at + np.uintp(n)] - grey[eye, r, at]
+                his = grey[1 - eye, r, there + np.uintp(n)] - grey[1 - eye, r, there]
                 place = blocks - 1 - k if eye else k
                 of_all = mine * each
-                total = sums[eye, band, place]
-                total[0] -= of_all * his
-                total[1] -= of_all * mine
-                total[2] -= his * his * each
+                sums[eye, band, place, 0] -= of_all * his
+                sums[eye, band, place, 1] -= of_all * mine
+                sums[eye, band, place, 2] -= his * his * each
                 seen[eye, band, place] += 1
             if begin < end:
-                start, length = first[eye] + wide * begin, wide * (end - begin) - 1
-                ours, theirs = (
-                    change[eye, start : start + length],
-                    change[1 - eye, start + away : start + away + length],
-                )
-                column = wide * begin
-                end = column + length
+                start = first[eye] + wide * begin
+                size = wide * (end - begin) - 1
                 add_products(
-                    ours, theirs, columns[eye, 0, column:end], columns[eye, 1, column:end], columns[eye, 2, column:end]
+                    change[eye],
+                    np.uintp(start),
+                    change[1 - eye],
+                    np.uintp(start + away),
+                    columns[eye],
+                    np.uintp(wide * begin),
+                    size,
                 )
         if r + 1 == rows.size or band != max(0, bands - 1 - rows[r + 1] // tall):
             for eye in range(2):
                 for k in range(blocks):
-                    product, square, other = kind(0), kind(0), kind(0)
-                    for x in range(wide * k, wide * k + n):
-                        product += columns[eye, 0, x]
-                        square += columns[eye, 1, x]
-                        other += columns[eye, 2, x]
                     place = blocks - 1 - k if eye else k
-                    sums[eye, band, place, 0] += product
-                    sums[eye, band, place, 1] += square
-                    sums[eye, band, place, 2] += other
-            for eye in range(2):
-                for k in range(3):
-                    for x in range(blocks * wide):
-                        columns[eye, k, x] = 0
+                    add_up(columns[eye], np.uintp(wide * k), n, sums[eye, band, place])
+            columns[:] = 0
     step = 2 if rows.size < 2 else rows[1] - rows[0]
     for eye in range(2):
         for band in range(bands):
@@ -133,10 +131,33 @@ def compare_cells(
 
 
 @apart
-def add_products(one: Array, other: Array, products: Array, squares: Array, others: Array) -> None:
-    """Add the products of every two numbers, and their squares, to their sums."""
-    for x in range(products.shape[0]):
-        mine, his = one[x], other[x]
-        products[x] += mine * his
-        squares[x] += mine * mine
-        others[x] += his * his
+def changes(row: Array, change: Array) -> None:
+    """From every pixel of a row to the next."""
+    for x in range(change.shape[0]):
+        change[x] = row[np.uintp(x + 1)] - row[x]
+
+
+@apart
+def add_products(one: Array, at: Any, other: Array, there: Any, sums: Array, column: Any, size: int) -> None:
+    """Add the products of so many numbers of two rows, and their squares, to their sums `[3, ...]`."""
+    for x in range(size):
+        k = np.uintp(x)
+        mine, his = one[at + k], other[there + k]
+        sums[0, column + k] += mine * his
+        sums[1, column + k] += mine * mine
+        sums[2, column + k] += his * his
+
+
+@apart
+def add_up(columns: Array, start: Any, size: int, sums: Array) -> None:
+    """Add so many columns of products `[3, ...]` to their sums `[3]`."""
+    kind = sums.dtype.type
+    product, square, other = kind(0), kind(0), kind(0)
+    for x in range(size):
+        k = start + np.uintp(x)
+        product += columns[0, k]
+        square += columns[1, k]
+        other += columns[2, k]
+    sums[0] += product
+    sums[1] += square
+    sums[2] += other

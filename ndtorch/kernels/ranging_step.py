@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ndtorch.kernels.ahead import ask_for
 from ndtorch.kernels.decision import NUMBERS as DECISION
 from ndtorch.kernels.grey import grey_row
 from ndtorch.kernels.inner import apart, inner, tuple_of
@@ -21,6 +22,9 @@ seen, controlled = inner(look_around), inner(ranging_control)
 
 FLOOR, WORTH, PATCH, LIMITS = 14, 3, 9, len(DECISION)
 """How many numbers `ranging_control` takes of each."""
+
+AHEAD = 4
+"""Rows ahead for which memory is asked."""
 
 
 def ranging_step(
@@ -78,6 +82,7 @@ def ranging_step(
     height, width, first = whole[11], whole[12], (own[4], own[5])
     grey, wider = np.empty((2, height, width), large.dtype), np.empty((2, lines.size, own[8]), large.dtype)
     grey_once((left_field[0], right_field[0]), whole, numbers[0], lines, first, grey, wider)
+    compare_cells(wider, lines, shift, first, own[6], own[7], rest[4], rest[5], cells[2:], new_large)
     if not settle:
         low = large[: 2 * height * width].reshape((2, height, width))
         gain = grey_gain(grey, height // bands, low, blocks, (float(rest[6]), float(rest[7]), float(rest[8])))
@@ -109,7 +114,6 @@ def ranging_step(
         new_small[at + eye] = highest * kind(numbers[3])
     worths, patch = NUMBERS + FLOOR, NUMBERS + FLOOR + WORTH
     limits = patch + PATCH
-    compare_cells(wider, lines, shift, first, own[6], own[7], rest[4], rest[5], cells[2:])
     now = small[:at].copy()
     now[0], now[1] = driven
     now[2], now[3], now[4] = new_small[2], new_small[3], new_small[4]
@@ -192,22 +196,27 @@ def grey_once(
         grey: becomes the fields, `[2, h, w]`.
         wider: becomes the rows that are compared, `[2, R, width]`.
     """
+    beside, every = whole[0] != 0, whole[8]
+    width = fields[0].shape[1 if beside else 2]
+    planes, step = (1, fields[0].shape[2]) if beside else (fields[0].shape[0], 1)
+    plane = fields[0].shape[1] * width
+    height = grey.shape[1]
     for eye in range(2):
-        r, left, top = 0, whole[4 + eye], whole[2 + eye]
-        for y in range(grey.shape[1]):
+        r, n, left, top = 0, 0, whole[4 + eye], whole[2 + eye]
+        for y in range(height):
+            if y + AHEAD < height:
+                while n < lines.size and lines[n] < y + AHEAD:
+                    n += 1
+                compared = n < lines.size and lines[n] == y + AHEAD
+                begin = left - every * first[eye] if compared else left
+                count = wider.shape[2] if compared else grey.shape[2]
+                place = np.uintp(((top + y + AHEAD) * width + begin) * step)
+                for color in range(planes):
+                    ask_for(fields[eye], place + np.uintp(color * plane), every * count * step)
             if r < lines.size and lines[r] == y:
                 start = first[eye]
-                grey_row(
-                    fields[eye],
-                    whole[0] != 0,
-                    top + y,
-                    left - whole[8] * start,
-                    whole[8],
-                    unit,
-                    whole[7],
-                    wider[eye, r],
-                )
+                grey_row(fields[eye], beside, top + y, left - every * start, every, unit, whole[7], wider[eye, r])
                 copy_from(wider[eye, r], np.uintp(start), grey[eye, y])
                 r += 1
             else:
-                grey_row(fields[eye], whole[0] != 0, top + y, left, whole[8], unit, whole[7], grey[eye, y])
+                grey_row(fields[eye], beside, top + y, left, every, unit, whole[7], grey[eye, y])
