@@ -7,65 +7,61 @@ import numpy as np
 from ndtorch.kernels.filters import Array
 from ndtorch.kernels.inner import inner
 
-SLOTS = 64
+FEW = 12
+"""So few numbers are sorted one by one."""
 
 
 @inner
 def middle_of(values: Array, count: int) -> float:
     """The median of the first `count` values; `nth_of` says what becomes of them."""
     half = count // 2
-    here = nth_of(values, count, half)
+    some = ordered_at(values, count, half)
+    here = some[half]
     if count % 2:
         return float(here)
-    # The one before it is the same one, or the largest of those below.
-    below, fewer = values.dtype.type(-np.inf), 0
-    for n in range(count):
-        if values[n] < here:
-            below = max(below, values[n])
-            fewer += 1
-    before = below if fewer == half else here
+    before = some[0]
+    for n in range(half):
+        before = max(before, some[n])
     return float((before + here) / values.dtype.type(2))
 
 
 @inner
 def nth_of(values: Array, count: int, n: int) -> float:
     """The value that n of the first `count` values come before in order. Their order stays; NaN are not allowed."""
-    low, high = values[0], values[0]
-    for k in range(count):
-        low, high = min(low, values[k]), max(high, values[k])
-    some, left, before = values[:count].copy(), count, n
-    # Into slots by size, and again within the slot in which it lies, until few are left.
-    while left > 12 and low < high:
-        slots = np.zeros(SLOTS, np.int32)
-        scale = SLOTS / (float(high) - float(low))
-        for k in range(left):
-            slots[slot_of(some[k], low, scale)] += 1
-        at = 0
-        while before >= slots[at]:
-            before -= slots[at]
-            at += 1
-        kept = 0
-        least, most = high, low
-        for k in range(left):
-            value = some[k]
-            if slot_of(value, low, scale) == at:
-                some[kept] = value
-                kept += 1
-                least, most = min(least, value), max(most, value)
-        low, high, left = least, most, kept
-    for k in range(1, left):
-        value, m = some[k], k
-        while m > 0 and some[m - 1] > value:
-            some[m] = some[m - 1]
-            m -= 1
-        some[m] = value
-    return float(some[before])
+    return float(ordered_at(values, count, n)[n])
 
 
 @inner
-def slot_of(value: float, low: float, scale: float) -> int:
-    """The slot of a value."""
-    return min(int((value - low) * scale), SLOTS - 1)
+def ordered_at(values: Array, count: int, n: int) -> Array:
+    """A copy of the first `count` values, with that one in place n, and none before it that is larger, `[count]`."""
+    some = values[:count].copy()
+    low, high = 0, count
+    while high - low > FEW:
+        step = (high - low) // 8
+        one, other, third = some[low + step], some[low + 4 * step], some[low + 7 * step]
+        pivot = max(min(one, other), min(max(one, other), third))
+        # Those below it to the front, and where there are none, those that equal it. Without branches: which way they
+        # go is not to be foretold.
+        for equal in range(2):
+            at = low
+            for k in range(low, high):
+                value = some[k]
+                some[k] = some[at]
+                some[at] = value
+                at += (value < pivot) | ((equal == 1) & (value == pivot))
+            if at > low:
+                break
+        # All of these are equal, or none is a number.
+        if (n < at and equal) or at == low:
+            return some
+        low, high = (low, at) if n < at else (at, high)
+    for k in range(low + 1, high):
+        value, m = some[k], k
+        while m > low and some[m - 1] > value:
+            some[m] = some[m - 1]
+            m -= 1
+        some[m] = value
+    return some
 
 
 @inner

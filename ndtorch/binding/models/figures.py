@@ -19,16 +19,17 @@ from ndtorch.binding.readout.owners import features_by_group
 from ndtorch.binding.tracking.figures import Figure, figures_of, table_of
 from ndtorch.binding.tracking.following import follow
 from ndtorch.binding.tracking.many import COMING, Comings, comings
-from ndtorch.binding.tracking.regions import holes, parted, regions_of
+from ndtorch.binding.tracking.regions import holes, parted, regions_of, still_of
 from ndtorch.binding.tracking.restless import at_rest, come_and_gone
 from ndtorch.binding.tracking.shades import Light, shade_of
-from ndtorch.binding.tracking.silhouettes import told
+from ndtorch.binding.tracking.silhouettes import marked, told
 from ndtorch.errors import InputError
-from ndtorch.vision.camera.figure_signals import FigureSignals
+from ndtorch.vision.camera.figure_signals import FigureSignals, Sensed
 from ndtorch.vision.camera.figures import ground_start, ground_step
 from ndtorch.vision.camera.ground import GroundState
+from ndtorch.vision.camera.shrunk import shrunk
 from ndtorch.vision.features import FEATURES, GROUPS
-from ndtorch.vision.frames import as_float, check_frames
+from ndtorch.vision.frames import check_frames
 
 
 class FiguresModel(BindingModel):
@@ -94,27 +95,26 @@ class FiguresModel(BindingModel):
         open_, closing = figures_of(state.open), list[Figure]()
         rows, shapes, masks, times, who, cuts = [], [], [], [], [], list[bool]()
         for k, frame in enumerate(frames):
-            picture = self._small(frame)
+            picture = shrunk(frame, self.small)
             if self.group > 1:
                 waiting = waiting + torch.from_numpy(picture)
                 if (counted + k + 1) % self.group:
                     continue
                 picture, waiting = (waiting / self.group).numpy(), torch.zeros_like(waiting)
             time = (counted + k) / self.fps
-            signals, seen, open_, late, began, cut = self._step(picture, seen, open_, time, began)
+            sensed, mask, seen, open_, late, began, cut = self._step(picture, seen, open_, time, began)
             closing += [one for one in late if one.known]
-            rows.append(signals)
+            rows.append(sensed)
             shapes.append(seen.silhouettes)
-            known = np.zeros(began + 1, np.uint8)
-            known[[one.number + 1 for one in open_ if one.known]] = 1
-            masks.append(torch.from_numpy(told(seen.silhouettes.numpy(), known)))
+            masks.append(mask)
             times.append(time)
             cuts.append(cut)
             who.append([one for one in open_ if one.last_seen == time])
         inputs = outputs = torch.zeros(0, self.config.fields.most, 10)
         level, network = state.level, state.network
         if rows:
-            inputs, level = self.normalise(torch.stack(rows), level)
+            signals = self.fields.signals(rows, shapes)
+            inputs, level = self.normalise(signals, level)
             outputs, network = self.network(inputs, network)
             own, through = inputs.double().numpy(), outputs.double().numpy()
             for k, ones in enumerate(who):
@@ -146,31 +146,11 @@ class FiguresModel(BindingModel):
             None, waiting, zero, zero.clone(), torch.zeros(3), None, none, none, torch.zeros((), dtype=torch.float64)
         )
 
-    def _small(self, frame: Tensor) -> Any:
-        """A frame `[3, H, W]` as a small picture `[3, h, w]`, 0..1."""
-        import cv2
-
-        if frame.dtype != torch.uint8:
-            frame = as_float(frame).float()
-            if not torch.isfinite(frame.sum()):
-                raise InputError("frames must be finite, got NaN or infinite values")
-        small, planes = np.empty((3, *self.small), np.float32), frame.cpu().numpy()
-        beside = planes.transpose(1, 2, 0)
-        if beside.flags.c_contiguous:
-            parts = cv2.split(cv2.resize(beside, self.small[::-1], interpolation=cv2.INTER_AREA))
-        else:
-            # Plane by plane: to lay colors beside each other costs more.
-            parts = [cv2.resize(plane, self.small[::-1], interpolation=cv2.INTER_AREA) for plane in planes]
-        unit = np.float32(1 / 255 if frame.dtype == torch.uint8 else 1)
-        for plane, to in zip(parts, small, strict=True):
-            np.multiply(plane, unit, out=to)
-        return small
-
     def _step(
         self, picture: Any, seen: SeenState | None, open_: list[Figure], time: float, began: int
-    ) -> tuple[Tensor, SeenState, list[Figure], list[Figure], int, bool]:
-        """Signals, memory, tracks, tracks that are gone, tracks begun, and whether a new scene begins, after one
-        picture `[3, h, w]`."""
+    ) -> tuple[Sensed | None, Tensor, SeenState, list[Figure], list[Figure], int, bool]:
+        """What is sensed, where known objects are `[h, w]`, memory, tracks, tracks that are gone, tracks begun, and
+        whether a new scene begins, after one picture `[3, h, w]`."""
         import cv2
 
         g, t = self.config.ground, self.config.tracking
@@ -181,14 +161,18 @@ class FiguresModel(BindingModel):
         standing, ground = ground_step(picture, seen.ground, seen.kept.numpy(), self.dt, g)
         if standing.cut:
             # What was followed is gone; a new scene starts as a film does.
-            return torch.zeros(self.config.fields.most, 10), blank(ground, shape), [], open_, began, True
+            return None, torch.zeros(shape, dtype=torch.uint8), blank(ground, shape), [], open_, began, True
         quiet = ground.quiet.numpy()
         # Plain parts of what moves are still too, and no holes.
         moving = np.zeros(began + 2, np.uint8)
         moving[[one.number + 1 for one in open_ if one.known and time - one.moved < t.rests]] = True
         figure, smallest = standing.figure, t.smallest * standing.grey.size
-        free = figure & (told(seen.silhouettes.numpy(), moving) == 0) if moving.any() else figure
-        hole = holes(free, quiet >= g.still, standing.grey, standing.ground, smallest)
+        shapes, hole = seen.silhouettes.numpy(), None
+        # Mostly next to nothing is there, and regions are dear. So few pixels enclose no more.
+        few = still_of(figure, quiet, g.still, shapes, moving)
+        if few * (few / 4 + 1) >= smallest:
+            free = figure & (told(shapes, moving) == 0)
+            hole = holes(free, quiet >= g.still, standing.grey, standing.ground, smallest)
         if hole is not None:
             wide = cv2.dilate(hole.astype(np.uint8), square) > 0
             mean = torch.where(torch.from_numpy(wide), torch.from_numpy(standing.picture), ground.mean)
@@ -204,16 +188,17 @@ class FiguresModel(BindingModel):
         come = Comings(torch.from_numpy(comings(seen.come.rows.numpy(), open_, late, time, t)))
         gone = torch.from_numpy(come_and_gone(before, late, open_, self.dt, t))
         began = max([began, *(one.number + 1 for one in open_)])
-        keep = np.zeros(began + 2, np.uint8)
+        keeping = []
         for one in open_:
             since, patience = (one.moved, t.stays) if one.known else (one.first_seen, t.doubtful)
-            keep[one.number + 1] = time - since < patience
-        kept = np.asarray(cv2.dilate(told(silhouettes, keep), square), np.float32)
+            if time - since < patience:
+                keeping.append(one.number)
+        mask, kept = marked(silhouettes, [one.number for one in open_ if one.known], keeping, began)
         shape_of = torch.from_numpy(silhouettes)
         here, behind = torch.from_numpy(standing.picture), torch.from_numpy(standing.ground)
-        signals, fields = self.fields(here, behind, shape_of, seen.fields)
+        sensed, fields = self.fields.sense(here, behind, shape_of, seen.fields)
         after = SeenState(ground, shape_of, torch.from_numpy(kept), gone, come, fields)
-        return signals, after, open_, late, began, False
+        return sensed, torch.from_numpy(mask), after, open_, late, began, False
 
     def _each(self, frames: Tensor, state: Any) -> tuple[FiguresSignals, Any]:
         """One film after the other."""

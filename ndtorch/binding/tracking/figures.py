@@ -117,16 +117,18 @@ class Figure:
         tall, wide = self.extent.tolist()
         return float(tall + wide) / 2
 
-    def expected(self, time: float, most: float) -> Numbers:
+    def expected(self, time: float, most: float) -> tuple[float, float]:
         """Row and column it should have reached, going on for `most` seconds after it was last seen."""
-        last = self.last
+        last, (down, across) = self.last, self.velocity.tolist()
+        row, column = last[FOLLOWED]
         # What is lost is not followed out of the picture for ever.
-        return np.array(last[FOLLOWED]) + self.velocity * min(time - last[0], most)
+        gap = min(time - last[0], most)
+        return row + down * gap, column + across * gap
 
-    def box(self, time: float, most: float) -> Numbers:
+    def box(self, time: float, most: float) -> tuple[float, float, float, float]:
         """Top, left, bottom and right of where it should be, as `expected`."""
-        place = self.expected(time, most)
-        return np.concatenate([place - self.extent / 2, place + self.extent / 2])
+        (row, column), (tall, wide) = self.expected(time, most), self.extent.tolist()
+        return row - tall / 2, column - wide / 2, row + tall / 2, column + wide / 2
 
 
 def figures_of(table: FigureTable) -> list[Figure]:

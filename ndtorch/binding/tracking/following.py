@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,7 +15,7 @@ from ndtorch.binding.tracking.parting import parting
 from ndtorch.binding.tracking.regions import Floats, Labels, Regions, shares
 from ndtorch.binding.tracking.restless import restless
 from ndtorch.binding.tracking.shades import Light
-from ndtorch.binding.tracking.silhouettes import Sighting, share, sightings
+from ndtorch.binding.tracking.silhouettes import Sighting, share, sightings, told
 from ndtorch.binding.tracking.whole import clear, look_again, moves_as_a_whole, straightness, swings, taken_back
 from ndtorch.vision.camera.figures import Standing
 
@@ -83,7 +84,7 @@ def follow(
             owners[r + 1] = began
             box = regions.boxes[r]
             kept.append(start(began - 1, time, np.array([box[0] + box[2], box[1] + box[3]]) / 2 / height))
-    silhouettes: Labels = owners[labels]
+    silhouettes: Labels = told(labels, owners)
     for r, ones in groups:
         share(silhouettes, labels, r, regions.boxes[r], ones, time, picture, p)
     every = sightings(kept, silhouettes, standing, light, {one.number for _, ones in groups for one in ones})
@@ -96,7 +97,7 @@ def follow(
                 one.narrow += shaded[one.number + 1]
                 look_again(one, picture, standing.ground, p)
     width = labels.shape[1] / height
-    bright = float(standing.ground.mean()) if any(not one.known for one in kept) else 0.0
+    stirred = bool(gone.any())
     for one in kept:
         if (
             seen_for > p.warm_up - dt / 2
@@ -104,12 +105,12 @@ def follow(
             and one.last_seen == time
             and travels(one, gone, dt, p)
             and not is_shadow(one, p)
-            and is_thing(one, bright, p)
+            and is_thing(one, standing.ground, p)
             and not part_of_another(one, kept, p)
             and not one_of_many(one, come, seen_for, width, p)
         ):
             one.known, one.since = True, time if one.since < 0 else one.since
-        elif one.known and one.last_seen == time and restless(one, gone) > 0 and taken_back(one, time, dt, p):
+        elif stirred and one.known and one.last_seen == time and restless(one, gone) and taken_back(one, time, dt, p):
             one.known = False
     for one in (*kept, *late):
         # It may be that the others came later.
@@ -130,7 +131,7 @@ def travels(one: Figure, gone: Floats, dt: float, p: FigureParams) -> bool:
 
     Where others came and went it has to go further.
     """
-    far = float(np.hypot(*(np.array(one.last[FOLLOWED]) - one.start)))
+    far = math.dist(one.last[FOLLOWED], one.start)
     span = one.last_seen - one.first_seen
     seen = (len(one.before) + len(one.late)) * dt
     # Small pieces of noise, leaves and a codec's blocks wander by more than their own size.
@@ -142,12 +143,12 @@ def travels(one: Figure, gone: Floats, dt: float, p: FigureParams) -> bool:
     return far >= further and (not unrest or straightness(one, p) >= p.straight * unrest)
 
 
-def is_thing(one: Figure, light: float, p: FigureParams) -> bool:
-    """Whether a track stands out clearly and does not swing, or moves as a whole and straight; anything is, where
-    `travel` is 0. What was taken back has to go straight, too."""
+def is_thing(one: Figure, ground: Floats, p: FigureParams) -> bool:
+    """Whether a track stands out clearly from the ground and does not swing, or moves as a whole and straight; anything
+    is, where `travel` is 0. What was taken back has to go straight, too."""
     if not p.travel or (clear(one, p) and one.since < 0 and not swings(one, p)):
         return True
-    return (clear(one, p) or moves_as_a_whole(one, light, p)) and straightness(one, p) >= p.straight
+    return (clear(one, p) or moves_as_a_whole(one, float(ground.mean()), p)) and straightness(one, p) >= p.straight
 
 
 def is_shadow(one: Figure, p: FigureParams) -> bool:
@@ -158,14 +159,15 @@ def is_shadow(one: Figure, p: FigureParams) -> bool:
 def part_of_another(one: Figure, others: Sequence[Figure], p: FigureParams) -> bool:
     """Whether a much larger track beside it moves as it does: common fate. So do shadows, and pieces of a thing."""
     time, top, left, bottom, right = one.last[0], *one.last[3:7]
-    speed = float(np.hypot(*one.velocity))
+    speed = math.hypot(*one.velocity)
     for other in others:
         if other is one or other.last_seen != time or other.last[PIXELS] < p.larger * one.last[PIXELS]:
             continue
         box = other.last[3:7]
         gap = max(top - box[2], box[0] - bottom, left - box[3], box[1] - right)
-        apart = float(np.hypot(*(one.velocity - other.velocity)))
-        if gap < p.beside * other.size and apart < p.fate * max(speed, float(np.hypot(*other.velocity))):
+        if gap >= p.beside * other.size:
+            continue
+        if math.dist(one.velocity, other.velocity) < p.fate * max(speed, math.hypot(*other.velocity)):
             return True
     return False
 
@@ -180,27 +182,27 @@ def start(number: int, time: float, place: Numbers) -> Figure:
 
 def add(one: Figure, time: float, seen: Sighting, p: FigureParams) -> None:
     """Take a sighting. In a shared region the size is remembered, not seen."""
-    place, pixels = seen.place, seen.pixels
+    (row, column), (tall, wide), pixels = seen.place, seen.extent, seen.pixels
     one.shades = one.shades + seen.shades
     if one.late or len(one.before):
         gap = time - one.last_seen
-        there = one.expected(time, p.ahead)
-        share_of = p.follow * (p.grouped if seen.shared else 1.0)
-        place = there + share_of * (seen.place - there) if seen.shared else seen.place
-        residual = place - there
-        # Of a young track the mean of all steps so far.
-        pace = max(gap / (p.tau_velocity + gap), 1 / (len(one.before) + len(one.late)))
-        one.velocity = one.velocity + pace * residual / max(gap, 1e-9)
+        # Plain numbers: arrays of two take several times as long.
+        there, down, (height, width) = one.expected(time, p.ahead), one.velocity.tolist(), one.extent.tolist()
         if seen.shared:
-            pixels = one.last[PIXELS]
+            share_of, pixels = p.follow * p.grouped, one.last[PIXELS]
+            row, column = there[0] + share_of * (row - there[0]), there[1] + share_of * (column - there[1])
+            tall, wide = height, width
         else:
             keep = gap / (p.tau_size + gap)
-            one.extent = one.extent + keep * (seen.extent - one.extent)
+            one.extent = np.array((height + keep * (tall - height), width + keep * (wide - width)))
             one.color = one.color + keep * (seen.color - one.color)
+        # Of a young track the mean of all steps so far.
+        pace, span = max(gap / (p.tau_velocity + gap), 1 / (len(one.before) + len(one.late))), max(gap, 1e-9)
+        residual = row - there[0], column - there[1]
+        one.velocity = np.array([own + pace * by / span for own, by in zip(down, residual, strict=True)])
     else:
-        one.extent, one.color = seen.extent, seen.color
-    if float(np.hypot(*(place - one.rest))) > p.moves * one.size:
-        one.moved, one.rest = time, place
-    extent = one.extent if seen.shared else seen.extent
-    box = (*(place - extent / 2).tolist(), *(place + extent / 2).tolist())
-    one.late.append((time, *seen.inner.tolist(), *box, pixels, *place.tolist()))
+        one.extent, one.color = np.array((tall, wide)), seen.color
+    if math.dist((row, column), one.rest) > p.moves * one.size:
+        one.moved, one.rest = time, np.array((row, column))
+    box = row - tall / 2, column - wide / 2, row + tall / 2, column + wide / 2
+    one.late.append((time, *seen.inner, *box, pixels, row, column))

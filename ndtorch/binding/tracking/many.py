@@ -81,18 +81,20 @@ def one_of_many(one: Figure, come: Numbers, seen_for: float, width: float, p: Fi
     """
     if not p.travel or len(come) < p.several:
         return False
+    # What began a scene came at once: that is no pace.
+    span = max(1.0, min(seen_for, p.lately))
+    row, column = one.last[FOLLOWED]
+    tall = min(row + p.among, 1.0) - max(row - p.among, 0.0)
+    wide = min(column + p.among, width) - max(column - p.among, 0.0)
+    beside = (np.abs(come[:, 2] - row) < p.among) & (np.abs(come[:, 3] - column) < p.among)
+    # Mostly they are too few, of whatever size.
+    pace, crowd = p.many * span * width, max(p.several - 1, p.crowded * span * tall * wide)
+    if len(come) <= pace and int(beside.sum()) <= crowd:
+        return False
     # Glints join and part; what leaves the picture is small at last.
     size = size_of(one.path, 0.25)
     alike = (come[:, 4] > size / p.same_size) & (come[:, 4] < size * p.same_size) & (come[:, 0] != one.number)
     everywhere = int(alike.sum())
     if everywhere < p.several:
         return False
-    # What began a scene came at once: that is no pace.
-    span = max(1.0, min(seen_for, p.lately))
-    if everywhere > p.many * span * width:
-        return True
-    row, column = one.last[FOLLOWED]
-    around = int((alike & (np.abs(come[:, 2] - row) < p.among) & (np.abs(come[:, 3] - column) < p.among)).sum())
-    tall = min(row + p.among, 1.0) - max(row - p.among, 0.0)
-    wide = min(column + p.among, width) - max(column - p.among, 0.0)
-    return around >= p.several and around > p.crowded * span * tall * wide
+    return everywhere > pace or int((alike & beside).sum()) > crowd

@@ -7,9 +7,11 @@ import math
 import numpy as np
 
 from ndtorch.binding.tracking.figure_params import FigureParams
-from ndtorch.binding.tracking.figures import PIXELS, Figure
+from ndtorch.binding.tracking.figures import PIXELS, Figure, Numbers
 from ndtorch.binding.tracking.regions import Floats, Regions
 from ndtorch.binding.tracking.whole import clear
+from ndtorch.kernels.load import kernel
+from ndtorch.kernels.switch import kernels_wanted
 
 
 def visible(ones: list[Figure], area: float, p: FigureParams) -> tuple[list[Figure], list[Figure], list[Figure]]:
@@ -19,6 +21,8 @@ def visible(ones: list[Figure], area: float, p: FigureParams) -> tuple[list[Figu
     tracks that are together much smaller than their region were pieces of one thing, and so was a small one that moves
     as the largest does. Of the others, the oldest are seen for as many as there is room for; the rest is hidden.
     """
+    if len(ones) < 2:
+        return ones, [], []
     known = [one for one in ones if one.known]
     # One that was apart for a while, and is no small part of it, stays one of its own.
     most = max((one.last[PIXELS] for one in known or ones), default=0.0)
@@ -34,7 +38,7 @@ def visible(ones: list[Figure], area: float, p: FigureParams) -> tuple[list[Figu
     shown, hidden = list[Figure](), list[Figure]()
     for one in known:
         small = one.last[PIXELS] * p.larger < largest.last[PIXELS]
-        if small and float(np.hypot(*(one.velocity - largest.velocity))) < p.fate * float(np.hypot(*largest.velocity)):
+        if small and math.dist(one.velocity, largest.velocity) < p.fate * math.hypot(*largest.velocity):
             parts.append(one)
         elif not shown or sum(other.last[PIXELS] for other in shown) + p.room * one.last[PIXELS] < area:
             shown.append(one)
@@ -52,33 +56,39 @@ def meeting(
     figures: list[Figure], time: float, regions: Regions, p: FigureParams
 ) -> tuple[dict[int, list[int]], dict[int, int]]:
     """The tracks of each region, and the track of every region that is a piece of one."""
+    height = regions.labels.shape[0]
+    areas = regions.areas.tolist()
+    given: dict[int, list[int]] = {r: [] for r in range(len(areas))}
+    pieces: dict[int, int] = {}
+    if not areas or not figures:
+        return given, pieces
+    counts = overlaps([one.box(time, p.ahead) for one in figures], regions)
+    inside, largest = counts.tolist(), [0] * len(figures)
+    for k, (one, r) in enumerate(zip(figures, counts.argmax(1).tolist(), strict=True)):
+        if inside[k][r] > p.shared * min(areas[r], one.last[PIXELS] * height * height):
+            given[r].append(k)
+            largest[k] = areas[r]
+    for r, k in enumerate(counts.argmax(0).tolist()):
+        # What is nearly as large as the rest of it is no piece: a group has parted.
+        if not given[r] and inside[k][r] > p.piece * areas[r] and p.larger * areas[r] < largest[k]:
+            pieces[r] = k
+    return given, pieces
+
+
+def overlaps(boxes: list[tuple[float, float, float, float]], regions: Regions) -> Numbers:
+    """Pixels of each of R regions in each of K boxes, `[K, R]`; the boxes are shares of the height."""
     height, width = regions.labels.shape
-    count = len(regions.areas)
-    inside = np.zeros((len(figures), count))
-    for k, one in enumerate(figures):
-        box = (one.box(time, p.ahead) * height).tolist()
+    inside, pixels = np.zeros((len(boxes), len(regions.areas))), np.array(boxes) * height
+    if kernels_wanted():
+        kernel("overlaps").run(regions.labels, pixels, inside)
+        return inside
+    for k, box in enumerate(pixels.tolist()):
         top, left = max(0, math.floor(box[0])), max(0, math.floor(box[1]))
         bottom, right = min(height, math.ceil(box[2])), min(width, math.ceil(box[3]))
-        if bottom > top and right > left and count:
+        if bottom > top and right > left:
             window = regions.labels[top:bottom, left:right]
-            inside[k] = np.bincount(window.ravel(), minlength=count + 1)[1:]
-    given: dict[int, list[int]] = {r: [] for r in range(count)}
-    pieces: dict[int, int] = {}
-    for k, one in enumerate(figures):
-        if count:
-            r = int(inside[k].argmax())
-            if inside[k, r] > p.shared * min(regions.areas[r], one.last[PIXELS] * height * height):
-                given[r].append(k)
-    largest = np.zeros(len(figures))
-    for r, ks in given.items():
-        largest[ks] = np.maximum(largest[ks], regions.areas[r])
-    for r in range(count):
-        if not given[r] and len(figures):
-            k = int(inside[:, r].argmax())
-            # What is nearly as large as the rest of it is no piece: a group has parted.
-            if inside[k, r] > p.piece * regions.areas[r] and p.larger * regions.areas[r] < largest[k]:
-                pieces[r] = k
-    return given, pieces
+            inside[k] = np.bincount(window.ravel(), minlength=inside.shape[1] + 1)[1:]
+    return inside
 
 
 def apart(
@@ -99,7 +109,7 @@ def apart(
     height = regions.labels.shape[0]
     cost = np.full((len(lost), len(free)), 1e3)
     found = False
-    expected = [figures[k].expected(time, p.ahead).tolist() for k in lost]
+    expected = [figures[k].expected(time, p.ahead) for k in lost]
     reaches = [p.gate * figures[k].size * (1 + p.reach * (time - figures[k].last_seen)) for k in lost]
     pixels = [max(figures[k].last[PIXELS], 1e-9) for k in lost]
     for j, r in enumerate(free):

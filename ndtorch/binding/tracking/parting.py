@@ -107,7 +107,7 @@ def costs(
         for i, one in enumerate(ones):
             if alike and not 1 / p.alike_size < area / max(one.last[PIXELS], 1e-9) < p.alike_size:
                 continue
-            there = one.expected(time, p.ahead).tolist()
+            there = one.expected(time, p.ahead)
             reach = p.gate * one.size * (1 + p.reach * (time - one.last_seen))
             value = math.hypot(row - there[0], column - there[1]) / reach
             if alike and value >= p.leaves:

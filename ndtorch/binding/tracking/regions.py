@@ -139,6 +139,20 @@ def narrow(counts: npt.NDArray[np.int64], width: int, notch: float, least: float
     return at if one[at] >= other[at] else at + 1
 
 
+def still_of(figure: Bools, quiet: Floats, least: float, silhouettes: Labels, moving: Bytes) -> int:
+    """How many pixels stand out, have been still for at least so many seconds, and are no part of what moves.
+
+    Args:
+        figure: what stands out, and quiet: seconds without motion, `[h, w]`.
+        least: such seconds.
+        silhouettes: number of the track of every pixel plus one, `[h, w]`.
+        moving: 1 for those that move, by that number.
+    """
+    if kernels_wanted():
+        return int(kernel("still_of").run(figure, quiet, least, silhouettes, moving))
+    return int((figure & (quiet >= np.float32(least)) & (moving[silhouettes] == 0)).sum())
+
+
 def holes(figure: Bools, still: Bools, picture: Floats, ground: Floats, smallest: float) -> Bools | None:
     """Where the figure is a hole in memory, `[h, w]`: nothing has moved there for a while, and the edge between it and
     the rest of the picture stands in the remembered ground, not in the picture. Something was there and has left. None
@@ -152,11 +166,8 @@ def holes(figure: Bools, still: Bools, picture: Floats, ground: Floats, smallest
     """
     import cv2
 
-    where = figure & still
-    # Mostly next to nothing is there, and regions are dear. So few pixels enclose no more.
-    few = cv2.countNonZero(where.view(np.uint8))
-    quiet = regions_of(where, smallest, 0) if few * (few / 4 + 1) >= smallest else None
-    if quiet is None or not len(quiet.areas):
+    quiet = regions_of(figure & still, smallest, 0)
+    if not len(quiet.areas):
         return None
     count = len(quiet.areas)
     # Nothing beyond these regions is looked at.

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from ndtorch.binding.tracking.figure_params import FigureParams
 from ndtorch.binding.tracking.figures import Figure, Numbers
-from ndtorch.binding.tracking.regions import Bools, Floats, Labels
+from ndtorch.binding.tracking.regions import Bools, Bytes, Floats, Labels
 from ndtorch.binding.tracking.shades import APART, Light
 from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.vision.camera.figures import Standing
-from ndtorch.vision.camera.ground import MEAN_SIZE, Bytes
+from ndtorch.vision.camera.ground import MEAN_SIZE
+
+Whole = TypeVar("Whole", np.uint8, np.int32)
 
 COLOR, SHARES = slice(7, 10), slice(10, 14)
 """Where in what is measured of a silhouette these are."""
@@ -26,9 +28,9 @@ class Sighting(NamedTuple):
     box, height and width, pixels, color, shares of white, grey, black and hues, by how many deviations of the noise its
     pixels stand out in the mean (0 where that is not asked), and whether it shares its region."""
 
-    inner: Numbers
-    place: Numbers
-    extent: Numbers
+    inner: tuple[float, float]
+    place: tuple[float, float]
+    extent: tuple[float, float]
     pixels: float
     color: Numbers
     shades: Numbers
@@ -55,16 +57,15 @@ def sightings(
     names = [one.number + 1 for one in figures]
     doubted = [not one.known and one.number not in shared for one in figures]
     table = measured(names, doubted, silhouettes, standing, light)
-    corner, end = table[:, :2], table[:, 2:4]
-    place, extent, inner = (corner + end) / 2 / height, (end - corner) / height, table[:, 5:7] / height
-    rows = zip(inner, place, extent, table, strict=True)
-    pixels, sure = (table[:, 4] / height**2).tolist(), table[:, 14].tolist()
-    return [
-        Sighting(*row[:3], pixels[k], row[3][COLOR], row[3][SHARES], sure[k], one.number in shared)
-        if pixels[k]
-        else None
-        for k, (row, one) in enumerate(zip(rows, figures, strict=True))
-    ]
+    found: list[Sighting | None] = []
+    for one, row, (top, left, bottom, right, pixels, down, across, *_, sure) in zip(
+        figures, table, table.tolist(), strict=True
+    ):
+        place, extent = ((top + bottom) / 2 / height, (left + right) / 2 / height), (bottom - top, right - left)
+        size, inner = (extent[0] / height, extent[1] / height), (down / height, across / height)
+        looks = pixels / height**2, row[COLOR], row[SHARES], sure, one.number in shared
+        found.append(Sighting(inner, place, size, *looks) if pixels else None)
+    return found
 
 
 def measured(names: list[int], doubted: list[bool], silhouettes: Labels, standing: Standing, light: Light) -> Numbers:
@@ -119,11 +120,32 @@ def stands_out(standing: Standing, box: tuple[slice, slice, slice], inside: Bool
     return float((apart / noise).max(0).mean())
 
 
-def told(silhouettes: Labels, table: Bytes) -> Bytes:
+def marked(silhouettes: Labels, known: list[int], keeping: list[int], most: int) -> tuple[Bytes, Floats]:
+    """1 where known objects are, and 1 where some tracks are or beside them, 0 elsewhere, `[h, w]`.
+
+    Args:
+        silhouettes: number of the track of every pixel plus one, `[h, w]`.
+        known, keeping: numbers of those tracks.
+        most: of the latest track plus one.
+    """
+    import cv2
+
+    marks = np.zeros((most + 1, 2), np.uint8)
+    for column, numbers in enumerate((known, keeping)):
+        marks[[number + 1 for number in numbers], column] = 1
+    if not kernels_wanted():
+        wide = cv2.dilate(marks[silhouettes, 1], np.ones((3, 3), np.uint8))
+        return marks[silhouettes, 0], np.asarray(wide, np.float32)
+    mask, kept = np.empty(silhouettes.shape, np.uint8), np.empty(silhouettes.shape, np.float32)
+    kernel("mark_tracks").run(silhouettes, marks, mask, kept)
+    return mask, kept
+
+
+def told(silhouettes: Labels, table: npt.NDArray[Whole]) -> npt.NDArray[Whole]:
     """What a table says of the number of every pixel, `[h, w]`."""
     if not kernels_wanted():
         return table[silhouettes]
-    found = np.empty(silhouettes.shape, np.uint8)
+    found = np.empty(silhouettes.shape, table.dtype)
     kernel("look_up").run(silhouettes, table, found)
     return found
 

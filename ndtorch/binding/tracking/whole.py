@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from ndtorch.binding.tracking.figure_params import FigureParams
-from ndtorch.binding.tracking.figures import FOLLOWED, PATCH, Figure, Numbers
+from ndtorch.binding.tracking.figures import FOLLOWED, PATCH, Figure
 from ndtorch.binding.tracking.regions import Floats
+from ndtorch.kernels.load import kernel
+from ndtorch.kernels.switch import kernels_wanted
 
 
 def patch_of(picture: Floats, ground: Floats, box: npt.NDArray[np.int64]) -> Floats:
@@ -48,29 +51,40 @@ def look_again(one: Figure, picture: Floats, ground: Floats, p: FigureParams) ->
         p: constants.
     """
     height = picture.shape[1]
-    last, before = np.array(one.last[3:7]), one.looked
-
-    def seen_at(box: Numbers) -> Floats:
-        return patch_of(picture, ground, np.rint(box * height).astype(np.int64))
-
-    if not before.any():
-        one.looked, one.patch = last, seen_at(last)
+    last, before = one.last[3:7], one.looked.tolist()
+    if not any(before):
+        new, _ = seen_at([last], one.patch, picture, ground)
+        one.looked, one.patch = np.array(last), new
         return
-    step = last - before
-    middle = (step[:2] + step[2:]) / 2
-    if float(np.hypot(*middle)) <= max(p.stride * one.size, p.least_stride / height):
+    top, left, bottom, right = (now - then for now, then in zip(last, before, strict=True))
+    if math.hypot((top + bottom) / 2, (left + right) / 2) <= max(p.stride * one.size, p.least_stride / height):
         return
     # Arms, legs and shadows change the box: any of its corners may be what went along.
-    ways = [step[[row, column, row, column]] for row in (0, 2) for column in (1, 3)]
-    new = seen_at(last)
-    went = min(unlike(looks, one.patch) for looks in (new, *(seen_at(before + way) for way in ways)))
-    one.unlike = one.unlike + np.array((unlike(seen_at(before), one.patch), went))
-    one.looked, one.patch = last, new
+    ways = [(row, column, row, column) for row in (top, bottom) for column in (left, right)]
+    there = [[side + by for side, by in zip(before, way, strict=True)] for way in ways]
+    new, apart = seen_at([last, *there, before], one.patch, picture, ground)
+    one.unlike = one.unlike + np.array((apart[-1], min(apart[:-1])))
+    one.looked, one.patch = np.array(last), new
 
 
-def unlike(one: Floats, other: Floats) -> float:
-    """Mean squared difference."""
-    return float(((one - other) ** 2).mean())
+def seen_at(
+    boxes: Sequence[Sequence[float]], patch: Floats, picture: Floats, ground: Floats
+) -> tuple[Floats, list[float]]:
+    """What is in the first of some boxes, `[3, PATCH, PATCH]`, and how much that of each box differs from a patch.
+
+    Args:
+        boxes: top, left, bottom and right of each, shares of the height.
+        patch: what they are compared with, `[3, PATCH, PATCH]`.
+        picture, ground: `[3, h, w]`.
+    """
+    height = picture.shape[1]
+    pixels = np.array([[round(side * height) for side in box] for box in boxes])
+    if kernels_wanted():
+        looks, apart = np.empty((len(boxes), *patch.shape), np.float32), np.empty(len(boxes))
+        kernel("look_at").run(picture, ground, pixels, patch, looks, apart)
+        return looks[0].copy(), apart.tolist()
+    seen = [patch_of(picture, ground, box) for box in pixels]
+    return seen[0], [float(((one - patch) ** 2).mean()) for one in seen]
 
 
 def moves_as_a_whole(one: Figure, light: float, p: FigureParams) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -31,6 +32,18 @@ class FieldsState(NamedTuple):
     """State of the motion detectors."""
 
     motion: MotionState
+
+
+class Sensed(NamedTuple):
+    """What stands out at a step: the largest difference from the ground among the colors, `[h / 2, w / 2]`, and pixels,
+    motion across and along, and red, green and blue of each field, `[most, 6]` float64."""
+
+    strongest: Tensor
+    sums: Tensor
+
+
+AT_ONCE = 2
+"""Pictures that are transformed at once: each alone takes longer, and more of them leave the cache."""
 
 
 class FigureSignals(nn.Module):
@@ -65,27 +78,46 @@ class FigureSignals(nn.Module):
         Returns:
             signals `[most, 10]`, that of track n in row n % most; state.
         """
+        sensed, state = self.sense(picture, ground, silhouettes, state)
+        return self.signals([sensed], [silhouettes])[0], state
+
+    def sense(
+        self, picture: Tensor, ground: Tensor, silhouettes: Tensor, state: FieldsState | None
+    ) -> tuple[Sensed, FieldsState]:
+        """The first part of a step, that which goes on from the state before."""
         if state is None:
             seen = halved((picture - ground) * (silhouettes > 0))
             state = FieldsState(MotionState(seen, torch.zeros_like(seen)))
-        count, quick = self.params.most, kernels_wanted(picture)
-        if quick:
-            slow, delayed = state.motion
-            motion = MotionState(torch.empty_like(slow), torch.empty_like(delayed))
-            strongest, sums = torch.empty(self.size), torch.empty(count, 6, dtype=torch.float64)
-            filters = (slow.numpy(), delayed.numpy(), self.a_high, self.a_low)
-            after = (motion.slow.numpy(), motion.delayed.numpy(), strongest.numpy(), sums.numpy())
-            kernel("field_sums").run(picture.numpy(), ground.numpy(), silhouettes.numpy(), *filters, *after)
-        else:
+        if not kernels_wanted(picture):
             strongest, sums, motion = self.sums(picture, ground, silhouettes, state)
-        signals = torch.zeros(count, 10)
-        if not sums[:, 0].any():
-            # Nothing stands out, nothing is sensed.
-            return signals, FieldsState(motion)
-        images = self.orientation.images(strongest)
-        if quick:
+            return Sensed(strongest, sums), FieldsState(motion)
+        slow, delayed = state.motion
+        motion = MotionState(torch.empty_like(slow), torch.empty_like(delayed))
+        strongest, sums = torch.empty(self.size), torch.empty(self.params.most, 6, dtype=torch.float64)
+        filters = (slow.numpy(), delayed.numpy(), self.a_high, self.a_low)
+        after = (motion.slow.numpy(), motion.delayed.numpy(), strongest.numpy(), sums.numpy())
+        kernel("field_sums").run(picture.numpy(), ground.numpy(), silhouettes.numpy(), *filters, *after)
+        return Sensed(strongest, sums), FieldsState(motion)
+
+    def signals(self, sensed: Sequence[Sensed | None], silhouettes: Sequence[Tensor]) -> Tensor:
+        """The second part of T steps, `[T, most, 10]`; where None is sensed they are zero."""
+        signals = torch.zeros(len(sensed), self.params.most, 10)
+        # Where nothing stands out, nothing is sensed.
+        some = [n for n, one in enumerate(sensed) if one is not None and one.sums[:, 0].any()]
+        for start in range(0, len(some), AT_ONCE):
+            few = some[start : start + AT_ONCE]
+            images = self.orientation.images(torch.stack([one.strongest for n in few if (one := sensed[n])]))
+            for n, image in zip(few, images, strict=True):
+                if one := sensed[n]:
+                    self._signals(image, silhouettes[n], one.sums, signals[n])
+        return signals
+
+    def _signals(self, images: Tensor, silhouettes: Tensor, sums: Tensor, signals: Tensor) -> None:
+        """Signals `[most, 10]` from responses `[3, h / 2, w / 2]`."""
+        if kernels_wanted(images):
             kernel("field_signals").run(images.numpy(), silhouettes.numpy(), sums.numpy(), signals.numpy())
-            return signals, FieldsState(motion)
+            return
+        count = self.params.most
         names = names_of(silhouettes).reshape(-1)
         slots = torch.where(names > 0, (names - 1) % count, count).long()
         sizes = images.abs().flatten(1).mT.double()
@@ -95,8 +127,7 @@ class FigureSignals(nn.Module):
         tilted = tilted / pixels
         tilted = tilted - tilted.amin(1, keepdim=True)
         directed = torch.stack([-x, x, y, -y], 1).clamp_min(0)
-        signals = torch.cat([directed, tilted, sums[:, 3:] / pixels], 1).sqrt()
-        return signals.float(), FieldsState(motion)
+        signals.copy_(torch.cat([directed, tilted, sums[:, 3:] / pixels], 1).sqrt())
 
     def sums(
         self, picture: Tensor, ground: Tensor, silhouettes: Tensor, state: FieldsState

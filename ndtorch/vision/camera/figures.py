@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -21,8 +22,11 @@ from ndtorch.vision.camera.ground import (
     medians,
     some_of,
 )
-from ndtorch.vision.camera.light_changes import light_change, new_scene
-from ndtorch.vision.temporal import smoothing_factor
+from ndtorch.vision.camera.light_changes import changed_blocks, light_change, unlike
+from ndtorch.vision.temporal import smoothing_factor as factor
+
+smoothing_factor = cache(factor)
+"""It checks its arguments, and here they are always the same."""
 
 
 class Standing(NamedTuple):
@@ -89,13 +93,14 @@ def ground_step(
 
     p = params
     raw, ground, deviation = picture, state.mean.numpy(), state.deviation.numpy()
-    gain, noise, other = light_change(picture, ground, p)
+    gain, noise, other, hue = light_change(picture, ground, p)
     picture, grey, light, out, may_be, pale = stand_out(picture, gain, ground, deviation, noise, p)
     known = state.known.numpy()
     seen = int(state.frames) + 1
     soft = softened(picture, p.soft)
-    quiet, restless = stillness(soft, out, state, dt, p)
-    if other or cv2.countNonZero(out) > p.cut * out.size or new_scene(soft, state.before.numpy(), p):
+    quiet, restless, changed = stillness(soft, out, state, dt, p)
+    before = state.before.numpy()
+    if other or cv2.countNonZero(out) > p.cut * out.size or (changed > p.changed and unlike(soft, before, p)):
         none = np.zeros(out.shape, np.uint8)
         return Standing(raw, raw, deviation, noise, grey_of(raw), none > 0, none, True), ground_start(raw, p)
     needed = p.still * p.settle / max(p.settle, seen * dt)
@@ -111,7 +116,7 @@ def ground_step(
     )
     sure = (known > 0).astype(np.uint8)
     out &= sure
-    core = out & ~shadow(light, may_be, p)
+    core = without_shadow(out, light, may_be, p)
     # A dark coat looks like a shadow, but the rest of its wearer is around it.
     wide = 2 * round(p.around * core.shape[0] / 2) + 1
     closed = np.asarray(cv2.morphologyEx(core, cv2.MORPH_CLOSE, np.ones((wide, wide), np.uint8)), np.uint8)
@@ -127,14 +132,10 @@ def ground_step(
     square = np.ones((p.speckle, p.speckle), np.uint8)
     figure = np.asarray(cv2.morphologyEx(most_of(figure, p.speckle), cv2.MORPH_OPEN, square))
     # In a film without colors every dark thing is without tint.
-    narrow = pale & sure & (1 - broad(figure, p)) if chroma(ground) >= p.colored else np.zeros_like(sure)
+    narrow = pale & sure if hue >= p.colored else np.zeros_like(sure)
+    if cv2.countNonZero(narrow):
+        narrow &= 1 - broad(figure, p)
     return Standing(picture, ground, deviation, noise, grey, np.asarray(figure > 0), narrow, False), after
-
-
-def chroma(ground: Floats) -> float:
-    """Mean distance of a pixel's largest color from its smallest, of every fourth row and column."""
-    some = ground[:, ::4, ::4]
-    return float((some.max(0) - some.min(0)).mean())
 
 
 def broad(figure: Bytes, p: GroundParams) -> Bytes:
@@ -224,21 +225,28 @@ def learn(
     return np.asarray(ground + pace * difference), np.asarray(spread), now.astype(np.float32)
 
 
-def stillness(soft: Floats, out: Bytes, state: GroundState, dt: float, p: GroundParams) -> tuple[Floats, Floats]:
-    """Seconds since something moved at a pixel or beside it, and its mean change from picture to picture, `[h, w]`.
+def stillness(soft: Floats, out: Bytes, state: GroundState, dt: float, p: GroundParams) -> tuple[Floats, Floats, float]:
+    """Seconds since something moved at a pixel or beside it, its mean change from picture to picture, `[h, w]`, and
+    `changed_blocks`.
 
     What moves changes by more than the noise of the picture and of that pixel, or is no more what it was since then,
     where the ground is not known.
     """
     import cv2
 
-    own, follow = state.restless.numpy(), max(1 / (int(state.frames) + 5), smoothing_factor(p.tau_noise, dt))
-    over, own = unrest(soft, state.before.numpy(), own, follow, p)
-    moved, known = most_of(over, p.speckle), state.known.numpy()
+    before, own, quiet, known = (part.numpy() for part in (state.before, state.restless, state.quiet, state.known))
+    follow = max(1 / (int(state.frames) + 5), smoothing_factor(p.tau_noise, dt))
+    if kernels_wanted():
+        new, since = np.empty_like(own), np.empty_like(quiet)
+        constants = (dt, p.speckle, p.block, p.other, p.moved, p.spread, (MEAN_SIZE, MEDIAN_SIZE), follow, p.surprise)
+        changed = kernel("restless").run(soft, before, own, quiet, known, out, *constants, new, since)
+        return since, new, changed if changed >= 0 else changed_blocks(soft, before, p)
+    over, own = unrest(soft, before, own, follow, p)
+    moved = most_of(over, p.speckle)
     if not known.all():
         moved |= most_of(out, p.speckle) * (known == 0)
     still = np.asarray(cv2.dilate(moved, np.ones((3, 3), np.uint8)), np.uint8) == 0
-    return (state.quiet.numpy() + np.float32(dt)) * still, own
+    return (quiet + np.float32(dt)) * still, own, changed_blocks(soft, before, p)
 
 
 def unrest(soft: Floats, before: Floats, own: Floats, follow: float, p: GroundParams) -> tuple[Bytes, Floats]:
@@ -246,17 +254,21 @@ def unrest(soft: Floats, before: Floats, own: Floats, follow: float, p: GroundPa
     at that share, `[h, w]`."""
     import cv2
 
-    if kernels_wanted():
-        over, new = np.empty(own.shape, np.uint8), np.empty_like(own)
-        constants = (p.moved, p.spread, (MEAN_SIZE, MEDIAN_SIZE), follow, p.surprise)
-        kernel("restless").run(soft, before, own, *constants, over, new)
-        return over, new
     change = grey_of(np.asarray(cv2.absdiff(soft, before), np.float32))
     noise = np.float32(medians(some_of(change[None]))[0] / MEDIAN_SIZE)
     least = np.maximum(noise, own * np.float32(1 / MEAN_SIZE))
     over = (change > np.maximum(np.float32(p.moved), np.float32(p.spread) * least)).astype(np.uint8)
     own = own + np.float32(follow) * (np.minimum(change, np.float32(p.surprise) * least) - own)
     return over, np.asarray(own, np.float32)
+
+
+def without_shadow(out: Bytes, light: Floats, may_be: Bytes, p: GroundParams) -> Bytes:
+    """Where something stands out, 1 or 0, without `shadow`, `[h, w]`."""
+    if not kernels_wanted():
+        return out & ~shadow(light, may_be, p)
+    core = np.empty_like(out)
+    kernel("without_shadow").run(out, light, may_be, p.patch, p.penumbra, p.darkest, p.uneven, core)
+    return core
 
 
 def shadow(light: Floats, may_be: Bytes, p: GroundParams) -> Bytes:

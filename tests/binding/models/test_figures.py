@@ -287,10 +287,10 @@ def test_a_figure_is_looked_for_where_it_should_be():
     two, none = np.zeros(2), np.zeros(10)
     extent, looks = np.array([0.3, 0.1]), (none, none, two, *UNSEEN)
     figure = Figure(1, True, np.array([0.1, -0.2]), extent, two, two, 0.0, two, *looks, seen)
-    assert figure.expected(3.0, 5.0).tolist() == pytest.approx([0.5, 0.5])
-    assert figure.box(3.0, 5.0).tolist() == pytest.approx([0.35, 0.45, 0.65, 0.55])
+    assert figure.expected(3.0, 5.0) == pytest.approx([0.5, 0.5])
+    assert figure.box(3.0, 5.0) == pytest.approx([0.35, 0.45, 0.65, 0.55])
     # It is not followed for ever.
-    assert figure.box(9.0, 1.0).tolist() == pytest.approx([0.35, 0.45, 0.65, 0.55])
+    assert figure.box(9.0, 1.0) == pytest.approx([0.35, 0.45, 0.65, 0.55])
     assert figure.size == pytest.approx(0.2)
 
 

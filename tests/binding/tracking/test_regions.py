@@ -7,7 +7,8 @@ import pytest
 import torch
 
 import ndtorch
-from ndtorch.binding.tracking.regions import parted, regions_of, shares
+from ndtorch.binding.tracking.meeting import overlaps
+from ndtorch.binding.tracking.regions import Regions, parted, regions_of, shares, still_of
 from tests.vision.camera.passing_scenes import SIZE, ground
 
 
@@ -56,6 +57,23 @@ def test_kernels_find_and_cut_what_opencv_and_numpy_do() -> None:
             assert np.array_equal(one, other)
         cuts += len(parts.areas) - len(plain.areas)
     assert cuts > 20
+
+
+def test_pixels_of_regions_in_boxes_and_pixels_that_are_still() -> None:
+    pytest.importorskip("numba")
+    chance = np.random.default_rng(2)
+    labels = np.zeros((20, 30), np.int32)
+    labels[2:8, 3:12], labels[6:18, 20:27] = 1, 2
+    regions = Regions(labels, np.zeros((2, 4), np.int64), np.zeros(2, np.int64))
+    boxes = [(0.05, 0.2, 0.35, 0.5), (-1.0, 1.1, 9.0, 9.0), (0.5, 0.5, 0.4, 0.4), (0.31, 0.55, 0.32, 1.02)]
+    figure, quiet = chance.random(labels.shape) < 0.5, chance.random(labels.shape).astype(np.float32)
+    moving = np.array([0, 1, 0], np.uint8)
+    plain, some = overlaps(boxes, regions), still_of(figure, quiet, 0.5, labels, moving)
+    with torch.inference_mode():
+        assert np.array_equal(overlaps(boxes, regions), plain)
+        assert still_of(figure, quiet, 0.5, labels, moving) == some
+    assert plain.tolist() == [[30, 0], [0, 60], [0, 0], [1, 1]]
+    assert some == (figure & (quiet >= 0.5) & (labels != 1)).sum() > 50
 
 
 def test_share_of_every_region_that_is_marked() -> None:

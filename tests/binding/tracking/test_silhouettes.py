@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from ndtorch.binding.tracking.shades import Light, ShadeParams
-from ndtorch.binding.tracking.silhouettes import measured, told
+from ndtorch.binding.tracking.silhouettes import marked, measured, told
 from ndtorch.vision.camera.figures import Standing
 
 
@@ -33,11 +33,26 @@ def test_the_kernel_is_its_reference() -> None:
     plain = measured(names, doubted, silhouettes, standing, light)
     with torch.inference_mode():
         quick = measured(names, doubted, silhouettes, standing, light)
-        marked = told(silhouettes, table)
+        named = told(silhouettes, table)
     assert np.array_equal(plain[:, :5], quick[:, :5])
-    assert np.array_equal(marked, told(silhouettes, table))
+    assert np.array_equal(named, told(silhouettes, table))
     assert np.allclose(plain, quick, rtol=1e-5, atol=1e-5)
     assert plain[0, 4] > 300
     assert plain[0, 14] > 1
     assert not plain[4].any()
     assert plain[1, 14] == 0
+
+
+def test_where_objects_are_and_where_the_ground_is_kept() -> None:
+    pytest.importorskip("numba")
+    silhouettes = np.random.default_rng(1).integers(-3, 6, (21, 30)).clip(0).astype(np.int32)
+    plain = marked(silhouettes, [0, 4], [2], 5)
+    with torch.inference_mode():
+        quick = marked(silhouettes, [0, 4], [2], 5)
+        assert np.array_equal(told(silhouettes, np.arange(6, dtype=np.int32) * 7), silhouettes * 7)
+    for one, other in zip(plain, quick, strict=True):
+        assert np.array_equal(one, other)
+        assert one.dtype == other.dtype
+    assert np.array_equal(plain[0], (silhouettes == 1) | (silhouettes == 5))
+    assert plain[1][silhouettes == 3].all()
+    assert (silhouettes == 3).sum() < plain[1].sum() < plain[1].size

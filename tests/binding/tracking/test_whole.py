@@ -20,6 +20,7 @@ from ndtorch.binding.tracking.whole import (
     look_again,
     moves_as_a_whole,
     patch_of,
+    seen_at,
     straightness,
     swings,
     taken_back,
@@ -30,6 +31,7 @@ from tests.vision.camera.passing_scenes import SIZE, ground
 
 P = FigureParams()
 LIGHT = 0.4
+GROUND = np.full((3, 4, 4), LIGHT, np.float32)
 
 
 def textured(contrast: float, side: int) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
@@ -75,6 +77,30 @@ def test_a_track_is_looked_at_again_after_a_share_of_its_size() -> None:
     assert one.unlike.tolist() == [0, 0]
     assert one.looked[1] == pytest.approx(0.1)
     assert followed([10, 18], [10, 18], 0.2).looked[1] == pytest.approx(0.18)
+
+
+def test_a_kernel_sees_what_opencv_does() -> None:
+    """Shrunk, enlarged, both, and partly outside."""
+    pytest.importorskip("numba")
+    chance = np.random.default_rng(6)
+    picture, plain = (chance.random((3, 50, 80)).astype(np.float32) for _ in range(2))
+    patch = chance.random((3, 12, 12)).astype(np.float32)
+    sides = [
+        (0, 0, 24, 24),
+        (3, 5, 40, 22),
+        (10, 10, 14, 13),
+        (7, 9, 19, 60),
+        (-5, -9, 9, 30),
+        (44, 70, 60, 99),
+        (9, 9, 9, 9),
+    ]
+    boxes = [[side / 50 for side in box] for box in sides]
+    one = seen_at(boxes, patch, picture, plain)
+    with torch.inference_mode():
+        other = seen_at(boxes, patch, picture, plain)
+    assert np.allclose(one[0], other[0], atol=1e-5)
+    assert other[1] == pytest.approx(one[1], rel=1e-4)
+    assert len(set(one[1])) == len(boxes)
 
 
 def test_a_patch_has_one_size_and_leaves_out_what_is_outside() -> None:
@@ -144,17 +170,17 @@ def test_what_stays_behind_on_a_way_to_and_fro_swings(stayed: float, columns: li
     one = walked(columns)
     one.unlike, one.sure = np.array([stayed, 1 - stayed]), 99.0 * len(columns)
     assert swings(one, P) is swinging
-    assert is_thing(one, LIGHT, P) is not swinging
-    assert is_thing(one, LIGHT, FigureParams(travel=0.0))
+    assert is_thing(one, GROUND, P) is not swinging
+    assert is_thing(one, GROUND, FigureParams(travel=0.0))
 
 
 def test_what_was_taken_back_has_to_go_straight() -> None:
     for columns in (TO_AND_FRO, STRAIGHT):
         one = walked(columns)
         one.unlike, one.sure = np.array([0.9, 0.1]), 99.0 * len(columns)
-        assert is_thing(one, LIGHT, P)
+        assert is_thing(one, GROUND, P)
         one.since = 0.0
-        assert is_thing(one, LIGHT, P) is (columns is STRAIGHT)
+        assert is_thing(one, GROUND, P) is (columns is STRAIGHT)
 
 
 def test_an_object_that_only_went_to_and_fro_is_taken_back_within_its_trial() -> None:

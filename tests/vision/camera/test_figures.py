@@ -121,6 +121,43 @@ def test_a_shadow_is_255_where_it_may_be_and_0_elsewhere() -> None:
     assert not found[:, 12:].any()
 
 
+@pytest.mark.parametrize(("side", "edge", "share"), [(5, 2, 0.5), (5, 2, 0.02), (3, 1, 0.5), (4, 0, 0.5), (1, 3, 0.5)])
+def test_a_kernel_leaves_out_the_same_shadows(side: int, edge: int, share: float) -> None:
+    pytest.importorskip("numba")
+    chance, params = np.random.default_rng(4), GroundParams(patch=side, penumbra=edge)
+    light = chance.normal(0.6, 0.05, (40, 56)).astype(np.float32)
+    light[10:30, 20:50] = 0.5
+    out, may_be = ((chance.random(light.shape) < part).astype(np.uint8) for part in (share, 0.9))
+    plain = figures.without_shadow(out, light, may_be, params)
+    with torch.inference_mode():
+        quick = figures.without_shadow(out, light, may_be, params)
+    assert np.array_equal(plain, quick)
+    assert 0 < plain.sum() < out.sum()
+
+
+@pytest.mark.parametrize(("size", "side", "known"), [((48, 64), 3, 1.0), ((44, 60), 3, 0.5), ((48, 64), 5, 0.9)])
+def test_a_kernel_finds_the_same_still(size: tuple[int, int], side: int, known: float) -> None:
+    pytest.importorskip("numba")
+    chance, params = np.random.default_rng(5), GroundParams(speckle=side)
+    before = chance.random((3, *size)).astype(np.float32)
+    soft = before + chance.normal(0, 0.004, before.shape).astype(np.float32)
+    soft[:, 8:24, 16:40] += 0.2
+    planes = [chance.uniform(0, 0.01, size), chance.random(size), chance.random(size) < known]
+    restless, quiet, where = (torch.from_numpy(plane.astype(np.float32)) for plane in planes)
+    state = ground_start(before, params)._replace(
+        before=torch.from_numpy(before), restless=restless, quiet=quiet, known=where
+    )
+    out = (chance.random(size) < 0.6).astype(np.uint8)
+    plain = figures.stillness(soft, out, state, DT, params)
+    with torch.inference_mode():
+        quick = figures.stillness(soft, out, state, DT, params)
+    assert np.allclose(plain[0], quick[0], atol=1e-6)
+    assert np.allclose(plain[1], quick[1], atol=1e-6)
+    assert plain[2] == pytest.approx(quick[2])
+    assert 0.08 < plain[2] < 0.3
+    assert 0.1 < (plain[0] == 0).mean() < 0.99
+
+
 def test_what_lies_outside_of_all_silhouettes_is_not_sensed() -> None:
     """Though it differs from the ground as much as what lies inside."""
     signals = FigureSignals((32, 48), 1 / 25)
