@@ -188,3 +188,8 @@ def test_a_source_that_lowers_every_signal_is_one_and_one_that_reaches_none_is_n
     assert [found.owners for found in solutions(lowers)] == [(0, 1), (0, 2), (2, 1)]
     with pytest.raises(InputError, match="reaches no neuron"):
         solutions(lowers * torch.tensor([1.0, 0.0]))
+
+
+def test_a_mixture_of_other_neurons_is_refused_with_the_number_of_them() -> None:
+    with pytest.raises(InputError, match=r"mixing must be \[N, m\] with N = 3, got \(2, 2\)"):
+        separated(torch.ones(2, 2), torch.zeros(2, 5, 3, 3))

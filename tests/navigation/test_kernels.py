@@ -324,3 +324,12 @@ def test_which_pixels_kernels_take() -> None:
         ):
             assert pixels_of(*others, RECTS, (240, 320)) is None  # type: ignore[arg-type]
     assert pixels_of(left, right, RECTS, (240, 320)) is None  # gradients are torch's
+
+
+@pytest.mark.parametrize(("side", "place"), [("top", -1), ("bottom", 481), ("left", -1), ("right", 641)])
+def test_a_subfield_may_reach_the_border_and_not_beyond(side, place):
+    whole = Rect(0, 480, 0, 640)
+    assert SubfieldMotion(StereoRig(), 1 / 30, (whole, whole)).fields == (whole, whole)
+    beyond = whole._replace(**{side: place})
+    with pytest.raises(InputError, match="inside"):
+        SubfieldMotion(StereoRig(), 1 / 30, (beyond, beyond))

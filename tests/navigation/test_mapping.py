@@ -310,3 +310,14 @@ def test_cars_in_a_batch_are_as_free_as_each_alone():
                 Pose(*(part[i, j] for part in (turned / 3, turned / 4, turned))),
             )
             assert torch.equal(free[i, j], free_length(one, pose, ARCS, 0.3, 1.8, 2.0, 0.3))
+
+
+@pytest.mark.parametrize("name", ["ranges.x", "ranges.y", "pose.x", "pose.y", "pose.heading"])
+def test_numbers_of_half_precision_are_refused_by_name(name):
+    ranges, pose = random_run(1)
+    kind, part = name.split(".")
+    spoiled = ranges if kind == "ranges" else pose
+    spoiled = spoiled._replace(**{part: getattr(spoiled, part).half()})
+    given = (spoiled, pose) if kind == "ranges" else (ranges, spoiled)
+    with pytest.raises(InputError, match=f"{name} must be float32 or float64, got torch.float16"):
+        GridMap(RIG, GRID)(*given)

@@ -253,3 +253,17 @@ def test_likeness_of_one_horizon_against_plain_loops(offset, by_kernel):
     else:
         found = row_likeness(*given, params)
     assert found == pytest.approx(wanted, abs=1e-5)
+
+
+@pytest.mark.parametrize("driven", [None, 0.5])
+def test_the_first_step_looks_near_where_the_car_stands(driven):
+    """Whether a kernel makes the step or not; who is told nothing stands."""
+    told = None if driven is None else Command(torch.full((1,), driven), torch.zeros(1))
+    navigator, eyes = Navigator(RIG, DT, near_check=True), pair(0.5)
+    with torch.inference_mode():
+        _, quick = navigator(*eyes, None, told)
+    with torch.no_grad():
+        _, plain = navigator(*eyes, None, told)
+    for state in (quick, plain):
+        assert bool((state.control.patch.evidence > 0).any()) is (driven is None)
+    torch.testing.assert_close(quick.control.patch.evidence, plain.control.patch.evidence)

@@ -32,6 +32,7 @@ def left_of(depth, y, seen=OPEN, count=6):
 @pytest.mark.parametrize(("depth", "y"), [(0.35, 0.0), (0.45, -0.1), (0.45, 0.2), (0.88, -0.14)])
 def test_what_would_hide_the_floor_that_is_seen_is_not_there(depth, y):
     assert left_of(depth, y) == 0
+    assert left_of(depth, y, count=1) == 0
     assert left_of(depth, y, SHUT) == 6  # what stands there hides it
     assert left_of(depth, y, count=12) == 12  # what hangs hides none
 

@@ -337,3 +337,15 @@ def test_places_are_told_in_pixels_of_the_frames(monkeypatch: pytest.MonkeyPatch
         assert box == pytest.approx((across * at[4], 300 * at[3], across * at[6], 300 * at[5]))
         assert box[0] < column < box[2]
         assert box[1] < row < box[3]
+
+
+@pytest.mark.parametrize("group", [2, 3])
+def test_of_a_quick_camera_so_many_pictures_are_one(group: int) -> None:
+    """Their mean is looked at when the last of them is in, whatever chunks they come in."""
+    quick = film()[:12].repeat_interleave(group, 0)
+    signals, state = run(quick, [5, 12 * group - 5], fps=group * FPS, fastest=FPS)
+    assert sum(len(part.time) for part in signals) == 12
+    assert signals[-1].time[-1] == pytest.approx((12 * group - 1) / (group * FPS))
+    _, after = run(film()[:12], fastest=FPS)
+    assert torch.equal(state.seen.silhouettes, after.seen.silhouettes)
+    torch.testing.assert_close(state.seen.ground.mean, after.seen.ground.mean)

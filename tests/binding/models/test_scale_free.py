@@ -110,6 +110,8 @@ def test_a_batch_of_models_is_that_many_models() -> None:
     signals, state = model.from_sums(many)
     alone, end = model.from_sums(many[1])
     assert_allclose(signals.outputs[1], alone.outputs, atol=1e-4)
+    assert_allclose(state.second.outputs[1], end.second.outputs, atol=1e-4)
+    assert state.second.outputs.shape == (3, 10)
     assert torch.equal(model.second.table(state.second).owners[1], model.second.table(end.second).owners)
 
 

@@ -13,7 +13,9 @@ from ndtorch.binding.tracking.figures import Figure
 from ndtorch.binding.tracking.following import follow, start
 from ndtorch.binding.tracking.many import COMING, comings, one_of_many
 from ndtorch.binding.tracking.regions import Regions
+from ndtorch.binding.tracking.restless import at_rest
 from ndtorch.binding.tracking.shades import Light, ShadeParams
+from ndtorch.binding.tracking.whole import taken_back
 from ndtorch.vision.camera.figures import Standing
 from ndtorch_train.score.labelled.weather import snow
 from tests.vision.camera.passing_scenes import SIZE, ground
@@ -63,6 +65,15 @@ def test_many_of_a_size(others: np.ndarray, size: float, many: bool) -> None:
     assert not one_of_many(one, others, 60.0, WIDTH, P.model_copy(update={"travel": 0.0}))
 
 
+def empty() -> tuple[Regions, Standing, Light, np.ndarray]:
+    """A dark picture in which nothing stands out: regions, what is known of it, its light, and where none went."""
+    dark, blank = np.zeros((3, 50, 80), np.float32), np.zeros((50, 80), np.int32)
+    none = np.zeros(blank.shape, np.uint8)
+    standing = Standing(dark, dark, dark, np.ones(3, np.float32), dark[0], blank > 0, none, False)
+    nothing = Regions(blank, np.zeros((0, 4), np.int64), np.zeros(0, np.int64))
+    return nothing, standing, Light(dark, dark, ShadeParams()), np.zeros((1, 1), np.float32)
+
+
 @pytest.mark.parametrize(("since", "known"), [(2.0, False), (2.25, False), (1.75, True), (0.0, True)])
 def test_an_object_is_one_of_many_only_while_it_is_on_trial(since: float, known: bool) -> None:
     """Be it in sight no more: the others may have come after it was taken for an object."""
@@ -70,11 +81,7 @@ def test_an_object_is_one_of_many_only_while_it_is_on_trial(since: float, known:
     one = track(0, (0.5, 0.8), steps=101, known=True)
     one.since = since
     assert one.last_seen == 4.0
-    dark, blank = np.zeros((3, 50, 80), np.float32), np.zeros((50, 80), np.int32)
-    none = np.zeros(blank.shape, np.uint8)
-    standing = Standing(dark, dark, dark, np.ones(3, np.float32), dark[0], blank > 0, none, False)
-    nothing = Regions(blank, np.zeros((0, 4), np.int64), np.zeros(0, np.int64))
-    light, gone = Light(dark, dark, ShadeParams()), np.zeros((1, 1), np.float32)
+    nothing, standing, light, gone = empty()
     kept, late, shapes = follow([one], 60.0, 60.0, nothing, standing, light, gone, others, 1, DT, p)
     assert (kept, late) == ([], [one])
     assert not shapes.any()
@@ -107,6 +114,23 @@ def test_pieces_of_a_larger_object_do_not_count(size: float, told: int) -> None:
     one, other = track(0, (0.5, 0.8)), track(1, (0.5, 0.85), size, known=True)
     other.late = [(row[0] - DT, *row[1:]) for row in other.late]
     assert len(comings(np.zeros((0, COMING)), [one, other], [], one.last_seen, P)) == told
+
+
+@pytest.mark.parametrize(("gone", "known"), [(0.0, True), (0.5, False)])
+def test_an_object_that_goes_to_and_fro_is_one_where_nothing_else_came_and_went(gone: float, known: bool) -> None:
+    """It is asked a second after it became one, in the very step in which it is seen."""
+    one = track(0, (0.5, 0.8), 0.2, steps=26, known=True)
+    swaying = [0.8 + 0.1 * (n % 10 < 5) for n in range(26)]
+    one.late = [
+        (row[0], 0.5, at, 0.4, at - 0.1, 0.6, at + 0.1, 0.04, 0.5, at)
+        for row, at in zip(one.late, swaying, strict=True)
+    ]
+    one.since = 0.0
+    nothing, standing, light, _ = empty()
+    where = at_rest(50, 80) + np.float32(gone)
+    assert taken_back(one, one.last_seen, DT, P)
+    follow([one], one.last_seen, 60.0, nothing, standing, light, where, np.zeros((0, COMING)), 1, DT, P)
+    assert one.known is known
 
 
 @pytest.mark.slow

@@ -63,3 +63,9 @@ def test_the_kernel_finds_the_same_light() -> None:
     assert quick.balance == pytest.approx(plain.balance, rel=1e-5)
     assert quick.brightest == pytest.approx(plain.brightest, rel=1e-5)
     assert quick.brightest > 0.8
+
+
+@pytest.mark.parametrize("size", [(2, 9), (9, 2), (1, 1)])
+def test_a_picture_smaller_than_what_is_averaged_has_a_light(size: tuple[int, int]) -> None:
+    ground = np.full((3, *size), 0.4, np.float32)
+    assert Light(2 * ground, ground, ShadeParams()).brightest == pytest.approx(0.8)

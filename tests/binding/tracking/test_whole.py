@@ -225,3 +225,18 @@ def test_pale_blocks_that_come_and_go_are_no_object_but_a_pale_thing_that_moves_
     (thing,) = objects(pale("goes"))
     assert thing.direction == "right"
     assert objects(pale("blinks")) == []
+
+
+@pytest.mark.parametrize(("more", "whole"), [(1.01, False), (0.99, True)])
+def test_what_moves_as_a_whole_stayed_less_alike_by_a_share_of_all_that_changed(more: float, whole: bool) -> None:
+    """In the dark there is no doubt."""
+    one = walked(STRAIGHT)
+    one.unlike = np.array([1.0, more * (1 - P.whole) / (1 + P.whole)])
+    assert moves_as_a_whole(one, 0.0, P) is whole
+
+
+def test_a_patch_that_begins_outside_is_what_is_inside_of_it() -> None:
+    picture = np.random.default_rng(0).random((3, 20, 30)).astype(np.float32)
+    for box in ((-1, 3, 12, 15), (3, -1, 15, 12), (-4, -4, 12, 12)):
+        inside = np.array([max(0, box[0]), max(0, box[1]), *box[2:]])
+        assert np.array_equal(patch_of(picture, 0 * picture, np.array(box)), patch_of(picture, 0 * picture, inside))

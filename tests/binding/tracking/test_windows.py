@@ -318,3 +318,11 @@ def test_no_window_of_a_batch_is_faster_than_it_may_be() -> None:
     for one, scene in enumerate((right, up)):
         _, alone = module(scene)
         torch.testing.assert_close(both.velocity[one], alone.velocity)
+
+
+@pytest.mark.parametrize("batch", [(), (2,), (2, 3)])
+def test_a_start_has_the_shapes_of_what_comes_after_it(batch: tuple[int, ...]) -> None:
+    layer = Windows((4, 5), 4.0)
+    begun = layer.start(torch.zeros(*batch, 4, 5, 10))
+    _, after = layer(torch.zeros(*batch, 1, 4, 5, 10))
+    assert [part.shape for part in begun] == [part.shape for part in after]

@@ -167,6 +167,8 @@ def test_a_scan_is_fitted_from_as_far_as_the_pose_is_in_doubt(drive, monkeypatch
         learned = localiser.correct(state._replace(doubt=together.outer(together)), localiser.scan(rows[8]))
         found = [float(learned.scale), float(learned.bend), float(learned.drift)]
         assert found == [sign * WORST_SCALE, -sign * WORST_SCALE, sign * WORST_DRIFT]
+    fit = fit._replace(score=p.worst)
+    assert float(localiser.correct(state, localiser.scan(rows[8])).pose.x) != float(state.pose.x)
     fit = fit._replace(score=p.worst - 0.01)  # a bad one corrects nothing
     refused = localiser.correct(state, localiser.scan(rows[8]))
     assert [float(part) for part in refused.pose] == [float(part) for part in state.pose]

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
 import ndtorch
+from ndtorch.vision.camera.ground import GroundParams
+from ndtorch.vision.camera.light_changes import new_scene
 from tests.vision.camera.passing_scenes import SIZE, ground
 
 FPS = 25.0
@@ -89,3 +94,18 @@ def test_noise_is_no_new_scene() -> None:
     with torch.inference_mode():
         signals, _ = ndtorch.load("figures", size=SIZE, fps=FPS)((ground() + noise).clamp(0, 1))
     assert not signals.cut.any()
+
+
+@pytest.mark.parametrize(("shared", "new"), [(0.15, True), (0.4, False)])
+def test_a_picture_that_is_a_little_like_the_one_before_is_still_another(shared: float, new: bool) -> None:
+    """Both have the same contrast; so much of it lies where it lay before."""
+    p, chance = GroundParams(), np.random.default_rng(0)
+    one, other = (chance.standard_normal((24, 24)) for _ in range(2))
+    one, other = one - one.mean(), other - other.mean()
+    other -= one * (one * other).sum() / (one * one).sum()
+    other *= np.sqrt((one * one).sum() / (other * other).sum())
+    mixed = shared * one + math.sqrt(1 - shared**2) * other
+    before, after = (
+        np.kron(0.5 + 0.12 * picture, np.ones((3, p.block, p.block))).astype(np.float32) for picture in (one, mixed)
+    )
+    assert new_scene(after, before, p) is new

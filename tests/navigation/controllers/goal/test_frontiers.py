@@ -178,6 +178,14 @@ def test_downhill_by_the_nearer_of_two_that_are_as_low_and_nowhere_from_where_no
     assert where_to(cost, around, 2, (0.3, 0.3)) == pytest.approx((0.3, 0.3))
 
 
+@pytest.mark.parametrize("turned", range(4))
+def test_no_way_leads_over_a_cell_that_it_cannot_pass(turned):
+    cost = np.full((5, 5), np.inf, np.float32)
+    cost[2, 2], cost[2, 0] = 2, 0
+    around = Surroundings(np.zeros((10, 10), bool), np.zeros((10, 10), bool), 0.0, 0.0, 0.1)
+    assert where_to(np.rot90(cost, turned), around, 2, (0.5, 0.5)) == pytest.approx((0.5, 0.5))
+
+
 def test_where_a_way_may_end():
     """Floor that was seen and not passed costs nothing, what was never seen beside it a price."""
     wall = world((1.0, 1.5, -4, 4))

@@ -22,6 +22,7 @@ from ndtorch.navigation import (
 )
 from ndtorch.navigation.controllers.published import SaccadeAvoidance
 from ndtorch.navigation.controllers.ranging.control import RangingControl
+from ndtorch.navigation.controllers.ranging.decision import decide
 from ndtorch.navigation.controllers.ranging.floor_view import FloorParams, floor_view
 from ndtorch.navigation.controllers.ranging.modes import Facts, next_mode, transition_table
 from ndtorch.navigation.odometry import drive_step
@@ -333,3 +334,31 @@ def test_trouble_is_told_where_the_floor_shows_little():
     assert control.trouble(state) is None
     dark = state._replace(floor=state.floor._replace(level=state.floor.level * 1e-6))
     assert "floor is told from noise in 0 % of the view" in control.trouble(dark)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("open_", [(), (0,), (1,), (0, 1)])
+def test_it_turns_where_either_of_both_arcs_of_its_side_is_free(side, open_):
+    """A wide one and a tight one; before it knows any way back."""
+    control, here = RangingControl(RIG, DT), Pose(*torch.zeros(3).double())
+    state = control.start(None, here)
+    state = state._replace(
+        floor=state.floor._replace(age=state.floor.age + 500),
+        mode=state.mode * 0 + CRUISE,
+        side=state.side * side,
+        bold=state.bold + 1,
+    )
+    lengths = torch.full((2, 8), 9.0, dtype=torch.float64)
+    lengths[:, 0] = 0.1
+    ours, others = (slice(1, 3), slice(3, 5)) if side > 0 else (slice(3, 5), slice(1, 3))
+    lengths[:, ours] = lengths[:, others] = torch.tensor([9.0 * (k in open_) for k in (0, 1)]).double()
+    still = Command(torch.zeros(()).double(), torch.zeros(()).double())
+    _, after = decide(lengths, still, state.floor, state.patch, state, control.constants, control.floor, here)
+    assert int(after.mode) == (TURN if open_ else REVERSE)
+    assert float(after.side) == side
+
+
+def test_a_kernel_steps_alone_from_the_step_on_in_which_the_floor_is_known():
+    quick = RangingControl(RIG, DT).quick
+    numbers = [0.0] * 6
+    assert [quick.ready([*numbers, quick.learned + by]) for by in (-2, -1, 0, 1)] == [False, False, True, True]

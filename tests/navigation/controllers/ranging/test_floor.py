@@ -174,3 +174,14 @@ def test_bad_parameters():
         floor_view(RIG, FloorParams(bands=200))
     with pytest.raises(InputError, match="do not fit"):
         floor_view(RIG, FloorParams(outer=math.radians(2), inner=math.radians(1)))
+
+
+@pytest.mark.parametrize(("outer", "right"), [(16.5, None), (17.0, 637)])
+def test_cells_that_reach_a_column_beyond_the_frame_do_not_fit(outer, right):
+    """Where the axes meet the frames half a column to the right of their middle."""
+    rig, params = StereoRig(forward=0.15, cx=320.0), FloorParams(inner=math.radians(-36.8), outer=math.radians(outer))
+    if right is None:
+        with pytest.raises(InputError, match="do not fit"):
+            floor_view(rig, params)
+    else:
+        assert floor_view(rig, params).cells[0].right == right
