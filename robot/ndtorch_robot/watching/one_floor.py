@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,11 +29,12 @@ DEEP = 1.3
 BESIDE = 0.3
 """How far to either side of the car's middle, m."""
 
-TILT = 8
-"""Rows by which the horizon may lie higher or lower: a bump, or a camera that is turned by a degree and a half."""
+SURE, TILT = 8, 26
+"""Rows by which the horizon may lie higher or lower where both see one floor for sure, and at all: a bump, or a camera
+that is turned by a degree and a half; and cameras that look up or down by three."""
 
-BEFORE = 5
-"""Looks that must have seen one floor before it can be lost."""
+BEFORE = 6
+"""Looks in a row that must have seen one floor before it can be lost."""
 
 VIEWS = 20
 """Views in a row without one floor after which it is lost: 0.8 m of way, or a radian of turns, or more."""
@@ -57,8 +59,9 @@ class OneFloor:
         horizon = (rig.height - 1) / 2 - rig.focal * math.tan(rig.pitch)
         near = rig.focal * rig.camera_height / max(1.0, rects[0].bottom - 1 - horizon)
         self.params = NearParams(
-            floor=SEEN, floor_from=0.99 * near, floor_to=DEEP * near, floor_beside=BESIDE, tilt=TILT
+            floor=SEEN, floor_from=0.99 * near, floor_to=DEEP * near, floor_beside=BESIDE, tilt=SURE
         )
+        self.tilted = replace(self.params, tilt=TILT)
         self.size = (rects[0].bottom - rects[0].top, rects[0].right - rects[0].left)
         self.asked = self.seen = self.without = 0
         self.view: tuple[float, float] | None = None
@@ -85,15 +88,19 @@ class OneFloor:
         scale = np.float32(1 if ours.dtype.kind == "f" else 255)
         pair = ours.astype(np.float32) / scale, theirs.astype(np.float32) / scale
         likeness = floor_likeness(*pair, self.rects, self.rig, self.params, compiled())
+        sure = likeness >= SEEN
+        if not sure:
+            likeness = floor_likeness(*pair, self.rects, self.rig, self.tilted, compiled())
         if likeness >= SEEN:
             self.seen, self.without = self.seen + 1, 0
-            return True
+            return sure
         clear = min(clearness(each) for each in pair)
         if clear >= CLEAR:
             if likeness >= LOST * clear or wall_likeness(*pair) >= SEEN:
                 self.without = 0
             elif is_new(view, self.view):
                 self.view, self.without = view, self.without + 1
+                self.seen = self.seen if self.seen >= BEFORE else 0
         return False
 
     @property

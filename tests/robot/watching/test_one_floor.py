@@ -1,6 +1,7 @@
 """Both cameras see one floor, or they do not any more."""
 
 import functools
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -107,7 +108,24 @@ def test_who_has_never_seen_one_floor_long_enough_loses_none():
     mine = judge()
     look(mine, BEFORE - 1)
     look(mine, VIEWS, upside_down, begin=BEFORE)
-    assert (mine.without, mine.lost) == (VIEWS, False)
+    assert (mine.without, mine.seen, mine.lost) == (VIEWS, 0, False)
+    look(mine, 1, begin=BEFORE + VIEWS)
+    look(mine, VIEWS, upside_down, begin=BEFORE + VIEWS + 1)
+    assert not mine.lost
+
+
+def test_cameras_that_look_down_see_one_floor_but_are_not_sure_of_it():
+    """By 20 rows, 2.7 degrees: everything lies higher in both pictures."""
+
+    def tilted(left, right):
+        return np.roll(left, -20, 0)[:50], np.roll(right, -20, 0)[:50]
+
+    mine = judge()
+    mine.rects = tuple(rect._replace(bottom=rect.bottom - 20) for rect in RECTS)
+    mine.size = (50, RECTS[0].right - RECTS[0].left)
+    mine.params, mine.tilted = (replace(each, floor_to=1.0) for each in (mine.params, mine.tilted))
+    assert not look(mine, 3, tilted)
+    assert (mine.seen, mine.without) == (3, 0)
 
 
 def test_a_car_that_stands_loses_no_floor():
