@@ -57,6 +57,50 @@ def carried(base: Floats, pose: Floats) -> Floats:
     return np.stack((x, y, base[..., 2] + pose[..., 2]), -1)
 
 
+class Normal(NamedTuple):
+    """Normal equations of one step of Gauss-Newton: `matrix` `[n, n]` and right side `[n]`, three unknowns of every
+    pose, then what is common."""
+
+    matrix: Floats
+    right: Floats
+
+
+def normal_equations(poses: Floats, links: Links, gate: float, common: Floats, doubt: Floats) -> Normal:
+    """The equations at these poses; for the arguments see `relax`."""
+    trust = doubt**-2.0
+    a, b = poses[links.first], poses[links.second]
+    off = seen_from(a, b) - links.measure - links.change @ common
+    off[:, 2] = wrapped(off[:, 2])
+    to_a, to_b = slopes(a, b)
+    distance = np.einsum("ei,eij,ej->e", off, links.information, off)
+    weighed = links.information / (1 + distance / gate)[:, None, None] ** 2
+    size = 3 * len(poses) + len(common)
+    three, shared = np.arange(3), np.broadcast_to(np.arange(3 * len(poses), size), (len(a), len(common)))
+    where = np.concatenate((3 * links.first[:, None] + three, 3 * links.second[:, None] + three, shared), 1)
+    slope = np.concatenate((to_a, to_b, -links.change), 2)
+    half = slope.transpose(0, 2, 1) @ weighed
+    right = np.zeros(size)
+    np.add.at(right, where, -(half @ off[:, :, None])[:, :, 0])
+    right[size - len(common) :] -= trust * common
+    matrix = np.zeros((size, size))
+    np.add.at(matrix, (where[:, :, None], where[:, None, :]), half @ slope)
+    little = np.full(size, 1e-6)
+    little[size - len(common) :] += trust
+    matrix[np.arange(size), np.arange(size)] += little
+    return Normal(matrix, right)
+
+
+def slopes(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+    """How poses `[E, 3]` as seen from others change with these, and with themselves, `[E, 3, 3]` each."""
+    cos, sin = np.cos(a[:, 2]), np.sin(a[:, 2])
+    dx, dy = b[:, 0] - a[:, 0], b[:, 1] - a[:, 1]
+    to_b = np.zeros((len(a), 3, 3))
+    to_b[:, 0, 0], to_b[:, 0, 1], to_b[:, 1, 0], to_b[:, 1, 1], to_b[:, 2, 2] = cos, sin, -sin, cos, 1.0
+    to_a = -to_b
+    to_a[:, 0, 2], to_a[:, 1, 2] = cos * dy - sin * dx, -cos * dx - sin * dy
+    return to_a, to_b
+
+
 def relax(
     poses: Floats, links: Links, gate: float, common: Floats | None = None, doubt: Floats | None = None
 ) -> tuple[Floats, Floats]:
@@ -71,33 +115,21 @@ def relax(
         The poses and the numbers after it.
     """
     common = np.zeros(0) if common is None else common
-    trust = np.zeros(0) if doubt is None else doubt**-2.0
-    a, b = poses[links.first], poses[links.second]
-    off = seen_from(a, b) - links.measure - links.change @ common
-    off[:, 2] = wrapped(off[:, 2])
-    cos, sin = np.cos(a[:, 2]), np.sin(a[:, 2])
-    dx, dy = b[:, 0] - a[:, 0], b[:, 1] - a[:, 1]
-    to_b = np.zeros((len(a), 3, 3))
-    to_b[:, 0, 0], to_b[:, 0, 1], to_b[:, 1, 0], to_b[:, 1, 1], to_b[:, 2, 2] = cos, sin, -sin, cos, 1.0
-    to_a = -to_b
-    to_a[:, 0, 2], to_a[:, 1, 2] = cos * dy - sin * dx, -cos * dx - sin * dy
-    distance = np.einsum("ei,eij,ej->e", off, links.information, off)
-    weighed = links.information / (1 + distance / gate)[:, None, None] ** 2
-    # Columns of the unknowns: three of every pose, then what is common.
-    size = 3 * len(poses) + len(common)
-    three, shared = np.arange(3), np.broadcast_to(np.arange(3 * len(poses), size), (len(a), len(common)))
-    where = np.concatenate((3 * links.first[:, None] + three, 3 * links.second[:, None] + three, shared), 1)
-    slope = np.concatenate((to_a, to_b, -links.change), 2)
-    half = slope.transpose(0, 2, 1) @ weighed
-    rhs = np.zeros(size)
-    np.add.at(rhs, where, -(half @ off[:, :, None])[:, :, 0])
-    rhs[size - len(common) :] -= trust * common
-    square = half @ slope
-    matrix = np.zeros((size, size))
-    np.add.at(matrix, (where[:, :, None], where[:, None, :]), square)
-    little = np.full(size, 1e-6)
-    little[size - len(common) :] += trust
-    matrix[np.arange(size), np.arange(size)] += little
+    matrix, right = normal_equations(poses, links, gate, common, np.zeros(0) if doubt is None else doubt)
     # A hundred poses are solved in some milliseconds without a sparse solver, which would be one more package.
-    step = np.concatenate((np.zeros(3), np.linalg.solve(matrix[3:, 3:], rhs[3:])))
+    step = np.concatenate((np.zeros(3), np.linalg.solve(matrix[3:, 3:], right[3:])))
     return poses + step[: 3 * len(poses)].reshape(-1, 3), common + step[3 * len(poses) :]
+
+
+def doubts(poses: Floats, links: Links, gate: float, doubt: Floats, one: int, others: npt.NDArray[np.int64]) -> Floats:
+    """How well one pose is known as seen from others: covariances `[n, 3, 3]`."""
+    matrix, _ = normal_equations(poses, links, gate, np.zeros(len(doubt)), doubt)
+    size = 3 * len(poses)
+    covariance = np.zeros((size, size))
+    covariance[3:, 3:] = np.linalg.inv(matrix[3:, 3:])[: size - 3, : size - 3]
+    blocks = covariance.reshape(len(poses), 3, len(poses), 3).transpose(0, 2, 1, 3)
+    to_a, to_b = slopes(poses[others], poses[np.full(len(others), one)])
+    both = to_a @ blocks[others, one] @ to_b.transpose(0, 2, 1)
+    apart = to_a @ blocks[others, others] @ to_a.transpose(0, 2, 1) + to_b @ blocks[one, one] @ to_b.transpose(0, 2, 1)
+    found: Floats = apart + both + both.transpose(0, 2, 1)
+    return found

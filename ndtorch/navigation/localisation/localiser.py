@@ -12,6 +12,7 @@ from ndtorch.arguments import check_state
 from ndtorch.errors import InputError
 from ndtorch.navigation.localisation.filter import predicted, updated
 from ndtorch.navigation.localisation.finding import Hunt, begin, carried_over, draw, no_hunt, refine, verdict, vote
+from ndtorch.navigation.localisation.fitting import fit_pair
 from ndtorch.navigation.localisation.graph import carried, seen_from
 from ndtorch.navigation.localisation.motion import look_of, motion_seen
 from ndtorch.navigation.localisation.params import LocaliserParams
@@ -20,14 +21,14 @@ from ndtorch.navigation.localisation.parts import (
     add_to_part,
     begun_at,
     finish,
-    fit_pair,
+    is_ripe,
     no_parts,
     redrawn,
     relaxed,
     with_frame,
 )
 from ndtorch.navigation.localisation.scanning import scan_rows
-from ndtorch.navigation.localisation.state import LocaliserState, Trail, floats, fresh, less_sure, number
+from ndtorch.navigation.localisation.state import LocaliserState, Trail, floats, fresh, less_sure, number, odometer_of
 from ndtorch.navigation.localisation.trail import driven_on, gone_through, is_due, no_trail, scan_of, with_scan
 from ndtorch.navigation.localisation.walls import Scan, add_scan, empty_walls, fit_scan
 from ndtorch.navigation.localisation.way import drive_on
@@ -156,12 +157,11 @@ class Localiser(nn.Module):
 
     def arrange(self, state: LocaliserState, parts: Parts) -> LocaliserState:
         """Fit the next pair of parts; after the last one all are moved to where they fit, and the car with them."""
-        parts = fit_pair(parts, self.dt, self.params)
+        parts = fit_pair(parts, self.params)
         if len(parts.pairs):
             return state._replace(parts=parts)
         before = parts.poses[-1].numpy()
-        odometer = np.array((float(state.scale), float(state.bend), float(state.drift)))
-        parts = relaxed(parts, odometer, np.sqrt(state.doubt.diagonal()[3:].numpy()), self.params)
+        parts = relaxed(parts, *odometer_of(state), self.params)
         x, y, heading = carried(parts.poses[-1].numpy(), seen_from(before, np.array([float(v) for v in state.pose])))
         # Headings are counted on beyond a turn.
         heading += 2 * math.pi * round((float(state.pose.heading) - heading) / (2 * math.pi))
@@ -268,8 +268,8 @@ class Localiser(nn.Module):
         if parts is not None:
             parts = add_to_part(parts, scan, (x, y, heading), p)
             parts = with_frame(parts, (x, y, heading), state.age) if keep else parts
-            if float(parts.driven.length) > p.parts.way and not len(parts.pairs):
-                parts = finish(parts, (x, y, heading), state.age, self.dt, p)
+            if is_ripe(parts, p) and not len(parts.pairs):
+                parts = finish(parts, (x, y, heading), state.age, self.dt, *odometer_of(state), p)
         return fresh(state._replace(walls=add_scan(state.walls, scan, (x, y, heading), p), pose=pose, parts=parts))
 
     def correct(self, state: LocaliserState, scan: Scan) -> LocaliserState:

@@ -60,23 +60,24 @@ class PartParams:
     """How the building is gathered in parts that can be moved.
 
     Args:
-        way: length of a part, m.
+        way, longest: length of a part, m, and of one that has less than `ripe` cells by then.
         size: cells along the side of its square.
         least: cells that it must have, and that two parts must share to be fitted.
         coarse: side of the squares by which it is told what they share, m.
-        seen, known: a part is left out where this share of it was seen by so many parts before.
-        most: parts that a new one is fitted to.
+        seen, known, gap: a part is left out where this share of it was seen by so many parts before, unless the last
+            one that was kept ended so far before, m.
+        most: parts that a new one is fitted to, those with the largest share of their cells in common first.
         count: parts at most; then the building is taken as known.
         points: ranges of a part that are fitted to others, at most.
-        loose, turned, steps: standard deviations from which two parts are fitted, m and radians, and steps of
-            Gauss-Newton.
+        reach: two parts are fitted from where the graph has them, with standard deviations so many times as large as
+            it says; the fit begins so far to all sides, too.
+        loose, turned, steps: these standard deviations at most, m and radians, and steps of Gauss-Newton.
+        unlikely: squared distance, in standard deviations, of a fit from there, beyond which it is not believed.
         good: share of the one that must fit the other.
-        aside: a fit begins so far to all sides of where it is expected, too, m.
         apart, better: fits farther apart than this are two, m, and so much worse all but the best must be.
         trust: factor of what a fit says, whose points are not independent.
         learning: what was seen in this time from the start, s, counts only where nothing was seen later; until the way
             since the start was gone through again, see `RetraceParams`.
-        early: factor of what fits to it say.
         still, slip, turn_still, turn_way, turn_slip: standard deviations of dead reckoning along a part, m, and m
             each metre; radians, radians each metre, and radians each radian turned.
         gate: squared distance, in standard deviations, at which an edge of the graph counts a quarter.
@@ -84,24 +85,27 @@ class PartParams:
     """
 
     way: float = 2.0
+    longest: float = 6.0
     size: int = 72
-    least: int = 8
+    ripe: int = 12
+    least: int = 5
     coarse: float = 0.5
     seen: int = 3
     known: float = 0.9
+    gap: float = 8.0
     most: int = 10
     count: int = 150
     points: int = 100
+    reach: float = 3.0
     loose: float = 0.3
     turned: float = 0.1
+    unlikely: float = 16.0
     steps: int = 10
     good: float = 0.3
-    aside: float = 0.3
     apart: float = 0.1
     better: float = 0.05
     trust: float = 0.1
     learning: float = 1.0
-    early: float = 0.1
     still: float = 0.01
     slip: float = 0.003
     turn_still: float = 0.002
@@ -245,12 +249,12 @@ class LocaliserParams:
     steps: int = 8
     still: float = 0.001
     turn_still: float = 0.0003
-    scale: float = 0.01
-    bend: float = 0.01
-    drift: float = math.radians(0.02)
-    scale_walk: float = 2e-4
-    bend_walk: float = 2e-4
-    drift_walk: float = math.radians(0.001)
+    scale: float = 0.003
+    bend: float = 0.003
+    drift: float = math.radians(0.005)
+    scale_walk: float = 5e-5
+    bend_walk: float = 5e-5
+    drift_walk: float = math.radians(0.0003)
     trust: float = 0.05
     floor: float = 0.01
     turn_floor: float = 0.006

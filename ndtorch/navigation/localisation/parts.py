@@ -16,10 +16,10 @@ import torch
 from torch import Tensor
 
 from ndtorch.kernels.load import kernel
-from ndtorch.navigation.localisation.graph import FULL, carried, links_of, relax, seen_from
+from ndtorch.navigation.localisation.graph import FULL, Links, carried, doubts, links_of, relax, seen_from
 from ndtorch.navigation.localisation.params import LocaliserParams, PartParams
-from ndtorch.navigation.localisation.walls import Scan, empty_walls, fit_scan, pack, unpack
-from ndtorch.navigation.localisation.way import Way, no_way, one_way
+from ndtorch.navigation.localisation.walls import Scan, empty_walls, pack
+from ndtorch.navigation.localisation.way import Way, no_way, one_way, way_edges
 from ndtorch.navigation.sights import Frames
 
 Floats = npt.NDArray[Any]
@@ -53,7 +53,7 @@ class Parts(NamedTuple):
         came: to its beginning from that of the one finished last.
         driven: since it began.
         edges: fits of parts to each other, `[E, 11]`, see `graph`.
-        pairs: that are still to be fitted, `[n, 2]`.
+        pairs: that are still to be fitted, and covariances of the second as seen from the first, `[n, 11]`.
         aside: frames of parts that were left out, which move with the finished part that shows most of the same,
             `[n, 5]`: steps after which it was begun, the number of that part, and the pose in its frame.
         scans: likewise, frames of single scans, half a step after each, which move by themselves as long as the way
@@ -88,7 +88,7 @@ def no_parts(pose: tuple[float, float, float], params: LocaliserParams) -> Parts
         no_way(),
         no_way(),
         zeros[None][:0],
-        zeros[None, :2][:0],
+        zeros.new_zeros(0, 11),
         zeros[None, :5][:0],
         zeros[None, :5][:0],
         zeros.new_tensor(params.parts.learning),
@@ -150,8 +150,28 @@ def begun_at(parts: Parts, pose: tuple[float, float, float], age: Tensor) -> Par
     )
 
 
-def finish(parts: Parts, pose: tuple[float, float, float], age: Tensor, dt: float, params: LocaliserParams) -> Parts:
-    """End a part at a pose, where the next one begins. One that shows nothing new is left out."""
+def is_ripe(parts: Parts, params: LocaliserParams) -> bool:
+    """Whether the part that is being made is long enough and shows enough to be told by, or is as long as it may be."""
+    p, length = params.parts, float(parts.driven.length)
+    if length <= p.way:
+        return False
+    return length > p.longest or int((parts.cells[..., 0] >= params.least).sum()) >= p.ripe
+
+
+def finish(
+    parts: Parts,
+    pose: tuple[float, float, float],
+    age: Tensor,
+    dt: float,
+    odometer: Floats,
+    doubt: Floats,
+    params: LocaliserParams,
+) -> Parts:
+    """End a part at a pose, where the next one begins. One that shows nothing new is left out.
+
+    Args:
+        odometer, doubt: what is known of scale, bend and drift, and standard deviations, `[3]` each.
+    """
     p = params.parts
     packed = pack(parts.cells)
     packed = packed[packed[:, 2] >= params.least].double()
@@ -159,16 +179,24 @@ def finish(parts: Parts, pose: tuple[float, float, float], age: Tensor, dt: floa
     overlap, share = overlaps(parts, middles, parts.begun[:-1].numpy() * dt < float(parts.learning), p)
     here, now = torch.tensor([pose], dtype=torch.float64), age.reshape(1)
     fresh = parts._replace(cells=torch.zeros_like(parts.cells), points=parts.points[:0], driven=no_way())
-    full = len(parts.done) >= p.count
-    if len(parts.done) and (len(middles) < p.least or share > p.known or full):
+    full, since = len(parts.done) >= p.count, float(parts.came.length + parts.driven.length)
+    # After a long way through what is known, the way alone ties the next part, and one wrong fit would turn it.
+    if len(parts.done) and (len(middles) < p.least or (share > p.known and since < p.gap) or full):
         came = one_way(parts.came, parts.driven)
         fresh = left_out(fresh, int(overlap.argmax()))
         began = torch.cat((parts.begun[:-1], now))
         return fresh._replace(poses=torch.cat((parts.poses[:-1], here)), begun=began, came=came)
     number = len(parts.done)
-    order = np.argsort(-overlap, kind="stable")[: p.most]
-    found = [n for n in order.tolist() if overlap[n] >= p.least]
+    # Not by number: the few cells of an early part in a bare corridor would never be among the most.
+    size = np.array([len(part.middles) for part in parts.done], float).clip(1, max(1, len(middles)))
+    order = np.argsort(-overlap / size, kind="stable")
+    found = [n for n in order.tolist() if overlap[n] >= p.least][: p.most]
+    sure = np.zeros((0, 3, 3))
+    if found:
+        links = links_between(parts, odometer, params)
+        sure = doubts(parts.poses.numpy(), links, p.gate, doubt, number, np.array(found, np.int64))
     pairs = torch.tensor([(n, number) for n in found], dtype=torch.float64).reshape(-1, 2)
+    pairs = torch.cat((pairs, torch.from_numpy(sure.reshape(-1, 9))), 1)
     return fresh._replace(
         done=(*parts.done, Part(packed, middles, thinned(parts.points, p.points), parts.came)),
         poses=torch.cat((parts.poses, here)),
@@ -215,26 +243,13 @@ def keys(points: Floats, side: float) -> npt.NDArray[np.int64]:
     return at[:, 0] * (1 << 32) + at[:, 1]
 
 
-def fit_pair(parts: Parts, dt: float, params: LocaliserParams) -> Parts:
-    """Fit the next pair of parts that is left."""
-    p = params.parts
-    (first, second), pairs = map(int, parts.pairs[0].tolist()), parts.pairs[1:]
-    poses = parts.poses.numpy()
-    start = seen_from(poses[first], poses[second])
-    # Points, not the middles of cells: these are a cell apart along any wall, and would lock into each other.
-    scan = Scan(*np.ascontiguousarray(parts.done[second].points.numpy().T))
-    known = unpack(parts.done[first].packed, params, p.size)
-    x, y, heading = start.tolist()
-    beside = [(x + i * p.aside, y + j * p.aside, heading) for i in (0, -1, 1) for j in (0, -1, 1)]
-    fits = [fit_scan(known, scan, at, (p.loose, p.turned), params, p.steps) for at in beside]
-    fit = max(fits, key=lambda one: one.score)
-    parts = parts._replace(pairs=pairs)
-    elsewhere = [one.score for one in fits if math.hypot(one.x - fit.x, one.y - fit.y) > p.apart]
-    if fit.score < p.good or fit.score - max(elsewhere, default=0.0) < p.better:
-        return parts
-    trust = p.trust * (p.early if float(parts.begun[first]) * dt < float(parts.learning) else 1.0)
-    edge = np.concatenate(((first, second, fit.x, fit.y, fit.heading), fit.information * trust))
-    return parts._replace(edges=torch.cat((parts.edges, torch.from_numpy(edge)[None])))
+def links_between(parts: Parts, odometer: Floats, params: LocaliserParams) -> Links:
+    """All edges, with what was driven as it is with some scale, bend and drift, `[3]`."""
+    ways = way_edges([*(part.came for part in parts.done[1:]), parts.came], params.parts)
+    edges = np.concatenate((parts.edges.numpy(), ways.edges))
+    change = np.concatenate((np.zeros((len(parts.edges), 3, 3)), ways.change))
+    edges[:, 2:5] += change @ odometer
+    return links_of(edges, change)
 
 
 def relaxed(parts: Parts, odometer: Floats, doubt: Floats, params: LocaliserParams) -> Parts:
@@ -244,38 +259,10 @@ def relaxed(parts: Parts, odometer: Floats, doubt: Floats, params: LocaliserPara
         odometer, doubt: what is known of scale, bend and drift, and standard deviations, `[3]` each.
     """
     p = params.parts
-    ways = way_edges([*(part.came for part in parts.done[1:]), parts.came], p)
-    edges = np.concatenate((parts.edges.numpy(), ways.edges))
-    change = np.concatenate((np.zeros((len(parts.edges), 3, 3)), ways.change))
-    edges[:, 2:5] += change @ odometer
-    links, poses, more = links_of(edges, change), parts.poses.numpy(), np.zeros(3)
+    links, poses, more = links_between(parts, odometer, params), parts.poses.numpy(), np.zeros(3)
     for _ in range(p.rounds):
         poses, more = relax(poses, links, p.gate, more, doubt)
     return parts._replace(poses=torch.from_numpy(poses))
-
-
-class Ways(NamedTuple):
-    """Edges `[K, 11]` to each part from the one before, by dead reckoning without what is known of its errors, and
-    how their measures change with scale, bend and drift, `[K, 3, 3]`."""
-
-    edges: Floats
-    change: Floats
-
-
-def way_edges(ways: list[Way], p: PartParams) -> Ways:
-    """What was driven, as if scale, bend and drift were zero, and how it changes with them."""
-    length, turned = (np.array([float(part) for part in parts]) for parts in zip(*(w[3:5] for w in ways), strict=True))
-    unsure = torch.stack([way.unsure for way in ways]).numpy()
-    change = torch.stack([way.change for way in ways])
-    plain = torch.stack([way.pose for way in ways]) - (change @ torch.stack([w.known for w in ways])[..., None])[..., 0]
-    edges = np.zeros((len(ways), FULL))
-    edges[:, 0] = np.arange(len(ways))
-    edges[:, 1] = edges[:, 0] + 1
-    edges[:, 2:5] = plain.numpy()
-    place = 1 / ((p.still + p.slip * length) ** 2 + unsure[:, 0])
-    edges[:, 5], edges[:, 7] = place, place
-    edges[:, 10] = 1 / ((p.turn_still + p.turn_way * length + p.turn_slip * turned) ** 2 + unsure[:, 1])
-    return Ways(edges, change.numpy())
 
 
 def redrawn(parts: Parts, dt: float, params: LocaliserParams) -> Tensor:

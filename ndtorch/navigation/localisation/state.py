@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ndtorch.navigation.localisation.finding import Hunt
 from ndtorch.navigation.localisation.parts import Parts
+from ndtorch.navigation.localisation.walls import Floats
 from ndtorch.navigation.localisation.wheels import Wheels
 from ndtorch.navigation.odometry import Pose
 
@@ -96,6 +98,12 @@ def number(value: float) -> Tensor:
 def floats(pose: Pose) -> tuple[float, float, float]:
     """A pose as numbers."""
     return float(pose.x), float(pose.y), float(pose.heading)
+
+
+def odometer_of(state: LocaliserState) -> tuple[Floats, Floats]:
+    """What is known of scale, bend and drift, and standard deviations, `[3]` each."""
+    known = np.array((float(state.scale), float(state.bend), float(state.drift)))
+    return known, np.sqrt(state.doubt.diagonal()[3:].numpy())
 
 
 def fresh(state: LocaliserState) -> LocaliserState:

@@ -9,7 +9,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.navigation.localisation.graph import carried
+from ndtorch.navigation.localisation.graph import FULL, carried
+from ndtorch.navigation.localisation.params import PartParams
+from ndtorch.navigation.localisation.walls import Floats
 
 
 class Way(NamedTuple):
@@ -84,3 +86,27 @@ def one_way(first: Way, second: Way) -> Way:
         first.turned + second.turned,
         first.unsure + second.unsure,
     )
+
+
+class Ways(NamedTuple):
+    """Edges `[K, 11]` to each part from the one before, by dead reckoning without what is known of its errors, and
+    how their measures change with scale, bend and drift, `[K, 3, 3]`."""
+
+    edges: Floats
+    change: Floats
+
+
+def way_edges(ways: list[Way], p: PartParams) -> Ways:
+    """What was driven, as if scale, bend and drift were zero, and how it changes with them."""
+    length, turned = (np.array([float(part) for part in parts]) for parts in zip(*(w[3:5] for w in ways), strict=True))
+    unsure = torch.stack([way.unsure for way in ways]).numpy()
+    change = torch.stack([way.change for way in ways])
+    plain = torch.stack([way.pose for way in ways]) - (change @ torch.stack([w.known for w in ways])[..., None])[..., 0]
+    edges = np.zeros((len(ways), FULL))
+    edges[:, 0] = np.arange(len(ways))
+    edges[:, 1] = edges[:, 0] + 1
+    edges[:, 2:5] = plain.numpy()
+    place = 1 / ((p.still + p.slip * length) ** 2 + unsure[:, 0])
+    edges[:, 5], edges[:, 7] = place, place
+    edges[:, 10] = 1 / ((p.turn_still + p.turn_way * length + p.turn_slip * turned) ** 2 + unsure[:, 1])
+    return Ways(edges, change.numpy())

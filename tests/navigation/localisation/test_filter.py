@@ -42,7 +42,7 @@ def test_the_covariance_is_that_of_the_step():
 
 def test_it_learns_what_the_odometer_does():
     errors = np.array((0.015, -0.01, math.radians(0.03)))
-    known, doubt = np.zeros(3), np.diag(np.square((0, 0, 0, PARAMS.scale, PARAMS.bend, PARAMS.drift)))
+    known, doubt = np.zeros(3), np.diag(np.square((0, 0, 0, 0.01, 0.01, math.radians(0.02))))
     true = pose = np.array((0.0, 0.0, 0.0))
     for n in range(400):
         way, turned = 0.1, 0.1 if n % 40 < 15 else 0.0

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from ndtorch.navigation.localisation.graph import carried, links_of, relax, seen_from
+from ndtorch.navigation.localisation.graph import carried, doubts, links_of, relax, seen_from
 
 RING = np.array(
     [(2 * math.sin(n / 8 * 2 * math.pi), 2 - 2 * math.cos(n / 8 * 2 * math.pi), n * 0.785) for n in range(8)]
@@ -62,3 +62,25 @@ def test_an_error_that_all_edges_share_is_found():
         poses, common = relax(poses, links, 1e6, common, np.array((1.0,)))
     assert common == pytest.approx(0.05, abs=1e-3)
     assert poses == pytest.approx(RING, abs=1e-3)
+
+
+def test_how_well_a_pose_is_known_adds_up_along_a_chain_and_less_so_around_a_loop():
+    chain = [(n, n + 1) for n in range(7)]
+    nothing, others = np.zeros(0), np.array([0, 5])
+    far, near = doubts(RING, edges_between(chain), 1e9, nothing, 7, others)
+    # Two links on, as seen from 5: both of 5 cm and 1/50, and the turn of the first at the arm of the second.
+    arm = seen_from(RING[5], RING[7]) - seen_from(RING[5], RING[6])
+    lever = np.array(((1.0, 0.0, -arm[1]), (0.0, 1.0, arm[0]), (0.0, 0.0, 1.0)))
+    one = np.diag((1 / 400, 1 / 400, 1 / 2500))
+    assert near == pytest.approx(lever @ one @ lever.T + one, abs=1e-5)
+    closed = doubts(RING, edges_between([*chain, (0, 7)]), 1e9, nothing, 7, others)[0]
+    assert far[2, 2] == pytest.approx(7 / 2500, rel=1e-2)
+    assert closed[2, 2] < 1 / 2500 < far[2, 2]
+
+
+def test_a_number_that_all_edges_share_makes_poses_less_sure():
+    links = edges_between([(n, n + 1) for n in range(4)])
+    turn = links._replace(change=np.tile(np.array([[[0.0], [0.0], [1.0]]]), (4, 1, 1)))
+    known, unknown = (doubts(RING[:5], turn, 1e9, np.array([d]), 4, np.array([0]))[0, 2, 2] for d in (1e-6, 0.1))
+    assert known == pytest.approx(4 / 2500, rel=1e-2)
+    assert unknown == pytest.approx(4 / 2500 + 0.4**2, rel=1e-2)
