@@ -82,7 +82,8 @@ def test_any_number_of_halvings(border: Border, widest: float, halvings: int) ->
             out, state = module(frame[None], state)
             found.append(out)
     same(whole, wanted)
-    assert torch.equal(whole, torch.cat(found))
+    # A transform of several pictures may round otherwise than one of each: on aarch64 it does, by 1.1e-7.
+    torch.testing.assert_close(whole, torch.cat(found), rtol=1e-6, atol=0)
 
 
 def test_floats_that_are_not_scaled_are_refused() -> None:
