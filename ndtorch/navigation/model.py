@@ -12,8 +12,6 @@ from ndtorch.arguments import check_kind
 from ndtorch.errors import InputError
 from ndtorch.navigation.batch_step import batch_step
 from ndtorch.navigation.controllers.contract import (
-    STOPPED,
-    SUPPRESSED,
     Command,
     Controller,
     in_time,
@@ -29,6 +27,7 @@ from ndtorch.navigation.localisation.state import LocaliserState
 from ndtorch.navigation.mapping import GridMap
 from ndtorch.navigation.moved_map import keep
 from ndtorch.navigation.near_check import NearCheck
+from ndtorch.navigation.near_sight import NearSight
 from ndtorch.navigation.observations import ObservationList
 from ndtorch.navigation.odometry import DeadReckoning, Pose
 from ndtorch.navigation.one_frame import in_frames, take_over
@@ -40,10 +39,7 @@ from ndtorch.navigation.sights import Anchor
 from ndtorch.navigation.state import NavigatorState, StepState, check_like, check_motion, place_of
 from ndtorch.navigation.strips import Strips, grey_pair, row_rect, strips
 from ndtorch.navigation.tracking import AlphaBetaTracker
-from ndtorch.navigation.whole_step import Beginning, Parts, Stepped, WholeStep
-
-STANDS = 0.05
-"""m/s: a car slower than this stands."""
+from ndtorch.navigation.whole_step import Parts, Stepped, WholeStep
 
 
 class Navigator(nn.Module):
@@ -118,10 +114,10 @@ class Navigator(nn.Module):
         self.grid_map, self.observations, self.tracker, self.localiser = grid_map, observations, tracker, localiser
         self.row = row_rect(rig)
         self.whole: WholeStep | None = None
-        self.near = NearCheck(rig, self.controller.fields) if near_check and self.controller.looks_near else None
         # Where the ranging itself searches, the controller is told at every frame.
-        looks = self.near is not None and search is None
-        self.searching = RowRanging(rig, dt, angles=angles, search=SearchParams(rows=1)) if looks else None
+        looks = near_check and self.controller.looks_near
+        searching = RowRanging(rig, dt, angles=angles, search=SearchParams(rows=1)) if search is None else None
+        self.near = NearSight(NearCheck(rig, self.controller.fields), searching) if looks else None
 
     def forward(
         self,
@@ -155,7 +151,8 @@ class Navigator(nn.Module):
         """`forward` with a state that is taken as it is."""
         ours, theirs = strips(left), strips(right)
         whole = self.whole_step()
-        step = whole(ours, theirs, state, driven, start, self.beginning(ours, theirs))
+        beginning = self.near.beginning(self.controller, ours, theirs) if self.near is not None else None
+        step = whole(ours, theirs, state, driven, start, beginning)
         if step is None and self.localiser is None:
             step = batch_step(whole, ours, theirs, state, driven)
         if step is not None:
@@ -182,7 +179,7 @@ class Navigator(nn.Module):
                 new, whole = new._replace(command=ahead, control=control), False
                 command = Command(ahead.speed.unsqueeze(0), ahead.curvature.unsqueeze(0))
         if self.near is not None and not new.pose.x.ndim:
-            told = self.glance(new.control, new.pose, (left.row[0], right.row[0]))
+            told = self.near.glance(self.controller, new.control, new.pose, (left.row[0], right.row[0]))
             if told is not new.control and whole and self.controller.quick is not None:
                 # Nobody else has this state yet: so what the next step goes on from stays in one piece.
                 take_over(self.controller.quick.take(new.control), self.controller.quick.take(told))
@@ -271,9 +268,8 @@ class Navigator(nn.Module):
         with torch.inference_mode():
             _, state = self(frame, frame)
             self(frame, frame, state)
-            if self.searching is not None:
-                ranges, _ = self.searching(frame, frame)
-                self.controller.told_more(state.control, state.pose, ranges_at(ranges, 0), None)
+            if self.near is not None:
+                self.near.warm_up(self.controller, frame, state)
             self.controller.warm_up()
             for memory in (self.grid_map, self.localiser):
                 if memory is not None:
@@ -282,40 +278,6 @@ class Navigator(nn.Module):
     def mode(self, state: NavigatorState) -> Tensor:
         """What the controller is doing, `[...]`: one of its `modes`, `CRUISE`, `TURN`, ..."""
         return self.controller.mode(state.control)
-
-    def looks_near(self, last: Command, control: Any, begins: bool) -> bool:
-        """Whether to look at what is right ahead: one car that stands, at the start or because it is boxed in."""
-        if self.near is None or last.speed.ndim or abs(float(last.speed)) > STANDS:
-            return False
-        return begins or int(self.controller.mode(control)) in (SUPPRESSED, STOPPED)
-
-    def told_near(self, control: Any, pose: Pose, fields: tuple[Tensor, Tensor], rows: tuple[Tensor, Tensor]) -> Any:
-        """The state of the controller of one car that is told what is right ahead of it."""
-        assert self.near is not None
-        things, floor_seen = self.near(fields, rows)
-        return self.controller.told_near(control, pose, things, self.near.across, floor_seen)
-
-    def beginning(self, left: Strips, right: Strips) -> Beginning | None:
-        """What comes before a step of these frames, `[1, C, H, W]`, that a car begins standing."""
-        if self.near is None:
-            return None
-
-        def look(last: Command, control: Any, pose: Pose, begins: bool) -> Any:
-            if not self.looks_near(last, control, begins):
-                return control
-            return self.told_near(control, pose, (left.field[0], right.field[0]), (left.row[0], right.row[0]))
-
-        return look
-
-    def glance(self, control: Any, pose: Pose, rows: tuple[Tensor, Tensor]) -> Any:
-        """The state of the controller of one car that is told what it wants to know while it drives."""
-        ahead, near = self.controller.glances(control)
-        if self.near is None or not (ahead or near):
-            return control
-        ranges = None
-        if ahead and self.searching is not None:
-            ranges = ranges_at(self.searching(rows[0].unsqueeze(0), rows[1].unsqueeze(0))[0], 0)
-        return self.controller.told_more(control, pose, ranges, self.near.things(rows) if near else None)
 
     def steer(
         self,
@@ -342,9 +304,10 @@ class Navigator(nn.Module):
             if driven is not None:
                 last = Command(driven.speed[..., t], driven.curvature[..., t])
             pose = self.reckoning.step(pose, last.speed, last.curvature)
-            if eyes is not None and self.looks_near(last, control, state is None or (t == 0 and state.fields is None)):
+            begins = state is None or (t == 0 and state.fields is None)
+            if eyes is not None and self.near is not None and self.near.due(self.controller, last, control, begins):
                 fields, rows = (tuple(eye[..., t, :, :, :] for eye in part) for part in eyes)
-                control = self.told_near(control, pose, fields, rows)  # type: ignore[arg-type]
+                control = self.near.check(self.controller, control, pose, fields, rows)  # type: ignore[arg-type]
             if eyes is not None and self.localiser is not None:
                 left, right = (eye[..., t : t + 1, :, :, :] for eye in eyes[1])
                 located = self.locate(left, right, pose, located)
@@ -354,7 +317,8 @@ class Navigator(nn.Module):
                 control = self.controller.told_place(control, pose, place if located.hunt is None else None)
             last, control = self.controller.step(seen.select(dim, t), ranges_at(ranges, t), pose, last, control)
             if eyes is not None and self.near is not None and not pose.x.ndim:
-                control = self.glance(control, pose, tuple(eye[..., t, :, :, :] for eye in eyes[1]))  # type: ignore[arg-type]
+                rows = tuple(eye[..., t, :, :, :] for eye in eyes[1])
+                control = self.near.glance(self.controller, control, pose, rows)  # type: ignore[arg-type]
             commands.append(last)
             poses.append(place)
         return (

@@ -192,7 +192,7 @@ def test_the_navigator_searches_for_it_unless_all_ranges_are_searched_for(search
         _, state = navigator(left, left.roll(-100, -1))
         control.told.clear()
         state = state._replace(control=state.control._replace(age=torch.tensor(0.0), mode=torch.tensor(float(CRUISE))))
-        told = navigator.glance(state.control, state.pose, (left[0], left.roll(-100, -1)[0]))
+        told = navigator.near.glance(navigator.controller, state.control, state.pose, (left[0], left.roll(-100, -1)[0]))
     [(ranges, things)] = control.told
     assert things is None
     assert (ranges is not None) == given
