@@ -29,6 +29,9 @@ LAGS = (8, 4)
 HARDLY = 2.0
 """A subfield whose contrast is less than so many times the limit shows hardly anything."""
 
+GRAIN = 0.1
+"""Second difference of a subfield's blocks, as a share of their spread, below which floor has no grain: blurred."""
+
 FIELD_NOISE, EDGE_NOISE = 1.5 / BLOCK**2, 2 / BLOCK * 2.7**2
 """What noise of variance 1 adds to the square of a subfield's contrast, and to that of a row's largest change between
 blocks: of 160 such changes the largest is 2.7 standard deviations on average."""
@@ -195,7 +198,7 @@ def blindness(eye: Eye, limits: SightLimits) -> Wrong | None:
     if not shown:
         # A smooth shade may fill the row of a good camera, but then the floor is seen well.
         hardly = seen.field_spread < HARDLY * max(limits.field_contrast, limits.field_relative * seen.floor)
-        return None if sharp or not hardly else soft(seen.step, seen)
+        return soft(seen.step, seen) if not sharp and (hardly or grain(eye) < GRAIN) else None
     if seen.rough > limits.noise**2 and seen.rough > seen.spread**2:
         return Wrong(Kind.NOISE, f"shows noise: neighbouring pixels differ by {seen.rough**0.5:.0f} levels")
     if not sharp:
@@ -209,6 +212,16 @@ def blindness(eye: Eye, limits: SightLimits) -> Wrong | None:
         if edge < limits.softness * seen.extent:
             return soft(edge, seen)
     return None
+
+
+def grain(eye: Eye) -> float:
+    """How much of what varies in the subfield does so from block to block, less what noise makes of it."""
+    blocks = eye.field
+    if blocks.shape[1] < 3:
+        return 1.0
+    noise = eye.figures.rough / 2 / BLOCK**2
+    bend = float(np.mean((blocks[:, 2:] - 2 * blocks[:, 1:-1] + blocks[:, :-2]) ** 2)) - 6 * noise
+    return math.sqrt(max(bend, 0) / max(float(blocks.var()) - noise, 1e-6))
 
 
 def soft(edge: float, seen: Figures) -> Wrong:

@@ -17,6 +17,7 @@ from ndtorch_robot.watching.agreement import PATCH, Agreement, partners
 from ndtorch_robot.watching.eye import Eye, SightLimits, blindness, change, likeness, look
 from ndtorch_robot.watching.one_floor import OneFloor
 from ndtorch_robot.watching.turning import MOST, Turning
+from ndtorch_robot.watching.witness import Seen, left_behind, unchanged
 
 NAMES = ("left", "right")
 
@@ -96,7 +97,7 @@ class CameraWatch:
         self.stuck = [0, 0]
         self.carried = self.seen = 0
         self.driven = self.turned = 0.0
-        self.before: deque[tuple[float, float, tuple[Eye, Eye]]] = deque(maxlen=KEPT)
+        self.before: deque[Seen] = deque(maxlen=KEPT)
 
     def warm_up(self) -> None:
         """Have the kernels compiled or loaded, which may take seconds."""
@@ -173,18 +174,24 @@ class CameraWatch:
         """What is in the pictures, against the way that the wheels say was driven."""
         reasons = [blindness(eye, self.limits) for eye in eyes]
         away = next((b for b in reversed(self.before) if self.far_from(b)), None)
-        same = [away is not None and self.unchanged(eyes[k], away[2][k]) for k in (0, 1)]
+        same = [unchanged(eyes[k], away[2][k], self.limits) if away is not None else False for k in (0, 1)]
         if all(same) and not self.together:
             same = [False, False]
+        behind = [
+            not same[k] and left_behind(eyes, k, self.before, (self.driven, self.turned), self.limits) for k in (0, 1)
+        ]
         for k, name in enumerate(NAMES):
             self.blind[k] = self.count(self.blind[k], reasons[k] is not None)
-            self.stuck[k] = self.count(self.stuck[k], same[k] and reasons[k] is None)
+            self.stuck[k] = self.count(self.stuck[k], (same[k] or behind[k]) and reasons[k] is None)
             reason = reasons[k]
             if self.blind[k] >= self.wrong_for and reason is not None:
                 raise SightError(reason.kind, f"the {name} camera {reason.words}")
-            if self.stuck[k] >= self.wrong_for and away is not None:
-                way = f"{1e3 * (self.driven - away[0]):.0f} mm driven"
-                raise SightError(Kind.FROZEN, f"the {name} camera shows the same picture after {way}, but for noise")
+            if self.stuck[k] >= self.wrong_for:
+                if away is not None and not behind[k]:
+                    what = f"after {1e3 * (self.driven - away[0]):.0f} mm driven"
+                else:
+                    what = f"while that of the {NAMES[1 - k]} one changes"
+                raise SightError(Kind.FROZEN, f"the {name} camera shows the same picture {what}, but for noise")
         self.carried = self.count(self.carried, self.moved_by_others(eyes))
         if reasons == [None, None]:
             self.check_turning(eyes)
@@ -243,15 +250,10 @@ class CameraWatch:
         """Pictures that look wrong, less those that look right."""
         return min(before + 1, self.wrong_for) if wrong else max(before - 1, 0)
 
-    def far_from(self, before: tuple[float, float, tuple[Eye, Eye]]) -> bool:
+    def far_from(self, before: Seen) -> bool:
         """Whether the car has since gone so far that every picture must have changed."""
         way, turn = self.driven - before[0], abs(self.turned - before[1])
         return way >= self.limits.moved_m or turn >= self.limits.turned_rad
-
-    def unchanged(self, now: Eye, before: Eye) -> bool:
-        """Nothing but noise is different."""
-        limits = self.limits
-        return change(now.field, before.field) < limits.field_change and change(now.row, before.row) < limits.row_change
 
     def moved_by_others(self, eyes: tuple[Eye, Eye]) -> bool:
         """Whether everything in both pictures has moved since the oldest of them, with the wheels at rest."""

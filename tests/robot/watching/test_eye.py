@@ -72,11 +72,15 @@ def test_nothing_is_not_believed_to_be_something():
     assert "is blurred" in str(blindness(look(picture._replace(row=soft)), SightLimits()))
 
 
-def blurred(wall, floor, light=1.0):
-    """A picture out of focus: the brightness of its row, and of its subfield, in levels with noise of one."""
+def blurred(wall, floor, light=1.0, grain=0.0, turns=9.0):
+    """A picture out of focus: the brightness of its row, and of its subfield, in levels with noise of one.
+
+    With `grain` its floor is not: levels by which blocks of four pixels differ.
+    """
     random = np.random.default_rng(3)
     row = wall(np.linspace(-1, 1, 640)[None])
-    field = 106 + floor * np.sin(np.linspace(0, 9, 85)) * np.cos(np.linspace(0, 3, 29))[:, None]
+    field = 106 + floor * np.sin(np.linspace(0, turns, 85)) * np.cos(np.linspace(0, 3, 29))[:, None]
+    field = field + grain * random.normal(0, 1, (8, 22)).repeat(4, 0).repeat(4, 1)[:29, :85]
     parts = [light * part + random.normal(0, 1, part.shape) for part in (field, row)]
     return look(Strips(*(torch.from_numpy(np.round(part)).to(torch.uint8)[None, None] for part in parts)))
 
@@ -89,7 +93,9 @@ def test_a_smooth_row_over_a_floor_that_is_hardly_seen_is_blurred():
     assert seen.figures.extent > 60
     assert "is blurred" in str(blindness(seen, SightLimits()))
     # The same wall over a floor that is seen well may be a wall in a lamp's light.
-    assert blindness(blurred(lambda x: 190 + 35 * np.tanh(2 * x), 60.0), SightLimits()) is None
+    assert blindness(blurred(lambda x: 190 + 35 * np.tanh(2 * x), 60.0, grain=6.0, turns=5.0), SightLimits()) is None
+    # Unless that has no grain either: then all of it is shade.
+    assert "is blurred" in str(blindness(blurred(lambda x: 190 + 35 * np.tanh(2 * x), 60.0, turns=5.0), SightLimits()))
     # And a wall with less shade than that is not judged.
     assert blindness(blurred(lambda x: 190 + 8 * np.tanh(2 * x), 3.5), SightLimits()) is None
 
