@@ -14,6 +14,7 @@ import sys
 import torch
 
 from ndtorch.navigation import Strips
+from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, make_controller
 from ndtorch_robot.config import RATE, DriveConfig
 from ndtorch_robot.drive import drive
 from ndtorch_robot.ports import Step, StereoFrames
@@ -31,8 +32,10 @@ class Judge:
 
     def __init__(self, name: str) -> None:
         self.name, self.noise = name, torch.Generator().manual_seed(1)
+        self.floor = make_controller(DEFAULT_CONTROLLER, RIG, 1 / RATE).fields
         self.fields = DriveConfig().options().fields(RIG)
         self.sights = {light: self.new() for light in LIGHTS}
+        self.sights = {light: self.fresh() for light in LIGHTS}
         self.stops: list[str] = []
         self.steps = self.blank = 0
 
@@ -53,6 +56,10 @@ class Judge:
                 self.blank += 1
             else:
                 self.stops.append(f"{self.name} light {light} at {step.time:.1f} s: {why.words}")
+
+    def fresh(self) -> Sight:
+        """As on a car: it looks for one floor in both pictures too."""
+        return Sight(RIG, RATE, 0.1, floor=self.floor)
 
     def lit(self, eye: torch.Tensor | Strips, factor: float, noise: float) -> Strips:
         """Strips as they would be at another light."""
