@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from ndtorch.navigation import Strips
+from ndtorch.navigation.near_floor import floor_likeness
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import drive
@@ -16,6 +17,7 @@ from ndtorch_robot.ports import StereoFrames
 from ndtorch_robot.sim.simulation import RIG
 from ndtorch_robot.trouble import Kind
 from ndtorch_robot.watching.agreement import EVERY
+from ndtorch_robot.watching.eye import one_color
 from ndtorch_robot.watching.one_floor import BEFORE, VIEWS, OneFloor, clearness, wall_likeness
 from ndtorch_robot.watching.sight import Sight
 from tests.robot.support.gl_needed import needs_gl
@@ -144,6 +146,24 @@ def test_noise_is_no_floor_and_no_other_one():
     assert clearness(rng.normal(0, 1, (70, 560)).astype(np.float32)) < 0.05
     assert clearness(np.full((70, 560), 0.5, np.float32)) == 0.0
     assert clearness(floor(0.0)[0].astype(np.float32)) > 0.8
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_in_the_dark_noise_leaves_enough_of_one_floor(seed):
+    """Less than it takes in the light, but all that it can be."""
+
+    def looks(change):
+        mine, found = judge(), []
+        for n in range(10 * seed, 10 * seed + 10):
+            left, right = strips(*(0.08 * picture for picture in change(*floor(WAY * n))), seed=n)
+            pair = [one_color(eye.field).astype(np.float32) / 255 for eye in (left, right)]
+            found.append((floor_likeness(*pair, RECTS, RIG, mine.params, False), mine.compare(left, right, (n, 0.0))))
+            mine.asked = 0
+        return found
+
+    good, wrong = looks(lambda *eyes: eyes), looks(upside_down)
+    assert all(0.35 < likeness < 0.7 and sure for likeness, sure in good)
+    assert all(likeness < 0.3 and not sure for likeness, sure in wrong)
 
 
 def test_a_near_wall_hides_the_floor_of_good_cameras():
