@@ -34,6 +34,9 @@ SYMMETRIC = 3
 """Patches without which a view does not say that a row is mirrored: one or two may be of a thing that is its own mirror
 image, as an edge or a door is, and stay in view for metres."""
 
+AT_ONCE = 1.0
+"""Most that one view says of a mirrored row: right before a wall nothing has a partner, and much fits by chance."""
+
 
 class Agreement:
     """Looks for patches of the left row in the right one, where they may be and where they may not.
@@ -95,7 +98,8 @@ class Agreement:
         chance = self.limits.by_chance * len(right)
         self.swapped = max(0.0, self.swapped + float((wrong - right).sum()) - chance)
         if len(right) >= SYMMETRIC:
-            self.mirrored = max(0.0, self.mirrored + float((mirrored - np.maximum(right, wrong)).sum()) - chance)
+            more = min(float((mirrored - np.maximum(right, wrong)).sum()) - chance, AT_ONCE)
+            self.mirrored = max(0.0, self.mirrored + more)
 
 
 def is_new(view: tuple[float, float] | None, before: tuple[float, float] | None) -> bool:

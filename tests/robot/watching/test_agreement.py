@@ -1,5 +1,6 @@
 """Patches are found where they are, by kernel and by NumPy."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from ndtorch_robot.drive import DriveConfig, drive
 from ndtorch_robot.watching import agreement
-from ndtorch_robot.watching.agreement import EVERY, Agreement, partners
+from ndtorch_robot.watching.agreement import AT_ONCE, EVERY, Agreement, partners
 from ndtorch_robot.watching.eye import SightLimits
 from tests.robot.support.gl_needed import needs_gl
 
@@ -73,6 +74,15 @@ def judged(rows, views, limits=LIMITS, upright=False):
 def moved(blocks):
     """Rows of noise, each with its partner so many blocks away."""
     return [(row(n), np.roll(row(n), -blocks)) for n in range(8)]
+
+
+def test_two_views_say_too_little_of_a_mirrored_row():
+    """Right before a wall much fits by chance, in all patches at once."""
+    upside_down = [(left, right[::-1].copy()) for left, right in moved(-1)]
+    for views, told in ((2, False), (3, False), (4, True)):
+        said, judge = judged(upside_down[:views], [(0.05 * n, 0.0) for n in range(views)], replace(LIMITS, swapped=1e3))
+        assert 0.9 * views * AT_ONCE < judge.mirrored <= views * AT_ONCE
+        assert (said is not None) == told
 
 
 def test_wrong_cameras_are_told_on_the_way_and_good_ones_are_not():

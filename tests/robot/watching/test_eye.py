@@ -85,19 +85,23 @@ def blurred(wall, floor, light=1.0, grain=0.0, turns=9.0):
     return look(Strips(*(torch.from_numpy(np.round(part)).to(torch.uint8)[None, None] for part in parts)))
 
 
-def test_a_smooth_row_over_a_floor_that_is_hardly_seen_is_blurred():
+def test_a_smooth_row_over_a_floor_without_grain_is_blurred():
     """Too smooth to count as contrast, and the floor just shows something: told by neither alone."""
-    seen = blurred(lambda x: 190 + 35 * np.tanh(2 * x), 3.5)
+
+    def wall(x):
+        return 190 + 35 * np.tanh(2 * x)
+
+    seen = blurred(wall, 10, turns=5.0)
     assert seen.figures.row_spread < 0.05 * seen.figures.level
     assert 1.0 < seen.figures.field_spread / (0.012 * seen.figures.floor) < 2.0
     assert seen.figures.extent > 60
     assert "is blurred" in str(blindness(seen, SightLimits()))
-    # The same wall over a floor that is seen well may be a wall in a lamp's light.
-    assert blindness(blurred(lambda x: 190 + 35 * np.tanh(2 * x), 60.0, grain=6.0, turns=5.0), SightLimits()) is None
-    # Unless that has no grain either: then all of it is shade.
-    assert "is blurred" in str(blindness(blurred(lambda x: 190 + 35 * np.tanh(2 * x), 60.0, turns=5.0), SightLimits()))
+    assert "is blurred" in str(blindness(blurred(wall, 60, turns=5.0), SightLimits()))
+    # The same wall over a floor with grain may be a wall in a lamp's light, or a smooth wall above its edge.
+    assert blindness(blurred(wall, 10, grain=2.0, turns=5.0), SightLimits()) is None
+    assert blindness(blurred(wall, 60, grain=6.0, turns=5.0), SightLimits()) is None
     # And a wall with less shade than that is not judged.
-    assert blindness(blurred(lambda x: 190 + 8 * np.tanh(2 * x), 3.5), SightLimits()) is None
+    assert blindness(blurred(lambda x: 190 + 8 * np.tanh(2 * x), 10, turns=5.0), SightLimits()) is None
 
 
 @pytest.mark.parametrize("noise", [1.0, 2.0])
