@@ -26,6 +26,9 @@ Floats = npt.NDArray[np.float32]
 LAGS = (8, 4)
 """Blocks of the row, and of the subfield, over which a shade counts as slow."""
 
+HARDLY = 3.2
+"""A subfield whose contrast is less than so many times the limit shows little."""
+
 GRAIN = 0.1
 """Second difference of a subfield's blocks, as a share of their spread, below which floor has no grain: blurred."""
 
@@ -193,8 +196,9 @@ def blindness(eye: Eye, limits: SightLimits) -> Wrong | None:
         return Wrong(Kind.BLANK, f"shows nothing: contrast {seen.row_spread:.1f} at level {seen.level:.0f} of 255")
     sharp = seen.extent < limits.sharp_range or seen.step >= limits.sharpness * seen.extent
     if not shown:
-        # A smooth shade may fill the row of a good camera, but then the floor has grain.
-        return soft(seen.step, seen) if not sharp and grain(eye) < GRAIN else None
+        # A smooth shade may fill the row of a good camera, but then the floor is seen well, or has grain.
+        hardly = seen.field_spread < HARDLY * max(limits.field_contrast, limits.field_relative * seen.floor)
+        return soft(seen.step, seen) if not sharp and hardly and grain(eye) < GRAIN else None
     if seen.rough > limits.noise**2 and seen.rough > seen.spread**2:
         return Wrong(Kind.NOISE, f"shows noise: neighbouring pixels differ by {seen.rough**0.5:.0f} levels")
     if not sharp:
