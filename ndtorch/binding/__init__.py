@@ -11,12 +11,13 @@ from ndtorch.binding.models.published import PublishedModel
 from ndtorch.binding.models.retinotopic import RetinotopicModel
 from ndtorch.binding.models.scale_free import ScaleFreeModel
 from ndtorch.binding.models.video import VideoModel
-from ndtorch.binding.network import InhibitoryNetwork, alternation, weight_change
+from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.normalise import BindingInputs
 from ndtorch.binding.objects import BoundObject, ObjectTable, bound_objects, describe
 from ndtorch.binding.readout.weights import object_table
 from ndtorch.binding.rules import LearningRule, learning_rule
 from ndtorch.binding.saving import load_state, save_state, to_device
+from ndtorch.binding.settling import alternation, weight_change
 from ndtorch.binding.spectrum import limit_spectral_radius, spectral_radius
 from ndtorch.binding.theory import separated, solutions
 from ndtorch.binding.tracking.windows import Windows

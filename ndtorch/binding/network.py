@@ -14,6 +14,7 @@ from ndtorch.binding.delayed_kernel import delayed_steps
 from ndtorch.binding.feedback import FEEDBACKS, Feedback, through
 from ndtorch.binding.learning import Constants, Moment, NetworkState, WhenFull, moments, network_step
 from ndtorch.binding.rules import Rule, ScaleFreeRule, learning_rule
+from ndtorch.binding.settling import latest_changes
 from ndtorch.binding.shared_kernel import by_kernel, fits
 from ndtorch.errors import InputError
 from ndtorch.vision.blocks import BlockLowPass, Stretch
@@ -267,35 +268,3 @@ class InhibitoryNetwork(nn.Module):
         for square in torch.cat([out, out - before], -1).square().unbind(time):
             mean = low_pass_step(square, mean, self.a_rough)
         return mean[..., : self.neurons], mean[..., self.neurons :]
-
-
-def latest_changes(changes: Tensor, shifts: list[tuple[Tensor, Tensor | None]]) -> Tensor:
-    """The latest changes `[..., S]`, as many as before, after new ones `[...]`: those that are known, or turn out, to
-    come from whole blocks."""
-    if all(known is None for _, known in shifts):
-        return torch.cat([changes, *(shift.unsqueeze(-1) for shift, _ in shifts)], -1)[..., -changes.shape[-1] :]
-    for shift, known in shifts:
-        later = torch.cat([changes[..., 1:], shift.unsqueeze(-1)], -1)
-        changes = later if known is None else torch.where(known, later, changes)
-    return changes
-
-
-def weight_change(state: NetworkState) -> Tensor:
-    """Summed magnitude of the changes of all mean weights over the recent window, `[...]`. [C eq. 5]
-
-    As printed, the sum is over the weights themselves; but weights ripple with the fluctuations they are learned
-    from, the more the faster they learn, and it is their temporal mean that settles [B §3.4.1]. `tau_mean=0`
-    gives the printed sum.
-    """
-    return state.changes.sum(-1)
-
-
-def alternation(state: NetworkState) -> Tensor:
-    """How much of the outputs' recent power flips sign from sample to sample, `[...]`, 0 to 1.
-
-    For a pure alternation the squared difference of successive outputs is four times their power; for signals
-    that are slow against the time step it is near zero, and with settled feedback it is zero.
-    """
-    power, roughness = state.power, state.roughness
-    over = tuple(range(state.stopped.ndim, power.ndim))
-    return roughness.sum(over) / (4 * power.sum(over)).clamp_min(torch.finfo(power.dtype).tiny)

@@ -16,71 +16,12 @@ from ndtorch.binding.feedback import inhibit
 from ndtorch.binding.learning import NetworkState, WhenFull
 from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.binding.spectrum import SQUARING_FROM
-from tests.compilers import exports
+from tests.binding.plain_network import noise, reference, small
 from tests.strategies import chunkings, in_chunks
-
-
-def noise(*shape: int, seed: int = 0) -> torch.Tensor:
-    """Uniform in -1..1."""
-    return torch.rand(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64) * 2 - 1
 
 
 def radius(weights: torch.Tensor) -> np.ndarray:
     return abs(np.linalg.eigvals(weights.double().numpy())).max(-1)
-
-
-def reference(
-    inputs: np.ndarray,
-    rule: str,
-    dt: float = 0.01,
-    gamma: float = 5.0,
-    tau_in: float = 0.7,
-    tau_out: float = 0.3,
-    settle: float = 0.1,
-    tau_onset: float = 0.2,
-    limit: float = math.inf,
-    when_full: str = "rescale",
-    initial: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """[B eq. 22-24] entry by entry: outputs `[T, N]`, weights after each step `[T, N, N]`, mean weights."""
-    steps, count = inputs.shape
-    weights = np.zeros((count, count)) if initial is None else initial.copy()
-    outputs, out_low, in_low = np.zeros(count), np.zeros(count), inputs[0].copy()
-    mean, stopped = weights.copy(), False
-    trace, history = [], []
-    for t in range(steps):
-        in_low = in_low + dt / (tau_in + dt) * (inputs[t] - in_low)
-        outputs = (inputs[t] - in_low) - weights @ outputs
-        out_low = out_low + dt / (tau_out + dt) * (outputs - out_low)
-        since = t * dt - settle
-        if since > 0 and not stopped:
-            mu = 1 - math.exp(-since / tau_onset)
-            high = outputs - out_low
-            new = weights.copy()
-            for n in range(count):
-                for k in range(count):
-                    if n == k:
-                        continue
-                    g_n, g_k = math.tanh(math.pi * high[n]), math.tanh(math.pi * high[k])
-                    product = g_n * high[k] ** 3 if rule == "competitive" else high[n] ** 3 * g_k
-                    if rule == "hebbian":
-                        product = high[n] * high[k]
-                    new[n, k] = max(0.0, weights[n, k] + dt * gamma * mu * product)
-            rho = max(abs(np.linalg.eigvals(new)))
-            if rho > limit:
-                new, stopped = new * limit / rho, when_full == "stop"
-            weights = new
-        if since > 0:
-            mean = mean + dt / (2.0 + dt) * (weights - mean)
-        trace.append(outputs)
-        history.append(weights)
-    return np.array(trace), np.array(history), mean
-
-
-def small(rule: str = "competitive", gamma=5.0, tau_onset=0.2, radius_limit=math.inf, **options) -> InhibitoryNetwork:
-    values = {"tau_in": 0.7, "tau_out": 0.3, "settle": 0.1, **options}
-    chosen = learning_rule(rule, gamma=gamma, tau_onset=tau_onset, radius_limit=radius_limit)
-    return InhibitoryNetwork(3, 0.01, chosen, **values)
 
 
 @pytest.mark.parametrize("rule", ["competitive", "cooperative", "hebbian"])
@@ -302,32 +243,6 @@ def test_a_static_input_gives_no_output_and_no_weight() -> None:
     assert alternation(state) == 0
 
 
-def test_weight_change_sums_the_recent_changes_of_the_weights() -> None:
-    inputs = noise(60, 3)
-    _, state = small(tau_mean=0.0, window=0.2)(inputs)
-    _, weights, _ = reference(inputs.numpy(), "competitive")
-    assert float(weight_change(state)) == pytest.approx(abs(np.diff(weights, axis=0))[-20:].sum())
-
-
-def test_alternation_of_signals_that_flip_and_of_slow_ones() -> None:
-    signs = torch.tensor([1.0, -1.0]).repeat(200)[:, None].expand(400, 2).clone()
-    signs[0] = 0
-    slow = torch.sin(torch.arange(400) * 0.02)[:, None].expand(400, 2)
-    silent = InhibitoryNetwork(2, rule=None, tau_in=math.inf)
-    assert alternation(silent(signs)[1]) == pytest.approx(1, abs=1e-3)
-    assert alternation(silent(slow)[1]) < 1e-3
-    white = torch.cat([torch.zeros(1, 2, dtype=torch.float64), noise(4000, 2)])
-    assert alternation(silent(white)[1]) == pytest.approx(0.5, abs=0.1)
-
-
-def test_an_unstable_network_is_seen_to_alternate() -> None:
-    weights = torch.tensor([[0.0, 0.99], [0.99, 0.0]])
-    _, state = InhibitoryNetwork(2, rule=None, tau_in=math.inf, initial=weights)(
-        torch.cat([torch.zeros(1, 2), torch.ones(1, 2), torch.zeros(200, 2)])
-    )
-    assert alternation(state) > 0.9
-
-
 def test_the_callers_state_is_left_alone() -> None:
     module = small(settle=0.0)
     _, state = module(noise(10, 3))
@@ -335,31 +250,3 @@ def test_the_callers_state_is_left_alone() -> None:
     module(noise(10, 3, seed=1), state)
     for a, b in zip(state, before, strict=True):
         assert torch.equal(a, b)
-
-
-class Exported(torch.nn.Module):
-    def __init__(self, network: InhibitoryNetwork) -> None:
-        super().__init__()
-        self.network = network
-
-    def forward(self, inputs: torch.Tensor, *state: torch.Tensor) -> tuple[torch.Tensor, ...]:
-        out, after = self.network(inputs, NetworkState(*state))
-        return tuple(part.clone() for part in (out, *after))
-
-
-@exports
-def test_a_program_whose_chunks_are_no_whole_blocks_gives_the_same() -> None:
-    # Eight samples a chunk, five from change to change: one whole block in some chunks, and two in others.
-    network = InhibitoryNetwork.scale_free(4, settle=0.0)
-    signals = torch.rand(160, 4, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
-    first, *chunks = torch.split(signals, 8)
-    state = network(first)[1]
-    program = torch.export.export(Exported(network), (chunks[0], *state)).module()
-    kept = tuple(state)
-    for chunk in chunks:
-        out, state = network(chunk, state)
-        given, *rest = program(chunk, *kept)
-        kept = tuple(rest)
-        for one, other in zip((given, *kept), (out, *state), strict=True):
-            assert_allclose(one, other, atol=1e-9)
-    assert weight_change(state) > 0.01

@@ -14,13 +14,14 @@ from ndtorch.binding.feedback import settled
 from ndtorch.binding.first_stage import FirstStage
 from ndtorch.binding.learning import NetworkState
 from ndtorch.binding.models.whole_field import BindingState, WholeFieldConfig, WholeFieldModel
-from ndtorch.binding.network import InhibitoryNetwork, weight_change
+from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.delays import DELAYS, plain_table
 from ndtorch.binding.readout.owners import owner_table, signal_statistics
 from ndtorch.binding.readout.params import OwnerCriteria, SourceCriteria, SumCriteria
 from ndtorch.binding.readout.sums import SumState, SumStatistics, sums_table
 from ndtorch.binding.rules import ScaleFreeRule
+from ndtorch.binding.settling import weight_change
 from ndtorch.config import Constants, Positive
 from ndtorch.vision.temporal import FilterState, LowPass
 
