@@ -117,7 +117,6 @@ TESTED_IN = {
     "navigation/certainty": "navigation/test_mapping",
     "navigation/controllers/goal/control": "navigation/controllers/goal/test_goal_control",
     "navigation/controllers/goal/params": "navigation/controllers/goal/test_goal_control",
-    "navigation/controllers/goal/speeds": "navigation/controllers/goal/test_goal_control",
     "navigation/controllers/goal/state": "navigation/controllers/goal/test_goal_control",
     "navigation/controllers/published_quick": "navigation/test_kernels",
     "navigation/controllers/quick": "navigation/test_kernels",
