@@ -5,13 +5,7 @@ import math
 import pytest
 import torch
 
-from ndtorch.navigation import (
-    ARRIVED,
-    CRUISE,
-    STOPPED,
-    TURN,
-    Command,
-)
+from ndtorch.navigation import ARRIVED, CRUISE, STOPPED, TURN, Command
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
 from tests.navigation.controllers.goal.test_goal_control import DT, RIG, SMALL, drive, place
 

@@ -1,6 +1,4 @@
-"""The ranging controller: its transitions as literals, and its decisions on cells made up by a formula."""
-
-import itertools
+"""The ranging controller: its decisions on cells made up by a formula."""
 
 import pytest
 import torch
@@ -9,7 +7,6 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import (
     CRUISE,
     REVERSE,
-    STOPPED,
     SUPPRESSED,
     TURN,
     AvoidanceParams,
@@ -20,56 +17,14 @@ from ndtorch.navigation import (
     RangingParams,
     StereoRig,
 )
-from ndtorch.navigation.controllers.published import SaccadeAvoidance
 from ndtorch.navigation.controllers.ranging.control import RangingControl
-from ndtorch.navigation.controllers.ranging.decision import decide
 from ndtorch.navigation.controllers.ranging.floor_view import FloorParams, floor_view
-from ndtorch.navigation.controllers.ranging.modes import Facts, next_mode, transition_table
 from ndtorch.navigation.odometry import drive_step
 
 DT = 1 / 30
 RIG = StereoRig(forward=0.15)
 VIEW = floor_view(RIG, FloorParams())
 BANDS, BLOCKS = FloorParams().bands, FloorParams().blocks
-NOTHING = Facts(*[False] * 7)
-
-
-@pytest.mark.parametrize(
-    ("mode", "true", "then"),
-    [
-        (SUPPRESSED, ["learning"], SUPPRESSED),
-        (SUPPRESSED, ["learning", "near", "hemmed"], SUPPRESSED),
-        (SUPPRESSED, [], CRUISE),
-        (SUPPRESSED, ["near"], TURN),
-        (CRUISE, [], CRUISE),
-        (CRUISE, ["hemmed", "cornered"], CRUISE),
-        (CRUISE, ["near"], TURN),
-        (CRUISE, ["near", "hemmed"], REVERSE),
-        (CRUISE, ["near", "hemmed", "cornered"], STOPPED),
-        (TURN, ["near"], TURN),
-        (TURN, [], TURN),
-        (TURN, ["clear"], CRUISE),
-        (TURN, ["near", "hemmed"], REVERSE),
-        (TURN, ["near", "hemmed", "cornered"], STOPPED),
-        (REVERSE, ["near", "hemmed"], REVERSE),
-        (REVERSE, ["near", "hemmed", "cornered"], REVERSE),
-        (REVERSE, ["near", "hemmed", "backed"], TURN),
-        (REVERSE, ["near", "room"], TURN),
-        (STOPPED, ["near", "hemmed", "cornered"], STOPPED),
-        (STOPPED, ["near", "hemmed"], REVERSE),
-        (STOPPED, ["near"], TURN),
-    ],
-)
-def test_transitions(mode, true, then):
-    assert next_mode(mode, NOTHING._replace(**dict.fromkeys(true, True))) == then
-
-
-def test_the_table_holds_the_function():
-    table = transition_table()
-    assert len(table) == 5 * 2**7
-    for mode, values in itertools.product(range(5), itertools.product((0, 1), repeat=7)):
-        number = mode * 128 + sum(value << k for k, value in enumerate(values))
-        assert int(table[number]) == next_mode(mode, Facts(*map(bool, values)))
 
 
 def cells_of(depth, speed, curvature=0.0):
@@ -143,26 +98,6 @@ def half_hidden(side):
         return depth
 
     return look
-
-
-@pytest.mark.parametrize(("side", "away"), [(0, -1), (1, 1)])
-def test_turns_away_from_hidden_floor(side, away):
-    _, commands, modes = run(half_hidden(side), 60)
-    turns = commands[:, 1][commands[:, 1] != 0]
-    assert TURN in modes[33:43]  # four frames for each cell, and it has to be near
-    assert turns.numel() > 10
-    assert (turns.sign() == away).all()
-
-
-@pytest.mark.parametrize(("side", "away"), [(0, -1), (1, 1)])
-def test_the_published_rule_turns_towards_it(side, away):
-    """The same floor as largest outputs: less motion on the hidden side, and that is where it turns to."""
-    sides = torch.full((120, 2), 0.5)
-    sides[30:, side] = 0.05
-    command, _ = SaccadeAvoidance(DT, AvoidanceParams())(sides)
-    turns = command.curvature[command.curvature != 0]
-    assert turns.numel() > 10
-    assert (turns.sign() == -away).all()
 
 
 def test_turns_before_a_wall_and_goes_on():
@@ -334,28 +269,6 @@ def test_trouble_is_told_where_the_floor_shows_little():
     assert control.trouble(state) is None
     dark = state._replace(floor=state.floor._replace(level=state.floor.level * 1e-6))
     assert "floor is told from noise in 0 % of the view" in control.trouble(dark)
-
-
-@pytest.mark.parametrize("side", [1.0, -1.0])
-@pytest.mark.parametrize("open_", [(), (0,), (1,), (0, 1)])
-def test_it_turns_where_either_of_both_arcs_of_its_side_is_free(side, open_):
-    """A wide one and a tight one; before it knows any way back."""
-    control, here = RangingControl(RIG, DT), Pose(*torch.zeros(3).double())
-    state = control.start(None, here)
-    state = state._replace(
-        floor=state.floor._replace(age=state.floor.age + 500),
-        mode=state.mode * 0 + CRUISE,
-        side=state.side * side,
-        bold=state.bold + 1,
-    )
-    lengths = torch.full((2, 8), 9.0, dtype=torch.float64)
-    lengths[:, 0] = 0.1
-    ours, others = (slice(1, 3), slice(3, 5)) if side > 0 else (slice(3, 5), slice(1, 3))
-    lengths[:, ours] = lengths[:, others] = torch.tensor([9.0 * (k in open_) for k in (0, 1)]).double()
-    still = Command(torch.zeros(()).double(), torch.zeros(()).double())
-    _, after = decide(lengths, still, state.floor, state.patch, state, control.constants, control.floor, here)
-    assert int(after.mode) == (TURN if open_ else REVERSE)
-    assert float(after.side) == side
 
 
 def test_a_kernel_steps_alone_from_the_step_on_in_which_the_floor_is_known():
