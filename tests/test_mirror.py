@@ -205,7 +205,6 @@ TESTED_IN = {
     "robot/link/hearing": "robot/link/test_serial_drive",
     "robot/link/hosted_board": "robot/soak/test_piece",
     "robot/link/line": "robot/link/test_serial_drive",
-    "robot/link/link_drive": "robot/link/test_serial_drive",
     "robot/link/parser": "robot/link/test_messages",
     "robot/link/port": "robot/link/test_serial_drive",
     "robot/link/simulated_board": "robot/test_firmware",
