@@ -136,7 +136,6 @@ TESTED_IN = {
     "navigation/near_floor": "navigation/test_near_check",
     "navigation/near_params": "navigation/test_near_check",
     "navigation/near_things": "navigation/test_near_check",
-    "navigation/observations": "navigation/test_mapping",
     "navigation/prediction": "navigation/test_row_features",
     "navigation/row_ranging": "navigation/test_ranging",
     "navigation/strip_kernels": "navigation/test_kernels",
