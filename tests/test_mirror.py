@@ -178,7 +178,6 @@ TESTED_IN = {
     "robot/barn/worlds": "robot/barn/test_barn",
     "robot/calibration/board": "robot/calibration/test_calibration",
     "robot/calibration/collect": "robot/calibration/test_calibration",
-    "robot/calibration/model": "robot/calibration/test_calibration",
     "robot/calibration/rectify": "robot/calibration/test_calibration",
     "robot/calibration/solve": "robot/calibration/test_calibration",
     "robot/cameras/measure": "robot/cameras/test_pair",

@@ -15,7 +15,6 @@ from ndtorch_robot.calibration import (
     faults,
     find_corners,
     find_view,
-    read_calibration,
     write_calibration,
 )
 from ndtorch_robot.calibration.solve import rectified
@@ -31,11 +30,6 @@ from tests.robot.support.fake_captures import folder_of
 from tests.robot.support.gl_needed import needs_gl
 from tests.robot.support.misaligned import BOARD, LEFT, RIGHT, board_pictures, measured, raw, rays, views, warp
 from tests.robot.test_drive import against_truth
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    cv2.setNumThreads(1)
 
 
 def test_renderer_agrees_with_its_own_projection():
@@ -124,35 +118,6 @@ def test_aligned_cameras_are_left_alone():
     assert torch.equal(left.row, whole[..., 240:241, :])
     assert torch.equal(left.field, whole[..., field.top : field.bottom, field.left : field.right])
     assert torch.equal(right.field, whole[..., other.top : other.bottom, other.left : other.right])
-
-
-def test_file_round_trip(tmp_path):
-    path = tmp_path / "deep" / "pair.toml"
-    write_calibration(measured(), path)
-    assert read_calibration(path) == measured()
-    text = path.read_text()
-    assert "baseline" not in text.splitlines()[1]
-    assert all(key in text for key in ("width_px", "translation_m", "rotation_rad", "fx_px", "[quality]", "row_px"))
-    with pytest.raises(InputError, match="cannot write the calibration"):
-        write_calibration(measured(), tmp_path / "deep" / "pair.toml" / "x.toml")
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("fx_px = 4", "fx_px = -4", "fx_px"),
-        ("width_px = 640", "width_px = 640\nwidth = 3", "unknown key 'width'"),
-        ('calibration 1"', 'calibration 9"', "format"),
-    ],
-)
-def test_bad_files(tmp_path, old, new, message):
-    path = tmp_path / "pair.toml"
-    write_calibration(measured(), path)
-    text = path.read_text()
-    assert old in text
-    path.write_text(text.replace(old, new, 1))
-    with pytest.raises(InputError, match=message):
-        read_calibration(path)
 
 
 def test_another_resolution_is_refused(tmp_path):
