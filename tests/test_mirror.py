@@ -138,6 +138,7 @@ TESTED_IN = {
     "navigation/row_ranging": "navigation/test_ranging",
     "navigation/strip_kernels": "navigation/test_kernels",
     "navigation/state": "navigation/test_navigator",
+    "navigation/steering": "navigation/test_navigator",
     "navigation/whole_step": "navigation/test_kernels",
     "navigation/strips": "robot/sim/test_cameras",
     "report/figures/attention": "report/test_figures",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import operator
-from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -11,19 +10,12 @@ from torch import Tensor, nn
 from ndtorch.arguments import check_kind
 from ndtorch.errors import InputError
 from ndtorch.navigation.batch_step import batch_step
-from ndtorch.navigation.controllers.contract import (
-    Command,
-    Controller,
-    in_time,
-    ranges_at,
-    stack_commands,
-)
+from ndtorch.navigation.controllers.contract import Command, Controller
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, make_controller
 from ndtorch.navigation.correspondence import MatchParams
 from ndtorch.navigation.features import FeatureParams
 from ndtorch.navigation.localisation.anchors import anchor_of
 from ndtorch.navigation.localisation.localiser import Localiser
-from ndtorch.navigation.localisation.state import LocaliserState
 from ndtorch.navigation.mapping import GridMap
 from ndtorch.navigation.moved_map import keep
 from ndtorch.navigation.near_check import NearCheck
@@ -36,8 +28,9 @@ from ndtorch.navigation.rig import AngleModel, StereoRig
 from ndtorch.navigation.row_ranging import RowRanging
 from ndtorch.navigation.row_search import SearchParams
 from ndtorch.navigation.sights import Anchor
-from ndtorch.navigation.state import NavigatorState, StepState, check_like, check_motion, place_of
-from ndtorch.navigation.strips import Strips, grey_pair, row_rect, strips
+from ndtorch.navigation.state import NavigatorState, StepState, check_like, check_motion
+from ndtorch.navigation.steering import Steering
+from ndtorch.navigation.strips import Strips, row_rect, strips
 from ndtorch.navigation.tracking import AlphaBetaTracker
 from ndtorch.navigation.whole_step import Parts, Stepped, WholeStep
 
@@ -167,6 +160,11 @@ class Navigator(nn.Module):
             self.whole = WholeStep(parts)
         return self.whole
 
+    def steering(self) -> Steering:
+        """What steers frame by frame, of the parts that there are now."""
+        size = (self.ranging.rig.height, self.ranging.rig.width)
+        return Steering(self.controller, self.reckoning, self.near, self.localiser, self.row, size)
+
     def after(
         self, step: Stepped, left: Strips, right: Strips, state: NavigatorState | None
     ) -> tuple[Command, NavigatorState]:
@@ -186,7 +184,8 @@ class Navigator(nn.Module):
             elif told is not new.control:
                 new, whole = new._replace(control=told), False
         if self.localiser is not None:
-            new = new._replace(located=self.locate(left.row, right.row, new.pose, state.located if state else None))
+            before = state.located if state else None
+            new = new._replace(located=self.steering().locate(left.row, right.row, new.pose, before))
         if self.grid_map or self.observations or self.tracker:
             anchors = None if new.located is None else [anchor_of(new.located)]
             new = self.remember(new, *in_frames(new.ranges, new.place), anchors)
@@ -215,24 +214,15 @@ class Navigator(nn.Module):
                 f"got {tuple(left_field.shape)} and {tuple(left_row.shape)}"
             )
         eyes = (left_field, right_field), (left_row, right_row)
-        command, control, poses, pose, located, anchors = self.steer(seen, ranges, state, driven, start, eyes)
+        command, control, poses, pose, located, anchors = self.steering().steer(
+            seen, ranges, state, driven, start, eyes
+        )
         sides, difference = self.controller.sides(seen), self.controller.difference(control)
         last = Command(command.speed[..., -1], command.curvature[..., -1])
         now = Ranges(*(part[..., -1, :] for part in ranges))
         memory = (state.map, state.observations, state.tracks) if state else (None, None, None)
         state = NavigatorState(fields, rows, control, last, pose, sides[..., -1, :], difference, now, *memory, located)
         return command, state, ranges, poses, anchors
-
-    def locate(self, left: Tensor, right: Tensor, pose: Pose, located: LocaliserState | None) -> LocaliserState | None:
-        """Correct the pose of a frame, whose rows are `[1, C, H, W]`; None where there is no localiser."""
-        if self.localiser is None:
-            return None
-        rows = None
-        if self.localiser.due(located):
-            size = (self.ranging.rig.height, self.ranging.rig.width)
-            rows = grey_pair(left, right, self.row, self.row, size).squeeze(-2)[..., 0, :, :]
-        new: LocaliserState = self.localiser(rows, pose, located)
-        return new
 
     def remember(
         self, state: NavigatorState, ranges: Ranges, poses: Pose, anchors: list[Anchor | None] | None = None
@@ -278,54 +268,3 @@ class Navigator(nn.Module):
     def mode(self, state: NavigatorState) -> Tensor:
         """What the controller is doing, `[...]`: one of its `modes`, `CRUISE`, `TURN`, ..."""
         return self.controller.mode(state.control)
-
-    def steer(
-        self,
-        seen: Tensor,
-        ranges: Ranges,
-        state: NavigatorState | None,
-        driven: Command | None,
-        start: Pose | None = None,
-        eyes: tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]] | None = None,
-    ) -> tuple[Command, Any, Pose, Pose, LocaliserState | None, list[Anchor | None] | None]:
-        """Frame by frame, because what is done at one frame is what was driven on the way to the next.
-
-        Returns commands, the controller's state, the corrected poses, the last one of dead reckoning, the localiser's
-        state, and the anchors of all frames.
-        """
-        still = torch.zeros_like(ranges.x[..., 0, 0])
-        pose = state.pose if state else start or Pose(still, still, still)
-        last = state.command if state else Command(still, still)
-        dim = ranges.x.ndim - 2
-        control = state.control if state else self.controller.start(seen.select(dim, 0), pose)
-        commands, poses, anchors = [], [], []
-        located = state.located if state else None
-        for t in range(ranges.x.shape[-2]):
-            if driven is not None:
-                last = Command(driven.speed[..., t], driven.curvature[..., t])
-            pose = self.reckoning.step(pose, last.speed, last.curvature)
-            begins = state is None or (t == 0 and state.fields is None)
-            if eyes is not None and self.near is not None and self.near.due(self.controller, last, control, begins):
-                fields, rows = (tuple(eye[..., t, :, :, :] for eye in part) for part in eyes)
-                control = self.near.check(self.controller, control, pose, fields, rows)  # type: ignore[arg-type]
-            if eyes is not None and self.localiser is not None:
-                left, right = (eye[..., t : t + 1, :, :, :] for eye in eyes[1])
-                located = self.locate(left, right, pose, located)
-            place = place_of(pose, located)
-            if located is not None:
-                anchors.append(anchor_of(located))
-                control = self.controller.told_place(control, pose, place if located.hunt is None else None)
-            last, control = self.controller.step(seen.select(dim, t), ranges_at(ranges, t), pose, last, control)
-            if eyes is not None and self.near is not None and not pose.x.ndim:
-                rows = tuple(eye[..., t, :, :, :] for eye in eyes[1])
-                control = self.near.glance(self.controller, control, pose, rows)  # type: ignore[arg-type]
-            commands.append(last)
-            poses.append(place)
-        return (
-            stack_commands(commands),
-            control,
-            Pose(*(in_time(parts) for parts in zip(*poses, strict=True))),
-            pose,
-            located,
-            anchors if located is not None else None,
-        )
