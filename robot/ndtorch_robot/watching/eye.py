@@ -29,8 +29,12 @@ LAGS = (8, 4)
 HARDLY = 3.2
 """A subfield whose contrast is less than so many times the limit shows little."""
 
-GRAIN = 0.1
-"""Second difference of a subfield's blocks, as a share of their spread, below which floor has no grain: blurred."""
+GRAIN, NO_GRAIN = 0.1, 0.05
+"""Second difference of a subfield's blocks, as a share of their spread, below which floor has no grain, and none for
+sure: blurred."""
+
+SHADES = 0.8
+"""Share of `sharp_range` from which the row of a floor without any grain is judged, less what noise makes of it."""
 
 FIELD_NOISE, EDGE_NOISE = 1.5 / BLOCK**2, 2 / BLOCK * 2.7**2
 """What noise of variance 1 adds to the square of a subfield's contrast, and to that of a row's largest change between
@@ -50,8 +54,8 @@ class SightLimits:
         noise: root mean square step from pixel to pixel of the row from which it is noise, where neighbours are also as
             different as pixels far apart.
         sharp_range: range of a row below which its sharpness is not judged.
-        softness: where the subfield shows nothing, largest change over two blocks of the row, as a share of its range,
-            below which it is blurred. Both are taken less what noise makes of them.
+        softness: where the subfield shows nothing, or little and no grain, largest change over two blocks of the row,
+            as a share of its range, below which it is blurred. All are taken less what noise makes of them.
         moved_m, turned_rad: how far the car must have driven or turned before its picture must have changed.
         row_change, field_change: root mean square change of the block means below which nothing has changed.
         still: correlation of pictures a third of a second apart below which they have moved although the wheels stand.
@@ -195,21 +199,21 @@ def blindness(eye: Eye, limits: SightLimits) -> Wrong | None:
     if not shown and seen.field_spread < max(limits.field_contrast, limits.field_relative * seen.floor):
         return Wrong(Kind.BLANK, f"shows nothing: contrast {seen.row_spread:.1f} at level {seen.level:.0f} of 255")
     sharp = seen.extent < limits.sharp_range or seen.step >= limits.sharpness * seen.extent
-    if not shown:
-        # A smooth shade may fill the row of a good camera, but then the floor is seen well, or has grain.
-        hardly = seen.field_spread < HARDLY * max(limits.field_contrast, limits.field_relative * seen.floor)
-        return soft(seen.step, seen) if not sharp and hardly and grain(eye) < GRAIN else None
-    if seen.rough > limits.noise**2 and seen.rough > seen.spread**2:
+    least = max(limits.field_contrast, limits.field_relative * seen.floor)
+    if shown and seen.rough > limits.noise**2 and seen.rough > seen.spread**2:
         return Wrong(Kind.NOISE, f"shows noise: neighbouring pixels differ by {seen.rough**0.5:.0f} levels")
-    if not sharp:
+    hardly = seen.field_spread < HARDLY * least
+    # A smooth shade may fill the row of a good camera, but then the floor is seen well, or has grain.
+    if not sharp and (shown or (hardly and grain(eye) < GRAIN)):
         return soft(seen.step, seen)
-    # In the dark noise has edges as steep as a picture's. A floor that shows nothing is blurred, or nothing is on it.
+    # Noise has edges as steep as those of a dark picture, or of a wall of few shades. A floor that shows nothing, or no
+    # grain at all, is blurred, or nothing is on it.
     noise = seen.rough / 2
-    floor = seen.field_spread**2 - FIELD_NOISE * noise
-    if floor < max(limits.field_contrast, limits.field_relative * seen.floor) ** 2:
+    plain = shown and seen.field_spread**2 - FIELD_NOISE * noise < least**2
+    if plain or (hardly and seen.extent >= SHADES * limits.sharp_range):
         edge = float(np.abs(eye.row[2:] - eye.row[:-2]).max(initial=0))
         edge = math.sqrt(max(edge**2 - EDGE_NOISE * noise, 0))
-        if edge < limits.softness * seen.extent:
+        if edge < limits.softness * seen.extent and (plain or grain(eye) < NO_GRAIN):
             return soft(edge, seen)
     return None
 

@@ -101,7 +101,25 @@ def test_a_smooth_row_over_a_floor_without_grain_is_blurred():
     assert blindness(blurred(wall, 10, grain=2.0, turns=5.0), SightLimits()) is None
     assert blindness(blurred(wall, 60, grain=6.0, turns=5.0), SightLimits()) is None
     # And a wall with less shade than that is not judged.
-    assert blindness(blurred(lambda x: 190 + 8 * np.tanh(2 * x), 10, turns=5.0), SightLimits()) is None
+    assert blindness(blurred(lambda x: 190 + 7 * np.tanh(2 * x), 10, turns=5.0), SightLimits()) is None
+
+
+def test_a_wall_of_few_shades_over_a_floor_without_any_grain_is_blurred():
+    """Noise of one level has edges of a third of its range, and the floor shows some shadows."""
+
+    def wall(x):
+        return 170 + 11 * np.sin(4 * x)
+
+    for floor in (12, 16):
+        seen = blurred(wall, floor, turns=5.0)
+        assert seen.figures.step > 0.2 * seen.figures.extent > 3.2
+        assert 1.5 < seen.figures.field_spread / (0.012 * seen.figures.floor) < 3.2
+        assert "is blurred" in str(blindness(seen, SightLimits()))
+    # The same wall is no fault over grain, over floor that is seen well, with an edge, or with fewer shades still.
+    assert blindness(blurred(wall, 10, grain=1.0, turns=5.0), SightLimits()) is None
+    assert blindness(blurred(wall, 60, turns=5.0), SightLimits()) is None
+    assert blindness(blurred(lambda x: 170 + 11 * np.sign(np.sin(4 * x)), 10, turns=5.0), SightLimits()) is None
+    assert blindness(blurred(lambda x: 170 + 6 * np.sin(4 * x), 10, turns=5.0), SightLimits()) is None
 
 
 @pytest.mark.parametrize("noise", [1.0, 2.0])
