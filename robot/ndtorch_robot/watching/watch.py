@@ -17,7 +17,7 @@ from ndtorch_robot.watching.agreement import PATCH, Agreement, partners
 from ndtorch_robot.watching.eye import Eye, SightLimits, blindness, change, likeness, look
 from ndtorch_robot.watching.one_floor import OneFloor
 from ndtorch_robot.watching.turning import MOST, Turning
-from ndtorch_robot.watching.witness import Seen, left_behind, unchanged
+from ndtorch_robot.watching.witness import KEPT_WAYS, SLOWLY, Seen, left_behind, unchanged
 
 NAMES = ("left", "right")
 
@@ -98,6 +98,7 @@ class CameraWatch:
         self.carried = self.seen = 0
         self.driven = self.turned = 0.0
         self.before: deque[Seen] = deque(maxlen=KEPT)
+        self.ways: deque[Seen] = deque(maxlen=KEPT_WAYS)
 
     def warm_up(self) -> None:
         """Have the kernels compiled or loaded, which may take seconds."""
@@ -134,8 +135,13 @@ class CameraWatch:
             )
         self.check_exactly(eyes, speed)
         self.seen += 1
-        if self.seen % EVERY == 0:
-            self.check_pictures((look(eyes[0]), look(eyes[1])), (eyes[0], eyes[1]))
+        looked = self.seen % EVERY == 0
+        if looked or 0 < abs(speed) < SLOWLY:
+            pictures = look(eyes[0]), look(eyes[1])
+            if looked:
+                self.check_pictures(pictures, (eyes[0], eyes[1]))
+            if speed != 0:
+                self.ways.append((self.driven, self.turned, pictures))
 
     def check_exactly(self, eyes: list[Strips], speed: float) -> None:
         """Black, and the same to the bit: told soonest."""
@@ -178,7 +184,7 @@ class CameraWatch:
         if all(same) and not self.together:
             same = [False, False]
         behind = [
-            not same[k] and left_behind(eyes, k, self.before, (self.driven, self.turned), self.limits) for k in (0, 1)
+            not same[k] and left_behind(eyes, k, self.ways, (self.driven, self.turned), self.limits) for k in (0, 1)
         ]
         for k, name in enumerate(NAMES):
             self.blind[k] = self.count(self.blind[k], reasons[k] is not None)

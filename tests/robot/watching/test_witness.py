@@ -12,25 +12,30 @@ SLOW = 0.18
 FREEZES, STANDS = 30, 33
 
 
-def said(eyes, seconds=2.0, plain=()):
+def said(eyes, seconds=2.0, plain=(), stands=STANDS, wall=True, late=0):
     """Step and words of the first thing that is said of a car that stops just after a picture has frozen.
 
     Args:
         eyes: which freeze.
         plain: whose floor shows next to nothing.
+        stands: the step from which the car stands.
+        wall: something is on it.
+        late: by so many frames all of it is later.
     """
     rng = np.random.default_rng(3)
     sight = Sight(RIG, RATE, 0.1)
     pictures = list(drive(seconds, noise=0.0))
     for n in range(len(pictures)):
-        parts = [part.copy() for part in pictures[min(n, STANDS)]]
+        parts = [part.copy() for part in pictures[min(n, stands + late)]]
         for k in range(4):
-            if k % 2 in eyes and n > FREEZES:
-                parts[k] = pictures[FREEZES][k].copy()
+            if k % 2 in eyes and n > FREEZES + late:
+                parts[k] = pictures[FREEZES + late][k].copy()
             if k >= 2 and k % 2 in plain:
                 parts[k] = 115 + 0.02 * (parts[k] - 115)
+            if k < 2 and not wall:
+                parts[k] = 0 * parts[k] + 180
         parts = [part + rng.normal(0, 1, part.shape) for part in parts]
-        why = sight.judge(frames(parts, n), SLOW if n <= STANDS else 0.0, n / RATE)
+        why = sight.judge(frames(parts, n), SLOW if n <= stands + late else 0.0, n / RATE)
         if why is not None:
             return n, why.words
     return None, ""
@@ -46,8 +51,22 @@ def test_one_that_freezes_just_before_the_car_stands_is_told_while_it_stands(eye
     )
 
 
-def test_good_cameras_of_such_a_car_are_not():
-    assert said([]) == (None, "")
+@pytest.mark.parametrize("eye", [0, 1])
+@pytest.mark.parametrize("wall", [True, False])
+@pytest.mark.parametrize("frames_left", [1, 2])
+def test_a_few_millimeters_are_enough_whichever_pictures_are_looked_into(eye, wall, frames_left):
+    """6 and 12 mm before a wall with or without marks: the other camera's floor tells it."""
+    for late in (0, 1):
+        n, why = said([eye], stands=FREEZES + frames_left, wall=wall, late=late)
+        assert n is not None
+        assert FREEZES + late < n <= FREEZES + late + 0.4 * RATE
+        assert "while that of the" in why
+
+
+@pytest.mark.parametrize("stands", [31, 32, 33])
+def test_good_cameras_of_such_a_car_are_not(stands):
+    assert said([], stands=stands) == (None, "")
+    assert said([], stands=stands, wall=False) == (None, "")
 
 
 def test_two_that_freeze_together_have_no_witness():
