@@ -94,6 +94,13 @@ def test_memories_and_delays_that_cannot_be_are_refused() -> None:
         RunningCovariances(delays=(-0.1,))
 
 
+def test_a_piece_holds_one_update_at_least() -> None:
+    covariances = RunningCovariances(0.01, (1.0,), (0.0,), pieces=3, piece=0.01)
+    assert covariances.constants.updates == 1
+    state = covariances(torch.rand(50, 10))
+    assert state.held.tolist() == [1, 1, 1]
+
+
 def test_pieces_are_the_means_of_each_stretch_of_time() -> None:
     # Pieces of two updates of ten samples, of which the latest two are kept; the last five samples have to wait.
     signals = noise(75, 2)

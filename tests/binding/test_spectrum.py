@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 
 from ndtorch.binding import limit_spectral_radius, spectral_radius
 from ndtorch.binding.spectrum import SQUARING_FROM, always_limited, perron_root
+from ndtorch.errors import InputError
 
 # Batches that go to the eigenvalue solver, and batches that are squared.
 BATCHES = [1, SQUARING_FROM - 1, SQUARING_FROM, SQUARING_FROM + 9]
@@ -65,6 +66,12 @@ KINDS = st.sampled_from([sparse, nilpotent, blocks, reducible, cyclic])
 def test_spectral_radius_of_known_matrices() -> None:
     weights = torch.tensor([[[0.0, 4.0], [9.0, 0.0]], [[0.0, 7.0], [0.0, 0.0]], [[0.0, -4.0], [1.0, 0.0]]])
     assert_allclose(spectral_radius(weights), [6, 0, 2], atol=1e-6)
+
+
+@pytest.mark.parametrize("shape", [(3,), (2, 3), (4, 3, 2)])
+def test_what_is_no_square_matrix_is_refused(shape: tuple[int, ...]) -> None:
+    with pytest.raises(InputError, match=r"weights must be square matrices"):
+        spectral_radius(torch.zeros(shape))
 
 
 def test_spectral_radius_keeps_batch_dimensions() -> None:

@@ -80,6 +80,21 @@ def test_ramps_up_and_stops_at_once():
     assert drive.sent[-1].speed == 0.0  # never straight through zero
 
 
+def test_steering_goes_as_fast_as_its_limit():
+    clock, drive, _, safe = make()
+    steps(clock, safe, 0.2, DriveCommand(0.5, 2.0))
+    assert [sent.curvature for sent in drive.sent[:4]] == pytest.approx([0.0, 40.0 / 30, 2.0, 2.0])
+
+
+def test_the_end_of_a_drive_does_not_pass():
+    clock, drive, _, safe = make()
+    steps(clock, safe, 0.5)
+    safe.stop()
+    assert (safe.passes, safe.standing) == (False, "told to stop")
+    steps(clock, safe, 3.0)
+    assert drive.sent[-1] == (0.0, 0.0)
+
+
 @settings(deadline=None)
 @given(st.lists(st.tuples(st.floats(-0.6, 0.6), st.floats(-2.2, 2.2)), min_size=2, max_size=30))
 def test_limits_hold_for_any_commands(commands):

@@ -116,6 +116,8 @@ def test_so_many_refused_frames_are_noise() -> None:
     assert not noise.bad(5, 20.0)
     assert not any(noise.bad(5 + n, 20.0 + 0.5 * n) for n in range(1, 20))
     assert noise.bad(30, 29.6)
+    assert Noise().bad(4, 0.9) is False, "what came at once since the start of the clock is forgiven once"
+    assert Noise().bad(4, 0.1)
 
 
 def test_a_board_that_never_answers_is_given_up(monkeypatch):

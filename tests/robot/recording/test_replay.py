@@ -23,6 +23,7 @@ from ndtorch_robot.recording import (
     open_recording,
     replay,
 )
+from ndtorch_robot.recording.replay import Comparison
 from ndtorch_robot.recording.streams import checked_line
 from tests.robot.support.bare_car import FilmCar, bare_loop
 from tests.robot.support.gl_needed import needs_gl
@@ -53,6 +54,14 @@ def test_the_navigator_wants_the_same_again(tmp_path, kind):
     result = replay(recording, make_pilot(recording.configuration), [lambda step: again.append(step.wanted)])
     assert again == commands
     assert (result.steps, result.same, result.first_different) == (60, 60, None)
+
+
+def test_the_largest_differences_are_kept():
+    found = Comparison()
+    for number, (speed, curvature) in enumerate(((0.0, 0.0), (0.2, 0.5), (-0.3, 0.1), (0.1, -0.6), (0.0, 0.2))):
+        found.add(number, DriveCommand(0.4, 1.0), DriveCommand(0.4 + speed, 1.0 + curvature))
+    assert (found.steps, found.same, found.first_different) == (5, 1, 1)
+    assert (found.speed_difference, found.curvature_difference) == pytest.approx((0.3, 0.6))
 
 
 def test_another_program_is_noticed(tmp_path, capsys):
