@@ -68,3 +68,9 @@ def test_a_disc_is_round_and_full() -> None:
     assert float(radius.max()) == pytest.approx(math.hypot(3, 3) * PARAMS.cell)
     assert places.shape[1] == 61
     assert float(places.sum()) == pytest.approx(0, abs=1e-6)
+
+
+def test_a_disc_holds_its_rim():
+    x, y = disc_cells(0.5, PatchParams(cell=0.25))
+    assert len(x) == 13
+    assert (x.square() + y.square()).max() == 0.25
