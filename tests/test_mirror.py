@@ -109,6 +109,7 @@ TESTED_IN = {
     "kernels/trail": "navigation/controllers/ranging/test_trail",
     "kernels/tile_sums": "navigation/test_tiles",
     "kernels/windows_update": "binding/tracking/test_window_step",
+    "kernels/window_numbers": "binding/tracking/test_window_step",
     "kernels/triangulation": "navigation/test_kernels",
     "kernels/vote_places": "navigation/localisation/test_finding",
     "kernels/ways": "navigation/controllers/goal/test_planning",

@@ -3,47 +3,12 @@
 from __future__ import annotations
 
 from math import exp, sqrt
-from typing import NamedTuple
 
 import numpy as np
 
 from ndtorch.kernels.filters import Array
 from ndtorch.kernels.inner import inner
-
-
-class WindowNumbers(NamedTuple):
-    """`WindowParams` as plain numbers, and the time between updates."""
-
-    dt: float
-    window: float
-    crowd: float
-    visible: float
-    birth: float
-    contrast: float
-    claim: float
-    tau_peak: float
-    gain: float
-    drift: float
-    young: float
-    young_gain: float
-    young_drift: float
-    updates: float
-    reach: float
-    fastest: float
-    aim: float
-    aimed: float
-    slow: float
-    confirm: float
-    blind: float
-    lost: float
-    same: float
-    near: float
-    known: float
-    alike: float
-    alike_speed: float
-    tau_high: float
-    tau_bind: float
-    tau_light: float
+from ndtorch.kernels.window_numbers import WindowNumbers
 
 
 def windows_update(

@@ -155,7 +155,7 @@ def fits(low: Tensor, state: WindowState) -> bool:
 
 def by_kernel(low: Tensor, state: WindowState, windows: Windows) -> WindowState:
     """`windows_step` of one trial by a kernel."""
-    from ndtorch.kernels.windows_update import WindowNumbers
+    from ndtorch.kernels.window_numbers import WindowNumbers
 
     changed = [part.clone() for part in state[1:-1]]
     p = windows.params
