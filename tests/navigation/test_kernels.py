@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import pickle
 
-import numpy as np
 import pytest
 import torch
 from torch import Tensor
@@ -29,8 +28,6 @@ from ndtorch.navigation import (
 from ndtorch.navigation.controllers.published import AvoidanceState, SaccadeAvoidance, avoidance_step
 from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
 from ndtorch.navigation.controllers.subfields import SubfieldMotion
-from ndtorch.navigation.rig import Rect
-from ndtorch.navigation.strip_kernels import eyes as pixels_of
 from ndtorch.navigation.strips import cut_strips
 
 pytest.importorskip("numba")
@@ -269,67 +266,3 @@ def test_a_step_goes_on_from_a_state_that_was_copied_or_changed() -> None:
         _, other = navigator(*last, away)
         assert abs(float(other.pose.y) - 6) < 0.1
         assert float(navigator(*last, state)[1].pose.y) == float(after.pose.y)
-
-
-def test_a_frame_is_handed_on_without_a_copy_where_it_has_no_gaps():
-    from ndtorch.navigation.one_frame import as_array
-
-    frame = torch.rand(1, 3, 4, 5)
-    array, last = as_array(frame)
-    assert (array.shape, last) == ((1, 3, 4, 5), False)
-    assert np.shares_memory(array, frame.numpy())
-    beside = frame.contiguous(memory_format=torch.channels_last)
-    array, last = as_array(beside)
-    assert (array.shape, last) == ((1, 4, 5, 3), True)
-    assert np.shares_memory(array, beside.numpy())
-    assert np.array_equal(array.transpose(0, 3, 1, 2), frame.numpy())
-    array, last = as_array(frame[..., ::2])
-    assert (array.shape, last) == ((1, 3, 4, 3), False)
-    assert np.array_equal(array, frame[..., ::2].numpy())
-
-
-RECTS = Rect(30, 50, 10, 70), Rect(30, 50, 250, 310)
-
-
-def test_which_pixels_kernels_take() -> None:
-    left, right = (eye[:1] for eye in pairs(torch.uint8))
-    with torch.inference_mode():
-        whole = pixels_of(left, right, RECTS, (240, 320))
-        assert whole is not None
-        assert (whole.tops, whole.lefts, whole.beside) == ((30, 30), (10, 250), False)
-        assert (whole.unit, whole.over) == (1 / 765, 1)
-        assert all((seen == eye[0].numpy()).all() for seen, eye in zip(whole.frames, (left, right), strict=True))
-        cut = [eye[..., r.top : r.bottom, r.left : r.right] for eye, r in zip((left, right), RECTS, strict=True)]
-        strips = pixels_of(*cut, RECTS, (240, 320))
-        assert strips is not None
-        assert (strips.tops, strips.lefts) == ((0, 0), (0, 0))
-        grey = pixels_of(left[:, :1].double(), right[:, :1].double(), RECTS, (240, 320))
-        assert grey is not None
-        assert (grey.unit, grey.over) == (1.0, 1)
-        beside = [eye.contiguous(memory_format=torch.channels_last) for eye in (left, right)]
-        colors = pixels_of(*beside, RECTS, (240, 320))
-        assert colors is not None
-        assert colors.beside
-        for others in (
-            (left.numpy(), right.numpy()),
-            (left, right.numpy()),
-            (left[0], right[0]),
-            (left.repeat(2, 1, 1, 1), right.repeat(2, 1, 1, 1)),
-            (left, right[..., :-1]),
-            (left, right.float()),
-            (left[:, :2], right[:, :2]),
-            (left.half(), right.half()),
-            (left[..., :-1], right[..., :-1]),
-            (left, beside[1]),
-        ):
-            assert pixels_of(*others, RECTS, (240, 320)) is None  # type: ignore[arg-type]
-    assert pixels_of(left, right, RECTS, (240, 320)) is None  # gradients are torch's
-
-
-@pytest.mark.parametrize(("side", "place"), [("top", -1), ("bottom", 481), ("left", -1), ("right", 641)])
-def test_a_subfield_may_reach_the_border_and_not_beyond(side, place):
-    whole = Rect(0, 480, 0, 640)
-    assert SubfieldMotion(StereoRig(), 1 / 30, (whole, whole)).fields == (whole, whole)
-    beyond = whole._replace(**{side: place})
-    with pytest.raises(InputError, match="inside"):
-        SubfieldMotion(StereoRig(), 1 / 30, (beyond, beyond))
