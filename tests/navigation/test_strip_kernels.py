@@ -10,9 +10,9 @@ from ndtorch.navigation import StereoRig
 from ndtorch.navigation.controllers.subfields import SubfieldMotion
 from ndtorch.navigation.rig import Rect
 from ndtorch.navigation.strip_kernels import eyes as pixels_of
+from tests.navigation.test_kernels import pairs
 
 pytest.importorskip("numba")
-from tests.navigation.test_kernels import pairs
 
 RECTS = Rect(30, 50, 10, 70), Rect(30, 50, 250, 310)
 

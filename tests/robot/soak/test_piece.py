@@ -1,27 +1,22 @@
 """A short soak: faults stop the wheels in time, and what is no fault does not."""
 
 import shutil
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import torch
 
-from ndtorch.navigation import Strips
 from ndtorch_robot.link.messages import Frame, Type, encode_frame, read_telemetry
 from ndtorch_robot.link.parser import Parser
-from ndtorch_robot.ports import STAND, DriveCommand, StereoFrames
+from ndtorch_robot.ports import STAND, DriveCommand
 from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import RunConfig, SimulationTable
 from ndtorch_robot.sim.hosted_board import HostedBoard
 from ndtorch_robot.sim.pulse_world import Electronics
 from ndtorch_robot.sim.put_back import PutBack
-from ndtorch_robot.soak.cable import FailingCable
 from ndtorch_robot.soak.eyes import FailingCameras
 from ndtorch_robot.soak.faults import FAULTS, TOLD, Fault
 from ndtorch_robot.soak.piece import go_elsewhere
 from ndtorch_robot.soak.trial import Trials
-from ndtorch_robot.trouble import Kind, Stop
 from tests.robot.support.gl_needed import needs_gl
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler (cc)")
@@ -247,68 +242,3 @@ def test_cameras_that_freeze_before_the_change_of_gear_are_told_before_it_goes_b
         car.run(4.0)
         assert "the same picture for 4 frames" in car.safe.faults[-1].why
     assert 0.1 < last - frozen <= 0.25
-
-
-class NoWorld:
-    up = down = None
-
-
-def test_a_bad_cable_is_bad():
-    world, data = NoWorld(), bytes(range(256)) * 8
-    cable = FailingCable(world, 1)
-    cable.fail("cable pulled")
-    assert world.up(data, 0.0) == world.down(data, 0.0) == b""
-    cable.fail("everything late on the way there")
-    assert world.up(data, 0.0) == b""
-    assert world.up(b"", 0.31) == data
-    cable.fail("a third damaged on the way back")
-    wrong = sum(a != b for a, b in zip(world.down(data, 0.0), data, strict=True))
-    assert 30 < wrong < 100
-    assert world.up(data, 0.0) == data
-    cable.mend()
-    assert world.down(data, 0.0) == data
-
-
-class Placed:
-    """A world that is looked at by `Trials` alone: its pictures, and whether somebody has put the car elsewhere."""
-
-    def __init__(self, marks):
-        self.simulation, self.time, self.marks = SimpleNamespace(placed=None), 0.0, marks
-        self.up = self.down = None
-
-    def now(self):
-        return self.time
-
-    def read(self):
-        row = 120.0 + self.marks * np.random.default_rng(1).normal(0, 1, (1, 3, 1, 128)).repeat(5, -1)
-        field = np.full((1, 3, 29, 85), 120.0)
-        eye = Strips(*(torch.from_numpy(part.astype(np.uint8)) for part in (field, row)))
-        return StereoFrames(eye, eye, self.time)
-
-
-def counted(kind, marks=0.0, fault=None, put=-np.inf):
-    """Where a stop of this kind at 5 s is counted."""
-    world = Placed(marks)
-    car = SimpleNamespace(safe=SimpleNamespace(faults=[Stop(5.0, "why", kind)], sight=None))
-    trials = Trials(car, world, None, 0, None)
-    trials.fault, trials.put = next((each for each in FAULTS if each.name == fault), None), put
-    trials.look_at_stops()
-    trials.look_at_stops()
-    places = {name: getattr(trials, name) for name in ("stopped", "unexplained", "blank", "carried")}
-    return {name: lines for name, lines in places.items() if lines}
-
-
-@pytest.mark.parametrize("fault", [None, "single writes lost"])
-def test_only_a_stop_with_nothing_to_see_or_with_nobody_at_the_car_is_its_own(fault):
-    told, own = ["5.00 s: why"], "unexplained" if fault is None else "stopped"
-    assert counted(Kind.BLANK, fault=fault) == {"blank": told}
-    assert counted(Kind.BLANK, marks=30.0, fault=fault) == {own: told}
-    assert counted(Kind.BLURRED, fault=fault) == {own: told}
-    assert counted(Kind.CARRIED, fault=fault, put=4.1) == {"carried": told}
-    assert counted(Kind.CARRIED, fault=fault, put=3.9) == {own: told}
-    assert counted(Kind.DRIVE, fault=fault, put=4.1) == {own: told}
-
-
-def test_a_stop_for_a_fault_that_must_stop_the_car_is_not_counted():
-    assert counted(Kind.BLANK, fault="covered") == counted(Kind.DRIVE, fault="cable pulled") == {}
-    assert counted(Kind.NOT_TOLD) == {}
