@@ -262,7 +262,7 @@ def summarise(
     plan = simulation.plan
     poses = record.array("pose").reshape(-1, 3)
     seconds = simulation.now()
-    score = MapScore(None, None, None, None)
+    score = MapScore(None, None, None, None, None)
     if len(poses):
         score = score_map(cells, plan.grid(), plan, simulation.world.profiles, poses[::5], simulation.rig)
     hits = len(simulation.collisions)

@@ -185,9 +185,9 @@ def describe(result: Result) -> str:
         f"{seconds / max(wall, 1e-9):.1f}x real time",
         f"  collisions {s['collisions']} ({s['collisions_per_hour']} an hour), stops {s['stopped']}, "
         f"turns {s['turns']}, free area passed within 1 m {100 * passed:.0f} %, within 0.4 m {100 * close:.0f} %",
-        f"  map: {value('precision', '%', 100)} of its mass near true edges, {value('recall', '%', 100)} of the "
-        f"visible edges found, position error {value('position_error_cm', 'cm')}, "
-        f"door spacing error {value('spacing_error_percent', '%')}",
+        f"  map: {value('precision', '%', 100)} of its mass within 10 cm of true edges, {value('surfaces', '%', 100)} "
+        f"of any surface, {value('recall', '%', 100)} of the visible edges found, "
+        f"position error {value('position_error_cm', 'cm')}, door spacing error {value('spacing_error_percent', '%')}",
         *located,
         f"  navigation step: median {times.get('p50', 0):.2f} ms, 99 % below {times.get('p99', 0):.2f} ms",
     ]

@@ -20,7 +20,7 @@ class Row(NamedTuple):
         places_hit: where there was a collision, of all drives together.
         people: people hit from ahead; times the car was hit while it stood, of all drives together.
         gates: doors, lines and the like that were passed, and how many there were.
-        precision, recall, position_cm, spacing_percent: of the maps, means over the drives that have them.
+        precision, surfaces, recall, position_cm, spacing_percent: of the maps, means over the drives that have them.
         pose_cm, pose_degrees: median error of the corrected pose in a drive: the median over the drives, and the worst;
             None where there was no error, or it is not known.
         drives: the summaries.
@@ -41,6 +41,7 @@ class Row(NamedTuple):
     people: tuple[int, int]
     gates: tuple[int, int]
     precision: float | None
+    surfaces: float | None
     recall: float | None
     position_cm: float | None
     spacing_percent: float | None
@@ -64,6 +65,7 @@ COLUMNS = (
     "passed within 0.4 m %",
     "gates passed",
     "map precision %",
+    "map within 10 cm of surfaces %",
     "map recall %",
     "map position error cm",
     "map spacing error %",
@@ -115,6 +117,7 @@ def row_of(key: tuple[str, str, str, str], drives: list[Summary]) -> Row:
         (round(count("people_hit")), round(count("hit_while_standing"))),
         gates_of(drives),
         of_maps("precision"),
+        of_maps("surfaces"),
         of_maps("recall"),
         of_maps("position_error_cm"),
         of_maps("spacing_error_percent"),
@@ -164,6 +167,7 @@ def cells(row: Row) -> list[str]:
         value(row.passed_close, 0, 100),
         "{} of {}".format(*row.gates) if row.gates[1] else "",
         value(row.precision, 0, 100),
+        value(row.surfaces, 0, 100),
         value(row.recall, 0, 100),
         value(row.position_cm, 1),
         value(row.spacing_percent, 2),

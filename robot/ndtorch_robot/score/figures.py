@@ -130,6 +130,7 @@ def map_(plt: Any, result: Result) -> Any:
     assert isinstance(score, dict)
     words = [
         f"{100 * score['precision']:.0f} % of its mass within 10 cm of a true edge" if score["precision"] else "",
+        f"{100 * score['surfaces']:.0f} % of any surface" if score["surfaces"] else "",
         f"{100 * score['recall']:.0f} % of the visible edges found" if score["recall"] else "",
         f"median error {score['position_error_cm']:.1f} cm" if score["position_error_cm"] else "",
     ]

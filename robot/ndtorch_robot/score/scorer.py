@@ -11,11 +11,11 @@ import numpy.typing as npt
 import torch
 
 from ndtorch.navigation import Grid, StereoRig
-from ndtorch_robot.sim.plan import Floats, Plan, Point
+from ndtorch_robot.sim.plan import Floats, Plan, Point, Ring, away
 from ndtorch_robot.sim.profiles import edge_columns
 
 NEAR = 0.10
-"""Metres from a true edge within which mass of the map counts as right."""
+"""Metres from a true edge or surface within which mass of the map counts as right."""
 
 FAINTEST = 0.02
 """A peak of the map counts when it is at least this share of its largest."""
@@ -23,6 +23,9 @@ FAINTEST = 0.02
 REACH = 3
 """Cells around what the map holds that smoothing can reach, and one more."""
 
+
+EYE = 0.2
+"""Height of the cameras, m; what does not reach there is not ranged."""
 
 CONTRAST = 0.08
 """Smallest jump of brightness that is an edge: ND-min answers it with 0.01, the weakest that is a feature."""
@@ -36,12 +39,15 @@ class MapScore(NamedTuple):
         recall: share of the visible edges that have a peak of the map within 10 cm.
         position_error_cm: median distance from these edges to their peaks.
         spacing_error_percent: of the median distance between the peaks of neighbouring doors.
+        surfaces: share of the map's mass within 10 cm of any surface. It asks less than precision, which asks for
+            edges, and is the measure of a map of places that were ranged all along walls.
     """
 
     precision: float | None
     recall: float | None
     position_error_cm: float | None
     spacing_error_percent: float | None
+    surfaces: float | None
 
 
 class Edges(NamedTuple):
@@ -58,7 +64,7 @@ class Edges(NamedTuple):
     normals: Floats
 
 
-def true_edges(plan: Plan, profiles: list[Floats], eye: float = 0.2) -> Edges:
+def true_edges(plan: Plan, profiles: list[Floats], eye: float = EYE) -> Edges:
     """Where brightness jumps by `CONTRAST` along a wall or from wall to wall, and every convex corner.
 
     Args:
@@ -71,7 +77,7 @@ def true_edges(plan: Plan, profiles: list[Floats], eye: float = 0.2) -> Edges:
     first = 0
     for shape in plan.rings:
         corners = shape.array
-        if not shape.bottom < eye < (shape.height or plan.height):
+        if not reaches(shape, plan, eye):
             first += len(corners)
             continue
         along = np.roll(corners, -1, 0) - corners
@@ -95,6 +101,17 @@ def true_edges(plan: Plan, profiles: list[Floats], eye: float = 0.2) -> Edges:
         first += len(corners)
     count = len(places)
     return Edges(np.array(places).reshape(count, 2), np.array(faint, bool), np.array(normals).reshape(count, 2, 2))
+
+
+def reaches(shape: Ring, plan: Plan, eye: float) -> bool:
+    """Whether a ring has a surface at that height."""
+    return shape.bottom < eye < (shape.height or plan.height)
+
+
+def surfaces_of(plan: Plan, eye: float = EYE) -> Floats:
+    """What stands at the height of the cameras, `[S, 2, 2]`: from, to; x, y."""
+    corners = [shape.array for shape in plan.rings if reaches(shape, plan, eye)]
+    return np.concatenate([np.zeros((0, 2, 2)), *(np.stack((c, np.roll(c, -1, 0)), 1) for c in corners)])
 
 
 def visible(plan: Plan, edges: Edges, poses: Floats, rig: StereoRig, times: int = 5) -> npt.NDArray[np.bool_]:
@@ -145,19 +162,20 @@ def score_map(
     """
     edges = true_edges(plan, profiles)
     if float(cells.max()) <= 0:
-        return MapScore(None, None, None, None)
+        return MapScore(None, None, None, None, None)
     row, column = torch.nonzero(cells, as_tuple=True)
     mass = cells[row, column].double().numpy()
     places = torch.stack(grid.center(row, column), -1).double().numpy()
     precision = float(mass[nearest(places, edges.places) <= NEAR].sum() / mass.sum())
+    surfaces = float(mass[away(places, surfaces_of(plan)) <= NEAR].sum() / mass.sum())
     seen = edges.places[visible(plan, edges, poses, rig)]
     tops = peaks(cells, grid)
     if not len(seen) or not len(tops):
-        return MapScore(precision, None, None, None)
+        return MapScore(precision, None, None, None, surfaces)
     error = nearest(seen, tops)
     found = error <= NEAR
     position = float(np.median(error[found])) * 100 if found.any() else None
-    return MapScore(precision, float(found.mean()), position, spacing_error(plan, tops))
+    return MapScore(precision, float(found.mean()), position, spacing_error(plan, tops), surfaces)
 
 
 def nearest(points: Floats, targets: Floats, chunk: int = 20000) -> Floats:

@@ -193,11 +193,7 @@ class Plan:
 
     def clearance(self, points: Floats) -> Floats:
         """Distance of points `[N, 2]` from the nearest surface, m, `[N]`; negative where it is not free."""
-        best = np.full(len(points), np.inf)
-        for a, b in self.in_the_way:
-            along = b - a
-            share = np.clip(((points - a) @ along) / max(float(along @ along), 1e-12), 0.0, 1.0)
-            best = np.minimum(best, np.hypot(*(points - a - share[:, None] * along).T))
+        best = away(points, self.in_the_way)
         return np.where(self.is_free(points), best, -best)
 
     def cast(self, eye: Floats, angles: Floats) -> Floats:
@@ -217,6 +213,16 @@ class Plan:
         offset = targets - eye
         reach = self.cast(eye, np.arctan2(offset[:, 1], offset[:, 0]))
         return np.asarray(reach >= np.hypot(*offset.T) - margin)
+
+
+def away(points: Floats, segments: Floats) -> Floats:
+    """Distance of points `[N, 2]` from the nearest of segments `[S, 2, 2]`, m, `[N]`; inf where there are none."""
+    best = np.full(len(points), np.inf)
+    for a, b in segments:
+        along = b - a
+        share = np.clip(((points - a) @ along) / max(float(along @ along), 1e-12), 0.0, 1.0)
+        best = np.minimum(best, np.hypot(*(points - a - share[:, None] * along).T))
+    return best
 
 
 def inside(shape: Ring, points: Floats) -> npt.NDArray[np.bool_]:
@@ -246,13 +252,11 @@ def nearest_between(one: Ring, other: Ring) -> tuple[float, Point]:
     """The smallest distance of a corner of one ring from a side of the other, and where that is."""
     best, where = math.inf, (0.0, 0.0)
     for corners, sides in ((one.array, other.array), (other.array, one.array)):
-        for a, b in zip(sides, np.roll(sides, -1, 0), strict=True):
-            along = b - a
-            share = np.clip(((corners - a) @ along) / max(float(along @ along), 1e-12), 0.0, 1.0)
-            away = np.hypot(*(corners - a - share[:, None] * along).T)
-            k = int(away.argmin())
-            if away[k] < best:
-                best, where = float(away[k]), (float(corners[k, 0]), float(corners[k, 1]))
+        for side in zip(sides, np.roll(sides, -1, 0), strict=True):
+            apart = away(corners, np.array([side]))
+            k = int(apart.argmin())
+            if apart[k] < best:
+                best, where = float(apart[k]), (float(corners[k, 0]), float(corners[k, 1]))
     return best, where
 
 

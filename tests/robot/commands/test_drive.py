@@ -46,7 +46,7 @@ def test_json(tmp_path, capsys):
     out, err = capsys.readouterr()
     summary = json.loads(out)
     assert summary.keys() >= KEYS
-    assert summary["map"].keys() == {"precision", "recall", "position_error_cm", "spacing_error_percent"}
+    assert set(summary["map"]) == {"precision", "surfaces", "recall", "position_error_cm", "spacing_error_percent"}
     assert summary["step_ms"].keys() == {"p50", "p99"}
     assert (summary["arena"], summary["seed"], summary["simulated_seconds"]) == ("hallway", 0, 3.0)
     assert err == ""

@@ -35,7 +35,13 @@ def summary(arena="room", seed=1, controller="published", **changes):
         "free_area_passed": 0.5,
         "free_area_passed_40cm": 0.2,
         "collision_places": 2,
-        "map": {"precision": 0.8, "recall": 0.6, "position_error_cm": 1.5, "spacing_error_percent": None},
+        "map": {
+            "precision": 0.8,
+            "recall": 0.6,
+            "position_error_cm": 1.5,
+            "spacing_error_percent": None,
+            "surfaces": 0.9,
+        },
     }
     return values | changes
 
@@ -75,7 +81,7 @@ def test_all_drives():
 
 
 def test_rows_are_of_all_drives_together():
-    none = {"precision": 0.6, "recall": None, "position_error_cm": None, "spacing_error_percent": None}
+    none = {"precision": 0.6, "recall": None, "position_error_cm": None, "spacing_error_percent": None, "surfaces": 1.0}
     drives = [
         summary(),
         summary("loop"),
@@ -87,16 +93,37 @@ def test_rows_are_of_all_drives_together():
     assert room.hours == 1.0
     assert (room.collisions_h, room.stops_h, room.distance_m) == (2.0, 1.0, 800.0)
     assert room.passed == pytest.approx(0.7)
-    assert room.precision == pytest.approx(0.7)
+    assert (room.precision, room.surfaces) == pytest.approx((0.7, 0.95))
     assert (room.recall, room.position_cm, room.spacing_percent) == (0.6, 1.5, None)
     assert loop.collisions_h == 8.0
     lines = markdown([room, loop], "note").splitlines()
-    assert lines[2] == "| room | textured | published | 2 | 1.00 | 2.0 | 3 | 1.0 | 800 | 70 | 25 | 70 | 60 | 1.5 | - |"
+    assert (
+        lines[2]
+        == "| room | textured | published | 2 | 1.00 | 2.0 | 3 | 1.0 | 800 | 70 | 25 | 70 | 95 | 60 | 1.5 | - |"
+    )
     assert lines[-1] == "note"
     table = list(csv.reader(comma_separated([room, loop]).splitlines()))
     assert table[0] == list(COLUMNS)
     assert table[2][:4] == ["loop", "textured", "published", ""]
-    assert table[2][4:] == ["1", "0.25", "8.0", "2", "", "4.0", "400", "50", "20", "", "80", "60", "1.5", "", "", ""]
+    assert table[2][4:] == [
+        "1",
+        "0.25",
+        "8.0",
+        "2",
+        "",
+        "4.0",
+        "400",
+        "50",
+        "20",
+        "",
+        "80",
+        "90",
+        "60",
+        "1.5",
+        "",
+        "",
+        "",
+    ]
 
 
 def test_rows_tell_stresses_gates_and_people():

@@ -1,5 +1,7 @@
 """The scorer on maps whose worth is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -7,7 +9,7 @@ import torch
 from ndtorch.navigation import Grid, StereoRig
 from ndtorch_robot.score.scorer import coverage, peaks, score_map, spacing_error, true_edges, visible
 from ndtorch_robot.sim.paint import ALONG
-from ndtorch_robot.sim.plan import Plan, ring
+from ndtorch_robot.sim.plan import Plan, cylinder, ring
 from ndtorch_robot.sim.profiles import edge_columns
 from ndtorch_robot.sim.tracing import Box, trace
 
@@ -80,7 +82,24 @@ def test_a_good_and_a_bad_map():
     assert wrong.recall == 0.0
     assert wrong.position_error_cm is None
     empty = score_map(torch.zeros(grid.rows, grid.columns), grid, plan, profiles, poses, RIG)
-    assert empty == (None, None, None, None)
+    assert empty == (None, None, None, None, None)
+
+
+def test_a_map_of_places_along_walls():
+    """It lies on surfaces, of which few places are edges; what hangs or lies below the cameras is none of them."""
+    plan, profiles = doors()
+    grid, poses = Grid(-0.5, 9.5, -1.5, 1.6), np.zeros((1, 3))
+    along = [(x, -1.0) for x in (1.0, 2.0, 4.0)]
+    wall = score_map(blob(grid, along), grid, plan, profiles, poses, RIG)
+    assert wall.precision == pytest.approx(0.0, abs=1e-6)
+    assert wall.surfaces == pytest.approx(1.0, abs=1e-3)
+    beside = score_map(blob(grid, [*along, (4.0, -0.85)]), grid, plan, profiles, poses, RIG)
+    assert beside.surfaces == pytest.approx(0.75, abs=0.01)
+    for height, share in ((1.0, 1.0), (0.15, 0.0)):
+        pole = replace(plan, solids=(*plan.solids, cylinder(4.0, 0.0, 0.05, height)))
+        more = [*profiles, *(np.full(10, 0.5) for _ in pole.solids[-1].points)]
+        found = score_map(blob(grid, [(4.0, 0.0)]), grid, pole, more, poses, RIG)
+        assert found.surfaces == pytest.approx(share, abs=1e-3)
 
 
 def test_peaks_and_spacing():
