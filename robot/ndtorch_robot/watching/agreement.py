@@ -38,6 +38,11 @@ AT_ONCE = 1.0
 """Most that one view says of a mirrored row: right before a wall nothing has a partner, and much fits by chance."""
 
 
+FITS = 0.6
+"""Correlation from which a patch has a partner: one that has none, on neither side, says nothing. Right before a wall
+none has, and chance fits better where it may do so more often."""
+
+
 class Agreement:
     """Looks for patches of the left row in the right one, where they may be and where they may not.
 
@@ -68,6 +73,7 @@ class Agreement:
         view: tuple[float, float] | None = None,
         upright: bool = False,
         sure: bool = False,
+        wall: bool = False,
     ) -> str | None:
         """Look at two rows; returns what is wrong with them, in words.
 
@@ -77,11 +83,12 @@ class Agreement:
             upright: both pictures turn as the wheels say. Then none is upside down, and what fits when mirrored is a
                 place that is nearly its own mirror image.
             sure: both pictures show one floor. Then the cameras lie as they should, and nothing else counts.
+            wall: both show one wall, too near for partners to be found. Then nothing is learned from the rows.
         """
         if upright:
             self.mirrored = 0.0
         self.seen += 1
-        if self.seen % EVERY == 1 and len(right.row) > PATCH + self.reach and is_new(view, self.view):
+        if self.seen % EVERY == 1 and len(right.row) > PATCH + self.reach and is_new(view, self.view) and not wall:
             self.view = view
             self.add(partners(left.row, right.row, self.reach, self.limits))
         if sure:
@@ -96,7 +103,8 @@ class Agreement:
         """Take in the correlations of patches: as they should lie, on the wrong side, mirrored."""
         right, wrong, mirrored = found
         chance = self.limits.by_chance * len(right)
-        self.swapped = max(0.0, self.swapped + float((wrong - right).sum()) - chance)
+        fits = np.maximum(right, wrong) >= FITS
+        self.swapped = max(0.0, self.swapped + float((wrong - right - self.limits.by_chance)[fits].sum()))
         if len(right) >= SYMMETRIC:
             more = min(float((mirrored - np.maximum(right, wrong)).sum()) - chance, AT_ONCE)
             self.mirrored = max(0.0, self.mirrored + more)

@@ -11,7 +11,7 @@ from ndtorch.navigation import Strips
 from ndtorch.navigation.near_floor import floor_likeness
 from ndtorch.navigation.near_params import NearParams
 from ndtorch.navigation.rig import Rect, StereoRig
-from ndtorch_robot.watching.agreement import EVERY, is_new
+from ndtorch_robot.watching.agreement import EVERY, REACH, is_new
 from ndtorch_robot.watching.eye import Floats, compiled, one_color
 
 SEEN = 0.7
@@ -59,6 +59,10 @@ class OneFloor:
     Args:
         rig: the camera pair.
         rects: where the strips of both cameras lie.
+
+    Attributes:
+        wall: at the last look both saw one wall where the floor should be, so near that nothing at the horizon has its
+            partner where rows are compared.
     """
 
     def __init__(self, rig: StereoRig, rects: tuple[Rect, Rect]) -> None:
@@ -72,6 +76,7 @@ class OneFloor:
         self.size = (rects[0].bottom - rects[0].top, rects[0].right - rects[0].left)
         self.asked = self.seen = self.without = 0
         self.view: tuple[float, float] | None = None
+        self.wall = False
 
     def warm_up(self) -> None:
         """Have the kernel compiled or loaded."""
@@ -92,6 +97,7 @@ class OneFloor:
         ours, theirs = one_color(left.field), one_color(right.field)
         if self.asked % EVERY != 1 or ours.shape != self.size or theirs.shape != self.size:
             return False
+        self.wall = False
         scale = np.float32(1 if ours.dtype.kind == "f" else 255)
         pair = ours.astype(np.float32) / scale, theirs.astype(np.float32) / scale
         likeness = self.like(*pair, self.params)
@@ -106,12 +112,18 @@ class OneFloor:
             self.seen, self.without = self.seen + 1, 0
             return sure
         if clear >= CLEAR:
+            wall = self.wall_likeness(*pair)
+            self.wall = wall >= SEEN and self.wall_likeness(*pair, REACH) >= SEEN
             if likeness >= LOST * clear:
                 self.without = 0
-            elif wall_likeness(*pair) < SEEN and is_new(view, self.view):
+            elif wall < SEEN and is_new(view, self.view):
                 self.view, self.without = view, self.without + 1
                 self.seen = self.seen if self.seen >= BEFORE else 0
         return False
+
+    def wall_likeness(self, left: Floats, right: Floats, least: int = 0) -> float:
+        """How alike a near wall in both pictures is that lies at least so many pixels apart in them."""
+        return wall_likeness(left, right, self.rects[0].left - self.rects[1].left - least)
 
     def like(self, ours: Floats, theirs: Floats, params: NearParams) -> float:
         """How alike the floor in both pictures is, where it must lie."""
@@ -131,8 +143,12 @@ def clearness(field: Floats) -> float:
     return max(0.0, float(np.vdot(rows[:, 1:], rows[:, :-1])) / power) if power > 0 else 0.0
 
 
-def wall_likeness(left: Floats, right: Floats) -> float:
-    """Best correlation of a patch of the left subfield anywhere in the same rows of the right one: a near wall."""
+def wall_likeness(left: Floats, right: Floats, apart: int = 0) -> float:
+    """Best correlation of a patch of the left subfield in the same rows of the right one, farther to the left.
+
+    Args:
+        apart: columns by which the left subfield begins farther to the right, less how far apart it must lie.
+    """
     ours, theirs = left[::STEP], right[::STEP]
     if ours.shape[1] < PATCH:
         return 0.0
@@ -144,5 +160,6 @@ def wall_likeness(left: Floats, right: Floats) -> float:
         patch = ours[:, at : at + PATCH] - ours[:, at : at + PATCH].mean()
         own = math.sqrt(float(np.vdot(patch, patch)))
         if own > 0.01 * math.sqrt(patch.size):
-            best = max(best, float((np.einsum("rnc,rc->n", windows, patch) / (size * own)).max()))
+            found = np.einsum("rnc,rc->n", windows[:, : max(0, at + apart + 1)], patch)
+            best = max(best, float((found / (size[: len(found)] * own)).max(initial=-1.0)))
     return best

@@ -208,7 +208,8 @@ class CameraWatch:
         if reasons == [None, None]:
             view, upright = (self.driven, self.turned), all(judge.upright for judge in self.turning)
             sure = self.floor is not None and self.floor.compare(*strips, view)
-            wrong = self.agreement.compare(*eyes, view=view, upright=upright, sure=sure)
+            wall = self.floor is not None and self.floor.wall
+            wrong = self.agreement.compare(*eyes, view=view, upright=upright, sure=sure, wall=wall)
             if wrong is None and self.floor is not None and self.floor.lost:
                 wrong = "both cameras do not see one floor any more: one is upside down or turned, or they are swapped"
         if wrong is not None:

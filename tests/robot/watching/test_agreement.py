@@ -131,6 +131,26 @@ def test_cameras_whose_pictures_turn_as_the_wheels_say_are_not_upside_down():
     assert "swapped" in judged(moved(-12), way, upright=True)[0]
 
 
+def test_a_near_wall_in_both_pictures_says_nothing_of_the_rows():
+    """Met in a soak: good cameras .3 m before a wall, whose rows fit when mirrored and on the wrong side."""
+    judge = Agreement(LIMITS, 4 * REACH)
+    wrong = [*moved(-12), *((left, right[::-1].copy()) for left, right in moved(-1))]
+    for wall in (True, False):
+        for n, (left, right) in enumerate(wrong):
+            judge.seen = 0
+            said = judge.compare(seen(left), seen(right), (0.05 * n, 0.0), wall=wall)
+        assert (judge.swapped > 0, judge.mirrored > 0, said is not None) == (not wall, not wall, not wall)
+
+
+def test_patches_without_a_partner_say_nothing(monkeypatch):
+    """Before a wall nothing has one, and chance fits a little better on one side than on the other."""
+    for fits, told in ((0.55, False), (0.9, True)):
+        found = tuple(np.full(5, much, np.float32) for much in (0.0, fits, -1.0))
+        monkeypatch.setattr("ndtorch_robot.watching.agreement.partners", lambda *given, found=found: found)
+        said, judge = judged(moved(12), [(0.05 * n, 0.0) for n in range(8)])
+        assert ((said or "").startswith("the cameras are swapped"), judge.swapped > 0) == (told, told)
+
+
 def test_what_fits_takes_back_what_did_not():
     views = [(0.05 * n, 0.0) for n in range(3)]
     before = judged(moved(-12)[:2], views[:2])[1].swapped

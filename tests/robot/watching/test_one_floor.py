@@ -181,6 +181,29 @@ def test_a_near_wall_hides_the_floor_of_good_cameras():
     assert mine.without == 3
 
 
+@pytest.mark.parametrize(("disparity", "near"), [(150, False), (230, False), (250, True), (400, True)])
+def test_a_wall_is_near_where_the_rows_cannot_have_partners(disparity, near):
+    """They are looked for up to 240 pixels apart."""
+
+    def wall(apart):
+        """One picture that is seen so many pixels apart."""
+        paper = np.hstack([floor(n)[0].astype(np.float32) for n in (0.0, 1.0, 2.0)])
+        at = RECTS[0].right - RECTS[0].left
+        begin = at - (RECTS[0].left - RECTS[1].left) + apart
+        return lambda *_: (paper[:, at : 2 * at], paper[:, begin : begin + at])
+
+    mine = judge()
+    look(mine, 1, wall(disparity))
+    assert (mine.wall, mine.without) == (near, 0)
+    # On the wrong side it is none, and no floor is seen.
+    look(mine, 1, wall(-disparity), begin=1)
+    assert (mine.wall, mine.without) == (False, 1)
+    look(mine, 1, wall(400), begin=2)
+    assert mine.wall
+    look(mine, 1, begin=3)
+    assert not mine.wall
+
+
 def test_strips_of_another_place_are_not_looked_at():
     mine = judge()
     left, right = floor(0.0)
