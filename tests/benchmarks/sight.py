@@ -2,7 +2,8 @@
 
 Drives through all arenas with textured and with blank walls. What is seen is made darker or brighter and noisy, and
 judged as on a car. Prints every false stop, and how long was driven; the exit code is 1 when there was one. Before a
-wall without any mark that fills row and subfield a car does stop; this is counted by itself.
+wall without any mark that fills row and subfield a car does stop; this is counted by itself. So is a stop before a wall
+with marks of which the undisturbed picture shows less than two levels of gray, because it is dark.
 """
 
 from __future__ import annotations
@@ -21,10 +22,14 @@ from ndtorch_robot.ports import Step, StereoFrames
 from ndtorch_robot.sim.arenas import ARENAS
 from ndtorch_robot.sim.simulation import RIG
 from ndtorch_robot.trouble import Kind
+from ndtorch_robot.watching.eye import SightLimits, look
 from ndtorch_robot.watching.sight import Sight
 
 LIGHTS = ((1.0, 0.0), (1.0, 2.0), (0.25, 1.0), (1.4, 1.0))
 """Factor on the light, and standard deviation of the noise in levels of 255."""
+
+
+LIMITS = SightLimits()
 
 
 class Judge:
@@ -52,7 +57,9 @@ class Judge:
             if why is None:
                 continue
             self.sights[light] = self.new()
-            if why.kind is Kind.BLANK and "blank" in self.name:
+            if why.kind is Kind.BLANK and (
+                "blank" in self.name or any(self.dark(eye, light[0]) for eye in step.frames[:2])
+            ):
                 self.blank += 1
             else:
                 self.stops.append(f"{self.name} light {light} at {step.time:.1f} s: {why.words}")
@@ -65,6 +72,11 @@ class Judge:
         """Strips as they would be at another light."""
         assert isinstance(eye, Strips)
         return Strips(*(self.part(part, factor, noise) for part in eye))
+
+    def dark(self, eye: torch.Tensor | Strips, factor: float) -> bool:
+        """Whether an undisturbed picture shows nothing at this light, however much that is of its brightness."""
+        seen = look(self.lit(eye, factor, 0.0)).figures
+        return seen.row_spread < LIMITS.row_contrast and seen.field_spread < LIMITS.field_contrast
 
     def part(self, part: torch.Tensor, factor: float, noise: float) -> torch.Tensor:
         """One picture."""
