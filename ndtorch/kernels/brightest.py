@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.filters import Array
+from ndtorch.kernels.inner import apart
 
 
 def brightest(picture: Array, ground: Array, every: int, dimmest: float, balance: Array) -> float:
@@ -38,11 +39,17 @@ def brightest(picture: Array, ground: Array, every: int, dimmest: float, balance
         for top in range(0, height, every):
             line[:] = 0
             for y in range(top, top + every):
-                for x in range(width):
-                    line[x] += red * image[0, y, x] + green * image[1, y, x] + blue * image[2, y, x]
+                add_bright(image[0, y], image[1, y], image[2, y], (red, green, blue), line)
             for left in range(0, width, every):
                 sum_of = kind(0)
                 for x in range(left, left + every):
                     sum_of += line[x]
                 most = max(most, sum_of)
     return float(most) / (3 * every * every)
+
+
+@apart
+def add_bright(red: Array, green: Array, blue: Array, balance: tuple[float, float, float], line: Array) -> None:
+    """Add the brightness of a row."""
+    for x in range(line.shape[0]):
+        line[x] += balance[0] * red[x] + balance[1] * green[x] + balance[2] * blue[x]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.filters import Array
+from ndtorch.kernels.inner import apart, apart_exactly
 
 
 def field_sums(
@@ -34,32 +35,22 @@ def field_sums(
     kind = picture.dtype.type
     _, height, width = slow.shape
     fields = sums.shape[0]
-    quarter, share, lag, tiny = kind(0.25), kind(a_high), kind(a_low), kind(1e-30)
+    quarter, shares = kind(0.25), (a_high, a_low)
     high, color = np.empty((3, height, width), picture.dtype), np.empty(3, picture.dtype)
+    lines = np.empty((3, 2 * width), picture.dtype)
     for n in range(fields):
         for k in range(6):
             sums[n, k] = 0
     for y in range(height):
-        for x in range(width):
-            most = kind(0)
-            for c in range(3):
-                total = kind(0)
-                # Row by row: the sum of a mirror image is the same to the last digit.
-                for j in range(2):
-                    line = kind(0)
-                    for i in range(2):
-                        if silhouettes[2 * y + j, 2 * x + i] > 0:
-                            line += picture[c, 2 * y + j, 2 * x + i] - ground[c, 2 * y + j, 2 * x + i]
-                    total += line
-                seen = total * quarter
-                most = max(most, abs(seen))
-                mean = slow[c, y, x] + share * (seen - slow[c, y, x])
-                fast = seen - mean
-                late = delayed[c, y, x] + lag * (fast - delayed[c, y, x])
-                high[c, y, x] = fast
-                new_slow[c, y, x] = mean if abs(mean) > tiny else kind(0)
-                new_delayed[c, y, x] = late if abs(late) > tiny else kind(0)
-            strongest[y, x] = most
+        strongest[y] = 0
+        for c in range(3):
+            seen = lines[2, :width]
+            for j in range(2):
+                differ(picture[c, 2 * y + j], ground[c, 2 * y + j], silhouettes[2 * y + j], lines[j])
+            halve(lines[0], lines[1], quarter, seen)
+            pass_high(
+                seen, slow[c, y], delayed[c, y], shares, new_slow[c, y], new_delayed[c, y], high[c, y], strongest[y]
+            )
     for y in range(height):
         for x in range(width):
             top = max(silhouettes[2 * y, 2 * x], silhouettes[2 * y, 2 * x + 1])
@@ -89,3 +80,44 @@ def field_sums(
             sums[n, 2] += 0.5 * along
             for c in range(3):
                 sums[n, 3 + c] += max(color[c] - grey, kind(0))
+
+
+@apart
+def differ(picture: Array, ground: Array, silhouettes: Array, found: Array) -> None:
+    """How far silhouettes differ from the ground in one color of one row; 0 elsewhere."""
+    none = found.dtype.type(0)
+    for x in range(found.shape[0]):
+        apart_by = picture[x] - ground[x]
+        found[x] = apart_by if silhouettes[x] > 0 else none
+
+
+@apart_exactly
+def halve(upper: Array, lower: Array, quarter: float, found: Array) -> None:
+    """Means of blocks of two by two pixels. Row by row: that of a mirror image is the same to the last digit."""
+    for x in range(found.shape[0]):
+        found[x] = ((upper[2 * x] + upper[2 * x + 1]) + (lower[2 * x] + lower[2 * x + 1])) * quarter
+
+
+@apart
+def pass_high(
+    seen: Array,
+    slow: Array,
+    delayed: Array,
+    shares: tuple[float, float],
+    new_slow: Array,
+    new_delayed: Array,
+    high: Array,
+    strongest: Array,
+) -> None:
+    """High-pass and delay of one color of one row, and the largest value of the colors so far."""
+    kind = high.dtype.type
+    share, lag, tiny, none = kind(shares[0]), kind(shares[1]), kind(1e-30), kind(0)
+    for x in range(high.shape[0]):
+        here = seen[x]
+        mean = slow[x] + share * (here - slow[x])
+        fast = here - mean
+        late = delayed[x] + lag * (fast - delayed[x])
+        high[x] = fast
+        new_slow[x] = mean if abs(mean) > tiny else none
+        new_delayed[x] = late if abs(late) > tiny else none
+        strongest[x] = max(strongest[x], abs(here))

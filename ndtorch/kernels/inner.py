@@ -32,11 +32,21 @@ def apart(function: Callable[..., Any]) -> Any:
 
     Numba can tell LLVM so, but offers no option for it. Where it cannot, such loops go number by number.
     """
-    known: Any = {}
-    if "noalias" in Flags.options:
-        CPUTargetOptions.noalias = TargetOptions.Mapping("noalias")
-        known = {"noalias": True}
-    return numba.njit(fastmath=FAST, **ALONE, **known)(function)
+    return numba.njit(fastmath=FAST, **ALONE, **kept_apart())(function)
+
+
+@cache
+def apart_exactly(function: Callable[..., Any]) -> Any:
+    """A function as `exactly` whose arrays do not overlap."""
+    return numba.njit(fastmath=False, **ALONE, **kept_apart())(function)
+
+
+def kept_apart() -> Any:
+    """The option that says so, where there can be one."""
+    if "noalias" not in Flags.options:
+        return {}
+    CPUTargetOptions.noalias = TargetOptions.Mapping("noalias")
+    return {"noalias": True}
 
 
 @cache

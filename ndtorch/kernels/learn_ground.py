@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ndtorch.kernels.filters import Array
+from ndtorch.kernels.inner import apart
 
 
 def learn_ground(
@@ -35,22 +38,69 @@ def learn_ground(
         new_ground, new_deviation: become those after the step, `[3, h, w]`.
         new_known: likewise, `[h, w]`.
     """
-    kind = picture.dtype.type
-    step, share, follow = kind(dt), kind(a_ground), kind(a_noise)
-    held, most, one = kind(1 - hold), kind(surprise), kind(1)
+    kind, width = picture.dtype.type, picture.shape[2]
+    pace, slow, cap = np.empty(width, kind), np.empty(width, kind), np.empty(width, kind)
     for y in range(picture.shape[1]):
-        for x in range(picture.shape[2]):
-            free = one - held * kept[y, x]
-            before = known[y, x] > 0
-            settled = before | (quiet[y, x] >= needed)
-            new_known[y, x] = settled
-            pace = share * free if before else step / (quiet[y, x] + step)
-            slow = follow * free if before else follow
-            fresh = settled & (not before)
-            for c in range(3):
-                difference = picture[c, y, x] - ground[c, y, x]
-                size, own, least = abs(difference), deviation[c, y, x], noise[c]
-                limited = min(size, most * max(least, own))
-                own = own + slow * (limited - own)
-                new_deviation[c, y, x] = min(own, least * kind(mean_size)) if fresh else own
-                new_ground[c, y, x] = ground[c, y, x] + pace * difference
+        paces(kept[y], quiet[y], known[y], needed, (dt, a_ground, a_noise, hold), pace, slow, cap, new_known[y])
+        for c in range(3):
+            follow_row(
+                picture[c, y],
+                ground[c, y],
+                deviation[c, y],
+                (noise[c], surprise, mean_size),
+                pace,
+                slow,
+                cap,
+                new_ground[c, y],
+                new_deviation[c, y],
+            )
+
+
+@apart
+def paces(
+    kept: Array,
+    quiet: Array,
+    known: Array,
+    needed: float,
+    shares: tuple[float, float, float, float],
+    pace: Array,
+    slow: Array,
+    fresh: Array,
+    new_known: Array,
+) -> None:
+    """Paces of the ground and of its noise in one row, and 1 where the ground becomes known, 0 elsewhere."""
+    kind = pace.dtype.type
+    step, share, follow, held, one = kind(shares[0]), kind(shares[1]), kind(shares[2]), kind(1 - shares[3]), kind(1)
+    for x in range(pace.shape[0]):
+        free = one - held * kept[x]
+        before = known[x] > 0
+        settled = before | (quiet[x] >= needed)
+        new_known[x] = settled
+        pace[x] = share * free if before else step / (quiet[x] + step)
+        slow[x] = follow * free if before else follow
+        fresh[x] = settled & (not before)
+
+
+@apart
+def follow_row(
+    picture: Array,
+    ground: Array,
+    deviation: Array,
+    limits: tuple[float, float, float],
+    pace: Array,
+    slow: Array,
+    fresh: Array,
+    new_ground: Array,
+    new_deviation: Array,
+) -> None:
+    """The ground and its noise follow one color of one row.
+
+    Loops are made of vector instructions only as no array overlaps one that is written to.
+    """
+    kind = new_ground.dtype.type
+    least, most, usual = kind(limits[0]), kind(limits[1]), kind(limits[2])
+    for x in range(new_ground.shape[0]):
+        difference, own = picture[x] - ground[x], deviation[x]
+        own = own + slow[x] * (min(abs(difference), most * max(least, own)) - own)
+        new_deviation[x] = min(own, least * usual) if fresh[x] > 0 else own
+        new_ground[x] = ground[x] + pace[x] * difference

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ndtorch.kernels.any_of import any_of
 from ndtorch.kernels.filters import Array
 
 
@@ -18,14 +19,18 @@ def mark_tracks(silhouettes: Array, marks: Array, mask: Array, kept: Array) -> N
     """
     height, width = silhouettes.shape
     wide = np.zeros((height + 2, width + 2), np.uint8)
+    mask[:], some = 0, np.zeros(height + 2, np.bool_)
     for y in range(height):
-        for x in range(width):
+        some[y + 1] = any_of(silhouettes[y])
+        for x in range(width if some[y + 1] else 0):
             number = silhouettes[y, x]
-            mask[y, x] = 0
             if number > 0:
                 mask[y, x], wide[y + 1, x + 1] = marks[number, 0], marks[number, 1]
     line = np.empty(width + 2, np.uint8)
     for y in range(height):
+        if not (some[y] or some[y + 1] or some[y + 2]):
+            kept[y] = 0
+            continue
         upper, middle, lower = wide[y], wide[y + 1], wide[y + 2]
         for x in range(width + 2):
             line[x] = upper[x] | middle[x] | lower[x]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import inner
+from ndtorch.kernels.inner import apart, inner
 
 
 @inner
@@ -18,20 +18,30 @@ def mark_most(image: Array, side: int, found: Array) -> None:
     for y in range(height):
         line[:] = 0
         for j in range(side):
-            row, part = image[inside(y - half + j, height)], line[half : half + width]
-            for x in range(width):
-                part[x] += row[x]
+            add_marks(image[inside(y - half + j, height)], line[half : half + width])
         for x in range(half):
             line[x] = line[half + inside(x - half, width)]
         for x in range(width, width + side - half):
             line[half + x] = line[half + inside(x, width)]
         sums[:] = 0
         for j in range(side):
-            part = line[j : j + width]
-            for x in range(width):
-                sums[x] += part[x]
-        for x in range(width):
-            found[y, x] = 2 * sums[x] >= side * side
+            add_marks(line[j : j + width], sums)
+        mark_large(sums, side * side, found[y])
+
+
+@apart
+def add_marks(marks: Array, sums: Array) -> None:
+    """Add whole numbers to others."""
+    for x in range(sums.shape[0]):
+        sums[x] += np.int32(marks[x])
+
+
+@apart
+def mark_large(sums: Array, most: int, found: Array) -> None:
+    """Mark sums of half the most or more."""
+    half = np.int32(most)
+    for x in range(found.shape[0]):
+        found[x] = np.uint8(np.int32(2) * sums[x] >= half)
 
 
 @inner

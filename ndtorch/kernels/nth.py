@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import inner
+from ndtorch.kernels.inner import apart, inner
 
 FEW = 12
 """So few numbers are sorted one by one."""
+SAMPLE, MARGIN, ROUNDS = 32, 4, 8
+"""So many numbers tell about where a value is, up to so many places in their order; and how often that is narrowed."""
 
 
 @inner
 def middle_of(values: Array, count: int) -> float:
-    """The median of the first `count` values; `nth_of` says what becomes of them."""
+    """The median of the first `count` values. Their order stays; NaN are not allowed."""
     half = count // 2
-    some = ordered_at(values, count, half)
-    here = some[half]
+    some, place = ordered_at(values, count, half)
+    here = some[place]
     if count % 2:
         return float(here)
     before = some[0]
-    for n in range(half):
+    for n in range(place):
         before = max(before, some[n])
     return float((before + here) / values.dtype.type(2))
 
@@ -28,13 +32,74 @@ def middle_of(values: Array, count: int) -> float:
 @inner
 def nth_of(values: Array, count: int, n: int) -> float:
     """The value that n of the first `count` values come before in order. Their order stays; NaN are not allowed."""
-    return float(ordered_at(values, count, n)[n])
+    some, place = ordered_at(values, count, n)
+    return float(some[place])
 
 
 @inner
-def ordered_at(values: Array, count: int, n: int) -> Array:
-    """A copy of the first `count` values, with that one in place n, and none before it that is larger, `[count]`."""
-    some = values[:count].copy()
+def ordered_at(values: Array, count: int, n: int) -> tuple[Array, int]:
+    """Some of the first `count` values, and which of them has n of all before it in order; none before it is larger.
+
+    If n is not 0, the one before it in order is among them.
+    """
+    low, high, first = bounds_of(values, count, n)
+    some, found = np.empty(count, values.dtype), 0
+    for k in range(count):
+        some[found] = values[k]
+        found += (values[k] >= low) & (values[k] <= high)
+    # There is no such value where some are no numbers.
+    place = min(n - first, max(found - 1, 0))
+    part(some, found, place)
+    return some, place
+
+
+@inner
+def bounds_of(values: Array, count: int, n: int) -> tuple[float, float, int]:
+    """Bounds that value n in order and the one before it lie between, with few others, and how many are below.
+
+    How many are below a bound is counted many at a time, and sooner than they are put in order.
+    """
+    kind = values.dtype.type
+    low, high, first, last = kind(-np.inf), kind(np.inf), 0, count
+    if count < 8 * SAMPLE:
+        return low, high, first
+    some, step = np.empty(SAMPLE, values.dtype), count // SAMPLE
+    for k in range(SAMPLE):
+        some[k] = values[k * step + step // 2]
+    in_order(some, 0, SAMPLE)
+    at = n * SAMPLE // count
+    for turn in range(2 * ROUNDS):
+        if turn == 0:
+            bound = some[max(0, at - MARGIN)]
+        elif turn == 1:
+            bound = some[min(SAMPLE - 1, at + MARGIN)]
+        elif last - first <= FEW or not math.isfinite(high - low):
+            break
+        else:
+            bound = low + (high - low) / kind(2)
+        below = count_below(values[:count], bound)
+        # The value before it is asked for, too.
+        if below < n or below == 0 == n:
+            low, first = max(low, bound), max(first, below)
+        elif below > n:
+            high, last = min(high, bound), min(last, below)
+        else:
+            break
+    return low, high, first
+
+
+@apart
+def count_below(values: Array, bound: float) -> int:
+    """How many values are below that."""
+    count = np.int32(0)
+    for k in range(values.shape[0]):
+        count += np.int32(values[k] < bound)
+    return int(count)
+
+
+@inner
+def part(some: Array, count: int, n: int) -> None:
+    """Put the first `count` values in order as far as that takes value n to its place, and none before it is larger."""
     low, high = 0, count
     while high - low > FEW:
         step = (high - low) // 8
@@ -53,15 +118,20 @@ def ordered_at(values: Array, count: int, n: int) -> Array:
                 break
         # All of these are equal, or none is a number.
         if (n < at and equal) or at == low:
-            return some
+            return
         low, high = (low, at) if n < at else (at, high)
+    in_order(some, low, high)
+
+
+@inner
+def in_order(some: Array, low: int, high: int) -> None:
+    """Sort the values from one place to another."""
     for k in range(low + 1, high):
         value, m = some[k], k
         while m > low and some[m - 1] > value:
             some[m] = some[m - 1]
             m -= 1
         some[m] = value
-    return some
 
 
 @inner

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ndtorch.kernels.any_of import any_of
 from ndtorch.kernels.filters import Array
 
 
@@ -56,7 +57,7 @@ def sightings(
             table[k, n] = 0
         table[k, 0], table[k, 1] = height, width
     for y in range(height):
-        for x in range(width):
+        for x in range(width if any_of(silhouettes[y]) else 0):
             name = silhouettes[y, x]
             if name <= 0:
                 continue

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ndtorch.kernels.any_of import any_of
 from ndtorch.kernels.filters import Array
 
 
@@ -17,7 +18,7 @@ def still_of(figure: Array, quiet: Array, least: float, silhouettes: Array, movi
     """
     count = 0
     for y in range(figure.shape[0]):
-        for x in range(figure.shape[1]):
+        for x in range(figure.shape[1] if any_of(figure[y]) else 0):
             if figure[y, x] and quiet[y, x] >= least:
                 count += moving[silhouettes[y, x]] == 0
     return count

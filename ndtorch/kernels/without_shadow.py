@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import exactly
+from ndtorch.kernels.inner import apart, apart_exactly, exactly
 from ndtorch.kernels.most_of import inside
 
 
@@ -24,13 +24,8 @@ def without_shadow(
     # Rows and columns in which anything may be a shadow.
     rows, columns = np.zeros(height, np.uint8), np.zeros(width, np.uint8)
     for y in range(height):
-        some = np.uint8(0)
-        for x in range(width):
-            one = out[y, x] & may_be[y, x]
-            core[y, x] = out[y, x]
-            columns[x] |= one
-            some |= one
-        rows[y] = some
+        core[y] = out[y]
+        rows[y] = find_any(out[y], may_be[y], columns)
     first, last = 0, width
     while first < last and not columns[first]:
         first += 1
@@ -38,69 +33,140 @@ def without_shadow(
         last -= 1
     first, last = max(0, first - edge), min(width, last + edge)
     even, sums = np.zeros((height + 2 * edge, width + 2 * edge), np.uint8), np.empty((4, width + side))
+    before = -2
     for y in range(height):
         if rows[max(0, y - edge) : y + edge + 1].any():
-            mark_even(light, may_be, y, first, last, side, darkest, uneven, sums, even[edge + y, edge:])
+            sum_columns(light, y, before == y - 1, first, last, side, sums[0], sums[1])
+            found, may = even[edge + y, edge + first : edge + last], may_be[y, first:last]
+            mark_even(sums[0], sums[1], may, side, darkest, uneven, sums[2], sums[3], found)
+            before = y
     line = np.empty(width + 2 * edge, np.uint8)
     for y in range(height):
         if not rows[y]:
             continue
         line[:] = 0
         for row in even[y : y + 2 * edge + 1]:
-            for x in range(width + 2 * edge):
-                line[x] |= row[x]
+            join_row(row, line)
         for j in range(2 * edge + 1):
-            part = line[j : j + width]
-            for x in range(width):
-                core[y, x] &= ~(may_be[y, x] & part[x])
+            take_away(line[j : j + width], may_be[y], core[y])
+
+
+@apart
+def find_any(out: Array, may_be: Array, columns: Array) -> int:
+    """Whether anything in a row may be a shadow, and where: marks are added to the columns'."""
+    some = np.uint8(0)
+    for x in range(out.shape[0]):
+        one = out[x] & may_be[x]
+        columns[x] |= one
+        some |= one
+    return int(some)
+
+
+@apart
+def join_row(row: Array, line: Array) -> None:
+    """Add marks to others."""
+    for x in range(line.shape[0]):
+        line[x] |= row[x]
+
+
+@apart
+def take_away(part: Array, may_be: Array, core: Array) -> None:
+    """What may be a shadow is none of the core where that is marked."""
+    for x in range(core.shape[0]):
+        core[x] &= ~(may_be[x] & part[x])
 
 
 @exactly
-def mark_even(
-    light: Array,
-    may_be: Array,
-    y: int,
-    first: int,
-    last: int,
-    side: int,
-    darkest: float,
-    uneven: float,
-    sums: Array,
-    even: Array,
+def sum_columns(
+    light: Array, y: int, again: bool, first: int, last: int, side: int, line: Array, squares: Array
 ) -> None:
-    """Mark the columns of a row from the first to the last where the light varies little among neighbours."""
+    """Sums of the light of neighbours above and below, and of its squares, from half a side left of the first column.
+
+    Args:
+        light: `[h, w]`.
+        y: the row.
+        again: the sums are those of the row before; they go on from there.
+        first, last: columns in which something may be a shadow.
+        side: of what counts as neighbours.
+        line, squares: become the sums, `[>= last - first + side - 1]`.
+    """
     height, width = light.shape
-    kind, half, count = light.dtype.type, side // 2, last - first
+    half, count = side // 2, last - first
     # Columns beyond the edges are those inside, mirrored.
     begin, end = max(0, first - half), min(width, last - half + side - 1)
-    line, squares = sums[0], sums[1]
-    line[: count + side], squares[: count + side] = 0, 0
-    # Slices, as an index that might be below zero would be looked at every time.
     part, square_part = line[begin - first + half :], squares[begin - first + half :]
-    for j in range(side):
-        row = light[inside(y - half + j, height), begin:end]
-        for n in range(end - begin):
-            value = row[n]
-            part[n] += np.float64(value)
-            square_part[n] += np.float64(value * value)
+    if again:
+        old, new = light[inside(y - 1 - half, height)], light[inside(y - half + side - 1, height)]
+        exchange(old[begin:end], new[begin:end], part, square_part)
+    else:
+        line[:], squares[:] = 0, 0
+        for j in range(side):
+            add_row(light[inside(y - half + j, height), begin:end], part, square_part)
     for n in range(count + side - 1):
         x = first - half + n
         if x < 0 or x >= width:
-            there = inside(x, width)
-            for j in range(side):
-                value = light[inside(y - half + j, height), there]
-                line[n] += np.float64(value)
-                squares[n] += np.float64(value * value)
-    area, low, limit = 1.0 / (side * side), kind(darkest), kind(uneven * uneven)
-    total, square = sums[2], sums[3]
-    total[:count], square[:count] = 0, 0
-    for n in range(side):
-        part, square_part = line[n : n + count], squares[n : n + count]
-        for k in range(count):
-            total[k] += part[k]
-            square[k] += square_part[k]
-    found, may = even[first:last], may_be[y, first:last]
+            there = inside(x, width) - first + half
+            line[n], squares[n] = line[there], squares[there]
+
+
+@apart_exactly
+def add_row(row: Array, line: Array, squares: Array) -> None:
+    """Add values, and their squares, to sums."""
+    for n in range(row.shape[0]):
+        value = row[n]
+        line[n] += np.float64(value)
+        squares[n] += np.float64(value * value)
+
+
+@apart_exactly
+def exchange(old: Array, new: Array, line: Array, squares: Array) -> None:
+    """Take values and their squares out of sums, and add others."""
+    for n in range(old.shape[0]):
+        less, more = old[n], new[n]
+        line[n] += np.float64(more) - np.float64(less)
+        squares[n] += np.float64(more * more) - np.float64(less * less)
+
+
+@apart_exactly
+def mark_even(
+    line: Array,
+    squares: Array,
+    may: Array,
+    side: int,
+    darkest: float,
+    uneven: float,
+    total: Array,
+    square: Array,
+    found: Array,
+) -> None:
+    """Mark the columns of a row where the light varies little among neighbours.
+
+    Args:
+        line, squares: of `sum_columns`.
+        may: what may be a shadow, 1 or 0, `[n]`.
+        side, darkest, uneven: constants.
+        total, square: room for n numbers.
+        found: becomes the marks, `[n]`.
+    """
+    count = found.shape[0]
+    area, low, limit = 1.0 / (side * side), np.float32(darkest), np.float32(uneven * uneven)
+    if side == 5:
+        add_five(line, squares, total[:count], square[:count])
+    else:
+        total[:count], square[:count] = 0, 0
+        for n in range(side):
+            for k in range(count):
+                total[k] += line[n + k]
+                square[k] += squares[n + k]
     for k in range(count):
-        mean = kind(total[k] * area)
-        varies = kind(square[k] * area) - mean * mean
+        mean = np.float32(total[k] * area)
+        varies = np.float32(square[k] * area) - mean * mean
         found[k] = may[k] & (mean > low) & (varies < limit)
+
+
+@apart_exactly
+def add_five(line: Array, squares: Array, total: Array, square: Array) -> None:
+    """Sums of five neighbours: in one pass, which takes a third of the time."""
+    for k in range(total.shape[0]):
+        total[k] = line[k] + line[k + 1] + line[k + 2] + line[k + 3] + line[k + 4]
+        square[k] = squares[k] + squares[k + 1] + squares[k + 2] + squares[k + 3] + squares[k + 4]

@@ -10,6 +10,8 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_size, is_finite
 from ndtorch.errors import InputError
+from ndtorch.kernels.load import kernel
+from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.motion import Border, check_border
 from ndtorch.vision.paired_grids import PairFields, field_sums, halves, pair_up, pair_weights, responses, weighted_sums
@@ -259,6 +261,11 @@ class OrientedDoG(nn.Module):
         if self.border == "wrap":
             return image
         top, left = self.margin
+        if kernels_wanted(image) and image.numel():
+            padded = image.new_empty(*image.shape[:-2], *self.padded)
+            flat = image.reshape(-1, *image.shape[-2:]).contiguous()
+            kernel("mirrored", image.dtype).run(flat.numpy(), top, left, padded.view(-1, *self.padded).numpy())
+            return padded
         flat = image.reshape(-1, 1, *image.shape[-2:])
         padded = F.pad(flat, (left, left, top, top), mode="reflect")
         return padded.reshape(*image.shape[:-2], *self.padded)

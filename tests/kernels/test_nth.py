@@ -22,9 +22,10 @@ def test_medians_of_many_few_and_equal_numbers() -> None:
             found[k] = middle_of(rows[k], counts[k])
 
     chance = np.random.default_rng(3)
-    rows = [chance.random(300), chance.integers(0, 4, 300), np.ones(300), np.arange(300), -np.arange(300.0)]
+    some = [chance.random(900), chance.integers(0, 4, 900), np.ones(900), np.arange(900), -np.arange(900.0)]
+    rows = [*some, np.exp(9 * chance.standard_normal(900))]
     numbers = np.repeat(np.array(rows, np.float32), 60, 0)
-    counts, found = chance.integers(1, 301, len(numbers)), np.empty(len(numbers), np.float32)
+    counts, found = chance.integers(1, 901, len(numbers)), np.empty(len(numbers), np.float32)
     before = numbers.copy()
     numba.njit(each, **OPTIONS)(numbers, counts, found)
     expected = [np.median(row[:count]) for row, count in zip(numbers, counts, strict=True)]

@@ -39,8 +39,8 @@ def regions_of(figure: Bools, smallest: float, gap: int) -> Regions:
     what they enclose is filled."""
     import cv2
 
-    mask = figure.astype(np.uint8)
-    if not figure.any():
+    mask = figure.view(np.uint8)
+    if not cv2.countNonZero(mask):
         none = np.zeros(0, np.int64)
         return Regions(np.zeros(figure.shape, np.int32), none.reshape(0, 4), none)
     if gap:
@@ -182,8 +182,7 @@ def holes(figure: Bools, still: Bools, picture: Floats, ground: Floats, smallest
     outer = rim & (cv2.erode(figure[window].astype(np.uint8), square) == 0)
     which = names[outer]
 
-    def edges(image: Floats) -> npt.NDArray[np.float64]:
-        part = image[window]
+    def edges(part: Floats) -> npt.NDArray[np.float64]:
         across, down = cv2.Sobel(part, cv2.CV_32F, 1, 0), cv2.Sobel(part, cv2.CV_32F, 0, 1)
         size = cv2.dilate(np.abs(across) + np.abs(down), square)
         sums = np.bincount(which, np.asarray(size, np.float64)[outer], minlength=count + 1)
@@ -191,7 +190,7 @@ def holes(figure: Bools, still: Bools, picture: Floats, ground: Floats, smallest
 
     around = np.bincount(which, minlength=count + 1)[1:]
     whole = np.bincount(names[rim], minlength=count + 1)[1:]
-    hole = (2 * around > whole) & (edges(ground.mean(0)) > edges(picture))
+    hole = (2 * around > whole) & (edges(ground[:, top:bottom, left:right].mean(0)) > edges(picture[window]))
     if not hole.any():
         return None
     return np.concatenate([[False], hole])[quiet.labels]

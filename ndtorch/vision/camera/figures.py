@@ -20,6 +20,7 @@ from ndtorch.vision.camera.ground import (
     GroundState,
     grey_of,
     medians,
+    room,
     some_of,
 )
 from ndtorch.vision.camera.light_changes import changed_blocks, light_change, unlike
@@ -27,6 +28,12 @@ from ndtorch.vision.temporal import smoothing_factor as factor
 
 smoothing_factor = cache(factor)
 """It checks its arguments, and here they are always the same."""
+
+
+@cache
+def square(side: int) -> Bytes:
+    """Pixels of a square, 1."""
+    return np.ones((side, side), np.uint8)
 
 
 class Standing(NamedTuple):
@@ -63,7 +70,10 @@ def softened(picture: Floats, side: int) -> Floats:
     """Every color blurred by a square, `[3, h, w]`."""
     import cv2
 
-    soft = np.empty_like(picture)
+    soft = room(*picture.shape)
+    if side == 3 and min(picture.shape[1:]) > 1 and kernels_wanted():
+        kernel("softened").run(picture, soft)
+        return soft
     for plane, to in zip(picture, soft, strict=True):
         cv2.blur(plane, (side, side), dst=to)
     return soft
@@ -119,18 +129,17 @@ def ground_step(
     core = without_shadow(out, light, may_be, p)
     # A dark coat looks like a shadow, but the rest of its wearer is around it.
     wide = 2 * round(p.around * core.shape[0] / 2) + 1
-    closed = np.asarray(cv2.morphologyEx(core, cv2.MORPH_CLOSE, np.ones((wide, wide), np.uint8)), np.uint8)
+    closed = np.asarray(cv2.morphologyEx(core, cv2.MORPH_CLOSE, square(wide)), np.uint8)
     figure = np.asarray(closed & out, np.uint8)
-    if not sure.all():
+    if cv2.countNonZero(sure) < sure.size:
         # What moves there is believed where it is broad: edges of what stands still tremble.
         young, side = (
             ((quiet < p.trail) & (sure == 0)).astype(np.uint8),
             2 * max(0, round((p.broad * len(sure) - 1) / 2)) + 1,
         )
-        figure |= np.asarray(cv2.morphologyEx(young, cv2.MORPH_OPEN, np.ones((side, side), np.uint8)), np.uint8)
+        figure |= np.asarray(cv2.morphologyEx(young, cv2.MORPH_OPEN, square(side)), np.uint8)
     # A pixel alone is noise; a gap of a pixel is none.
-    square = np.ones((p.speckle, p.speckle), np.uint8)
-    figure = np.asarray(cv2.morphologyEx(most_of(figure, p.speckle), cv2.MORPH_OPEN, square))
+    figure = np.asarray(cv2.morphologyEx(most_of(figure, p.speckle), cv2.MORPH_OPEN, square(p.speckle)))
     # In a film without colors every dark thing is without tint.
     narrow = pale & sure if hue >= p.colored else np.zeros_like(sure)
     if cv2.countNonZero(narrow):
@@ -145,8 +154,7 @@ def broad(figure: Bytes, p: GroundParams) -> Bytes:
     """
     import cv2
 
-    square = np.ones((p.patch + 2 * p.penumbra,) * 2, np.uint8)
-    return np.asarray(cv2.morphologyEx(figure, cv2.MORPH_OPEN, square), np.uint8)
+    return np.asarray(cv2.morphologyEx(figure, cv2.MORPH_OPEN, square(p.patch + 2 * p.penumbra)), np.uint8)
 
 
 def most_of(image: Bytes, side: int) -> Bytes:
@@ -163,8 +171,8 @@ def stand_out(
     """The picture without its gain `[3, h, w]`, in grey, its light over that of the ground, and where it stands out,
     where it may be shadow, and where so with hardly any tint, 1 or 0, `[h, w]`."""
     if kernels_wanted():
-        new, (out, may_be, pale) = np.empty_like(picture), np.empty((3, *picture.shape[1:]), np.uint8)
-        grey, light = (np.empty(picture.shape[1:], np.float32) for _ in range(2))
+        new, (out, may_be, pale) = room(*picture.shape), np.empty((3, *picture.shape[1:]), np.uint8)
+        grey, light = room(*picture.shape[1:]), room(*picture.shape[1:])
         constants, after = (
             (p.spread, MEAN_SIZE, p.offset, p.darkest, p.tint, p.pure),
             (new, grey, light, out, may_be, pale),
@@ -207,7 +215,7 @@ def learn(
     # The noise of the first pictures is learned as their mean.
     follow = max(1 / (seen + 5), smoothing_factor(p.tau_noise, dt))
     if kernels_wanted():
-        new, spread, settled = np.empty_like(ground), np.empty_like(ground), np.empty_like(known)
+        new, spread, settled = room(*ground.shape), room(*ground.shape), room(*known.shape)
         constants = (needed, dt, share, follow, p.hold, p.surprise, MEAN_SIZE)
         kernel("learn_ground").run(
             picture, ground, deviation, noise, kept, quiet, known, *constants, new, spread, settled
@@ -237,7 +245,7 @@ def stillness(soft: Floats, out: Bytes, state: GroundState, dt: float, p: Ground
     before, own, quiet, known = (part.numpy() for part in (state.before, state.restless, state.quiet, state.known))
     follow = max(1 / (int(state.frames) + 5), smoothing_factor(p.tau_noise, dt))
     if kernels_wanted():
-        new, since = np.empty_like(own), np.empty_like(quiet)
+        new, since = room(*own.shape), room(*quiet.shape)
         constants = (dt, p.speckle, p.block, p.other, p.moved, p.spread, (MEAN_SIZE, MEDIAN_SIZE), follow, p.surprise)
         changed = kernel("restless").run(soft, before, own, quiet, known, out, *constants, new, since)
         return since, new, changed if changed >= 0 else changed_blocks(soft, before, p)
@@ -245,7 +253,7 @@ def stillness(soft: Floats, out: Bytes, state: GroundState, dt: float, p: Ground
     moved = most_of(over, p.speckle)
     if not known.all():
         moved |= most_of(out, p.speckle) * (known == 0)
-    still = np.asarray(cv2.dilate(moved, np.ones((3, 3), np.uint8)), np.uint8) == 0
+    still = np.asarray(cv2.dilate(moved, square(3)), np.uint8) == 0
     return (quiet + np.float32(dt)) * still, own, changed_blocks(soft, before, p)
 
 
@@ -279,5 +287,5 @@ def shadow(light: Floats, may_be: Bytes, p: GroundParams) -> Bytes:
     varies = cv2.blur(light * light, (p.patch, p.patch)) - mean * mean
     inner = may_be * ((mean > p.darkest) & (varies < p.uneven**2))
     # Its edge, where neighbours differ, belongs to it.
-    wide = np.asarray(cv2.dilate(inner, np.ones((2 * p.penumbra + 1,) * 2, np.uint8)), np.uint8)
+    wide = np.asarray(cv2.dilate(inner, square(2 * p.penumbra + 1)), np.uint8)
     return (wide & may_be) * np.uint8(255)

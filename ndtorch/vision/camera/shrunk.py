@@ -9,7 +9,7 @@ from torch import Tensor
 from ndtorch.errors import InputError
 from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import kernels_wanted
-from ndtorch.vision.camera.ground import Floats
+from ndtorch.vision.camera.ground import Floats, room
 from ndtorch.vision.frames import as_float
 
 
@@ -25,9 +25,13 @@ def shrunk(frame: Tensor, size: tuple[int, int]) -> Floats:
         frame = as_float(frame).float()
         if not torch.isfinite(frame.sum()):
             raise InputError("frames must be finite, got NaN or infinite values")
-    small, planes = np.empty((3, *size), np.float32), frame.cpu().numpy()
+    small, planes = room(3, *size), frame.cpu().numpy()
     unit, beside = np.float32(1 / 255 if frame.dtype == torch.uint8 else 1), planes.transpose(1, 2, 0)
     if beside.flags.c_contiguous:
+        height, width = size
+        if planes.dtype == np.uint8 and planes.shape == (3, 2 * height, 2 * width) and kernels_wanted():
+            kernel("halved_colors").run(beside.reshape(2 * height, -1), float(unit), small)
+            return small
         image = np.asarray(cv2.resize(beside, size[::-1], interpolation=cv2.INTER_AREA))
         if kernels_wanted() and image.dtype == np.uint8:
             kernel("apart_colors").run(image, float(unit), small)

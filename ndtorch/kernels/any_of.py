@@ -1,0 +1,17 @@
+"""Whether anything is in a row: most rows hold nothing, and need not be looked at number by number."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ndtorch.kernels.filters import Array
+from ndtorch.kernels.inner import apart
+
+
+@apart
+def any_of(row: Array) -> bool:
+    """Whether one of some whole numbers is not 0."""
+    some = np.int32(0)
+    for x in range(row.shape[0]):
+        some |= np.int32(row[x])
+    return bool(some != 0)
