@@ -23,7 +23,8 @@ def watched(mount: str = "", moving: bool = True, seconds: float = 6.0, light: f
         why = sight.judge(frames(shown, n), SPEED if moving else 0.0, n / RATE, CURVATURE if moving else 0.0)
         if why is not None:
             break
-    return n, why and why.words, vars(sight.watch) | {"before": sight.watch.before[-1]}
+    kept = {"before": sight.watch.before[-1], "ways": len(sight.watch.ways)}
+    return n, why and why.words, vars(sight.watch) | kept
 
 
 SCENES = {
