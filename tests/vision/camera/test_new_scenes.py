@@ -11,7 +11,7 @@ from torch import Tensor
 
 import ndtorch
 from ndtorch.vision.camera.ground import GroundParams
-from ndtorch.vision.camera.light_changes import changed_blocks, unlike
+from ndtorch.vision.camera.light_changes import changed_blocks, chroma, unlike
 from tests.vision.camera.passing_scenes import SIZE, ground
 
 FPS = 25.0
@@ -110,3 +110,11 @@ def test_a_picture_that_is_a_little_like_the_one_before_is_still_another(shared:
     )
     assert changed_blocks(after, before, p) > p.changed
     assert unlike(after, before, p) is new
+
+
+def test_color_is_asked_of_every_fourth_row_and_column() -> None:
+    still = np.zeros((3, 40, 44), np.float32)
+    still[0, ::4, ::4] = 1
+    still[1, ::4, ::4] = 0.25
+    assert chroma(still) == 1
+    assert chroma(np.roll(still, 1, 1)) == 0
