@@ -52,7 +52,7 @@ def regions_of(figure: Bools, smallest: float, gap: int) -> Regions:
         return Regions(names, found[:number, :4].copy(), found[:number, 4].copy())
     # What an object encloses is its own.
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    mask = np.asarray(cv2.drawContours(mask, outlines, -1, 1, cv2.FILLED), np.uint8)
+    mask = np.asarray(cv2.drawContours(mask.copy(), outlines, -1, 1, cv2.FILLED), np.uint8)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     stats = np.asarray(stats, np.int64)
     keep = stats[:, 4] >= smallest

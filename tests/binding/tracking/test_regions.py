@@ -12,6 +12,17 @@ from ndtorch.binding.tracking.regions import Regions, parted, regions_of, shares
 from tests.vision.camera.passing_scenes import SIZE, ground
 
 
+def test_what_regions_are_told_from_stays_as_it_is() -> None:
+    picture = np.zeros((30, 40), bool)
+    picture[5:20, 5:20] = True
+    picture[10:12, 10:12] = False
+    before = picture.copy()
+    for mode in (torch.no_grad, torch.inference_mode):
+        with mode():
+            assert regions_of(picture, 10, 0).areas.tolist() == [225]
+        assert (picture == before).all()
+
+
 def test_two_that_touch_side_by_side_are_cut_and_one_alone_is_not() -> None:
     picture = np.zeros((60, 80), bool)
     picture[10:40, 5:15] = True
