@@ -112,18 +112,14 @@ class OneFloor:
             self.seen, self.without = self.seen + 1, 0
             return sure
         if clear >= CLEAR:
-            wall = self.wall_likeness(*pair)
-            self.wall = wall >= SEEN and self.wall_likeness(*pair, REACH) >= SEEN
+            wall, near = wall_likeness(*pair, self.rects[0].left - self.rects[1].left)
+            self.wall = near >= SEEN
             if likeness >= LOST * clear:
                 self.without = 0
             elif wall < SEEN and is_new(view, self.view):
                 self.view, self.without = view, self.without + 1
                 self.seen = self.seen if self.seen >= BEFORE else 0
         return False
-
-    def wall_likeness(self, left: Floats, right: Floats, least: int = 0) -> float:
-        """How alike a near wall in both pictures is that lies at least so many pixels apart in them."""
-        return wall_likeness(left, right, self.rects[0].left - self.rects[1].left - least)
 
     def like(self, ours: Floats, theirs: Floats, params: NearParams) -> float:
         """How alike the floor in both pictures is, where it must lie."""
@@ -143,23 +139,32 @@ def clearness(field: Floats) -> float:
     return max(0.0, float(np.vdot(rows[:, 1:], rows[:, :-1])) / power) if power > 0 else 0.0
 
 
-def wall_likeness(left: Floats, right: Floats, apart: int = 0) -> float:
+def wall_likeness(left: Floats, right: Floats, apart: int = 0, reach: int = REACH) -> tuple[float, float]:
     """Best correlation of a patch of the left subfield in the same rows of the right one, farther to the left.
 
     Args:
-        apart: columns by which the left subfield begins farther to the right, less how far apart it must lie.
+        apart: columns by which the left subfield begins farther to the right.
+        reach: pixels.
+
+    Returns:
+        Anywhere there, and where it lies farther away than `reach`.
     """
     ours, theirs = left[::STEP], right[::STEP]
-    if ours.shape[1] < PATCH:
-        return 0.0
-    windows = np.lib.stride_tricks.sliding_window_view(theirs, PATCH, 1)
-    mean = windows.mean((0, 2))
-    size = np.sqrt(np.maximum((windows**2).sum((0, 2)) - mean**2 * len(ours) * PATCH, 1e-6))
-    best = 0.0
-    for at in range(0, ours.shape[1] - PATCH + 1, PATCH):
+    rows, wide = ours.shape
+    starts, patches = [], []
+    for at in range(0, wide - PATCH + 1, PATCH):
         patch = ours[:, at : at + PATCH] - ours[:, at : at + PATCH].mean()
         own = math.sqrt(float(np.vdot(patch, patch)))
         if own > 0.01 * math.sqrt(patch.size):
-            found = np.einsum("rnc,rc->n", windows[:, : max(0, at + apart + 1)], patch)
-            best = max(best, float((found / (size[: len(found)] * own)).max(initial=-1.0)))
-    return best
+            starts.append(at)
+            patches.append(patch / np.float32(own))
+    if not starts:
+        return 0.0, 0.0
+    columns = np.stack((theirs.sum(0), (theirs**2).sum(0))).astype(np.float64)
+    sums = np.cumsum(np.pad(columns, ((0, 0), (1, 0))), 1)
+    total, squares = sums[:, PATCH:] - sums[:, :-PATCH]
+    size = np.sqrt(np.maximum(squares - total**2 / (rows * PATCH), 1e-6))
+    windows = np.lib.stride_tricks.sliding_window_view(theirs, PATCH, 1)
+    found = np.matmul(windows, np.stack(patches, -1)).sum(0) / size[:, None]
+    away = np.array(starts) + apart - np.arange(len(size))[:, None]
+    return float(found[away >= 0].max(initial=0.0)), float(found[away > reach].max(initial=0.0))

@@ -170,9 +170,13 @@ def test_a_near_wall_hides_the_floor_of_good_cameras():
     """Both see it, as far apart in all rows as it is near."""
     paper = floor(0.0)[0].astype(np.float32)
     left, right = paper, np.roll(paper, 80 - 150, 1)
-    assert wall_likeness(left, right) > 0.99
-    assert wall_likeness(left, right[::-1, ::-1]) < 0.5
-    assert wall_likeness(left[:, :50], right[:, :50]) == 0.0
+    anywhere, near = wall_likeness(left, right)
+    assert anywhere > 0.99
+    assert near < 0.5
+    assert max(wall_likeness(left, right[::-1, ::-1])) < 0.5
+    assert wall_likeness(left[:, :50], right[:, :50]) == (0.0, 0.0)
+    window, patch = right[::4, 58:122], left[::4, 128:192]  # by the definition, for the best of them
+    assert anywhere == pytest.approx(np.corrcoef(window.ravel(), patch.ravel())[0, 1], abs=1e-3)
     mine = judge()
     look(mine, BEFORE)
     look(mine, VIEWS, lambda *_: (left, right), begin=BEFORE)
