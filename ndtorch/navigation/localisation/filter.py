@@ -21,6 +21,7 @@ def predicted(
     seconds: float,
     heading: float,
     params: LocaliserParams,
+    known: bool = False,
 ) -> Floats:
     """The covariance `[6, 6]` of x, y, heading, scale, bend and drift after driving on.
 
@@ -29,8 +30,10 @@ def predicted(
         unsure: variances of both, `[2]`.
         seconds: of driving.
         heading: after it.
+        known: seen motion has told the errors of the odometer.
     """
     p, middle = params, heading - turned / 2
+    left = p.left if known else 1.0
     cos, sin = way * math.cos(middle), way * math.sin(middle)
     step = np.eye(6)
     step[0, 2], step[1, 2] = -sin, cos
@@ -41,8 +44,14 @@ def predicted(
     noise[:2] = p.still**2 + unsure[0]
     noise[2] = p.turn_still**2 + unsure[1]
     if seconds:
-        noise[3:] = np.square((p.scale_walk, p.bend_walk, p.drift_walk))
-    return step @ doubt @ step.T + np.diag(noise)
+        noise[3:] = np.square((left * p.scale_walk, left * p.bend_walk, left * p.drift_walk))
+    doubt = step @ doubt @ step.T + np.diag(noise)
+    if known:
+        most = left * np.array((p.scale, p.bend, p.drift))
+        limit = np.ones(6)
+        limit[3:] = np.minimum(1.0, most / np.sqrt(doubt.diagonal()[3:]).clip(1e-12))
+        doubt = doubt * limit * limit[:, None]
+    return doubt
 
 
 def updated(doubt: Floats, off: Floats, information: Floats, params: LocaliserParams) -> tuple[Floats, Floats]:

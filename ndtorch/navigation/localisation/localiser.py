@@ -32,7 +32,7 @@ from ndtorch.navigation.localisation.state import LocaliserState, Trail, floats,
 from ndtorch.navigation.localisation.trail import driven_on, gone_through, is_due, no_trail, scan_of, with_scan
 from ndtorch.navigation.localisation.walls import Scan, add_scan, empty_walls, fit_scan
 from ndtorch.navigation.localisation.way import drive_on
-from ndtorch.navigation.localisation.wheels import carried_to, corrected, looked, no_wheels, rolled
+from ndtorch.navigation.localisation.wheels import are_known, carried_to, corrected, looked, no_wheels, rolled
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.rig import StereoRig
 from ndtorch.optional import need
@@ -152,7 +152,7 @@ class Localiser(nn.Module):
         assert again.parts is not None
         # Only the first part, begun in the first step, still has nothing that it could be fitted to.
         parts = again.parts._replace(learning=number(self.dt))
-        again = again._replace(scale=state.scale, bend=state.bend, drift=state.drift, doubt=doubt)
+        again = again._replace(scale=state.scale, bend=state.bend, drift=state.drift, doubt=doubt, wheels=state.wheels)
         return again._replace(parts=parts, trail=None)
 
     def arrange(self, state: LocaliserState, parts: Parts) -> LocaliserState:
@@ -274,10 +274,10 @@ class Localiser(nn.Module):
 
     def correct(self, state: LocaliserState, scan: Scan) -> LocaliserState:
         """The pose, and what is known of the odometer, after a scan: one step of an extended Kalman filter."""
-        p, start = self.params, np.array(floats(state.pose))
-        way, turned = float(state.way), float(state.turned)
+        p, start, way, turned = self.params, np.array(floats(state.pose)), float(state.way), float(state.turned)
         seconds = self.every * self.dt if way > 1e-3 else 0.0
-        doubt = predicted(state.doubt.numpy(), way, turned, state.unsure.numpy(), seconds, start[2], p)
+        before, unsure, known = state.doubt.numpy(), state.unsure.numpy(), are_known(state.wheels, p.motion)
+        doubt = predicted(before, way, turned, unsure, seconds, start[2], p, known)
         place, angle = p.reach * np.sqrt(doubt[[0, 1], [0, 1]].max()), p.reach * np.sqrt(doubt[2, 2])
         fit = fit_scan(state.walls, scan, tuple(start.tolist()), (place + p.floor, angle + p.turn_floor), p)
         if fit.score < p.worst:

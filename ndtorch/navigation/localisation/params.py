@@ -219,6 +219,8 @@ class LocaliserParams:
         scale, bend, drift: standard deviations of the errors of what `motion` makes of the odometer, before anything is
             known of them.
         scale_walk, bend_walk, drift_walk: by which they change from scan to scan.
+        left: factor of these six, and limit of what the first three grow to, once seen motion has told the errors of
+            the odometer: what a fit is off by then is the fit's own error, or the pose's.
         trust: factor of what a fit says, whose points are not independent.
         floor, turn_floor: standard deviations of a fit at best, m and radians.
         reach: a fit begins with standard deviations so many times those of the pose.
@@ -255,6 +257,7 @@ class LocaliserParams:
     scale_walk: float = 5e-5
     bend_walk: float = 5e-5
     drift_walk: float = math.radians(0.0003)
+    left: float = 0.1
     trust: float = 0.05
     floor: float = 0.01
     turn_floor: float = 0.006

@@ -91,6 +91,11 @@ def corrected(wheels: Wheels) -> Pose:
     return Pose(*along(wheels.base, *expected(wheels)).unbind())
 
 
+def are_known(wheels: Wheels, params: MotionParams) -> bool:
+    """Whether seen motion has told their errors: what is known of the drift tells, which nothing else makes less."""
+    return float(wheels.doubt[2, 2]) < (params.drift / 2) ** 2
+
+
 def looked(wheels: Wheels, rows: Tensor, rig: StereoRig, params: MotionParams) -> tuple[Wheels, Tensor]:
     """The wheels after a look at both gray rows `[2, W]`, and the variances of way and turn since the last, `[2]`."""
     seen = None

@@ -74,6 +74,22 @@ def test_deviations_of_a_step_add_up_in_each_number():
     assert np.diag(predicted(none, 2.0, -0.5, unsure, 0.0, 0.7, PARAMS))[3:].tolist() == [0, 0, 0]
 
 
+def test_once_motion_was_seen_little_is_left_of_the_odometer_to_learn():
+    """Fits that slid along a wall would be taken for its errors."""
+    p, none = PARAMS, np.zeros(2)
+    doubt = np.diag(np.square((0.02, 0.02, 0.01, p.scale, p.bend, p.drift)))
+    doubt[0, 3] = doubt[3, 0] = 0.5 * 0.02 * p.scale
+    plain = predicted(doubt, 0.0, 0.0, none, 0.2, 0.0, PARAMS)
+    known = predicted(doubt, 0.0, 0.0, none, 0.2, 0.0, PARAMS, known=True)
+    assert known[:3, :3] == pytest.approx(plain[:3, :3])
+    assert np.sqrt(known.diagonal()[3:]) == pytest.approx(p.left * np.array((p.scale, p.bend, p.drift)))
+    correlation = [both[0, 3] / math.sqrt(both[0, 0] * both[3, 3]) for both in (plain, known)]
+    assert correlation[0] == pytest.approx(correlation[1], rel=1e-3)
+    # It grows from less, slowly.
+    less = predicted(np.zeros((6, 6)), 0.0, 0.0, none, 0.2, 0.0, PARAMS, known=True)
+    assert np.sqrt(less.diagonal()[3:]) == pytest.approx(p.left * np.array((p.scale_walk, p.bend_walk, p.drift_walk)))
+
+
 def test_a_fit_changes_what_is_known_as_a_kalman_filter_does():
     rng, p = np.random.default_rng(3), PARAMS
     root = rng.normal(size=(6, 6)) * 0.02

@@ -9,7 +9,15 @@ import torch
 from ndtorch.navigation import Pose
 from ndtorch.navigation.localisation.motion import Motion
 from ndtorch.navigation.localisation.params import MotionParams
-from ndtorch.navigation.localisation.wheels import carried_to, corrected, expected, no_wheels, rolled, weighed
+from ndtorch.navigation.localisation.wheels import (
+    are_known,
+    carried_to,
+    corrected,
+    expected,
+    no_wheels,
+    rolled,
+    weighed,
+)
 
 PARAMS = MotionParams()
 SURE = np.diag(np.square((0.001, 0.0002)))
@@ -42,6 +50,19 @@ def test_their_errors_are_learned():
     wheels = taught()
     assert wheels.errors.tolist() == pytest.approx((0.08, 0.02, 0.003), abs=0.004)
     assert expected(roll(wheels, 0.1 / 0.92, 0.0)) == pytest.approx((0.1, -0.0005), abs=0.0005)
+
+
+def test_only_what_is_seen_tells_their_errors():
+    blind = no_wheels(pose_of(0.0, 0.0, 0.0), PARAMS)
+    assert not are_known(blind, PARAMS)
+    for _ in range(50):
+        blind, _ = weighed(roll(blind, 0.1, 0.05), None, PARAMS)
+    assert not are_known(blind, PARAMS)
+    seen = taught(20)
+    assert are_known(seen, PARAMS)
+    for _ in range(50):
+        seen, _ = weighed(roll(seen, 0.1, 0.05), None, PARAMS)
+    assert are_known(seen, PARAMS)
 
 
 def test_where_nothing_is_seen_they_are_corrected_and_less_is_known():
