@@ -16,6 +16,8 @@ LINEAR = slice(GROUPS["motion"].stop, None)
 """Signals that are proportional to brightness: orientations and colors."""
 WAYS = 4
 """Signals of motion: so many sources move every way there is."""
+NOTHING = 1e-6
+"""Share of the largest that single precision leaves in a direction without anything."""
 KNOWN = 0.05
 """Share of the largest under which a direction of motion is none."""
 WEAKEST = 3
@@ -51,9 +53,21 @@ def full(without: Tensor, delayed: Tensor, limits: SumCriteria) -> Tensor:
     """
     values = torch.linalg.eigvalsh(delayed)
     top, weakest = values[:, -1], torch.maximum(values[:, 0].abs(), torch.linalg.eigvalsh(without)[:, 0])
-    least = torch.maximum(limits.faintest * top, limits.alone * weakest)
+    least = torch.maximum(limits.least_alone * top, limits.alone * weakest)
     held: Tensor = (values[:, 1] > least) & (weakest < limits.quiet * top)
     return held
+
+
+def empty(without: Tensor, delayed: Tensor, limits: SumCriteria) -> tuple[Tensor, Tensor]:
+    """Whether two directions hold next to nothing beside a fourth source, and whether they hold nothing, `[B]` each.
+
+    Two such directions say that there is hardly any noise, so that the fourth source may be fainter than `faintest`.
+    Where they hold nothing at all, orientations and colors are an exact mixture and show every source.
+    """
+    values = torch.linalg.eigvalsh(delayed)
+    top, weakest = values[:, -1], torch.maximum(values[:, 1].abs(), torch.linalg.eigvalsh(without)[:, 1])
+    four = values[:, 2] > torch.maximum(limits.least_alone * top, limits.alone * weakest)
+    return four, four & (weakest < NOTHING * top)
 
 
 def unexplained(plain: Tensor, delayed: Tensor, count: Tensor, limits: SumCriteria) -> Tensor:

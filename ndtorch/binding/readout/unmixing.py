@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.binding.readout.delays import diagonalise
-from ndtorch.binding.readout.directions import LINEAR, crowded, full, stands_out, unexplained
+from ndtorch.binding.readout.directions import LINEAR, crowded, empty, full, stands_out, unexplained
 from ndtorch.binding.readout.even_light import even_light, without
 from ndtorch.binding.readout.params import SourceCriteria, SumCriteria
 
@@ -41,19 +41,21 @@ def sources_of(covariances: Tensor, criteria: SourceCriteria, limits: SumCriteri
     flat = covariances.reshape(-1, *covariances.shape[-3:])
     linear = stands_out(flat[:, 0, LINEAR, LINEAR], flat[:, 1, LINEAR, LINEAR], limits.faintest, limits)
     five = full(flat[:, 0, LINEAR, LINEAR], flat[:, 1, LINEAR, LINEAR], limits)
+    four, exact = empty(flat[:, 0, LINEAR, LINEAR], flat[:, 1, LINEAR, LINEAR], limits)
+    linear = torch.where(four, linear.clamp_min(MOST - 1), linear)
     linear = torch.where(five, linear.clamp_min(MOST), linear)
     every = stands_out(flat[:, 0], flat[:, 1], limits.crowded, limits)
     light = even_light(flat[:, 1], linear, limits)
     lit = light.abs().amax(-1) > 0
     wide = crowded(flat[:, 0, LINEAR, LINEAR], flat[:, 1, LINEAR, LINEAR], limits) & (linear > 0) & ~lit
-    count = torch.where(wide, torch.maximum(linear, every), linear)
+    count = torch.where(wide & ~exact, torch.maximum(linear, every), linear)
     more = unexplained(flat[:, 0], flat[:, 1], count, limits) & ~lit
     wide, count = wide | more, (count + more.long()).clamp_max(most)
     found = unmixed(flat, count, wide, light, criteria)
     # Beside two of one rate, what is faint is an overtone of theirs: a shadow's edge does not dim all sums alike.
     values = torch.linalg.eigvalsh(flat[:, 1, LINEAR, LINEAR])
     fewer = (values > limits.doubtful * values[:, -1:]).sum(-1)
-    again = (found.gap < criteria.gap) & ~wide & ~lit & (fewer < count) & (fewer > 1)
+    again = (found.gap < criteria.gap) & ~wide & ~lit & (fewer < count) & (fewer > 1) & ~(exact & (fewer > 2))
     if bool(again.any()):
         other = unmixed(flat, torch.where(again, fewer, count), wide, light, criteria)
         found = Sources(*(choose(again, a, b) for a, b in zip(other, found, strict=True)))

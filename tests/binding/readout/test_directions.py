@@ -5,9 +5,12 @@ from __future__ import annotations
 import pytest
 import torch
 
-from ndtorch.binding.readout.directions import full
-from ndtorch.binding.readout.params import SumCriteria
+from ndtorch.binding.normalise import group_max, spread_groups
+from ndtorch.binding.readout import directions
+from ndtorch.binding.readout.directions import empty, full
+from ndtorch.binding.readout.params import SourceCriteria, SumCriteria
 from ndtorch.binding.readout.sums import SumStatistics
+from ndtorch.binding.readout.unmixing import sources_of
 from tests.binding.readout.three_lights import MIXING, count, lights
 
 
@@ -40,8 +43,20 @@ def test_motion_of_a_time_course_of_its_own_is_no_second_thing() -> None:
 
 @pytest.mark.parametrize(
     ("faintest", "at_once", "left", "five"),
-    [(2e-3, 1e-6, 1e-6, True), (2e-4, 1e-6, 1e-6, False), (2e-3, 1e-6, 1e-4, False), (2e-3, 1e-3, 1e-6, False)],
-    ids=["stands out", "fainter than anything believed", "beside noise with a delay", "beside noise without one"],
+    [
+        (2e-3, 1e-6, 1e-6, True),
+        (2e-4, 1e-6, 1e-6, True),
+        (9e-5, 1e-6, 1e-6, False),
+        (2e-3, 1e-6, 1e-4, False),
+        (2e-3, 1e-3, 1e-6, False),
+    ],
+    ids=[
+        "stands out",
+        "faint",
+        "fainter than anything believed",
+        "beside noise with a delay",
+        "beside noise without one",
+    ],
 )
 def test_five_of_six_directions_hold_sources_where_the_sixth_holds_next_to_nothing(
     faintest: float, at_once: float, left: float, five: bool
@@ -50,3 +65,44 @@ def test_five_of_six_directions_hold_sources_where_the_sixth_holds_next_to_nothi
     delayed = turned @ torch.diag(torch.tensor([left, faintest, 0.02, 0.05, 0.2, 1.0], dtype=torch.float64)) @ turned.mT
     without = delayed + at_once * torch.eye(6, dtype=torch.float64)
     assert full(without[None], delayed[None], SumCriteria()).tolist() == [five]
+
+
+@pytest.mark.parametrize(
+    ("faintest", "noise", "four", "exact"),
+    [(2e-4, 1e-9, True, True), (2e-4, 2e-6, True, False), (2e-4, 1e-5, False, False), (9e-5, 1e-9, False, False)],
+    ids=["beside nothing", "beside next to nothing", "beside noise", "fainter than anything believed"],
+)
+def test_a_faint_fourth_source_is_believed_where_two_directions_hold_next_to_nothing(
+    faintest: float, noise: float, four: bool, exact: bool
+) -> None:
+    held = torch.tensor([noise / 2, noise, faintest, 0.05, 0.2, 1.0], dtype=torch.float64)
+    turned = torch.linalg.qr(torch.randn(6, 6, dtype=torch.float64, generator=torch.Generator().manual_seed(0)))[0]
+    delayed = (turned @ torch.diag(held) @ turned.mT)[None]
+    assert [found.tolist() for found in empty(delayed, delayed, SumCriteria())] == [[four], [exact]]
+
+
+def test_where_colors_are_exact_motion_with_a_time_course_of_its_own_is_no_fifth_thing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    times = torch.arange(1500, dtype=torch.float64) / 100
+    light = torch.stack([1 + 0.7 * (rate * times + n).sin() for n, rate in enumerate((3.1, 4.3, 5.9, 7.3))], -1)
+    mixing = torch.tensor(
+        [
+            [1, 0, 0, 0, 1, 0.1, 0.3, 1, 0.1, 0.2],
+            [0, 1, 0, 0, 0.2, 1, 0.1, 0.1, 1, 0.2],
+            [0, 0, 1, 0, 0.2, 0.3, 1, 0.2, 0.1, 1],
+            [0, 0, 0, 1, 1, 0.9, 0.1, 0.9, 0.8, 0.1],
+        ],
+        dtype=torch.float64,
+    )
+    sums = light @ mixing
+    sums[:, 0] += 0.22 * (9.7 * times).sin()
+    covariances = SumStatistics()(100 * sums.float()).all.covariances[1].double()
+    scale = spread_groups(group_max(covariances[0].diagonal().sqrt()))
+
+    def number() -> int:
+        return int(sources_of(covariances / torch.outer(scale, scale), SourceCriteria(), SumCriteria()).number)
+
+    assert number() == 4
+    monkeypatch.setattr(directions, "NOTHING", 0.0)
+    assert number() == 5  # as where noise hides that the mixture is exact
