@@ -47,35 +47,23 @@ def grey_maxima(grey: Array, settle: bool, low: Array, gain: float, a: float, ne
     _, height, width = low.shape
     _, bands, blocks = cells.shape
     tall, wide = height // bands, width // blocks
-    # A band at a time: long loops, of numbers that stay in the cache.
-    size, peak = np.empty(tall * width, low.dtype), np.empty(width, low.dtype)
-    lit, one = np.empty((tall, width), low.dtype), low.dtype.type(1)
+    peaks, largest = as_whole(np.empty(width, low.dtype)), as_whole(cells)
+    now, before, after = grey.reshape(-1), low.reshape(-1), new_low.reshape(-1)
     bright = low.dtype.type(gain)
-    sizes, peaks, largest = as_whole(size), as_whole(peak), as_whole(cells)
+    if bright != low.dtype.type(1) and not settle:
+        lit = np.empty(before.size, low.dtype)
+        for k in range(before.size):
+            lit[k] = before[k] * bright
+        before = lit
     for eye in range(2):
         for band in range(bands):
-            start = band * tall
-            before, after = low[eye, start : start + tall], new_low[eye, start : start + tall]
-            if bright != one and not settle:
-                for y in range(tall):
-                    for x in range(width):
-                        lit[y, x] = before[y, x] * bright
-                before = lit
-            now = grey[eye, start : start + tall]
-            high_pass(now.reshape(-1), before.reshape(-1), settle, a, after.reshape(-1), size)
             for x in range(width):
-                peaks[x] = sizes[x]
-            for y in range(1, tall):
-                raise_to(peaks, sizes, np.uintp(y * width))
+                peaks[x] = 0
+            for y in range(tall):
+                start = np.uintp(((eye * bands + band) * tall + y) * width)
+                high_pass(now, before, start, settle, a, after, peaks)
             for block in range(blocks):
                 largest[eye, band, block] = highest(peaks, np.uintp(block * wide), wide)
-
-
-@apart
-def raise_to(peaks: Array, sizes: Array, start: Any) -> None:
-    """The larger of each of two numbers, from `start` on."""
-    for x in range(peaks.shape[0]):
-        peaks[x] = max(peaks[x], sizes[start + np.uintp(x)])
 
 
 @apart

@@ -68,7 +68,7 @@ def compare_cells(
     width = grey.shape[2]
     kind, n = found.dtype.type, wide - 1
     each = kind(1) / kind(n)
-    change = np.empty((2, width - 1), found.dtype)
+    pixels = grey.reshape(-1)
     # Of the rows of one band so far, in every column: long loops over neighbours. Blocks are summed up once a band.
     columns = np.zeros((2, 3, blocks * wide), found.dtype)
     sums = np.zeros((2, bands + 1, blocks, 3), found.dtype)
@@ -76,40 +76,28 @@ def compare_cells(
     share = soon.size // max(rows.size, 1) + 1
     for r in range(rows.size):
         ask_for(soon, np.uintp(r * share), share)
-        y = rows[r]
-        band = max(0, bands - 1 - y // tall)
-        for eye in range(2):
-            changes(grey[eye, r], change[eye])
+        band = max(0, bands - 1 - rows[r] // tall)
         for eye in range(2):
             away = -shift[r] if eye else shift[r]
-            begin, end = blocks, 0
-            for k in range(blocks):
-                start = first[eye] + wide * k
-                if start + away < 0 or start + away + n > width - 1:
-                    continue
-                begin, end = min(begin, k), k + 1
-                at, there = np.uintp(start), np.uintp(start + away)
+            # Blocks that are in both rows: from the first that begins there up to the first that ends outside.
+            begin = max(0, -((first[eye] + away) // wide))
+            end = min(blocks, (width - 1 - n - first[eye] - away) // wide + 1)
+            if begin >= end:
+                continue
+            at = np.uintp((eye * rows.size + r) * width + first[eye] + wide * begin)
+            there = np.uintp(((1 - eye) * rows.size + r) * width + first[eye] + away + wide * begin)
+            for k in range(begin, end):
+                x = np.uintp((k - begin) * wide)
                 # Changes add up to the difference of the last pixel and the first.
-                mine = grey[eye, r, at + np.uintp(n)] - grey[eye, r, at]
-                his = grey[1 - eye, r, there + np.uintp(n)] - grey[1 - eye, r, there]
+                mine = pixels[at + x + np.uintp(n)] - pixels[at + x]
+                his = pixels[there + x + np.uintp(n)] - pixels[there + x]
                 place = blocks - 1 - k if eye else k
                 of_all = mine * each
                 sums[eye, band, place, 0] -= of_all * his
                 sums[eye, band, place, 1] -= of_all * mine
                 sums[eye, band, place, 2] -= his * his * each
                 seen[eye, band, place] += 1
-            if begin < end:
-                start = first[eye] + wide * begin
-                size = wide * (end - begin) - 1
-                add_products(
-                    change[eye],
-                    np.uintp(start),
-                    change[1 - eye],
-                    np.uintp(start + away),
-                    columns[eye],
-                    np.uintp(wide * begin),
-                    size,
-                )
+            add_products(pixels, at, there, columns[eye], np.uintp(wide * begin), wide * (end - begin) - 1)
         if r + 1 == rows.size or band != max(0, bands - 1 - rows[r + 1] // tall):
             for eye in range(2):
                 for k in range(blocks):
@@ -131,18 +119,12 @@ def compare_cells(
 
 
 @apart
-def changes(row: Array, change: Array) -> None:
-    """From every pixel of a row to the next."""
-    for x in range(change.shape[0]):
-        change[x] = row[np.uintp(x + 1)] - row[x]
-
-
-@apart
-def add_products(one: Array, at: Any, other: Array, there: Any, sums: Array, column: Any, size: int) -> None:
-    """Add the products of so many numbers of two rows, and their squares, to their sums `[3, ...]`."""
+def add_products(pixels: Array, at: Any, there: Any, sums: Array, column: Any, size: int) -> None:
+    """Add the products of so many changes from pixel to pixel in two rows, and their squares, to their sums `[3, n]`."""
     for x in range(size):
         k = np.uintp(x)
-        mine, his = one[at + k], other[there + k]
+        mine = pixels[at + k + np.uintp(1)] - pixels[at + k]
+        his = pixels[there + k + np.uintp(1)] - pixels[there + k]
         sums[0, column + k] += mine * his
         sums[1, column + k] += mine * mine
         sums[2, column + k] += his * his

@@ -57,8 +57,10 @@ def ranging_control(
     level, evidence, tag, upright, trail = memory
     flow, profile, places, under, line = tables
     _, bands, blocks = cells.shape
-    evident = np.empty((2, bands, blocks), cells.dtype)
-    marks = np.empty(evident.size + under.size, cells.dtype)
+    marked = 2 * bands * blocks
+    marks = np.empty(marked + under.size, cells.dtype)
+    marks[marked:] = under
+    evident = marks[:marked].reshape((2, bands, blocks))
     speed, noise, age = float(numbers[0]), float(numbers[5]), float(numbers[6]) + 1
     noise = seen_floor(
         cells,
@@ -73,11 +75,6 @@ def ranging_control(
         (worth[0], worth[1]),
         evident,
     )
-    for k in range(marks.size):
-        if k < evident.size:
-            marks[k] = evident[k // (bands * blocks), k // blocks % bands, k % blocks]
-        else:
-            marks[k] = under[k - evident.size]
     leading, steps, count, step = arcs
     keep, fade, stopped, reach, cell, least, most, blocked, unknown = patch
     lengths = np.empty((2, count), cells.dtype)

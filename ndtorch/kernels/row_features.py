@@ -12,6 +12,8 @@ from ndtorch.kernels.strips import Array
 EDGE_SIDE, SAME_EDGE, BLUR = 1.5, 1.5, 2
 """As in `ndtorch.navigation.features`."""
 
+STRIDE = 32
+
 
 @exactly
 def largest(whole: Array, start: int, end: int) -> int:
@@ -20,8 +22,13 @@ def largest(whole: Array, start: int, end: int) -> int:
         return 0
     most = whole[start]
     for x in range(start + 1, end):
-        most = max(most, whole[x])
-    best = start
+        most = max(most, whole[np.uintp(x)])
+    # Some at once, in vector instructions, up to those among which it is.
+    best, found = start, False
+    while not found and best + STRIDE <= end:
+        for x in range(best, best + STRIDE):
+            found |= whole[np.uintp(x)] == most
+        best += 0 if found else STRIDE
     while whole[best] != most:
         best += 1
     return best

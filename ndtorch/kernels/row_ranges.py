@@ -43,6 +43,7 @@ def row_ranges(
     n, spacing, weakest, difference, reach, border, kept = finding
     width = low.shape[1]
     rows, motion = np.empty((2, width), low.dtype), np.empty(width, low.dtype)
+    now, before, after = rows.reshape(-1), low.reshape(-1), new_low.reshape(-1)
     column, strength = np.empty((2, n), low.dtype), np.empty((2, n), low.dtype)
     patch, good = np.empty((2, n, 3), low.dtype), np.empty((2, n), np.bool_)
     most, whole = np.zeros(1, low.dtype), as_whole(motion)
@@ -51,7 +52,8 @@ def row_ranges(
     left, every = np.intp(0), np.intp(1)
     for eye in range(2):
         grey_row(frames[eye], beside, top, left, every, unit, count, rows[eye])
-        high_pass(rows[eye], low[eye], settle, a, new_low[eye], motion)
+        whole[:] = 0
+        high_pass(now, before, np.uintp(eye * width), settle, a, after, whole)
         here = largest[0]
         for x in range(width):
             here = max(here, whole[x])

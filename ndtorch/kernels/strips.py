@@ -33,31 +33,38 @@ def grey_rows(
 
 
 @inner
-def high_pass(grey: Array, low: Array, settle: bool, a: float, after: Array, size: Array) -> None:
-    """One step of `NDMin` of many pixels in a row: new state into `after`, magnitude of the output into `size`.
+def high_pass(grey: Array, low: Array, start: Any, settle: bool, a: float, after: Array, whole: Array) -> None:
+    """One step of `NDMin` of some pixels in a row.
 
-    It starts at rest to `settle`.
+    Args:
+        grey, low: pixels and state, `[n]`.
+        start: where the row begins in them.
+        settle: it starts at rest.
+        after: becomes the new state there.
+        whole: of every column, becomes the magnitude of the output, or stays what it is where that is larger; in
+            numbers `as_whole`.
     """
     kind = grey.dtype.type
     if settle:
-        for x in range(grey.shape[0]):
-            after[x] = grey[x]
-            size[x] = abs(grey[x] - grey[x])
+        for x in range(whole.shape[0]):
+            after[start + np.uintp(x)] = grey[start + np.uintp(x)]
+            whole[x] = max(whole[x], bits_of(abs(grey[start + np.uintp(x)] - grey[start + np.uintp(x)])))
         return
     # As `torch.lerp` rounds it: from the nearer end. A loop for each is made of vector instructions.
     if kind(a) < kind(0.5):
-        toward(low, grey, kind(a), grey, after, size)
+        toward(low, grey, kind(a), grey, start, after, whole)
     else:
-        toward(grey, low, kind(1 - a), grey, after, size)
+        toward(grey, low, kind(1 - a), grey, start, after, whole)
 
 
 @apart
-def toward(one: Array, other: Array, share: float, grey: Array, after: Array, size: Array) -> None:
-    """Means between two rows, and how far from them a third is."""
-    for x in range(size.shape[0]):
-        mean = one[x] + share * (other[x] - one[x])
-        after[x] = mean
-        size[x] = abs(grey[x] - mean)
+def toward(one: Array, other: Array, share: float, grey: Array, start: Any, after: Array, whole: Array) -> None:
+    """Means between two rows, and how far from them a third is, where that is farther than before."""
+    for x in range(whole.shape[0]):
+        k = start + np.uintp(x)
+        mean = one[k] + share * (other[k] - one[k])
+        after[k] = mean
+        whole[x] = max(whole[x], bits_of(abs(grey[k] - mean)))
 
 
 def as_whole(size: Array) -> Array:
@@ -85,7 +92,18 @@ def view_of_whole(typing: Any, size: Any) -> Any:
     return whole(size), make
 
 
+def number_as_whole(typing: Any, number: Any) -> Any:
+    """`as_whole` of a single number."""
+    whole = numba.types.Integer.from_bitwidth(number.bitwidth)
+
+    def make(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        return builder.bitcast(given[0], context.get_value_type(whole))
+
+    return whole(number), make
+
+
 seen_as_whole: Any = numba.extending.intrinsic(view_of_whole)
+bits_of: Any = numba.extending.intrinsic(number_as_whole)
 
 
 @numba.extending.overload(as_whole, strict=False)
