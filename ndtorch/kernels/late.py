@@ -13,6 +13,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target
 
 from ndtorch.kernels.asked_once import asked_once
+from ndtorch.kernels.borrowed import borrowed
 from ndtorch.kernels.counted_plainly import counted_plainly, own, plain_counts
 
 JITCodeLibrary: Any = codegen.JITCodeLibrary
@@ -86,7 +87,7 @@ def optimised_once(name: str) -> Iterator[None]:
         collecting = gc.isenabled()
         gc.disable()
         try:
-            with asked_once(), counted_plainly():
+            with asked_once(), counted_plainly(), borrowed():
                 yield
         finally:
             del maker._library_class
