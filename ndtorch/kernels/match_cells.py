@@ -71,6 +71,7 @@ def compare_cells(
     pixels = grey.reshape(-1)
     # Of the rows of one band so far, in every column: long loops over neighbours. Blocks are summed up once a band.
     columns = np.zeros((2, 3, blocks * wide), found.dtype)
+    sums_of_rows = columns.reshape(-1)
     sums = np.zeros((2, bands + 1, blocks, 3), found.dtype)
     seen = np.zeros((2, bands + 1, blocks), np.int64)
     share = soon.size // max(rows.size, 1) + 1
@@ -103,7 +104,8 @@ def compare_cells(
                 for k in range(blocks):
                     place = blocks - 1 - k if eye else k
                     add_up(columns[eye], np.uintp(wide * k), n, sums[eye, band, place])
-            columns[:] = 0
+            for k in range(columns.size):
+                sums_of_rows[k] = 0
     step = 2 if rows.size < 2 else rows[1] - rows[0]
     for eye in range(2):
         for band in range(bands):
@@ -120,7 +122,7 @@ def compare_cells(
 
 @apart
 def add_products(pixels: Array, at: Any, there: Any, sums: Array, column: Any, size: int) -> None:
-    """Add the products of so many changes from pixel to pixel in two rows, and their squares, to their sums `[3, n]`."""
+    """Products of so many changes from pixel to pixel in two rows, and their squares, are added to sums `[3, n]`."""
     for x in range(size):
         k = np.uintp(x)
         mine = pixels[at + k + np.uintp(1)] - pixels[at + k]

@@ -59,7 +59,8 @@ def ranging_control(
     _, bands, blocks = cells.shape
     marked = 2 * bands * blocks
     marks = np.empty(marked + under.size, cells.dtype)
-    marks[marked:] = under
+    for k in range(under.size):
+        marks[marked + k] = under[k]
     evident = marks[:marked].reshape((2, bands, blocks))
     speed, noise, age = float(numbers[0]), float(numbers[5]), float(numbers[6]) + 1
     noise = seen_floor(

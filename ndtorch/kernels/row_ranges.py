@@ -52,7 +52,8 @@ def row_ranges(
     left, every = np.intp(0), np.intp(1)
     for eye in range(2):
         grey_row(frames[eye], beside, top, left, every, unit, count, rows[eye])
-        whole[:] = 0
+        for x in range(width):
+            whole[x] = 0
         high_pass(now, before, np.uintp(eye * width), settle, a, after, whole)
         here = largest[0]
         for x in range(width):

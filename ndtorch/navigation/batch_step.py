@@ -1,10 +1,11 @@
-"""Steps of many cars, one frame of each camera of each: the kernel of a whole step for one car after the other."""
+"""Steps of many cars, one frame of each camera of each, by one kernel."""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -45,15 +46,14 @@ def batch_step(
     form = whole.form(quick, torch.Size(shape[1:]), torch.Size(row[1:]), kind, (False, False))
     if before is None or form is None or not all(map(quick.ready, before.small)):
         return None
-    moved: Any = [(False, 0.0, 0.0)] * cars
+    moved = np.zeros((2, cars))
     if driven is not None:
         if not isinstance(driven, Command) or any(part.shape != (cars, 1) for part in driven):
             return None
-        speeds, bends = (part.flatten().tolist() for part in driven)
-        if not all(map(math.isfinite, (*speeds, *bends))):
+        moved[0], moved[1] = (part.flatten().tolist() for part in driven)
+        if not np.isfinite(moved).all():
             return None
-        moved = [(True, *pair) for pair in zip(speeds, bends, strict=True)]
-    return run(whole, quick, frames, form, before, state, moved)
+    return run(whole, quick, frames, form, before, state, driven is not None, moved)
 
 
 def packed(whole: WholeStep, quick: QuickControl, state: NavigatorState, cars: int, kind: torch.dtype) -> Packed | None:
@@ -83,6 +83,7 @@ def run(
     form: tuple[Any, Any],
     before: Packed,
     state: NavigatorState,
+    given: bool,
     moved: Any,
 ) -> Stepped:
     """The step itself."""
@@ -93,24 +94,19 @@ def run(
     found = torch.empty(cars, n, dtype=torch.bool)
     after, valid = Packed(large.numpy(), small.numpy()), found.numpy()
     eyes = [eye.contiguous().numpy() for eye in frames]
-    step = kernel(quick.kernel, (eyes[0].dtype, after.large.dtype)).run
-    clock = (reckoning.dt, reckoning.drift * reckoning.dt, 1 + reckoning.scale_error)
-    rest = quick.arrays(after.large.dtype)
-    largest = 0.0
-    for car in range(cars):
-        one, other, _ = step(
-            *(eye[car] for eye in eyes),
-            *form,
-            *clock,
-            False,
-            *moved[car],
-            *(part[car] for part in before),
-            *(part[car] for part in after),
-            valid[car],
-            *rest,
-        )
-        for peak in (one, other):
-            largest = peak if peak > largest or math.isnan(peak) else largest
+    largest = kernel(quick.cars, (eyes[0].dtype, after.large.dtype)).run(
+        *eyes,
+        *form,
+        reckoning.dt,
+        reckoning.drift * reckoning.dt,
+        1 + reckoning.scale_error,
+        given,
+        moved,
+        *before,
+        *after,
+        valid,
+        *quick.arrays(after.large.dtype),
+    )
     if frames[0].is_floating_point():
         check_unit_range(torch.tensor(largest), frames[0])
     images, rows, *arrays = large.split_with_sizes((pixels, 2 * width, *quick.sizes), 1)

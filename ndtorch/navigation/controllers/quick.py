@@ -13,7 +13,7 @@ class QuickControl(ABC):
     """A controller as the kernel of a whole step has it: its state is single numbers and arrays.
 
     Attributes:
-        kernel: its name.
+        kernel, cars: its name, and that of the kernel that steps many cars.
         shape: of the state of the fields' filters, `(2, h, w)`.
         inward: pixels from the left edges of the fields to those of their cells.
         cells: how many columns of the fields make one that is looked at, and bands and blocks of cells.
@@ -24,6 +24,7 @@ class QuickControl(ABC):
     """
 
     kernel: str
+    cars: str
     shape: tuple[int, int, int]
     cells: tuple[int, int, int]
     inward: tuple[int, int] = (0, 0)

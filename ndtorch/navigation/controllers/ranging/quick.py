@@ -42,7 +42,7 @@ class QuickRanging(QuickControl):
         rig: the camera pair.
     """
 
-    kernel, count = "ranging_step", 10
+    kernel, cars, count = "ranging_step", "ranging_cars", 10
 
     def __init__(
         self,
