@@ -3,7 +3,8 @@
 Drives through all arenas with textured and with blank walls. What is seen is made darker or brighter and noisy, and
 judged as on a car. Prints every false stop, and how long was driven; the exit code is 1 when there was one. Before a
 wall without any mark that fills row and subfield a car does stop; this is counted by itself. So is a stop before a wall
-with marks of which the undisturbed picture shows less than two levels of gray, because it is dark.
+with marks of which the undisturbed picture shows less contrast than a row must have, in the row and in the subfield: a
+piece without marks, or a wall in the dark.
 """
 
 from __future__ import annotations
@@ -76,7 +77,8 @@ class Judge:
     def dark(self, eye: torch.Tensor | Strips, factor: float) -> bool:
         """Whether an undisturbed picture shows nothing at this light, however much that is of its brightness."""
         seen = look(self.lit(eye, factor, 0.0)).figures
-        return seen.row_spread < LIMITS.row_contrast and seen.field_spread < LIMITS.field_contrast
+        least = max(LIMITS.row_contrast, LIMITS.field_contrast)
+        return seen.row_spread < least and seen.field_spread < least
 
     def part(self, part: torch.Tensor, factor: float, noise: float) -> torch.Tensor:
         """One picture."""

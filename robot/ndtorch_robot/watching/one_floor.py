@@ -46,6 +46,9 @@ BEFORE = 6
 VIEWS = 20
 """Views in a row without one floor after which it is lost: 0.8 m of way, or a radian of turns, or more."""
 
+WORSE = 0.2
+"""How much worse a wall must fit with the cameras swapped, or with one turned round, to say that they are not."""
+
 PATCH, STEP = 64, 4
 """Columns of what is looked for where there is a wall, and rows between two that are compared."""
 
@@ -62,7 +65,7 @@ class OneFloor:
 
     Attributes:
         wall: at the last look both saw one wall where the floor should be, so near that nothing at the horizon has its
-            partner where rows are compared.
+            partner where rows are compared, and it fits worse with them swapped: a smooth floor does not.
     """
 
     def __init__(self, rig: StereoRig, rects: tuple[Rect, Rect]) -> None:
@@ -112,9 +115,11 @@ class OneFloor:
             self.seen, self.without = self.seen + 1, 0
             return sure
         if clear >= CLEAR:
-            wall, near = wall_likeness(*pair, self.rects[0].left - self.rects[1].left)
-            self.wall = near >= SEEN
-            if likeness >= LOST * clear:
+            apart = self.rects[0].left - self.rects[1].left
+            wall, near = wall_likeness(*pair, apart)
+            swapped = wall_likeness(*pair[::-1], -apart)[0] if wall >= SEEN else 1.0
+            self.wall = near >= SEEN and swapped <= near - WORSE
+            if likeness >= LOST * clear or (swapped <= wall - WORSE and self.one_way_up(*pair, wall)):
                 self.without = 0
             elif wall < SEEN and is_new(view, self.view):
                 self.view, self.without = view, self.without + 1
@@ -124,6 +129,13 @@ class OneFloor:
     def like(self, ours: Floats, theirs: Floats, params: NearParams) -> float:
         """How alike the floor in both pictures is, where it must lie."""
         return floor_likeness(ours, np.ascontiguousarray(theirs), self.rects, self.rig, params, compiled())
+
+    def one_way_up(self, ours: Floats, theirs: Floats, wall: float) -> bool:
+        """Whether the wall that both see fits worse with one of them turned round."""
+        turned, _ = wall_likeness(
+            ours, np.ascontiguousarray(theirs[::-1, ::-1]), self.rects[0].left - self.rects[1].left
+        )
+        return turned <= wall - WORSE
 
     @property
     def lost(self) -> bool:

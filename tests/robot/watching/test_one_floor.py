@@ -185,6 +185,36 @@ def test_a_near_wall_hides_the_floor_of_good_cameras():
     assert mine.without == 3
 
 
+@pytest.mark.parametrize("smooth", [False, True])
+def test_a_wall_that_fits_one_way_up_alone_shows_how_cameras_lie(smooth):
+    """One that fits either way up neither clears them nor speaks against them."""
+    paper = floor(0.0)[0].astype(np.float32)
+    if smooth:
+        columns = np.arange(paper.shape[1]) - (paper.shape[1] - 1) / 2
+        paper = np.broadcast_to(60 + 120 * np.exp(-((columns / 150) ** 2)), paper.shape).astype(np.float32)
+    wall = (paper, paper if smooth else np.roll(paper, 80 - 150, 1))
+    mine = judge()
+    look(mine, BEFORE)
+    look(mine, 10, upside_down, begin=BEFORE)
+    assert mine.without == 10
+    look(mine, 1, lambda *_: wall, begin=BEFORE + 10)
+    assert mine.without == (10 if smooth else 0)
+    assert not mine.wall
+
+
+def test_a_smooth_floor_of_swapped_cameras_is_no_near_wall():
+    """It fits about as well where a near wall would be, and better on its own side."""
+    columns = np.arange(RECTS[0].right - RECTS[0].left) - 280
+    paper = np.broadcast_to(60 + 120 * np.exp(-((columns / 60) ** 2)), (70, len(columns))).astype(np.float32)
+    apart = RECTS[0].left - RECTS[1].left
+    mine = judge()
+    look(mine, 1, lambda *_: (np.roll(paper, 170, 1), np.roll(paper, -170, 1)))
+    assert mine.wall
+    look(mine, 1, lambda *_: (paper + np.roll(paper, 250, 1), paper + np.roll(paper, -250, 1)), begin=1)
+    assert wall_likeness(paper + np.roll(paper, 250, 1), paper + np.roll(paper, -250, 1), apart)[1] >= 0.7
+    assert not mine.wall
+
+
 @pytest.mark.parametrize(("disparity", "near"), [(150, False), (230, False), (250, True), (400, True)])
 def test_a_wall_is_near_where_the_rows_cannot_have_partners(disparity, near):
     """They are looked for up to 240 pixels apart."""
