@@ -29,7 +29,7 @@ LAGS = (8, 4)
 HARDLY = 3.2
 """A subfield whose contrast is less than so many times the limit shows little."""
 
-GRAIN, NO_GRAIN = 0.1, 0.05
+GRAIN, NO_GRAIN = 0.1, 0.03
 """Second difference of a subfield's blocks, as a share of their spread, below which floor has no grain, and none for
 sure: blurred."""
 
