@@ -76,6 +76,7 @@ class OneFloor:
             floor=SEEN, floor_from=0.99 * near, floor_to=DEEP * near, floor_beside=BESIDE, tilt=SURE
         )
         self.tilted = replace(self.params, tilt=TILT)
+        self.apart = rects[0].left - rects[1].left
         self.size = (rects[0].bottom - rects[0].top, rects[0].right - rects[0].left)
         self.asked = self.seen = self.without = 0
         self.view: tuple[float, float] | None = None
@@ -115,9 +116,8 @@ class OneFloor:
             self.seen, self.without = self.seen + 1, 0
             return sure
         if clear >= CLEAR:
-            apart = self.rects[0].left - self.rects[1].left
-            wall, near = wall_likeness(*pair, apart)
-            swapped = wall_likeness(*pair[::-1], -apart)[0] if wall >= SEEN else 1.0
+            wall, near = wall_likeness(*pair, self.apart)
+            swapped = wall_likeness(*pair[::-1], -self.apart)[0] if wall >= SEEN else 1.0
             self.wall = near >= SEEN and swapped <= near - WORSE
             if likeness >= LOST * clear or (swapped <= wall - WORSE and self.one_way_up(*pair, wall)):
                 self.without = 0
@@ -132,9 +132,7 @@ class OneFloor:
 
     def one_way_up(self, ours: Floats, theirs: Floats, wall: float) -> bool:
         """Whether the wall that both see fits worse with one of them turned round."""
-        turned, _ = wall_likeness(
-            ours, np.ascontiguousarray(theirs[::-1, ::-1]), self.rects[0].left - self.rects[1].left
-        )
+        turned, _ = wall_likeness(ours, np.ascontiguousarray(theirs[::-1, ::-1]), self.apart)
         return turned <= wall - WORSE
 
     @property
