@@ -6,6 +6,7 @@ from math import sqrt
 
 import numpy as np
 
+from ndtorch.kernels.any_of import any_of
 from ndtorch.kernels.filters import Array
 
 
@@ -22,7 +23,8 @@ def field_signals(images: Array, silhouettes: Array, sums: Array, signals: Array
     fields = sums.shape[0]
     tilted = np.zeros((fields, 3))
     for y in range(height):
-        for x in range(width):
+        some = any_of(silhouettes[2 * y]) or any_of(silhouettes[2 * y + 1])
+        for x in range(width if some else 0):
             top = max(silhouettes[2 * y, 2 * x], silhouettes[2 * y, 2 * x + 1])
             name = max(top, max(silhouettes[2 * y + 1, 2 * x], silhouettes[2 * y + 1, 2 * x + 1]))
             if name > 0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ndtorch.kernels.any_of import any_of
 from ndtorch.kernels.filters import Array
 from ndtorch.kernels.inner import apart, apart_exactly
 
@@ -16,8 +17,6 @@ def field_sums(
     delayed: Array,
     a_high: float,
     a_low: float,
-    new_slow: Array,
-    new_delayed: Array,
     strongest: Array,
     sums: Array,
 ) -> None:
@@ -26,7 +25,7 @@ def field_sums(
     Args:
         picture, ground: `[3, h, w]`.
         silhouettes: `[h, w]` int32.
-        slow, delayed, new_slow, new_delayed: `MotionState` before and after, `[3, h / 2, w / 2]`.
+        slow, delayed: `MotionState`; become that after the step, `[3, h / 2, w / 2]`.
         a_high, a_low: shares of its filters.
         strongest: becomes the largest difference from the ground among the colors, `[h / 2, w / 2]`.
         sums: becomes pixels, motion across and along, and red, green and blue of each field, `[fields, 6]`
@@ -37,22 +36,24 @@ def field_sums(
     fields = sums.shape[0]
     quarter, shares = kind(0.25), (a_high, a_low)
     high, color = np.empty((3, height, width), picture.dtype), np.empty(3, picture.dtype)
-    lines = np.empty((3, 2 * width), picture.dtype)
+    upper, lower = np.empty(2 * width, picture.dtype), np.empty(2 * width, picture.dtype)
+    seen, some = np.empty(width, picture.dtype), np.empty(height, np.bool_)
     for n in range(fields):
         for k in range(6):
             sums[n, k] = 0
     for y in range(height):
-        strongest[y] = 0
-        for c in range(3):
-            seen = lines[2, :width]
-            for j in range(2):
-                differ(picture[c, 2 * y + j], ground[c, 2 * y + j], silhouettes[2 * y + j], lines[j])
-            halve(lines[0], lines[1], quarter, seen)
-            pass_high(
-                seen, slow[c, y], delayed[c, y], shares, new_slow[c, y], new_delayed[c, y], high[c, y], strongest[y]
-            )
-    for y in range(height):
+        # Mostly no silhouette is there, and the filters only fade.
+        some[y] = any_of(silhouettes[2 * y]) or any_of(silhouettes[2 * y + 1])
         for x in range(width):
+            strongest[y, x] = seen[x] = 0
+        for c in range(3):
+            if some[y]:
+                differ(picture[c, 2 * y], ground[c, 2 * y], silhouettes[2 * y], upper)
+                differ(picture[c, 2 * y + 1], ground[c, 2 * y + 1], silhouettes[2 * y + 1], lower)
+                halve(upper, lower, quarter, seen)
+            pass_high(seen, shares, slow[c, y], delayed[c, y], high[c, y], strongest[y])
+    for y in range(height):
+        for x in range(width if some[y] else 0):
             top = max(silhouettes[2 * y, 2 * x], silhouettes[2 * y, 2 * x + 1])
             name = max(top, max(silhouettes[2 * y + 1, 2 * x], silhouettes[2 * y + 1, 2 * x + 1]))
             if name <= 0:
@@ -60,15 +61,15 @@ def field_sums(
             n = (name - 1) % fields
             across, along, grey = 0.0, 0.0, kind(0)
             for c in range(3):
-                here, late = np.float64(high[c, y, x]), np.float64(new_delayed[c, y, x])
+                here, late = np.float64(high[c, y, x]), np.float64(delayed[c, y, x])
                 if x + 1 < width:
-                    across += high[c, y, x + 1] * late - here * new_delayed[c, y, x + 1]
+                    across += high[c, y, x + 1] * late - here * delayed[c, y, x + 1]
                 if x:
-                    across += here * new_delayed[c, y, x - 1] - high[c, y, x - 1] * late
+                    across += here * delayed[c, y, x - 1] - high[c, y, x - 1] * late
                 if y + 1 < height:
-                    along += high[c, y + 1, x] * late - here * new_delayed[c, y + 1, x]
+                    along += high[c, y + 1, x] * late - here * delayed[c, y + 1, x]
                 if y:
-                    along += here * new_delayed[c, y - 1, x] - high[c, y - 1, x] * late
+                    along += here * delayed[c, y - 1, x] - high[c, y - 1, x] * late
                 color[c] = quarter * (
                     (picture[c, 2 * y, 2 * x] + picture[c, 2 * y, 2 * x + 1])
                     + (picture[c, 2 * y + 1, 2 * x] + picture[c, 2 * y + 1, 2 * x + 1])
@@ -100,24 +101,17 @@ def halve(upper: Array, lower: Array, quarter: float, found: Array) -> None:
 
 @apart
 def pass_high(
-    seen: Array,
-    slow: Array,
-    delayed: Array,
-    shares: tuple[float, float],
-    new_slow: Array,
-    new_delayed: Array,
-    high: Array,
-    strongest: Array,
+    seen: Array, shares: tuple[float, float], slow: Array, delayed: Array, high: Array, strongest: Array
 ) -> None:
     """High-pass and delay of one color of one row, and the largest value of the colors so far."""
     kind = high.dtype.type
     share, lag, tiny, none = kind(shares[0]), kind(shares[1]), kind(1e-30), kind(0)
     for x in range(high.shape[0]):
-        here = seen[x]
-        mean = slow[x] + share * (here - slow[x])
+        here, before, ago = seen[x], slow[x], delayed[x]
+        mean = before + share * (here - before)
         fast = here - mean
-        late = delayed[x] + lag * (fast - delayed[x])
+        late = ago + lag * (fast - ago)
         high[x] = fast
-        new_slow[x] = mean if abs(mean) > tiny else none
-        new_delayed[x] = late if abs(late) > tiny else none
+        slow[x] = mean if abs(mean) > tiny else none
+        delayed[x] = late if abs(late) > tiny else none
         strongest[x] = max(strongest[x], abs(here))

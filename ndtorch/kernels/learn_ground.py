@@ -23,25 +23,22 @@ def learn_ground(
     hold: float,
     surprise: float,
     mean_size: float,
-    new_ground: Array,
-    new_deviation: Array,
-    new_known: Array,
 ) -> None:
     """See `ndtorch.vision.camera.figures.learn`.
 
     Args:
-        picture, ground, deviation: `[3, h, w]`.
+        picture: `[3, h, w]`.
+        ground, deviation: likewise; they become those after the step.
         noise: of each color, `[3]`.
-        kept, quiet, known: `[h, w]`.
+        kept, quiet: `[h, w]`.
+        known: likewise; becomes that after the step.
         needed: seconds without motion after which the ground is known.
         dt, a_ground, a_noise, hold, surprise, mean_size: time step and constants.
-        new_ground, new_deviation: become those after the step, `[3, h, w]`.
-        new_known: likewise, `[h, w]`.
     """
     kind, width = picture.dtype.type, picture.shape[2]
     pace, slow, cap = np.empty(width, kind), np.empty(width, kind), np.empty(width, kind)
     for y in range(picture.shape[1]):
-        paces(kept[y], quiet[y], known[y], needed, (dt, a_ground, a_noise, hold), pace, slow, cap, new_known[y])
+        paces(kept[y], quiet[y], known[y], needed, (dt, a_ground, a_noise, hold), pace, slow, cap)
         for c in range(3):
             follow_row(
                 picture[c, y],
@@ -51,8 +48,6 @@ def learn_ground(
                 pace,
                 slow,
                 cap,
-                new_ground[c, y],
-                new_deviation[c, y],
             )
 
 
@@ -66,7 +61,6 @@ def paces(
     pace: Array,
     slow: Array,
     fresh: Array,
-    new_known: Array,
 ) -> None:
     """Paces of the ground and of its noise in one row, and 1 where the ground becomes known, 0 elsewhere."""
     kind = pace.dtype.type
@@ -75,7 +69,7 @@ def paces(
         free = one - held * kept[x]
         before = known[x] > 0
         settled = before | (quiet[x] >= needed)
-        new_known[x] = settled
+        known[x] = settled
         pace[x] = share * free if before else step / (quiet[x] + step)
         slow[x] = follow * free if before else follow
         fresh[x] = settled & (not before)
@@ -90,17 +84,16 @@ def follow_row(
     pace: Array,
     slow: Array,
     fresh: Array,
-    new_ground: Array,
-    new_deviation: Array,
 ) -> None:
     """The ground and its noise follow one color of one row.
 
     Loops are made of vector instructions only as no array overlaps one that is written to.
     """
-    kind = new_ground.dtype.type
+    kind = ground.dtype.type
     least, most, usual = kind(limits[0]), kind(limits[1]), kind(limits[2])
-    for x in range(new_ground.shape[0]):
-        difference, own = picture[x] - ground[x], deviation[x]
+    for x in range(ground.shape[0]):
+        before, own = ground[x], deviation[x]
+        difference = picture[x] - before
         own = own + slow[x] * (min(abs(difference), most * max(least, own)) - own)
-        new_deviation[x] = min(own, least * usual) if fresh[x] > 0 else own
-        new_ground[x] = ground[x] + pace[x] * difference
+        deviation[x] = min(own, least * usual) if fresh[x] > 0 else own
+        ground[x] = before + pace[x] * difference

@@ -13,20 +13,41 @@ def mark_most(image: Array, side: int, found: Array) -> None:
     """`ndtorch.vision.camera.figures.most_of` of an image of 1 and 0, `[h, w]` uint8, into `found`, likewise."""
     height, width = image.shape
     half = side // 2
+    if side == 3:
+        near = np.empty(width + 2, np.uint8)
+        for y in range(height):
+            add_three(image[inside(y - 1, height)], image[y], image[inside(y + 1, height)], near)
+            near[0], near[width + 1] = near[1 + inside(-1, width)], near[1 + inside(width, width)]
+            mark_five(near, found[y])
+        return
     # Beyond its edges the image goes on mirrored at the middle of its outer pixels.
     line, sums = np.empty(width + side, np.int32), np.empty(width, np.int32)
     for y in range(height):
-        line[:] = 0
+        for x in range(width):
+            line[half + x] = sums[x] = 0
         for j in range(side):
             add_marks(image[inside(y - half + j, height)], line[half : half + width])
         for x in range(half):
             line[x] = line[half + inside(x - half, width)]
         for x in range(width, width + side - half):
             line[half + x] = line[half + inside(x, width)]
-        sums[:] = 0
         for j in range(side):
             add_marks(line[j : j + width], sums)
         mark_large(sums, side * side, found[y])
+
+
+@apart
+def add_three(upper: Array, middle: Array, lower: Array, near: Array) -> None:
+    """Sums of three rows of marks, from the second number on: bytes, for that takes a fourth of the time."""
+    for x in range(middle.shape[0]):
+        near[x + 1] = upper[x] + middle[x] + lower[x]
+
+
+@apart
+def mark_five(near: Array, found: Array) -> None:
+    """Mark where three such sums are five or more of nine."""
+    for x in range(found.shape[0]):
+        found[x] = np.uint8(near[x] + near[x + 1] + near[x + 2]) >= np.uint8(5)
 
 
 @apart

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import apart
+from ndtorch.kernels.inner import apart, inner
 from ndtorch.kernels.most_of import mark_most
 from ndtorch.kernels.nth import few_of, middle_of
 
@@ -26,23 +26,20 @@ def restless(
     sizes: tuple[float, float],
     follow: float,
     surprise: float,
-    after: Array,
-    still: Array,
 ) -> float:
     """See `ndtorch.vision.camera.figures.stillness`.
 
     Args:
         picture, before: blurred, `[3, h, w]`.
-        own: mean change from picture to picture, `[h, w]`.
-        quiet: seconds without motion, and known: where the ground is, `[h, w]`.
+        own: mean change from picture to picture, and quiet: seconds without motion, `[h, w]`; they become those after
+            the step.
+        known: where the ground is, `[h, w]`.
         out: 1 where something stands out, `[h, w]` uint8.
         dt: seconds of a step.
         side: of the square in which most must have moved.
         block, other: side of a block, and difference of its mean from that before which makes it another.
         moved, spread, follow, surprise: constants.
         sizes: mean magnitude of a normal variable against its deviation, and median of its magnitude likewise.
-        after: becomes the mean change, `[h, w]`.
-        still: becomes the seconds without motion, `[h, w]`.
 
     Returns:
         The share of the blocks that are others, -1 where the picture has no whole number of blocks.
@@ -51,60 +48,64 @@ def restless(
     kind = picture.dtype.type
     change, others = np.empty((height, width), picture.dtype), 0
     across, whole = width // block, height % block == 0 and width % block == 0
-    sums, least_sum = np.zeros((3, width), picture.dtype), kind(other * block * block)
-    third, usual = kind(1 / 3), kind(1 / sizes[0])
+    red, green, blue = np.zeros(width, kind), np.zeros(width, kind), np.zeros(width, kind)
+    least_sum, third, usual = kind(other * block * block), kind(1 / 3), kind(1 / sizes[0])
     for y in range(height):
-        add_change(picture[0, y], before[0, y], change[y], True)
-        add_change(picture[1, y], before[1, y], change[y], False)
-        add_change(picture[2, y], before[2, y], change[y], False)
-        for x in range(width):
-            change[y, x] *= third
-        if not whole:
-            continue
-        for c in range(3):
-            add_difference(picture[c, y], before[c, y], sums[c])
-        if y % block == block - 1:
+        now, then = (picture[0, y], picture[1, y], picture[2, y]), (before[0, y], before[1, y], before[2, y])
+        add_changes(now[0], now[1], now[2], then[0], then[1], then[2], third, change[y], red, green, blue)
+        if whole and y % block == block - 1:
             for n in range(across):
-                most = kind(0)
-                for c in range(3):
-                    most = max(most, abs(sums[c, n * block : (n + 1) * block].sum()))
-                others += most > least_sum
-            sums[:] = 0
+                others += max(sum_of(red, n, block), sum_of(green, n, block), sum_of(blue, n, block)) > least_sum
     some = few_of(change)
     noise = kind(middle_of(some, some.shape[0]) / kind(sizes[1]))
     over, unknown = np.empty((height, width), np.uint8), 0
     limits = (noise, kind(moved), kind(spread), kind(surprise), kind(follow), usual)
     for y in range(height):
-        unknown += judge(change[y], own[y], known[y], limits, over[y], after[y])
-    moves = np.zeros((height + 2, width + 2), np.uint8)
-    mark_most(over, side, moves[1:-1, 1:-1])
+        unknown += judge(change[y], own[y], known[y], limits, over[y])
+    moves = np.empty((height, width), np.uint8)
+    mark_most(over, side, moves)
     if unknown:
-        stands = np.zeros((height, width), np.uint8)
-        mark_most(out, side, stands)
+        mark_most(out, side, over)
         for y in range(height):
-            for x in range(width):
-                moves[y + 1, x + 1] |= stands[y, x] & (known[y, x] == 0)
-    near = np.empty(width + 2, np.uint8)
+            add_unknown(over[y], known[y], moves[y])
+    near = np.zeros(width + 2, np.uint8)
     for y in range(height):
-        upper, middle, lower = moves[y], moves[y + 1], moves[y + 2]
-        join(upper, middle, lower, near)
-        wait(near, quiet[y], kind(dt), still[y])
+        join(moves[max(y - 1, 0)], moves[y], moves[min(y + 1, height - 1)], near)
+        wait(near, kind(dt), quiet[y])
     return others / (height // block * across) if whole else -1.0
 
 
 @apart
-def add_change(picture: Array, before: Array, change: Array, first: bool) -> None:
-    """Add how much one color of a row has changed; the first one starts anew."""
-    none = change.dtype.type(0)
+def add_changes(
+    red: Array,
+    green: Array,
+    blue: Array,
+    old_red: Array,
+    old_green: Array,
+    old_blue: Array,
+    third: float,
+    change: Array,
+    red_sums: Array,
+    green_sums: Array,
+    blue_sums: Array,
+) -> None:
+    """How much a row has changed in the mean of its colors, and what each has gained, which is added to sums."""
     for x in range(change.shape[0]):
-        change[x] = (none if first else change[x]) + abs(picture[x] - before[x])
+        r, g, b = red[x] - old_red[x], green[x] - old_green[x], blue[x] - old_blue[x]
+        change[x] = (abs(r) + abs(g) + abs(b)) * third
+        red_sums[x] += r
+        green_sums[x] += g
+        blue_sums[x] += b
 
 
-@apart
-def add_difference(picture: Array, before: Array, sums: Array) -> None:
-    """Add what one color of a row has gained."""
-    for x in range(sums.shape[0]):
-        sums[x] += picture[x] - before[x]
+@inner
+def sum_of(sums: Array, n: int, block: int) -> float:
+    """Magnitude of the sum over one block, after which it begins anew."""
+    total = sums.dtype.type(0)
+    for x in range(n * block, (n + 1) * block):
+        total += sums[x]
+        sums[x] = 0
+    return float(abs(total))
 
 
 @apart
@@ -114,30 +115,36 @@ def judge(
     known: Array,
     limits: tuple[float, float, float, float, float, float],
     over: Array,
-    after: Array,
 ) -> int:
     """Mark what changes by more than noise in a row, and learn that; of how many pixels the ground is not known."""
     noise, moved, spread, surprise, follow, usual = limits
     unknown = np.int32(0)
-    for x in range(after.shape[0]):
+    for x in range(over.shape[0]):
         here, usually = change[x], own[x]
         least = max(noise, usually * usual)
         over[x] = here > max(moved, spread * least)
-        after[x] = usually + follow * (min(here, surprise * least) - usually)
+        own[x] = usually + follow * (min(here, surprise * least) - usually)
         unknown += np.int32(known[x] == 0)
     return int(unknown)
 
 
 @apart
+def add_unknown(stands: Array, known: Array, moves: Array) -> None:
+    """Add marks to others where the ground is not known."""
+    for x in range(moves.shape[0]):
+        moves[x] |= stands[x] & np.uint8(known[x] == 0)
+
+
+@inner
 def join(upper: Array, middle: Array, lower: Array, near: Array) -> None:
-    """Marks of three rows."""
-    for x in range(near.shape[0]):
-        near[x] = upper[x] | middle[x] | lower[x]
+    """Marks of three rows, from the second number on. At an edge two of them are one."""
+    for x in range(middle.shape[0]):
+        near[x + 1] = upper[x] | middle[x] | lower[x]
 
 
 @apart
-def wait(near: Array, quiet: Array, dt: float, still: Array) -> None:
+def wait(near: Array, dt: float, quiet: Array) -> None:
     """Seconds without motion go on where no neighbour is marked, and begin anew elsewhere."""
-    none = still.dtype.type(0)
-    for x in range(still.shape[0]):
-        still[x] = none if near[x] | near[x + 1] | near[x + 2] else quiet[x] + dt
+    none = quiet.dtype.type(0)
+    for x in range(quiet.shape[0]):
+        quiet[x] = none if near[x] | near[x + 1] | near[x + 2] else quiet[x] + dt

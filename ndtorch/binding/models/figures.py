@@ -11,22 +11,22 @@ from torch import Tensor
 
 from ndtorch.arguments import check_dense, check_state
 from ndtorch.binding.models.contract import BindingModel, Nested, Verdict, states_of
-from ndtorch.binding.models.figures_state import FiguresConfig, FiguresSignals, FiguresState, SeenState
+from ndtorch.binding.models.figures_memory import Memory
+from ndtorch.binding.models.figures_state import FiguresConfig, FiguresSignals, FiguresState
 from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.normalise import FieldInputs
 from ndtorch.binding.objects import BoundObject
 from ndtorch.binding.readout.owners import features_by_group
 from ndtorch.binding.tracking.figures import Figure, figures_of, table_of
 from ndtorch.binding.tracking.following import follow
-from ndtorch.binding.tracking.many import COMING, Comings, comings
-from ndtorch.binding.tracking.regions import holes, parted, regions_of, still_of
-from ndtorch.binding.tracking.restless import at_rest, come_and_gone
+from ndtorch.binding.tracking.many import comings
+from ndtorch.binding.tracking.regions import Bytes, Floats, holes, parted, regions_of, still_of
+from ndtorch.binding.tracking.restless import come_and_gone
 from ndtorch.binding.tracking.shades import Light, shade_of
 from ndtorch.binding.tracking.silhouettes import marked, told
 from ndtorch.errors import InputError
 from ndtorch.vision.camera.figure_signals import FigureSignals, Sensed
-from ndtorch.vision.camera.figures import ground_start, ground_step
-from ndtorch.vision.camera.ground import GroundState
+from ndtorch.vision.camera.figures import ground_start, ground_step, learn, square
 from ndtorch.vision.camera.shrunk import shrunk
 from ndtorch.vision.features import FEATURES, GROUPS
 from ndtorch.vision.frames import check_frames
@@ -90,7 +90,8 @@ class FiguresModel(BindingModel):
             raise InputError("figures has no gradients: detach the frames, or take the model video")
         check_state(state, FiguresState)
         state = self._start() if state is None else state
-        seen, waiting, counted = state.seen, state.waiting, int(state.frames)
+        seen = None if state.seen is None else Memory.of(state.seen)
+        waiting, counted = state.waiting, int(state.frames)
         began, time = int(state.began), float(state.time)
         open_, closing = figures_of(state.open), list[Figure]()
         rows, shapes, masks, times, who, cuts = [], [], [], [], [], list[bool]()
@@ -102,7 +103,9 @@ class FiguresModel(BindingModel):
                     continue
                 picture, waiting = (waiting / self.group).numpy(), torch.zeros_like(waiting)
             time = (counted + k) / self.fps
-            sensed, mask, seen, open_, late, began, cut = self._step(picture, seen, open_, time, began)
+            if seen is None:
+                seen = Memory.blank(ground_start(picture, self.config.ground))
+            sensed, mask, open_, late, began, cut = self._step(picture, seen, open_, time, began)
             closing += [one for one in late if one.known]
             rows.append(sensed)
             shapes.append(seen.silhouettes)
@@ -123,7 +126,7 @@ class FiguresModel(BindingModel):
                     one.inputs, one.outputs = one.inputs + own[k, slot], one.outputs + through[k, slot]
         closed = table_of([*figures_of(state.closed), *closing]) if closing else state.closed
         after = FiguresState(
-            seen,
+            None if seen is None else seen.state(),
             waiting,
             state.frames + len(frames),
             torch.tensor(began, dtype=torch.int64),
@@ -133,10 +136,11 @@ class FiguresModel(BindingModel):
             closed,
             torch.tensor(time, dtype=torch.float64),
         )
-        pictures = torch.stack(shapes) if shapes else torch.zeros(0, *self.small, dtype=torch.int32)
-        mask = torch.stack(masks) if masks else pictures.to(torch.uint8)
+        none = np.zeros((0, *self.small), np.int32)
+        pictures = torch.from_numpy(np.stack(shapes) if shapes else none)
+        where = torch.from_numpy(np.stack(masks)) if masks else pictures.to(torch.uint8)
         at = torch.tensor(times, dtype=torch.float64)
-        return FiguresSignals(inputs, outputs, pictures, mask, at, torch.tensor(cuts, dtype=torch.bool)), after
+        return FiguresSignals(inputs, outputs, pictures, where, at, torch.tensor(cuts, dtype=torch.bool)), after
 
     def _start(self) -> FiguresState:
         """The state before the first frame."""
@@ -147,58 +151,54 @@ class FiguresModel(BindingModel):
         )
 
     def _step(
-        self, picture: Any, seen: SeenState | None, open_: list[Figure], time: float, began: int
-    ) -> tuple[Sensed | None, Tensor, SeenState, list[Figure], list[Figure], int, bool]:
-        """What is sensed, where known objects are `[h, w]`, memory, tracks, tracks that are gone, tracks begun, and
-        whether a new scene begins, after one picture `[3, h, w]`."""
+        self, picture: Floats, seen: Memory, open_: list[Figure], time: float, began: int
+    ) -> tuple[Sensed | None, Bytes, list[Figure], list[Figure], int, bool]:
+        """What is sensed, where known objects are `[h, w]`, tracks, tracks that are gone, tracks begun, and whether a
+        new scene begins, after one picture `[3, h, w]`. The memory is changed."""
         import cv2
 
-        g, t = self.config.ground, self.config.tracking
-        shape = picture.shape[1:]
-        square = np.ones((3, 3), np.uint8)
-        if seen is None:
-            seen = blank(ground_start(picture, g), shape)
-        standing, ground = ground_step(picture, seen.ground, seen.kept.numpy(), self.dt, g)
+        g, t, ground = self.config.ground, self.config.tracking, seen.ground
+        standing = ground_step(picture, ground, self.dt, g)
         if standing.cut:
             # What was followed is gone; a new scene starts as a film does.
-            return None, torch.zeros(shape, dtype=torch.uint8), blank(ground, shape), [], open_, began, True
-        quiet = ground.quiet.numpy()
+            blank = Memory.blank(ground_start(picture, g))
+            vars(seen).update(vars(blank))
+            return None, np.zeros(picture.shape[1:], np.uint8), [], open_, began, True
         # Plain parts of what moves are still too, and no holes.
         moving = np.zeros(began + 2, np.uint8)
-        moving[[one.number + 1 for one in open_ if one.known and time - one.moved < t.rests]] = True
+        for one in open_:
+            if one.known and time - one.moved < t.rests:
+                moving[one.number + 1] = 1
         figure, smallest = standing.figure, t.smallest * standing.grey.size
-        shapes, hole = seen.silhouettes.numpy(), None
+        shapes, hole, wide = seen.silhouettes, None, None
         # Mostly next to nothing is there, and regions are dear. So few pixels enclose no more.
-        few = still_of(figure, quiet, g.still, shapes, moving)
+        few = still_of(figure, ground.quiet, g.still, shapes, moving)
         if few * (few / 4 + 1) >= smallest:
             free = figure & (told(shapes, moving) == 0)
-            hole = holes(free, quiet >= g.still, standing.grey, standing.ground, smallest)
+            hole = holes(free, ground.quiet >= g.still, standing.grey, standing.ground, smallest)
         if hole is not None:
-            wide = cv2.dilate(hole.astype(np.uint8), square) > 0
-            mean = torch.where(torch.from_numpy(wide), torch.from_numpy(standing.picture), ground.mean)
-            ground = ground._replace(mean=mean)
+            wide = np.asarray(cv2.dilate(hole.astype(np.uint8), square(3))) > 0
             figure = figure & ~hole
         regions = parted(regions_of(figure, smallest, t.gap), t.notch, smallest)
         light = Light(standing.picture, standing.ground, self.config.shades)
-        seen_for = (int(ground.frames) - 1) * self.dt
-        before = seen.gone.numpy()
         open_, late, silhouettes = follow(
-            open_, time, seen_for, regions, standing, light, before, seen.come.rows.numpy(), began, self.dt, t
+            open_, time, ground.frames * self.dt, regions, standing, light, seen.gone, seen.come, began, self.dt, t
         )
-        come = Comings(torch.from_numpy(comings(seen.come.rows.numpy(), open_, late, time, t)))
-        gone = torch.from_numpy(come_and_gone(before, late, open_, self.dt, t))
+        seen.come = comings(seen.come, open_, late, time, t)
+        seen.gone = come_and_gone(seen.gone, late, open_, self.dt, t)
         began = max([began, *(one.number + 1 for one in open_)])
         keeping = []
         for one in open_:
             since, patience = (one.moved, t.stays) if one.known else (one.first_seen, t.doubtful)
             if time - since < patience:
                 keeping.append(one.number)
-        mask, kept = marked(silhouettes, [one.number for one in open_ if one.known], keeping, began)
-        shape_of = torch.from_numpy(silhouettes)
-        here, behind = torch.from_numpy(standing.picture), torch.from_numpy(standing.ground)
-        sensed, fields = self.fields.sense(here, behind, shape_of, seen.fields)
-        after = SeenState(ground, shape_of, torch.from_numpy(kept), gone, come, fields)
-        return sensed, torch.from_numpy(mask), after, open_, late, began, False
+        sensed, seen.filters = self.fields.sense(standing.picture, standing.ground, silhouettes, seen.filters)
+        learn(standing, ground, seen.kept, self.dt, g)
+        if wide is not None:
+            np.copyto(ground.mean, standing.picture, where=wide)
+        seen.silhouettes, known = silhouettes, [one.number for one in open_ if one.known]
+        mask = marked(silhouettes, known, keeping, began, seen.kept)
+        return sensed, mask, open_, late, began, False
 
     def _each(self, frames: Tensor, state: Any) -> tuple[FiguresSignals, Any]:
         """One film after the other."""
@@ -264,16 +264,3 @@ class FiguresModel(BindingModel):
             shade=shade,
             boxes=tuple(boxes),
         )
-
-
-def blank(ground: GroundState, shape: tuple[int, ...]) -> SeenState:
-    """The memory before anything was seen on a ground; `shape` is that of the picture."""
-    zeros = torch.zeros(shape)
-    return SeenState(
-        ground,
-        zeros.to(torch.int32),
-        zeros,
-        torch.from_numpy(at_rest(*shape)),
-        Comings(torch.zeros(0, COMING, dtype=torch.float64)),
-        None,
-    )

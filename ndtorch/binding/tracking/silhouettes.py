@@ -120,25 +120,27 @@ def stands_out(standing: Standing, box: tuple[slice, slice, slice], inside: Bool
     return float((apart / noise).max(0).mean())
 
 
-def marked(silhouettes: Labels, known: list[int], keeping: list[int], most: int) -> tuple[Bytes, Floats]:
-    """1 where known objects are, and 1 where some tracks are or beside them, 0 elsewhere, `[h, w]`.
+def marked(silhouettes: Labels, known: list[int], keeping: list[int], most: int, kept: Floats) -> Bytes:
+    """1 where known objects are, 0 elsewhere, `[h, w]`.
 
     Args:
         silhouettes: number of the track of every pixel plus one, `[h, w]`.
-        known, keeping: numbers of those tracks.
+        known, keeping: numbers of tracks.
         most: of the latest track plus one.
+        kept: becomes 1 where one of `keeping` is or beside it, 0 elsewhere, `[h, w]`.
     """
     import cv2
 
     marks = np.zeros((most + 1, 2), np.uint8)
     for column, numbers in enumerate((known, keeping)):
-        marks[[number + 1 for number in numbers], column] = 1
+        for number in numbers:
+            marks[number + 1, column] = 1
     if not kernels_wanted():
-        wide = cv2.dilate(marks[silhouettes, 1], np.ones((3, 3), np.uint8))
-        return marks[silhouettes, 0], np.asarray(wide, np.float32)
-    mask, kept = np.empty(silhouettes.shape, np.uint8), np.empty(silhouettes.shape, np.float32)
+        kept[...] = cv2.dilate(marks[silhouettes, 1], np.ones((3, 3), np.uint8))
+        return np.asarray(marks[silhouettes, 0])
+    mask = np.empty(silhouettes.shape, np.uint8)
     kernel("mark_tracks").run(silhouettes, marks, mask, kept)
-    return mask, kept
+    return mask
 
 
 def told(silhouettes: Labels, table: npt.NDArray[Whole]) -> npt.NDArray[Whole]:

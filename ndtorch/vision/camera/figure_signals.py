@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+import numpy.typing as npt
 import torch
 import torch.nn.functional as F
 from pydantic import Field
@@ -13,9 +15,13 @@ from torch import Tensor, nn
 from ndtorch.config import Constants, Deviations
 from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import kernels_wanted
+from ndtorch.vision.camera.ground import Floats, copied, room
 from ndtorch.vision.motion import MotionState, correlate, motion_step
 from ndtorch.vision.orientation import OrientedDoG
 from ndtorch.vision.temporal import smoothing_factor
+
+Names = npt.NDArray[np.int32]
+Sums = npt.NDArray[np.float64]
 
 
 class SignalParams(Constants):
@@ -38,8 +44,8 @@ class Sensed(NamedTuple):
     """What stands out at a step: the largest difference from the ground among the colors, `[h / 2, w / 2]`, and pixels,
     motion across and along, and red, green and blue of each field, `[most, 6]` float64."""
 
-    strongest: Tensor
-    sums: Tensor
+    strongest: Floats
+    sums: Sums
 
 
 AT_ONCE = 2
@@ -78,47 +84,59 @@ class FigureSignals(nn.Module):
         Returns:
             signals `[most, 10]`, that of track n in row n % most; state.
         """
-        sensed, state = self.sense(picture, ground, silhouettes, state)
-        return self.signals([sensed], [silhouettes])[0], state
+        filters = None if state is None else (copied(state.motion.slow), copied(state.motion.delayed))
+        names: Names = silhouettes.numpy()
+        sensed, (slow, delayed) = self.sense(picture.numpy(), ground.numpy(), names, filters)
+        after = FieldsState(MotionState(torch.from_numpy(slow), torch.from_numpy(delayed)))
+        return self.signals([sensed], [names])[0], after
 
     def sense(
-        self, picture: Tensor, ground: Tensor, silhouettes: Tensor, state: FieldsState | None
-    ) -> tuple[Sensed, FieldsState]:
-        """The first part of a step, that which goes on from the state before."""
-        if state is None:
-            seen = halved((picture - ground) * (silhouettes > 0))
-            state = FieldsState(MotionState(seen, torch.zeros_like(seen)))
-        if not kernels_wanted(picture):
-            strongest, sums, motion = self.sums(picture, ground, silhouettes, state)
-            return Sensed(strongest, sums), FieldsState(motion)
-        slow, delayed = state.motion
-        motion = MotionState(torch.empty_like(slow), torch.empty_like(delayed))
-        strongest, sums = torch.empty(self.size), torch.empty(self.params.most, 6, dtype=torch.float64)
-        filters = (slow.numpy(), delayed.numpy(), self.a_high, self.a_low)
-        after = (motion.slow.numpy(), motion.delayed.numpy(), strongest.numpy(), sums.numpy())
-        kernel("field_sums").run(picture.numpy(), ground.numpy(), silhouettes.numpy(), *filters, *after)
-        return Sensed(strongest, sums), FieldsState(motion)
+        self, picture: Floats, ground: Floats, silhouettes: Names, filters: tuple[Floats, Floats] | None
+    ) -> tuple[Sensed, tuple[Floats, Floats]]:
+        """The first part of a step, that which goes on from the state before.
 
-    def signals(self, sensed: Sequence[Sensed | None], silhouettes: Sequence[Tensor]) -> Tensor:
+        Args:
+            picture, ground, silhouettes: as of `forward`.
+            filters: slow and delayed of `MotionState`; they are changed.
+
+        Returns:
+            what is sensed; the filters.
+        """
+        if filters is None:
+            apart = torch.from_numpy((picture - ground) * (silhouettes > 0))
+            filters = halved(apart).numpy(), torch.zeros(3, *self.size).numpy()
+        slow, delayed = filters
+        if kernels_wanted():
+            strongest, sums = room(*self.size), np.empty((self.params.most, 6))
+            rates = (self.a_high, self.a_low)
+            kernel("field_sums").run(picture, ground, silhouettes, slow, delayed, *rates, strongest, sums)
+            return Sensed(strongest, sums), filters
+        here, behind, names = (torch.from_numpy(image) for image in (picture, ground, silhouettes))
+        state = FieldsState(MotionState(torch.from_numpy(slow), torch.from_numpy(delayed)))
+        shown, found, motion = self.sums(here, behind, names, state)
+        return Sensed(shown.numpy(), found.numpy()), (motion.slow.numpy(), motion.delayed.numpy())
+
+    def signals(self, sensed: Sequence[Sensed | None], silhouettes: Sequence[Names]) -> Tensor:
         """The second part of T steps, `[T, most, 10]`; where None is sensed they are zero."""
         signals = torch.zeros(len(sensed), self.params.most, 10)
         # Where nothing stands out, nothing is sensed.
         some = [n for n, one in enumerate(sensed) if one is not None and one.sums[:, 0].any()]
         for start in range(0, len(some), AT_ONCE):
             few = some[start : start + AT_ONCE]
-            images = self.orientation.images(torch.stack([one.strongest for n in few if (one := sensed[n])]))
+            shown = np.stack([one.strongest for n in few if (one := sensed[n])])
+            images = self.orientation.images(torch.from_numpy(shown))
             for n, image in zip(few, images, strict=True):
                 if one := sensed[n]:
                     self._signals(image, silhouettes[n], one.sums, signals[n])
         return signals
 
-    def _signals(self, images: Tensor, silhouettes: Tensor, sums: Tensor, signals: Tensor) -> None:
+    def _signals(self, images: Tensor, silhouettes: Names, found: Sums, signals: Tensor) -> None:
         """Signals `[most, 10]` from responses `[3, h / 2, w / 2]`."""
         if kernels_wanted(images):
-            kernel("field_signals").run(images.numpy(), silhouettes.numpy(), sums.numpy(), signals.numpy())
+            kernel("field_signals").run(images.numpy(), silhouettes, found, signals.numpy())
             return
-        count = self.params.most
-        names = names_of(silhouettes).reshape(-1)
+        count, sums = self.params.most, torch.from_numpy(found)
+        names = names_of(torch.from_numpy(silhouettes)).reshape(-1)
         slots = torch.where(names > 0, (names - 1) % count, count).long()
         sizes = images.abs().flatten(1).mT.double()
         tilted = torch.zeros(count + 1, 3, dtype=torch.float64).index_add_(0, slots, sizes)[:-1]

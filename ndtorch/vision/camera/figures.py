@@ -6,7 +6,6 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-import torch
 
 from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import kernels_wanted
@@ -16,8 +15,8 @@ from ndtorch.vision.camera.ground import (
     Bools,
     Bytes,
     Floats,
+    Ground,
     GroundParams,
-    GroundState,
     grey_of,
     medians,
     room,
@@ -51,100 +50,108 @@ class Standing(NamedTuple):
     cut: bool
 
 
-def ground_start(picture: Floats, p: GroundParams) -> GroundState:
-    """State settled on one picture `[3, h, w]`: no ground is known."""
+def ground_start(picture: Floats, p: GroundParams) -> Ground:
+    """What is settled on one picture `[3, h, w]`: no ground is known."""
+    shape = picture.shape[1:]
     # Nothing has moved yet.
-    blank = torch.zeros(picture.shape[1:])
-    return GroundState(
-        torch.from_numpy(picture.copy()),
-        torch.full(picture.shape, p.least_noise, dtype=torch.float32),
-        torch.from_numpy(softened(picture, p.soft)),
-        blank + p.least_noise,
-        blank + p.trail,
-        blank,
-        torch.zeros((), dtype=torch.int64),
-    )
+    planes = room(3, *shape)
+    planes[0], planes[1], planes[2] = p.least_noise, p.trail, 0
+    mean, deviation, soft = (room(*picture.shape) for _ in range(3))
+    mean[...], deviation[...] = picture, p.least_noise
+    ground = Ground(mean, deviation, soft, planes[0], planes[1], planes[2], 0)
+    soften(picture, p.soft, soft)
+    return ground
 
 
-def softened(picture: Floats, side: int) -> Floats:
-    """Every color blurred by a square, `[3, h, w]`."""
+def soften(picture: Floats, side: int, soft: Floats) -> None:
+    """Every color blurred by a square, `[3, h, w]`, into such an array."""
     import cv2
 
-    soft = room(*picture.shape)
     if side == 3 and min(picture.shape[1:]) > 1 and kernels_wanted():
         kernel("softened").run(picture, soft)
-        return soft
+        return
     for plane, to in zip(picture, soft, strict=True):
         cv2.blur(plane, (side, side), dst=to)
-    return soft
 
 
-def ground_step(
-    picture: Floats, state: GroundState, kept: Floats, dt: float, params: GroundParams
-) -> tuple[Standing, GroundState]:
-    """One step.
+def ground_step(picture: Floats, ground: Ground, dt: float, params: GroundParams) -> Standing:
+    """One step, without what is learned at its end.
 
     The exposure is corrected by the median ratio to the background, color by color. What differs by more than
     `spread` standard deviations of the noise stands out: of the picture's noise, or of the pixel's own where that is
     larger, as leaves and water flicker. What has only lost light, the same share in all colors and among
-    neighbours, is a shadow. The background follows at its pace; where `kept` is 1 (an object is there) only at `hold`
-    of it.
+    neighbours, is a shadow.
 
     The ground of a pixel is known once nothing has moved there for a while; before, it is the mean since something
     did. Where it is not known, what moves stands out. So a film may begin with objects in view.
 
     Args:
         picture: `[3, h, w]`, 0..1.
-        kept: `[h, w]`, 0..1: where objects are that were followed up to the frame before.
+        ground: what is known of it; is changed, but for background and noise. Where a new scene begins it is of no
+            use any more.
         dt: seconds between pictures.
         params: constants.
+
+    Returns:
+        what stands out. Its arrays are those of `ground`, until the next step.
     """
     import cv2
 
-    p = params
-    raw, ground, deviation = picture, state.mean.numpy(), state.deviation.numpy()
-    gain, noise, other, hue = light_change(picture, ground, p)
-    picture, grey, light, out, may_be, pale = stand_out(picture, gain, ground, deviation, noise, p)
-    known = state.known.numpy()
-    seen = int(state.frames) + 1
-    soft = softened(picture, p.soft)
-    quiet, restless, changed = stillness(soft, out, state, dt, p)
-    before = state.before.numpy()
-    if other or cv2.countNonZero(out) > p.cut * out.size or (changed > p.changed and unlike(soft, before, p)):
+    p, raw = params, picture
+    gain, noise, other, hue = light_change(picture, ground.mean, p)
+    picture, grey, light, out, may_be, pale = stand_out(picture, gain, noise, ground, p)
+    soften(picture, p.soft, ground.soft)
+    changed = stillness(out, ground, dt, p)
+    before, ground.before, ground.soft = ground.before, ground.soft, ground.before
+    new = changed > p.changed and unlike(ground.before, before, p)
+    if other or new or cv2.countNonZero(out) > p.cut * out.size:
         none = np.zeros(out.shape, np.uint8)
-        return Standing(raw, raw, deviation, noise, grey_of(raw), none > 0, none, True), ground_start(raw, p)
-    needed = p.still * p.settle / max(p.settle, seen * dt)
-    mean, spread, settled = learn(picture, ground, deviation, noise, (kept, quiet, known), (needed, dt, seen), p)
-    after = GroundState(
-        torch.from_numpy(mean),
-        torch.from_numpy(spread),
-        torch.from_numpy(soft),
-        torch.from_numpy(restless),
-        torch.from_numpy(quiet),
-        torch.from_numpy(settled),
-        torch.tensor(seen, dtype=torch.int64),
-    )
-    sure = (known > 0).astype(np.uint8)
-    out &= sure
-    core = without_shadow(out, light, may_be, p)
+        return Standing(raw, raw, ground.deviation, noise, grey_of(raw), none > 0, none, True)
+    figure, narrow = tidied(out, ground, light, may_be, pale if hue >= p.colored else None, p)
+    return Standing(picture, ground.mean, ground.deviation, noise, grey, figure.view(np.bool_), narrow, False)
+
+
+def tidied(
+    out: Bytes, ground: Ground, light: Floats, may_be: Bytes, pale: Bytes | None, p: GroundParams
+) -> tuple[Bytes, Bytes]:
+    """The figure, and where a narrow shadow may be on known ground, 1 or 0, `[h, w]`.
+
+    What stands out is no figure where it is shadow, a speck, or where no ground is known; what moves there is one if
+    it is broad.
+
+    Args:
+        out: 1 where a pixel stands out, `[h, w]`; it may be changed.
+        ground: tells where it is known, and for how long nothing has moved.
+        light: of the picture over that of the ground, `[h, w]`.
+        may_be: where shadow may be, and pale: where so with hardly any tint, 1 or 0, `[h, w]`. In a film without colors
+            every dark thing is without tint: None.
+        p: constants.
+    """
+    import cv2
+
+    known, quiet = ground.known, ground.quiet
     # A dark coat looks like a shadow, but the rest of its wearer is around it.
-    wide = 2 * round(p.around * core.shape[0] / 2) + 1
-    closed = np.asarray(cv2.morphologyEx(core, cv2.MORPH_CLOSE, square(wide)), np.uint8)
-    figure = np.asarray(closed & out, np.uint8)
-    if cv2.countNonZero(sure) < sure.size:
-        # What moves there is believed where it is broad: edges of what stands still tremble.
-        young, side = (
-            ((quiet < p.trail) & (sure == 0)).astype(np.uint8),
-            2 * max(0, round((p.broad * len(sure) - 1) / 2)) + 1,
-        )
-        figure |= np.asarray(cv2.morphologyEx(young, cv2.MORPH_OPEN, square(side)), np.uint8)
+    wide = 2 * round(p.around * len(out) / 2) + 1
+    # What moves where no ground is known is believed where it is broad: edges of what stands still tremble.
+    moving = 2 * max(0, round((p.broad * len(out) - 1) / 2)) + 1
+    if kernels_wanted():
+        figure, narrow = ground.marks[3:]
+        sides = (wide, moving, p.speckle, 0 if pale is None else p.patch + 2 * p.penumbra)
+        shadows = (p.patch, p.penumbra, p.darkest, p.uneven)
+        shade = np.zeros_like(out) if pale is None else pale
+        kernel("tidied").run(out, known, quiet, light, may_be, shade, shadows, sides, p.trail, figure, narrow)
+        return figure, narrow
+    sure = (known > 0).astype(np.uint8)
+    out = out & sure
+    core = out & ~shadow(light, may_be, p)
+    figure = np.asarray(cv2.morphologyEx(core, cv2.MORPH_CLOSE, square(wide)), np.uint8) & out
+    if not sure.all():
+        young = ((quiet < p.trail) & (sure == 0)).astype(np.uint8)
+        figure |= np.asarray(cv2.morphologyEx(young, cv2.MORPH_OPEN, square(moving)), np.uint8)
     # A pixel alone is noise; a gap of a pixel is none.
-    figure = np.asarray(cv2.morphologyEx(most_of(figure, p.speckle), cv2.MORPH_OPEN, square(p.speckle)))
-    # In a film without colors every dark thing is without tint.
-    narrow = pale & sure if hue >= p.colored else np.zeros_like(sure)
-    if cv2.countNonZero(narrow):
-        narrow &= 1 - broad(figure, p)
-    return Standing(picture, ground, deviation, noise, grey, np.asarray(figure > 0), narrow, False), after
+    figure = np.asarray(cv2.morphologyEx(most_of(figure, p.speckle), cv2.MORPH_OPEN, square(p.speckle)), np.uint8)
+    narrow = np.zeros_like(sure) if pale is None else pale & sure & (1 - broad(figure, p))
+    return figure, narrow
 
 
 def broad(figure: Bytes, p: GroundParams) -> Bytes:
@@ -166,95 +173,93 @@ def most_of(image: Bytes, side: int) -> Bytes:
 
 
 def stand_out(
-    picture: Floats, gain: Floats, ground: Floats, deviation: Floats, noise: Floats, p: GroundParams
+    picture: Floats, gain: Floats, noise: Floats, ground: Ground, p: GroundParams
 ) -> tuple[Floats, Floats, Floats, Bytes, Bytes, Bytes]:
     """The picture without its gain `[3, h, w]`, in grey, its light over that of the ground, and where it stands out,
     where it may be shadow, and where so with hardly any tint, 1 or 0, `[h, w]`."""
+    mean, deviation = ground.mean, ground.deviation
     if kernels_wanted():
-        new, (out, may_be, pale) = room(*picture.shape), np.empty((3, *picture.shape[1:]), np.uint8)
-        grey, light = room(*picture.shape[1:]), room(*picture.shape[1:])
-        constants, after = (
-            (p.spread, MEAN_SIZE, p.offset, p.darkest, p.tint, p.pure),
-            (new, grey, light, out, may_be, pale),
-        )
-        kernel("stand_out").run(picture, gain, ground, deviation, noise, *constants, *after)
+        constants = (p.spread, MEAN_SIZE, p.offset, p.darkest, p.tint, p.pure)
+        after = (ground.picture, ground.grey, ground.light, ground.marks[0], ground.marks[1], ground.marks[2])
+        kernel("stand_out").run(picture, gain, mean, deviation, noise, *constants, *after)
         return after
     picture = np.asarray(picture / gain[:, None, None], np.float32)
     threshold = p.spread * np.maximum(noise[:, None, None], deviation * np.float32(1 / MEAN_SIZE))
-    over = np.abs(picture - ground) > threshold
+    over = np.abs(picture - mean) > threshold
     small = np.float32(p.offset)
-    ratio = (picture + small) / (ground + small)
+    ratio = (picture + small) / (mean + small)
     light = np.asarray((ratio[0] + ratio[1] + ratio[2]) * np.float32(1 / 3))
     apart, dimmed = ratio.max(0) - ratio.min(0), (light < 1) & (light > np.float32(p.darkest))
     may_be, pale = ((dimmed & (apart <= np.float32(tint * 2) * light)).astype(np.uint8) for tint in (p.tint, p.pure))
     return picture, grey_of(picture), light, (over[0] | over[1] | over[2]).astype(np.uint8), may_be, pale
 
 
-def learn(
-    picture: Floats,
-    ground: Floats,
-    deviation: Floats,
-    noise: Floats,
-    where: tuple[Floats, Floats, Floats],
-    when: tuple[float, float, int],
-    p: GroundParams,
-) -> tuple[Floats, Floats, Floats]:
-    """Background and mean deviation from it `[3, h, w]`, and where the ground is known `[h, w]`, after a step.
+def learn(standing: Standing, ground: Ground, kept: Floats, dt: float, p: GroundParams) -> None:
+    """The end of a step: background, mean deviation from it, and where the ground is known.
 
-    The slow pace is that of known ground; before, the ground is the mean of what was seen since something moved.
+    The background follows at its pace; where an object is, only at `hold` of it. The slow pace is that of known
+    ground; before, the ground is the mean of what was seen since something moved.
 
     Args:
-        picture, ground, deviation: `[3, h, w]`.
-        noise: of each color.
-        where: kept, seconds without motion, and known, `[h, w]`.
-        when: seconds without motion after which ground is known, seconds of a step, and steps so far.
+        standing: of `ground_step`.
+        ground: is changed.
+        kept: `[h, w]`, 0..1: where objects are that were followed up to the frame before.
+        dt: seconds of a step.
         p: constants.
     """
-    (kept, quiet, known), (needed, dt, seen) = where, when
+    ground.frames = seen = ground.frames + 1
+    # Seconds without motion after which ground is known.
+    needed = p.still * p.settle / max(p.settle, seen * dt)
     share = smoothing_factor(p.tau_ground, dt)
     # The noise of the first pictures is learned as their mean.
     follow = max(1 / (seen + 5), smoothing_factor(p.tau_noise, dt))
+    picture, noise, mean, deviation = standing.picture, standing.noise, ground.mean, ground.deviation
+    quiet, known = ground.quiet, ground.known
     if kernels_wanted():
-        new, spread, settled = room(*ground.shape), room(*ground.shape), room(*known.shape)
         constants = (needed, dt, share, follow, p.hold, p.surprise, MEAN_SIZE)
-        kernel("learn_ground").run(
-            picture, ground, deviation, noise, kept, quiet, known, *constants, new, spread, settled
-        )
-        return new, spread, settled
+        kernel("learn_ground").run(picture, mean, deviation, noise, kept, quiet, known, *constants)
+        return
     free, step, least = 1 - np.float32(1 - p.hold) * kept, np.float32(dt), noise[:, None, None]
     before = known > 0
     now = before | (quiet >= np.float32(needed))
     pace = np.where(before, np.float32(share) * free, step / (quiet + step))
     slow = np.where(before, np.float32(follow) * free, np.float32(follow))
-    difference = picture - ground
+    difference = picture - mean
     limited = np.minimum(np.abs(difference), np.float32(p.surprise) * np.maximum(least, deviation))
     spread = deviation + slow * (limited - deviation)
-    spread = np.where(now & ~before, np.minimum(spread, least * np.float32(MEAN_SIZE)), spread)
-    return np.asarray(ground + pace * difference), np.asarray(spread), now.astype(np.float32)
+    deviation[...] = np.where(now & ~before, np.minimum(spread, least * np.float32(MEAN_SIZE)), spread)
+    mean += pace * difference
+    known[...] = now
 
 
-def stillness(soft: Floats, out: Bytes, state: GroundState, dt: float, p: GroundParams) -> tuple[Floats, Floats, float]:
-    """Seconds since something moved at a pixel or beside it, its mean change from picture to picture, `[h, w]`, and
-    `changed_blocks`.
+def stillness(out: Bytes, ground: Ground, dt: float, p: GroundParams) -> float:
+    """`changed_blocks` of the picture blurred, against the one before.
 
-    What moves changes by more than the noise of the picture and of that pixel, or is no more what it was since then,
-    where the ground is not known.
+    Seconds since something moved at a pixel or beside it, and its mean change from picture to picture, become those
+    after the step. What moves changes by more than the noise of the picture and of that pixel, or is no more what it
+    was since then, where the ground is not known.
+
+    Args:
+        out: 1 where something stands out, `[h, w]`.
+        ground: is changed.
+        dt: seconds of a step.
+        p: constants.
     """
     import cv2
 
-    before, own, quiet, known = (part.numpy() for part in (state.before, state.restless, state.quiet, state.known))
-    follow = max(1 / (int(state.frames) + 5), smoothing_factor(p.tau_noise, dt))
+    soft, before, own, quiet, known = ground.soft, ground.before, ground.restless, ground.quiet, ground.known
+    follow = max(1 / (ground.frames + 5), smoothing_factor(p.tau_noise, dt))
     if kernels_wanted():
-        new, since = room(*own.shape), room(*quiet.shape)
         constants = (dt, p.speckle, p.block, p.other, p.moved, p.spread, (MEAN_SIZE, MEDIAN_SIZE), follow, p.surprise)
-        changed = kernel("restless").run(soft, before, own, quiet, known, out, *constants, new, since)
-        return since, new, changed if changed >= 0 else changed_blocks(soft, before, p)
-    over, own = unrest(soft, before, own, follow, p)
+        changed: float = kernel("restless").run(soft, before, own, quiet, known, out, *constants)
+        return changed if changed >= 0 else changed_blocks(soft, before, p)
+    over, own[...] = unrest(soft, before, own, follow, p)
     moved = most_of(over, p.speckle)
     if not known.all():
         moved |= most_of(out, p.speckle) * (known == 0)
     still = np.asarray(cv2.dilate(moved, square(3)), np.uint8) == 0
-    return (quiet + np.float32(dt)) * still, own, changed_blocks(soft, before, p)
+    quiet[...] = (quiet + np.float32(dt)) * still
+    return changed_blocks(soft, before, p)
 
 
 def unrest(soft: Floats, before: Floats, own: Floats, follow: float, p: GroundParams) -> tuple[Bytes, Floats]:
@@ -268,15 +273,6 @@ def unrest(soft: Floats, before: Floats, own: Floats, follow: float, p: GroundPa
     over = (change > np.maximum(np.float32(p.moved), np.float32(p.spread) * least)).astype(np.uint8)
     own = own + np.float32(follow) * (np.minimum(change, np.float32(p.surprise) * least) - own)
     return over, np.asarray(own, np.float32)
-
-
-def without_shadow(out: Bytes, light: Floats, may_be: Bytes, p: GroundParams) -> Bytes:
-    """Where something stands out, 1 or 0, without `shadow`, `[h, w]`."""
-    if not kernels_wanted():
-        return out & ~shadow(light, may_be, p)
-    core = np.empty_like(out)
-    kernel("without_shadow").run(out, light, may_be, p.patch, p.penumbra, p.darkest, p.uneven, core)
-    return core
 
 
 def shadow(light: Floats, may_be: Bytes, p: GroundParams) -> Bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -71,9 +72,48 @@ class GroundState(NamedTuple):
     frames: Tensor
 
 
+@dataclass
+class Ground:
+    """A `GroundState` as arrays of its own, which each step of a call changes in place, and room for a step's pictures:
+    the attributes are those of the state."""
+
+    mean: Floats
+    deviation: Floats
+    before: Floats
+    restless: Floats
+    quiet: Floats
+    known: Floats
+    frames: int
+
+    def __post_init__(self) -> None:
+        shape = self.mean.shape
+        self.picture, self.soft, (self.grey, self.light) = room(*shape), room(*shape), room(2, *shape[1:])
+        self.marks = np.empty((5, *shape[1:]), np.uint8)
+
+    @classmethod
+    def of(cls, state: GroundState) -> Ground:
+        """A copy of a state."""
+        mean, deviation, before, restless, quiet, known = (copied(part) for part in state[:6])
+        return cls(mean, deviation, before, restless, quiet, known, int(state.frames))
+
+    def state(self) -> GroundState:
+        """What there is now, as tensors that share its memory."""
+        planes = (self.mean, self.deviation, self.before, self.restless, self.quiet, self.known)
+        mean, deviation, before, restless, quiet, known = (torch.from_numpy(plane) for plane in planes)
+        frames = torch.tensor(self.frames, dtype=torch.int64)
+        return GroundState(mean, deviation, before, restless, quiet, known, frames)
+
+
 def room(*shape: int) -> Floats:
     """Memory for numbers. It begins where a vector does: what NumPy gives does not, and takes up to a third longer."""
     return np.asarray(torch.empty(shape).numpy())
+
+
+def copied(state: Tensor) -> Floats:
+    """An array of its own with the numbers of a tensor."""
+    copy = room(*state.shape)
+    copy[...] = state.numpy()
+    return copy
 
 
 def grey_of(picture: Floats) -> Floats:

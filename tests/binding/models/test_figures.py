@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -108,6 +109,20 @@ def test_what_is_no_object_yet_keeps_the_ground_for_so_long_and_no_longer() -> N
         _, state = run(film()[:frames], **options)
         assert [one.first_seen for one in figures_of(state.open)] == [6 / FPS]
         assert bool(state.seen.kept.any()) == kept
+
+
+@pytest.mark.parametrize("kernels", [True, False])
+def test_a_state_that_was_given_stays_what_it_was(kernels: bool) -> None:
+    """So a film may go on from it twice, and by another scene, too."""
+    with torch.inference_mode() if kernels else torch.no_grad():
+        module = model()
+        _, state = module(film()[:20])
+        before = deepcopy(state)
+        once, other, twice = (module(part, state) for part in (film()[20:26], 255 - film()[20:26], film()[20:26]))
+    assert same(state, before)
+    assert same(once, twice)
+    assert other[0].cut.any()
+    assert not same(once[1], other[1])
 
 
 @pytest.mark.parametrize("lengths", [[1] * STEPS, [7, 30, 13]])

@@ -46,9 +46,10 @@ def test_the_kernel_is_its_reference() -> None:
 def test_where_objects_are_and_where_the_ground_is_kept() -> None:
     pytest.importorskip("numba")
     silhouettes = np.random.default_rng(1).integers(-3, 6, (21, 30)).clip(0).astype(np.int32)
-    plain = marked(silhouettes, [0, 4], [2], 5)
+    kept, other_kept = np.full((2, 21, 30), 7, np.float32)
+    plain = marked(silhouettes, [0, 4], [2], 5, kept), kept
     with torch.inference_mode():
-        quick = marked(silhouettes, [0, 4], [2], 5)
+        quick = marked(silhouettes, [0, 4], [2], 5, other_kept), other_kept
         assert np.array_equal(told(silhouettes, np.arange(6, dtype=np.int32) * 7), silhouettes * 7)
     for one, other in zip(plain, quick, strict=True):
         assert np.array_equal(one, other)
