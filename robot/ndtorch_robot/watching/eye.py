@@ -36,6 +36,11 @@ sure: blurred."""
 SHADES = 0.8
 """Share of `sharp_range` from which the row of a floor without any grain is judged, less what noise makes of it."""
 
+BORDER, FEW = 0.5, 50
+"""Change over two blocks down the subfield, as a share of its range, from which a border crosses it, where one of so
+many blocks has it. Blurred by 14 pixels a step leaves .23; of 2448 blurred pictures, at four lights, none had more than
+.37."""
+
 FIELD_NOISE, EDGE_NOISE = 1.5 / BLOCK**2, 2 / BLOCK * 2.7**2
 """What noise of variance 1 adds to the square of a subfield's contrast, and to that of a row's largest change between
 blocks: of 160 such changes the largest is 2.7 standard deviations on average."""
@@ -202,8 +207,8 @@ def blindness(eye: Eye, limits: SightLimits) -> Wrong | None:
     least = max(limits.field_contrast, limits.field_relative * seen.floor)
     if shown and seen.rough > limits.noise**2 and seen.rough > seen.spread**2:
         return Wrong(Kind.NOISE, f"shows noise: neighbouring pixels differ by {seen.rough**0.5:.0f} levels")
-    hardly = seen.field_spread < HARDLY * least
-    # A smooth shade may fill the row of a good camera, but then the floor is seen well, or has grain.
+    # A smooth shade may fill the row of a good camera, but then the floor is seen well, or has grain, or the wall ends.
+    hardly = seen.field_spread < HARDLY * least and not bordered(eye, limits)
     if not sharp and (shown or (hardly and grain(eye) < GRAIN)):
         return soft(seen.step, seen)
     # Noise has edges as steep as those of a dark picture, or of a wall of few shades. A floor that shows nothing, or no
@@ -226,6 +231,17 @@ def grain(eye: Eye) -> float:
     noise = eye.figures.rough / 2 / BLOCK**2
     bend = float(np.mean((blocks[:, 2:] - 2 * blocks[:, 1:-1] + blocks[:, :-2]) ** 2)) - 6 * noise
     return math.sqrt(max(bend, 0) / max(float(blocks.var()) - noise, 1e-6))
+
+
+def bordered(eye: Eye, limits: SightLimits) -> bool:
+    """Whether a border crosses the subfield, as that of a wall and the floor, too steep for a blurred picture."""
+    rows = eye.field
+    if len(rows) < 3 or not rows.size:
+        return False
+    levels, steps = np.sort(rows, None), np.sort(np.abs(rows[2:] - rows[:-2]), None)
+    cut = levels.size // FEW
+    extent = float(levels[-1 - cut] - levels[cut])
+    return extent >= limits.sharp_range and float(steps[-1 - steps.size // FEW]) >= BORDER * extent
 
 
 def soft(edge: float, seen: Figures) -> Wrong:
@@ -254,3 +270,8 @@ def likeness(now: Floats, before: Floats) -> float:
     a, b = now.ravel(), before.ravel()
     size = float(np.sqrt((a @ a) * (b @ b)))
     return float(a @ b) / size if size > len(a) else 1.0
+
+
+def mixed(field: Tensor) -> bool:
+    """Whether pixels of a picture `[..., C, h, w]` differ."""
+    return bool((field.amax((-2, -1)) > field.amin((-2, -1))).any())

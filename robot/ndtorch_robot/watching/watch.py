@@ -14,7 +14,7 @@ from ndtorch.navigation.rig import Rect
 from ndtorch_robot.ports import StereoFrames
 from ndtorch_robot.trouble import Kind, SightError
 from ndtorch_robot.watching.agreement import PATCH, Agreement, partners
-from ndtorch_robot.watching.eye import Eye, SightLimits, blindness, change, likeness, look
+from ndtorch_robot.watching.eye import Eye, SightLimits, blindness, change, likeness, look, mixed
 from ndtorch_robot.watching.one_floor import OneFloor
 from ndtorch_robot.watching.turning import MOST, Turning
 from ndtorch_robot.watching.witness import KEPT_WAYS, SLOWLY, Seen, left_behind, unchanged
@@ -286,8 +286,3 @@ class CameraWatch:
                 f"{self.rig.width}x{self.rig.height} are wanted",
             )
         return cut_strips(eye, self.fields[k], self.rig)
-
-
-def mixed(field: Tensor) -> bool:
-    """Whether pixels of a picture `[..., C, h, w]` differ."""
-    return bool((field.amax((-2, -1)) > field.amin((-2, -1))).any())

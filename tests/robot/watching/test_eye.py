@@ -1,5 +1,6 @@
 """What is seen is the same by kernels and by NumPy, and what it says is right."""
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -7,6 +8,8 @@ import torch
 from ndtorch.navigation import Strips
 from ndtorch_robot.watching import eye
 from ndtorch_robot.watching.eye import SightLimits, blindness, change, grain, look
+
+LIMITS = SightLimits()
 
 
 def strips(dtype=torch.uint8, width=640, size=(29, 85), seed=0):
@@ -123,6 +126,26 @@ def test_a_wall_of_few_shades_over_a_floor_without_any_grain_is_blurred():
     assert blindness(blurred(wall, 60, turns=5.0), SightLimits()) is None
     assert blindness(blurred(lambda x: 170 + 11 * np.sign(np.sin(4 * x)), 10, turns=5.0), SightLimits()) is None
     assert blindness(blurred(lambda x: 170 + 6 * np.sin(4 * x), 10, turns=5.0), SightLimits()) is None
+
+
+@pytest.mark.parametrize("shades", [10, 17])
+def test_a_border_down_the_subfield_is_not_that_of_a_blurred_picture(shades):
+    """A smooth wall fills the row and hides the floor, but where it ends below is sharp."""
+    random = np.random.default_rng(5)
+    row = 142 + shades * np.tanh(2 * np.linspace(-1, 1, 640))[None]
+    lines, columns = np.mgrid[:70, :560]
+    wall = np.where(lines < 34 + columns / 100, 145.0, 48.0)
+
+    def seen(field, shade=0.0):
+        field = field + shade * np.sin(columns / 30)
+        parts = [np.round(part + random.normal(0, 1, part.shape)) for part in (field, row)]
+        return blindness(look(Strips(*(torch.from_numpy(part).to(torch.uint8)[None, None] for part in parts))), LIMITS)
+
+    assert seen(wall) is None
+    assert seen(wall, 17.0) is None
+    for blur in (8, 14):
+        soft = cv2.GaussianBlur(wall, (0, 0), blur)
+        assert "is blurred" in str(seen(soft, 17.0))
 
 
 @pytest.mark.parametrize("noise", [1.0, 2.0])
