@@ -109,7 +109,7 @@ class SafeDrive:
             speed, curvature: of the car since the last ones, m/s and 1/m.
         """
         assert self.sight is not None
-        wrong = self.sight.judge(frames, speed, self.clock.now(), curvature)
+        wrong = self.sight.judge(frames, speed, self.clock.now(), curvature, self.sent.speed)
         if wrong is not None:
             self.blind(wrong.words, wrong.kind)
             return False

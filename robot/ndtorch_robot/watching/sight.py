@@ -47,12 +47,15 @@ class Sight:
         self.time = -math.inf
         self.late = 0
 
-    def judge(self, frames: StereoFrames, speed: float, now: float, curvature: float = 0.0) -> Wrong | None:
+    def judge(
+        self, frames: StereoFrames, speed: float, now: float, curvature: float = 0.0, wanted: float = 0.0
+    ) -> Wrong | None:
         """Look at new frames; returns what is wrong with them.
 
         Args:
             speed, curvature: of the car since the last ones, m/s and 1/m.
             now: on the clock of the frames.
+            wanted: speed that the car was told to have, m/s.
         """
         if not math.isfinite(frames.time) or frames.time > now + 0.01:
             return Wrong(Kind.TIMES, f"the time of the frames is {frames.time - now:.3f} s ahead")
@@ -63,7 +66,7 @@ class Sight:
         gap, self.time = frames.time - self.time, frames.time
         self.late = self.late + 1 if self.SLOW / self.rate < gap < math.inf else 0
         try:
-            self.watch.check(frames, speed, curvature)
+            self.watch.check(frames, speed, curvature, wanted)
         except SightError as error:
             return Wrong(error.kind, str(error))
         if self.late >= 2:

@@ -46,6 +46,10 @@ to have noise."""
 KEPT = 6
 """Pictures that are kept to compare with: 0.4 s at 30 frames a second."""
 
+SHIFTS = 1.0
+"""Seconds after being told to go in which wheels may turn that are said to stand: before reverse a board brakes for 0.3
+s and waits for 0.12 s, and motor controllers may take that brake for reverse. The pictures of it are kept for 0.4 s."""
+
 
 class CameraWatch:
     """Raises `SightError` when frames cannot be trusted; the loop then stops the car.
@@ -97,6 +101,7 @@ class CameraWatch:
         self.stuck = [0, 0]
         self.carried = self.seen = 0
         self.driven = self.turned = 0.0
+        self.wanted, self.shifts_until = 0.0, -math.inf
         self.before: deque[Seen] = deque(maxlen=KEPT)
         self.ways: deque[Seen] = deque(maxlen=KEPT_WAYS)
 
@@ -111,11 +116,12 @@ class CameraWatch:
         if self.floor is not None:
             self.floor.warm_up()
 
-    def check(self, frames: StereoFrames, speed: float, curvature: float = 0.0) -> None:
+    def check(self, frames: StereoFrames, speed: float, curvature: float = 0.0, wanted: float = 0.0) -> None:
         """Look at new frames.
 
         Args:
             speed, curvature: of the car since the last ones, m/s and 1/m.
+            wanted: the speed that it was told.
         """
         if not frames.time > self.time:
             raise SightError(
@@ -123,6 +129,9 @@ class CameraWatch:
             )
         passed = min(frames.time - self.time, 0.5) if self.time > -math.inf else 0.0
         self.time = frames.time
+        if wanted * self.wanted <= 0 and wanted != 0:
+            self.shifts_until = self.time + SHIFTS
+        self.wanted = wanted
         self.driven += abs(speed) * passed
         self.turned += speed * curvature * passed
         eyes = [self.strips(frames.left, 0), self.strips(frames.right, 1)]
@@ -263,8 +272,8 @@ class CameraWatch:
         return way >= self.limits.moved_m or turn >= self.limits.turned_rad
 
     def moved_by_others(self, eyes: tuple[Eye, Eye]) -> bool:
-        """Whether everything in both pictures has moved since the oldest of them, with the wheels at rest."""
-        if len(self.before) < KEPT or self.driven != self.before[0][0]:
+        """Whether everything in both pictures has moved since the oldest of them, with the wheels at rest for sure."""
+        if len(self.before) < KEPT or self.driven != self.before[0][0] or self.time < self.shifts_until:
             return False
         old = self.before[0][2]
         return all(

@@ -11,7 +11,7 @@ import torch
 from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig, Strips
 from ndtorch_robot.loop import SimulatedClock
-from ndtorch_robot.ports import StereoFrames
+from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.run_config import SightTable
 from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.watching.eye import SightLimits
@@ -199,6 +199,38 @@ def test_carried_while_the_wheels_stand():
     assert n is not None
     assert n < RATE
     assert "wheels stand" in why
+
+
+def test_pictures_may_move_while_the_board_shifts():
+    """Some motor controllers take the brake before reverse for reverse: the car creeps, and is said to stand."""
+
+    def judged(wanted):
+        sight = Sight(RIG, RATE, 0.1)
+        for n, part in enumerate(drive(3.0, moving=False)):
+            moved = [np.roll(p, -SLIDE * max(0, n - 31), 1) for p in part]
+            why = sight.judge(frames(moved, n), -SPEED if n > 48 else 0.0, n / RATE, -CURVATURE, wanted(n))
+            if why is not None:
+                return n, why.words
+        return None, ""
+
+    assert "wheels stand" in judged(lambda n: 0.0)[1]
+    assert judged(lambda n: -0.3 if n > 30 else 0.0) == (None, "")
+    assert judged(lambda n: -0.3 if n > 30 else 0.2) == (None, "")  # from forward to reverse
+    # It is told to go for long already, or was told to stand again.
+    assert "wheels stand" in judged(lambda n: -0.3)[1]
+    assert judged(lambda n: -0.3 if 30 < n <= 40 else 0.0) == (None, "")
+
+
+def test_the_drive_says_what_the_car_was_told():
+    """Of two cars whose pictures move while they are said to stand, only the one that was told nothing is stopped."""
+    for speed in (0.0, 0.3):
+        safe = SafeDrive(PlainDrive(), SimulatedClock(), sight=Sight(RIG, RATE, 0.1))
+        safe.blindness, seen = None, []
+        for n, part in enumerate(drive(0.8)):
+            safe.clock.time = n / RATE
+            seen.append(safe.see(frames(part, n), 0.0))
+            safe.send(DriveCommand(speed, 0.0))
+        assert all(seen) == (speed > 0)
 
 
 MOUNTS = {
