@@ -26,11 +26,14 @@ class Fault(NamedTuple):
         part: `"camera"`, `"link"`, `"disk"` or `"load"`.
         name: what is done.
         within: seconds after which no wheel may turn; None for what the car must drive through.
+        rolling: only seconds in which the wheels turn count: of a car that stands, the old picture is a right one, and
+            nobody can tell it from a new one.
     """
 
     part: str
     name: str
     within: float | None
+    rolling: bool = False
 
 
 FAULTS = (
@@ -44,7 +47,7 @@ FAULTS = (
     Fault("camera", "fogged", BLIND),
     Fault("camera", "covered", BLIND),
     Fault("camera", "blurred", BLIND),
-    Fault("camera", "frozen but for noise", BLIND),
+    Fault("camera", "frozen but for noise", BLIND, rolling=True),
     Fault("camera", "noise", BLIND),
     Fault("camera", "swapped", TOLD),
     Fault("camera", "one upside down", TOLD),

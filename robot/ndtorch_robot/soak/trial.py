@@ -75,6 +75,7 @@ class Trials:
         self.disk: DiskTrial | None = None
         self.began = self.ends = self.mended = -math.inf
         self.turned = self.put = -math.inf
+        self.rolled = self.heard = 0.0
         self.placed = world.simulation.placed
         self.calm, self.driving = float(self.random.uniform(*CALM)), 0.0
         self.counted = 0
@@ -85,6 +86,8 @@ class Trials:
         """The board has made a pulse."""
         if pulse.name == "motor":
             moves = abs(pulse.width - NEUTRAL) > MOVES
+            self.rolled += pulse.time - self.heard if self.world.simulation.car.speed else 0.0
+            self.heard = pulse.time
             self.moved_for = self.moved_for + 1 if moves else 0
             self.turned = pulse.time if moves else self.turned
 
@@ -139,7 +142,7 @@ class Trials:
             self.waiting = [FAULTS[n] for n in self.random.permutation(len(FAULTS))]
         self.fault = fault = self.waiting.pop()
         self.began, self.ends = now, now + (1.0 if fault.within is None else fault.within) + BEYOND
-        self.stops, self.stopped = len(self.car.safe.faults), []
+        self.stops, self.stopped, self.rolled = len(self.car.safe.faults), [], 0.0
         self.calm, self.driving = float(self.random.uniform(*CALM)), 0.0
         if fault.part == "camera":
             self.cameras.fail(fault.name)
@@ -157,7 +160,7 @@ class Trials:
         self.cameras.fault = None
         self.cable.mend()
         said = [stop.why for stop in self.car.safe.faults[self.stops :]]
-        turned = max(0.0, self.turned - self.began)
+        turned = self.rolled if fault.rolling else max(0.0, self.turned - self.began)
         row: Row = {"part": fault.part, "fault": fault.name, "at": round(self.began, 3), "said": said[:1]}
         row["turned"] = round(turned, 3) if fault.within is not None else None
         if fault.within is None:

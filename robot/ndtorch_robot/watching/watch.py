@@ -31,7 +31,7 @@ MOVING = 0.1
 """Speed from which the picture must change, m/s."""
 
 EVERY = 2
-"""Frames of which one is looked into: half the work, and soon enough."""
+"""Frames of which one is looked into: half the work, and soon enough. After one that looks stuck the next one is."""
 
 TURN = 0.08
 """Radians of a turn after which a picture is compared with one from before: eight blocks."""
@@ -60,11 +60,11 @@ class CameraWatch:
     is judged by the subfield, because floor that is seen must move; where a blank wall hides it nobody can say. While
     the car stands, a camera that had noise and has none any more.
 
-    After `limits.patience_s` of pictures that look wrong (one that looks right takes one back): a camera that
-    shows nothing or is blurred, one whose picture hardly changes on a way on which it must, both pictures moving
-    while the wheels stand. After some views on the way: cameras that are swapped, upside down or turned, by what both
-    rows show and by the floor. After some sharp turns: a camera whose picture turns the wrong way, because it is upside
-    down.
+    After `limits.patience_s` of pictures that look wrong (one that looks right takes one back): a camera that shows
+    nothing or is blurred, both pictures moving while the wheels stand. Told the second time: a picture that hardly
+    changes on a way on which it must. After some views on the way: cameras that are swapped, upside down or turned, by
+    what both rows show and by the floor. After some sharp turns: a camera whose picture turns the wrong way, because
+    it is upside down.
 
     Args:
         rig: the camera pair.
@@ -144,7 +144,7 @@ class CameraWatch:
             )
         self.check_exactly(eyes, speed)
         self.seen += 1
-        looked = self.seen % EVERY == 0
+        looked = self.seen % EVERY == 0 or any(self.stuck)
         if looked or 0 < abs(speed) < SLOWLY:
             pictures = look(eyes[0]), look(eyes[1])
             if looked:
@@ -197,7 +197,9 @@ class CameraWatch:
         ]
         for k, name in enumerate(NAMES):
             self.blind[k] = self.count(self.blind[k], reasons[k] is not None)
-            self.stuck[k] = self.count(self.stuck[k], (same[k] or behind[k]) and reasons[k] is None)
+            # The same after so long a way, twice, is enough: the way counts, not the time that passed on it.
+            by = (self.wrong_for + 1) // 2 if same[k] else 1
+            self.stuck[k] = self.count(self.stuck[k], (same[k] or behind[k]) and reasons[k] is None, by)
             reason = reasons[k]
             if self.blind[k] >= self.wrong_for and reason is not None:
                 raise SightError(reason.kind, f"the {name} camera {reason.words}")
@@ -262,9 +264,9 @@ class CameraWatch:
         if wrong is not None:
             raise SightError(Kind.MOUNTING, wrong)
 
-    def count(self, before: int, wrong: bool) -> int:
-        """Pictures that look wrong, less those that look right."""
-        return min(before + 1, self.wrong_for) if wrong else max(before - 1, 0)
+    def count(self, before: int, wrong: bool, by: int = 1) -> int:
+        """Pictures that look wrong, each as often as is said, less those that look right."""
+        return min(before + by, self.wrong_for) if wrong else max(before - 1, 0)
 
     def far_from(self, before: Seen) -> bool:
         """Whether the car has since gone so far that every picture must have changed."""
