@@ -38,6 +38,8 @@ class Soak:
     """Simulated time in all."""
     piece: float = 180.0
     """Simulated time of one piece, s; each drives in another building."""
+    first: int = 0
+    """Number of the first piece. Each number has its own building, faults and times: choose one that nobody drove."""
     out: Path = Path("out/soak")
     """Folder for the pieces and the table; of another car, with other pieces or other code soak-2, and so on."""
     force: bool = False
@@ -64,18 +66,21 @@ class Soak:
             raise InputError(
                 f"--minutes must be positive and --piece 10 to 3600 s, got {self.minutes:g} and {self.piece:g}"
             )
+        if not 0 <= self.first < 1_000_000:
+            raise InputError(f"--first must be 0 to 999999, got {self.first}")
         config = read_toml(toml_file(self.config, "ndtorch_robot", "configs"), RunConfig)
         torch.set_num_threads(1)
         key = {"code": code_digest(CODE, ("torch", "mujoco", "numpy")), "config": config.model_dump_json()}
         key |= {"piece": f"{self.piece:g}", "board": HostedBoard.code()}
         place = place_for(self.out, {"command": "soak"} | key, force=self.force)
-        files = [place.folder / f"piece-{n:04d}.json" for n in range(max(1, round(60 * self.minutes / self.piece)))]
+        numbers = range(self.first, self.first + max(1, round(60 * self.minutes / self.piece)))
+        files = [place.folder / f"piece-{number:04d}.json" for number in numbers]
         # A shorter soak than the last one leaves nothing out that was driven.
         every = sorted({*files, *place.folder.glob("piece-*.json")})
         known = {file: made for file in every if (made := kept(file, key)) is not None}
         process, pieces = secrets.token_hex(4), list(known.values())
         with parts_kept(place.folder, "pieces", len(files), lambda: sum(file in known for file in files)):
-            for number, file in enumerate(files):
+            for number, file in zip(numbers, files, strict=True):
                 made = known.get(file)
                 if made is None:
                     made = drive_piece(config, number, self.piece, lambda seconds: None)
@@ -86,7 +91,7 @@ class Soak:
                     pieces = [known[each] for each in sorted(known)]
                 for line in troubles([made]):
                     print(line, file=sys.stderr, flush=True)
-                print(f"{number + 1}: {summary([made])}", file=sys.stderr, flush=True)
+                print(f"piece {number}: {summary([made])}", file=sys.stderr, flush=True)
                 write_text(place.folder / "table.md", report(pieces))
         print(json.dumps(summary(pieces)) if self.json else report(pieces))
         return FAILED if troubles(pieces) else 0

@@ -94,12 +94,21 @@ def test_a_soak_goes_on_and_another_car_gets_a_folder_of_its_own(tmp_path, monke
     assert Soak(minutes=1.0, piece=30.0, out=out).run() == 0
     assert (out / "table.md").read_text() == table
     assert "pieces 2," in (tmp_path / "soak-2" / "table.md").read_text()
-    # So does what is in a folder that no soak wrote.
+    # A soak that begins with another piece stands beside what was driven, and has buildings of its own.
+    assert Soak(minutes=2.0, piece=60.0, first=7, out=out).run() == 0
+    assert driven[-2:] == [("maxston8", 7), ("maxston8", 8)]
+    assert "pieces 5," in (out / "table.md").read_text()
+    # What is in a folder that no soak wrote stays too.
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "table.md").write_text("mine")
     assert Soak(minutes=0.5, piece=30.0, out=tmp_path / "mine").run() == 0
     assert (tmp_path / "mine" / "table.md").read_text() == "mine"
     assert (tmp_path / "mine-2" / "piece-0000.json").is_file()
+
+
+def test_pieces_have_numbers_from_0(tmp_path):
+    with pytest.raises(InputError, match="--first must be 0 to 999999, got -1"):
+        Soak(first=-1, out=tmp_path / "soak").run()
 
 
 def test_a_soak_that_is_stopped_tells_what_it_keeps(tmp_path, monkeypatch):
