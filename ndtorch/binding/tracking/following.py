@@ -19,6 +19,9 @@ from ndtorch.binding.tracking.silhouettes import Sighting, share, sightings, tol
 from ndtorch.binding.tracking.whole import clear, look_again, moves_as_a_whole, straightness, swings, taken_back
 from ndtorch.vision.camera.figures import Standing
 
+EDGE = 0.003
+"""What is nearer to the edge of the picture than this share of its height touches it."""
+
 
 def follow(
     figures: list[Figure],
@@ -57,6 +60,7 @@ def follow(
         every pixel plus one, 0 where none is, `[h, w]`.
     """
     labels, height, picture = regions.labels, regions.labels.shape[0], standing.picture
+    width = labels.shape[1] / height
     late, kept = list[Figure](), list[Figure]()
     for one in figures:
         (late if time - one.last_seen > patience(one, dt, p) else kept).append(one)
@@ -91,12 +95,11 @@ def follow(
     shaded = np.zeros(0) if all(one.known for one in kept) else shares(silhouettes, standing.narrow, began)
     for one, seen in zip(kept, every, strict=True):
         if seen is not None:
-            add(one, time, seen, p)
+            add(one, time, seen, width, p)
             if not one.known and not seen.shared:
                 one.sure += seen.sure
                 one.narrow += shaded[one.number + 1]
                 look_again(one, picture, standing.ground, p)
-    width = labels.shape[1] / height
     stirred = bool(gone.any())
     for one in kept:
         if (
@@ -110,8 +113,8 @@ def follow(
             and not one_of_many(one, come, seen_for, width, p)
         ):
             one.known, one.since = True, time if one.since < 0 else one.since
-        elif stirred and one.known and one.last_seen == time and restless(one, gone) and taken_back(one, time, dt, p):
-            one.known = False
+        elif one.known and one.last_seen == time:
+            one.known = not taken_back(one, bool(stirred and restless(one, gone)), time, dt, p)
     for one in (*kept, *late):
         # It may be that the others came later.
         if one.known and one.last_seen - one.since < p.trial and one_of_many(one, come, seen_for, width, p):
@@ -180,8 +183,12 @@ def start(number: int, time: float, place: Numbers) -> Figure:
     return Figure(number, False, two, two, np.zeros(3), place, time, place, ten, ten, np.zeros(4), *looks, none)
 
 
-def add(one: Figure, time: float, seen: Sighting, p: FigureParams) -> None:
-    """Take a sighting. In a shared region the size is remembered, not seen."""
+def add(one: Figure, time: float, seen: Sighting, across: float, p: FigureParams) -> None:
+    """Take a sighting in a picture so many heights across. In a shared region the size is remembered, not seen.
+
+    To grow is not to travel: what is no object yet and is much larger at once, as a screen after a cut, begins its way
+    anew. What touches the edge of the picture may be coming in.
+    """
     (row, column), (tall, wide), pixels = seen.place, seen.extent, seen.pixels
     one.shades = one.shades + seen.shades
     if one.late or len(one.before):
@@ -193,6 +200,9 @@ def add(one: Figure, time: float, seen: Sighting, p: FigureParams) -> None:
             row, column = there[0] + share_of * (row - there[0]), there[1] + share_of * (column - there[1])
             tall, wide = height, width
         else:
+            if not one.known and pixels > p.alike_size * one.last[PIXELS]:
+                room = min(row - tall / 2, column - wide / 2, 1 - row - tall / 2, across - column - wide / 2)
+                one.start = one.start if room < EDGE else np.array((row, column))
             keep = gap / (p.tau_size + gap)
             one.extent = np.array((height + keep * (tall - height), width + keep * (wide - width)))
             one.color = one.color + keep * (seen.color - one.color)

@@ -119,13 +119,15 @@ def straightness(one: Figure, p: FigureParams) -> float:
     return got / length if length else 1.0
 
 
-def taken_back(one: Figure, time: float, dt: float, p: FigureParams) -> bool:
-    """Whether an object turns out to go to and fro: its way was long, and it never was far from where it began.
+def taken_back(one: Figure, stirred: bool, time: float, dt: float, p: FigureParams) -> bool:
+    """Whether an object turns out to go to and fro: its way was long, and it never was far from where it began. Or it
+    did not get far for its size, since it only grew.
 
     That is asked every second for `trial` seconds after it became an object. Later one may pace up and down.
 
     Args:
         one: the object.
+        stirred: whether things came and went where it is; only there objects are told that go to and fro.
         time: seconds.
         dt: seconds of a step.
         p: constants.
@@ -134,7 +136,7 @@ def taken_back(one: Figure, time: float, dt: float, p: FigureParams) -> bool:
     if not p.travel or age > p.trial + dt or int(age) == int(age - dt) or age < 1:
         return False
     _, furthest, length = way_of(one, p)
-    return furthest < p.swing * length
+    return furthest < p.grown * one.size or (stirred and furthest < p.swing * length)
 
 
 def way_of(one: Figure, p: FigureParams) -> tuple[float, float, float]:

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from ndtorch.binding.tracking.figure_params import FigureParams
-from ndtorch.binding.tracking.following import part_of_another, patience, start, travels
+from ndtorch.binding.tracking.following import EDGE, add, part_of_another, patience, start, travels
 from ndtorch.binding.tracking.restless import at_rest
+from ndtorch.binding.tracking.silhouettes import Sighting
 
 
 @pytest.mark.parametrize(
@@ -70,3 +71,25 @@ def test_what_moves_with_something_much_larger_beside_it_is_a_part_of_it(
         each.late.append((time, row, column, row - half, column - half, row + half, column + half, size, row, column))
     other.velocity, one.velocity = np.array([0.0, 1.0]), np.array([0.0, 1.0 - slower])
     assert part_of_another(one, [one, other], PARTS) is is_part
+
+
+@pytest.mark.parametrize(
+    ("grows", "column", "known", "anew"),
+    [
+        (1.1 * PARTS.alike_size, 0.5, False, True),
+        (0.9 * PARTS.alike_size, 0.5, False, False),
+        (1.1 * PARTS.alike_size, 0.5, True, False),
+        # What is coming in grows as well.
+        (1.1 * PARTS.alike_size, 0.1 + 0.9 * EDGE, False, False),
+        (1.1 * PARTS.alike_size, 1.5 - 0.9 * EDGE, False, False),
+    ],
+    ids=["at once", "by and by", "an object", "at the left edge", "at the right edge"],
+)
+def test_what_is_much_larger_at_once_begins_its_way_anew(grows: float, column: float, known: bool, anew: bool) -> None:
+    """The picture is 1.6 heights wide, and the track .2."""
+    one = start(0, 0.0, np.array([0.5, 0.4]))
+    one.known = known
+    for time, at, pixels in ((0.0, 0.4, 0.01), (0.04, column, 0.01 * grows)):
+        place = (0.5, at)
+        add(one, time, Sighting(place, place, (0.2, 0.2), pixels, np.zeros(3), np.zeros(4), 0.0, False), 1.6, PARTS)
+    assert one.start.tolist() == ([0.5, column] if anew else [0.5, 0.4])

@@ -120,7 +120,7 @@ def test_pieces_of_a_larger_object_do_not_count(size: float, told: int) -> None:
 def test_an_object_that_goes_to_and_fro_is_one_where_nothing_else_came_and_went(gone: float, known: bool) -> None:
     """It is asked a second after it became one, in the very step in which it is seen."""
     one = track(0, (0.5, 0.8), 0.2, steps=26, known=True)
-    swaying = [0.8 + 0.1 * (n % 10 < 5) for n in range(26)]
+    swaying = [0.8 + 0.12 * (n % 10 < 5) for n in range(26)]
     one.late = [
         (row[0], 0.5, at, 0.4, at - 0.1, 0.6, at + 0.1, 0.04, 0.5, at)
         for row, at in zip(one.late, swaying, strict=True)
@@ -128,7 +128,7 @@ def test_an_object_that_goes_to_and_fro_is_one_where_nothing_else_came_and_went(
     one.since = 0.0
     nothing, standing, light, _ = empty()
     where = at_rest(50, 80) + np.float32(gone)
-    assert taken_back(one, one.last_seen, DT, P)
+    assert taken_back(one, True, one.last_seen, DT, P)
     follow([one], one.last_seen, 60.0, nothing, standing, light, where, np.zeros((0, COMING)), 1, DT, P)
     assert one.known is known
 

@@ -188,17 +188,26 @@ def test_an_object_that_only_went_to_and_fro_is_taken_back_within_its_trial() ->
     times = [n / 10 for n in range(1, 101)]
     for one, most in ((swaying, P.trial), (walking, 0.0)):
         one.since = 0.0
-        back = [time for time in times if taken_back(one, time, 0.1, P)]
+        back = [time for time in times if taken_back(one, True, time, 0.1, P)]
         # Once a second, and not later than that.
         assert back == [float(n) for n in range(1, int(most) + 1)]
-    assert not taken_back(swaying, 1.0, 0.1, FigureParams(travel=0.0))
+    assert not taken_back(swaying, True, 1.0, 0.1, FigureParams(travel=0.0))
+    assert not taken_back(swaying, False, 1.0, 0.1, P)
 
 
-def objects(video: Tensor) -> list[BoundObject]:
-    """On a camera with some noise."""
+def test_an_object_that_got_less_far_than_half_of_its_size_only_grew() -> None:
+    one = walked([0.5, 0.6, 0.7])
+    for size, back in ((0.39, False), (0.41, True)):
+        one.extent, one.since = np.full(2, size), 0.0
+        assert taken_back(one, False, 1.0, 0.1, P) is back
+
+
+def objects(video: Tensor, **options: float) -> list[BoundObject]:
+    """On a camera with some noise; `options` are of the tracking."""
     generator = torch.Generator().manual_seed(3)
     noisy = video + 0.004 * torch.randn(video.shape, generator=generator)
-    model = ndtorch.load("figures", size=SIZE, fps=25.0)
+    named = {f"tracking.{name}": value for name, value in options.items()}
+    model = ndtorch.load("figures", size=SIZE, fps=25.0, **named)
     assert isinstance(model, FiguresModel)
     with torch.inference_mode():
         _, state = model((noisy.clamp(0, 1) * 255).round().to(torch.uint8))
@@ -225,6 +234,20 @@ def test_pale_blocks_that_come_and_go_are_no_object_but_a_pale_thing_that_moves_
     (thing,) = objects(pale("goes"))
     assert thing.direction == "right"
     assert objects(pale("blinks")) == []
+
+
+def cut_to(left: int) -> Tensor:
+    """A spot that shines, and from frame 45 on a screen of which it was a part; the screen begins at that column."""
+    video = ground().repeat(90, 1, 1, 1)
+    video[30:45, :, 44:54, 20:30] = 0.9
+    video[45:, :, 40:88, left : left + 60] = 0.9
+    return video
+
+
+def test_a_spot_that_becomes_a_screen_is_no_object() -> None:
+    """Its middle goes by more than its size, but nothing moves."""
+    assert objects(cut_to(20)) == []
+    assert len(objects(cut_to(20), grown=0.0, alike_size=1e9)) == 1
 
 
 @pytest.mark.parametrize(("more", "whole"), [(1.01, False), (0.99, True)])
