@@ -51,7 +51,7 @@ class SightLimits:
     """When a camera counts as blind, stuck or wrongly mounted. Levels are those of 255.
 
     Args:
-        patience_s: a picture must look wrong for so long, s.
+        patience_s: a picture must look wrong for so long, s. One that has not changed where it must: twice.
         row_contrast, field_contrast: standard deviation of the block means, less what varies slowly, below which the
             row, or the subfield, shows nothing. A camera is blind when both show nothing.
         row_relative, field_relative: the same as a share of the mean brightness: below it lies fog.
