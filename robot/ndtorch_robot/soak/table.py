@@ -67,11 +67,12 @@ def growth(pieces: list[Piece]) -> float | None:
 
 
 def summary(pieces: list[Piece]) -> dict[str, Any]:
-    """The figures of a soak."""
+    """The figures of a soak. A piece in which the car never began tried no fault; such ones are counted."""
     rows = [row for piece in pieces for row in piece["faults"]]
     grown = growth(pieces)
     return {
         "pieces": len(pieces),
+        "pieces_without_a_fault": sum(not piece["faults"] for piece in pieces),
         "hours": round(sum(piece["seconds"] for piece in pieces) / 3600, 3),
         "wall_hours": round(sum(piece["wall_seconds"] for piece in pieces) / 3600, 3),
         "faults": len(rows),

@@ -36,6 +36,8 @@ def test_the_table_tells_what_was_bad():
     assert troubles(good) == []
     assert summary(good)["megabytes_an_hour"] == 0.0
     assert "| camera | black | 0.25 | 8 | 0 | 0.10 | 0.10 | 1.0 |" in report(good)
+    assert summary(good)["pieces_without_a_fault"] == 0
+    assert summary([*good, piece(8, 360.0, [])])["pieces_without_a_fault"] == 1
     bad = [*good[:-1], piece(7, 360.0, [row("wheels turned for 0.400 s", 0.4)], ["3.00 s: why"])]
     assert len(troubles(bad)) == 3  # a stop, wheels that turned, and memory
     assert "| camera | black | 0.25 | 8 | 1 | 0.10 | 0.40 | 1.0 |" in report(bad)
