@@ -44,9 +44,9 @@ def tidied(
     shape, margin = (height, width), max(max(sides[0], sides[1]), max(sides[2], sides[3]))
     size = (height + 2 * margin) * (width + 2 * margin)
     marks, room = np.zeros(size, np.uint8), (np.empty(size, np.uint8), np.empty(size, np.uint8))
-    unknown = 0
+    dark = young = 0
     for y in range(height):
-        unknown += on_known(out[y], known[y], pale[y], narrow[y])
+        dark |= on_known(out[y], known[y], pale[y], narrow[y])
     leave_shadows_out(out, light, may_be, shadow[0], shadow[1], shadow[2], shadow[3], figure)
     # A dark coat looks like a shadow, but the rest of its wearer is around it.
     for y in range(height):
@@ -54,10 +54,10 @@ def tidied(
     closed(marks, sides[0], shape, margin, room)
     for y in range(height):
         common(row_of(marks, y, width, margin), out[y], figure[y])
-    if unknown:
-        # What moves there is believed where it is broad: edges of what stands still tremble.
-        for y in range(height):
-            mark_young(quiet[y], known[y], trail, row_of(marks, y, width, margin))
+    # What moves where no ground is known is believed where it is broad: edges of what stands still tremble.
+    for y in range(height):
+        young |= mark_young(quiet[y], known[y], trail, row_of(marks, y, width, margin))
+    if young:
         opened(marks, sides[1], shape, margin, room)
         for y in range(height):
             add(row_of(marks, y, width, margin), figure[y])
@@ -69,7 +69,7 @@ def tidied(
     opened(marks, sides[2], shape, margin, room)
     for y in range(height):
         copied(row_of(marks, y, width, margin), figure[y])
-    if sides[3]:
+    if sides[3] and dark:
         opened(marks, sides[3], shape, margin, room)
         for y in range(height):
             leave_out(row_of(marks, y, width, margin), narrow[y])
@@ -77,14 +77,14 @@ def tidied(
 
 @apart
 def on_known(out: Array, known: Array, pale: Array, narrow: Array) -> int:
-    """Leave out what stands out in a row where no ground is known, and of how many pixels that is."""
-    unknown = np.int32(0)
+    """Leave out what stands out in a row where no ground is known; whether a narrow shadow may be in it."""
+    dark = np.uint8(0)
     for x in range(out.shape[0]):
         sure = np.uint8(known[x] > 0)
         out[x] &= sure
         narrow[x] = pale[x] & sure
-        unknown += np.int32(1) - np.int32(sure)
-    return int(unknown)
+        dark |= narrow[x]
+    return int(dark)
 
 
 @apart
@@ -95,11 +95,13 @@ def common(marks: Array, out: Array, figure: Array) -> None:
 
 
 @apart
-def mark_young(quiet: Array, known: Array, trail: float, marks: Array) -> None:
-    """Mark what moved lately where no ground is known."""
-    lately = quiet.dtype.type(trail)
+def mark_young(quiet: Array, known: Array, trail: float, marks: Array) -> int:
+    """Mark what moved lately where no ground is known; whether anything did."""
+    lately, young = quiet.dtype.type(trail), np.uint8(0)
     for x in range(marks.shape[0]):
         marks[x] = (quiet[x] < lately) & (known[x] <= 0)
+        young |= marks[x]
+    return int(young)
 
 
 @apart

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache
 
 import numpy as np
 
@@ -100,7 +101,7 @@ def follow(
                 one.sure += seen.sure
                 one.narrow += shaded[one.number + 1]
                 look_again(one, picture, standing.ground, p)
-    stirred = bool(gone.any())
+    stirred, lit = bool(gone.any()), cache(standing.ground.mean)
     for one in kept:
         if (
             seen_for > p.warm_up - dt / 2
@@ -108,7 +109,7 @@ def follow(
             and one.last_seen == time
             and travels(one, gone, dt, p)
             and not is_shadow(one, p)
-            and is_thing(one, standing.ground, p)
+            and is_thing(one, lit, p)
             and not part_of_another(one, kept, p)
             and not one_of_many(one, come, seen_for, width, p)
         ):
@@ -146,12 +147,13 @@ def travels(one: Figure, gone: Floats, dt: float, p: FigureParams) -> bool:
     return far >= further and (not unrest or straightness(one, p) >= p.straight * unrest)
 
 
-def is_thing(one: Figure, ground: Floats, p: FigureParams) -> bool:
+def is_thing(one: Figure, light: Callable[[], float], p: FigureParams) -> bool:
     """Whether a track stands out clearly from the ground and does not swing, or moves as a whole and straight; anything
-    is, where `travel` is 0. What was taken back has to go straight, too."""
+    is, where `travel` is 0. What was taken back has to go straight, too. `light` gives the mean of the ground: it is
+    seldom asked for, and the same for all tracks."""
     if not p.travel or (clear(one, p) and one.since < 0 and not swings(one, p)):
         return True
-    return (clear(one, p) or moves_as_a_whole(one, float(ground.mean()), p)) and straightness(one, p) >= p.straight
+    return (clear(one, p) or moves_as_a_whole(one, float(light()), p)) and straightness(one, p) >= p.straight
 
 
 def is_shadow(one: Figure, p: FigureParams) -> bool:

@@ -170,17 +170,17 @@ def test_what_stays_behind_on_a_way_to_and_fro_swings(stayed: float, columns: li
     one = walked(columns)
     one.unlike, one.sure = np.array([stayed, 1 - stayed]), 99.0 * len(columns)
     assert swings(one, P) is swinging
-    assert is_thing(one, GROUND, P) is not swinging
-    assert is_thing(one, GROUND, FigureParams(travel=0.0))
+    assert is_thing(one, GROUND.mean, P) is not swinging
+    assert is_thing(one, GROUND.mean, FigureParams(travel=0.0))
 
 
 def test_what_was_taken_back_has_to_go_straight() -> None:
     for columns in (TO_AND_FRO, STRAIGHT):
         one = walked(columns)
         one.unlike, one.sure = np.array([0.9, 0.1]), 99.0 * len(columns)
-        assert is_thing(one, GROUND, P)
+        assert is_thing(one, GROUND.mean, P)
         one.since = 0.0
-        assert is_thing(one, GROUND, P) is (columns is STRAIGHT)
+        assert is_thing(one, GROUND.mean, P) is (columns is STRAIGHT)
 
 
 def test_an_object_that_only_went_to_and_fro_is_taken_back_within_its_trial() -> None:
