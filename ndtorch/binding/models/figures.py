@@ -17,6 +17,7 @@ from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.normalise import FieldInputs
 from ndtorch.binding.objects import BoundObject
 from ndtorch.binding.readout.owners import features_by_group
+from ndtorch.binding.tracking.far_away import tiny, without_pieces
 from ndtorch.binding.tracking.figures import Figure, figures_of, table_of
 from ndtorch.binding.tracking.following import follow
 from ndtorch.binding.tracking.many import comings
@@ -179,7 +180,8 @@ class FiguresModel(BindingModel):
         if hole is not None:
             wide = np.asarray(cv2.dilate(hole.astype(np.uint8), square(3))) > 0
             figure = figure & ~hole
-        regions = parted(regions_of(figure, smallest, t.gap), t.notch, smallest)
+        every = regions_of(figure, min(t.tiny, t.smallest) * standing.grey.size, t.gap)
+        regions = without_pieces(parted(every, t.notch, smallest), open_, time, t)
         light = Light(standing.picture, standing.ground, self.config.shades)
         open_, late, silhouettes = follow(
             open_, time, ground.frames * self.dt, regions, standing, light, seen.gone, seen.come, began, self.dt, t
@@ -190,7 +192,8 @@ class FiguresModel(BindingModel):
         keeping = []
         for one in open_:
             since, patience = (one.moved, t.stays) if one.known else (one.first_seen, t.doubtful)
-            if time - since < patience:
+            # Under what is tiny and perhaps nothing, leaves and water are learned to be restless.
+            if time - since < patience and (one.known or not tiny(one, silhouettes.shape[1] / silhouettes.shape[0], t)):
                 keeping.append(one.number)
         sensed, seen.filters = self.fields.sense(standing.picture, standing.ground, silhouettes, seen.filters)
         learn(standing, ground, seen.kept, self.dt, g)

@@ -12,6 +12,10 @@ class FigureParams(Constants):
     seconds."""
 
     smallest: float = Field(0.0005, gt=0, description="smallest region, as a share of the picture")
+    tiny: float = Field(0.0002, gt=0, description="smallest region of a thing far away, which is")
+    alone: float = Field(0.2, ge=0, description="farther than this from all that is larger, shares of the height,")
+    certain: float = Field(2.0, ge=0, description="and an object after so many times the way that others have to go,")
+    unbent: float = Field(0.8, ge=0, le=1, description="if it is this straight, and clear")
     gap: int = Field(2, ge=0, description="gaps that are closed, pixels of that image")
     notch: float = Field(0.8, ge=0, le=1, description="a region is cut where it has less of its height than both sides")
     shadow: float = Field(

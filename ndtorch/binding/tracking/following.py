@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 
+from ndtorch.binding.tracking.far_away import tiny
 from ndtorch.binding.tracking.figure_params import FigureParams
 from ndtorch.binding.tracking.figures import FOLLOWED, PATCH, PIXELS, SIGHTING, Figure, Numbers
 from ndtorch.binding.tracking.many import one_of_many
@@ -96,6 +97,9 @@ def follow(
     shaded = np.zeros(0) if all(one.known for one in kept) else shares(silhouettes, standing.narrow, began)
     for one, seen in zip(kept, every, strict=True):
         if seen is not None:
+            if not one.known and seen.pixels >= p.smallest * width and begun(one) and tiny(one, width, p):
+                # All before was a piece of it.
+                vars(one).update(vars(start(one.number, time, np.array(seen.place))))
             add(one, time, seen, width, p)
             if not one.known and not seen.shared:
                 one.sure += seen.sure
@@ -108,6 +112,7 @@ def follow(
             and not one.known
             and one.last_seen == time
             and travels(one, gone, dt, p)
+            and (not tiny(one, width, p) or certain(one, p))
             and not is_shadow(one, p)
             and is_thing(one, lit, p)
             and not part_of_another(one, kept, p)
@@ -156,6 +161,17 @@ def is_thing(one: Figure, light: Callable[[], float], p: FigureParams) -> bool:
     return (clear(one, p) or moves_as_a_whole(one, float(light()), p)) and straightness(one, p) >= p.straight
 
 
+def begun(one: Figure) -> bool:
+    """Whether a track has sightings."""
+    return bool(one.late) or len(one.before) > 0
+
+
+def certain(one: Figure, p: FigureParams) -> bool:
+    """Whether a tiny track stands out clearly, and went far and straight."""
+    enough = p.certain * max(p.travel * one.size, p.way) if p.travel else 0.0
+    return clear(one, p) and straightness(one, p) >= p.unbent and math.dist(one.last[FOLLOWED], one.start) >= enough
+
+
 def is_shadow(one: Figure, p: FigureParams) -> bool:
     """Whether a track was, in all its sightings together, hardly more than a narrow shadow."""
     return one.narrow >= p.shadow * (len(one.before) + len(one.late))
@@ -193,7 +209,7 @@ def add(one: Figure, time: float, seen: Sighting, across: float, p: FigureParams
     """
     (row, column), (tall, wide), pixels = seen.place, seen.extent, seen.pixels
     one.shades = one.shades + seen.shades
-    if one.late or len(one.before):
+    if begun(one):
         gap = time - one.last_seen
         # Plain numbers: arrays of two take several times as long.
         there, down, (height, width) = one.expected(time, p.ahead), one.velocity.tolist(), one.extent.tolist()

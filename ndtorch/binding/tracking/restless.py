@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ndtorch.binding.tracking.far_away import tiny
 from ndtorch.binding.tracking.figure_params import FigureParams
 from ndtorch.binding.tracking.figures import Figure, Numbers
 from ndtorch.binding.tracking.regions import Floats
@@ -39,7 +40,9 @@ def come_and_gone(
         dt: seconds of a step.
         p: constants.
     """
+    width = before.shape[1] / before.shape[0]
     gone = [one for one in late if not one.known and one.last_seen - one.first_seen > p.glimpse]
+    gone = [one for one in gone if not tiny(one, width, p)]
     if not gone and not before.any():
         return before
     after = before * np.float32(math.exp(-dt / p.forget))
