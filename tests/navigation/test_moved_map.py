@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from ndtorch.navigation import Grid, GridMap, Navigator, Pose, Ranges, StereoRig
-from ndtorch.navigation.moved_map import CHUNK, draw, evident, keep, map_cells
+from ndtorch.navigation.moved_map import CHUNK, draw, evident, keep, map_cells, telling
 from ndtorch.navigation.sights import Anchor, Frames, add_sights, no_sights, placed_sights
 
 GRID = Grid(0.0, 6.0, -2.0, 2.0)
@@ -51,9 +51,27 @@ def test_the_state_goes_through_updates_and_what_has_no_anchor_is_not_kept():
     assert len(state.sights.now) == 1
 
 
-def test_what_is_less_than_a_hundredth_is_no_evidence():
-    cells = torch.tensor([[1.0, 0.0101], [0.0099, 0.0]])
-    assert evident(cells).tolist() == [[1.0, pytest.approx(0.0101)], [0.0, 0.0]]
+def test_what_is_less_than_a_twentieth_is_no_evidence():
+    cells = torch.tensor([[1.0, 0.0501], [0.0499, 0.0]])
+    assert evident(cells).tolist() == [[1.0, pytest.approx(0.0501)], [0.0, 0.0]]
+
+
+def test_what_is_seen_again_from_one_place_counts_as_often_as_in_passing():
+    """A place that is ranged a thousand times to and fro hides no other one that was passed once."""
+    rig, sights = StereoRig(), no_sights()
+    for n in range(1000):  # a few millimetres to and fro: not twice from the same pose
+        here = Anchor(3, (0.075 + 1e-5 * n, 0.075, 0.0))
+        sights = add_sights(sights, here, Ranges(*(part[0] for part in seen(rig, 1.5, 0.6))))
+    assert len(sights.now) == 1000
+    passed = Ranges(*(part[0] for part in seen(rig, 1.5, -0.6)))
+    for n in range(5):
+        sights = add_sights(sights, Anchor(3, (2.075 + 0.03 * n, 0.075, 0.0)), passed)
+    ranges, poses = placed_sights(sights, frames(0.0, 0.0, 0.0))
+    kept = telling(ranges, poses)
+    assert kept.nonzero().flatten().tolist() == [*range(5), *range(1000, 1005)]
+    drawn = draw(GridMap(rig, GRID), sights, frames(0.0, 0.0, 0.0))
+    row, column = GRID.find(torch.tensor(3.635), torch.tensor(-0.525))
+    assert float(drawn[int(row) - 16 : int(row) + 16, int(column) - 16 : int(column) + 16].max()) > 0.2
 
 
 def test_before_anything_was_seen_the_map_is_empty():
