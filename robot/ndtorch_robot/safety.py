@@ -202,7 +202,7 @@ class SafeDrive:
             return False
         was, self.standing, self.kind, self.passes = self.standing, None, None, True
         if self.sight is not None:
-            self.sight.watch.forget_mounting()  # whoever says go has put the cameras right
+            self.sight.watch.forget()  # whoever says go may have put the cameras right
         self.well_since, self.sent = math.inf, STAND
         self.report(f"resumed after: {was}")
         return True

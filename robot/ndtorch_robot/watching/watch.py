@@ -240,8 +240,15 @@ class CameraWatch:
                     raise SightError(Kind.MOUNTING, f"{which} upside down: pictures turn the wrong way")
                 return
 
-    def forget_mounting(self) -> None:
-        """Somebody may have put the cameras right."""
+    def forget(self) -> None:
+        """Somebody says go, and may have put the cameras right. What was seen before tells nothing from here on.
+
+        A camera that froze just before the car stood shows, when it is well again, almost what it showed frozen. As
+        long as the car stands nothing new can be seen, so to compare with what was seen before would stop it for ever.
+        """
+        self.before.clear()
+        self.ways.clear()
+        self.stuck = [0, 0]
         self.agreement.forget()
         if self.floor is not None:
             self.floor.forget()

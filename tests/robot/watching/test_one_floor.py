@@ -266,7 +266,7 @@ def test_the_car_is_stopped_and_may_be_told_to_go_on():
     assert after < 1.05 * VIEWS * 2 * EVERY / 30 + 0.3
     assert wrong.kind is Kind.MOUNTING
     assert "do not see one floor any more" in wrong.words
-    sight.watch.forget_mounting()
+    sight.watch.forget()
     assert drives(6.0, 2.0, lambda left, right: (left, right)) is None
     # Somebody looks through the same strips without knowing where they lie.
     assert Sight(RIG, 30.0, 0.1).watch.floor is None
