@@ -121,13 +121,18 @@ def relax(
     return poses + step[: 3 * len(poses)].reshape(-1, 3), common + step[3 * len(poses) :]
 
 
-def doubts(poses: Floats, links: Links, gate: float, doubt: Floats, one: int, others: npt.NDArray[np.int64]) -> Floats:
-    """How well one pose is known as seen from others: covariances `[n, 3, 3]`."""
+def covariance_of(poses: Floats, links: Links, gate: float, doubt: Floats) -> Floats:
+    """Covariance of all poses as seen from the first, `[3 K, 3 K]`; for the arguments see `relax`."""
     matrix, _ = normal_equations(poses, links, gate, np.zeros(len(doubt)), doubt)
     size = 3 * len(poses)
     covariance = np.zeros((size, size))
     covariance[3:, 3:] = np.linalg.inv(matrix[3:, 3:])[: size - 3, : size - 3]
-    blocks = covariance.reshape(len(poses), 3, len(poses), 3).transpose(0, 2, 1, 3)
+    return covariance
+
+
+def doubts(poses: Floats, links: Links, gate: float, doubt: Floats, one: int, others: npt.NDArray[np.int64]) -> Floats:
+    """How well one pose is known as seen from others: covariances `[n, 3, 3]`."""
+    blocks = covariance_of(poses, links, gate, doubt).reshape(len(poses), 3, len(poses), 3).transpose(0, 2, 1, 3)
     to_a, to_b = slopes(poses[others], poses[np.full(len(others), one)])
     both = to_a @ blocks[others, one] @ to_b.transpose(0, 2, 1)
     apart = to_a @ blocks[others, others] @ to_a.transpose(0, 2, 1) + to_b @ blocks[one, one] @ to_b.transpose(0, 2, 1)

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_state
 from ndtorch.errors import InputError
+from ndtorch.navigation.localisation.agreeing import settled
 from ndtorch.navigation.localisation.filter import predicted, updated
 from ndtorch.navigation.localisation.finding import Hunt, begin, carried_over, draw, no_hunt, refine, verdict, vote
 from ndtorch.navigation.localisation.fitting import fit_pair
@@ -24,7 +25,6 @@ from ndtorch.navigation.localisation.parts import (
     is_ripe,
     no_parts,
     redrawn,
-    relaxed,
     with_frame,
 )
 from ndtorch.navigation.localisation.scanning import scan_rows
@@ -161,7 +161,7 @@ class Localiser(nn.Module):
         if len(parts.pairs):
             return state._replace(parts=parts)
         before = parts.poses[-1].numpy()
-        parts = relaxed(parts, *odometer_of(state), self.params)
+        parts = settled(parts, *odometer_of(state), self.params)
         x, y, heading = carried(parts.poses[-1].numpy(), seen_from(before, np.array([float(v) for v in state.pose])))
         # Headings are counted on beyond a turn.
         heading += 2 * math.pi * round((float(state.pose.heading) - heading) / (2 * math.pi))

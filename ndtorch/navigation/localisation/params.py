@@ -82,6 +82,11 @@ class PartParams:
             each metre; radians, radians each metre, and radians each radian turned.
         gate: squared distance, in standard deviations, at which an edge of the graph counts a quarter.
         rounds: of Gauss-Newton in the graph, after each part.
+        moved, by, many: a fit waits that would move so many parts before the newest by more than this, as squared
+            distance in standard deviations of their place, and in m.
+        same: squared distance, in standard deviations, of a fit of another part from what the first one says, up to
+            which it says the same, so that both count.
+        patience: parts that are finished until a fit that waits is given up.
     """
 
     way: float = 2.0
@@ -113,6 +118,11 @@ class PartParams:
     turn_slip: float = 0.001
     gate: float = 16.0
     rounds: int = 2
+    moved: float = 9.0
+    by: float = 0.05
+    many: int = 5
+    same: float = 9.0
+    patience: int = 30
 
     def __post_init__(self) -> None:
         check_numbers(self)

@@ -59,6 +59,7 @@ class Parts(NamedTuple):
         scans: likewise, frames of single scans, half a step after each, which move by themselves as long as the way
             since the start will be gone through again.
         learning: parts begun in this time from the start, s, count only where nothing was seen later.
+        waiting: fits that would move much and that no other has confirmed, like `edges`, see `agreeing`.
     """
 
     done: tuple[Part, ...]
@@ -73,6 +74,7 @@ class Parts(NamedTuple):
     aside: Tensor
     scans: Tensor
     learning: Tensor
+    waiting: Tensor
 
 
 def no_parts(pose: tuple[float, float, float], params: LocaliserParams) -> Parts:
@@ -92,6 +94,7 @@ def no_parts(pose: tuple[float, float, float], params: LocaliserParams) -> Parts
         zeros[None, :5][:0],
         zeros[None, :5][:0],
         zeros.new_tensor(params.parts.learning),
+        zeros[None][:0],
     )
 
 
