@@ -40,15 +40,14 @@ TIGHT = 0.4
 """Radians to a meter from which a turn counts: in a wide one things beside the car go the other way."""
 
 LIVELY = 30
-"""Pictures of a standing car that must have differed, with none between them that did not, before its camera is known
-to have noise."""
+"""Pictures of a standing car, one after the other, that must have differed before its camera is known to have noise."""
 
 KEPT = 6
 """Pictures that are kept to compare with: 0.4 s at 30 frames a second."""
 
 SHIFTS = 1.0
-"""Seconds after being told to go in which wheels may turn that are said to stand: before reverse a board brakes for 0.3
-s and waits for 0.12 s, and motor controllers may take that brake for reverse. The pictures of it are kept for 0.4 s."""
+"""Seconds after a go in which wheels may turn that are said to stand: before reverse a board brakes for 0.3 s and waits
+for 0.12 s, some motor controllers take that brake for reverse, and its pictures are kept for 0.4 s."""
 
 
 class CameraWatch:
@@ -63,8 +62,7 @@ class CameraWatch:
     After `limits.patience_s` of pictures that look wrong (one that looks right takes one back): a camera that shows
     nothing or is blurred, both pictures moving while the wheels stand. Told the second time: a picture that hardly
     changes on a way on which it must. After some views on the way: cameras that are swapped, upside down or turned, by
-    what both rows show and by the floor. After some sharp turns: a camera whose picture turns the wrong way, because
-    it is upside down.
+    what both rows show and by the floor. After some sharp turns: one upside down, whose picture turns wrong.
 
     Args:
         rig: the camera pair.
@@ -94,8 +92,7 @@ class CameraWatch:
         self.compared_at = 0.0
         self.time = -math.inf
         self.last: list[Tensor | None] = [None, None]
-        self.dark = [0, 0]
-        self.frozen = [0, 0]
+        self.dark, self.frozen = [0, 0], [0, 0]
         self.lively = [0, 0]
         self.blind = [0, 0]
         self.stuck = [0, 0]
@@ -241,11 +238,8 @@ class CameraWatch:
                 return
 
     def forget(self) -> None:
-        """Somebody says go, and may have put the cameras right. What was seen before tells nothing from here on.
-
-        A camera that froze just before the car stood shows, when it is well again, almost what it showed frozen. As
-        long as the car stands nothing new can be seen, so to compare with what was seen before would stop it for ever.
-        """
+        """Somebody says go, and may have put the cameras right: what was seen before tells nothing from here on."""
+        # One that froze just before the stand shows almost the same when it is well again, as long as the car stands.
         self.before.clear()
         self.ways.clear()
         self.stuck = [0, 0]
