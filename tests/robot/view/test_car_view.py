@@ -26,9 +26,9 @@ from tests.robot.view.test_drive_view import chunks, column
 rerun = pytest.importorskip("rerun")
 
 
-def start(loop, stream, report=None):
-    """The view of a loop, and its observer."""
-    view = start_view(stream, loop.pilot, report)
+def start(loop, stream, report=None, wait=False):
+    """The view of a loop, and its observer. One that waits shows every step, however busy the machine is."""
+    view = start_view(stream, loop.pilot, report, wait)
     observer = ViewSteps(view)
     loop.observers.append(observer)
     return view, observer
@@ -80,12 +80,11 @@ def test_a_run_and_its_replay(tmp_path, capsys):
 
     path, again = tmp_path / "new" / "run.rrd", tmp_path / "replay.rrd"
     loop = bare_loop(FilmCar(moving_world(90, RIG)), RIG, controller="published", map_half_size_m=5.0)
-    view, observer = start(loop, open_stream("run", Where(path), layout()))
+    view, observer = start(loop, open_stream("run", Where(path), layout()), wait=True)
     loop.safe.report = observer.report
     with Recorder(tmp_path / "r", loop.pilot.configuration(), when_full="wait") as recorder:
         loop.observers.append(RecordSteps(recorder))
         stops_for_a_while(loop)
-        loop.observers.append(lambda step: time.sleep(0.003))
         loop.run(88.5 / 30)
     view.close()
     assert (view.shown, view.dropped, view.failed) == (90, 0, "")
@@ -131,7 +130,7 @@ def test_strips_are_drawn_in_their_places():
 def test_a_loop_never_waits_for_a_view_that_hangs():
     """The viewer takes nothing at all: the loop spends no time on it, drops are counted, and the end does come."""
     free, said = threading.Event(), []
-    view = Background(lambda item: free.wait(20), lambda: None, size=5, report=said.append)
+    view = Background(lambda item: free.wait(120), lambda: None, size=5, report=said.append)
     loop = bare_loop(FilmCar(moving_world(120, RIG)), RIG, controller="published")
     observer, spent = ViewSteps(view), []
 
@@ -168,7 +167,7 @@ def test_a_view_that_breaks_ends_alone():
 
 def test_a_view_that_is_slow_spares_pictures_first():
     seen, gate = [], threading.Event()
-    view = Background(lambda item: (gate.wait(5), seen.append(item)), lambda: None, size=30)
+    view = Background(lambda item: (gate.wait(120), seen.append(item)), lambda: None, size=30)
     loop = bare_loop(FilmCar(moving_world(40, RIG)), RIG, controller="published")
     loop.observers.append(ViewSteps(view))
     loop.run(38.5 / 30)
@@ -177,7 +176,8 @@ def test_a_view_that_is_slow_spares_pictures_first():
     pictures = [k for k, item in enumerate(seen) if item.frames is not None]
     assert 2 <= len(pictures) <= 5
     assert pictures[-1] <= 15
-    assert len(seen) == 40 - view.dropped == 31
+    assert len(seen) == 40 - view.dropped
+    assert len(seen) in (30, 31)  # 30 wait; one more where the thread has taken the first in time
 
 
 @pytest.mark.slow
