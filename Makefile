@@ -8,7 +8,6 @@
 # make docs-quick  the same in half a minute, out/docs-quick: its examples are not executed
 # make wheels  each distribution alone in an empty environment
 # make soak    half an hour of simulated driving with faults by chance; MINUTES=600 for a night, and it goes on where it was
-# make mutants  small changes of the source by chance, and which of them no test notices; SAMPLE=0 for all, SEED=... for others
 # make fuzz    damaged files for everything that reads one; MINUTES=10, and what was found lies in out/fuzz
 # make lock    the lock files in requirements/      make sbom   what is installed, out/sbom.json      make audit  known holes in it
 # make reproduce        every published claim again      make reproduce-quick  the same in under two minutes
@@ -20,14 +19,14 @@ STAMP  := $(VENV)/.installed
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
 
-.PHONY: setup demo test test-unit test-long test-variants check docs docs-quick wheels bench bench-compare soak mutants fuzz lock sbom audit reproduce reproduce-quick clean
+.PHONY: setup demo test test-unit test-long test-variants check docs docs-quick wheels bench bench-compare soak fuzz lock sbom audit reproduce reproduce-quick clean
 
 setup: $(STAMP)
 
 $(STAMP): pyproject.toml robot/pyproject.toml train/pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "ndtorch needs Python 3.11 or newer; set PYTHON=...")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[fast,view,dev]' -e 'robot[sim,view]' -e train
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[view,dev]' -e 'robot[sim,view]' -e train
 	touch $@
 
 demo: $(STAMP)
@@ -85,6 +84,7 @@ bench-compare: $(STAMP)
 	$(BIN)/python -m tests.benchmarks.compare $(OLD) $(NEW)
 
 MINUTES ?= 30
+SEED ?= 1
 soak: $(STAMP)
 	$(BIN)/ndtorch soak --minutes $(MINUTES) --out out/soak
 
@@ -101,19 +101,6 @@ $(SUPPLY)/bin/uv: constraints.txt | $(STAMP)
 	touch $@
 
 pinned = $(shell sed -n 's/^$(1)==//p' constraints.txt)
-
-# The time depends on the modules drawn; all of them take days. ONLY: files or folders. MIRRORED=1: asks the mirrored test files alone. The changes are made in a copy of the checkout.
-MUTATION := .venv/mutation
-SAMPLE ?= 40
-SEED ?= 1
-
-$(MUTATION)/bin/cosmic-ray: constraints.txt | $(STAMP)
-	test -x $(MUTATION)/bin/python || $(BIN)/python -m venv $(MUTATION)
-	$(MUTATION)/bin/python -m pip install --quiet --disable-pip-version-check cosmic-ray==$(call pinned,cosmic-ray)
-	touch $@
-
-mutants: $(MUTATION)/bin/cosmic-ray
-	$(MUTATION)/bin/python -m tests.mutation --python $(abspath $(BIN)/python) --sample $(SAMPLE) --seed $(SEED) $(if $(MIRRORED),--mirrored) $(if $(ONLY),--only $(ONLY))
 
 lock: $(SUPPLY)/bin/uv
 	PATH=$(SUPPLY)/bin:$$PATH $(BIN)/python requirements/make.py

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import inspect
 import math
+import pkgutil
+from collections.abc import Iterator
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -14,7 +18,25 @@ from ndtorch.config import Constants
 from ndtorch.errors import InputError
 from ndtorch_robot.calibration.board import Board
 from ndtorch_robot.sim.car import CarLimits
-from tests.test_defaults import modules
+
+PLACES = (
+    "ndtorch.binding",
+    "ndtorch.vision",
+    "ndtorch.navigation",
+    "ndtorch_robot.link",
+    "ndtorch_robot.recording",
+    "ndtorch_robot.safety",
+)
+
+
+def modules() -> Iterator[ModuleType]:
+    """Every module that holds classes of numbers."""
+    for place in PLACES:
+        module = importlib.import_module(place)
+        yield module
+        for found in pkgutil.walk_packages(getattr(module, "__path__", ()), place + "."):
+            yield importlib.import_module(found.name)
+
 
 ENDLESS = {"RangingParams.grace", "PatchParams.lifetime", "TrackParams.patience", "SafetyLimits.recovery"}
 """What may last for ever, beside time constants and what is infinite unless somebody says otherwise."""

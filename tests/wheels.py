@@ -36,6 +36,25 @@ class Trial(NamedTuple):
     with_extra: Sequence[Sequence[str]] = ()
 
 
+MOVING = """
+import cv2, numpy as np, pathlib
+pathlib.Path("moving").mkdir(exist_ok=True)
+for n in range(60):
+    frame = np.full((120, 160, 3), 90, np.uint8)
+    frame[::7] = 120
+    frame[40:64, 2 * n : 2 * n + 24] = (40, 60, 200)
+    cv2.imwrite(f"moving/{n:03}.png", frame)
+"""
+"""Writes the folder `moving`, a red square that crosses a striped background."""
+
+FILES = (
+    ("python", "-c", MOVING),
+    ("ndtorch", "render", "two-bars", "bars.mp4", "--seconds", "0.5"),
+    ("ndtorch", "bind", "moving", "--pictures", "0"),
+    ("ndtorch", "bind", "bars.mp4", "--pictures", "0"),
+)
+"""Commands that every environment must be able to run: a folder of images and a video with the default model."""
+
 LOAD = "import ndtorch; print([ndtorch.load(name).__class__.__name__ for name in ndtorch.model_names()])"
 
 TRIALS = (
@@ -45,7 +64,8 @@ TRIALS = (
             ("ndtorch", "--help"),
             ("ndtorch", "scenes"),
             ("ndtorch", "bind", "two-bars", "--seconds", "1", "--pictures", "0"),
-            ("ndtorch", "render", "two-bars", "bars.mp4", "--seconds", "0.2"),
+            ("ndtorch", "bind", "moving", "--model", "scale-free", "--pictures", "0"),
+            ("ndtorch", "bind", "moving", "--model", "retinotopic", "--pictures", "0"),
             ("python", "-m", "ndtorch", "scenes"),
             ("python", "-c", LOAD),
         ),
@@ -114,7 +134,9 @@ def try_wheel(trial: Trial, wheels: Path, place: Path) -> None:
     said = call([str(binaries / "ndtorch"), "--version"], work)
     assert f"{trial.name} " in said, said
     call([*pip, "check"], work)
-    for command in trial.works:
+    names = call([str(binaries / "python"), "-c", "from ndtorch.commands import installed; print(*installed())"], work)
+    helps = [("ndtorch", name, "--help") for name in names.split()]
+    for command in (*helps, *FILES, *trial.works):
         call([str(binaries / command[0]), *command[1:]], work)
     for command, words in trial.lacks:
         refused([str(binaries / command[0]), *command[1:]], words, work)

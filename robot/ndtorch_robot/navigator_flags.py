@@ -22,7 +22,7 @@ Command = TypeVar("Command", bound=type)
 ALSO = {"back": ["--return"]}
 """Further words for options: Python has none of its own for some."""
 
-GONE = {"--compiled": "steps are compiled without it where Numba is installed (pip install 'ndtorch[fast]')"}
+GONE = {"--compiled": "steps are always compiled"}
 """Options of version 0.1, and what took their place."""
 
 MODULE, CLASS = "ndtorch.navigation.options", "NavigatorOptions"
