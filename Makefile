@@ -7,7 +7,7 @@
 # make docs    the documentation site, out/docs/index.html, its examples executed, its links followed
 # make docs-quick  the same in half a minute, out/docs-quick: its examples are not executed
 # make wheels  each distribution alone in an empty environment
-# make soak    half an hour of simulated driving with faults by chance; MINUTES=600 for a night, and it goes on where it was
+# make soak    half an hour of simulated driving with injected faults; MINUTES=600 for a night, and it continues where it was
 # make fuzz    damaged files for everything that reads one; MINUTES=10, and what was found lies in out/fuzz
 # make lock    the lock files in requirements/      make sbom   what is installed, out/sbom.json      make audit  known holes in it
 # make reproduce        every published claim again      make reproduce-quick  the same in under two minutes
@@ -86,7 +86,7 @@ bench-compare: $(STAMP)
 MINUTES ?= 30
 SEED ?= 1
 soak: $(STAMP)
-	$(BIN)/ndtorch soak --minutes $(MINUTES) --out out/soak
+	$(BIN)/python -m tests.fault_injection --minutes $(MINUTES)
 
 fuzz: $(STAMP)
 	nice $(BIN)/python -m tests.fuzz --minutes $(MINUTES) --seed $(SEED)

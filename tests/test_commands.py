@@ -83,6 +83,7 @@ def test_commands_that_are_not_there(capsys: pytest.CaptureFixture[str]) -> None
     assert "there are bad, ended, full, good" in said(capsys, "xylophone")
     assert "pip install ./robot" in said(capsys, "drive")
     assert "pip install ./train" in said(capsys, "reproduce")
+    assert "make soak" in said(capsys, "soak")
 
 
 @pytest.mark.usefixtures("registered")

@@ -42,7 +42,6 @@ WRITERS = {
     "score --video": "score --video --clips 1 --counts 1 --fps 30 --out {out}",
     "reproduce": "reproduce A3 --quick --jobs 1 --out {out}",
     "sweep": "sweep {sweep} --jobs 1 --out {out}",
-    "soak": "soak --minutes 0.17 --piece 10 --out {out}",
 }
 """Commands that write, as briefly as they can be asked."""
 

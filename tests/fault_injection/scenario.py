@@ -1,11 +1,10 @@
-"""A piece of a soak from its number: the arena, the faults and their times are always the same."""
+"""A scenario from its number: building, faults and their times follow from it."""
 
 from __future__ import annotations
 
 import os
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,41 +15,36 @@ from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import RunConfig, SimulationTable
 from ndtorch_robot.sim.arenas import ARENAS
 from ndtorch_robot.sim.put_back import PutBack, TellAgain
-from ndtorch_robot.soak.eyes import FailingCameras
-from ndtorch_robot.soak.trial import Trials
+from tests.fault_injection.camera_faults import FaultyCameras
+from tests.fault_injection.injector import FaultInjector
 
 FIRST_SEED = 50_000
-"""Buildings of a soak are no others'."""
+"""Seeds of the buildings, which no other test uses."""
 
-Piece = dict[str, Any]
+Scenario = dict[str, Any]
 
 
-def drive_piece(config: RunConfig, number: int, seconds: float, tell: Callable[[float], None]) -> Piece:
-    """Drive for so long, s of simulated time; returns what came of it.
+def drive_scenario(config: RunConfig, number: int, seconds: float) -> Scenario:
+    """Drive one scenario; returns its figures and one row a fault.
 
     Args:
         config: of a car; its link and its world are replaced.
-        number: of the piece.
-        tell: told the seconds driven so far.
+        number: of the scenario.
+        seconds: of simulated time.
     """
     arena = list(ARENAS)[number % len(ARENAS)]
     world = SimulationTable(arena=arena, seed=FIRST_SEED + number)
     config = config.model_copy(update={"simulation": world, "cameras": None, "link": {"kind": HOSTED_BOARD}})
     lines: list[str] = []
     began = time.monotonic()
-    with tempfile.TemporaryDirectory(prefix="soak-") as scratch, open_car(config, lines.append, go=True) as car:
+    with tempfile.TemporaryDirectory() as scratch, open_car(config, lines.append, go=True) as car:
         assert isinstance(car.drive, HostedDrive)
-        cameras = FailingCameras(car.drive.world, number)
+        cameras = FaultyCameras(car.drive.world, number)
         car.cameras = cameras
-        trials = Trials(car, car.drive.world, cameras, number, Path(scratch) / "recording")
+        injector = FaultInjector(car, car.drive.world, cameras, number, Path(scratch) / "recording")
         simulation = car.drive.world.simulation
         put_back = PutBack(simulation, car.pilot)
-
-        def told(step: Step) -> None:
-            if step.number % 300 == 299:
-                tell(simulation.now())
-
-        car.observers += [put_back, trials, go_elsewhere(trials, put_back), told]
+        car.observers += [put_back, injector, resume_elsewhere(injector, put_back)]
         car.run(seconds)
         return {
             "number": number,
@@ -60,19 +54,19 @@ def drive_piece(config: RunConfig, number: int, seconds: float, tell: Callable[[
             "steps": car.loop.steps,
             "collisions": len(simulation.collisions),
             "controller_stops": len(put_back.stops),
-            "unexplained": trials.unexplained,
-            "blank": trials.blank,
-            "carried": trials.carried,
-            "faults": [row for row in trials.rows if "on after" in row],
+            "unexplained": injector.unexplained,
+            "blank": injector.blank,
+            "carried": injector.carried,
+            "faults": [row for row in injector.rows if "recovered_s" in row],
         }
 
 
-def go_elsewhere(trials: Trials, put_back: PutBack) -> Observer:
-    """Before a blank wall a car stands for the rest of the piece, and tries nothing, unless it is put elsewhere."""
-    tell_again = TellAgain(trials.car.safe, put_back)
+def resume_elsewhere(injector: FaultInjector, put_back: PutBack) -> Observer:
+    """An observer that moves a car away which would stand before a blank wall for the rest of the scenario."""
+    tell_again = TellAgain(injector.car.safe, put_back)
 
     def observe(step: Step) -> None:
-        if trials.fault is None:
+        if injector.fault is None:
             tell_again(step)
 
     return observe

@@ -1,4 +1,4 @@
-"""A recording onto a disk that fails when told to, and a look at what is left of it."""
+"""A recording onto a disk with faults, and a check of what was written."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SLOW = 0.2
 """Seconds that each write takes on a slow disk."""
 
 
-class FailingRecorder(Recorder):
+class FaultyRecorder(Recorder):
     """A recorder whose disk may be full or slow.
 
     Attributes:
@@ -27,39 +27,40 @@ class FailingRecorder(Recorder):
     fault: str | None = None
 
     def append(self, file: str, data: bytes) -> None:
-        """Write, if the disk does."""
+        """Write; a full disk takes the first half."""
         if self.fault == "full":
-            super().append(file, data[: len(data) // 2])  # a full disk takes the first half
+            super().append(file, data[: len(data) // 2])
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         if self.fault == "slow":
             time.sleep(SLOW)
         super().append(file, data)
 
 
-class DiskTrial:
-    """An observer: records into a new folder from its beginning to its end.
+class RecordingCheck:
+    """An observer that records for the duration of a disk fault.
 
     Args:
-        folder: for the recording; it is removed again.
-        lines: what the recorder says.
+        folder: for the recording; it is removed at the end.
+        fault: `"full"` or `"slow"`.
+        lines: filled with the messages of the recorder.
     """
 
-    def __init__(self, folder: Path, lines: list[str]) -> None:
+    def __init__(self, folder: Path, fault: str, lines: list[str]) -> None:
         shutil.rmtree(folder, ignore_errors=True)
-        self.recorder = FailingRecorder(folder, {"program": "soak"}, format="raw", report=lines.append)
+        self.recorder = FaultyRecorder(folder, {"program": "fault injection"}, format="raw", report=lines.append)
+        self.recorder.fault = fault
         self.record = RecordSteps(self.recorder)
-        self.lines = lines
 
     def __call__(self, step: Step) -> None:
         self.record(step)
 
-    def end(self, fault: str) -> str | None:
-        """Close it; returns what is wrong with what is on the disk, or None.
+    def end(self) -> str | None:
+        """Close the recording; returns what is wrong with it, or None.
 
-        Of a full disk it must have been said, and all before that must be there. On a slow one steps may be without
-        their frames, or missing, but all must be counted.
+        A full disk must have been reported, and all earlier steps must be readable. On a slow disk steps may be
+        without frames, or missing, but each must be counted.
         """
-        recorder = self.recorder
+        recorder, fault = self.recorder, self.recorder.fault
         recorder.fault = None
         recorder.close()
         read = sum(1 for _ in open_recording(recorder.folder).steps())

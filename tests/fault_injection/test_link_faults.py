@@ -1,23 +1,23 @@
-"""A cable that fails in every way of a soak."""
+"""Each fault of the link damages, loses or delays what it says, in one direction or both."""
 
-from ndtorch_robot.soak.cable import FailingCable
+from tests.fault_injection.link_faults import FaultyLink
 
 
 class NoWorld:
     up = down = None
 
 
-def test_a_bad_cable_is_bad():
+def test_link_faults():
     world, data = NoWorld(), bytes(range(256)) * 8
-    cable = FailingCable(world, 1)
-    cable.fail("cable pulled")
+    link = FaultyLink(world, 1)
+    link.inject("cable pulled")
     assert world.up(data, 0.0) == world.down(data, 0.0) == b""
-    cable.fail("everything late on the way there")
+    link.inject("bytes to the board delayed")
     assert world.up(data, 0.0) == b""
     assert world.up(b"", 0.31) == data
-    cable.fail("a third damaged on the way back")
+    link.inject("3 % of bytes from the board damaged")
     wrong = sum(a != b for a, b in zip(world.down(data, 0.0), data, strict=True))
     assert 30 < wrong < 100
     assert world.up(data, 0.0) == data
-    cable.mend()
+    link.clear()
     assert world.down(data, 0.0) == data

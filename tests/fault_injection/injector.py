@@ -1,0 +1,183 @@
+"""The observer that injects faults into a drive and measures how the car reacts."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ndtorch.navigation import Strips
+from ndtorch_robot.car import Car
+from ndtorch_robot.ports import Step
+from ndtorch_robot.sim.board import Pulse
+from ndtorch_robot.sim.lockstep_world import LockstepWorld
+from ndtorch_robot.trouble import Kind
+from ndtorch_robot.watching.eye import SightLimits, blindness, look
+from tests.fault_injection.camera_faults import FaultyCameras
+from tests.fault_injection.disk_faults import RecordingCheck
+from tests.fault_injection.faults import FAULTS, Fault
+from tests.fault_injection.link_faults import FaultyLink
+
+NEUTRAL_US, MOVING_US = 1500.0, 2.0
+"""Width of a motor pulse at rest, and the difference from it at which the wheels turn, microseconds."""
+
+CALM_S = (1.0, 2.5)
+"""Shortest and longest time of undisturbed driving before a fault, s."""
+
+EXTRA_S = 0.6
+"""Time that a fault lasts beyond its deadline, s."""
+
+AFTERMATH_S = 1.0
+"""Time after a fault, or after the car was moved, in which a stop is still caused by it, s."""
+
+RECOVERY_S = 10.0
+"""Time within which the car must drive again after a fault, s."""
+
+RESUME_AFTER_S = 0.5
+"""Time after which a car that waits for a person is resumed, s."""
+
+Row = dict[str, Any]
+
+
+class FaultInjector:
+    """Injects one fault after the other while the car drives.
+
+    Args:
+        car: with `FaultyCameras`.
+        world: in which it drives.
+        seed: of the order and the times of the faults.
+        scratch: folder for recordings.
+
+    Attributes:
+        rows: one for each fault, with its `reaction_s`, its `recovered_s` and its `failure`, in words, or None.
+        unexplained: stops without a fault.
+        blank: stops before a wall without any texture.
+        carried: stops because the images moved, after the car had really been moved.
+        lines: messages of the recorders.
+    """
+
+    def __init__(self, car: Car, world: LockstepWorld, cameras: FaultyCameras, seed: int, scratch: Path) -> None:
+        self.car, self.world, self.scratch = car, world, scratch
+        self.cameras, self.link = cameras, FaultyLink(world, seed)
+        self.random = np.random.default_rng((seed, 9))
+        self.rows: list[Row] = []
+        self.unexplained: list[str] = []
+        self.blank: list[str] = []
+        self.carried: list[str] = []
+        self.stopped: list[str] = []
+        self.lines: list[str] = []
+        self.queue: list[Fault] = []
+        self.fault: Fault | None = None
+        self.recording: RecordingCheck | None = None
+        self.began = self.ends = self.cleared = -math.inf
+        self.last_moving = self.moved_at = -math.inf
+        self.moving_s = self.pulse_time = 0.0
+        self.placed = world.simulation.placed
+        self.calm, self.driving = float(self.random.uniform(*CALM_S)), 0.0
+        self.stops_seen = self.stops_before = 0
+        self.moving_pulses = 0
+        world.pulsed = self.on_pulse
+
+    def on_pulse(self, pulse: Pulse) -> None:
+        """Measure by the pulses of the board how long the wheels turn."""
+        if pulse.name == "motor":
+            moving = abs(pulse.width - NEUTRAL_US) > MOVING_US
+            self.moving_s += pulse.time - self.pulse_time if self.world.simulation.car.speed else 0.0
+            self.pulse_time = pulse.time
+            self.moving_pulses = self.moving_pulses + 1 if moving else 0
+            self.last_moving = pulse.time if moving else self.last_moving
+
+    def __call__(self, step: Step) -> None:
+        now = self.world.now()
+        if self.world.simulation.placed is not self.placed:
+            self.placed, self.moved_at = self.world.simulation.placed, now
+        self.sort_stops()
+        if self.recording is not None:
+            self.recording(step)
+        if self.fault is not None:
+            deadline = self.fault.max_reaction_s
+            detected = deadline is not None and deadline > 1.0 and step.standing is not None
+            if now >= self.ends or (detected and now > self.last_moving + AFTERMATH_S):
+                self.end(self.fault, now)
+            return
+        if step.standing is not None:
+            self.driving = 0.0
+            if not self.car.safe.passes and now > self.cleared + RESUME_AFTER_S:
+                self.car.safe.resume()
+        elif abs(step.driven.speed) > 0.15:
+            self.driving += 1 / self.car.pilot.rate
+        if self.rows and "recovered_s" not in self.rows[-1]:
+            self.wait_to_drive(self.rows[-1], now)
+        elif self.driving >= self.calm and self.moving_pulses > 25:
+            self.begin(now)
+
+    def sort_stops(self) -> None:
+        """Sort new stops that no fault explains by their cause."""
+        stops = self.car.safe.faults
+        for stop in stops[self.stops_seen :]:
+            must_drive = self.fault is not None and self.fault.max_reaction_s is None
+            calm = self.fault is None and stop.time > self.cleared + AFTERMATH_S and stop.kind is not Kind.NOT_TOLD
+            if must_drive or calm:
+                kept = self.stopped if must_drive else self.unexplained
+                if stop.kind is Kind.BLANK and self.is_blank():
+                    kept = self.blank
+                elif stop.kind is Kind.CARRIED and stop.time < self.moved_at + AFTERMATH_S:
+                    kept = self.carried
+                kept.append(f"{stop.time:.2f} s: {stop.why}")
+        self.stops_seen = len(stops)
+
+    def is_blank(self) -> bool:
+        """Whether good cameras would see nothing but a wall without texture."""
+        frames = self.world.read()
+        limits = self.car.safe.sight.watch.limits if self.car.safe.sight is not None else SightLimits()
+        wrong = [blindness(look(image), limits) for image in frames[:2] if isinstance(image, Strips)]
+        return any(each is not None and each.kind is Kind.BLANK for each in wrong)
+
+    def begin(self, now: float) -> None:
+        """Inject the next fault."""
+        if not self.queue:
+            self.queue = [FAULTS[n] for n in self.random.permutation(len(FAULTS))]
+        self.fault = fault = self.queue.pop()
+        self.began = now
+        self.ends = now + (1.0 if fault.max_reaction_s is None else fault.max_reaction_s) + EXTRA_S
+        self.stops_before, self.stopped, self.moving_s = len(self.car.safe.faults), [], 0.0
+        self.calm, self.driving = float(self.random.uniform(*CALM_S)), 0.0
+        if fault.part == "camera":
+            self.cameras.inject(fault.name)
+        elif fault.part == "link":
+            self.link.inject(fault.name)
+        elif fault.part == "disk":
+            self.recording = RecordingCheck(self.scratch, fault.name, self.lines)
+        else:
+            short = fault.max_reaction_s is None
+            self.cameras.stall = float(self.random.uniform(0.02, 0.05) if short else self.random.uniform(0.3, 1.0))
+
+    def end(self, fault: Fault, now: float) -> None:
+        """End the fault and judge the reaction."""
+        self.cameras.fault = None
+        self.link.clear()
+        said = [stop.why for stop in self.car.safe.faults[self.stops_before :]]
+        reaction = self.moving_s if fault.only_while_moving else max(0.0, self.last_moving - self.began)
+        failure = None
+        if fault.max_reaction_s is None:
+            failure = f"stopped at {self.stopped[0]}" if self.stopped else None
+        elif reaction > fault.max_reaction_s + 1e-9:
+            failure = f"wheels turned for {reaction:.3f} s"
+        if self.recording is not None:
+            failure, self.recording = self.recording.end() or failure, None
+        row: Row = {"part": fault.part, "fault": fault.name, "time_s": round(self.began, 3), "said": said[:1]}
+        row |= {"reaction_s": None if fault.max_reaction_s is None else round(reaction, 3), "failure": failure}
+        if len(self.cameras.sides) == 1 and fault.part == "camera":
+            row["side"] = self.cameras.sides[0]
+        self.rows.append(row)
+        self.fault, self.cleared = None, now
+
+    def wait_to_drive(self, row: Row, now: float) -> None:
+        """Measure how long it takes until the car drives again."""
+        if self.driving > 0.3:
+            row["recovered_s"] = round(now - self.cleared, 2)
+        elif now > self.cleared + RECOVERY_S:
+            row["recovered_s"] = None
+            row["failure"] = row["failure"] or f"does not drive again: {self.car.safe.standing}"

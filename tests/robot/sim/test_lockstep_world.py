@@ -1,0 +1,101 @@
+"""The firmware of the board in simulated time: deadlines, the change of direction, and frames that are lost."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from ndtorch_robot.link.messages import Frame, Type, encode_frame, read_telemetry
+from ndtorch_robot.link.parser import Parser
+from ndtorch_robot.run import open_car
+from ndtorch_robot.run_config import RunConfig, SimulationTable
+from ndtorch_robot.sim.hosted_board import HostedBoard
+from ndtorch_robot.sim.pulse_world import Electronics
+from tests.robot.support.gl_needed import needs_gl
+
+needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler (cc)")
+
+
+@needs_compiler
+def test_the_board_obeys_and_stands_when_it_is_not_spoken_to():
+    board, sequence = HostedBoard(), 0
+
+    def say(now, *kinds):
+        nonlocal sequence
+        data = b""
+        for kind, body in kinds:
+            sequence += 1
+            data += encode_frame(Frame(1, kind, sequence, body))
+        return board.run(now, data)
+
+    answers, _ = say(0.002, (Type.HELLO, b""))
+    assert [frame.type for frame in Parser().feed(answers)] == [Type.WELCOME]
+    say(0.004, (Type.HEARTBEAT, b""), (Type.ARM, b""))
+    command = np.array([500, 0], "<i2").tobytes()
+    widths = []
+    for n in range(1, 40):
+        _, pulses = say(0.004 + 0.02 * n, *([(Type.HEARTBEAT, b""), (Type.COMMAND, command)] if n < 20 else []))
+        widths += [(pulse.time, pulse.width) for pulse in pulses if pulse.name == "motor"]
+    assert len(widths) == 39
+    last = max(when for when, width in widths if width != 1500)
+    assert max(width for _, width in widths) == 1630  # 0.5 m/s
+    assert 0.384 + 0.13 <= last <= 0.384 + 0.17  # 0.15 s after the last heartbeat, a pulse earlier or later
+    board.close()
+    board.close()
+
+
+@needs_compiler
+def test_no_wheel_turns_backwards_while_the_board_says_that_they_stand():
+    """A motor controller may take a brake that begins again for reverse."""
+    board, electronics, sequence = HostedBoard(), Electronics(), 0
+
+    def say(now, *kinds):
+        nonlocal sequence
+        data = b""
+        for kind, body in kinds:
+            sequence += 1
+            data += encode_frame(Frame(1, kind, sequence, body))
+        answers, pulses = board.run(now, data)
+        for pulse in pulses:
+            electronics.take(pulse)
+        told = [read_telemetry(f.body).applied.speed for f in Parser().feed(answers) if f.type == Type.TELEMETRY]
+        return told[-1] if told else None
+
+    def drive(begin, end, speed):
+        """Lowest speed of the wheels while the board says 0, and what it says at last."""
+        said, lowest = 0.0, 0.0
+        command = np.array([speed, 0], "<i2").tobytes()
+        for n in range(round((end - begin) / 0.02)):
+            heard = say(begin + 0.02 * n, (Type.HEARTBEAT, b""), (Type.COMMAND, command))
+            said = said if heard is None else heard
+            if said == 0:
+                lowest = min(lowest, electronics.drives(begin + 0.02 * n).speed)
+        return lowest, said
+
+    say(0.002, (Type.HELLO, b""))
+    say(0.004, (Type.HEARTBEAT, b""), (Type.ARM, b""))
+    assert drive(0.02, 1.0, 500) == (0.0, 0.5)
+    assert drive(1.0, 1.4, -300) == (0.0, 0.0)  # in the middle of the brake
+    say(1.7)
+    say(1.704, (Type.HEARTBEAT, b""), (Type.ARM, b""))
+    lowest, said = drive(1.72, 2.6, -300)
+    assert said == -0.3
+    assert -0.03 <= lowest < 0
+    board.close()
+
+
+@needs_gl
+@needs_compiler
+def test_the_board_goes_on_while_frames_are_lost():
+    """As with a car, whose cameras do not make its board wait."""
+    simulation = SimulationTable(arena="curve", seed=3, stress="drop=0.8")
+    config = RunConfig(robot="maxston8", link={"kind": "hosted-board"}, simulation=simulation)
+    with open_car(config, lambda line: None, go=False) as car:
+        world, pulses = car.drive.world, []
+        world.pulsed = lambda pulse: pulses.append(pulse.time) if pulse.name == "motor" else None
+        times = [world.read().time for _ in range(6)]
+        trouble = car.drive.trouble()
+    assert max(np.diff(times)) > 1.5 / 30
+    assert len(pulses) >= (times[-1] - times[0]) / 0.02 - 1
+    assert max(np.diff(pulses)) < 0.03
+    assert trouble == "not yet told to drive"
