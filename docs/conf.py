@@ -53,8 +53,13 @@ ELSEWHERE = [
 ]
 
 
+EXAMPLES = ROOT / "docs" / "examples"
+
+
 def on_the_site(file: Path) -> Path:
     """Where the site has a file of the checkout."""
+    if file.parent == EXAMPLES:
+        return ROOT / "docs" / "gallery" / ("index.rst" if file.suffix == ".rst" else file.with_suffix(".rst").name)
     return COPIES / file.relative_to(ROOT) if file in ELSEWHERE else file
 
 

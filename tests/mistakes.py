@@ -1,4 +1,4 @@
-"""Mistakes that a user can make, and the line each gets: `python -m tests.mistakes` writes docs/mistakes.md anew.
+"""Mistakes that a user can make, and the line each gets: `python -m tests.mistakes` writes mistakes.txt anew.
 
 A case is what is typed after `ndtorch`, in a folder with the files that `prepare` makes.
 """
@@ -17,7 +17,7 @@ import numpy as np
 
 from ndtorch.commands import main
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "mistakes.md"
+PAGE = Path(__file__).with_name("mistakes.txt")
 
 HEAD = """# Mistakes, and what they get
 

@@ -1,4 +1,4 @@
-/* Frames of the drive link, as robot/books/protocol.md says. No hardware in here: it runs on the host too. */
+/* Frames of the drive link, as docs/robot/protocol.md says. No hardware in here: it runs on the host too. */
 #ifndef PROTOCOL_H
 #define PROTOCOL_H
 

@@ -31,7 +31,7 @@ class DriveConfig(NavigatorTable):
         view: open the rerun viewer and show the drive as it goes.
         view_at: serve the same at this address, for viewers elsewhere.
         out: folder for the results.
-        record: new folder for a recording, robot/books/recording.md.
+        record: new folder for a recording, docs/file-formats.md.
         record_format: frames of the recording, `"png"`, `"jpeg"` or `"raw"`.
     """
 

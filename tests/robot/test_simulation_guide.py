@@ -1,4 +1,4 @@
-"""What robot/books/simulation.md shows works as it stands there."""
+"""What docs/robot/simulation.md shows works as it stands there."""
 
 import re
 from pathlib import Path
@@ -8,7 +8,7 @@ import pytest
 from ndtorch_robot.sim.arenas import load_arena
 from tests.robot.support.gl_needed import needs_gl
 
-GUIDE = (Path(__file__).resolve().parents[2] / "robot" / "books" / "simulation.md").read_text(encoding="utf-8")
+GUIDE = (Path(__file__).resolve().parents[2] / "docs" / "robot" / "simulation.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

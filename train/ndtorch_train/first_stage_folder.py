@@ -70,7 +70,7 @@ The binding model of the dissertation [B, C]: ten sums over the whole field, thr
 that learns, all with feedback delayed by their own step of 10 ms; objects are read from the weights.
 `ndtorch.load("published")`; `rule` is competitive, cooperative or hebbian.
 
-**For** the published stimuli, and for comparison. **Not for** video of a camera (load `video`) nor for scenes of
+**For** the published stimuli, and for comparison. **Not for** video of a camera (load `foreground`) nor scenes of
 unknown objects (load `scale-free`, or `retinotopic`, which also says where they are).
 
 ## How it was made
@@ -80,14 +80,14 @@ unknown objects (load `scale-free`, or `retinotopic`, which also says where they
 on the contracting rings of [B eq. 25-27] (100 x 100 pixels, 100 frames a second, learning from 4 s on, each network
 until its spectral radius reached {radius:g}). There is nothing random in it. Training took {seconds:.1f} simulated
 seconds. The second stage is not trained: it learns as it looks. All other constants are printed in the papers, or
-chosen where they are silent (README.md, "Choices the papers leave open").
+chosen where they are silent ([binding](../../docs/binding.md#choices-that-the-papers-leave-open)).
 
 ## How it was measured, and where it fails
 
 `ndtorch reproduce`: 28 published claims again, 17 hold, 6 in part, 5 do not ([table](../README.md)). Two bars are bound
 rightly at 18 of 24 phases, three at 31 of 90 combinations of phase and offset. On 300 seeded random scenes of one to
 three bars the number of objects is right in .42 of them after 15 s, and all features in .33
-([train/books/score.md](../../train/books/score.md)). Bars alike in everything are one object. At high learning rates
+([benchmarks](../../docs/benchmarks.md)). Bars alike in everything are one object. At high learning rates
 the outputs alternate from step to step; the verdict says so. On a road camera it says `learning`, and claims nothing.
 
 ## Export

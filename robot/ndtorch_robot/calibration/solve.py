@@ -23,7 +23,7 @@ LIMITS = {
     "focal_percent": 1.0,
     "square_percent": 1.0,
 }
-"""Largest values of `Quality` that are accepted; see robot/books/calibration.md for the reasons."""
+"""Largest values of `Quality` that are accepted; see docs/robot/calibration.md for the reasons."""
 
 LEAST_TILT = 25.0
 """Degrees that the two boards of most different direction must lie apart."""

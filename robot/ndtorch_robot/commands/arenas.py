@@ -27,5 +27,5 @@ class Arenas:
             return 0
         for name, arena in found.items():
             print(f"{name:10s} {arena['width_m']:4.0f} x {arena['depth_m']:<3.0f} m  {arena['description']}")
-        print("\nOr a .toml file; its keys are described in robot/books/simulation.md.")
+        print("\nOr a .toml file; its keys are described in docs/robot/simulation.md.")
         return 0

@@ -25,7 +25,7 @@ class Calibrate:
 
     LEFT and RIGHT are two folders of images taken in pairs, or two cameras before which the board is then moved
     about: near and far, into every corner, tilted up to 35 degrees. Writes a TOML file, unless the result is too
-    bad to drive with; robot/books/calibration.md says how to do it and what the figures mean.
+    bad to drive with; docs/robot/calibration.md says how to do it and what the figures mean.
     """
 
     left: Annotated[str, tyro.conf.Positional]

@@ -111,7 +111,7 @@ def describe_devices(result: dict[str, Any]) -> str:
         lines += [f"{device['node']}  {device['name']}", f"  {place}", f"  {device['by_path'] or 'no name by path'}"]
     buses = [device["usb"]["bus"] for device in result["devices"] if device["usb"]]
     if len(buses) > len(set(buses)):
-        lines.append("Cameras on one USB 2 bus may not fit together: measure them, and see robot/books/cameras.md.")
+        lines.append("Cameras on one USB 2 bus may not fit together: measure them, and see docs/robot/cameras.md.")
     return "\n".join(lines)
 
 

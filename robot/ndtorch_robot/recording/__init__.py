@@ -1,4 +1,4 @@
-"""Recording a drive, and driving the recording again; the format is in robot/books/recording.md."""
+"""Recording a drive, and driving the recording again; the format is in docs/file-formats.md."""
 
 from ndtorch_robot.recording.observe import RecordSteps
 from ndtorch_robot.recording.reading import Recording, open_recording

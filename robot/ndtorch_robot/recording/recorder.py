@@ -44,7 +44,7 @@ class Waiting(NamedTuple):
 
 
 class Recorder:
-    """Records steps into a new folder, in its own thread; the format is in robot/books/recording.md.
+    """Records steps into a new folder, in its own thread; the format is in docs/file-formats.md.
 
     `record_step` never waits, and never raises for the disk: when the queue is full the step is kept without its
     frames, and when that is too much it is dropped; both are counted. When the disk fails, recording ends,
