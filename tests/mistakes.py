@@ -123,8 +123,6 @@ CASES = {
         score --seconds 1000
         score --scenes -1
         score --split tuen
-        score --video --ablate exposur
-        score --video --fps 0
         score --labelled void
         score --labelled . --methods mog2-norfare
         sweep bindin

@@ -39,7 +39,6 @@ WRITERS = {
     "first-stage": "first-stage --gamma 50 --out {out}",
     "score": "score --scenes 1 --seconds 0.3 --rules published --out {out}",
     "score ranges": "score ranges {ranges} --disparities 2 8 --out {out}",
-    "score --video": "score --video --clips 1 --counts 1 --fps 30 --out {out}",
     "reproduce": "reproduce A3 --quick --jobs 1 --out {out}",
     "sweep": "sweep {sweep} --jobs 1 --out {out}",
 }

@@ -10,7 +10,7 @@ METHODS = ("published", "cooperative", "hebbian", "scale-free, owners", "scale-f
 PEERS = ("picard", "sobi", "mm-ica", "easi")
 """Further names: what others use to separate sources. Picard needs a package of its own."""
 
-LABELLED = ("figures", "video", "mog2-norfair", "mog2-bytetrack", "knn-norfair", "knn-bytetrack")
+LABELLED = ("figures", "mog2-norfair", "mog2-bytetrack", "knn-norfair", "knn-bytetrack")
 """What labelled video can be scored with: the models for video, and background subtraction with a tracker of boxes."""
 
 Split = Literal["tune", "test"]
@@ -21,6 +21,3 @@ SETTLE = 4.0
 
 LONGEST = 104.0
 """Seconds of brightness drawn for every scene, so that a scene does not depend on how long it is watched."""
-
-RATES: tuple[float, ...] = (12.5, 25.0, 30.0, 60.0, 120.0)
-"""Frames a second of generated clips."""

@@ -16,7 +16,7 @@ from ndtorch.command_run import INTERRUPTED
 from ndtorch.errors import InputError
 from ndtorch.files import write_text
 from ndtorch.nearest import meant
-from ndtorch_train.score.choices import LABELLED, LONGEST, METHODS, PEERS, RATES, SETTLE, Split
+from ndtorch_train.score.choices import LABELLED, LONGEST, METHODS, PEERS, SETTLE, Split
 
 Table = tuple[list[dict[str, Any]], str]
 """Rows for JSON, and the words that are printed."""
@@ -60,20 +60,6 @@ class ScoreOptions:
     """Write into this folder whatever is in it; files of the same names are replaced."""
     json: bool = False
     """Print the rows of the table as JSON and nothing else."""
-    video: bool = False
-    """Measure `ndtorch bind` on generated video instead (scores.md, scores.csv)."""
-    clips: int = 8
-    """Video: clips of every number of objects and frame rate."""
-    counts: tuple[int, ...] = (0, 1, 2)
-    """Video: numbers of objects."""
-    fps: tuple[float, ...] = RATES
-    """Video: frames a second."""
-    ablate: tuple[str, ...] = ()
-    """Video: parts of the front end to switch off, one after the other, or all."""
-    file: Path | None = None
-    """Video: a file to run on too; its timeline is drawn."""
-    keep: Path | None = None
-    """Video: folder in which generated clips are kept, and looked for."""
     open: bool = False
     """Show report.html in the browser when it is written."""
     labelled: Path | None = None
@@ -93,7 +79,10 @@ class ScoreOptions:
     rows: int = 0
     """Labelled and empty: height of the frames that all methods get; 0 for their own."""
 
-    gone: ClassVar[dict[str, str]] = {"--rates": "it is called --fps now"}
+    gone: ClassVar[dict[str, str]] = dict.fromkeys(
+        ("--video", "--clips", "--counts", "--fps", "--ablate", "--file", "--keep"),
+        "the model `video` is gone; `figures` is scored with --labelled and --empty",
+    )
 
     def run(self) -> int:
         """Do it; returns the exit code."""
@@ -132,7 +121,6 @@ class ScoreOptions:
         import torch
 
         from ndtorch.memory import tune_allocator
-        from ndtorch_train.score.video_command import VideoScore
 
         torch.set_num_threads(1)
         tune_allocator()
@@ -163,8 +151,6 @@ class ScoreOptions:
 
             named = () if self.methods == LABELLED else self.methods
             return FateComparison(named, self.split, self.common_fate, told, wanted_conditions(self.conditions))
-        if self.video:
-            return VideoScore(self.clips, self.counts, self.fps, self.split, self.ablate, self.file, self.keep)
         check(self)
         return self.leaderboard
 

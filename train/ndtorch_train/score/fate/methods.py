@@ -168,7 +168,6 @@ def mog2(scene: CommonFate, moments: Sequence[int]) -> list[list[Found]]:
 METHODS: dict[str, Callable[[], Watching]] = {
     "coherent": lambda: coherent,
     "retinotopic": lambda: Model("retinotopic"),
-    "video": lambda: Model("video"),
     "figures": lambda: Model("figures"),
     "dis": lambda: Flow("dis"),
     "farneback": lambda: Flow("farneback"),

@@ -1,18 +1,14 @@
-"""Generated video: the clips are what their truth says, and the score tells right from wrong."""
+"""Generated video: the clips are what their truth says."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ndtorch.commands import main
 from ndtorch_train.score.video_clips import DIRECTIONS, SPLIT_SEEDS, draw_clip, truth
-from ndtorch_train.score.video_encode import codec
 from ndtorch_train.score.video_paint import Painter
-from ndtorch_train.score.video_score import ClipScore, clip_file, score_clip, table
 
 # The first one-object clip of the tune split at 12.5 a second whose frames are the smallest.
 ONE = next(clip for n in range(50) if (clip := draw_clip("tune", n, 1, 12.5)).size == (180, 320))
@@ -57,36 +53,3 @@ def test_clips_without_objects_change_in_light_only() -> None:
     assert clip.steps
     assert clip.flicker
     assert truth(clip)["count_over_time"] == [0] * 80
-
-
-@pytest.mark.slow
-def test_score_tells_right_from_wrong(tmp_path: Path) -> None:
-    path, used = clip_file(ONE, tmp_path)
-    assert used == codec()
-    score = score_clip(ONE, path)
-    assert score.right
-    assert score.away < 0.2
-    mover = ONE.movers[0]
-    other = {"left": "right", "right": "left", "up": "down", "down": "up"}[mover.direction]
-    assert not score_clip(replace(ONE, movers=(replace(mover, direction=other),)), path).right
-    assert not score_clip(replace(ONE, movers=()), path).right
-
-
-def test_table_counts_by_objects_and_rate() -> None:
-    scores = [ClipScore("a", 1, 25.0, 1, right, right, 0.1, 0.2) for right in (True, True, True, False)]
-    text = table([*scores, ClipScore("b", 0, 12.5, 0, True, True, 0.0, 0.2)])
-    assert "| 1 | - | 0.75 ± 0.22 (4) | 0.75 ± 0.22 (4) | 1.00 ± 0.00 (4) | 0.75 ± 0.22 (4) | 0.10 |" in text
-    assert "| 0 | 1.00 ± 0.00 (1) | - |" in text
-
-
-def test_unusable_options_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for options, word in (
-        (["--fps", "0"], "fps must lie"),
-        (["--rates", "25"], "--rates is gone: it is called --fps now"),
-        (["--counts", "9"], "counts"),
-        (["--ablate", "sight"], "ablate"),
-        (["--file", str(tmp_path / "no.mp4")], "no.mp4"),
-        (["--clips", "-1"], "clips"),
-    ):
-        assert main(["score", "--video", *options, "--out", str(tmp_path / "out")]) == 2
-        assert word in capsys.readouterr().err
