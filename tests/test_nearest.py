@@ -36,7 +36,6 @@ def test_the_nearest_name_or_none() -> None:
         ("reproduce BB5", "B5"),
         ("score --rules scalefree", "scale-free"),
         ("score --labelled . --methods mog2-norfare", "mog2-norfair"),
-        ("score --video --ablate exposur", "exposure"),
         ("score --split tuen", "tune"),
         ("barn b.json --split al", "all"),
         ("bind two-bars --modle published", "--model"),
