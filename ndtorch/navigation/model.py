@@ -9,7 +9,6 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_kind
 from ndtorch.errors import InputError
-from ndtorch.navigation.batch_step import batch_step
 from ndtorch.navigation.controllers.contract import Command, Controller
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, make_controller
 from ndtorch.navigation.correspondence import MatchParams
@@ -41,8 +40,7 @@ class Navigator(nn.Module):
     Any `Controller` can sit at its wheel: `"ranging"`, which drives where it has seen floor, `"published"`, the
     saccades of [A], or one of your own. Only two rectangles, which the controller chooses, and the two horizon
     rows are read. At the first frame the car is at the origin and stands still. In torch nearly all the time of a step
-    goes into calling it, not into sums. Under `torch.inference_mode()` on a CPU kernels make the steps of one car, or
-    of many cars one after the other.
+    goes into calling it, not into sums. Under `torch.inference_mode()` on a CPU kernels make the steps of one car.
 
     Shapes:
         left, right: frames `[..., T, C, H, W]` of the two cameras, uint8 or float in 0..1, C = 3 (RGB) or 1,
@@ -146,8 +144,6 @@ class Navigator(nn.Module):
         whole = self.whole_step()
         beginning = self.near.beginning(self.controller, ours, theirs) if self.near is not None else None
         step = whole(ours, theirs, state, driven, start, beginning)
-        if step is None and self.localiser is None:
-            step = batch_step(whole, ours, theirs, state, driven)
         if step is not None:
             return self.after(step, ours, theirs, state)
         command, state, ranges, poses, anchors = self.see_and_steer(left, right, state, driven, start)

@@ -21,7 +21,7 @@ class QuickSaccades(QuickControl):
         state: makes its state of the numbers.
     """
 
-    kernel, cars, count = "published_step", "published_cars", 3
+    kernel, count = "published_step", 3
 
     def __init__(
         self, shape: tuple[int, int, int], a: float, constants: tuple[float, ...], state: Callable[..., Any]

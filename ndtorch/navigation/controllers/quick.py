@@ -13,7 +13,7 @@ class QuickControl(ABC):
     """A controller as the kernel of a whole step has it: its state is single numbers and arrays.
 
     Attributes:
-        kernel, cars: its name, and that of the kernel that steps many cars.
+        kernel: its name.
         shape: of the state of the fields' filters, `(2, h, w)`.
         inward: pixels from the left edges of the fields to those of their cells.
         cells: how many columns of the fields make one that is looked at, and bands and blocks of cells.
@@ -24,7 +24,6 @@ class QuickControl(ABC):
     """
 
     kernel: str
-    cars: str
     shape: tuple[int, int, int]
     cells: tuple[int, int, int]
     inward: tuple[int, int] = (0, 0)
@@ -45,10 +44,6 @@ class QuickControl(ABC):
     @abstractmethod
     def mode(self, numbers: Any) -> int:
         """What a car is doing, of which these are speed, curvature, pose, and the single numbers of the state."""
-
-    def ready(self, numbers: Any) -> bool:
-        """Whether the kernel alone makes the next step of a car with these, without the controller's caution."""
-        return True
 
     def arrays(self, kind: Any) -> tuple[Any, ...]:
         """The kernel's last arguments, which depend on the controller, of this precision, a NumPy dtype."""

@@ -42,7 +42,7 @@ class QuickRanging(QuickControl):
         rig: the camera pair.
     """
 
-    kernel, cars, count = "ranging_step", "ranging_cars", 10
+    kernel, count = "ranging_step", 10
 
     def __init__(
         self,
@@ -80,7 +80,6 @@ class QuickRanging(QuickControl):
         self.numbers += (alike, least, *LIMITS, *self.rest[-1], SETTLED)
         self.tensors = (floor.flow, floor.profile, places, under, line_of_sight(places))
         self.full = -torch.expm1(full_flow * floor.saturation)
-        self.learned = float(floor.learning)
         self.tables: dict[Any, Any] = {}
         self.nowhere = np.zeros(0, np.int32)
 
@@ -108,10 +107,6 @@ class QuickRanging(QuickControl):
     def mode(self, numbers: Any) -> int:
         """The first number after what the floor has."""
         return int(numbers[7])
-
-    def ready(self, numbers: Any) -> bool:
-        """It knows its floor."""
-        return bool(numbers[6] + 1 > self.learned)
 
     def arrays(self, kind: Any) -> tuple[Any, ...]:
         """Tables, shares of the level that floor shows at full speed, and what both eyes compare."""

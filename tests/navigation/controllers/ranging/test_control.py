@@ -269,9 +269,3 @@ def test_trouble_is_told_where_the_floor_shows_little():
     assert control.trouble(state) is None
     dark = state._replace(floor=state.floor._replace(level=state.floor.level * 1e-6))
     assert "floor is told from noise in 0 % of the view" in control.trouble(dark)
-
-
-def test_a_kernel_steps_alone_from_the_step_on_in_which_the_floor_is_known():
-    quick = RangingControl(RIG, DT).quick
-    numbers = [0.0] * 6
-    assert [quick.ready([*numbers, quick.learned + by]) for by in (-2, -1, 0, 1)] == [False, False, True, True]
