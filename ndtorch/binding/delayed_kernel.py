@@ -8,7 +8,7 @@ from torch import Tensor
 from ndtorch.binding.activations import cube, linear, tanh_10, tanh_pi
 from ndtorch.binding.learning import Constants, NetworkState
 from ndtorch.binding.rules import LARGEST, LearningRule
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.delayed_network import delayed_network
 from ndtorch.kernels.switch import kernels_wanted
 
 FUNCTIONS = (linear, cube, tanh_pi, tanh_10)
@@ -69,7 +69,7 @@ def delayed_steps(
     weights, mean = state.weights.clone(), state.mean_weights.clone()
     neurons = torch.stack((state.outputs, state.input_low, state.output_low, state.power, state.roughness))
     arrays = [part.numpy() for part in (weights, neurons, mean)]
-    run = kernel("delayed_network", inputs.dtype).run
+    run = delayed_network
     done = run(inputs.contiguous().numpy(), 0, factors.numpy(), *arrays, numbers, outputs.numpy(), shifts.numpy())
     if done < steps:
         return None

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from ndtorch.binding.learning import Constants, NetworkState, network_step
 from ndtorch.binding.rules import ScaleFreeRule
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.shared_network import shared_network
 from ndtorch.kernels.switch import kernels_wanted
 
 
@@ -38,7 +38,7 @@ def by_kernel(inputs: Tensor, state: NetworkState, constants: Constants) -> tupl
     )
     steps, done = len(inputs), 0
     outputs, shifts = torch.empty_like(inputs), torch.zeros(steps, dtype=inputs.dtype)
-    run = kernel("shared_network", inputs.dtype).run
+    run = shared_network
     drive = inputs.contiguous()
     while done < steps:
         parts = [part.clone() for part in (now.weights, now.output_low, now.fluctuation, now.clock, now.mean_weights)]

@@ -7,9 +7,12 @@ from typing import Any
 
 import numpy.typing as npt
 
+from ndtorch.utils.jit import jit
+
 Floats = npt.NDArray[Any]
 
 
+@jit
 def add_cells(sums: Floats, packed: Floats, cos: float, sin: float, x: float, y: float, cell: float) -> None:
     """Add cells `[k, 8]` of `pack` to `sums` `[size, size, 6]` of `add_points` in place, each where its middle lies.
 

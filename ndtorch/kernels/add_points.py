@@ -7,9 +7,12 @@ from typing import Any
 
 import numpy.typing as npt
 
+from ndtorch.utils.jit import jit
+
 Floats = npt.NDArray[Any]
 
 
+@jit
 def add_points(sums: Floats, x: Floats, y: Floats, weight: Floats, cell: float, most: float) -> None:
     """Add points to `sums` `[size, size, 6]` in place: weight, and its sums over x, y, x x, x y, y y.
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from ndtorch.kernels.patch_arcs import remember_ranges, turning
+from ndtorch.utils.jit import jit
 
 Array = Any
 
 
+@jit
 def add_ranges(
     standing: Array,
     pose: tuple[float, float, float],

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import apart
+from ndtorch.utils.jit import jit
 
 
-@apart
+@jit
 def any_of(row: Array) -> bool:
     """Whether one of some whole numbers is not 0."""
     some = np.int32(0)

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import inner
 from ndtorch.kernels.nth import nth_of
+from ndtorch.utils.jit import jit
 
 
 class ApartNumbers(NamedTuple):
@@ -33,6 +33,7 @@ class ApartNumbers(NamedTuple):
     cut: float
 
 
+@jit
 def apart(
     picture: Array,
     mean: Array,
@@ -120,7 +121,7 @@ def apart(
     return noise, beyond > 1 or dawn or out > p.cut * (height * width)
 
 
-@inner
+@jit
 def fewer(image: Array) -> Array:
     """`every_other` of one plane `[h, w]`, `[n]`."""
     height, width = image.shape
@@ -136,7 +137,7 @@ def fewer(image: Array) -> Array:
     return some[:n]
 
 
-@inner
+@jit
 def chosen(at: int, length: int) -> bool:
     """Whether a row or column is looked at: every other one, counted from both sides."""
     last = 2 * (((length + 1) // 2 + 1) // 2 - 1)

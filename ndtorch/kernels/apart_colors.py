@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from ndtorch.kernels.filters import Array
+from ndtorch.utils.jit import jit
 
 
+@jit
 def apart_colors(picture: Array, unit: float, planes: Array) -> None:
     """Whole numbers as shares of full scale.
 

@@ -8,13 +8,14 @@ import numpy as np
 
 from ndtorch.kernels.avoidance import avoidance
 from ndtorch.kernels.cell_maxima import cell_maxima
-from ndtorch.kernels.inner import exactly, inner, tuple_of
+from ndtorch.utils.jit import jit
 
 Array = Any
 
-largest_in_cells, decided = inner(cell_maxima), exactly(avoidance)
+largest_in_cells, decided = cell_maxima, jit(avoidance, exact=True)
 
 
+@jit
 def avoid(
     left: Array,
     right: Array,
@@ -48,6 +49,11 @@ def avoid(
     before = (float(machine[0]), float(machine[1]), float(machine[2]))
     if settle:
         before = (float(theirs - ours), float(where[5]), 0.0)
-    speed, curvature, after = decided(float(ours), float(theirs), before, tuple_of(numbers[3:], 9))
+    speed, curvature, after = decided(
+        float(ours),
+        float(theirs),
+        before,
+        (numbers[3], numbers[4], numbers[5], numbers[6], numbers[7], numbers[8], numbers[9], numbers[10], numbers[11]),
+    )
     new_machine[0], new_machine[1], new_machine[2] = after
     return speed, curvature

@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from ndtorch.utils.jit import jit
+
 Array = Any
 
 
+@jit
 def beam_cells(
     left_angle: Array,
     right_angle: Array,

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import apart, inner
+from ndtorch.utils.jit import jit
 
 
+@jit
 def block_means(lines: Array, beside: int, unit: float, sums: Array, means: Array) -> None:
     """`torch.nn.functional.adaptive_avg_pool2d` of the three colors.
 
@@ -48,7 +49,7 @@ def block_means(lines: Array, beside: int, unit: float, sums: Array, means: Arra
                     means[plane * beside + color, row, column] = block[column] * scale
 
 
-@inner
+@jit
 def block_sums(sums: Array, begins: Array, ends: Array, beside: int, color: int, block: Array) -> None:
     """Sums of the numbers from `begins` to `ends`, by those of eight, four and two neighbours."""
     one, two, four, eight = sums[0], sums[1], sums[2], sums[3]
@@ -69,7 +70,7 @@ def block_sums(sums: Array, begins: Array, ends: Array, beside: int, color: int,
         block[column] = total
 
 
-@apart
+@jit
 def add_four(a: Array, b: Array, c: Array, d: Array, total: Array) -> None:
     """Add four rows of pixels at once."""
     kind = total.dtype.type
@@ -77,7 +78,7 @@ def add_four(a: Array, b: Array, c: Array, d: Array, total: Array) -> None:
         total[x] += kind(a[x]) + kind(b[x]) + kind(c[x]) + kind(d[x])
 
 
-@inner
+@jit
 def add_one(row: Array, total: Array) -> None:
     """Add a row of pixels."""
     kind = total.dtype.type
@@ -85,7 +86,7 @@ def add_one(row: Array, total: Array) -> None:
         total[x] += kind(row[x])
 
 
-@apart
+@jit
 def pairs(one: Array, other: Array, both: Array) -> None:
     """Sums of two numbers each."""
     for x in range(one.shape[0]):

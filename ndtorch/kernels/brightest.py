@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import apart
+from ndtorch.utils.jit import jit
 
 
+@jit
 def brightest(picture: Array, ground: Array, every: int, dimmest: float, balance: Array) -> float:
     """What `ndtorch.binding.tracking.shades.Light` tells of a picture whose sides are multiples of a patch's.
 
@@ -48,7 +49,7 @@ def brightest(picture: Array, ground: Array, every: int, dimmest: float, balance
     return float(most) / (3 * every * every)
 
 
-@apart
+@jit
 def add_bright(red: Array, green: Array, blue: Array, balance: tuple[float, float, float], line: Array) -> None:
     """Add the brightness of a row."""
     for x in range(line.shape[0]):

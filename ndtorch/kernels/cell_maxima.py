@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ndtorch.kernels.inner import apart, inner
-from ndtorch.kernels.strips import Array, as_whole, grey_rows, high_pass
+from ndtorch.kernels.strips import Array, grey_rows, high_pass, larger
+from ndtorch.utils.jit import jit
 
 
+@jit
 def cell_maxima(
     frames: tuple[Array, Array],
     beside: bool,
@@ -41,13 +42,13 @@ def cell_maxima(
     grey_maxima(grey, settle, low, gain, a, new_low, cells)
 
 
-@inner
+@jit
 def grey_maxima(grey: Array, settle: bool, low: Array, gain: float, a: float, new_low: Array, cells: Array) -> None:
     """`cell_maxima` of what is grey already, `[2, h, w]`."""
     _, height, width = low.shape
     _, bands, blocks = cells.shape
     tall, wide = height // bands, width // blocks
-    peaks, largest = as_whole(np.empty(width, low.dtype)), as_whole(cells)
+    peaks = np.empty(width, low.dtype)
     now, before, after = grey.reshape(-1), low.reshape(-1), new_low.reshape(-1)
     bright = low.dtype.type(gain)
     if bright != low.dtype.type(1) and not settle:
@@ -63,13 +64,13 @@ def grey_maxima(grey: Array, settle: bool, low: Array, gain: float, a: float, ne
                 start = np.uintp(((eye * bands + band) * tall + y) * width)
                 high_pass(now, before, start, settle, a, after, peaks)
             for block in range(blocks):
-                largest[eye, band, block] = highest(peaks, np.uintp(block * wide), wide)
+                cells[eye, band, block] = highest(peaks, np.uintp(block * wide), wide)
 
 
-@apart
+@jit
 def highest(peaks: Array, start: Any, count: int) -> Any:
     """The largest of so many numbers."""
     most = peaks[start]
     for x in range(1, count):
-        most = max(most, peaks[start + np.uintp(x)])
+        most = larger(peaks[start + np.uintp(x)], most)
     return most

@@ -8,9 +8,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ndtorch.utils.jit import jit
+
 Floats = npt.NDArray[Any]
 
 
+@jit
 def change(now: Floats, before: Floats) -> float:
     """Standard deviation of the difference of two rows of numbers, `[n]` each, n > 0."""
     count = len(now)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from ndtorch.kernels.inner import apart, exactly, inner
-from ndtorch.kernels.strips import as_whole
+from ndtorch.utils.jit import jit
 
 Floats = npt.NDArray[np.float32]
 Whole = npt.NDArray[np.int32]
@@ -24,7 +23,7 @@ NEVER = np.float32(9.0)
 NEVER_BITS = NEVER.view(np.int32)
 
 
-@inner
+@jit
 def compare_rows(
     left: Floats,
     right: Floats,
@@ -62,14 +61,14 @@ def compare_rows(
     new, total, share = np.zeros(depth, np.float32), np.zeros(depth, np.float32), np.float32(1 / (size * rows))
     windows, lines = np.zeros((size, depth), np.float32), np.empty((2, depth), np.float32)
     # Numbers of 0 or more are in the same order as their bits, and the least of whole numbers is found much faster.
-    bits, behind = as_whole(lines), np.empty(depth, np.int32)
+    bits, behind = lines.view(np.int32), np.empty(depth, np.int32)
     elsewhere = np.empty(1, np.float32)
-    second = as_whole(elsewhere)
+    second = elsewhere.view(np.int32)
     for k in range(depth):
         behind[k] = depth - k
     # Of every right column the least difference, the last column first, and of every left one the least beside it.
     back = np.full(width + depth, NEVER, np.float32)
-    back_bits, beside = as_whole(back), np.full(width, NEVER, np.float32)
+    back_bits, beside = back.view(np.int32), np.full(width, NEVER, np.float32)
     least_disparity, most, columns = wanted
     for c in range(width):
         reach, n, m = min(depth, c + 1), min(depth, c - size + 2), c - half
@@ -98,7 +97,7 @@ def compare_rows(
         both[c] = best[c] >= 0 and beside[c] <= back[width - 1 - c + best[c]]
 
 
-@apart
+@jit
 def differ(here: float, turned: Floats, r: int, start: int, reach: int, new: Floats) -> None:
     """Differences of one pixel from many of row `r`, which are added to those of the rows before."""
     if r == 0:
@@ -109,7 +108,7 @@ def differ(here: float, turned: Floats, r: int, start: int, reach: int, new: Flo
             new[k] += abs(here - turned[r, np.uintp(start + k)])
 
 
-@apart
+@jit
 def follow(
     here: float,
     turned: Floats,
@@ -136,7 +135,7 @@ def follow(
         lines[now, k] = value * share
 
 
-@apart
+@jit
 def first_least(bits: Whole, now: int, n: int, behind: Whole) -> int:
     """Where a line is least, the first such place; `behind` counts down to 1."""
     least, at, none = bits[now, 0], np.int32(0), np.int32(0)
@@ -148,14 +147,14 @@ def first_least(bits: Whole, now: int, n: int, behind: Whole) -> int:
     return place
 
 
-@apart
+@jit
 def lower(bits: Whole, now: int, n: int, back: Whole, start: int) -> None:
     """The lower of each of two numbers, from `start` on."""
     for k in range(n):
         back[np.uintp(start + k)] = min(back[np.uintp(start + k)], bits[now, k])
 
 
-@exactly
+@jit(exact=True)
 def least_of(bits: Whole, now: int, start: int, end: int) -> np.int32:
     """The least of some numbers of a line; that of `NEVER` where there are none."""
     least = NEVER_BITS

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.ways import Floats, pop, push
+from ndtorch.utils.jit import jit
 
 
+@jit
 def cost_to_go(price: Floats, seed: Floats, cell: float, here: int, beyond: float) -> Floats:
     """The least price of a way from every cell to a seed (Dijkstra, eight neighbours).
 

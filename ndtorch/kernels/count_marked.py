@@ -6,9 +6,10 @@ import numpy as np
 
 from ndtorch.kernels.any_of import any_of
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import apart
+from ndtorch.utils.jit import jit
 
 
+@jit
 def count_marked(labels: Array, marked: Array, counts: Array, areas: Array) -> None:
     """Adds the marks, 0 or 1, and the number of the pixels `[h, w]` of every label, `[N]`."""
     some, rest = 0, 0
@@ -30,7 +31,7 @@ def count_marked(labels: Array, marked: Array, counts: Array, areas: Array) -> N
     areas[0] += rest
 
 
-@apart
+@jit
 def count_of(marked: Array) -> int:
     """How many of a row are marked."""
     count = np.int32(0)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import inner
+from ndtorch.utils.jit import jit
 
 SQUARINGS = 14
 """Of a matrix at most: then its powers are of the 16384th."""
@@ -30,6 +30,7 @@ class DelayedNumbers(NamedTuple):
     column: int
 
 
+@jit
 def delayed_network(
     inputs: Array,
     first: int,
@@ -99,7 +100,7 @@ def delayed_network(
     return int(steps)
 
 
-@inner
+@jit
 def applied(function: int, x: float) -> float:
     """One of the functions of the rules."""
     if function == 0:
@@ -110,7 +111,7 @@ def applied(function: int, x: float) -> float:
     return bent
 
 
-@inner
+@jit
 def held_back(weights: Array, limit: float) -> float:
     """What weights are multiplied by so that their spectral radius keeps to a limit; NaN where that is not certain."""
     count = weights.shape[0]
@@ -147,7 +148,7 @@ def held_back(weights: Array, limit: float) -> float:
     return np.nan
 
 
-@inner
+@jit
 def estimate(weights: Array, power: Array) -> float:
     """The spectral radius from a high power of `W + I`, see `perron_root`; 0 where two estimates are apart."""
     count, root, above, below = weights.shape[0], 0.0, 0.0, 0.0
@@ -169,7 +170,7 @@ def estimate(weights: Array, power: Array) -> float:
     return tight
 
 
-@inner
+@jit
 def multiply(a: Array, b: Array, out: Array) -> None:
     """The product of two matrices in double precision."""
     count = a.shape[0]

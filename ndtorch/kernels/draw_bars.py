@@ -7,9 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from ndtorch.utils.jit import jit
+
 Array = Any
 
 
+@jit
 def draw_bars(
     before: Array, centers: Array, sizes: Array, reach: Array, turns: Array, colors: Array, light: Array, canvas: Array
 ) -> None:

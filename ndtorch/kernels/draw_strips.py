@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from ndtorch.kernels.facets import bounds, facets, span
-from ndtorch.kernels.inner import apart, inner
 from ndtorch.kernels.texture_sample import one_copy, two_copies
+from ndtorch.utils.jit import jit
 
 Array = Any
 
@@ -17,6 +17,7 @@ ONE = i32(0x3F800000)
 """The bits of 1.0: a float's bits less these are its binary logarithm, straight from power to power."""
 
 
+@jit
 def draw_strips(
     corners: Array,
     surface: Array,
@@ -80,7 +81,7 @@ def draw_strips(
             start += width
 
 
-@inner
+@jit
 def cover(
     facet: Array, here: Array, rows: Array, ends: Array, row: int, left: int, ramp: Array, nearest: Array, which: Array
 ) -> None:
@@ -98,7 +99,7 @@ def cover(
             nearer(f32(slope), f32(begin), i32(n), ramp, nearest[first - left : end - left], which[first - left :])
 
 
-@apart
+@jit
 def nearer(slope: float, begin: float, n: int, ramp: Array, nearest: Array, which: Array) -> None:
     """Where this triangle is nearer than others so far."""
     for x in range(nearest.shape[0]):
@@ -107,7 +108,7 @@ def nearer(slope: float, begin: float, n: int, ramp: Array, nearest: Array, whic
         nearest[x] = max(here, nearest[x])
 
 
-@inner
+@jit
 def walk(facet: Array, row: int, left: int, copy: Array, ramp: Array, u: Array, v: Array, square: Array) -> None:
     """Places in a triangle's picture along some columns of a row, see `step`."""
     wide, high = f32(copy[1]), f32(copy[2])
@@ -121,7 +122,7 @@ def walk(facet: Array, row: int, left: int, copy: Array, ramp: Array, u: Array, 
     step((f32(q), f32(s - whole * q), f32(t - whole_up * q)), along, down, (wide, high), ramp, u, v, square)
 
 
-@apart
+@jit
 def step(
     begin: tuple[float, float, float],
     along: tuple[float, float, float],
@@ -145,7 +146,7 @@ def step(
         square[k] = longer * depth * depth
 
 
-@inner
+@jit
 def paint(u: Array, v: Array, bits: Array, sizes: Array, texels: Array, copies: Array, line: Array) -> None:
     """The colors of some columns, from the copies of a picture that fit.
 
@@ -175,7 +176,7 @@ def paint(u: Array, v: Array, bits: Array, sizes: Array, texels: Array, copies: 
         first = until
 
 
-@apart
+@jit
 def logarithms(bits: Array, most: Any, sizes: Array) -> tuple[Any, Any]:
     """Levels in 256ths, from 0 to `most`; the smallest and the largest of them."""
     low: Any = most
@@ -187,7 +188,7 @@ def logarithms(bits: Array, most: Any, sizes: Array) -> tuple[Any, Any]:
     return low, high
 
 
-@apart
+@jit
 def unpack(line: Array, pixels: Array) -> None:
     """Red, green and blue of every pixel beside each other, as cameras give them."""
     for x in range(pixels.shape[0]):

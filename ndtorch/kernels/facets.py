@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ndtorch.kernels.inner import inner
+from ndtorch.utils.jit import jit
 
 Array = Any
 
 
-@inner
+@jit
 def facets(corners: Array, camera: Array, near: float, out: Array, number: Array) -> int:
     """How many triangles turn their face to a camera, with something of them ahead of it.
 
@@ -54,7 +54,7 @@ def facets(corners: Array, camera: Array, near: float, out: Array, number: Array
     return found
 
 
-@inner
+@jit
 def project(corner: Array, camera: Array) -> tuple[float, float, float]:
     """A corner's column and row, both times its depth, and its depth."""
     x, y, z = corner[0] - camera[0, 0], corner[1] - camera[0, 1], corner[2] - camera[0, 2]
@@ -65,7 +65,7 @@ def project(corner: Array, camera: Array) -> tuple[float, float, float]:
     )
 
 
-@inner
+@jit
 def bounds(facet: Array, rect: tuple[int, int, int, int], reach: tuple[float, float], rows: Array, ends: Array) -> bool:
     """Whether a triangle may show in a rectangle of the picture (top, bottom, left, right), and where.
 
@@ -100,7 +100,7 @@ def bounds(facet: Array, rect: tuple[int, int, int, int], reach: tuple[float, fl
     return True
 
 
-@inner
+@jit
 def span(ends: Array, row: int) -> tuple[int, int]:
     """The columns of a row that a triangle covers: the first, and the one after the last."""
     low, high = ends[0, 0, 0] * row + ends[0, 0, 1], ends[1, 0, 0] * row + ends[1, 0, 1]

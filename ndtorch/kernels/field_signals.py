@@ -8,8 +8,10 @@ import numpy as np
 
 from ndtorch.kernels.any_of import any_of
 from ndtorch.kernels.filters import Array
+from ndtorch.utils.jit import jit
 
 
+@jit
 def field_signals(images: Array, silhouettes: Array, sums: Array, signals: Array) -> None:
     """The last part of `FigureSignals.forward`.
 

@@ -6,9 +6,10 @@ import numpy as np
 
 from ndtorch.kernels.any_of import any_of
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import apart, apart_exactly
+from ndtorch.utils.jit import jit
 
 
+@jit
 def field_sums(
     picture: Array,
     ground: Array,
@@ -83,7 +84,7 @@ def field_sums(
                 sums[n, 3 + c] += max(color[c] - grey, kind(0))
 
 
-@apart
+@jit
 def differ(picture: Array, ground: Array, silhouettes: Array, found: Array) -> None:
     """How far silhouettes differ from the ground in one color of one row; 0 elsewhere."""
     none = found.dtype.type(0)
@@ -92,14 +93,14 @@ def differ(picture: Array, ground: Array, silhouettes: Array, found: Array) -> N
         found[x] = apart_by if silhouettes[x] > 0 else none
 
 
-@apart_exactly
+@jit(exact=True)
 def halve(upper: Array, lower: Array, quarter: float, found: Array) -> None:
     """Means of blocks of two by two pixels. Row by row: that of a mirror image is the same to the last digit."""
     for x in range(found.shape[0]):
         found[x] = ((upper[2 * x] + upper[2 * x + 1]) + (lower[2 * x] + lower[2 * x + 1])) * quarter
 
 
-@apart
+@jit
 def pass_high(
     seen: Array, shares: tuple[float, float], slow: Array, delayed: Array, high: Array, strongest: Array
 ) -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from ndtorch.kernels.inner import apart, inner
+from ndtorch.utils.jit import jit
 
 Array = Any
 """A NumPy array, or one row of it."""
 
 
-@apart
+@jit
 def filter_row(
     colors: tuple[Array, Array, Array],
     third: float,
@@ -56,7 +56,7 @@ def filter_row(
     return r, g, b
 
 
-@inner
+@jit
 def outside(colors: tuple[Array, Array, Array], unit: float) -> int:
     """How many numbers of three rows are not in 0..1 once they are scaled by `unit`, with some slack, or no numbers."""
     low, high, wrong = -0.01 / unit, 1.01 / unit, 0
@@ -66,7 +66,7 @@ def outside(colors: tuple[Array, Array, Array], unit: float) -> int:
     return wrong
 
 
-@apart
+@jit
 def correlate(
     high: Array, late: Array, high_before: Array, late_before: Array, lag: int, total: tuple[Array, Array]
 ) -> None:
@@ -93,14 +93,14 @@ def correlate(
         over_rows[0], over_rows[1] = over_rows[0] + along + signed, over_rows[1] + along_size + abs(signed)
 
 
-@inner
+@jit
 def add_weighted(row: Array, weight: float, total: Array) -> None:
     """`total += weight row`."""
     for x in range(row.shape[0]):
         total[x] += weight * row[x]
 
 
-@inner
+@jit
 def add_to_two(row: Array, weights: tuple[float, float], here: Array, there: Array) -> None:
     """`add_weighted` to two others."""
     one, two = weights

@@ -7,11 +7,13 @@ import math
 import numpy as np
 
 from ndtorch.kernels.ways import Floats, look, pop, push, room
+from ndtorch.utils.jit import jit
 
 HEADINGS = 24
 """Headings that the lattice tells apart."""
 
 
+@jit
 def find_way(
     clear: Floats,
     unknown: Floats,

@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from ndtorch.kernels.inner import exactly
+from ndtorch.utils.jit import jit
 
 Array = Any
 
 
+@jit
 def floor_cells(
     cells: Array,
     driven: tuple[float, float],
@@ -108,7 +109,7 @@ def floor_cells(
     return noise
 
 
-@exactly
+@jit(exact=True)
 def learn(
     cells: Array, shape: Array, level: Array, profile: Array, moving: float, share: float, new_level: Array
 ) -> None:
@@ -125,7 +126,7 @@ def learn(
         new_level[b] = level[b] + share * (guess - level[b]) if level[b] > 0 else guess
 
 
-@exactly
+@jit(exact=True)
 def lower_median(values: Array) -> float:
     """As `torch.median`; the values, of which there are few, are put in order."""
     for k in range(1, len(values)):

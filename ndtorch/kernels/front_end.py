@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.filters import Array, add_to_two, add_weighted, correlate, filter_row, outside
-from ndtorch.kernels.inner import apart, inner
 from ndtorch.kernels.thinned_columns import thin_columns
+from ndtorch.utils.jit import jit
 
 BAND = 4
 """Rows of pixels that all frames go through before the next ones: so many rows of the states stay in the cache."""
 
 
+@jit
 def front_end(
     frames: Array,
     beside: bool,
@@ -108,14 +109,14 @@ def front_end(
         thin_columns(rows[t], margins[1], images[t])
 
 
-@inner
+@jit
 def keep(high: Array, late: Array, both: Array) -> None:
     """Keep a row as high-passed and as delayed, `[2, W]`."""
     for x in range(high.shape[0]):
         both[0, x], both[1, x] = high[x], late[x]
 
 
-@apart
+@jit
 def add_four(greys: Array, here: Array, there: Array) -> None:
     """`add_thinned` of four rows at once: the last two of a block and the first two of the next."""
     kind = here.dtype.type
@@ -126,7 +127,7 @@ def add_four(greys: Array, here: Array, there: Array) -> None:
         there[x] += least * one[x] + less * two[x] + more * three[x] + most * four[x]
 
 
-@inner
+@jit
 def add_thinned(row: Array, place: int, block: int, rows: Array) -> None:
     """Add the row at `place` to the two blocks whose middles it lies between: a triangle of weights, as of
     `thin_rows`."""
@@ -141,7 +142,7 @@ def add_thinned(row: Array, place: int, block: int, rows: Array) -> None:
         add_weighted(row, kind(1), rows[here])
 
 
-@inner
+@jit
 def add_mirrored(row: Array, y: int, height: int, margin: int, block: int, rows: Array) -> None:
     """Add a row of the image, and where it is mirrored in the margins, to what its blocks become."""
     add_thinned(row, y + margin, block, rows)

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ndtorch.utils.jit import jit
+
 Floats = npt.NDArray[Any]
 
 BLOCK = 4
@@ -17,6 +19,7 @@ TAIL = 50
 """The range of the row leaves out one of so many block means at either end."""
 
 
+@jit
 def glance(
     row: Floats,
     field: Floats,

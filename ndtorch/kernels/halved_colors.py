@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import apart
+from ndtorch.utils.jit import jit
 
 
+@jit
 def halved_colors(picture: Array, unit: float, planes: Array) -> None:
     """Means of blocks of two by two pixels in whole numbers, as `cv2.resize` takes them, as shares of full scale.
 
@@ -22,14 +23,14 @@ def halved_colors(picture: Array, unit: float, planes: Array) -> None:
         shares(sums, unit, planes[0, y], planes[1, y], planes[2, y])
 
 
-@apart
+@jit
 def add(upper: Array, lower: Array, sums: Array) -> None:
     """Sums of two rows."""
     for n in range(sums.shape[0]):
         sums[n] = np.int32(upper[n]) + np.int32(lower[n])
 
 
-@apart
+@jit
 def shares(sums: Array, unit: float, red: Array, green: Array, blue: Array) -> None:
     """Means of pairs of neighbours, color by color; halves are rounded up."""
     one, half, quarter = np.float32(unit), np.int32(2), np.int32(2)

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import apart, inner
 from ndtorch.kernels.pooled import add_row, over_columns
+from ndtorch.utils.jit import jit
 
 PLANES = 11
 """Three orientations, three hues, what stands out, three shades, and how sure a hue is."""
@@ -30,6 +30,7 @@ class HueNumbers(NamedTuple):
     black_to: float
 
 
+@jit
 def hue_fields(
     frame: Array,
     ground: Array,
@@ -99,7 +100,7 @@ def hue_fields(
                     there[k] = math.sqrt(max(there[k], none))
 
 
-@inner
+@jit
 def brightest_block(image: Array, balance: tuple[float, float, float]) -> float:
     """The brightest mean of four by four balanced pixels, over all colors."""
     _, height, width = image.shape
@@ -115,21 +116,21 @@ def brightest_block(image: Array, balance: tuple[float, float, float]) -> float:
     return mean
 
 
-@apart
+@jit
 def add_rows(one: Array, two: Array, three: Array, four: Array, factor: float, line: Array) -> None:
     """Add the sum of four rows, times a factor."""
     for x in range(line.shape[0]):
         line[x] += factor * (one[x] + two[x] + three[x] + four[x])
 
 
-@apart
+@jit
 def magnitudes(values: Array, sizes: Array) -> None:
     """Of a row."""
     for x in range(sizes.shape[0]):
         sizes[x] = abs(values[x])
 
 
-@apart
+@jit
 def pixel_row(
     red: Array,
     green: Array,

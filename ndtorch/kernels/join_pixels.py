@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import inner
+from ndtorch.utils.jit import jit
 
 
+@jit
 def join_pixels(mask: Array, smallest: float, labels: Array, boxes: Array) -> int:
     """See `ndtorch.binding.tracking.regions.regions_of`.
 
@@ -102,14 +103,14 @@ def join_pixels(mask: Array, smallest: float, labels: Array, boxes: Array) -> in
     return kept
 
 
-@inner
+@jit
 def any_of(row: Array, x: int) -> int:
     """Whether one of eight pixels stands out."""
     first = row[x] | row[x + 1] | row[x + 2] | row[x + 3]
     return int(first | row[x + 4] | row[x + 5] | row[x + 6] | row[x + 7])
 
 
-@inner
+@jit
 def join(owner: Array, one: int, other: int) -> None:
     """Two runs hang together."""
     while owner[one] != one:

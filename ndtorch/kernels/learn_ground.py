@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import apart
+from ndtorch.utils.jit import jit
 
 
+@jit
 def learn_ground(
     picture: Array,
     ground: Array,
@@ -51,7 +52,7 @@ def learn_ground(
             )
 
 
-@apart
+@jit
 def paces(
     kept: Array,
     quiet: Array,
@@ -75,7 +76,7 @@ def paces(
         fresh[x] = settled & (not before)
 
 
-@apart
+@jit
 def follow_row(
     picture: Array,
     ground: Array,

@@ -6,8 +6,10 @@ import numpy as np
 
 from ndtorch.kernels.filters import Array
 from ndtorch.kernels.nth import few_of, middle_of
+from ndtorch.utils.jit import jit
 
 
+@jit
 def light_change(
     picture: Array,
     ground: Array,

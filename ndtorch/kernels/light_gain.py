@@ -7,11 +7,12 @@ import math
 import numpy as np
 
 from ndtorch.kernels.grey import grey_row
-from ndtorch.kernels.inner import inner
 from ndtorch.kernels.nth import nth_of
 from ndtorch.kernels.strips import Array
+from ndtorch.utils.jit import jit
 
 
+@jit
 def light_gain(
     frames: tuple[Array, Array],
     beside: bool,
@@ -36,10 +37,10 @@ def light_gain(
     for eye in range(2):
         for band in range(bands):
             grey_row(frames[eye], beside, tops[eye] + band * tall, lefts[eye], every, unit, count, grey[eye, band])
-    return grey_gain(grey, 1, low, blocks, limits)  # type: ignore[no-any-return]
+    return grey_gain(grey, 1, low, blocks, limits)
 
 
-@inner
+@jit
 def grey_gain(grey: Array, step: int, low: Array, blocks: int, limits: tuple[float, float, float]) -> float:
     """`light_gain` of what is grey already: every so many rows are the top rows of the bands."""
     bands = grey.shape[1] // step

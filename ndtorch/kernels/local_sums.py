@@ -6,10 +6,11 @@ import numpy as np
 
 from ndtorch.kernels.filters import Array, filter_row, outside
 from ndtorch.kernels.front_end import add_mirrored
-from ndtorch.kernels.inner import inner
 from ndtorch.kernels.thinned_columns import thin_columns
+from ndtorch.utils.jit import jit
 
 
+@jit
 def local_sums(
     frame: Array,
     beside: bool,
@@ -98,13 +99,13 @@ def local_sums(
     return wrong
 
 
-@inner
+@jit
 def turn(y: int) -> int:
     """Where the high-passed row of this number is kept."""
     return 1 + y % 3 if y else 0
 
 
-@inner
+@jit
 def split(
     places: Array, shares: Array, one: int, two: int, end: int, part: int
 ) -> tuple[bool, Array, tuple[float, float, float, float]]:
@@ -130,7 +131,7 @@ def split(
     return first or second, to, (a, b, c, d)
 
 
-@inner
+@jit
 def add_two(one: Array, two: Array, weights: tuple[float, float, float, float], bands: Array, to: Array) -> None:
     """Add two rows of a color to two of the bands `[R, W]`."""
     kind = bands.dtype.type
@@ -142,7 +143,7 @@ def add_two(one: Array, two: Array, weights: tuple[float, float, float, float], 
         below[x] += b * first + d * second
 
 
-@inner
+@jit
 def add_across(
     rows: tuple[Array, Array, Array, Array],
     weights: tuple[float, float, float, float],
@@ -179,7 +180,7 @@ def add_across(
         left_below[end] += b * (first - one) + d * (second - two)
 
 
-@inner
+@jit
 def add_along(
     high: tuple[Array, Array, Array],
     delayed: tuple[Array, Array, Array],
@@ -204,7 +205,7 @@ def add_along(
         up_below[x] += b * one + d * two
 
 
-@inner
+@jit
 def dot(row: Array, weights: Array, start: int) -> float:
     """Sum of products with a part of a row, which may go on at the other border."""
     total = row.dtype.type(0)

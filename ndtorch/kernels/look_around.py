@@ -6,17 +6,18 @@ from typing import Any
 
 from ndtorch.kernels.arc import arc
 from ndtorch.kernels.cell_maxima import grey_maxima
-from ndtorch.kernels.inner import exactly, inner
 from ndtorch.kernels.row_ranges import row_ranges
+from ndtorch.utils.jit import jit
 
 Array = Any
 
 WHOLE_NUMBERS, NUMBERS = 24, 13
 """How many of the whole numbers, and of the others, are used here; those of the controller come after them."""
 
-ranged, driven = inner(row_ranges), exactly(arc)
+ranged, driven = row_ranges, jit(arc, exact=True)
 
 
+@jit
 def look_around(
     eyes: tuple[Array, Array, Array, Array],
     whole: Array,

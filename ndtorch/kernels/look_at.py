@@ -7,9 +7,10 @@ from math import ceil, floor
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import inner
+from ndtorch.utils.jit import jit
 
 
+@jit
 def look_at(picture: Array, ground: Array, boxes: Array, before: Array, looks: Array, apart: Array) -> None:
     """`ndtorch.binding.tracking.whole.patch_of` each box.
 
@@ -49,7 +50,7 @@ def look_at(picture: Array, ground: Array, boxes: Array, before: Array, looks: A
         apart[k] = total / (3 * side * side)
 
 
-@inner
+@jit
 def weights_of(size: int, side: int, shrinks: bool) -> Array:
     """What each of `size` pixels counts for in each of `side` new ones, as OpenCV's INTER_AREA has it where it shrinks
     and INTER_LINEAR otherwise, `[side, size + 2]`; in the end the first that counts, and the one after the last."""

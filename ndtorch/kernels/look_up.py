@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from ndtorch.kernels.any_of import any_of
 from ndtorch.kernels.filters import Array
+from ndtorch.utils.jit import jit
 
 
+@jit
 def look_up(numbers: Array, table: Array, found: Array) -> None:
     """`table[numbers]` into `found`, `[h, w]`."""
     for y in range(numbers.shape[0]):

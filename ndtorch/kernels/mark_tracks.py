@@ -6,8 +6,10 @@ import numpy as np
 
 from ndtorch.kernels.any_of import any_of
 from ndtorch.kernels.filters import Array
+from ndtorch.utils.jit import jit
 
 
+@jit
 def mark_tracks(silhouettes: Array, marks: Array, mask: Array, kept: Array) -> None:
     """See `ndtorch.binding.tracking.silhouettes.marked`.
 

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from ndtorch.kernels.ahead import ask_for
 from ndtorch.kernels.grey import grey_row
-from ndtorch.kernels.inner import apart, inner
 from ndtorch.kernels.strips import Array
+from ndtorch.utils.jit import jit
 
 
+@jit
 def match_cells(
     frames: tuple[Array, Array],
     beside: bool,
@@ -46,7 +46,7 @@ def match_cells(
     compare_cells(grey, rows, shift, first, wide, tall, alike, least, found, found.reshape(-1))
 
 
-@inner
+@jit
 def compare_cells(
     grey: Array,
     rows: Array,
@@ -74,9 +74,7 @@ def compare_cells(
     sums_of_rows = columns.reshape(-1)
     sums = np.zeros((2, bands + 1, blocks, 3), found.dtype)
     seen = np.zeros((2, bands + 1, blocks), np.int64)
-    share = soon.size // max(rows.size, 1) + 1
     for r in range(rows.size):
-        ask_for(soon, np.uintp(r * share), share)
         band = max(0, bands - 1 - rows[r] // tall)
         for eye in range(2):
             away = -shift[r] if eye else shift[r]
@@ -120,7 +118,7 @@ def compare_cells(
                 found[eye, band, k] = kind(-1) if 2 * step * compared < tall else verdict
 
 
-@apart
+@jit
 def add_products(pixels: Array, at: Any, there: Any, sums: Array, column: Any, size: int) -> None:
     """Products of so many changes from pixel to pixel in two rows, and their squares, are added to sums `[3, n]`."""
     for x in range(size):
@@ -132,7 +130,7 @@ def add_products(pixels: Array, at: Any, there: Any, sums: Array, column: Any, s
         sums[2, column + k] += his * his
 
 
-@apart
+@jit
 def add_up(columns: Array, start: Any, size: int, sums: Array) -> None:
     """Add so many columns of products `[3, ...]` to their sums `[3]`."""
     kind = sums.dtype.type

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from ndtorch.kernels.filters import Array
+from ndtorch.utils.jit import jit
 
 
+@jit
 def mirrored(images: Array, top: int, left: int, padded: Array) -> None:
     """What `torch.nn.functional.pad` does with `mode="reflect"`.
 

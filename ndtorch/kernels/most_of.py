@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import apart, inner
+from ndtorch.utils.jit import jit
 
 
-@inner
+@jit
 def mark_most(image: Array, side: int, found: Array) -> None:
     """`ndtorch.vision.camera.figures.most_of` of an image of 1 and 0, `[h, w]` uint8, into `found`, likewise."""
     height, width = image.shape
@@ -36,28 +36,28 @@ def mark_most(image: Array, side: int, found: Array) -> None:
         mark_large(sums, side * side, found[y])
 
 
-@apart
+@jit
 def add_three(upper: Array, middle: Array, lower: Array, near: Array) -> None:
     """Sums of three rows of marks, from the second number on: bytes, for that takes a fourth of the time."""
     for x in range(middle.shape[0]):
         near[x + 1] = upper[x] + middle[x] + lower[x]
 
 
-@apart
+@jit
 def mark_five(near: Array, found: Array) -> None:
     """Mark where three such sums are five or more of nine."""
     for x in range(found.shape[0]):
         found[x] = np.uint8(near[x] + near[x + 1] + near[x + 2]) >= np.uint8(5)
 
 
-@apart
+@jit
 def add_marks(marks: Array, sums: Array) -> None:
     """Add whole numbers to others."""
     for x in range(sums.shape[0]):
         sums[x] += np.int32(marks[x])
 
 
-@apart
+@jit
 def mark_large(sums: Array, most: int, found: Array) -> None:
     """Mark sums of half the most or more."""
     half = np.int32(most)
@@ -65,7 +65,7 @@ def mark_large(sums: Array, most: int, found: Array) -> None:
         found[x] = np.uint8(np.int32(2) * sums[x] >= half)
 
 
-@inner
+@jit
 def inside(at: int, size: int) -> int:
     """The row or column that is shown at that place, beyond the edges too."""
     while at < 0 or at >= size:

@@ -7,9 +7,12 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from ndtorch.utils.jit import jit
+
 Floats = npt.NDArray[np.float32]
 
 
+@jit
 def near_floor(
     left: Floats,
     right: Floats,

@@ -6,12 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ndtorch.kernels.compare_rows import NEVER, Floats, Whole, first_least, follow, least_of
-from ndtorch.kernels.inner import apart, inner
-from ndtorch.kernels.strips import as_whole
+from ndtorch.utils.jit import jit
 
 Columns = npt.NDArray[np.int64]
 
 
+@jit
 def near_rows(
     left: Floats,
     right: Floats,
@@ -40,15 +40,15 @@ def near_rows(
     for x in range(width):
         turned[0, x] = right[width - 1 - x]
     none, total, windows = np.zeros(depth, np.float32), np.zeros(depth, np.float32), np.zeros((size, depth), np.float32)
-    bits, behind, partner = as_whole(cost), np.empty(depth, np.int32), np.zeros(width + high, np.int32)
+    bits, behind, partner = cost.view(np.int32), np.empty(depth, np.int32), np.zeros(width + high, np.int32)
     for k in range(depth):
         behind[k] = depth - k
     lowest = np.empty(width + high, np.float32)
     for x in range(width + high):
         lowest[x] = NEVER
-    lowest_bits = as_whole(lowest)
+    lowest_bits = lowest.view(np.int32)
     elsewhere = np.empty(1, np.float32)
-    second = as_whole(elsewhere)
+    second = elsewhere.view(np.int32)
     for c in range(width):
         best[c], costs[0, c], costs[1, c] = 0, NEVER, NEVER
     for c in range(first, width):
@@ -66,14 +66,14 @@ def near_rows(
         back[c] = depth - partner[width - 1 - x] if partner[width - 1 - x] else 0
 
 
-@inner
+@jit
 def nothing_below(cost: Floats, c: int, n: int) -> None:
     """What was added and taken again may end a little below 0."""
     for k in range(n):
         cost[c, k] = cost[c, k] if cost[c, k] > 0 else np.float32(0)
 
 
-@apart
+@jit
 def partners(bits: Whole, now: int, n: int, lowest: Whole, partner: Whole, start: int, behind: Whole) -> None:
     """Of every right column the lowest number so far, and the first place, counted from behind, that has it."""
     for k in range(n):

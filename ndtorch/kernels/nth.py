@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import apart, inner
+from ndtorch.utils.jit import jit
 
 FEW = 12
 """So few numbers are sorted one by one."""
@@ -15,7 +15,7 @@ SAMPLE, MARGIN, ROUNDS = 32, 4, 8
 """So many numbers tell about where a value is, up to so many places in their order; and how often that is narrowed."""
 
 
-@inner
+@jit
 def middle_of(values: Array, count: int) -> float:
     """The median of the first `count` values. Their order stays; NaN are not allowed."""
     half = count // 2
@@ -29,14 +29,14 @@ def middle_of(values: Array, count: int) -> float:
     return float((before + here) / values.dtype.type(2))
 
 
-@inner
+@jit
 def nth_of(values: Array, count: int, n: int) -> float:
     """The value that n of the first `count` values come before in order. Their order stays; NaN are not allowed."""
     some, place = ordered_at(values, count, n)
     return float(some[place])
 
 
-@inner
+@jit
 def ordered_at(values: Array, count: int, n: int) -> tuple[Array, int]:
     """Some of the first `count` values, and which of them has n of all before it in order; none before it is larger.
 
@@ -53,7 +53,7 @@ def ordered_at(values: Array, count: int, n: int) -> tuple[Array, int]:
     return some, place
 
 
-@inner
+@jit
 def bounds_of(values: Array, count: int, n: int) -> tuple[float, float, int]:
     """Bounds that value n in order and the one before it lie between, with few others, and how many are below.
 
@@ -88,7 +88,7 @@ def bounds_of(values: Array, count: int, n: int) -> tuple[float, float, int]:
     return low, high, first
 
 
-@apart
+@jit
 def count_below(values: Array, bound: float) -> int:
     """How many values are below that."""
     count = np.int32(0)
@@ -97,7 +97,7 @@ def count_below(values: Array, bound: float) -> int:
     return int(count)
 
 
-@inner
+@jit
 def part(some: Array, count: int, n: int) -> None:
     """Put the first `count` values in order as far as that takes value n to its place, and none before it is larger."""
     low, high = 0, count
@@ -123,7 +123,7 @@ def part(some: Array, count: int, n: int) -> None:
     in_order(some, low, high)
 
 
-@inner
+@jit
 def in_order(some: Array, low: int, high: int) -> None:
     """Sort the values from one place to another."""
     for k in range(low + 1, high):
@@ -134,7 +134,7 @@ def in_order(some: Array, low: int, high: int) -> None:
         some[m] = value
 
 
-@inner
+@jit
 def few_of(image: Array) -> Array:
     """`some_of` one plane `[h, w]`, `[n]`."""
     height, width = image.shape

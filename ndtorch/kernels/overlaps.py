@@ -5,8 +5,10 @@ from __future__ import annotations
 from math import ceil, floor
 
 from ndtorch.kernels.filters import Array
+from ndtorch.utils.jit import jit
 
 
+@jit
 def overlaps(labels: Array, boxes: Array, inside: Array) -> None:
     """Adds the pixels of each of R regions in each of K boxes.
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import inner
+from ndtorch.utils.jit import jit
 
 
+@jit
 def pair_fields(responses: Array, places: Array, shares: Array, columns: Array, sums: Array) -> None:
     """For every filter and field, magnitudes of both grids times the weights of their places, added up.
 
@@ -37,7 +38,7 @@ def pair_fields(responses: Array, places: Array, shares: Array, columns: Array, 
                 sums[f, row, column] = total
 
 
-@inner
+@jit
 def add_magnitudes(line: Array, shares: Array, above: Array, below: Array) -> None:
     """Add the magnitudes of a line to two bands."""
     one, other = shares[0], shares[1]

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.filters import Array
+from ndtorch.utils.jit import jit
 
 
+@jit
 def pair_spectrum(columns: Array, filters: Array, out: Array) -> None:
     """Cut the low rows out of half spectra and multiply them, and their mirror images, with every filter.
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from ndtorch.kernels.filters import Array
+from ndtorch.utils.jit import jit
 
 
+@jit
 def pair_sums(responses: Array, weights: Array, sums: Array) -> None:
     """For every image and filter, magnitudes of both grids times the weights of their places, added up.
 

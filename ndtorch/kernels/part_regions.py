@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import inner
+from ndtorch.utils.jit import jit
 
 
+@jit
 def part_regions(labels: Array, boxes: Array, count: int, notch: float, least: float, share: float) -> int:
     """See `ndtorch.binding.tracking.regions.parted`.
 
@@ -56,7 +57,7 @@ def part_regions(labels: Array, boxes: Array, count: int, notch: float, least: f
     return count
 
 
-@inner
+@jit
 def narrowest(counts: Array, width: int, notch: float, least: float) -> int:
     """`narrow` of a profile `[n]`."""
     length = counts.shape[0]

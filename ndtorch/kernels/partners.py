@@ -8,9 +8,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ndtorch.utils.jit import jit
+
 Floats = npt.NDArray[Any]
 
 
+@jit
 def partners(
     left: Floats,
     right: Floats,

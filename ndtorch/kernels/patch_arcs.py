@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from ndtorch.kernels.inner import exactly
+from ndtorch.utils.jit import jit
 
 Array = Any
 
 
+@jit
 def patch_arcs(
     evidence: Array,
     tag: Array,
@@ -92,7 +93,7 @@ def patch_arcs(
         lengths[0, arc], lengths[1, arc] = kind(free) * kind(step), kind(seen) * kind(step)
 
 
-@exactly
+@jit(exact=True)
 def turning(pose: tuple[float, float, float], cell: float, like: Array) -> tuple[float, float, float, float]:
     """Cosine and sine of the heading, and the place, in cells."""
     kind = like.dtype.type
@@ -100,7 +101,7 @@ def turning(pose: tuple[float, float, float], cell: float, like: Array) -> tuple
     return cos, sin, kind(pose[0]) / kind(cell), kind(pose[1]) / kind(cell)
 
 
-@exactly
+@jit(exact=True)
 def find(x: float, y: float, turn: tuple[float, float, float, float], size: int) -> tuple[int, int]:
     """The cell that holds a place of the body frame."""
     cos, sin, ahead, aside = turn
@@ -108,7 +109,7 @@ def find(x: float, y: float, turn: tuple[float, float, float, float], size: int)
     return int(row) & (size - 1), int(column) & (size - 1)
 
 
-@exactly
+@jit(exact=True)
 def find_all(x: Array, y: Array, turn: tuple[float, float, float, float], size: int, at: Array) -> None:
     """Numbers of the cells that hold places, row after row; whole numbers of 32 bits become vector instructions."""
     cos, sin, ahead, aside = turn
@@ -120,7 +121,7 @@ def find_all(x: Array, y: Array, turn: tuple[float, float, float, float], size: 
         at[k] = row * side + column
 
 
-@exactly
+@jit(exact=True)
 def retag(pose: tuple[float, float, float], cell: float, new_tag: Array) -> None:
     """`tags`."""
     kind, size = new_tag.dtype.type, new_tag.shape[1]
@@ -130,7 +131,7 @@ def retag(pose: tuple[float, float, float], cell: float, new_tag: Array) -> None
             new_tag[axis, n] = math.floor((kind(here) - kind(n)) / kind(size) + kind(0.5))
 
 
-@exactly
+@jit(exact=True)
 def move(evidence: Array, tag: Array, keep: float, new_evidence: Array, new_tag: Array) -> None:
     """`move_patch` of one kind of evidence."""
     kind, size = evidence.dtype.type, evidence.shape[0]
@@ -143,7 +144,7 @@ def move(evidence: Array, tag: Array, keep: float, new_evidence: Array, new_tag:
             new_evidence[row, column] = evidence[row, column] * (kept * same[column])
 
 
-@exactly
+@jit(exact=True)
 def remember_ranges(
     standing: Array,
     ranges: tuple[Array, Array, Array],
@@ -181,7 +182,7 @@ def remember_ranges(
         cells[under[k]] -= least
 
 
-@exactly
+@jit(exact=True)
 def in_the_way(cells: Array, standing: Array, bounds: tuple[float, float], blocked: float, worths: Array) -> None:
     """`in_the_way` of evidence and of what stands, which is brought within its bounds."""
     for k in range(cells.size):

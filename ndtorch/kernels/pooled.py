@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from ndtorch.kernels.inner import apart
+from ndtorch.utils.jit import jit
 
 Array = Any
 
 
-@apart
+@jit
 def add_row(values: Array, weights: Array, y: int, share: float, sums: Array) -> None:
     """Add a row of pixels to the rows of fields that it belongs to.
 
@@ -26,7 +26,7 @@ def add_row(values: Array, weights: Array, y: int, share: float, sums: Array) ->
                 sums[r, x] += weight * values[x]
 
 
-@apart
+@jit
 def over_columns(sums: Array, weights: Array, fields: Array) -> None:
     """`sums weights'`: from columns of pixels `[R, W]` to those of fields `[R, C]`, with weights `[C, W]`."""
     for r in range(fields.shape[0]):

@@ -7,15 +7,16 @@ from typing import Any
 import numpy as np
 
 from ndtorch.kernels.avoidance import avoidance
-from ndtorch.kernels.inner import exactly, inner, tuple_of
 from ndtorch.kernels.look_around import NUMBERS, look_around
 from ndtorch.kernels.strips import grey_rows, larger
+from ndtorch.utils.jit import jit
 
 Array = Any
 
-seen, decided = inner(look_around), exactly(avoidance)
+seen, decided = look_around, jit(avoidance, exact=True)
 
 
+@jit
 def published_step(
     left_field: Array,
     right_field: Array,
@@ -73,7 +74,20 @@ def published_step(
     new_small[at], new_small[at + 1] = cells[0, 0, 0] * kind(numbers[3]), cells[1, 0, 0] * kind(numbers[3])
     machine = (float(small[5]), float(small[6]), float(small[7]))
     ahead, turn, state = decided(
-        float(new_small[at]), float(new_small[at + 1]), machine, tuple_of(numbers[NUMBERS:], 9)
+        float(new_small[at]),
+        float(new_small[at + 1]),
+        machine,
+        (
+            numbers[NUMBERS + 0],
+            numbers[NUMBERS + 1],
+            numbers[NUMBERS + 2],
+            numbers[NUMBERS + 3],
+            numbers[NUMBERS + 4],
+            numbers[NUMBERS + 5],
+            numbers[NUMBERS + 6],
+            numbers[NUMBERS + 7],
+            numbers[NUMBERS + 8],
+        ),
     )
     new_small[0] = new_small[at + 2] = ahead
     new_small[1] = new_small[at + 3] = turn

@@ -8,16 +8,17 @@ import numpy as np
 
 from ndtorch.kernels.decision import decision
 from ndtorch.kernels.floor_cells import floor_cells
-from ndtorch.kernels.inner import exactly, inner
 from ndtorch.kernels.patch_arcs import patch_arcs
 from ndtorch.kernels.trail import follow_trail, lay_trail
+from ndtorch.utils.jit import jit
 
 Array = Any
 
-seen_floor, free_arcs, decided = inner(floor_cells), inner(patch_arcs), exactly(decision)
-laid, followed = exactly(lay_trail), exactly(follow_trail)
+seen_floor, free_arcs, decided = floor_cells, patch_arcs, jit(decision, exact=True)
+laid, followed = jit(lay_trail, exact=True), jit(follow_trail, exact=True)
 
 
+@jit
 def ranging_control(
     cells: Array,
     ranges: tuple[Array, Array, Array],

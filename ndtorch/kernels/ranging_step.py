@@ -6,27 +6,24 @@ from typing import Any
 
 import numpy as np
 
-from ndtorch.kernels.ahead import ask_for
 from ndtorch.kernels.decision import NUMBERS as DECISION
 from ndtorch.kernels.grey import grey_row
-from ndtorch.kernels.inner import apart, inner, tuple_of
 from ndtorch.kernels.light_gain import grey_gain
 from ndtorch.kernels.look_around import NUMBERS, WHOLE_NUMBERS, look_around
 from ndtorch.kernels.match_cells import compare_cells
 from ndtorch.kernels.ranging_control import ranging_control
 from ndtorch.kernels.strips import larger
+from ndtorch.utils.jit import jit
 
 Array = Any
 
-seen, controlled = inner(look_around), inner(ranging_control)
+seen, controlled = look_around, ranging_control
 
 FLOOR, WORTH, PATCH, LIMITS = 14, 3, 9, len(DECISION)
 """How many numbers `ranging_control` takes of each."""
 
-AHEAD = 4
-"""Rows ahead for which memory is asked."""
 
-
+@jit
 def ranging_step(
     left_field: Array,
     right_field: Array,
@@ -125,7 +122,22 @@ def ranging_step(
     middle, end = begin + bands, begin + bands + size * size
     stands, side = end + 2 * size, own[9]
     last = stands + side * side
-    floor = tuple_of(numbers[NUMBERS:worths], FLOOR)
+    floor = (
+        numbers[NUMBERS + 0],
+        numbers[NUMBERS + 1],
+        numbers[NUMBERS + 2],
+        numbers[NUMBERS + 3],
+        numbers[NUMBERS + 4],
+        numbers[NUMBERS + 5],
+        numbers[NUMBERS + 6],
+        numbers[NUMBERS + 7],
+        numbers[NUMBERS + 8],
+        numbers[NUMBERS + 9],
+        numbers[NUMBERS + 10],
+        numbers[NUMBERS + 11],
+        numbers[NUMBERS + 12],
+        numbers[NUMBERS + 13],
+    )
     controlled(
         cells,
         (out[3], out[4], valid),
@@ -147,11 +159,41 @@ def ranging_step(
         new_small,
         (flow, profile, places, under, line),
         floor,
-        tuple_of(numbers[worths:patch], WORTH),
-        tuple_of(numbers[patch:limits], PATCH),
+        (numbers[worths + 0], numbers[worths + 1], numbers[worths + 2]),
+        (
+            numbers[patch + 0],
+            numbers[patch + 1],
+            numbers[patch + 2],
+            numbers[patch + 3],
+            numbers[patch + 4],
+            numbers[patch + 5],
+            numbers[patch + 6],
+            numbers[patch + 7],
+            numbers[patch + 8],
+        ),
         (leading, steps, arcs, numbers[limits + LIMITS]),
         (comparison, table, moves),
-        tuple_of(numbers[limits : limits + LIMITS], LIMITS),
+        (
+            numbers[limits + 0],
+            numbers[limits + 1],
+            numbers[limits + 2],
+            numbers[limits + 3],
+            numbers[limits + 4],
+            numbers[limits + 5],
+            numbers[limits + 6],
+            numbers[limits + 7],
+            numbers[limits + 8],
+            numbers[limits + 9],
+            numbers[limits + 10],
+            numbers[limits + 11],
+            numbers[limits + 12],
+            numbers[limits + 13],
+            numbers[limits + 14],
+            numbers[limits + 15],
+            numbers[limits + 16],
+            numbers[limits + 17],
+            numbers[limits + 18],
+        ),
         (float(rest[9]), float(rest[10]), float(rest[11]), float(rest[12])),
     )
     learning = new_small[6] <= kind(floor[6])
@@ -169,14 +211,14 @@ def ranging_step(
     return float(peak), largest, learning
 
 
-@apart
+@jit
 def copy_from(row: Array, start: int, part: Array) -> None:
     """Some of a row, from a column on."""
     for x in range(part.shape[0]):
         part[x] = row[start + np.uintp(x)]
 
 
-@inner
+@jit
 def grey_once(
     fields: tuple[Array, Array],
     whole: Array,
@@ -197,22 +239,10 @@ def grey_once(
         wider: becomes the rows that are compared, `[2, R, width]`.
     """
     beside, every = whole[0] != 0, whole[8]
-    width = fields[0].shape[1 if beside else 2]
-    planes, step = (1, fields[0].shape[2]) if beside else (fields[0].shape[0], 1)
-    plane = fields[0].shape[1] * width
     height = grey.shape[1]
     for eye in range(2):
-        r, n, left, top = 0, 0, whole[4 + eye], whole[2 + eye]
+        r, left, top = 0, whole[4 + eye], whole[2 + eye]
         for y in range(height):
-            if y + AHEAD < height:
-                while n < lines.size and lines[n] < y + AHEAD:
-                    n += 1
-                compared = n < lines.size and lines[n] == y + AHEAD
-                begin = left - every * first[eye] if compared else left
-                count = wider.shape[2] if compared else grey.shape[2]
-                place = np.uintp(((top + y + AHEAD) * width + begin) * step)
-                for color in range(planes):
-                    ask_for(fields[eye], place + np.uintp(color * plane), every * count * step)
             if r < lines.size and lines[r] == y:
                 start = first[eye]
                 grey_row(fields[eye], beside, top + y, left - every * start, every, unit, whole[7], wider[eye, r])

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import apart, inner
 from ndtorch.kernels.most_of import mark_most
 from ndtorch.kernels.nth import few_of, middle_of
+from ndtorch.utils.jit import jit
 
 
+@jit
 def restless(
     picture: Array,
     before: Array,
@@ -75,7 +76,7 @@ def restless(
     return others / (height // block * across) if whole else -1.0
 
 
-@apart
+@jit
 def add_changes(
     red: Array,
     green: Array,
@@ -98,7 +99,7 @@ def add_changes(
         blue_sums[x] += b
 
 
-@inner
+@jit
 def sum_of(sums: Array, n: int, block: int) -> float:
     """Magnitude of the sum over one block, after which it begins anew."""
     total = sums.dtype.type(0)
@@ -108,7 +109,7 @@ def sum_of(sums: Array, n: int, block: int) -> float:
     return float(abs(total))
 
 
-@apart
+@jit
 def judge(
     change: Array,
     own: Array,
@@ -128,21 +129,21 @@ def judge(
     return int(unknown)
 
 
-@apart
+@jit
 def add_unknown(stands: Array, known: Array, moves: Array) -> None:
     """Add marks to others where the ground is not known."""
     for x in range(moves.shape[0]):
         moves[x] |= stands[x] & np.uint8(known[x] == 0)
 
 
-@inner
+@jit
 def join(upper: Array, middle: Array, lower: Array, near: Array) -> None:
     """Marks of three rows, from the second number on. At an edge two of them are one."""
     for x in range(middle.shape[0]):
         near[x + 1] = upper[x] | middle[x] | lower[x]
 
 
-@apart
+@jit
 def wait(near: Array, dt: float, quiet: Array) -> None:
     """Seconds without motion go on where no neighbour is marked, and begin anew elsewhere."""
     none = quiet.dtype.type(0)

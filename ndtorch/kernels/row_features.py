@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from ndtorch.kernels.inner import exactly
 from ndtorch.kernels.strips import Array
+from ndtorch.utils.jit import jit
 
 EDGE_SIDE, SAME_EDGE, BLUR = 1.5, 1.5, 2
 """As in `ndtorch.navigation.features`."""
@@ -15,7 +15,7 @@ EDGE_SIDE, SAME_EDGE, BLUR = 1.5, 1.5, 2
 STRIDE = 32
 
 
-@exactly
+@jit(exact=True)
 def largest(whole: Array, start: int, end: int) -> int:
     """Where the largest from one column up to another is, the first of them; 0 where there are none."""
     if not start < end:
@@ -34,14 +34,14 @@ def largest(whole: Array, start: int, end: int) -> int:
     return best
 
 
-@exactly
+@jit(exact=True)
 def strongest(
     motion: Array, whole: Array, spacing: int, kept: tuple[int, int, int], column: Array, strength: Array
 ) -> None:
     """The largest of `motion` `[W]`, one after the other; it is spoiled.
 
     Args:
-        whole: the same numbers `as_whole`.
+        whole: the bits of the same numbers, which are in the same order.
         kept: so many are looked for first, from this column up to that one.
     """
     width = motion.shape[0]
@@ -56,7 +56,7 @@ def strongest(
             motion[x] = -1
 
 
-@exactly
+@jit(exact=True)
 def edge_place(row: Array, column: int, reach: int) -> float:
     """Where the edge is that made the motion at a column, see `edge_places`."""
     kind, width = row.dtype.type, row.shape[0]
@@ -77,7 +77,7 @@ def edge_place(row: Array, column: int, reach: int) -> float:
     return inside
 
 
-@exactly
+@jit(exact=True)
 def between(row: Array, place: float) -> float:
     """The row at a fraction of a pixel."""
     kind, width = row.dtype.type, row.shape[0]
@@ -88,7 +88,7 @@ def between(row: Array, place: float) -> float:
     return worth
 
 
-@exactly
+@jit(exact=True)
 def patch_error(one: Array, other: Array) -> float:
     """Squared difference of two patches."""
     a, b, c = one[0] - other[0], one[1] - other[1], one[2] - other[2]
@@ -96,7 +96,7 @@ def patch_error(one: Array, other: Array) -> float:
     return total
 
 
-@exactly
+@jit(exact=True)
 def describe(
     row: Array,
     column: Array,
@@ -140,7 +140,7 @@ def describe(
         good[i] = good[i] and not twin[i]
 
 
-@exactly
+@jit(exact=True)
 def match(
     column: Array, patch: Array, good: Array, params: tuple[float, float, bool, float], partner: Array, valid: Array
 ) -> None:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
-from ndtorch.kernels.load import FAST
+from ndtorch.utils.jit import jit
 
 Floats = npt.NDArray[Any]
 Numbers = tuple[float, float, float, float]
@@ -26,6 +25,7 @@ LOOSE = (400.0, 60.0, 9.0)
 """Factors of the gate in the first steps: the guess may be some pixels off."""
 
 
+@jit
 def row_motion(
     before: Floats,
     rows: Floats,
@@ -103,7 +103,7 @@ def row_motion(
     out[0], out[1] = way, turn
 
 
-@numba.njit(fastmath=FAST, error_model="numpy")
+@jit
 def find_columns(
     before: Floats,
     rows: Floats,

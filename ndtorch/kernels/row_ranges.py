@@ -6,10 +6,12 @@ import numpy as np
 
 from ndtorch.kernels.grey import grey_row
 from ndtorch.kernels.row_features import describe, match, strongest
-from ndtorch.kernels.strips import Array, as_whole, high_pass
+from ndtorch.kernels.strips import Array, high_pass, larger
 from ndtorch.kernels.triangulation import triangulate
+from ndtorch.utils.jit import jit
 
 
+@jit
 def row_ranges(
     frames: tuple[Array, Array],
     beside: bool,
@@ -46,23 +48,20 @@ def row_ranges(
     now, before, after = rows.reshape(-1), low.reshape(-1), new_low.reshape(-1)
     column, strength = np.empty((2, n), low.dtype), np.empty((2, n), low.dtype)
     patch, good = np.empty((2, n, 3), low.dtype), np.empty((2, n), np.bool_)
-    most, whole = np.zeros(1, low.dtype), as_whole(motion)
-    largest = as_whole(most)
+    most, whole = low.dtype.type(0), motion.view(np.int32)
     # Plain numbers in the call would be types of their own, and the function be compiled once more.
     left, every = np.intp(0), np.intp(1)
     for eye in range(2):
         grey_row(frames[eye], beside, top, left, every, unit, count, rows[eye])
         for x in range(width):
-            whole[x] = 0
-        high_pass(now, before, np.uintp(eye * width), settle, a, after, whole)
-        here = largest[0]
+            motion[x] = 0
+        high_pass(now, before, np.uintp(eye * width), settle, a, after, motion)
         for x in range(width):
-            here = max(here, whole[x])
-        largest[0] = here
+            most = larger(motion[x], most)
         for x in range(border):
             motion[width - 1 - x if eye else x] = 0
         strongest(motion, whole, spacing, kept, column[eye], strength[eye])
         describe(rows[eye], column[eye], strength[eye], spacing, weakest, difference, reach, patch[eye], good[eye])
     match(column, patch, good, matching, out[0], valid)
     triangulate(column[0], rig, out, valid)
-    return float(most[0])
+    return float(most)

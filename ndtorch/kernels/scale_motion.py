@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import apart, inner
 from ndtorch.kernels.pooled import add_row, over_columns
+from ndtorch.utils.jit import jit
 
 
 class ScaleNumbers(NamedTuple):
@@ -24,6 +24,7 @@ class ScaleNumbers(NamedTuple):
     level: int
 
 
+@jit
 def scale_motion(
     image: Array,
     before: tuple[tuple[Array, Array], tuple[Array, Array], tuple[Array, Array]],
@@ -83,7 +84,7 @@ def scale_motion(
     return level, change, slope
 
 
-@inner
+@jit
 def largest(image: Array, margin: tuple[int, int], size: Array) -> None:
     """The largest magnitude of the colors, with mirrored margins."""
     _, height, width = image.shape
@@ -99,14 +100,14 @@ def largest(image: Array, margin: tuple[int, int], size: Array) -> None:
         size[top + height + y] = size[top + height - 2 - y]
 
 
-@apart
+@jit
 def largest_of_row(red: Array, green: Array, blue: Array, size: Array) -> None:
     """The largest magnitude of three colors of every pixel of a row."""
     for x in range(size.shape[0]):
         size[x] = max(max(abs(red[x]), abs(green[x])), abs(blue[x]))
 
 
-@apart
+@jit
 def halve(image: Array, half: Array) -> None:
     """Means of two by two pixels."""
     share = half.dtype.type(0.25)
@@ -117,7 +118,7 @@ def halve(image: Array, half: Array) -> None:
                 half[c, y, x] = share * (one[2 * x] + one[2 * x + 1] + two[2 * x] + two[2 * x + 1])
 
 
-@inner
+@jit
 def filter_level(
     image: Array,
     before: tuple[Array, Array],
@@ -159,7 +160,7 @@ def filter_level(
         over_columns(sums, columns, motion[1])
 
 
-@apart
+@jit
 def filter_line(
     image: Array,
     slow: Array,
@@ -180,7 +181,7 @@ def filter_line(
         high[x] = fast
 
 
-@apart
+@jit
 def opponent(high: Array, late_before: Array, high_before: Array, late: Array, signed: Array) -> None:
     """Add `high late' - high' late` of two rows, or of a row and the same one pixel further on."""
     for x in range(signed.shape[0]):

@@ -8,8 +8,10 @@ from ndtorch.kernels.grey import grey_row
 from ndtorch.kernels.search_row import Numbers, find_places
 from ndtorch.kernels.strips import Array
 from ndtorch.kernels.triangulation import triangulate
+from ndtorch.utils.jit import jit
 
 
+@jit
 def search_ranges(
     frames: tuple[Array, Array],
     beside: bool,

@@ -5,17 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.compare_rows import NEVER, Floats, Marks, Whole, compare_rows
-from ndtorch.kernels.inner import exactly, inner
+from ndtorch.utils.jit import jit
 
 Numbers = tuple[int, int, int, int, float, float, float, float, int, int]
 
 
+@jit
 def search_row(left: Floats, right: Floats, params: Numbers, band: tuple[int, int], out: Floats) -> None:
     """`find_places` of one pair of rows."""
     find_places(left, right, params, band, out)
 
 
-@exactly
+@jit(exact=True)
 def find_places(left: Floats, right: Floats, params: Numbers, band: tuple[int, int], out: Floats) -> None:
     """Fill `out` `[3, n]` with left columns (0 where there is none), right columns and mean differences.
 
@@ -55,7 +56,7 @@ def find_places(left: Floats, right: Floats, params: Numbers, band: tuple[int, i
                 unlike[x] = 0
 
 
-@inner
+@jit
 def take_mean(rows: Floats, reach: int) -> None:
     """Take from every pixel the mean of those of its row within `reach`."""
     width = rows.shape[1]
@@ -74,7 +75,7 @@ def take_mean(rows: Floats, reach: int) -> None:
             rows[r, x] = row[x] - np.float32(total / count)
 
 
-@exactly
+@jit(exact=True)
 def agreeing(best: Whole, both: Marks, column: int, reach: int) -> int:
     """How many columns within reach were found where one surface through all of them could be."""
     count = 0
@@ -84,7 +85,7 @@ def agreeing(best: Whole, both: Marks, column: int, reach: int) -> int:
     return count
 
 
-@exactly
+@jit(exact=True)
 def most_unlike(unlike: Floats, places: Whole, start: int, end: int) -> int:
     """The place from `start` up to `end` that is most unlike all others, the first of such; -1 where there is none."""
     found, highest = -1, np.float32(0)
@@ -95,7 +96,7 @@ def most_unlike(unlike: Floats, places: Whole, start: int, end: int) -> int:
     return found
 
 
-@exactly
+@jit(exact=True)
 def shift(around: Floats) -> float:
     """Where between its neighbours the smallest of three is, by a parabola."""
     before, here, after = around[0], around[1], around[2]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import inner
+from ndtorch.utils.jit import jit
 
 
 class RuleNumbers(NamedTuple):
@@ -31,6 +31,7 @@ class RuleNumbers(NamedTuple):
     radius_limit: float
 
 
+@jit
 def shared_network(
     drive: Array,
     first: int,
@@ -119,7 +120,7 @@ def shared_network(
     return int(steps)
 
 
-@inner
+@jit
 def inverse(weights: Array) -> Array:
     """`(I + W)^-1`, `[N, N]` in double precision."""
     count = weights.shape[0]
@@ -146,7 +147,7 @@ def inverse(weights: Array) -> Array:
     return both[:, count:]
 
 
-@inner
+@jit
 def within(weights: Array, limit: float) -> bool:
     """Whether the fourth power of the weights' magnitudes, which bounds their spectral radius, is within a limit's."""
     count = weights.shape[0]

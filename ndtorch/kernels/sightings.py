@@ -8,6 +8,7 @@ import numpy as np
 
 from ndtorch.kernels.any_of import any_of
 from ndtorch.kernels.filters import Array
+from ndtorch.utils.jit import jit
 
 
 class ShadeNumbers(NamedTuple):
@@ -20,6 +21,7 @@ class ShadeNumbers(NamedTuple):
     black: tuple[float, float]
 
 
+@jit
 def sightings(
     silhouettes: Array,
     slots: Array,

@@ -7,14 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from ndtorch.kernels.inner import inner
 from ndtorch.kernels.texture_sample import BYTE, PAIR, mix
+from ndtorch.utils.jit import jit
 
 Array = Any
 
 u32 = np.uint32
 
 
+@jit
 def smaller_copies(image: Array, copies: Array, texels: Array) -> None:
     """Write all copies of a picture, each with a border of one texel that goes on at the other side.
 
@@ -37,7 +38,7 @@ def smaller_copies(image: Array, copies: Array, texels: Array) -> None:
             border(texels, copies[k, 0], copies[k, 1], copies[k, 2])
 
 
-@inner
+@jit
 def border(texels: Array, start: int, wide: int, high: int) -> None:
     """Repeat the other side at each side."""
     stride = wide + 2
@@ -49,7 +50,7 @@ def border(texels: Array, start: int, wide: int, high: int) -> None:
         texels[start + (high + 1) * stride + x] = texels[start + stride + x]
 
 
-@inner
+@jit
 def between(k: int, few: int, many: int) -> tuple[int, int, int]:
     """Which two of many stand for one of few, and of the second so many 256ths."""
     place = (k + 0.5) * many / few - 0.5
@@ -57,7 +58,7 @@ def between(k: int, few: int, many: int) -> tuple[int, int, int]:
     return max(low, 0), min(low + 1, many - 1), math.floor((place - low) * 256 + 0.5)
 
 
-@inner
+@jit
 def halve(texels: Array, large: Array, small: Array) -> None:
     """Fill a copy from the one before."""
     start, stride = large[0], large[1] + 2

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import apart_exactly
+from ndtorch.utils.jit import jit
 
 
+@jit
 def softened(picture: Array, soft: Array) -> None:
     """What `cv2.blur` does: sums in float64, and beyond its edges the picture goes on mirrored.
 
@@ -25,14 +26,14 @@ def softened(picture: Array, soft: Array) -> None:
             across(line, soft[c, y])
 
 
-@apart_exactly
+@jit(exact=True)
 def down(above: Array, here: Array, below: Array, line: Array) -> None:
     """Sums of three rows."""
     for x in range(line.shape[0]):
         line[x] = np.float64(above[x]) + np.float64(here[x]) + np.float64(below[x])
 
 
-@apart_exactly
+@jit(exact=True)
 def across(line: Array, soft: Array) -> None:
     """Means of three neighbours in such sums."""
     ninth = 1.0 / 9.0

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from ndtorch.kernels.filters import Array
+from ndtorch.utils.jit import jit
 
 
+@jit
 def stand_out(
     picture: Array,
     gain: Array,

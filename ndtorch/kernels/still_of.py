@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from ndtorch.kernels.any_of import any_of
 from ndtorch.kernels.filters import Array
+from ndtorch.utils.jit import jit
 
 
+@jit
 def still_of(figure: Array, quiet: Array, least: float, silhouettes: Array, moving: Array) -> int:
     """How many pixels stand out, have been still for at least that long, and are no part of what moves.
 

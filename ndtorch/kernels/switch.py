@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from functools import cache
-from importlib.util import find_spec
 
 import torch
 from torch import Tensor
@@ -14,14 +13,14 @@ SWITCH = "NDTORCH_KERNELS"
 
 
 def kernels_wanted(*tensors: Tensor) -> bool:
-    """Whether kernels are to be used: under `torch.inference_mode()`, on the CPU, where Numba is installed.
+    """Whether kernels are to be used: under `torch.inference_mode()`, on the CPU.
 
     Gradients, other devices, and programs that are traced or compiled keep torch. So does `NDTORCH_KERNELS=0`.
     """
     # In this order: what is traced may not ask for the mode.
     if torch.compiler.is_compiling() or not torch.is_inference_mode_enabled():
         return False
-    return switched_on() and installed() and not any(map(elsewhere, tensors))
+    return switched_on() and not any(map(elsewhere, tensors))
 
 
 def elsewhere(tensor: Tensor) -> bool:
@@ -33,9 +32,3 @@ def elsewhere(tensor: Tensor) -> bool:
 def switched_on() -> bool:
     """What the environment says; it is asked once."""
     return os.environ.get(SWITCH, "1") != "0"
-
-
-@cache
-def installed() -> bool:
-    """Whether there is Numba."""
-    return find_spec("numba") is not None

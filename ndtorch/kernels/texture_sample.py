@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ndtorch.kernels.inner import apart, inner
+from ndtorch.utils.jit import jit
 
 Array = Any
 
@@ -19,7 +19,7 @@ MIDDLE = f32(128.5)
 """Half a texel of the border, and half a unit to round with, in 256ths of a texel."""
 
 
-@inner
+@jit
 def mix(a: Any, b: Any, share: Any) -> Any:
     """`a` and `b`, of `b` so many 256ths, rounded; two channels each."""
     weighed = u32(u32(a * u32(ALL - share)) + u32(b * share))
@@ -27,7 +27,7 @@ def mix(a: Any, b: Any, share: Any) -> Any:
     return mixed
 
 
-@inner
+@jit
 def level(u: float, v: float, texels: Array, start: int, stride: int, wide: float, high: float) -> tuple[Any, Any]:
     """One copy of a picture at a place: red with blue, and green.
 
@@ -48,7 +48,7 @@ def level(u: float, v: float, texels: Array, start: int, stride: int, wide: floa
     return mix(above, below, y), mix(green_above, green_below, y)
 
 
-@apart
+@jit
 def one_copy(u: Array, v: Array, texels: Array, copy: Array, line: Array) -> None:
     """Colors `[n]` from one copy of a picture.
 
@@ -62,7 +62,7 @@ def one_copy(u: Array, v: Array, texels: Array, copy: Array, line: Array) -> Non
         line[k] = u32(both | u32(green << BYTE))
 
 
-@apart
+@jit
 def two_copies(u: Array, v: Array, shares: Array, texels: Array, copies: Array, line: Array) -> None:
     """Colors `[n]` between two copies of a picture.
 

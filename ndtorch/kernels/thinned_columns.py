@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import apart, inner
+from ndtorch.utils.jit import jit
 
 
-@inner
+@jit
 def thin_columns(rows: Array, margin: int, image: Array) -> None:
     """`thin_rows` of the columns: halved around the middles of pairs, and again as often as it takes.
 
@@ -44,14 +44,14 @@ def thin_columns(rows: Array, margin: int, image: Array) -> None:
             halve_even(halves[times - 2], length >> times, image[y])
 
 
-@apart
+@jit
 def copy_row(row: Array, line: Array) -> None:
     """Copy a row to where a line begins: a view of it, since with numbers of places added up it is no vector loop."""
     for x in range(row.shape[0]):
         line[x] = row[x]
 
 
-@apart
+@jit
 def halve_pairs(line: Array, first: int, length: int, half: Array) -> None:
     """Half of the numbers of a line from `first` on: weights 1/4, 3/4, 3/4, 1/4 around the middles of pairs."""
     quarter, most = half.dtype.type(0.25), half.dtype.type(0.75)
@@ -60,7 +60,7 @@ def halve_pairs(line: Array, first: int, length: int, half: Array) -> None:
         half[c] = quarter * (line[x] + line[x + 3]) + most * (line[x + 1] + line[x + 2])
 
 
-@apart
+@jit
 def halve_odd(line: Array, length: int, half: Array) -> None:
     """Every second number of a closed line from the second on, smoothed with weights 1/2, 1, 1/2 beforehand."""
     share = half.dtype.type(0.5)
@@ -69,7 +69,7 @@ def halve_odd(line: Array, length: int, half: Array) -> None:
     half[length] = half[0]
 
 
-@apart
+@jit
 def halve_even(line: Array, length: int, half: Array) -> None:
     """The same from the first number on."""
     share = half.dtype.type(0.5)

@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import apart, inner
 from ndtorch.kernels.most_of import mark_most
 from ndtorch.kernels.widened import closed, copied, opened, row_of
 from ndtorch.kernels.without_shadow import without_shadow
+from ndtorch.utils.jit import jit
 
-leave_shadows_out = inner(without_shadow)
+leave_shadows_out = without_shadow
 
 
+@jit
 def tidied(
     out: Array,
     known: Array,
@@ -75,7 +76,7 @@ def tidied(
             leave_out(row_of(marks, y, width, margin), narrow[y])
 
 
-@apart
+@jit
 def on_known(out: Array, known: Array, pale: Array, narrow: Array) -> int:
     """Leave out what stands out in a row where no ground is known; whether a narrow shadow may be in it."""
     dark = np.uint8(0)
@@ -87,14 +88,14 @@ def on_known(out: Array, known: Array, pale: Array, narrow: Array) -> int:
     return int(dark)
 
 
-@apart
+@jit
 def common(marks: Array, out: Array, figure: Array) -> None:
     """What is marked and stands out."""
     for x in range(figure.shape[0]):
         figure[x] = marks[x] & out[x]
 
 
-@apart
+@jit
 def mark_young(quiet: Array, known: Array, trail: float, marks: Array) -> int:
     """Mark what moved lately where no ground is known; whether anything did."""
     lately, young = quiet.dtype.type(trail), np.uint8(0)
@@ -104,14 +105,14 @@ def mark_young(quiet: Array, known: Array, trail: float, marks: Array) -> int:
     return int(young)
 
 
-@apart
+@jit
 def add(marks: Array, figure: Array) -> None:
     """Add marks to others."""
     for x in range(figure.shape[0]):
         figure[x] |= marks[x]
 
 
-@apart
+@jit
 def leave_out(marks: Array, narrow: Array) -> None:
     """Take away what is marked."""
     for x in range(narrow.shape[0]):

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+from ndtorch.utils.jit import jit
+
 Array = Any
 
 
+@jit
 def tile_sums(numbers: Array, weights: Array, slots: Array, tiles: Array) -> None:
     """Add weights to the cells of those numbers.
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-from ndtorch.kernels.inner import exactly
 from ndtorch.kernels.strips import Array
+from ndtorch.utils.jit import jit
 
 
-@exactly
+@jit(exact=True)
 def triangulate(column: Array, rig: tuple[float, float, float, float, bool], out: Array, valid: Array) -> None:
     """Range, left and right angle, x and y into `out` `[5, n]`, whose first line holds the right columns before.
 

@@ -7,9 +7,12 @@ from typing import Any
 
 import numpy.typing as npt
 
+from ndtorch.utils.jit import jit
+
 Floats = npt.NDArray[Any]
 
 
+@jit
 def vote_places(picture: Floats, x: Floats, y: Floats, stride: int, out: Floats) -> None:
     """Fill `out` `[rows, columns]`: the mean of the picture at the points, with their origin at every n-th pixel.
 

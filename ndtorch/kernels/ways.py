@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
-from ndtorch.kernels.load import FAST
+from ndtorch.utils.jit import jit
 
 Floats = npt.NDArray[np.float32]
 
 
-@numba.njit(fastmath=FAST, error_model="numpy")
+@jit
 def push(heap: Floats, items: npt.NDArray[np.int32], count: int, key: float, item: int) -> int:
     """Put an item into a binary heap of two arrays; returns how many it holds."""
     k = count
@@ -27,7 +26,7 @@ def push(heap: Floats, items: npt.NDArray[np.int32], count: int, key: float, ite
     return count + 1
 
 
-@numba.njit(fastmath=FAST, error_model="numpy")
+@jit
 def pop(heap: Floats, items: npt.NDArray[np.int32], count: int) -> int:
     """Take the first item, which the caller has read, out of the heap; returns how many it holds then."""
     count -= 1
@@ -47,7 +46,7 @@ def pop(heap: Floats, items: npt.NDArray[np.int32], count: int) -> int:
     return count
 
 
-@numba.njit(fastmath=FAST, error_model="numpy")
+@jit
 def look(grid: Floats, x: float, y: float, left: float, bottom: float, cell: float) -> float:
     """The value of the cell at a place; -1 outside."""
     row, column = int((y - bottom) / cell), int((x - left) / cell)
@@ -56,7 +55,7 @@ def look(grid: Floats, x: float, y: float, left: float, bottom: float, cell: flo
     return float(grid[row, column])
 
 
-@numba.njit(fastmath=FAST, error_model="numpy")
+@jit
 def room(clear: Floats, x: float, y: float, th: float, discs: Floats, left: float, bottom: float, cell: float) -> float:
     """The least clearance of the discs that stand for the body."""
     cos, sin = math.cos(th), math.sin(th)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import apart, inner
+from ndtorch.utils.jit import jit
 
 
-@inner
+@jit
 def opened(marks: Array, side: int, shape: tuple[int, int], margin: int, room: tuple[Array, Array]) -> None:
     """What is left of marks that a square of that side fits into, as `cv2.MORPH_OPEN`.
 
@@ -25,7 +25,7 @@ def opened(marks: Array, side: int, shape: tuple[int, int], margin: int, room: t
     widened(marks, side, shape, margin, room)
 
 
-@inner
+@jit
 def closed(marks: Array, side: int, shape: tuple[int, int], margin: int, room: tuple[Array, Array]) -> None:
     """Marks with the gaps filled into which no square of that side fits, as `cv2.MORPH_CLOSE`; see `opened`."""
     widened(marks, side, shape, margin, room)
@@ -34,14 +34,14 @@ def closed(marks: Array, side: int, shape: tuple[int, int], margin: int, room: t
     turned(marks, shape, margin)
 
 
-@inner
+@jit
 def row_of(marks: Array, y: int, width: int, margin: int) -> Array:
     """One row of a picture with margins, without them."""
     first = (y + margin) * (width + 2 * margin) + margin
     return marks[first : first + width]
 
 
-@inner
+@jit
 def turned(marks: Array, shape: tuple[int, int], margin: int) -> None:
     """1 becomes 0 and 0 becomes 1, but in the margins."""
     height, width = shape
@@ -49,7 +49,7 @@ def turned(marks: Array, shape: tuple[int, int], margin: int) -> None:
         turn(row_of(marks, y, width, margin))
 
 
-@inner
+@jit
 def widened(marks: Array, side: int, shape: tuple[int, int], margin: int, room: tuple[Array, Array]) -> None:
     """Mark what has a mark in the square around it, as `cv2.dilate`; see `opened`.
 
@@ -74,21 +74,21 @@ def widened(marks: Array, side: int, shape: tuple[int, int], margin: int, room: 
         copied(one[first : first + width], row_of(marks, y, width, margin))
 
 
-@apart
+@jit
 def turn(row: Array) -> None:
     """1 becomes 0 and 0 becomes 1."""
     for x in range(row.shape[0]):
         row[x] ^= np.uint8(1)
 
 
-@apart
+@jit
 def copied(marks: Array, to: Array) -> None:
     """Copy marks."""
     for n in range(to.shape[0]):
         to[n] = marks[n]
 
 
-@apart
+@jit
 def both(one: Array, other: Array, found: Array) -> None:
     """Marks of one or of the other; the other may be shorter."""
     end = other.shape[0]

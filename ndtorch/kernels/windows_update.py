@@ -7,10 +7,11 @@ from math import exp, sqrt
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import inner
 from ndtorch.kernels.window_numbers import WindowNumbers
+from ndtorch.utils.jit import jit
 
 
+@jit
 def windows_update(
     low: Array,
     peak: Array,
@@ -120,13 +121,13 @@ def windows_update(
     open_one(energy, top, median, place, velocity, opened, age, unseen, covariance, p, wrap)
 
 
-@inner
+@jit
 def offset(difference: float, size: int, wrap: bool) -> float:
     """A difference of places, the short way around where the scene is a torus."""
     return (difference + size / 2) % size - size / 2 if wrap else difference
 
 
-@inner
+@jit
 def own_ways(velocity: Array, age: float, p: WindowNumbers, own: Array) -> None:
     """`own_direction` of one window: how much left, right, down and up count."""
     speed = sqrt(velocity[0] ** 2 + velocity[1] ** 2)
@@ -138,7 +139,7 @@ def own_ways(velocity: Array, age: float, p: WindowNumbers, own: Array) -> None:
     own[3] = sure * max(-down, 0.0) ** 2 + (1 - sure)
 
 
-@inner
+@jit
 def follow(
     place: Array,
     velocity: Array,
@@ -162,7 +163,7 @@ def follow(
         velocity[axis] *= p.fastest / max(speed, p.fastest)
 
 
-@inner
+@jit
 def close(
     place: Array,
     velocity: Array,
@@ -202,7 +203,7 @@ def close(
             place[k, axis] += shift[k, axis] / (ends[k] + 1)
 
 
-@inner
+@jit
 def open_one(
     energy: Array,
     top: float,
@@ -241,7 +242,7 @@ def open_one(
     covariance[slot] = 0
 
 
-@inner
+@jit
 def summit(energy: Array, row: int, column: int, wrap: bool) -> bool:
     """Whether no neighbor exceeds a field."""
     rows, columns = energy.shape
@@ -257,7 +258,7 @@ def summit(energy: Array, row: int, column: int, wrap: bool) -> bool:
     return True
 
 
-@inner
+@jit
 def claimed(
     row: int, column: int, place: Array, opened: Array, p: WindowNumbers, rows: int, columns: int, wrap: bool
 ) -> bool:

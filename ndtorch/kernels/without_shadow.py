@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.filters import Array
-from ndtorch.kernels.inner import apart, apart_exactly, exactly
 from ndtorch.kernels.most_of import inside
+from ndtorch.utils.jit import jit
 
 
+@jit
 def without_shadow(
     out: Array, light: Array, may_be: Array, side: int, edge: int, darkest: float, uneven: float, core: Array
 ) -> None:
@@ -51,7 +52,7 @@ def without_shadow(
             take_away(line[j : j + width], may_be[y], core[y])
 
 
-@apart
+@jit
 def find_any(out: Array, may_be: Array, columns: Array) -> int:
     """Whether anything in a row may be a shadow, and where: marks are added to the columns'."""
     some = np.uint8(0)
@@ -62,21 +63,21 @@ def find_any(out: Array, may_be: Array, columns: Array) -> int:
     return int(some)
 
 
-@apart
+@jit
 def join_row(row: Array, line: Array) -> None:
     """Add marks to others."""
     for x in range(line.shape[0]):
         line[x] |= row[x]
 
 
-@apart
+@jit
 def take_away(part: Array, may_be: Array, core: Array) -> None:
     """What may be a shadow is none of the core where that is marked."""
     for x in range(core.shape[0]):
         core[x] &= ~(may_be[x] & part[x])
 
 
-@exactly
+@jit(exact=True)
 def sum_columns(
     light: Array, y: int, again: bool, first: int, last: int, side: int, line: Array, squares: Array
 ) -> None:
@@ -109,7 +110,7 @@ def sum_columns(
             line[n], squares[n] = line[there], squares[there]
 
 
-@apart_exactly
+@jit(exact=True)
 def add_row(row: Array, line: Array, squares: Array) -> None:
     """Add values, and their squares, to sums."""
     for n in range(row.shape[0]):
@@ -118,7 +119,7 @@ def add_row(row: Array, line: Array, squares: Array) -> None:
         squares[n] += np.float64(value * value)
 
 
-@apart_exactly
+@jit(exact=True)
 def exchange(old: Array, new: Array, line: Array, squares: Array) -> None:
     """Take values and their squares out of sums, and add others."""
     for n in range(old.shape[0]):
@@ -127,7 +128,7 @@ def exchange(old: Array, new: Array, line: Array, squares: Array) -> None:
         squares[n] += np.float64(more * more) - np.float64(less * less)
 
 
-@apart_exactly
+@jit(exact=True)
 def mark_even(
     line: Array,
     squares: Array,
@@ -164,7 +165,7 @@ def mark_even(
         found[k] = may[k] & (mean > low) & (varies < limit)
 
 
-@apart_exactly
+@jit(exact=True)
 def add_five(line: Array, squares: Array, total: Array, square: Array) -> None:
     """Sums of five neighbours: in one pass, which takes a third of the time."""
     for k in range(total.shape[0]):

@@ -9,8 +9,8 @@ import torch
 
 from ndtorch.arguments import check_kind
 from ndtorch.errors import InputError
-from ndtorch.kernels.load import kernel
-from ndtorch.kernels.switch import installed, switched_on
+from ndtorch.kernels.avoid import avoid
+from ndtorch.kernels.switch import switched_on
 from ndtorch.navigation.controllers.published import AvoidanceParams, AvoidanceState, PublishedControl
 from ndtorch.navigation.rig import StereoRig
 from ndtorch.vision.nondirectional import SPEED_SCALE
@@ -74,15 +74,13 @@ class Avoider:
         colors = shape[2] if beside else shape[0]
         if colors not in (1, 3) or (not beside and shape[1:] != self.size):
             raise InputError(f"frames must be [H, W, C] or [C, H, W] with H, W = {self.size}, got {shape}")
-        if not (switched_on() and installed()):
+        if not switched_on():
             return self.by_torch(left, right, beside, state)
         if not (left.flags.c_contiguous and right.flags.c_contiguous):
             left, right = np.ascontiguousarray(left), np.ascontiguousarray(right)
         low, machine = np.empty(self.shape, np.float32), np.empty(3)
         before = state or AvoiderState(low, self.settled)
-        command = kernel("avoid").run(
-            left, right, self.where[beside], self.numbers[colors], state is None, *before, low, machine
-        )
+        command = avoid(left, right, self.where[beside], self.numbers[colors], state is None, *before, low, machine)
         return command, AvoiderState(low, machine)
 
     def by_torch(

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_number, check_numbers, check_state, check_tensor, surely_finite
 from ndtorch.errors import InputError
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.beam_cells import beam_cells
 from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.navigation.certainty import REACH, BeamTable, beam_table, sample_certainty
 from ndtorch.navigation.odometry import Pose, to_world
@@ -221,7 +221,7 @@ class GridMap(nn.Module):
         kind, grid, rig = ranges.x.dtype, self.grid, self.rig
         most = ranges.x.numel() * len(self.weight)
         number, weight = torch.empty(most, dtype=torch.int64), torch.empty(most, dtype=kind)
-        count = kernel("beam_cells", kind).run(
+        count = beam_cells(
             ranges.left_angle[0].numpy(),
             ranges.right_angle[0].numpy(),
             ranges.valid[0].numpy(),

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.near_floor import near_floor
 from ndtorch.navigation.near_params import NearParams
 from ndtorch.navigation.rig import Rect, StereoRig
 
@@ -59,7 +59,7 @@ def floor_by_kernel(
     beside = params.floor_beside / rig.baseline
     numbers = (rig.baseline / rig.camera_height, horizon, (rig.width - 1) / 2, beside, params.floor, params.blank)
     kinds = np.asarray(rows, np.int64), np.array(offsets, np.int64)
-    run = kernel("near_floor").run
+    run = near_floor
     return float(run(left, right, *kinds, places, numbers, params.narrowest, params.pixels))
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.near_rows import near_rows
 from ndtorch.navigation.near_params import NearParams
 from ndtorch.navigation.rig import StereoRig
 
@@ -116,7 +116,7 @@ def compared_by_kernel(left: Floats, right: Floats, first: int, high: int, half:
         np.empty(len(left), np.int64),
         np.empty((2, len(left)), np.float32),
     )
-    kernel("near_rows").run(left, right, first, high, half, NEIGHBORS, best, back, costs)
+    near_rows(left, right, first, high, half, NEIGHBORS, best, back, costs)
     return Compared(best, back, *costs)
 
 

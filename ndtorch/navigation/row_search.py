@@ -24,7 +24,7 @@ from torch.nn import functional as F
 
 from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.search_row import search_row
 from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.navigation.correspondence import Matches
 
@@ -126,10 +126,10 @@ def search_rows(rows: Tensor, params: SearchParams, band: tuple[int, int] | None
 
 def by_kernel(rows: Tensor, params: SearchParams, band: tuple[int, int]) -> Tensor:
     """Left and right columns and differences `[B, 3, n]` of rows `[B, 2, R, W]`."""
-    search, pairs = kernel("search_row"), rows.clone(memory_format=torch.contiguous_format).numpy()
+    pairs = rows.clone(memory_format=torch.contiguous_format).numpy()
     found = torch.zeros(len(rows), 3, params.count)
     for (left, right), out in zip(pairs, found.numpy(), strict=True):
-        search.run(left, right, params.numbers, band, out)
+        search_row(left, right, params.numbers, band, out)
     return found
 
 

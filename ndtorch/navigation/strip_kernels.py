@@ -8,7 +8,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.cell_maxima import cell_maxima
+from ndtorch.kernels.light_gain import light_gain
+from ndtorch.kernels.match_cells import match_cells
+from ndtorch.kernels.row_ranges import row_ranges
+from ndtorch.kernels.search_ranges import search_ranges
 from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.navigation.rig import Rect
 from ndtorch.vision.one_pass import KINDS, image_kind, pixels
@@ -86,12 +90,12 @@ def largest_of_cells(
     low = torch.empty(shape, dtype=image_kind(like))
     after = low.numpy()
     before = after if state is None else state.low.contiguous().numpy()
-    kind, gain = (seen.frames[0].dtype, after.dtype, seen.beside), 1.0
+    gain = 1.0
     if lit is not None and state is not None:
         bands, blocks = cells.shape[1:]
         pixels = (seen.frames, seen.beside, seen.tops, seen.lefts, every, seen.unit, seen.over)
-        gain = kernel("light_gain", kind).run(*pixels, before, bands, blocks, lit)
-    kernel("cell_maxima", kind).run(
+        gain = light_gain(*pixels, before, bands, blocks, lit)
+    cell_maxima(
         seen.frames,
         seen.beside,
         seen.tops,
@@ -114,7 +118,7 @@ def matched_cells(seen: Eyes, like: Tensor, width: int, every: int, tables: tupl
     rows, _, first, wide, tall = tables[:5]
     bands, blocks = (int(rows[-1]) + tall) // tall, (width - first[1]) // wide
     found = torch.empty(2, bands, blocks, dtype=image_kind(like))
-    kernel("match_cells", (seen.frames[0].dtype, found.numpy().dtype, seen.beside)).run(
+    match_cells(
         seen.frames, seen.beside, seen.tops, seen.lefts, every, seen.unit, seen.over, width, *tables, found.numpy()
     )
     return found
@@ -135,7 +139,7 @@ def ranges_of_rows(
     after = low.numpy()[:, 0]
     before = after if state is None else state.low.contiguous().numpy()[:, 0]
     out, valid = np.empty((5, finding[0]), after.dtype), np.empty(finding[0], np.bool_)
-    largest = kernel("row_ranges", (seen.frames[0].dtype, after.dtype)).run(
+    largest = row_ranges(
         seen.frames,
         seen.beside,
         seen.tops[0],
@@ -168,7 +172,7 @@ def searched_ranges(
     horizon = torch.empty((2, 1, width), dtype=image_kind(like))
     rows = horizon.numpy()[:, 0]
     out, valid = np.empty((5, count), rows.dtype), np.empty(count, np.bool_)
-    largest = kernel("search_ranges", (seen.frames[0].dtype, rows.dtype)).run(
+    largest = search_ranges(
         seen.frames, seen.beside, seen.tops[0], seen.unit, seen.over, around, params, band, rig, rows, out, valid
     )
     return torch.from_numpy(out).unsqueeze(1), torch.from_numpy(valid).unsqueeze(0), largest, FilterState(horizon)

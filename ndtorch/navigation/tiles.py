@@ -10,8 +10,8 @@ from torch import Tensor
 
 from ndtorch.arguments import check_kind, check_tensor
 from ndtorch.errors import InputError
-from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import kernels_wanted
+from ndtorch.kernels.tile_sums import tile_sums
 
 BITS = 6
 SIDE = 1 << BITS
@@ -105,7 +105,7 @@ def add_by_kernel(tiles: Tiles, number: Tensor, weight: Tensor, limit: float | N
     if not numbers:
         return tiles
     sums = torch.stack([tiles.rows[n // across][n % across] for n in numbers])
-    kernel("tile_sums", weight.dtype).run(at, weight.numpy(), slots, sums.flatten(1).numpy())
+    tile_sums(at, weight.numpy(), slots, sums.flatten(1).numpy())
     if limit is not None:
         sums.clamp_(-limit, limit)
     return replaced(tiles, numbers, sums)

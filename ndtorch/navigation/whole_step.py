@@ -10,7 +10,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.navigation.controllers.contract import STOPPED, SUPPRESSED, Command, Controller
 from ndtorch.navigation.controllers.quick import QuickControl
@@ -260,7 +259,7 @@ class WholeStep:
         large = torch.empty(pixels + 2 * width + sum(quick.sizes), dtype=image_kind(frames))
         small, found = torch.empty(count + 4 + 5 * n, dtype=large.dtype), torch.empty(n, dtype=torch.bool)
         after = Packed(large.numpy(), small.numpy())
-        *peaks, careful = kernel(quick.kernel, (seen.eyes[0].dtype, after.large.dtype)).run(
+        *peaks, careful = quick.kernel(
             *seen.eyes,
             seen.whole,
             seen.numbers,

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ndtorch.arguments import check_number
 from ndtorch.errors import InputError
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.draw_bars import draw_bars
 from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.scenes.fluctuation import Fluctuation, NoFluctuation
 from ndtorch.scenes.parameters import check_color, check_place
@@ -177,7 +177,7 @@ class BarScene(RenderedScene):
         at, velocity = torch.stack((self._x, self._y), -1), torch.stack((self._vx, self._vy), -1)
         centers = (at + velocity * seconds[:, None, None]).numpy()
         sizes = torch.stack((self._width, self._length), -1) * self._scale(seconds).mT.unsqueeze(-1)
-        kernel("draw_bars").run(
+        draw_bars(
             centers[:0] if before is None else before,
             centers,
             sizes.numpy(),

@@ -8,7 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.front_end import front_end
+from ndtorch.kernels.local_sums import local_sums
 from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.vision.frames import check_range, rows_apart
 from ndtorch.vision.motion import HassensteinReichardt, MotionState
@@ -63,7 +64,7 @@ def pass_over(
         InputError: as `check_range`.
     """
     images = np.empty((len(frames), *thinning.size), float_type(frames))
-    by_kernel("front_end", frames, state, motion, thinning, into, images, sums)
+    by_kernel(front_end, frames, state, motion, thinning, into, images, sums)
     if sums[:, -1].any():
         check_range(frames)
     return torch.from_numpy(images)
@@ -89,7 +90,7 @@ def field_pass(
     """
     images, wrong = np.empty((len(frames), *thinning.size), float_type(frames)), 0
     for frame, image, here in zip(frames.unbind(0), images, sums, strict=True):
-        wrong += by_kernel("local_sums", frame, state, motion, thinning, into, image, *tables, here)
+        wrong += by_kernel(local_sums, frame, state, motion, thinning, into, image, *tables, here)
         state = into
     if wrong:
         check_range(frames)
@@ -97,7 +98,7 @@ def field_pass(
 
 
 def by_kernel(
-    name: str,
+    kernel: Any,
     frames: Tensor,
     state: MotionState | None,
     motion: HassensteinReichardt,
@@ -105,14 +106,14 @@ def by_kernel(
     into: MotionState,
     *rest: Any,
 ) -> Any:
-    """What the kernel of this name returns."""
+    """What a kernel returns."""
     given, beside = pixels(frames)
     floats = frames.dtype != torch.uint8
     if state is not None and state is not into:
         for part, before in zip(into, state, strict=True):
             part.copy_(before)
     slow, delayed = (part.numpy() for part in into)
-    return kernel(name, (given.dtype, slow.dtype)).run(
+    return kernel(
         given,
         beside,
         1.0 if floats else 1 / 255,

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_size, is_finite
 from ndtorch.errors import InputError
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.mirrored import mirrored
 from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.vision.frames import as_float, check_frames, grey
 from ndtorch.vision.motion import Border, check_border
@@ -264,7 +264,7 @@ class OrientedDoG(nn.Module):
         if kernels_wanted(image) and image.numel():
             padded = image.new_empty(*image.shape[:-2], *self.padded)
             flat = image.reshape(-1, *image.shape[-2:]).contiguous()
-            kernel("mirrored", image.dtype).run(flat.numpy(), top, left, padded.view(-1, *self.padded).numpy())
+            mirrored(flat.numpy(), top, left, padded.view(-1, *self.padded).numpy())
             return padded
         flat = image.reshape(-1, 1, *image.shape[-2:])
         padded = F.pad(flat, (left, left, top, top), mode="reflect")

@@ -8,7 +8,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.pair_fields import pair_fields as pair_fields_kernel
+from ndtorch.kernels.pair_spectrum import pair_spectrum
+from ndtorch.kernels.pair_sums import pair_sums
 
 FAINT = 1e-12
 """Share of the largest value of a filter below which it is zero: the numbers at its far ends are so small that a
@@ -62,7 +64,7 @@ def responses(columns: Tensor, filters: Tensor) -> Tensor:
     """
     wanted = filters.to(columns.real.dtype).numpy()
     out = np.empty((len(columns), *wanted.shape[1:], 2), wanted.dtype)
-    kernel("pair_spectrum", out.dtype).run(torch.view_as_real(columns.contiguous()).numpy(), wanted, out)
+    pair_spectrum(torch.view_as_real(columns.contiguous()).numpy(), wanted, out)
     # A transform forward leaves out what the one back does to every number, and takes two thirds of the time.
     return torch.view_as_real(torch.fft.fft2(torch.view_as_complex(torch.from_numpy(out))))
 
@@ -81,7 +83,7 @@ def weighted_sums(found: Tensor, weights: Tensor) -> Tensor:
     """Sums over both grids of the magnitudes of `responses`, `[T, F]`, by weights as of `pair_weights`."""
     values = found.flatten(-2).numpy()
     sums = np.empty(values.shape[:2], values.dtype)
-    kernel("pair_sums", values.dtype).run(values, weights.to(found.dtype).numpy(), sums)
+    pair_sums(values, weights.to(found.dtype).numpy(), sums)
     return torch.from_numpy(sums)
 
 
@@ -91,5 +93,5 @@ def field_sums(found: Tensor, fields: PairFields) -> Tensor:
     shares, columns = (weights.to(found.dtype).numpy() for weights in fields[1:])
     sums = np.empty((*values.shape[:2], int(fields.places.max()) + 1, columns.shape[1]), values.dtype)
     for one, into in zip(values, sums, strict=True):
-        kernel("pair_fields", values.dtype).run(one, fields.places.numpy(), shares, columns, into)
+        pair_fields_kernel(one, fields.places.numpy(), shares, columns, into)
     return torch.from_numpy(sums)

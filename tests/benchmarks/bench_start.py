@@ -1,6 +1,6 @@
-"""How long a navigator waits for its kernels: compiled once, and loaded, beside Numba's own way with the same code.
+"""How long a navigator waits for its kernels: compiled once, and loaded.
 
-`python -m tests.benchmarks.bench_start`; two minutes and more, or with the name of one controller less.
+`python -m tests.benchmarks.bench_start`, or with the names of controllers.
 """
 
 from __future__ import annotations
@@ -23,20 +23,16 @@ from tests.benchmarks.timing import in_turn, reference
 name, *near = sys.argv[1].split(", ")
 navigator = Navigator(StereoRig(), 1 / 30, controller=name, near_check=bool(near))
 start = time.thread_time()
-if sys.argv[2] == "plain":
-    import numba
-    from ndtorch.kernels import cached
-    cached.compiled = lambda function, options, keep: numba.njit(function, cache=keep, **options)
 navigator.warm_up()
 taken = time.thread_time() - start
 print(taken, taken / in_turn({"reference": reference})["reference"])
 """
 
 
-def waits(controller: str, how: str, folder: str) -> tuple[float, float]:
+def waits(controller: str, folder: str) -> tuple[float, float]:
     """Seconds of the processor until the first fast step is done, and over `reference`, in a new process."""
     env = {**os.environ, "XDG_CACHE_HOME": folder, "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-    ask = [sys.executable, "-c", STEP, controller, how]
+    ask = [sys.executable, "-c", STEP, controller]
     said = subprocess.run(ask, env=env, capture_output=True, text=True, check=True)
     seconds, cost = map(float, said.stdout.split())
     return seconds, cost
@@ -48,16 +44,13 @@ def rows(device: str | None = None) -> list[Row]:
 
 
 def start_of(controller: str) -> list[Row]:
-    """First with an empty cache, then with what that left; both ways in turn."""
+    """First with an empty cache, then with what that left."""
     found = []
-    with tempfile.TemporaryDirectory() as ours, tempfile.TemporaryDirectory() as plain:
+    with tempfile.TemporaryDirectory() as folder:
         for done, turns in (("compiled", 1), ("loaded", 3)):
-            pairs = [(waits(controller, "", ours), waits(controller, "plain", plain)) for _ in range(turns)]
-            (own, cost), (other, _) = min(a for a, _ in pairs), min(b for _, b in pairs)
-            against = f"`numba.njit(cache=True)` {other:.2f} s"
+            seconds, cost = min(waits(controller, folder) for _ in range(turns))
             name, *near = controller.split(", ")
-            what = ", ".join((f"step of `{name}`", *near, done))
-            found.append(Row(what, f"{own:.2f} s", against, f"{other / own:.1f}x", cost))
+            found.append(Row(", ".join((f"step of `{name}`", *near, done)), f"{seconds:.2f} s", "", "", cost))
     return found
 
 

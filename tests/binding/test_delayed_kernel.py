@@ -10,6 +10,7 @@ from ndtorch.binding.delayed_kernel import fits
 from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.rules import LearningRule, learning_rule
 from ndtorch.binding.spectrum import limit_spectral_radius
+from ndtorch.kernels.delayed_network import held_back
 
 RULES = {
     "published": learning_rule("competitive"),
@@ -35,7 +36,6 @@ def signals(kind: torch.dtype) -> torch.Tensor:
 def test_the_kernel_is_its_reference(
     name: str, tau_in: float, kind: torch.dtype, close: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pytest.importorskip("numba")
     rule, inputs = RULES[name], signals(kind)
     start = torch.full((6, 6), 0.05).fill_diagonal_(0) if rule is None else None
     network = InhibitoryNetwork(6, rule=rule, settle=0.2, tau_in=tau_in, window=0.3, initial=start)
@@ -59,16 +59,12 @@ def test_the_kernel_is_its_reference(
 
 def test_weights_are_held_back_as_by_the_reference() -> None:
     """Random weights, triangular ones, and loops that a power never settles on, beyond and below a limit."""
-    numba = pytest.importorskip("numba")
-    from ndtorch.kernels.delayed_network import held_back
-
-    held = numba.njit(lambda weights, limit: held_back(weights, limit))
     generator, certain = torch.Generator().manual_seed(1), 0
     for k in range(90):
         size = (2, 6, 10)[k // 30]
         weights = torch.rand(size, size, generator=generator, dtype=torch.float64).fill_diagonal_(0)
         weights = weights.triu() if k % 3 == 1 else weights * (weights > 0.6) if k % 3 == 2 else weights
-        found = held(weights.numpy(), 0.3)
+        found = held_back(weights.numpy(), 0.3)
         if found == found:
             certain += 1
             assert torch.allclose(weights * found, limit_spectral_radius(weights, 0.3), rtol=1e-8, atol=0)
@@ -77,17 +73,11 @@ def test_weights_are_held_back_as_by_the_reference() -> None:
 
 def test_what_is_not_certain_is_left_to_the_reference(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whole stretches are made again, from where they began."""
-    pytest.importorskip("numba")
     network, inputs = InhibitoryNetwork(6, rule=RULES["held back"], settle=0.2), signals(torch.float32)
     plain, end = network(inputs)
-    made = delayed_kernel.kernel("delayed_network", torch.float32).run
+    made = delayed_kernel.delayed_network
 
-    class Doubtful:
-        @staticmethod
-        def run(*given: object) -> int:
-            return int(made(*given)) - 1
-
-    monkeypatch.setattr(delayed_kernel, "kernel", lambda *given: Doubtful)
+    monkeypatch.setattr(delayed_kernel, "delayed_network", lambda *given: int(made(*given)) - 1)
     with torch.inference_mode():
         out, state = network(inputs)
     assert torch.equal(out, plain)

@@ -7,29 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ndtorch.kernels.load import OPTIONS
-
-numba = pytest.importorskip("numba")
+from ndtorch.kernels.grey import grey_row
 
 WIDTH = 75
-
-
-@pytest.fixture(scope="module")
-def grey_of() -> Any:
-    """`grey_row` as a kernel."""
-    from ndtorch.kernels.cached import compiled
-    from ndtorch.kernels.grey import grey_row
-
-    def row(frame: Any, beside: bool, y: int, left: int, every: int, unit: float, count: int, grey: Any) -> None:
-        grey_row(frame, beside, y, left, every, unit, count, grey)
-
-    return compiled(row, OPTIONS, keep=False)
 
 
 @pytest.mark.parametrize("colors", [1, 3])
 @pytest.mark.parametrize("beside", [False, True])
 @pytest.mark.parametrize("dtype", [np.uint8, np.float32])
-def test_sums_of_colors(grey_of: Any, dtype: Any, beside: bool, colors: int) -> None:
+def test_sums_of_colors(dtype: Any, beside: bool, colors: int) -> None:
     rng = np.random.default_rng(3)
     numbers = rng.integers(0, 256, (colors, 2, WIDTH))
     planes = numbers.astype(np.uint8) if dtype == np.uint8 else (numbers / 255).astype(np.float32)
@@ -40,5 +26,5 @@ def test_sums_of_colors(grey_of: Any, dtype: Any, beside: bool, colors: int) -> 
             for y in (0, 1):
                 # Up to the last pixel of the row, and of the frame.
                 grey = np.full((WIDTH - left + every - 1) // every, np.nan, np.float32)
-                grey_of(frame, beside, y, left, every, unit, count, grey)
+                grey_row(frame, beside, y, left, every, unit, count, grey)
                 np.testing.assert_allclose(grey, numbers[:, y, left::every].mean(0) / 255, rtol=0, atol=1e-6)

@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ndtorch.errors import InputError
-from ndtorch.kernels.switch import installed
 from ndtorch.scenes import Bar, BarScene, Distance, Fluctuation, NoFluctuation, RandomShadow, SineShadow
 
 WHITE = (1.0, 1.0, 1.0)
@@ -260,6 +259,6 @@ def test_borrowed_frames_are_those_of_chunks(frames: int) -> None:
             memory.add(chunk.data_ptr())
     assert [len(chunk) for chunk in found] == [len(chunk) for chunk in wanted]
     assert torch.equal(torch.cat(found), torch.cat(wanted))
-    assert len(memory) == (1 if installed() else len(found))
+    assert len(memory) == 1
     with pytest.raises(InputError, match="frames"):
         drawn.borrowed(0)

@@ -10,7 +10,7 @@ from ndtorch.binding.tracking.figure_params import FigureParams
 from ndtorch.binding.tracking.figures import PIXELS, Figure, Numbers
 from ndtorch.binding.tracking.regions import Floats, Regions
 from ndtorch.binding.tracking.whole import clear
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.overlaps import overlaps as overlaps_kernel
 from ndtorch.kernels.switch import kernels_wanted
 
 
@@ -80,7 +80,7 @@ def overlaps(boxes: list[tuple[float, float, float, float]], regions: Regions) -
     height, width = regions.labels.shape
     inside, pixels = np.zeros((len(boxes), len(regions.areas))), np.array(boxes) * height
     if kernels_wanted():
-        kernel("overlaps").run(regions.labels, pixels, inside)
+        overlaps_kernel(regions.labels, pixels, inside)
         return inside
     for k, box in enumerate(pixels.tolist()):
         top, left = max(0, math.floor(box[0])), max(0, math.floor(box[1]))

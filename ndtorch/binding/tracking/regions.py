@@ -7,7 +7,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.count_marked import count_marked
+from ndtorch.kernels.join_pixels import join_pixels
+from ndtorch.kernels.part_regions import part_regions
+from ndtorch.kernels.still_of import still_of as still_of_kernel
 from ndtorch.kernels.switch import kernels_wanted
 
 Floats = npt.NDArray[np.float32]
@@ -48,7 +51,7 @@ def regions_of(figure: Bools, smallest: float, gap: int) -> Regions:
     if kernels_wanted():
         names = np.empty(mask.shape, np.int32)
         found = np.empty((((len(mask) + 1) // 2) * ((mask.shape[1] + 1) // 2), 5), np.int64)
-        number = kernel("join_pixels").run(mask, float(smallest), names, found)
+        number = join_pixels(mask, float(smallest), names, found)
         return Regions(names, found[:number, :4].copy(), found[:number, 4].copy())
     # What an object encloses is its own.
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
@@ -57,11 +60,11 @@ def regions_of(figure: Bools, smallest: float, gap: int) -> Regions:
     stats = np.asarray(stats, np.int64)
     keep = stats[:, 4] >= smallest
     keep[0] = False
-    number = np.zeros(count, np.int32)
-    number[keep] = np.arange(1, keep.sum() + 1)
+    numbers = np.zeros(count, np.int32)
+    numbers[keep] = np.arange(1, keep.sum() + 1)
     rows = stats[keep]
     boxes = np.stack([rows[:, 1], rows[:, 0], rows[:, 1] + rows[:, 3], rows[:, 0] + rows[:, 2]], 1)
-    return Regions(number[np.asarray(labels)], boxes, np.asarray(rows[:, 4], np.int64))
+    return Regions(numbers[np.asarray(labels)], boxes, np.asarray(rows[:, 4], np.int64))
 
 
 def parted(regions: Regions, notch: float, least: float) -> Regions:
@@ -83,7 +86,7 @@ def parted(regions: Regions, notch: float, least: float) -> Regions:
         labels, count = labels.copy(), len(areas)
         room = np.empty((count + int(areas.sum() / max(least, 1)), 5), np.int64)
         room[:count, :4], room[:count, 4] = boxes, areas
-        count = kernel("part_regions").run(labels, room, count, notch, float(least), PART)
+        count = part_regions(labels, room, count, notch, float(least), PART)
         return Regions(labels, room[:count, :4].copy(), room[:count, 4].copy())
     found_boxes, found_areas = boxes.tolist(), areas.tolist()
     todo = [r for r, area in enumerate(found_areas) if area >= 2 * least]
@@ -113,7 +116,7 @@ def shares(labels: Labels, marked: Bytes, most: int) -> npt.NDArray[np.float64]:
     """Share of the pixels of every number up to `most` that are marked, 1 and not 0, `[most + 1]`."""
     if kernels_wanted():
         counts, areas = np.zeros(most + 1, np.int64), np.zeros(most + 1, np.int64)
-        kernel("count_marked").run(labels, marked, counts, areas)
+        count_marked(labels, marked, counts, areas)
     else:
         counts = np.bincount(labels.ravel(), marked.ravel(), minlength=most + 1)
         areas = np.bincount(labels.ravel(), minlength=most + 1)
@@ -149,7 +152,7 @@ def still_of(figure: Bools, quiet: Floats, least: float, silhouettes: Labels, mo
         moving: 1 for those that move, by that number.
     """
     if kernels_wanted():
-        return int(kernel("still_of").run(figure, quiet, least, silhouettes, moving))
+        return int(still_of_kernel(figure, quiet, least, silhouettes, moving))
     return int((figure & (quiet >= np.float32(least)) & (moving[silhouettes] == 0)).sum())
 
 

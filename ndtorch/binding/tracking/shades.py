@@ -8,7 +8,7 @@ from pydantic import Field
 from ndtorch.binding.tracking.figures import Numbers
 from ndtorch.binding.tracking.regions import Floats
 from ndtorch.config import Constants, Shares
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.brightest import brightest as brightest_kernel
 from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.vision.camera.colors import SHADES
 
@@ -40,7 +40,7 @@ class Light:
         self.params = p = params
         if kernels_wanted() and not any(side % APART for side in picture.shape[1:]):
             self.balance = np.empty(3, np.float32)
-            self.brightest = max(kernel("brightest").run(picture, ground, APART, p.dimmest, self.balance), p.dimmest)
+            self.brightest = max(brightest_kernel(picture, ground, APART, p.dimmest, self.balance), p.dimmest)
             return
         white = np.maximum(ground[:, ::APART, ::APART].mean((1, 2)), p.dimmest)
         self.balance = (white.mean() / white).astype(np.float32)

@@ -12,7 +12,9 @@ from ndtorch.binding.tracking.figure_params import FigureParams
 from ndtorch.binding.tracking.figures import Figure, Numbers
 from ndtorch.binding.tracking.regions import Bools, Bytes, Floats, Labels
 from ndtorch.binding.tracking.shades import APART, Light
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.look_up import look_up
+from ndtorch.kernels.mark_tracks import mark_tracks
+from ndtorch.kernels.sightings import sightings as sightings_kernel
 from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.vision.camera.figures import Standing
 from ndtorch.vision.camera.ground import MEAN_SIZE
@@ -89,9 +91,7 @@ def measured(names: list[int], doubted: list[bool], silhouettes: Labels, standin
         p = light.params
         numbers = ShadeNumbers(float(light.brightest), p.palest, p.pale, p.white, p.black)
         noises = (standing.picture, standing.ground, standing.deviation, standing.noise, MEAN_SIZE)
-        kernel("sightings").run(
-            silhouettes, slots, np.array(doubted, bool), *noises, light.balance, numbers, APART, table
-        )
+        sightings_kernel(silhouettes, slots, np.array(doubted, bool), *noises, light.balance, numbers, APART, table)
         return table
     boxes = bounds(silhouettes)
     for k, name in enumerate(names):
@@ -139,7 +139,7 @@ def marked(silhouettes: Labels, known: list[int], keeping: list[int], most: int,
         kept[...] = cv2.dilate(marks[silhouettes, 1], np.ones((3, 3), np.uint8))
         return np.asarray(marks[silhouettes, 0])
     mask = np.empty(silhouettes.shape, np.uint8)
-    kernel("mark_tracks").run(silhouettes, marks, mask, kept)
+    mark_tracks(silhouettes, marks, mask, kept)
     return mask
 
 
@@ -148,7 +148,7 @@ def told(silhouettes: Labels, table: npt.NDArray[Whole]) -> npt.NDArray[Whole]:
     if not kernels_wanted():
         return table[silhouettes]
     found = np.empty(silhouettes.shape, table.dtype)
-    kernel("look_up").run(silhouettes, table, found)
+    look_up(silhouettes, table, found)
     return found
 
 

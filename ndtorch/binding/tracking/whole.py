@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ndtorch.binding.tracking.figure_params import FigureParams
 from ndtorch.binding.tracking.figures import FOLLOWED, PATCH, Figure
 from ndtorch.binding.tracking.regions import Floats
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.look_at import look_at
 from ndtorch.kernels.switch import kernels_wanted
 
 
@@ -81,7 +81,7 @@ def seen_at(
     pixels = np.array([[round(side * height) for side in box] for box in boxes])
     if kernels_wanted():
         looks, apart = np.empty((len(boxes), *patch.shape), np.float32), np.empty(len(boxes))
-        kernel("look_at").run(picture, ground, pixels, patch, looks, apart)
+        look_at(picture, ground, pixels, patch, looks, apart)
         return looks[0].copy(), apart.tolist()
     seen = [patch_of(picture, ground, box) for box in pixels]
     return seen[0], [float(((one - patch) ** 2).mean()) for one in seen]

@@ -9,8 +9,8 @@ from ndtorch.arguments import check_batch, check_number, check_state, check_tens
 from ndtorch.binding.tracking.params import WindowParams
 from ndtorch.binding.tracking.window_step import WindowState, windows_step
 from ndtorch.errors import InputError
-from ndtorch.kernels.load import kernel
 from ndtorch.kernels.switch import kernels_wanted
+from ndtorch.kernels.windows_update import windows_update
 from ndtorch.vision.features import GROUPS
 from ndtorch.vision.motion import Border, check_border
 
@@ -164,5 +164,5 @@ def by_kernel(low: Tensor, state: WindowState, windows: Windows) -> WindowState:
     )
     arrays = [part.numpy() for part in changed]
     arrays[0] = arrays[0].reshape(1)
-    kernel("windows_update", low.dtype).run(low.contiguous().numpy(), *arrays, numbers, windows.border == "wrap")
+    windows_update(low.contiguous().numpy(), *arrays, numbers, windows.border == "wrap")
     return WindowState(low=state.low, **dict(zip(WindowState._fields[1:-1], changed, strict=True)), steps=state.steps)

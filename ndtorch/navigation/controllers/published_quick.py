@@ -8,6 +8,7 @@ from typing import Any
 
 from torch import Tensor
 
+from ndtorch.kernels.published_step import published_step
 from ndtorch.navigation.controllers.contract import CRUISE, STOPPED
 from ndtorch.navigation.controllers.quick import QuickControl
 
@@ -21,7 +22,7 @@ class QuickSaccades(QuickControl):
         state: makes its state of the numbers.
     """
 
-    kernel, count = "published_step", 3
+    kernel, count = published_step, 3
 
     def __init__(
         self, shape: tuple[int, int, int], a: float, constants: tuple[float, ...], state: Callable[..., Any]

@@ -23,7 +23,7 @@ class QuickControl(ABC):
         whole, numbers: what else the kernel has to know.
     """
 
-    kernel: str
+    kernel: Any
     shape: tuple[int, int, int]
     cells: tuple[int, int, int]
     inward: tuple[int, int] = (0, 0)

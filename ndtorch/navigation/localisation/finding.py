@@ -10,7 +10,7 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.vote_places import vote_places
 from ndtorch.navigation.localisation.params import LocaliserParams
 from ndtorch.navigation.localisation.walls import Scan, fit_scan
 
@@ -123,7 +123,7 @@ def vote(hunt: Hunt, picture: Picture, params: LocaliserParams) -> Hunt:
     x, y = (cos * px - sin * py) / f.pixel, (sin * px + cos * py) / f.pixel
     rows, columns = picture.light.shape
     out = np.zeros((-(-rows // f.stride), -(-columns // f.stride)), np.float32)
-    kernel("vote_places").run(picture.light, x, y, f.stride, out)
+    vote_places(picture.light, x, y, f.stride, out)
     found = []
     for _ in range(f.each):
         i, j = np.unravel_index(int(out.argmax()), out.shape)

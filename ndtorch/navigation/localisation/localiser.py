@@ -35,7 +35,6 @@ from ndtorch.navigation.localisation.way import drive_on
 from ndtorch.navigation.localisation.wheels import are_known, carried_to, corrected, looked, no_wheels, rolled
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.rig import StereoRig
-from ndtorch.optional import need
 
 WORST_SCALE, WORST_DRIFT = 0.2, math.radians(2.0)
 """No odometer is believed to be worse: as a share of the way, and in radians a second."""
@@ -70,14 +69,13 @@ class Localiser(nn.Module):
             in a frame of its own until what it has ranged fits one place of the map and no other.
 
     Raises:
-        InputError: Numba is not installed; several cars at once; walls of another size.
+        InputError: several cars at once; walls of another size.
     """
 
     def __init__(
         self, rig: StereoRig, dt: float, params: LocaliserParams | None = None, known: Tensor | None = None
     ) -> None:
         super().__init__()
-        need("numba", "localise")
         self.rig, self.dt, self.params = rig, dt, params or LocaliserParams()
         self.every = max(1, round(self.params.every / dt))
         self.settle = self.params.settle / dt

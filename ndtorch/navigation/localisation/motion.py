@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.row_motion import row_motion
 from ndtorch.navigation.localisation.params import MotionParams
 from ndtorch.navigation.localisation.walls import Floats, Scan
 from ndtorch.navigation.rig import StereoRig
@@ -46,7 +46,7 @@ def motion_seen(
     if len(before.points) * 2 < p.least or before.rows.shape != rows.shape:
         return None
     x, y = np.ascontiguousarray(before.points.numpy().T)
-    kernel("row_motion").run(
+    row_motion(
         before.rows.numpy(),
         plain(rows).numpy(),
         x,

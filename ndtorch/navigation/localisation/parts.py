@@ -15,7 +15,8 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.add_cells import add_cells
+from ndtorch.kernels.add_points import add_points
 from ndtorch.navigation.localisation.graph import FULL, Links, carried, doubts, links_of, relax, seen_from
 from ndtorch.navigation.localisation.params import LocaliserParams, PartParams
 from ndtorch.navigation.localisation.walls import Scan, empty_walls, pack
@@ -129,7 +130,7 @@ def add_to_part(parts: Parts, scan: Scan, pose: tuple[float, float, float], para
     x, y, heading = seen_from(parts.poses[-1].numpy(), np.array(pose)).tolist()
     cos, sin, cells = math.cos(heading), math.sin(heading), parts.cells.clone()
     place = (x + cos * scan.x - sin * scan.y, y + sin * scan.x + cos * scan.y)
-    kernel("add_points").run(cells.numpy(), *place, scan.weight, params.cell, params.most)
+    add_points(cells.numpy(), *place, scan.weight, params.cell, params.most)
     points = torch.from_numpy(np.stack((*place, scan.weight), -1))
     return parts._replace(cells=cells, points=torch.cat((parts.points, points)))
 
@@ -275,7 +276,7 @@ def redrawn(parts: Parts, dt: float, params: LocaliserParams) -> Tensor:
     early = (parts.begun * dt < parts.learning).tolist()
     for (x, y, heading), packed, first in zip(parts.poses.tolist(), cells, early, strict=True):
         sums = (old if first else walls).numpy()
-        kernel("add_cells").run(sums, packed, math.cos(heading), math.sin(heading), x, y, params.cell)
+        add_cells(sums, packed, math.cos(heading), math.sin(heading), x, y, params.cell)
     if any(early):
         walls = torch.where(walls[..., :1] < params.least, walls + old, walls)
     return walls

@@ -14,7 +14,8 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.add_points import add_points
+from ndtorch.kernels.fit_points import fit_points
 from ndtorch.navigation.localisation.params import LocaliserParams
 
 Floats = npt.NDArray[Any]
@@ -51,8 +52,7 @@ def add_scan(walls: Tensor, scan: Scan, pose: tuple[float, float, float], params
     walls = walls.clone()
     x, y, heading = pose
     cos, sin = np.cos(heading), np.sin(heading)
-    add = kernel("add_points")
-    add.run(
+    add_points(
         walls.numpy(),
         x + cos * scan.x - sin * scan.y,
         y + sin * scan.x + cos * scan.y,
@@ -80,7 +80,7 @@ def fit_scan(
     """
     p, out = params, np.zeros(10)
     place, heading = (1 / deviation**2 for deviation in deviations)
-    kernel("fit_points").run(
+    fit_points(
         walls.numpy(),
         *scan,
         start,

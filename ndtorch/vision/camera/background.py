@@ -7,7 +7,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.apart import apart
 from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.vision.camera.params import CameraParams
 from ndtorch.vision.camera.sampling import every_other
@@ -116,7 +116,7 @@ def quick_step(
     shown = torch.empty(1, *frame.shape[1:])
     given = (part.contiguous().numpy() for part in parts)
     results = (corrected.numpy(), seen.numpy(), shown[0].numpy(), mean.numpy(), deviation.numpy())
-    noise, cut = kernel("apart").run(*given, int(state.frames), constants, *results)
+    noise, cut = apart(*given, int(state.frames), constants, *results)
     if cut:
         return None
     after = BackgroundState(mean, deviation, state.frames + 1)

@@ -13,7 +13,8 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from ndtorch.config import Constants, Deviations
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.field_signals import field_signals
+from ndtorch.kernels.field_sums import field_sums
 from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.vision.camera.ground import Floats, copied, room
 from ndtorch.vision.motion import MotionState, correlate, motion_step
@@ -109,7 +110,7 @@ class FigureSignals(nn.Module):
         if kernels_wanted():
             strongest, sums = room(*self.size), np.empty((self.params.most, 6))
             rates = (self.a_high, self.a_low)
-            kernel("field_sums").run(picture, ground, silhouettes, slow, delayed, *rates, strongest, sums)
+            field_sums(picture, ground, silhouettes, slow, delayed, *rates, strongest, sums)
             return Sensed(strongest, sums), filters
         here, behind, names = (torch.from_numpy(image) for image in (picture, ground, silhouettes))
         state = FieldsState(MotionState(torch.from_numpy(slow), torch.from_numpy(delayed)))
@@ -133,7 +134,7 @@ class FigureSignals(nn.Module):
     def _signals(self, images: Tensor, silhouettes: Names, found: Sums, signals: Tensor) -> None:
         """Signals `[most, 10]` from responses `[3, h / 2, w / 2]`."""
         if kernels_wanted(images):
-            kernel("field_signals").run(images.numpy(), silhouettes, found, signals.numpy())
+            field_signals(images.numpy(), silhouettes, found, signals.numpy())
             return
         count, sums = self.params.most, torch.from_numpy(found)
         names = names_of(torch.from_numpy(silhouettes)).reshape(-1)

@@ -7,8 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.learn_ground import learn_ground
+from ndtorch.kernels.restless import restless
+from ndtorch.kernels.softened import softened
+from ndtorch.kernels.stand_out import stand_out as stand_out_kernel
 from ndtorch.kernels.switch import kernels_wanted
+from ndtorch.kernels.tidied import tidied as tidied_kernel
 from ndtorch.vision.camera.ground import (
     MEAN_SIZE,
     MEDIAN_SIZE,
@@ -68,7 +72,7 @@ def soften(picture: Floats, side: int, soft: Floats) -> None:
     import cv2
 
     if side == 3 and min(picture.shape[1:]) > 1 and kernels_wanted():
-        kernel("softened").run(picture, soft)
+        softened(picture, soft)
         return
     for plane, to in zip(picture, soft, strict=True):
         cv2.blur(plane, (side, side), dst=to)
@@ -139,7 +143,7 @@ def tidied(
         sides = (wide, moving, p.speckle, 0 if pale is None else p.patch + 2 * p.penumbra)
         shadows = (p.patch, p.penumbra, p.darkest, p.uneven)
         shade = np.zeros_like(out) if pale is None else pale
-        kernel("tidied").run(out, known, quiet, light, may_be, shade, shadows, sides, p.trail, figure, narrow)
+        tidied_kernel(out, known, quiet, light, may_be, shade, shadows, sides, p.trail, figure, narrow)
         return figure, narrow
     sure = (known > 0).astype(np.uint8)
     out = out & sure
@@ -181,7 +185,7 @@ def stand_out(
     if kernels_wanted():
         constants = (p.spread, MEAN_SIZE, p.offset, p.darkest, p.tint, p.pure)
         after = (ground.picture, ground.grey, ground.light, ground.marks[0], ground.marks[1], ground.marks[2])
-        kernel("stand_out").run(picture, gain, mean, deviation, noise, *constants, *after)
+        stand_out_kernel(picture, gain, mean, deviation, noise, *constants, *after)
         return after
     picture = np.asarray(picture / gain[:, None, None], np.float32)
     threshold = p.spread * np.maximum(noise[:, None, None], deviation * np.float32(1 / MEAN_SIZE))
@@ -217,7 +221,7 @@ def learn(standing: Standing, ground: Ground, kept: Floats, dt: float, p: Ground
     quiet, known = ground.quiet, ground.known
     if kernels_wanted():
         constants = (needed, dt, share, follow, p.hold, p.surprise, MEAN_SIZE)
-        kernel("learn_ground").run(picture, mean, deviation, noise, kept, quiet, known, *constants)
+        learn_ground(picture, mean, deviation, noise, kept, quiet, known, *constants)
         return
     free, step, least = 1 - np.float32(1 - p.hold) * kept, np.float32(dt), noise[:, None, None]
     before = known > 0
@@ -251,7 +255,7 @@ def stillness(out: Bytes, ground: Ground, dt: float, p: GroundParams) -> float:
     follow = max(1 / (ground.frames + 5), smoothing_factor(p.tau_noise, dt))
     if kernels_wanted():
         constants = (dt, p.speckle, p.block, p.other, p.moved, p.spread, (MEAN_SIZE, MEDIAN_SIZE), follow, p.surprise)
-        changed: float = kernel("restless").run(soft, before, own, quiet, known, out, *constants)
+        changed: float = restless(soft, before, own, quiet, known, out, *constants)
         return changed if changed >= 0 else changed_blocks(soft, before, p)
     over, own[...] = unrest(soft, before, own, follow, p)
     moved = most_of(over, p.speckle)

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_dense, check_size, check_state, is_finite
 from ndtorch.errors import InputError
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.block_means import block_means
 from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.tree import leaves, mapped
 from ndtorch.vision.camera.background import BackgroundState, background_start, background_step, core, quick_step
@@ -282,5 +282,5 @@ def by_kernel(frame: Tensor, size: tuple[int, int]) -> Tensor:
     lines = given.reshape(1, given.shape[0], -1) if beside else given
     means, whole = torch.empty(3, *size), frame.dtype == torch.uint8
     sums = np.empty((4, lines.shape[-1]), np.int32 if whole else np.float32)
-    kernel("block_means", given.dtype).run(lines, 3 if beside else 1, 1 / 255 if whole else 1.0, sums, means.numpy())
+    block_means(lines, 3 if beside else 1, 1 / 255 if whole else 1.0, sums, means.numpy())
     return means

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.light_change import light_change as light_change_kernel
 from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.vision.camera.ground import MEDIAN_SIZE, Floats, GroundParams, grey_of, medians, some_of
 
@@ -22,7 +22,7 @@ def light_change(picture: Floats, ground: Floats, p: GroundParams) -> tuple[Floa
     if kernels_wanted():
         gain, noise = np.empty(3, np.float32), np.empty(3, np.float32)
         constants = (p.dark, p.light, p.gain_limit, MEDIAN_SIZE, p.least_noise)
-        here, there, hue = kernel("light_change").run(picture, ground, *constants, gain, noise)
+        here, there, hue = light_change_kernel(picture, ground, *constants, gain, noise)
     else:
         gain = exposure(picture, ground, p)
         some = np.abs(some_of(picture) / gain[:, None] - some_of(ground))

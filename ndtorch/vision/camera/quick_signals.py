@@ -8,7 +8,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.hue_fields import hue_fields
+from ndtorch.kernels.scale_motion import scale_motion
 from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.vision.camera.params import CameraParams
 from ndtorch.vision.camera.scales import ScaleState
@@ -64,7 +65,7 @@ def quick_signals(
         params.best_shift,
         -1 if params.scale == "auto" else params.scale,
     )
-    level, change, slope = kernel("scale_motion").run(
+    level, change, slope = scale_motion(
         seen,
         arrays(levels),
         scales.last.contiguous().numpy(),
@@ -83,7 +84,7 @@ def quick_signals(
     signals, shades, presence = torch.empty(*shape, 10), torch.empty(*shape, 4), torch.empty(shape)
     p = params
     hues = HueNumbers(p.color_inhibition, p.compression, p.palest, p.pale, p.shade, p.dimmest_white, *p.white, *p.black)
-    kernel("hue_fields").run(
+    hue_fields(
         frame,
         ground,
         shown[0],

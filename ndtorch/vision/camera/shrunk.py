@@ -7,7 +7,8 @@ import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.apart_colors import apart_colors
+from ndtorch.kernels.halved_colors import halved_colors
 from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.vision.camera.ground import Floats, room
 from ndtorch.vision.frames import as_float
@@ -30,11 +31,11 @@ def shrunk(frame: Tensor, size: tuple[int, int]) -> Floats:
     if beside.flags.c_contiguous:
         height, width = size
         if planes.dtype == np.uint8 and planes.shape == (3, 2 * height, 2 * width) and kernels_wanted():
-            kernel("halved_colors").run(beside.reshape(2 * height, -1), float(unit), small)
+            halved_colors(beside.reshape(2 * height, -1), float(unit), small)
             return small
         image = np.asarray(cv2.resize(beside, size[::-1], interpolation=cv2.INTER_AREA))
         if kernels_wanted() and image.dtype == np.uint8:
-            kernel("apart_colors").run(image, float(unit), small)
+            apart_colors(image, float(unit), small)
             return small
         parts = cv2.split(image)
     else:

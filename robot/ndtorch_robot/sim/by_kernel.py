@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ndtorch.kernels.load import kernel
-from ndtorch.kernels.switch import installed, switched_on
+from ndtorch.kernels.draw_strips import draw_strips
+from ndtorch.kernels.switch import switched_on
 from ndtorch.navigation import Rect
 from ndtorch_robot.sim.paint import Image
 from ndtorch_robot.sim.painter import FAR, NEAR, Lens, Shot, View
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 def kernel_draws(model: mujoco.MjModel) -> bool:
     """Whether the kernel can draw a world: not without Numba, nor what MuJoCo alone knows to draw."""
-    return switched_on() and installed() and can_be_drawn(model)
+    return switched_on() and can_be_drawn(model)
 
 
 class KernelPainter:
@@ -61,7 +61,7 @@ class KernelPainter:
         out = np.empty((size, 3), np.uint8)
         s, t = self.surfaces, self.textures
         views = np.array(cameras)
-        kernel("draw_strips").run(s.corners, s.surface, t.texels, t.copies, views, np.array(parts), (NEAR, FAR), out)
+        draw_strips(s.corners, s.surface, t.texels, t.copies, views, np.array(parts), (NEAR, FAR), out)
         return [out[n : n + high * wide].reshape(high, wide, 3).transpose(2, 0, 1) for n, high, wide in shapes]
 
     def frame(self, view: View) -> Image:

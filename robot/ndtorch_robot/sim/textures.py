@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.smaller_copies import smaller_copies
 
 if TYPE_CHECKING:
     import mujoco
@@ -38,7 +38,7 @@ class Textures:
         for n in range(model.ntex):
             start, pixels = int(model.tex_adr[n]), int(model.tex_width[n]) * int(model.tex_height[n])
             image = np.asarray(model.tex_data[start : start + 3 * pixels])
-            kernel("smaller_copies").run(image, self.copies[n], self.texels)
+            smaller_copies(image, self.copies[n], self.texels)
 
 
 def texels_of(model: mujoco.MjModel) -> int:

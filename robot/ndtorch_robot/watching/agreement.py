@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.glance import BLOCK
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.partners import partners as partners_kernel
 from ndtorch_robot.watching.eye import Eye, Floats, SightLimits, compiled
 
 PATCH = 20
@@ -129,7 +129,7 @@ def partners(
     if not compiled():
         return partners_slowly(left, right, reach, limits, mirrored)
     found = np.empty((3, len(left) // (PATCH // 2)), np.float32)
-    shown = kernel("partners").run(left, right, PATCH, reach, mirrored, limits.row_contrast, FLAT, SOFT, found)
+    shown = partners_kernel(left, right, PATCH, reach, mirrored, limits.row_contrast, FLAT, SOFT, found)
     return found[0, :shown], found[1, :shown], found[2, :shown]
 
 

@@ -15,9 +15,9 @@ import numpy.typing as npt
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch.kernels.glance import BLOCK, TAIL
-from ndtorch.kernels.load import kernel
-from ndtorch.kernels.switch import installed, switched_on
+from ndtorch.kernels.change import change as change_kernel
+from ndtorch.kernels.glance import BLOCK, TAIL, glance
+from ndtorch.kernels.switch import switched_on
 from ndtorch.navigation import Strips
 from ndtorch_robot.trouble import Kind, Wrong
 
@@ -100,7 +100,7 @@ class SightLimits:
 
 def compiled() -> bool:
     """Whether kernels do the work: there are no gradients here, so nobody need be asked but Numba and the switch."""
-    return switched_on() and installed()
+    return switched_on()
 
 
 class Figures(NamedTuple):
@@ -154,7 +154,7 @@ def look(strips: Strips) -> Eye:
         return look_slowly(pixels * np.float32(scale), levels * np.float32(scale))
     row_means, field_means = np.empty(columns, np.float32), np.empty((high, wide), np.float32)
     row_shape, field_shape = np.empty(columns - 2 * lag, np.float32), np.empty((high, wide - 2 * side), np.float32)
-    figures = kernel("glance").run(pixels, levels, scale, row_means, field_means, row_shape, field_shape)
+    figures = glance(pixels, levels, scale, row_means, field_means, row_shape, field_shape)
     return Eye(row_means, field_means, row_shape, field_shape, Figures(*figures))
 
 
@@ -261,7 +261,7 @@ def spread(values: Floats) -> float:
 def change(now: Floats, before: Floats) -> float:
     """Root mean square change of block means, whatever the light does to all of them."""
     if now.size and compiled():
-        return float(kernel("change").run(now.ravel(), before.ravel()))
+        return float(change_kernel(now.ravel(), before.ravel()))
     return spread(now - before)
 
 

@@ -9,7 +9,8 @@ import torch
 pytest.importorskip("numba")
 mujoco = pytest.importorskip("mujoco")
 
-from ndtorch.kernels.load import kernel  # noqa: E402
+from ndtorch.kernels.draw_strips import draw_strips  # noqa: E402
+from ndtorch.kernels.smaller_copies import smaller_copies  # noqa: E402
 from ndtorch.navigation import Rect  # noqa: E402
 from ndtorch_robot.sim import by_kernel, by_opengl, cameras  # noqa: E402
 from ndtorch_robot.sim.arenas import load_arena  # noqa: E402
@@ -56,7 +57,7 @@ def test_smaller_copies(size):
         copies[k] = (start, copy.shape[1], copy.shape[0])
         start += (copy.shape[0] + 2) * (copy.shape[1] + 2)
     texels = np.zeros(start, np.uint32)
-    kernel("smaller_copies").run(image.reshape(-1), copies, texels)
+    smaller_copies(image.reshape(-1), copies, texels)
     for (start, wide, high), copy in zip(copies.tolist(), wanted, strict=False):
         got = texels[start : start + (wide + 2) * (high + 2)].reshape(high + 2, wide + 2)
         bordered = np.pad(copy, ((1, 1), (1, 1), (0, 0)), "wrap")
@@ -99,7 +100,7 @@ def test_random_triangles_against_rays():
         copies[0, k] = (start, copy.shape[1], copy.shape[0])
         start += (copy.shape[0] + 2) * (copy.shape[1] + 2)
     texels = np.zeros(start, np.uint32)
-    kernel("smaller_copies").run(image.reshape(-1), copies[0], texels)
+    smaller_copies(image.reshape(-1), copies[0], texels)
     corners = rng.normal(0, 1.5, (40, 3, 5))
     corners[:, :, 0] += 4.5
     surface = np.where(np.arange(40) % 4 == 0, -1 - 0x30A0F0, 0).astype(np.int32)
@@ -107,7 +108,7 @@ def test_random_triangles_against_rays():
     camera = projection(view, LENS)
     out = np.zeros((60 * 96, 3), np.uint8)
     parts = np.array([[0, 0, 60, 0, 96, 0]])
-    kernel("draw_strips").run(corners, surface, texels, copies, np.array([camera]), parts, (0.02, 60.0), out)
+    draw_strips(corners, surface, texels, copies, np.array([camera]), parts, (0.02, 60.0), out)
     drawn, compared, background = out.reshape(60, 96, 3).astype(float), 0, 0
     for row in range(2, 58, 6):
         for column in range(2, 94, 6):

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.cost_to_go import cost_to_go
+from ndtorch.kernels.find_way import find_way
 from ndtorch.navigation.controllers.goal.params import WayParams
-from ndtorch.optional import need
 
 Floats = npt.NDArray[np.float32]
 Bools = npt.NDArray[np.bool_]
@@ -146,7 +146,6 @@ def plan(
         through: as `prices`, and over what was not seen, however near. Without it a car that stands too near to
             something may leave all the same.
     """
-    need("numba", "planning a way")
     s, p = surroundings, params
     unknown = ~(s.free | s.blocked)
     row, column = s.cell_of(pose[0], pose[1])
@@ -155,13 +154,13 @@ def plan(
         let_out(price, coarser(clear, p.coarse), (row // p.coarse, column // p.coarse), s.cell * p.coarse, p)
     rows, columns = price.shape
     here = min(row // p.coarse, rows - 1) * columns + min(column // p.coarse, columns - 1)
-    cost = kernel("cost_to_go").run(price, seed, s.cell * p.coarse, here, 2.0 * p.horizon + 2.0)
+    cost = cost_to_go(price, seed, s.cell * p.coarse, here, 2.0 * p.horizon + 2.0)
     tight = 1 / p.radius
     start = np.array((*pose, curvature, direction), np.float32)
     away = unknown.astype(np.float32)
     if not np.isfinite(cost.ravel()[here]):
         return Planned(start[None], float("inf"), clear, away, cost)
-    way = kernel("find_way").run(
+    way = find_way(
         clear,
         away,
         hidden_cells(unknown, s.cell, p.disc),

@@ -9,8 +9,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ndtorch.kernels.add_ranges import add_ranges
 from ndtorch.kernels.decision import NUMBERS
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.ranging_control import ranging_control
+from ndtorch.kernels.ranging_step import ranging_step
 from ndtorch.kernels.trail import POSES
 from ndtorch.navigation.controllers.contract import STOPPED, Command
 from ndtorch.navigation.controllers.quick import QuickControl
@@ -42,7 +44,7 @@ class QuickRanging(QuickControl):
         rig: the camera pair.
     """
 
-    kernel, count = "ranging_step", 10
+    kernel, count = ranging_step, 10
 
     def __init__(
         self,
@@ -128,7 +130,7 @@ class QuickRanging(QuickControl):
         numbers = torch.stack((*driven, *pose, *control)).numpy()
         new = [torch.empty_like(part) for part in arrays]
         after = np.empty_like(numbers)
-        kernel("ranging_control", after.dtype).run(
+        ranging_control(
             seen.contiguous().numpy(),
             (ranges.x.contiguous().numpy(), ranges.y.contiguous().numpy(), ranges.valid.numpy()),
             numbers,
@@ -145,7 +147,7 @@ class QuickRanging(QuickControl):
         after, p = upright.clone(), self.rest[2]
         _, _, _, reach, cell, *bounds = p[:7]
         standing = after.numpy().reshape(self.side, self.side)
-        kernel("add_ranges", standing.dtype).run(
+        add_ranges(
             standing,
             (float(pose.x), float(pose.y), float(pose.heading)),
             (ranges.x.numpy(), ranges.y.numpy(), ranges.valid.numpy()),

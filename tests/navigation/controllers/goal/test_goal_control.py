@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.kernels.load import kernel
+from ndtorch.kernels.find_way import find_way
 from ndtorch.navigation import (
     ARRIVED,
     CRUISE,
@@ -131,7 +131,7 @@ def test_what_is_ranged_in_the_way_is_driven_around():
 def test_it_is_ready_before_a_car_depends_on_it():
     control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL))
     control.warm_up()
-    assert kernel("find_way").run is kernel("find_way").dispatcher
+    assert find_way.run is find_way.dispatcher
 
 
 def test_what_cannot_be_asked_for_is_said():

@@ -79,6 +79,20 @@ def remove_stale(folder: Path, pattern: str) -> list[Path]:
     return gone
 
 
+def own_files(folder: Path) -> list[Path]:
+    """Files of compiled code below a folder. One of another owner, or that others may write, is deleted unread."""
+    found = []
+    for path in folder.rglob("*"):
+        state = path.lstat()
+        if stat.S_ISDIR(state.st_mode) or path.suffix == ".lock" or path.name == "lock":
+            continue
+        if state.st_uid != os.getuid() or state.st_mode & 0o022 or not stat.S_ISREG(state.st_mode):
+            path.unlink(missing_ok=True)
+        else:
+            found.append(path)
+    return found
+
+
 @contextmanager
 def locked(folder: Path | None, part: str | None = None) -> Iterator[None]:
     """Alone in a folder, or with a part of it, among processes that ask for the same."""

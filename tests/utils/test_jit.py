@@ -1,0 +1,147 @@
+"""Functions under `@jit`: what they give, where their code is kept, and what happens when it is damaged."""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+import math
+import sys
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from ndtorch.utils import jit as module
+from ndtorch.utils.jit import code_folder, jit
+
+CODE = """
+from ndtorch.utils.jit import jit
+
+SCALE = 2.0
+
+@jit
+def scaled(x):
+    return SCALE * x
+
+@jit
+def total(numbers):
+    out = 0.0
+    for n in range(numbers.shape[0]):
+        out += scaled(numbers[n])
+    return out
+"""
+
+
+@pytest.fixture
+def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A cache of its own."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    code_folder.cache_clear()
+    yield tmp_path
+    code_folder.cache_clear()
+
+
+def load(folder: Path, code: str = CODE) -> ModuleType:
+    """The module as a new process has it."""
+    file = folder / "jitted_sums.py"
+    file.write_text(code)
+    spec = importlib.util.spec_from_file_location("jitted_sums", file)
+    assert spec is not None
+    assert spec.loader is not None
+    made = importlib.util.module_from_spec(spec)
+    sys.modules["jitted_sums"] = made
+    spec.loader.exec_module(made)
+    code_folder.cache_clear()
+    return made
+
+
+def test_a_compiled_function_calls_another(kept: Path) -> None:
+    numbers = np.array([1.0, 2.5, 4.0])
+    sums = load(kept)
+    assert sums.total(numbers) == 2 * numbers.sum()
+    assert sums.total(numbers.astype(np.float32)) == 2 * numbers.sum()
+    assert sums.scaled.function(3.0) == 6.0
+
+
+def test_code_is_kept_for_the_next_process(kept: Path, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "ndtorch.jit")
+    assert load(kept).total(np.ones(3)) == 6
+    assert [record.getMessage() for record in caplog.records] == ["compiling total"]
+    again = load(kept)
+    assert again.total(np.ones(3)) == 6
+    assert len(caplog.records) == 1
+    assert sum(again.total.dispatcher.stats.cache_hits.values()) == 1
+
+
+@pytest.mark.parametrize("change", [("SCALE = 2.0", "SCALE = 3.0"), ("SCALE * x", "SCALE * x + 1")])
+def test_a_change_of_what_is_called_compiles_again(kept: Path, change: tuple[str, str]) -> None:
+    assert load(kept).total(np.ones(3)) == 6
+    assert load(kept, CODE.replace(*change)).total(np.ones(3)) == 9
+
+
+def test_a_constant_that_another_module_sets_is_part_of_the_digest(kept: Path) -> None:
+    sums = load(kept)
+    before = code_folder("jitted_sums")
+    sums.SCALE = 5.0
+    code_folder.cache_clear()
+    assert code_folder("jitted_sums") != before
+
+
+@pytest.mark.parametrize("end", [".nbi", ".nbc"])
+@pytest.mark.parametrize("damage", ["empty", "cut", "one bit"])
+def test_damaged_code_is_replaced(kept: Path, end: str, damage: str) -> None:
+    assert load(kept).total(np.ones(3)) == 6
+    (file,) = (kept / "cache").rglob(f"*total*{end}")
+    data = file.read_bytes()
+    if damage == "one bit" and end == ".nbi":
+        pytest.skip("an index is not sealed")
+    middle = len(data) // 2
+    flipped = data[:middle] + bytes([data[middle] ^ 4]) + data[middle + 1 :]
+    file.write_bytes({"empty": b"", "cut": data[:middle], "one bit": flipped}[damage])
+    with pytest.warns(UserWarning, match="was damaged and is replaced"):
+        assert load(kept).total(np.ones(3)) == 6
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert load(kept).total(np.ones(3)) == 6
+
+
+def test_files_that_others_may_write_are_not_read(kept: Path) -> None:
+    assert load(kept).total(np.ones(3)) == 6
+    (file,) = (kept / "cache").rglob("*total*.nbi")
+    file.write_bytes(b"not an index")
+    file.chmod(0o666)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert load(kept).total(np.ones(3)) == 6
+
+
+def test_without_a_folder_it_is_compiled_all_the_same(kept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (kept / "file").write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(kept / "file"))
+    assert load(kept).total(np.ones(3)) == 6
+
+
+def test_an_error_of_the_function_is_its_own(kept: Path) -> None:
+    with pytest.raises(Exception, match="attribute"):
+        load(kept).total(3.0)
+
+
+def test_exact_functions_keep_their_order() -> None:
+    @jit(exact=True)
+    def compensated(a: float, b: float) -> float:
+        return (a + b) - a - b
+
+    rounding = compensated(1e16, math.pi)
+    assert rounding == (1e16 + math.pi) - 1e16 - math.pi
+    assert rounding != 0
+
+
+def test_importing_needs_no_numba() -> None:
+    import subprocess
+
+    code = "import sys, ndtorch.utils.jit as j; f = j.jit(lambda x: x); assert 'numba' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+    assert "jit(" in repr(module.jit(load))
