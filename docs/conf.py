@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import importlib
 import importlib.metadata
 import os
@@ -94,12 +95,41 @@ def lead_to_copies(app: Any, name: str, source: list[str]) -> None:
         source[0] = links_on_the_site(source[0], page)
 
 
+COMMON = {
+    "vision": "VisualFeatures HassensteinReichardt OrientedDoG HighPass LowPass NDMin CoherentMotion FEATURES",
+    "scenes": "two_bars three_bars one_bar equal_bars make_scene open_video FrameSource BarScene RandomShadow",
+    "binding": "BindingModel BindingInputs InhibitoryNetwork learning_rule object_table BoundObject Attention",
+    "navigation": "Navigator StereoRig Command Avoider RowRanging GridMap Localiser NavigatorState",
+}
+"""The names of a package that its page has first: autodoc keeps the order of `__all__`."""
+
+
 def import_public_names(app: Any, config: Any) -> None:
-    """Packages import a name when it is first used; what reads the docstrings sees only those that are there."""
-    for name in ("vision", "scenes", "binding", "navigation"):
+    """Import every public name, since packages do it at first use and autodoc sees only what is there."""
+    for name, common in COMMON.items():
         package = importlib.import_module(f"ndtorch.{name}")
         for public in package.__all__:
             setattr(package, public, getattr(package, public))
+        first = [public for public in common.split() if public in package.__all__]
+        package.__all__ = [*first, *(public for public in package.__all__ if public not in first)]
+
+
+def without_inherited_text(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+    """Remove the text that torch's Module gives to every `forward`; the class says what it returns."""
+    if any("overridden by all subclasses" in line for line in lines):
+        lines.clear()
+
+
+def examples_as_list(app: Any) -> None:
+    """Where examples are not run there are no thumbnails: the gallery's page is a list then."""
+    if app.config.plot_gallery not in ("0", "False", False):
+        return
+    page = ROOT / "docs" / "gallery" / "index.rst"
+    text = page.read_text(encoding="utf-8")
+    entries = re.findall(r'tooltip="(.*?)">.*?:doc:`(/gallery/\w+)`.*?thumbnail-title">(.*?)</div>', text, re.DOTALL)
+    head, rest = text.split(".. raw:: html", 1)
+    listed = "\n".join(f"- :doc:`{title} <{file}>`. {html.unescape(what)}" for what, file, title in entries)
+    page.write_text(f"{head}{listed}\n\n.. toctree::{rest.split('.. toctree::', 1)[1]}", encoding="utf-8")
 
 
 def shapes_as_lines(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
@@ -135,6 +165,9 @@ def setup(app: Any) -> None:
     app.connect("config-inited", copy_pages)
     app.connect("config-inited", import_public_names)
     app.connect("source-read", lead_to_copies)
+    # After the gallery was written.
+    app.connect("builder-inited", examples_as_list, priority=900)
     # Before napoleon reads the docstring.
+    app.connect("autodoc-process-docstring", without_inherited_text, priority=80)
     app.connect("autodoc-process-docstring", fences_as_blocks, priority=90)
     app.connect("autodoc-process-docstring", shapes_as_lines, priority=100)
