@@ -15,6 +15,7 @@ import torch
 import ndtorch
 from ndtorch.export import export
 from ndtorch.scenes import two_bars
+from ndtorch.vision import FEATURES
 
 # %%
 # Small frames and short chunks, so that this takes seconds.
@@ -40,7 +41,12 @@ difference = (torch.cat(from_program) - torch.cat(from_model)).abs().max()
 print(f"largest difference {float(difference):.1e}")
 
 # %%
-figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
-axes.plot(torch.cat(from_program))
-axes.set(xlabel="frame", ylabel="output (no unit)", title="outputs of the program")
+# Ten outputs, one for each feature, in the colors of the features where they have one.
+colors = [*plt.colormaps["tab10"].colors[:7], "red", "green", "blue"]
+times = [k / scene.fps for k in range(len(torch.cat(from_program)))]
+figure, axes = plt.subplots(figsize=(8, 4), layout="constrained")
+for outputs, name, color in zip(torch.cat(from_program).T, FEATURES, colors, strict=True):
+    axes.plot(times, outputs, color=color, label=name)
+axes.set(xlabel="time (s)", ylabel="output (no unit)", title="outputs of the exported program")
+figure.legend(*axes.get_legend_handles_labels(), loc="outside right center", title="neuron")
 plt.show()

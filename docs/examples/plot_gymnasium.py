@@ -12,17 +12,19 @@ import gymnasium
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
+from matplotlib.collections import LineCollection
 
 from ndtorch.navigation import Navigator, RowRanging
 from ndtorch_robot.gym import register
 from ndtorch_robot.gym.environment import eyes_of
+from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.simulation import RIG
 
 Policy = Callable[[dict[str, np.ndarray]], tuple[float, float]]
 
 # %%
-# A policy is made anew for every episode. It takes an observation, which is a picture of the floor and a row of each
-# eye, and gives a speed in m/s and a curvature in 1/m. The first one looks at nothing.
+# A policy is made anew for every episode. It takes an observation, the subfield and the horizon row of each
+# camera, and gives a speed in m/s and a curvature in 1/m. The first one ignores it.
 
 
 def straight() -> Policy:
@@ -31,8 +33,8 @@ def straight() -> Policy:
 
 
 # %%
-# The small policy ranges the features of the rows and turns away from the side where the nearest one is. A row holds
-# one or two ranges a frame, so what was seen fades slowly.
+# The small policy ranges the features of the rows and turns away from the side of the nearest one. A row gives
+# one or two ranges a frame, so they decay slowly.
 
 
 def away() -> Policy:
@@ -56,7 +58,7 @@ def away() -> Policy:
 
 
 def navigator() -> Policy:
-    """The navigator as it is."""
+    """The navigator with its defaults."""
     model, state = Navigator(RIG, dt=1 / 30), None
 
     def policy(seen: dict[str, np.ndarray]) -> tuple[float, float]:
@@ -97,17 +99,21 @@ with torch.inference_mode():
         env.close()
 
 # %%
-# The paths. A cross is a collision. The small policy sees too little to turn in time: it hits a wall in all three.
-figure, all_axes = plt.subplots(1, len(ARENAS), figsize=(10, 3.6), layout="constrained")
+# The paths between the walls. A cross is a collision. The small policy sees too little to turn in time: it hits a wall
+# in all three.
+figure, all_axes = plt.subplots(1, len(ARENAS), figsize=(11, 4.2), layout="constrained")
 for axes, arena in zip(all_axes, ARENAS, strict=True):
     for name, color in zip(POLICIES, ("tab:gray", "tab:orange", "tab:blue"), strict=True):
         score, path, hit = driven[arena, name]
         axes.plot(path[:, 0], path[:, 1], color=color, label=f"{name}: {score:.1f}")
         if hit:
             axes.plot(*path[-1, :2], "x", color="tab:red")
+    axes.add_collection(LineCollection(load_arena(arena.lower(), seed=0).segments, colors="black", linewidths=2))
+    paths = np.concatenate([driven[arena, name][1][:, :2] for name in POLICIES])
+    middle, reach = (paths.max(0) + paths.min(0)) / 2, np.ptp(paths, 0).max() / 2 + 1.5
+    axes.set(xlim=middle[0] + reach * np.array([-1, 1]), ylim=middle[1] + reach * np.array([-1, 1]), aspect="equal")
     axes.set_title(arena)
-    axes.axis("equal")
     axes.set_xlabel("x (m)")
-    axes.legend()
+    axes.legend(title="reward", fontsize="small")
 all_axes[0].set_ylabel("y (m)")
 plt.show()

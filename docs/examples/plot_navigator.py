@@ -2,8 +2,9 @@
 The navigator on stereo pairs
 =============================
 
-The navigator takes two images and gives a speed and a curvature. It reads one pixel row and one patch of each. Here the
-pairs come from two folders of pictures, one a camera. Put the paths of yours in their place.
+The navigator takes two images and gives a speed and a curvature. It reads one pixel row and one subfield of each. Here
+the pairs come from two folders of images, one a camera. Put the paths of yours in their place. Making the images of
+this example needs ``ndtorch-robot[sim]``.
 """
 
 import tempfile
@@ -13,38 +14,52 @@ import cv2
 import matplotlib.pyplot as plt
 import torch
 
-from ndtorch.navigation import Navigator, StereoRig
+from ndtorch.navigation import Navigator
 from ndtorch.scenes import open_video
+from ndtorch_robot.ports import DriveCommand
+from ndtorch_robot.safety import SafeDrive
+from ndtorch_robot.sim.arenas import load_arena
+from ndtorch_robot.sim.simulation import RIG, Simulation
 
 # %%
-# The pictures of this example: both cameras see the same texture slide past, the right one 100 pixels further on.
-# That is a wall 1.3 m away.
+# The images of this example: a simulated car stands still for a moment, then drives straight on through a hallway.
 folder = Path(tempfile.mkdtemp())
-generator = torch.Generator().manual_seed(0)
-texture = torch.randint(0, 256, (480, 1000, 3), generator=generator, dtype=torch.uint8).numpy()
-for eye, shift in (("left", 0), ("right", 100)):
-    (folder / eye).mkdir()
-    for k in range(30):
-        at = 3 * k + shift
-        cv2.imwrite(str(folder / eye / f"{k:03}.png"), texture[:, at : at + 640])
+world = Simulation(load_arena("hallway"), seed=4, whole=True)
+drive = SafeDrive(world, clock=world)
+for camera in ("left", "right"):
+    (folder / camera).mkdir()
+for k in range(90):
+    frames = world.read()
+    for camera, frame in (("left", frames.left), ("right", frames.right)):
+        image = frame[0].permute(1, 2, 0).numpy()[..., ::-1]  # OpenCV writes blue, green, red
+        cv2.imwrite(str(folder / camera / f"{k:03}.png"), image)
+    drive.send(DriveCommand(0.0 if k < 5 else 0.5, 0.0))
+    world.wait_until((k + 1) / 30)
+world.close()
 
 # %%
-# Pictures are taken in the order of their numbers.
-rig = StereoRig(baseline=0.30, focal=430.0, width=640, height=480)
-left = open_video(folder / "left", size=(rig.height, rig.width), fps=30)
-right = open_video(folder / "right", size=(rig.height, rig.width), fps=30)
-navigator = Navigator(rig, dt=1 / left.fps)
-state, ranges = None, []
+# The rig says where the cameras are. Images are taken in the order of their numbers.
+left = open_video(folder / "left", size=(RIG.height, RIG.width), fps=30)
+right = open_video(folder / "right", size=(RIG.height, RIG.width), fps=30)
+navigator = Navigator(RIG, dt=1 / left.fps)
+state, ahead, aside, certain = None, [], [], []
 with torch.inference_mode():
     for left_frame, right_frame in zip(left.chunks(1), right.chunks(1), strict=True):
         command, state = navigator(left_frame, right_frame, state)
-        ranges.append(state.ranges.x[state.ranges.valid])
+        ahead.append(state.ranges.x[state.ranges.valid])
+        aside.append(state.ranges.y[state.ranges.valid])
 print(f"speed {float(command.speed):.2f} m/s, curvature {float(command.curvature):.2f} 1/m")
 
 # %%
-# The ranges, measured forward from between the cameras, m.
-figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
-axes.hist(torch.cat(ranges), bins=40, range=(0.5, 2.5))
-axes.set_xlabel("distance ahead (m)")
-axes.set_ylabel("features")
+# The last left image with the horizon row, and all ranges from above: both walls of the hallway, and the edges of its
+# doors.
+figure, (seen, plan) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+seen.imshow(left_frame[0].permute(1, 2, 0))
+seen.axhline(RIG.height / 2, color="white", ls="--", lw=1)
+seen.set(title="left camera, horizon row dashed", xlabel="column (pixels)", ylabel="row (pixels)")
+plan.plot(torch.cat(aside), torch.cat(ahead), ".")
+plan.plot(0, 0, "^", color="black", label="car")
+plan.set(title="ranges", xlabel="left of the car (m)", ylabel="ahead of the car (m)", aspect="equal")
+plan.invert_xaxis()
+plan.legend()
 plt.show()

@@ -6,31 +6,44 @@ An arena is a small TOML file: rooms that touch or overlap, doors, pillars and f
 through it, by sight, and draws a map. This needs ``ndtorch-robot[sim]``.
 """
 
+import contextlib
 import tempfile
 from pathlib import Path
 
-import matplotlib.image
 import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.collections import LineCollection
 
 from ndtorch.commands import main
+from ndtorch_robot.sim.arenas import load_arena
 
 # %%
+# Two corridors that meet at a corner, with a pillar. The car starts at the lower left.
 arena = """
 name = "lab"
-rooms = [[0.0, 0.0, 6.0, 2.4], [4.0, 0.0, 6.0, 6.0]]
-pillars = [{x = 2.5, y = 1.9, width = 0.2}]
+rooms = [[0.0, 0.0, 8.0, 2.4], [5.6, 0.0, 8.0, 7.0]]
+pillars = [{x = 3.5, y = 1.9, width = 0.2}]
+start = [0.8, 1.0, 0.0]
 """
 folder = Path(tempfile.mkdtemp())
 (folder / "lab.toml").write_text(arena)
 
 # %%
-# Fifteen seconds of driving, from the command line or like this.
-code = main(["drive", "--arena", str(folder / "lab.toml"), "--seconds", "15", "--out", str(folder / "drive")])
+# Twenty-five seconds of driving, from the command line or like this.
+with contextlib.chdir(folder):
+    code = main(["drive", "--arena", "lab.toml", "--seconds", "25", "--out", "drive"])
 assert code == 0
 
 # %%
-# The true path over the plan. Only the picture knows it; the car does not.
-figure, axes = plt.subplots(figsize=(8, 6), layout="constrained")
-axes.imshow(matplotlib.image.imread(folder / "drive" / "path.png"))
-axes.set_axis_off()
+# The map that the car drew, over the walls of the plan, which the car does not know. A dot is a cell of the map above a
+# twentieth of the largest: an edge that was ranged.
+drawn = np.load(folder / "drive" / "map.npz")
+left, right, bottom, top = drawn["bounds"]
+rows, columns = np.nonzero(drawn["cells"] > 0.05 * drawn["cells"].max())
+plan = load_arena(str(folder / "lab.toml"))
+figure, axes = plt.subplots(figsize=(7, 6), layout="constrained")
+axes.add_collection(LineCollection(plan.segments, colors="black", linewidths=1.5, label="walls and pillar"))
+axes.plot(left + drawn["cell"] * (columns + 0.5), bottom + drawn["cell"] * (rows + 0.5), "r.", label="map")
+axes.set(xlim=(-0.5, 8.5), ylim=(-0.5, 7.5), xlabel="x (m)", ylabel="y (m)", title="map after 25 s", aspect="equal")
+axes.legend(loc="upper left")
 plt.show()

@@ -34,13 +34,15 @@ state = None
 with torch.inference_mode():
     for frames in two_bars(seconds=8).chunks(8):
         signals, state = model(frames, state)
-for thing in model.objects(state):
-    print(thing)
+for found in model.objects(state):
+    print(found)
 
 # %%
-figure, axes = plt.subplots(figsize=(5, 4.5), layout="constrained")
-axes.imshow(model.weights(state), vmin=0, vmax=1, cmap="magma")
+# A column holds the weights by which one neuron inhibits the others: the columns of red and green are the objects.
+figure, axes = plt.subplots(figsize=(6, 5), layout="constrained")
+image = axes.imshow(model.weights(state), vmin=0, vmax=1, cmap="magma")
+figure.colorbar(image, label="weight")
 axes.set_xticks(range(10), FEATURES, rotation=90)
 axes.set_yticks(range(10), FEATURES)
-axes.set_title("weights after 6 s of learning")
+axes.set(xlabel="inhibiting neuron", ylabel="inhibited neuron", title="weights after 6 s of learning")
 plt.show()

@@ -38,8 +38,10 @@ figure, panels = plt.subplots(1, 2, figsize=(9, 4.2), layout="constrained")
 for (name, network), axes in zip(networks.items(), panels, strict=True):
     with torch.inference_mode():
         _, state = network(refined)
-    axes.imshow(state.weights, vmin=0, vmax=1, cmap="magma")
+    image = axes.imshow(state.weights, vmin=0, vmax=1, cmap="magma")
     axes.set_xticks(range(10), FEATURES, rotation=90)
     axes.set_yticks(range(10), FEATURES)
+    axes.set(xlabel="inhibiting neuron", ylabel="inhibited neuron")
     axes.set_title(f"{name}: largest {float(state.weights.max()):.2f}")
+figure.colorbar(image, ax=panels, label="weight")
 plt.show()

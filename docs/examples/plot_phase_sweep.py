@@ -2,9 +2,9 @@
 A batch of scenes: sweeping the phase
 =====================================
 
-The two bars of the reference scene are lit by a moving shadow. How far apart in phase must their fluctuations be, so
-that the published model tells them apart? We film each bar once, add the films up at 64 phases, and run all 64 scenes
-through the model as one batch.
+The two bars of the reference scene are lit by a moving shadow. At which phases between their fluctuations does the
+published model separate them? Each bar is rendered once, the films are added up at 64 phases, and all 64 scenes
+run through the model as one batch.
 """
 
 import matplotlib.pyplot as plt
@@ -35,8 +35,7 @@ table = model.table(state)
 figure, axes = plt.subplots(figsize=(8, 3), layout="constrained")
 axes.imshow(table.owners.T, aspect="auto", cmap="Greys", extent=(-2.8, 357.2, 9.5, -0.5))
 axes.set_yticks(range(10), FEATURES)
-axes.set_xlabel("phase between the bars (degrees)")
-axes.set_title("neurons that own an object")
+axes.set(xlabel="phase between the bars (degrees)", ylabel="neuron", title="neurons that own an object (black)")
 plt.show()
 
 # %%

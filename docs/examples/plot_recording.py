@@ -2,7 +2,7 @@
 A recording, and its replay
 ===========================
 
-A drive writes down what the cameras saw and what the navigator wanted. Replayed, the same program must want the same,
+A drive records what the cameras saw and what the navigator wanted. Replayed, the same program must want the same,
 bit for bit. A recording of a real car replays the same way. This needs ``ndtorch-robot[sim]``.
 """
 
@@ -10,34 +10,39 @@ import tempfile
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+import numpy as np
 
 from ndtorch.commands import main
 from ndtorch_robot.recording import open_recording
 
 # %%
-# Four seconds of driving.
+# Fifteen seconds of driving in a room.
 folder = Path(tempfile.mkdtemp())
-code = main(
-    ["drive", "--seconds", "4", "--out", str(folder / "drive"), "--record", str(folder / "recording"), "--quiet"]
-)
+out, record = str(folder / "drive"), str(folder / "recording")
+code = main(["drive", "--arena", "room", "--seconds", "15", "--out", out, "--record", record, "--quiet"])
 assert code == 0
 print(sorted(path.name for path in (folder / "recording").iterdir()))
 
 # %%
 # Exit code 0 says that all commands are the same, 1 that some differ, 3 that something could not be replayed.
-code = main(["replay", str(folder / "recording")])
+code = main(["replay", record])
 print("exit code", code)
 assert code == 0
 
 # %%
-# The steps can be read one by one, the frames with them.
+# The steps can be read one by one, the frames with them. Above: the horizon row of the left camera over time; edges
+# that pass draw slanted lines. Below: what the navigator wanted.
 recording = open_recording(folder / "recording")
 steps = list(recording.steps())
-figure, panels = plt.subplots(2, 1, figsize=(7, 4), sharex=True, layout="constrained")
 times = [step.time - steps[0].time for step in steps]
-panels[0].plot(times, [step.wanted.speed for step in steps])
-panels[0].set_ylabel("speed wanted (m/s)")
-panels[1].plot(times, [step.wanted.curvature for step in steps])
-panels[1].set_ylabel("curvature wanted (1/m)")
-panels[1].set_xlabel("time (s)")
+rows = np.stack([np.asarray(step.frames.left.row).reshape(3, -1).T for step in steps])
+figure, panels = plt.subplots(
+    3, 1, figsize=(8, 7), sharex=True, layout="constrained", gridspec_kw={"height_ratios": [3, 1, 1]}
+)
+panels[0].imshow(rows.transpose(1, 0, 2), aspect="auto", extent=(times[0], times[-1], rows.shape[1], 0))
+panels[0].set(ylabel="column (pixels)", title="horizon row of the left camera")
+panels[1].plot(times, [step.wanted.speed for step in steps])
+panels[1].set_ylabel("speed (m/s)")
+panels[2].plot(times, [step.wanted.curvature for step in steps])
+panels[2].set(ylabel="curvature (1/m)", xlabel="time (s)")
 plt.show()

@@ -30,17 +30,20 @@ with torch.inference_mode():
     for frames in source.chunks(4):
         signals, state = model(frames, state)
         count += len(frames)
-things = list(model.objects(state))
-print(f"{count} frames, {len(things)} objects")
-for thing in things:
-    print(f"{thing.first_seen:.1f} to {thing.last_seen:.1f} s: {thing.color}, {thing.direction}")
+found = list(model.objects(state))
+print(f"{count} frames, {len(found)} objects")
+for one in found:
+    print(f"{one.first_seen:.1f} to {one.last_seen:.1f} s: {one.color}, {one.direction}")
 
 # %%
-# The last frame, and the way of each object in it.
-figure, axes = plt.subplots(figsize=(5, 5), layout="constrained")
+# The last frame, and the path of each object. A dot marks where the object was last.
+figure, axes = plt.subplots(figsize=(5.5, 5), layout="constrained")
 axes.imshow(frames[-1].permute(1, 2, 0))
-for thing in things:
-    times, columns, rows = zip(*thing.path, strict=True)
-    axes.plot(columns, rows, "w.-")
-axes.set_axis_off()
+for one in found:
+    times, columns, rows = zip(*one.path, strict=True)
+    axes.plot(columns, rows, color="white", ls="--", lw=1)
+    axes.plot(columns[-1], rows[-1], "o", label=f"{one.color}, {one.direction}: {times[0]:.1f} to {times[-1]:.1f} s")
+axes.set(xlabel="column (pixels)", ylabel="row (pixels)", title="last frame and paths")
+if found:
+    axes.legend()
 plt.show()
