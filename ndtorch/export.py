@@ -1,8 +1,8 @@
 """Models as programs that run without this package: torch.export, AOTInductor and ONNX, chunk by chunk.
 
 `torch.export` takes every model but `figures`, which finds regions outside torch. The ONNX exporter of torch 2.13
-takes none as it is: it stops at `aten.alias` of a complex spectrum (orientation sums of published, scale-free and
-retinotopic) and at `aten.nanmedian` (exposure of video), for which it has no function, and says so itself.
+takes none as it is: it stops at `aten.alias` of a complex spectrum (orientation sums), for which it has no function,
+and says so itself.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Step(nn.Module):
     """A model with its state as a flat list of tensors: what is exported.
 
     Args:
-        model: the model; of video the tracker stays behind and takes the signals, `model.tracker(signals, state)`.
+        model: the model.
         example: a state like those to come, or None for the first chunk of a run, which starts without one.
     """
 

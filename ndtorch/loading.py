@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ndtorch.binding.models.contract import BindingModel
-from ndtorch.binding.models.kinds import kind_of, load_folder
+from ndtorch.binding.models.kinds import REMOVED, kind_of, load_folder, removed
 from ndtorch.errors import InputError
 from ndtorch.nearest import meant
 
@@ -30,7 +30,7 @@ def model_names() -> list[str]:
     """Names of the models that come with the package.
 
     >>> model_names()
-    ['figures', 'published', 'retinotopic', 'scale-free', 'video']
+    ['figures', 'published', 'retinotopic', 'scale-free']
     """
     return list(model_folders())
 
@@ -83,6 +83,8 @@ def model_folder(model: str | Path) -> Path:
         return Path(model)
     if str(model) in RENAMED:
         raise InputError(f"the model {model} is called {RENAMED[str(model)]} now")
+    if str(model) in REMOVED:
+        raise InputError(removed(str(model)))
     if isinstance(model, Path) or "/" in model:
         raise InputError(f"{model} is not a model folder")
     known = ", ".join(folders) or "(none found)"

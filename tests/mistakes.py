@@ -55,7 +55,7 @@ CASES = {
         bind two-bars --model publishd
         bind two-bars --model figure
         bind two-bars --model ./void
-        bind two-bars --model video --rule hebbian
+        bind two-bars --model figures --rule hebbian
         bind two-bars --rule hebian
         bind two-bars --mask
         bind two-bars --gamma -1

@@ -20,8 +20,6 @@ from ndtorch.export import Step, export, write
 from ndtorch.scenes import two_bars
 from ndtorch.tree import leaves
 from tests.full_disk import full_disk
-from tests.golden.scenes import crossing
-from tests.vision.camera import passing_scenes
 
 SIZE, FRAMES = (24, 24), 3
 
@@ -59,7 +57,7 @@ PROGRAMS = ["published", *(pytest.param(name, marks=pytest.mark.long) for name i
 
 
 def test_every_model_is_exported_here_or_refused() -> None:
-    others = {"published", "retinotopic", "scale-free", "video", "figures"}
+    others = {"published", "retinotopic", "scale-free", "figures"}
     assert set(ndtorch.model_names()) == others
 
 
@@ -71,21 +69,6 @@ def test_an_exported_program_gives_the_same(name: str, tmp_path: Path) -> None:
     assert [path.name for path in files] == ["first.pt2", "next.pt2"]
     first, following = (torch.export.load(path).module() for path in files)
     assert largest_difference(module, first, following, noise()) < 1e-4
-
-
-@pytest.mark.long
-def test_an_exported_video_model_chooses_the_scale_of_motion_as_it_goes(tmp_path: Path) -> None:
-    module, film = ndtorch.load("video", size=passing_scenes.SIZE, fps=25.0), crossing() / 255
-    files = export(module, tmp_path, "pt2", 2)
-    first, following = (torch.export.load(path).module() for path in files)
-    assert largest_difference(module, first, following, film, 2) < 1e-4
-    with torch.no_grad():
-        (signals, state), (whole, end) = module.signals(film), module(film)
-    assert len(signals.level.unique()) > 1
-    # The tracker takes what comes out.
-    tracks = module.tracker(signals, None)
-    assert len(module.objects(state._replace(tracker=tracks))) == len(module.objects(end)) == 2
-    assert torch.equal(whole.outputs, signals.outputs)
 
 
 def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
@@ -199,7 +182,7 @@ def test_a_compiled_package_is_written_and_runs(tmp_path: Path) -> None:
 
 
 # With frames of a chunk.
-PACKAGES = [("published", 2), ("scale-free", 5), ("retinotopic", 5), ("video", 2)]
+PACKAGES = [("published", 2), ("scale-free", 5), ("retinotopic", 5)]
 
 
 @pytest.mark.long
@@ -211,12 +194,9 @@ def test_a_compiled_package_gives_the_same(name: str, frames: int, tmp_path: Pat
     After a second of settling, on bars. Not on white noise: its first group maxima are tiny, and what is divided by
     them shows every rounding of another order of sums.
     """
-    if name == "video":
-        module, film, warm = ndtorch.load(name, size=passing_scenes.SIZE, fps=25.0), crossing() / 255, 20
-    else:
-        options = {"along": 6} if name == "retinotopic" else {"settle": 0.5}
-        module, warm = ndtorch.load(name, size=(100, 100), **options), 100
-        film = torch.cat(list(two_bars((warm + 8 * frames) / 100, size=(100, 100)).chunks(8)))
+    options = {"along": 6} if name == "retinotopic" else {"settle": 0.5}
+    module, warm = ndtorch.load(name, size=(100, 100), **options), 100
+    film = torch.cat(list(two_bars((warm + 8 * frames) / 100, size=(100, 100)).chunks(8)))
     with torch.no_grad():
         _, state = module.signals(film[:warm])
         kept = tuple(leaves(state).values())

@@ -17,7 +17,6 @@ from ndtorch import binding, navigation, vision
 from ndtorch.binding.models.published import PublishedConfig
 from ndtorch.binding.models.retinotopic import RetinotopicConfig
 from ndtorch.binding.models.scale_free import ScaleFreeConfig
-from ndtorch.binding.models.video import VideoConfig
 from ndtorch.tree import leaves
 from tests.properties import DT, KINDS, LONG, QUICK, RIG, SIZE, Part, check, cut, samples, trial
 from tests.strategies import chunkings
@@ -98,11 +97,6 @@ PARTS: dict[str, Part] = {
         lambda: binding.RetinotopicModel(RetinotopicConfig(size=(24, 24), fps=100.0)),
         lambda draw: (draw(3, 24, 24),),
         times=frozenset({"time"}),
-    ),
-    "VideoModel": Part(
-        lambda: binding.VideoModel(VideoConfig(size=(40, 48), fps=30.0)),
-        lambda draw: (draw(3, 40, 48),),
-        batched=False,
     ),
     "AlphaBetaTracker": Part(lambda: navigation.AlphaBetaTracker(DT), seen, final=True),
     "DeadReckoning": Part(lambda: navigation.DeadReckoning(DT), lambda draw: (draw() - 0.3, draw() - 0.5)),

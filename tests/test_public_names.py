@@ -22,15 +22,15 @@ TOP = """
 """
 VISION = """
     Resample ResampleState
-    ANGLES FEATURES GROUPS NDS SPEED_SCALE CameraFrontEnd CameraParams CameraState ChahlSrinivasan CoherentMotion
-    CoherentParams CoherentState FieldSignals
+    ANGLES FEATURES GROUPS NDS SPEED_SCALE ChahlSrinivasan CoherentMotion
+    CoherentParams CoherentState
     FilterState HassensteinReichardt HighPass LocalFeatures LowPass MotionState NDMin NDMinus NDSState OrientedDoG
     RecentMax RecentMaxState ShiftState SpeedCurve VisualFeatures dog_spectrum field_weights judge_speed_curve
     low_pass_step row_shift smoothing_factor spatial_maximum speed_response
 """
 BINDING = """
     ACTIVATIONS Attention BindingInputs BindingModel BoundObject FirstStage InhibitoryNetwork LearningRule ObjectTable
-    PublishedModel RetinotopicModel ScaleFreeModel Verdict VideoModel Windows alternation bound_objects describe
+    PublishedModel RetinotopicModel ScaleFreeModel Verdict Windows alternation bound_objects describe
     learning_rule limit_spectral_radius load_state object_table save_state separated solutions spectral_radius to_device
     train_first_stage weight_change
 """

@@ -10,7 +10,6 @@ from ndtorch.binding.models.contract import BindingModel, Verdict
 from ndtorch.binding.models.published import PublishedModel
 from ndtorch.binding.models.retinotopic import RetinotopicModel
 from ndtorch.binding.models.scale_free import ScaleFreeModel
-from ndtorch.binding.models.video import VideoModel
 from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.normalise import BindingInputs
 from ndtorch.binding.objects import BoundObject, ObjectTable, bound_objects, describe
@@ -37,7 +36,6 @@ __all__ = [
     "RetinotopicModel",
     "ScaleFreeModel",
     "Verdict",
-    "VideoModel",
     "Windows",
     "alternation",
     "bound_objects",
@@ -59,6 +57,7 @@ __getattr__ = lazy(
     __name__,
     {},
     moved={
+        "VideoModel": 'ndtorch.load("figures")',
         "VisualBinding": 'ndtorch.load("published")',
         "RetinotopicBinding": "RetinotopicModel, or Windows",
         "BindingConfig": "ndtorch.binding.models.published.PublishedConfig",

@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from ndtorch.report.films import EnhancedVideo, MaskFilm, Overlay
     from ndtorch.run.opening import Prepared
 
-MOVED = {"on": "--model video", "off": "--model published"}
+MOVED = {"on": "--model figures", "off": "--model published"}
 """What took the place of --front-end."""
 
 
 @choices(
-    model=("figures", "published", "retinotopic", "scale-free", "video", "FOLDER"),
+    model=("figures", "published", "retinotopic", "scale-free", "FOLDER"),
     rule=("competitive", "cooperative", "hebbian"),
     order=("filter-first", "printed"),
     fit=("crop", "stretch"),
@@ -54,7 +54,7 @@ class Bind(BindJob):
     mask: bool = False
     """Also write mask.mp4, white where an object is: of the model figures, frame by frame."""
     front_end: str | None = None
-    """What it was is now --model: video (on) or published (off)."""
+    """What it was is now --model: figures (on) or published (off)."""
 
     def run(self) -> int:
         """Do it; returns the exit code."""

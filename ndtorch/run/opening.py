@@ -12,7 +12,6 @@ import torch
 from torch import Tensor
 
 from ndtorch.binding import BindingModel, load_state, to_device, train_first_stage
-from ndtorch.binding.models.video import switched_off
 from ndtorch.binding.saving import frames_taken, read_about
 from ndtorch.errors import InputError
 from ndtorch.loading import load, model_kind, model_names
@@ -32,9 +31,9 @@ from ndtorch.scenes import SCENES, FrameSource, make_scene
 from ndtorch.scenes.video import open_video
 
 STATE = "state.safetensors"
-CAMERA_MODELS = {"video": 224, "figures": 448}
+CAMERA_MODELS = {"figures": 448}
 """Kinds of models for video of a camera, which get whole pictures, and the most rows of those, shrunk as soon as they
-are decoded: `video` needs four for one of its own, `figures` two."""
+are decoded: `figures` needs two for one of its own."""
 
 
 def is_number(value: Any, least: float, most: float) -> bool:
@@ -49,7 +48,6 @@ WANTED: dict[str, Callable[[Any], bool]] = {
     "fps": lambda value: is_number(value, 1e-3, 1e6),
     "options": lambda value: isinstance(value, dict),
     "scene": lambda value: isinstance(value, dict),
-    "without": lambda value: isinstance(value, list) and all(isinstance(name, str) for name in value),
 }
 """What the description of an earlier run must hold: it may come from anywhere."""
 
@@ -96,7 +94,6 @@ def prepare(job: BindJob) -> Prepared:
         "scene": given(job, ("phase", "seed", "fps")) if name in SCENES else {},
         "fps": job.fps,
         "fit": job.fit,
-        "without": list(job.without),
         "first_stage_radius": job.first_stage_radius,
         "first": job.start or 0,
         "frames": 0,
@@ -132,7 +129,7 @@ def check_count(path: Path, state: Any, frames: int) -> None:
 
 def make_model(about: dict[str, Any], size: tuple[int, int], fps: float, border: str) -> BindingModel:
     """The model of a run, for frames of that size and rate."""
-    options = dict(about["options"]) | switched_off(about["without"])
+    options = dict(about["options"])
     if about["first_stage_radius"] is not None:
         options["first_stage"] = train_first_stage(radius=about["first_stage_radius"])
     if model_kind(about["model"]) not in CAMERA_MODELS:

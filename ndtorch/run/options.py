@@ -21,7 +21,7 @@ class BindJob:
     source: str = DEFAULT_SOURCE
     """Scene, file, folder, camera or address."""
     model: str | None = None
-    """Name of a model (published, scale-free, retinotopic, video, figures) or a folder of your own. The default is
+    """Name of a model (published, scale-free, retinotopic, figures) or a folder of your own. The default is
     published for scenes and figures for files, folders, cameras and streams; no other option changes it."""
     seconds: float | None = None
     """Seconds to learn from a scene (default 15, the settling time comes on top), or to take of a video (all)."""
@@ -46,16 +46,13 @@ class BindJob:
     stop: int | None = None
     """Videos: number of the frame to stop before."""
     fit: str | None = None
-    """Videos: crop to the middle square (default) or stretch. The model video takes the whole picture."""
+    """Videos: crop to the middle square (default) or stretch. The model figures takes the whole picture."""
     device: str = "cpu"
     """Torch device."""
     pictures: float = 5.0
     """Pictures per second of the source; 0 for none."""
     resume: Path | None = None
     """Result folder of an earlier run to go on from, with the model it was made with."""
-    without: tuple[str, ...] = ()
-    """Parts of video to switch off, among exposure, background, noise-floor, color-inhibition, scale, compression,
-    fields and network."""
 
 
 KNOWN_BY: dict[str, tuple[str, ...]] = {
@@ -65,14 +62,13 @@ KNOWN_BY: dict[str, tuple[str, ...]] = {
     "settle": ("published", "scale-free"),
     "first_stage_radius": ("published", "scale-free"),
     "fit": ("published", "scale-free", "retinotopic"),
-    "without": ("video",),
 }
 """The models that know an option; every model knows those that are not here."""
 
 MODEL_OPTIONS = ("rule", "order", "gamma", "settle")
 """Options that go into the model's own constants."""
 
-FIXED_BY_RESUME = ("phase", "order", "first_stage_radius", "settle", "seed", "fps", "start", "fit", "without")
+FIXED_BY_RESUME = ("phase", "order", "first_stage_radius", "settle", "seed", "fps", "start", "fit")
 """Options that cannot change when a run is resumed."""
 
 MOVED_RULE = "scale-free"

@@ -1,7 +1,6 @@
 """Frames -> signals: temporal filters, motion, orientation and the ten features; speed of image rows."""
 
-from ndtorch.vision.camera.front_end import CameraFrontEnd, CameraState, FieldSignals
-from ndtorch.vision.camera.params import CameraParams
+from ndtorch.lazy import lazy
 from ndtorch.vision.chahl_srinivasan import ChahlSrinivasan, ShiftState, row_shift
 from ndtorch.vision.characterisation import SpeedCurve, judge_speed_curve, speed_response
 from ndtorch.vision.coherent import CoherentMotion, CoherentParams, CoherentState
@@ -28,14 +27,10 @@ __all__ = [
     "GROUPS",
     "NDS",
     "SPEED_SCALE",
-    "CameraFrontEnd",
-    "CameraParams",
-    "CameraState",
     "ChahlSrinivasan",
     "CoherentMotion",
     "CoherentParams",
     "CoherentState",
-    "FieldSignals",
     "FilterState",
     "HassensteinReichardt",
     "HighPass",
@@ -62,3 +57,10 @@ __all__ = [
     "spatial_maximum",
     "speed_response",
 ]
+
+VIDEO = 'ndtorch.load("figures"), which took the place of the model video'
+__getattr__ = lazy(
+    __name__,
+    {},
+    moved=dict.fromkeys(("CameraFrontEnd", "CameraParams", "CameraState", "FieldSignals"), VIDEO),
+)

@@ -22,7 +22,7 @@ TRIALS = 256
 
 
 def rows(device: str | None = None) -> list[Row]:
-    found = [*network_rows("cpu"), *model_rows(), video_row(), *job_rows()]
+    found = [*network_rows("cpu"), *model_rows(), figures_row(), *job_rows()]
     if device is not None:
         found += network_rows(device)
     return found
@@ -129,14 +129,14 @@ def model_rows(rounds: int = 7) -> list[Row]:
     return found
 
 
-def video_row(rounds: int = 3) -> Row:
-    """The video model on 60 uint8 frames of 768x432: two things that cross over noise."""
+def figures_row(rounds: int = 3) -> Row:
+    """The model figures on 60 uint8 frames of 768x432: two things that cross over noise."""
     ground = torch.randint(60, 120, (3, 432, 768), dtype=torch.uint8)
     film = ground.repeat(60, 1, 1, 1)
     for n, frame in enumerate(film):
         frame[0, 100:180, 8 * n : 8 * n + 90] = 220
         frame[2, 240:320, 678 - 8 * n : 768 - 8 * n] = 220
-    model, found = ndtorch.load("video", size=(432, 768), fps=30.0), []
+    model, found = ndtorch.load("figures", size=(432, 768), fps=30.0), []
     with torch.inference_mode():
         for _ in range(rounds + 1):
             state, spent, one = None, 0.0, 0.0
@@ -149,7 +149,7 @@ def video_row(rounds: int = 3) -> Row:
             found.append((spent / len(film), 10 * one / len(film)))
     whole, one = (statistics.median(times) for times in zip(*found[1:], strict=True))
     return Row(
-        "video: a frame of 768x432",
+        "figures: a frame of 768x432",
         f"{1e3 * whole:.2f} ms",
         f"real time at 30 frames/s; transform {1e6 * one:.0f} us",
         f"{1 / 30 / whole:.1f}x; {whole / one:.1f} transforms",

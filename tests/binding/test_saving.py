@@ -19,7 +19,7 @@ from ndtorch.checked import save_tensors
 from ndtorch.errors import InputError
 from ndtorch.tree import leaves, mapped
 
-NAMES = ("published", "scale-free", "retinotopic", "video")
+NAMES = ("published", "scale-free", "retinotopic")
 
 
 def noise(*shape: int) -> torch.Tensor:
@@ -60,7 +60,7 @@ def test_a_run_goes_on_at_frame_10_to_the_12_as_at_frame_10_to_the_6(name: str) 
     def at(frame: int) -> Any:
         clocks: dict[str, float] = dict.fromkeys(("taken", "given", "steps", "frames", "clock"), frame)
         clocks |= {"time": frame / 100, "scene": frame / 100}
-        if name in ("video", "figures"):  # four frames make a step
+        if name == "figures":  # four frames make a step
             clocks["steps"] = frame // 4
         return mapped(
             state, lambda part, value: value + clocks[end] if (end := part.split(".")[-1]) in clocks else value

@@ -8,9 +8,7 @@ from pathlib import Path
 import cv2
 import pytest
 
-from ndtorch.binding.models.video import switched_off
 from ndtorch.commands import main
-from ndtorch.errors import InputError
 from ndtorch.scenes.video_writer import VideoWriter
 from tests.vision.camera.passing_scenes import SIZE, passing
 
@@ -58,13 +56,6 @@ def test_bind_writes_the_objects_over_time(clip: Path, tmp_path: Path, capsys: p
     assert (abs(picture.astype(int) - [17, 51, 204]).max(-1) < 30).sum() > 500
     overlay = cv2.VideoCapture(str(folder / "overlay.mp4"))
     assert int(overlay.get(cv2.CAP_PROP_FRAME_COUNT)) == 12
-
-
-def test_parts_have_names() -> None:
-    assert switched_off(("fields", "scale")) == {"grid": (1, 1), "scale": 0}
-    assert switched_off(("noise-floor",)) == {"noise_floor": False}
-    with pytest.raises(InputError, match="exposure"):
-        switched_off(("nose",))
 
 
 @pytest.mark.slow

@@ -28,7 +28,6 @@ VALUES: dict[str, Any] = {
     "settle": 1.0,
     "first_stage_radius": 0.5,
     "fit": "stretch",
-    "without": ("scale",),
 }
 
 
@@ -39,7 +38,7 @@ def test_the_default_model_is_that_of_the_kind_of_source() -> None:
 
 
 @pytest.mark.parametrize("option", sorted(KNOWN_BY))
-@pytest.mark.parametrize("model", ["published", "scale-free", "retinotopic", "video"])
+@pytest.mark.parametrize("model", ["published", "scale-free", "retinotopic", "figures"])
 def test_a_model_takes_its_own_options_and_names_the_models_of_others(option: str, model: str) -> None:
     job = BindJob(**{option: VALUES[option]})
     if model in KNOWN_BY[option]:
@@ -64,7 +63,7 @@ def test_the_scale_free_rule_is_a_model_now() -> None:
 
 def test_only_what_was_given_counts() -> None:
     assert given(BindJob(), tuple(VALUES)) == {}
-    assert given(BindJob(gamma=0.0, without=("scale",)), tuple(VALUES)) == {"gamma": 0.0, "without": ("scale",)}
+    assert given(BindJob(gamma=0.0, rule=None), tuple(VALUES)) == {"gamma": 0.0}
 
 
 @pytest.mark.parametrize(("options", "word"), [({"seconds": float("nan")}, "seconds"), ({"pictures": 1e9}, "pictures")])
@@ -75,14 +74,13 @@ def test_numbers_out_of_reason_are_refused(options: dict[str, float], word: str)
 
 def test_a_resumed_run_keeps_its_model_its_source_and_its_making() -> None:
     job = BindJob(resume=Path("out/run"))
-    check_resume(job, "clip.mp4", None, "video")
-    check_resume(dataclasses.replace(job, source="clip.mp4"), "clip.mp4", "video", "video")
+    check_resume(job, "clip.mp4", None, "figures")
+    check_resume(dataclasses.replace(job, source="clip.mp4"), "clip.mp4", "figures", "figures")
     for options, asked, word in (
         ({"settle": 1.0}, None, "--settle"),
         ({"fit": "stretch"}, None, "--fit"),
-        ({"without": ("scale",)}, None, "--without"),
         ({"source": "other.mp4"}, None, "other.mp4"),
         ({}, "published", "published"),
     ):
         with pytest.raises(InputError, match=word):
-            check_resume(dataclasses.replace(job, **options), "clip.mp4", asked, "video")
+            check_resume(dataclasses.replace(job, **options), "clip.mp4", asked, "figures")

@@ -88,7 +88,7 @@ class FiguresModel(BindingModel):
             raise InputError(f"frames must have shape [T, C, H, W], got {tuple(frames.shape)}")
         frames = check_frames(frames, self.size)
         if frames.requires_grad and torch.is_grad_enabled():
-            raise InputError("figures has no gradients: detach the frames, or take the model video")
+            raise InputError("figures has no gradients: detach the frames")
         check_state(state, FiguresState)
         state = self._start() if state is None else state
         seen = None if state.seen is None else Memory.of(state.seen)

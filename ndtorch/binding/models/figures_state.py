@@ -8,14 +8,28 @@ from pydantic import Field
 from torch import Tensor
 
 from ndtorch.binding.learning import NetworkState
-from ndtorch.binding.models.video import FieldNormalise, SharedNetwork
+from ndtorch.binding.models.scale_free import RuleConstants
 from ndtorch.binding.tracking.figure_params import FigureParams
 from ndtorch.binding.tracking.figures import FigureTable
 from ndtorch.binding.tracking.many import Comings
 from ndtorch.binding.tracking.shades import ShadeParams
-from ndtorch.config import ModelConfig, Size
+from ndtorch.config import Constants, ModelConfig, Size
 from ndtorch.vision.camera.figure_signals import FieldsState, SignalParams
 from ndtorch.vision.camera.ground import GroundParams, GroundState
+
+
+class FieldNormalise(Constants):
+    """Signals over the largest of their group in any field lately."""
+
+    memory: float = Field(20.0, gt=0, description="of the group maxima")
+    floor: float = Field(0.02, gt=0, description="smallest divisor: compressed contrast")
+
+
+class SharedNetwork(RuleConstants):
+    """One scale-free network shared by all fields. Its clock stands still while nothing happens."""
+
+    learn: bool = Field(True, description="false keeps the weights at zero: what is the network worth?")
+    quiet: float = Field(0.05, ge=0, description="fluctuations below which nothing happens")
 
 
 class FiguresConfig(ModelConfig):

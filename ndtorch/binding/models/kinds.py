@@ -12,16 +12,18 @@ from ndtorch.binding.models.figures import FiguresModel
 from ndtorch.binding.models.published import PublishedModel
 from ndtorch.binding.models.retinotopic import RetinotopicModel
 from ndtorch.binding.models.scale_free import ScaleFreeModel
-from ndtorch.binding.models.video import VideoModel
 from ndtorch.config import option_places, validated, with_options
 from ndtorch.errors import InputError
 from ndtorch.toml import suggestion, toml_values
 from ndtorch.vision.features import FUSED
 
 KINDS: dict[str, type[BindingModel]] = {
-    kind.name: kind for kind in (PublishedModel, ScaleFreeModel, RetinotopicModel, VideoModel, FiguresModel)
+    kind.name: kind for kind in (PublishedModel, ScaleFreeModel, RetinotopicModel, FiguresModel)
 }
 """Put a kind of your own in to load folders whose config.toml names it."""
+
+REMOVED = {"video": "figures"}
+"""Kinds that are no more, and which does their job."""
 
 GONE = {"fused": FUSED}
 """Options of version 0.1 that are no more, and why."""
@@ -60,10 +62,17 @@ def kind_of(folder: Path) -> str:
         raise InputError(f"{folder} is not a model folder")
     where = folder / "config.toml"
     name = toml_values(where).get("model")
+    if name in REMOVED:
+        raise InputError(f"{where}: {removed(str(name))}")
     if name not in KINDS:
         given = "no key 'model'" if name is None else f"model = {name!r}"
         raise InputError(f"{where}: {given}; model must be one of {', '.join(KINDS)}")
     return str(name)
+
+
+def removed(name: str) -> str:
+    """The error of a kind that is no more."""
+    return f"the model {name} is gone; {REMOVED[name]} does its job"
 
 
 def having(option: str) -> str:

@@ -10,8 +10,9 @@ from ndtorch.binding.tracking.regions import Floats
 from ndtorch.config import Constants, Shares
 from ndtorch.kernels.brightest import brightest as brightest_kernel
 from ndtorch.kernels.switch import kernels_wanted
-from ndtorch.vision.camera.colors import SHADES
 
+SHADES = ("white", "grey", "black")
+"""Colors without a hue, in the order used everywhere."""
 APART = 4
 """Every so many pixels of a silhouette are looked at; a patch of so many rows and columns may be the brightest."""
 

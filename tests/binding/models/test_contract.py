@@ -12,7 +12,7 @@ from torch import Tensor
 import ndtorch
 from ndtorch.errors import InputError
 
-NAMES = ("published", "scale-free", "retinotopic", "video")
+NAMES = ("published", "scale-free", "retinotopic")
 
 
 def held(thing: Any, place: str, seen: dict[int, Any]) -> Iterator[tuple[str, Tensor]]:
@@ -70,7 +70,7 @@ def test_half_precision_is_refused_for_models_and_taken_for_frames(name: str) ->
 
 
 def test_a_number_is_a_square() -> None:
-    assert ndtorch.load("video", size=48).size == (48, 48)
+    assert ndtorch.load("figures", size=48).size == (48, 48)
     with pytest.raises(InputError, match="size"):
         ndtorch.load("published", size=(1, 2, 3))
 

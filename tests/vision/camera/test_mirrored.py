@@ -9,9 +9,6 @@ from torch.nn.functional import interpolate
 import ndtorch
 from ndtorch.vision import LocalFeatures, VisualFeatures
 from ndtorch.vision.camera.figure_signals import FigureSignals
-from ndtorch.vision.camera.front_end import CameraFrontEnd
-from ndtorch.vision.camera.params import CameraParams
-from ndtorch.vision.camera.sampling import every_other
 from ndtorch.vision.features import GROUPS
 from ndtorch.vision.motion import Border
 from tests.vision.camera.passing_scenes import SIZE, passing
@@ -24,23 +21,8 @@ TURNS = {
 }
 
 
-@pytest.mark.parametrize("turn", TURNS)
-def test_camera_front_end(turn: str) -> None:
-    dims, order = TURNS[turn]
-    noise = 0.02 * torch.randn(12, 3, *SIZE, generator=torch.Generator().manual_seed(0))
-    video = (passing(12, 5.0, first=2) + noise).clamp(0, 1).double()
-    module = CameraFrontEnd(SIZE, 25.0).double()
-    (upright, _), (other, _) = module(video), module(video.flip(dims))
-    fields = [dim - 1 for dim in dims]
-    torch.testing.assert_close(other.signals.flip(fields)[..., order], upright.signals, atol=1e-5, rtol=0)
-    torch.testing.assert_close(other.presence.flip(dims), upright.presence, atol=1e-5, rtol=0)
-    signs = torch.tensor([-1.0 if -1 in dims else 1.0, -1.0 if -2 in dims else 1.0])
-    torch.testing.assert_close(other.motion.flip(fields) * signs, upright.motion, atol=1e-7, rtol=0)
-    assert upright.signals[..., :4].max() > 0.1
-
-
 def test_objects_of_a_mirror_image() -> None:
-    model = ndtorch.load("video", size=SIZE, fps=25.0)
+    model = ndtorch.load("figures", size=SIZE, fps=25.0)
     video = passing(50, 4.0)
     with torch.inference_mode():
         (thing,), (other,) = (model.objects(model(film)[1]) for film in (video, video.flip(-1)))
@@ -108,19 +90,3 @@ def test_motion_of_silhouettes_lies_between_two_pixels() -> None:
         turned, other = module(*(image.flip(-1, -2).contiguous() for image in (picture, ground, names)), other)
         torch.testing.assert_close(turned[:, order], signals, atol=1e-6, rtol=0)
     assert signals[1, :4].max() > 0.01 or signals[0, :4].max() > 0.01
-
-
-@pytest.mark.parametrize("size", [(56, 100), (5, 6), (7, 9), (4, 3), (1, 2)])
-def test_every_other_pixel_of_a_mirror_image(size: tuple[int, int]) -> None:
-    image = torch.rand(3, *size)
-    assert torch.equal(every_other(image.flip(-1)), every_other(image).flip(-1))
-    assert torch.equal(every_other(image.flip(-2)), every_other(image).flip(-2))
-    assert every_other(torch.rand(56, 100)).shape == (28, 50)
-
-
-def test_scale_of_a_fixed_level_too() -> None:
-    video = passing(10, 5.0, first=2).double()
-    for level in range(3):
-        module = CameraFrontEnd(SIZE, 25.0, CameraParams(scale=level)).double()
-        right, left = module(video)[0].motion, module(video.flip(-1))[0].motion.flip(-2)
-        torch.testing.assert_close(left[..., 0], -right[..., 0], atol=1e-8, rtol=0)

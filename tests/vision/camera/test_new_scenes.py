@@ -51,11 +51,10 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("kind", ["video", "figures"])
 @pytest.mark.parametrize("name", CASES)
-def test_what_passes_after_a_new_scene_is_seen_within_a_second(name: str, kind: str) -> None:
+def test_what_passes_after_a_new_scene_is_seen_within_a_second(name: str) -> None:
     video, first = CASES[name]
-    model = ndtorch.load(kind, size=SIZE, fps=FPS)
+    model = ndtorch.load("figures", size=SIZE, fps=FPS)
     with torch.inference_mode():
         signals, state = model(sensor(video))
     later = [t for thing in model.objects(state) for t, *_ in thing.path if t >= first / FPS]
@@ -67,22 +66,20 @@ def test_what_passes_after_a_new_scene_is_seen_within_a_second(name: str, kind: 
     assert first / FPS - 2 < cuts[-1] <= first / FPS + 1e-9
 
 
-@pytest.mark.parametrize("kind", ["video", "figures"])
-def test_nothing_that_passes_or_darkens_is_a_cut(kind: str) -> None:
+def test_nothing_that_passes_or_darkens_is_a_cut() -> None:
     dimmed = filmed(1, 75) * (1 - 0.4 * torch.sin(torch.arange(75) / 12))[:, None, None, None]
     large = filmed(1, 75)
     for n in range(20, 75):
         large[n, :, :, max(0, 5 * n - 180) : 5 * n - 100] = 0.9
     for video in (dimmed, large):
-        model = ndtorch.load(kind, size=SIZE, fps=FPS)
+        model = ndtorch.load("figures", size=SIZE, fps=FPS)
         with torch.inference_mode():
             signals, _ = model(sensor(video))
         assert not signals.cut.any()
 
 
-@pytest.mark.parametrize("kind", ["video", "figures"])
-def test_tracks_end_where_a_scene_does(kind: str) -> None:
-    model = ndtorch.load(kind, size=SIZE, fps=FPS)
+def test_tracks_end_where_a_scene_does() -> None:
+    model = ndtorch.load("figures", size=SIZE, fps=FPS)
     with torch.inference_mode():
         _, state = model(sensor(torch.cat([filmed(1, 40), contrasty(filmed(2, 40))])))
     assert [thing.last_seen <= 40 / FPS for thing in model.objects(state)] == [True, False]
