@@ -148,7 +148,7 @@ def test_numbers_of_numpy_are_numbers() -> None:
     plain = scenes.two_bars(seconds=0.1, fluctuation="random", seed=3, size=(200, 200))
     assert torch.equal(frame.frames(0, 1), plain.frames(0, 1))
     assert binding.InhibitoryNetwork(np.int64(3), np.float32(0.01)).neurons == 3
-    assert binding.Windows((np.int64(4), 5), np.float64(4.0)).grid == (4, 5)
+    assert binding.ObjectFiles((np.int64(4), 5), np.float64(4.0)).grid == (4, 5)
     assert vision.VisualFeatures(np.zeros((16, 20)).shape, np.float64(0.01)).size == (16, 20)
 
 

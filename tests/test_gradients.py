@@ -10,8 +10,6 @@ from torch import Tensor
 
 import ndtorch
 from ndtorch.errors import InputError
-from ndtorch.vision.camera.front_end import CameraFrontEnd
-from ndtorch.vision.camera.params import CameraParams
 from ndtorch.vision.roots import root
 
 
@@ -24,31 +22,11 @@ def film(frames: int, size: tuple[int, int]) -> Tensor:
     return video.requires_grad_()
 
 
-def front_end() -> CameraFrontEnd:
-    return CameraFrontEnd((16, 24), 25.0, CameraParams(grid=(2, 3), height=16)).double()
-
-
 def test_root_is_flat_at_zero() -> None:
     x = torch.tensor([0.0, 4.0, -1.0], requires_grad=True)
     (slope,) = torch.autograd.grad(root(x).sum(), x)
     assert root(x).tolist() == [0.0, 2.0, 0.0]
     assert slope.tolist() == [0.0, 0.25, 0.0]
-
-
-@pytest.mark.parametrize("name", ["signals", "motion", "presence", "noise"])
-def test_frames_of_the_camera_front_end_have_gradients(name: str) -> None:
-    frames = film(6, (16, 24))
-    signals, _ = front_end()(frames)
-    (slope,) = torch.autograd.grad(getattr(signals, name).square().sum(), frames)
-    assert torch.isfinite(slope).all()
-    assert slope.abs().sum() > 0 or name == "noise"
-
-
-def test_gradients_of_the_camera_front_end_are_right() -> None:
-    module = front_end()
-    assert torch.autograd.gradcheck(
-        lambda x: module(x)[0][:2], (film(3, (16, 24)),), eps=1e-7, atol=1e-4, fast_mode=True
-    )
 
 
 def retinotopic() -> Any:

@@ -76,16 +76,9 @@ PARTS: dict[str, Part] = {
     "OrientedDoG": Part(lambda: vision.OrientedDoG(SIZE), pictures, state=False),
     "VisualFeatures": Part(lambda: vision.VisualFeatures(SIZE), pictures),
     "LocalFeatures": Part(lambda: vision.LocalFeatures(vision.VisualFeatures(SIZE), 4), pictures),
-    "CameraFrontEnd": Part(
-        lambda: vision.CameraFrontEnd((40, 48), 30.0), lambda draw: (draw(3, 40, 48),), batched=False
-    ),
-    "CoherentMotion": Part(
-        lambda: vision.CoherentMotion((40, 48), DT, vision.CoherentParams(kept=0.3, fastest=9.0)),
-        lambda draw: (draw(3, 40, 48),),
-    ),
     "BindingInputs": Part(lambda: binding.BindingInputs(), signals),
     "InhibitoryNetwork": Part(lambda: binding.InhibitoryNetwork(settle=0.02), signals),
-    "Windows": Part(lambda: binding.Windows((4, 4), 4.0), lambda draw: (draw(4, 4, 10),)),
+    "ObjectFiles": Part(lambda: binding.ObjectFiles((4, 4), 4.0), lambda draw: (draw(4, 4, 10),)),
     "Attention": Part(lambda: binding.Attention(DT), attended, fixed=table),
     "PublishedModel": Part(
         lambda: binding.PublishedModel(PublishedConfig(size=SIZE, fps=100.0)), pictures, times=frozenset({"time"})
@@ -141,7 +134,7 @@ def test_outputs_depend_on_what_is_given_and_on_the_state(name: str) -> None:
     assert any(depends(part, kind, with_state=name in WAITING) for kind in ("noise", "edges"))
 
 
-WAITING = {"Windows", "GridMap", "Navigator", "Controller"}
+WAITING = {"ObjectFiles", "GridMap", "Navigator", "Controller"}
 """Modules that give the same in their first steps, whatever they see: what they keep is not the same."""
 
 

@@ -30,7 +30,7 @@ VISION = """
 """
 BINDING = """
     ACTIVATIONS Attention BindingInputs BindingModel BoundObject FirstStage InhibitoryNetwork LearningRule ObjectTable
-    PublishedModel RetinotopicModel ScaleFreeModel Verdict Windows alternation bound_objects describe
+    PublishedModel RetinotopicModel ScaleFreeModel Verdict ObjectFiles alternation bound_objects describe
     learning_rule limit_spectral_radius load_state object_table save_state separated solutions spectral_radius to_device
     train_first_stage weight_change
 """

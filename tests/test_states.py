@@ -88,7 +88,14 @@ def test_samples_that_are_kept_must_be_of_the_size_of_those_that_come(name: str,
         part.run(given, spoiled(state, lambda x: change(x) if x.ndim else x))
 
 
-OF_TRIALS = {"CoherentMotion", "InhibitoryNetwork", "Windows", "RetinotopicModel", "AlphaBetaTracker", "GridMap"} | {
+OF_TRIALS = {
+    "CoherentMotion",
+    "InhibitoryNetwork",
+    "ObjectFiles",
+    "RetinotopicModel",
+    "AlphaBetaTracker",
+    "GridMap",
+} | {
     "ObservationList",
     "Navigator",
     "Controller",

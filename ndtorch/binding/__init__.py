@@ -12,6 +12,7 @@ from ndtorch.binding.models.retinotopic import RetinotopicModel
 from ndtorch.binding.models.scale_free import ScaleFreeModel
 from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.normalise import BindingInputs
+from ndtorch.binding.object_files import ObjectFiles
 from ndtorch.binding.objects import BoundObject, ObjectTable, bound_objects, describe
 from ndtorch.binding.readout.weights import object_table
 from ndtorch.binding.rules import LearningRule, learning_rule
@@ -19,7 +20,6 @@ from ndtorch.binding.saving import load_state, save_state, to_device
 from ndtorch.binding.settling import alternation, weight_change
 from ndtorch.binding.spectrum import limit_spectral_radius, spectral_radius
 from ndtorch.binding.theory import separated, solutions
-from ndtorch.binding.tracking.windows import Windows
 from ndtorch.lazy import lazy
 
 __all__ = [
@@ -31,12 +31,12 @@ __all__ = [
     "FirstStage",
     "InhibitoryNetwork",
     "LearningRule",
+    "ObjectFiles",
     "ObjectTable",
     "PublishedModel",
     "RetinotopicModel",
     "ScaleFreeModel",
     "Verdict",
-    "Windows",
     "alternation",
     "bound_objects",
     "describe",
@@ -57,9 +57,10 @@ __getattr__ = lazy(
     __name__,
     {},
     moved={
+        "Windows": "ObjectFiles",
         "VideoModel": 'ndtorch.load("figures")',
         "VisualBinding": 'ndtorch.load("published")',
-        "RetinotopicBinding": "RetinotopicModel, or Windows",
+        "RetinotopicBinding": "RetinotopicModel, or ObjectFiles",
         "BindingConfig": "ndtorch.binding.models.published.PublishedConfig",
         "objects": "model.objects(state), or bound_objects(object_table(weights))",
     },

@@ -3,7 +3,7 @@
 One step is `covariance_step`, over a block of samples that always ends at the same times of a run, however the run is
 cut into chunks: the sums are the same to the last bit.
 
-The windows of the tracker (`ndtorch.binding.tracking.windows`) take one sample at a time instead, with `sample_step`.
+The windows of `ndtorch.binding.object_files` take one sample at a time instead, with `sample_step`.
 What a window sees next depends on where this sample has moved it, so there is no block to wait for; and each window has
 a clock of its own: it begins anew when it opens, and takes in nothing while its object is out of sight.
 """

@@ -13,14 +13,13 @@ from torch import Tensor
 from ndtorch.binding.models.contract import BindingModel
 from ndtorch.binding.tracking.figures import FigureTable
 from ndtorch.binding.tracking.many import Comings
-from ndtorch.binding.tracking.tracks import TrackTable
 from ndtorch.checked import read_tensors, save_tensors
 from ndtorch.errors import InputError
 from ndtorch.tree import leaves, mapped, parts
 
 State = TypeVar("State")
 
-COUNTERS = ("resample.taken", "camera.frames", "frames", "windows.steps")
+COUNTERS = ("resample.taken", "frames", "windows.steps")
 """Parts of the states of the models that count frames."""
 
 
@@ -78,7 +77,7 @@ def example_state(model: BindingModel) -> Any:
 
 def rebuilt(example: Any, tensors: Mapping[str, Tensor], prefix: str) -> Any:
     """A tuple like the example, of the tensors whose names begin with the prefix."""
-    ragged, values = isinstance(example, TrackTable | FigureTable | Comings), list[Any]()
+    ragged, values = isinstance(example, FigureTable | Comings), list[Any]()
     for name, part in parts(example):
         whole = prefix + name
         if isinstance(part, Tensor):

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import torch
 
-from ndtorch.binding import Windows
+from ndtorch.binding import ObjectFiles
 from ndtorch.kernels import switch
 from ndtorch.scenes import two_bars
 from ndtorch.vision import GROUPS, LocalFeatures, VisualFeatures
@@ -33,7 +33,7 @@ def rows(device: str | None = None) -> list[Row]:
         chunk = frames[8:16]
         as_bytes = (chunk * 255).round().to(torch.uint8)
         local = LocalFeatures(fast)
-        binding = Windows(local.grid, local.spacing)
+        binding = ObjectFiles(local.grid, local.spacing)
         signals, seen = local(chunk, state)
         _, files = binding(signals)
         jobs = {

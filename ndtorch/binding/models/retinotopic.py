@@ -12,11 +12,9 @@ from ndtorch.arguments import check_state
 from ndtorch.binding.feedback import settled
 from ndtorch.binding.first_stage import FirstStage, first_stage_weights
 from ndtorch.binding.models.contract import BindingModel, Nested, Verdict, by_trial
+from ndtorch.binding.object_files import ObjectFileParams, ObjectFiles, ObjectFileState
 from ndtorch.binding.objects import BoundObject
 from ndtorch.binding.readout.covariances import single_table, single_weights
-from ndtorch.binding.tracking.params import WindowParams
-from ndtorch.binding.tracking.window_step import WindowState
-from ndtorch.binding.tracking.windows import Windows
 from ndtorch.config import Constants, Deviations, ModelConfig, Size
 from ndtorch.errors import InputError
 from ndtorch.vision.features import FEATURES, VisualFeatures
@@ -53,7 +51,7 @@ class RetinotopicConfig(ModelConfig):
     border: Border = Field("wrap", description="wrap for the toroidal scenes, reflect for video")
     fields: LocalFields = Field(default_factory=LocalFields)
     readout: SingleReadout = Field(default_factory=SingleReadout)
-    tracking: WindowParams = Field(default_factory=WindowParams)
+    tracking: ObjectFileParams = Field(default_factory=ObjectFileParams)
 
 
 class RetinotopicSignals(NamedTuple):
@@ -76,7 +74,7 @@ class RetinotopicState(NamedTuple):
     """State of the detectors and of the windows; no detectors in one that came from signals."""
 
     motion: MotionState | None
-    windows: WindowState
+    windows: ObjectFileState
 
 
 class RetinotopicModel(BindingModel):
@@ -114,7 +112,7 @@ class RetinotopicModel(BindingModel):
         self.eyes = LocalFeatures(features, f.along)
         weights = torch.zeros(10, 10) if first_stage is None else first_stage_weights(first_stage)
         self.register_buffer("first_weights", weights)
-        self.windows = Windows(self.eyes.grid, self.eyes.spacing, self.dt, c.border, c.tracking)
+        self.windows = ObjectFiles(self.eyes.grid, self.eyes.spacing, self.dt, c.border, c.tracking)
 
     @classmethod
     def build(cls, config: RetinotopicConfig, first_stage: Tensor | None) -> RetinotopicModel:

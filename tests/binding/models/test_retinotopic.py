@@ -8,7 +8,7 @@ import pytest
 import torch
 
 import ndtorch
-from ndtorch.binding import RetinotopicModel, Windows, load_state, save_state
+from ndtorch.binding import ObjectFiles, RetinotopicModel, load_state, save_state
 from ndtorch.errors import InputError
 from ndtorch.scenes import equal_bars
 from ndtorch.tree import leaves
@@ -32,7 +32,7 @@ def test_signals_are_those_of_the_parts_in_a_row() -> None:
     signals, state = module(frames)
     eyes = LocalFeatures(VisualFeatures(SIZE), 8)
     fields, _ = eyes(frames)
-    number, end = Windows((8, 8), 8.0)(fields)
+    number, end = ObjectFiles((8, 8), 8.0)(fields)
     assert torch.equal(signals.fields, fields)
     assert torch.equal(signals.number, number)
     assert torch.equal(state.windows.place, end.place)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from ndtorch.binding import Windows
+from ndtorch.binding import ObjectFiles
 from ndtorch_train.score import retinotopic as score
 from ndtorch_train.score.local_bars import EVERY, FIELDS, SPACING
 from ndtorch_train.score.scenes import FPS
@@ -33,7 +33,7 @@ def test_objects_are_read_after_the_samples_that_were_asked_for() -> None:
         light = 20 * (1.5 + torch.sin(t * 2 * torch.pi / period))
         for feature in features:
             signals[0, :, row, column, feature] = light
-    windows = Windows((FIELDS, FIELDS), SPACING, EVERY / FPS)
+    windows = ObjectFiles((FIELDS, FIELDS), SPACING, EVERY / FPS)
     with torch.inference_mode():
         readings = score.found(windows, iter(signals.split(16, 1)), [1, 140])
     assert len(readings) == 2

@@ -9,10 +9,9 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ndtorch.binding import Windows
+from ndtorch.binding import ObjectFiles
+from ndtorch.binding.object_files import ObjectFileParams, ObjectFileState
 from ndtorch.binding.readout.covariances import single_table
-from ndtorch.binding.tracking.params import WindowParams
-from ndtorch.binding.tracking.window_step import WindowState
 from ndtorch.vision import LocalFeatures, VisualFeatures
 from ndtorch_train.score.choices import SETTLE, Split
 from ndtorch_train.score.leaderboard import Row
@@ -60,7 +59,7 @@ def drawn(chosen: LocalSet, split: Split, scenes: int) -> list[Scene]:
     ]
 
 
-def found(windows: Windows, signals: Iterator[Tensor], moments: Sequence[int]) -> list[list[Tensor]]:
+def found(windows: ObjectFiles, signals: Iterator[Tensor], moments: Sequence[int]) -> list[list[Tensor]]:
     """Features of the objects of every scene, `[objects, 10]` bool, after so many samples."""
     state, taken, readings = None, 0, []
     for chunk in signals:
@@ -72,7 +71,7 @@ def found(windows: Windows, signals: Iterator[Tensor], moments: Sequence[int]) -
     return readings
 
 
-def features(windows: Windows, state: WindowState) -> list[Tensor]:
+def features(windows: ObjectFiles, state: ObjectFileState) -> list[Tensor]:
     """Features of the objects of every scene of a batch, `[objects, 10]` bool."""
     there = windows.confirmed(state)
     apart = windows.before_light(state)
@@ -81,11 +80,11 @@ def features(windows: Windows, state: WindowState) -> list[Tensor]:
 
 
 def retinotopic_rows(
-    split: Split, scenes: int, seconds: Sequence[float], folder: Path, params: WindowParams | None = None
+    split: Split, scenes: int, seconds: Sequence[float], folder: Path, params: ObjectFileParams | None = None
 ) -> Iterator[Row]:
     """All sets; the random one at every wanted time, the others at the first."""
     table = local_bars(folder)
-    windows = Windows((FIELDS, FIELDS), SPACING, EVERY / FPS, params=params)
+    windows = ObjectFiles((FIELDS, FIELDS), SPACING, EVERY / FPS, params=params)
     for chosen in SETS:
         times = sorted(seconds) if chosen.name == "random" else [min(seconds)]
         every = drawn(chosen, split, scenes)
@@ -110,7 +109,7 @@ def rendered_row(split: Split, scenes: int, seconds: float) -> Row:
     for scene, true in zip(every, truth, strict=True):
         source = RenderedBars(scene, SETTLE + seconds)
         eyes = LocalFeatures(VisualFeatures(source.size, 1 / source.fps), FIELDS)
-        windows = Windows(eyes.grid, eyes.spacing, 1 / source.fps)
+        windows = ObjectFiles(eyes.grid, eyes.spacing, 1 / source.fps)
         seen = state = None
         with torch.inference_mode():
             for frames in source.chunks(8):

@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.binding import Windows
-from ndtorch.binding.tracking.params import WindowParams
+from ndtorch.binding import ObjectFiles
+from ndtorch.binding.object_files import ObjectFileParams
 from ndtorch_train.score.choices import SETTLE, Split
 from ndtorch_train.score.hard import HARD, HardSet, arrived, hard_scenes, no_bars, smoothed
 from ndtorch_train.score.leaderboard import Row
@@ -27,13 +27,13 @@ BATCH = 10
 
 
 def hard_retinotopic_rows(
-    split: Split, scenes: int, folder: Path, sets: tuple[HardSet, ...] = HARD, params: WindowParams | None = None
+    split: Split, scenes: int, folder: Path, sets: tuple[HardSet, ...] = HARD, params: ObjectFileParams | None = None
 ) -> Iterator[Row]:
     """All hard sets, a row each."""
     table = local_bars(folder)
     for hard in sets:
         every = every_of(hard)
-        windows = Windows((FIELDS, FIELDS), SPACING, every / FPS, params=params)
+        windows = ObjectFiles((FIELDS, FIELDS), SPACING, every / FPS, params=params)
         chosen, scores = hard_scenes(hard, split, scenes), []
         for n in range(0, scenes, BATCH):
             part = chosen[n : n + BATCH]

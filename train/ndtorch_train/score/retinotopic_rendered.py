@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ndtorch.binding import Windows
+from ndtorch.binding import ObjectFiles
 from ndtorch.binding.feedback import settled
-from ndtorch.binding.tracking.params import WindowParams
+from ndtorch.binding.object_files import ObjectFileParams
 from ndtorch.scenes import Bar, BarScene, FrameSource
 from ndtorch.scenes.rendered import RenderedScene
 from ndtorch.vision import LocalFeatures, VisualFeatures
@@ -121,10 +121,10 @@ def truth_of(scene: Scene, kind: LocalScenes) -> Tensor:
     return present(own @ settled(first_stage()).T)
 
 
-def seen_in(source: FrameSource, params: WindowParams | None = None) -> Tensor:
+def seen_in(source: FrameSource, params: ObjectFileParams | None = None) -> Tensor:
     """Features of the objects at the end, `[objects, 10]` bool."""
     eyes = LocalFeatures(VisualFeatures(source.size, 1 / source.fps), FIELDS)
-    windows = Windows(eyes.grid, eyes.spacing, 1 / source.fps, params=params)
+    windows = ObjectFiles(eyes.grid, eyes.spacing, 1 / source.fps, params=params)
     seen = state = None
     with torch.inference_mode():
         for frames in source.chunks(10):

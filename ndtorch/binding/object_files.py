@@ -1,0 +1,339 @@
+"""Object files: windows that follow objects over a grid of fields and learn which signals fluctuate together there."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+import torch.nn.functional as F
+from pydantic import Field
+from torch import Tensor, nn
+
+from ndtorch.arguments import check_batch, check_number, check_state, check_tensor, is_whole
+from ndtorch.binding.covariance import sample_step
+from ndtorch.config import Constants
+from ndtorch.errors import InputError
+from ndtorch.vision.alpha_beta import corrected, predicted
+from ndtorch.vision.features import GROUPS
+from ndtorch.vision.motion import Border, check_border
+from ndtorch.vision.roots import root
+
+DIRECTIONS = ((0.0, -1.0), (0.0, 1.0), (1.0, 0.0), (-1.0, 0.0))
+"""Rows and columns towards which the motion signals left, right, down and up point."""
+
+
+class ObjectFileParams(Constants):
+    """Constants of `ObjectFiles`; lengths in fields (spacings of the grid), times in seconds."""
+
+    most: int = Field(8, gt=0, le=1000, description="objects at a time")
+    period: float = Field(0.05, gt=0, description="time between updates")
+    tau_low: float = Field(0.05, gt=0, description="low-pass on the signals")
+    window: float = Field(0.96, gt=0, description="standard deviation of a window's receptive field, fields")
+    crowd: float = Field(0.05, gt=0, description="keeps a window's share from being decided by its far ends")
+    visible: float = Field(0.03, gt=0, description="an object is seen above this share of the recent largest motion")
+    birth: float = Field(0.06, gt=0, description="share of it above which unclaimed motion opens a window")
+    contrast: float = Field(3.0, gt=0, description="and this many times the median over all fields")
+    claim: float = Field(1.66, gt=0, description="radius within which a window claims all motion, fields")
+    tau_peak: float = Field(10.0, gt=0, description="memory of the recent largest motion")
+    gain: float = Field(0.5, gt=0, description="alpha of the alpha-beta filter that follows the object")
+    drift: float = Field(0.15, gt=0, description="beta of it")
+    young: float = Field(1.0, gt=0, description="age up to which a window follows faster:")
+    young_gain: float = Field(0.6, gt=0, description="with at least this alpha")
+    young_drift: float = Field(0.3, gt=0, description="and at least this beta")
+    updates: float = Field(4.0, gt=0, description="updates over which a residual comes about")
+    reach: float = Field(0.8, gt=0, description="largest residual, fields")
+    fastest: float = Field(8.0, gt=0, description="speed limit, fields a second")
+    aim: float = Field(0.3, gt=0, description="age at which a window begins to prefer motion in its own direction,")
+    aimed: float = Field(0.5, gt=0, description="and time until it does so fully")
+    slow: float = Field(0.0625, gt=0, description="share of the speed limit below which it has no direction")
+    confirm: float = Field(0.8, gt=0, description="age at which a window counts as an object")
+    blind: float = Field(0.15, gt=0, description="time without sight after which a younger one is closed")
+    lost: float = Field(2.0, gt=0, description="time without sight after which any window is closed")
+    same: float = Field(0.7, gt=0, description="windows nearer than this that move alike are one, fields")
+    near: float = Field(2.6, gt=0, description="and nearer than this if they fluctuate alike")
+    known: float = Field(0.7, gt=0, description="age of both from which on that counts")
+    alike: float = Field(0.8, gt=0, description="correlation of fluctuations that are alike")
+    alike_speed: float = Field(0.8, gt=0, description="difference of velocities that are alike, fields a second")
+    tau_high: float = Field(1.0, gt=0, description="high-pass on a window's signals")
+    tau_bind: float = Field(3.0, gt=0, description="memory of a window's covariances")
+    tau_light: float = Field(1.0, gt=0, description="memory of the covariances between windows")
+
+
+class ObjectFileState(NamedTuple):
+    """State of `ObjectFiles`: K windows a trial.
+
+    Attributes:
+        low: low-passed signals, `[..., R, C, 10]`.
+        peak: largest motion of any field lately, `[...]`.
+        place: row and column in fields, `[..., K, 2]`; 0, 0 is the center of the first field.
+        velocity: fields a second, `[..., K, 2]`.
+        open: windows in use, `[..., K]` bool.
+        age, unseen: seconds since the window was opened, and since it last saw its object, `[..., K]`.
+        mean: what the high-pass has taken for the mean of a window's signals, `[..., K, 10]`.
+        covariance: running covariance of a window's signals, `[..., K, 10, 10]`.
+        light_mean, light: the same of the windows' motion, `[..., K]` and `[..., K, K]`.
+        steps: samples taken since the start, int64 scalar.
+    """
+
+    low: Tensor
+    peak: Tensor
+    place: Tensor
+    velocity: Tensor
+    open: Tensor
+    age: Tensor
+    unseen: Tensor
+    mean: Tensor
+    covariance: Tensor
+    light_mean: Tensor
+    light: Tensor
+    steps: Tensor
+
+
+class ObjectFiles(nn.Module):
+    """Follows objects over retinotopic glomeruli, and learns of each which signals fluctuate together.
+
+    Whole-field sums cannot tell apart bars of one color, bars that fluctuate in phase, or equal bars [C §5.5.2];
+    sums over small fields can. Lateral competition picks the fields that move most; a *window* is opened there, a
+    receptive field of its own that then goes with the object: it is predicted from the velocity, and
+    drawn to the motion in the object's own direction, which windows share where their windows overlap. What the
+    window sees is the object alone most of the time, and its fluctuations are the object's own.
+
+    What each of these is, is read from its covariances (`ndtorch.binding.readout.covariances`). Two windows side by
+    side that fluctuate together are one object.
+
+    Args:
+        grid: rows and columns of fields.
+        spacing: pixels from field to field.
+        dt: time step, s.
+        border: "wrap" where the scene is a torus.
+        params: constants.
+
+    Shapes:
+        signals `[..., T, R, C, 10]` -> number of objects at every step `[..., T]`, `ObjectFileState`.
+
+    Raises:
+        InputError: signals of another shape, or parameters out of range.
+    """
+
+    centers: Tensor
+    directions: Tensor
+
+    def __init__(
+        self,
+        grid: tuple[int, int],
+        spacing: float,
+        dt: float = 0.01,
+        border: Border = "wrap",
+        params: ObjectFileParams | None = None,
+    ) -> None:
+        super().__init__()
+        check_border(border)
+        sides = grid if isinstance(grid, tuple | list) else ()
+        if len(sides) != 2 or not all(is_whole(side) and side >= 3 for side in sides):
+            raise InputError(f"grid must be at least 3 x 3 fields, got {repr(grid)[:40]}")
+        check_number("spacing", spacing, above=0, unit="pixels")
+        check_number("dt", dt, above=0, unit="seconds")
+        self.grid, self.spacing, self.dt, self.border = grid, spacing, dt, border
+        self.params = params or ObjectFileParams()
+        self.every = max(1, round(self.params.period / dt))
+        rows, columns = torch.meshgrid(torch.arange(float(grid[0])), torch.arange(float(grid[1])), indexing="ij")
+        self.register_buffer("centers", torch.stack([rows, columns], -1).flatten(0, 1))
+        self.register_buffer("directions", torch.tensor(DIRECTIONS))
+
+    def start(self, first: Tensor) -> ObjectFileState:
+        """No window open, before the first sample `[..., R, C, 10]`."""
+        batch, k = first.shape[:-3], self.params.most
+        none = first.new_zeros(*batch, k)
+        pairs, signals = first.new_zeros(*batch, k, 2), first.new_zeros(*batch, k, 10)
+        return ObjectFileState(
+            low=first,
+            peak=first.new_zeros(batch),
+            place=pairs,
+            velocity=pairs,
+            open=torch.zeros(*batch, k, dtype=torch.bool, device=first.device),
+            age=none,
+            unseen=none,
+            mean=signals,
+            covariance=signals.unsqueeze(-1) * signals.unsqueeze(-2),
+            light_mean=none,
+            light=none.unsqueeze(-1) * none.unsqueeze(-2),
+            steps=torch.zeros((), dtype=torch.int64),
+        )
+
+    def forward(self, signals: Tensor, state: ObjectFileState | None = None) -> tuple[Tensor, ObjectFileState]:
+        check_state(state, ObjectFileState)
+        check_tensor("signals", signals, half=False)
+        if signals.ndim < 4 or tuple(signals.shape[-3:]) != (*self.grid, 10):
+            raise InputError(
+                f"signals must be [..., T, {self.grid[0]}, {self.grid[1]}, 10], got {tuple(signals.shape)}"
+            )
+        check_batch(state, signals.shape[:-4], "low", "place")
+        state = self.start(signals[..., 0, :, :, :]) if state is None else state
+        a = self.dt / (self.params.tau_low + self.dt)
+        counts, low = [], state.low
+        step: int | Tensor = state.steps if torch.compiler.is_compiling() else int(state.steps)
+        number = self.confirmed(state).sum(-1)
+        for sample in signals.unbind(-4):
+            low = torch.lerp(low, sample, a)
+            due = step % self.every == 0
+            if isinstance(due, Tensor):
+                # An exported program cannot skip an update: it keeps what was before.
+                after = object_file_step(low, state, self)
+                state = ObjectFileState(*(torch.where(due, new, old) for new, old in zip(after, state, strict=True)))
+                number = self.confirmed(state).sum(-1)
+            elif due:
+                state = object_file_step(low, state, self)
+                number = self.confirmed(state).sum(-1)
+            step = step + 1
+            counts.append(number)
+        return torch.stack(counts, -1), state._replace(low=low, steps=torch.zeros((), dtype=torch.int64) + step)
+
+    def offset(self, difference: Tensor) -> Tensor:
+        """Differences of places `[..., 2]`, the short way around where the scene is a torus."""
+        if self.border != "wrap":
+            return difference
+        size = torch.tensor(self.grid, dtype=difference.dtype, device=difference.device)
+        return torch.remainder(difference + size / 2, size) - size / 2
+
+    def confirmed(self, state: ObjectFileState) -> Tensor:
+        """Windows that hold an object, `[..., K]` bool."""
+        return state.open & (state.age >= self.params.confirm)
+
+    def before_light(self, state: ObjectFileState) -> Tensor:
+        """ObjectFiles before a ground that is as bright as half of what they see, `[..., K]` bool.
+
+        What gets darker than such a ground stands out again; before a dark one nothing can.
+        """
+        color = GROUPS["color"]
+        ground = state.low[..., color].sum(-1).flatten(-2).median(-1).values
+        light: Tensor = ground.unsqueeze(-1) > 0.5 * state.mean[..., color].sum(-1)
+        return light
+
+    def places(self, state: ObjectFileState) -> tuple[Tensor, Tensor]:
+        """Column and row in pixels, and velocity in pixels a second to the right and down, `[..., K, 2]` each."""
+        place = (state.place + 0.5) * self.spacing
+        if self.border == "wrap":
+            place = torch.remainder(place, place.new_tensor(self.grid) * self.spacing)
+        return place.flip(-1), (state.velocity * self.spacing).flip(-1)
+
+
+def object_file_step(low: Tensor, state: ObjectFileState, windows: ObjectFiles) -> ObjectFileState:
+    """One update of all windows with the low-passed signals `[..., R, C, 10]`."""
+    p, dt = windows.params, windows.every * windows.dt
+    tiny = torch.finfo(low.dtype).tiny
+    signals = low.flatten(-3, -2)  # [..., F, 10]
+    motion = signals[..., GROUPS["motion"]].clamp_min(0)
+    # The detectors multiply brightness with brightness; the root is proportional to it again.
+    energy = root(motion.sum(-1))  # [..., F]
+    peak = torch.maximum(state.peak * (1 - dt / p.tau_peak), energy.amax(-1))
+    median = energy.median(-1).values  # objects fill few fields: what most show is noise
+
+    # Follow: predict, then move towards the motion in the window's own direction.
+    place = predicted(state.place, state.velocity, dt)
+    away = windows.offset(windows.centers - place.unsqueeze(-2))  # [..., K, F, 2]
+    window = torch.exp(-away.square().sum(-1) / (2 * p.window**2)) * state.open.unsqueeze(-1)
+    shared = window * window / (window.sum(-2, keepdim=True) + p.crowd)
+    own = root(own_direction(state, windows) @ motion.mT)  # [..., K, F]
+    weight = shared * own
+    seen = state.open & ((window * own).amax(-1) > torch.maximum(p.visible * peak, median).unsqueeze(-1))
+    towards = (weight.unsqueeze(-1) * away).sum(-2) / weight.sum(-1, keepdim=True).clamp_min(tiny)
+    towards = towards.clamp(-p.reach, p.reach) * seen.unsqueeze(-1)
+    young = (state.age < p.young).unsqueeze(-1)
+    alpha = torch.where(young, max(p.gain, p.young_gain), p.gain)
+    beta = torch.where(young, max(p.drift, p.young_drift), p.drift)
+    place, velocity = corrected(place, state.velocity, towards, alpha, beta, p.updates * dt)
+    speed = velocity.norm(dim=-1, keepdim=True)
+    velocity = velocity * (p.fastest / speed.clamp_min(p.fastest))
+    age = state.age + dt * state.open
+    unseen = torch.where(seen, 0.0, state.unseen + dt)
+
+    # Bind: covariances of what the window sees, and of the windows' motion with each other.
+    first = (state.age < dt / 2).unsqueeze(-1)
+    total = window.sum(-1, keepdim=True).clamp_min(tiny)
+    inside = (window @ signals) / total
+    a_high, take = dt / (p.tau_high + dt), seen[..., None, None] * (dt / p.tau_bind)
+    mean, covariance = sample_step(inside, state.mean, state.covariance, first, a_high, take)
+    light = weight.sum(-1) / shared.sum(-1).clamp_min(tiny)
+    pairs = torch.where(first | first.mT, 0.0, state.light)
+    light_mean, pairs = sample_step(light, state.light_mean, pairs, first.squeeze(-1), a_high, dt / p.tau_light)
+
+    now = state._replace(
+        peak=peak,
+        place=place,
+        velocity=velocity,
+        age=age,
+        unseen=unseen,
+        mean=mean,
+        covariance=covariance,
+        light_mean=light_mean,
+        light=pairs,
+    )
+    closing, place = closed(now, windows)
+    return opened(now._replace(open=state.open & ~closing, place=place), energy, median, windows)
+
+
+def own_direction(state: ObjectFileState, windows: ObjectFiles) -> Tensor:
+    """How much each of the four motion signals counts for a window, `[..., K, 4]`: all alike while it is young."""
+    p = windows.params
+    speed = state.velocity.norm(dim=-1, keepdim=True)
+    along = (state.velocity / speed.clamp_min(1e-6)) @ windows.directions.to(speed.dtype).mT
+    sure = ((state.age.unsqueeze(-1) - p.aim) / p.aimed).clamp(0, 1) * (speed > p.slow * p.fastest)
+    counts: Tensor = sure * along.clamp_min(0).square() + (1 - sure)
+    return counts
+
+
+def closed(state: ObjectFileState, windows: ObjectFiles) -> tuple[Tensor, Tensor]:
+    """ObjectFiles to be closed, `[..., K]`: lost, never confirmed, or following the object of an older one; and places.
+
+    Two that fluctuate alike follow the ends of one long object: the older one goes on in the middle, from where it
+    claims both.
+    """
+    p = windows.params
+    lost = (state.unseen > p.lost) | ((state.age < p.confirm) & (state.unseen > p.blind))
+    away = windows.offset(state.place.unsqueeze(-2) - state.place.unsqueeze(-3))
+    apart = away.norm(dim=-1)
+    drift = (state.velocity.unsqueeze(-2) - state.velocity.unsqueeze(-3)).norm(dim=-1)
+    deviation = state.light.diagonal(dim1=-2, dim2=-1).clamp_min(torch.finfo(apart.dtype).tiny).sqrt()
+    correlation = state.light / (deviation.unsqueeze(-1) * deviation.unsqueeze(-2))
+    older = state.age.unsqueeze(-2) > state.age.unsqueeze(-1)
+    number = torch.arange(p.most, device=apart.device)
+    older = older | ((state.age.unsqueeze(-2) == state.age.unsqueeze(-1)) & (number < number.unsqueeze(-1)))
+    both = state.open.unsqueeze(-2) & state.open.unsqueeze(-1)
+    known = torch.minimum(state.age.unsqueeze(-2), state.age.unsqueeze(-1)) > p.known
+    pairs = both & older & (drift < p.alike_speed)
+    ends = pairs & (apart >= p.same) & (apart < p.near) & (correlation > p.alike) & known
+    closing = lost | (pairs & (apart < p.same) | ends).any(-1)
+    count = ends.sum(-2).unsqueeze(-1) + 1
+    return closing, state.place + torch.where(ends.unsqueeze(-1), away, 0.0).sum(-3) / count
+
+
+def opened(state: ObjectFileState, energy: Tensor, median: Tensor, windows: ObjectFiles) -> ObjectFileState:
+    """Open one window where the largest motion is that no window claims; `energy` `[..., F]`, its `median` `[...]`."""
+    p = windows.params
+    away = windows.offset(windows.centers - state.place.unsqueeze(-2)).norm(dim=-1)
+    claimed = ((away < p.claim) & state.open.unsqueeze(-1)).any(-2)
+    grid = energy.reshape(*energy.shape[:-1], *windows.grid)
+    summit = local_maximum(grid, windows.border).flatten(-2)
+    free = torch.where(claimed | ~summit, 0.0, energy)
+    height, where = free.max(-1)
+    wanted = (height > p.birth * state.peak) & (height > p.contrast * median)
+    wanted = wanted & ~state.open.all(-1) & (height > 0)
+    slot = (~state.open).to(torch.uint8).argmax(-1)
+    number = torch.arange(p.most, device=slot.device)
+    new = (number == slot.unsqueeze(-1)) & wanted.unsqueeze(-1)
+    place = windows.centers.to(energy.dtype)[where].unsqueeze(-2)
+    return state._replace(
+        place=torch.where(new.unsqueeze(-1), place, state.place),
+        velocity=torch.where(new.unsqueeze(-1), 0.0, state.velocity),
+        open=state.open | new,
+        age=torch.where(new, 0.0, state.age),
+        unseen=torch.where(new, 0.0, state.unseen),
+        covariance=torch.where(new[..., None, None], 0.0, state.covariance),
+    )
+
+
+def local_maximum(energy: Tensor, border: Border) -> Tensor:
+    """Fields that no neighbour exceeds, `[..., R, C]` bool."""
+    flat = energy.reshape(-1, 1, *energy.shape[-2:])
+    padded = F.pad(flat, (1, 1, 1, 1), mode="circular" if border == "wrap" else "replicate")
+    return (F.max_pool2d(padded, 3, 1) == flat).reshape(energy.shape)
