@@ -14,11 +14,11 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import STOPPED
+from ndtorch_robot.faults import FaultKind
 from ndtorch_robot.loop import CameraClock, Loop
 from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import STAND, CameraPair, DriveCommand, Observer, Step, StereoFrames
 from ndtorch_robot.safety import SafeDrive
-from ndtorch_robot.trouble import Kind
 
 NOT_YET = "not yet told to drive"
 
@@ -76,10 +76,10 @@ class Car:
         """
         if warm_up:
             self.pilot.warm_up()
-            if self.safe.sight is not None:
-                self.safe.sight.watch.warm_up()
+            if self.safe.frame_check is not None:
+                self.safe.frame_check.monitor.warm_up()
         if self.go is not None:
-            self.safe.fault(NOT_YET, Kind.NOT_TOLD)
+            self.safe.fault(NOT_YET, FaultKind.NOT_STARTED)
         end = None if seconds is None else self.loop.clock.now() + seconds
 
         def step(number: int, now: float) -> bool:

@@ -17,8 +17,12 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import Grid, StereoRig
 from ndtorch.navigation.controllers import Trace
 from ndtorch.navigation.options import place_of
+from ndtorch_robot.camera_monitor.frame_check import FrameCheck
+from ndtorch_robot.camera_monitor.limits import CameraLimits
+from ndtorch_robot.camera_monitor.monitor import PATIENCE
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import DriveConfig
+from ndtorch_robot.faults import FaultKind
 from ndtorch_robot.map_saving import WalkedPath, pilot_walls
 from ndtorch_robot.navigating import print_note
 from ndtorch_robot.pilot import Pilot
@@ -34,18 +38,14 @@ from ndtorch_robot.sim.plan import Plan
 from ndtorch_robot.sim.put_back import PutBack, TellAgain
 from ndtorch_robot.sim.simulation import RIG, Simulation
 from ndtorch_robot.sim.stress import read_stress
-from ndtorch_robot.trouble import Kind
-from ndtorch_robot.watching.eye import SightLimits
-from ndtorch_robot.watching.sight import Sight
-from ndtorch_robot.watching.watch import PATIENCE
 
 LIMITS = SafetyLimits(speed=0.6, curvature=2.2, silence=0.1, age=0.1)
 """Those of a car, but for how fast speed and steering may change: the simulated car has limits of its own for that."""
 
-DRAWN = SightLimits(patience_s=2.0)
+DRAWN = CameraLimits(patience_s=2.0)
 """Walls that are drawn blank have no marks at all: a car that turns away from one may see nothing for a second."""
 
-BLANK = SightLimits(patience_s=60.0)
+BLANK = CameraLimits(patience_s=60.0)
 """Where all walls are blank, a car that stands before one sees nothing until it has found a way out."""
 
 NOT_RECORDED = {"out", "record", "record_format", "rrd", "view", "view_at"}
@@ -116,17 +116,19 @@ def drive(
             rate=rate,
         )
         stack.callback(simulation.close)
-        sight = Sight(
+        frame_check = FrameCheck(
             simulation.rig,
             rate,
             LIMITS.age,
             PATIENCE,
-            together=False,
+            joint_freeze=False,
             limits=BLANK if config.walls == "blank" else DRAWN,
             floor=pilot.fields,
         )
         steps = max(1, round(config.seconds * rate))
-        car = Car(pilot, simulation, SafeDrive(simulation, simulation, LIMITS, sight), steer=steer, max_steps=steps)
+        car = Car(
+            pilot, simulation, SafeDrive(simulation, simulation, LIMITS, frame_check), steer=steer, max_steps=steps
+        )
         record, put_back, path = Record(), PutBack(simulation, pilot), WalkedPath()
         view = show(config, plan, pilot, simulation, record, stack) if shown(config) else None
         recorder = make_recorder(config, simulation.rig)
@@ -181,7 +183,7 @@ class EndUnlessBlank:
 
     def __call__(self, step: Step) -> None:
         # Whoever came before may have told it to go on already: the last fault is what it stood for.
-        if step.standing is not None and self.safe.faults[-1].kind is not Kind.BLANK:
+        if step.standing is not None and self.safe.faults[-1].kind is not FaultKind.BLANK:
             raise InputError(step.standing)
 
 

@@ -15,6 +15,7 @@ from ndtorch.navigation import Grid, StereoRig
 from ndtorch.navigation.controllers import controller_class
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch.toml import check
+from ndtorch_robot.camera_monitor.frame_check import FrameCheck
 from ndtorch_robot.car import Car
 from ndtorch_robot.link.registry import SIMULATED_WORLD, MovesWorld, Opening, open_link
 from ndtorch_robot.loop import CameraClock
@@ -22,7 +23,6 @@ from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import CameraPair, Clock, Drive, Observer, Report
 from ndtorch_robot.run_config import RunConfig
 from ndtorch_robot.safety import SafeDrive, SafetyLimits
-from ndtorch_robot.watching.sight import Sight
 
 if TYPE_CHECKING:
     from ndtorch_robot.sim.simulation import Simulation
@@ -74,8 +74,8 @@ def make_car(
     limits, half = config.limits.limits(), config.navigation.map_half_size_m
     grid = Grid(-half, half, -half, half) if half else None
     pilot = Pilot(within_limits(config.navigation.options(), limits), rig, config.rate_hz, grid, near_check)
-    sight = Sight(rig, config.rate_hz, limits.age, limits=config.sight.limits(), floor=pilot.fields)
-    safe = SafeDrive(drive, clock, limits, sight, report)
+    check = FrameCheck(rig, config.rate_hz, limits.age, limits=config.camera_monitor, floor=pilot.fields)
+    safe = SafeDrive(drive, clock, limits, check, report)
     return Car(pilot, cameras, safe, observers=observers, go=go)
 
 

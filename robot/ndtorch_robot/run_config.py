@@ -8,14 +8,35 @@ from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
+from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
 from ndtorch.toml import Strict
+from ndtorch_robot.camera_monitor.limits import CameraLimits
 from ndtorch_robot.link.registry import SERIAL, SIMULATED_BOARD, check_link
 from ndtorch_robot.navigating import NavigatorTable
 from ndtorch_robot.safety import SafetyLimits
-from ndtorch_robot.watching.eye import SightLimits
 
 Positive = Annotated[float, Field(gt=0)]
+
+OLD_LIMITS = {
+    "row_contrast": "row_contrast_levels",
+    "field_contrast": "field_contrast_levels",
+    "row_relative": "row_contrast_ratio",
+    "field_relative": "field_contrast_ratio",
+    "sharpness": "sharpness_ratio",
+    "noise": "noise_levels",
+    "sharp_range": "min_range_levels",
+    "softness": "soft_edge_ratio",
+    "row_change": "row_change_levels",
+    "field_change": "field_change_levels",
+    "still": "static_correlation",
+    "by_chance": "chance_correlation",
+    "swapped": "swapped_sum",
+    "mirrored": "mirrored_sum",
+    "turns": "min_turns",
+    "backwards": "reversed_log_ratio",
+}
+"""Keys of `[sight]` of version 0.2, and those of `[camera_monitor]`."""
 
 
 class RigTable(Strict):
@@ -70,32 +91,20 @@ class LimitsTable(Strict):
         )
 
 
-class SightTable(Strict):
-    """`[sight]`: when a camera counts as blind, stuck or wrongly mounted; see `robot.eye.SightLimits`."""
+class CameraMonitorTable(CameraLimits):
+    """`[camera_monitor]` of a car, which must stop soon."""
 
-    patience_s: Annotated[float, Field(ge=0.05, le=0.4)] = 0.25
-    row_contrast: Positive = 1.2
-    field_contrast: Positive = 0.6
-    row_relative: Annotated[float, Field(ge=0, le=1)] = 0.05
-    field_relative: Annotated[float, Field(ge=0, le=1)] = 0.012
-    sharpness: Annotated[float, Field(ge=0, le=1)] = 0.2
-    noise: Positive = 10.0
-    sharp_range: Positive = 20.0
-    softness: Annotated[float, Field(ge=0, le=1)] = 0.36
-    moved_m: Positive = 0.02
-    turned_rad: Positive = 0.025
-    row_change: Positive = 1.0
-    field_change: Positive = 0.45
-    still: Annotated[float, Field(ge=-1, le=1)] = 0.5
-    by_chance: Annotated[float, Field(ge=0, le=2)] = 0.05
-    swapped: Positive = 8.0
-    mirrored: Positive = 3.0
-    turns: Positive = 3.0
-    backwards: Annotated[float, Field(ge=0, le=3)] = 0.3
+    patience_s: float = Field(
+        0.25, ge=0.05, le=0.4, description="Images must look wrong for this time, in s, before the car stops."
+    )
 
-    def limits(self) -> SightLimits:
-        """For the safety layer."""
-        return SightLimits(**self.model_dump())
+    @model_validator(mode="before")
+    @classmethod
+    def not_renamed(cls, values: Any) -> Any:
+        """Name the new key of one of version 0.2."""
+        for key in OLD_LIMITS.keys() & (values if isinstance(values, dict) else {}):
+            raise InputError(f"{key} is now {OLD_LIMITS[key]}")
+        return values
 
 
 class NavigationTable(NavigatorTable):
@@ -140,10 +149,18 @@ class RunConfig(Strict):
     link: Mapping[str, str | int | float | bool] = Field(default_factory=dict)
     rig: RigTable = RigTable()
     limits: LimitsTable = LimitsTable()
-    sight: SightTable = SightTable()
+    camera_monitor: CameraMonitorTable = CameraMonitorTable()
     navigation: NavigationTable = NavigationTable()
     cameras: dict[str, str | int | float] | None = None
     simulation: SimulationTable | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def not_renamed(cls, values: Any) -> Any:
+        """Name the new table of one of version 0.2."""
+        if isinstance(values, dict) and "sight" in values:
+            raise InputError("[sight] is now [camera_monitor]")
+        return values
 
     @model_validator(mode="after")
     def one_world(self) -> RunConfig:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
+from ndtorch_robot.camera_monitor.frame_check import FrameCheck
+from ndtorch_robot.faults import FaultKind, Stop
 from ndtorch_robot.ports import _SEAL, STAND, Clock, Drive, DriveCommand, Report, SafeCommand, StereoFrames
-from ndtorch_robot.trouble import Kind, Stop
-from ndtorch_robot.watching.sight import Sight
 
 WISH = 10.0
 """Seconds for which a car that is told to go goes on trying when its drive cannot obey yet."""
@@ -58,7 +58,7 @@ class SafeDrive:
 
     Drives obey nothing but a `SafeCommand`, only `send` of this class makes those, and the loop accepts no other
     drive. A fault that passes, such as late frames, lets the car stand until all has been well for
-    `limits.recovery` seconds. One that does not, such as a lost link, needs `resume`; see `Kind`.
+    `limits.recovery` seconds. One that does not, such as a lost link, needs `resume`; see `FaultKind`.
 
     Being told to go is never lost: while the drive cannot obey, or fails again before the car has moved, it is told
     again, until the car moves, somebody stops it, or the time for it is over, which is said.
@@ -67,8 +67,7 @@ class SafeDrive:
         drive: what moves.
         clock: of the loop, monotonic.
         limits: what is let through.
-        sight: judges frames; with it no command passes that is not steered by good frames. None for a loop that
-            looks after its cameras itself.
+        frame_check: judges frames; without good frames no command passes. None for a loop without cameras.
         report: told of every fault and every resuming, one line each.
 
     Attributes:
@@ -83,15 +82,15 @@ class SafeDrive:
         drive: Drive,
         clock: Clock,
         limits: SafetyLimits | None = None,
-        sight: Sight | None = None,
+        frame_check: FrameCheck | None = None,
         report: Report | None = None,
     ) -> None:
-        self.drive, self.clock, self.limits, self.sight = drive, clock, limits or SafetyLimits(), sight
+        self.drive, self.clock, self.limits, self.frame_check = drive, clock, limits or SafetyLimits(), frame_check
         self.report = report or (lambda line: None)
         self.lock = threading.RLock()
         self.standing: str | None = None
-        self.kind: Kind | None = None
-        self.passes = True
+        self.kind: FaultKind | None = None
+        self.auto_recover = True
         self.well_since = math.inf
         self.seen = -math.inf
         self.blindness: str | None = "no frames yet"
@@ -108,27 +107,27 @@ class SafeDrive:
         Args:
             speed, curvature: of the car since the last ones, m/s and 1/m.
         """
-        assert self.sight is not None
-        wrong = self.sight.judge(frames, speed, self.clock.now(), curvature, self.sent.speed)
-        if wrong is not None:
-            self.blind(wrong.words, wrong.kind)
+        assert self.frame_check is not None
+        fault = self.frame_check.judge(frames, speed, self.clock.now(), curvature, self.sent.speed)
+        if fault is not None:
+            self.blind(fault.message, fault.kind)
             return False
         self.seen, self.blindness = frames.time, None
         return True
 
-    def blind(self, why: str, kind: Kind = Kind.MISSING) -> None:
+    def blind(self, why: str, kind: FaultKind = FaultKind.MISSING) -> None:
         """There are no frames to steer by."""
         self.blindness = why
         self.fault(why, kind)
 
-    def fault(self, why: str, kind: Kind) -> None:
+    def fault(self, why: str, kind: FaultKind) -> None:
         """The car stands, for this reason."""
         with self.lock:
             self.well_since, self.interrupted = math.inf, True
             if self.standing is not None:
-                self.passes = self.passes and kind.passes
+                self.auto_recover = self.auto_recover and kind.auto_recover
                 return
-            self.standing, self.kind, self.passes, self.sent = why, kind, kind.passes, STAND
+            self.standing, self.kind, self.auto_recover, self.sent = why, kind, kind.auto_recover, STAND
             self.drive.stop()
             self.faults.append(Stop(self.clock.now(), why, kind))
         self.report(f"stopped: {why}")
@@ -165,27 +164,27 @@ class SafeDrive:
         """Everything that can be wrong when a command comes."""
         limits = self.limits
         if not (math.isfinite(command.speed) and math.isfinite(command.curvature)):
-            self.fault(f"the command is not finite: {command}", Kind.COMMAND)
+            self.fault(f"the command is not finite: {command}", FaultKind.COMMAND)
             raise InputError(f"commands must be finite, got {command}")
         trouble = self.drive.trouble()
         if trouble is not None:
-            self.fault(trouble, Kind.DRIVE)
+            self.fault(trouble, FaultKind.DRIVE)
         if self.sent_at is not None and now - self.sent_at > limits.silence:
-            self.fault(f"a step took {now - self.sent_at:.3f} s, {limits.silence:.3f} s are allowed", Kind.SILENCE)
+            self.fault(f"a step took {now - self.sent_at:.3f} s, {limits.silence:.3f} s are allowed", FaultKind.SILENCE)
         if abs(command.speed) > limits.speed or abs(command.curvature) > limits.curvature:
             self.fault(
                 f"the command is out of limits: {command.speed:.2f} m/s and {command.curvature:.2f} 1/m, "
                 f"{limits.speed:.2f} and {limits.curvature:.2f} are allowed",
-                Kind.LIMITS,
+                FaultKind.LIMITS,
             )
-        if self.sight is not None and self.blindness is None and now - self.seen > limits.age:
-            self.blind(f"the frames are {now - self.seen:.3f} s old", Kind.AGE)
+        if self.frame_check is not None and self.blindness is None and now - self.seen > limits.age:
+            self.blind(f"the frames are {now - self.seen:.3f} s old", FaultKind.AGE)
 
     def try_to_go_on(self, now: float) -> None:
         """Drive on when all has been well for long enough and nobody needs to say so, or somebody has said so."""
-        if self.sight is not None and self.blindness is not None:
+        if self.frame_check is not None and self.blindness is not None:
             self.well_since = math.inf
-        elif self.passes:
+        elif self.auto_recover:
             self.well_since = min(self.well_since, now)
             if now - self.well_since >= self.limits.recovery:
                 self.go_on(now)
@@ -200,9 +199,9 @@ class SafeDrive:
         self.tried = now
         if not self.drive.resume():
             return False
-        was, self.standing, self.kind, self.passes = self.standing, None, None, True
-        if self.sight is not None:
-            self.sight.watch.forget()  # whoever says go may have put the cameras right
+        was, self.standing, self.kind, self.auto_recover = self.standing, None, None, True
+        if self.frame_check is not None:
+            self.frame_check.monitor.reset()
         self.well_since, self.sent = math.inf, STAND
         self.report(f"resumed after: {was}")
         return True
@@ -241,15 +240,15 @@ class SafeDrive:
         self.wish_ends, self.by_hand = None, True
         if self.standing is not None:
             self.report(f"emergency stop: {why}; it stood already: {self.standing}")
-        self.fault(f"emergency stop: {why}", Kind.EMERGENCY)
+        self.fault(f"emergency stop: {why}", FaultKind.EMERGENCY)
 
     def stop(self) -> None:
         """Stand still until `resume`. The end of every drive."""
         self.drive.stop()
         with self.lock:
             self.wish_ends = None
-            self.standing, self.kind = self.standing or "told to stop", self.kind or Kind.EMERGENCY
-            self.passes, self.sent = False, STAND
+            self.standing, self.kind = self.standing or "told to stop", self.kind or FaultKind.EMERGENCY
+            self.auto_recover, self.sent = False, STAND
 
 
 def unrounded(command: DriveCommand, limits: SafetyLimits) -> DriveCommand:

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from ndtorch.navigation import Strips
+from ndtorch_robot.camera_monitor.image_quality import check_image, measure
+from ndtorch_robot.camera_monitor.limits import CameraLimits
 from ndtorch_robot.car import Car
+from ndtorch_robot.faults import FaultKind
 from ndtorch_robot.ports import Step
 from ndtorch_robot.sim.board import Pulse
 from ndtorch_robot.sim.lockstep_world import LockstepWorld
-from ndtorch_robot.trouble import Kind
-from ndtorch_robot.watching.eye import SightLimits, blindness, look
 from tests.fault_injection.camera_faults import FaultyCameras
 from tests.fault_injection.disk_faults import RecordingCheck
 from tests.fault_injection.faults import FAULTS, Fault
@@ -104,7 +105,7 @@ class FaultInjector:
             return
         if step.standing is not None:
             self.driving = 0.0
-            if not self.car.safe.passes and now > self.cleared + RESUME_AFTER_S:
+            if not self.car.safe.auto_recover and now > self.cleared + RESUME_AFTER_S:
                 self.car.safe.resume()
         elif abs(step.driven.speed) > 0.15:
             self.driving += 1 / self.car.pilot.rate
@@ -118,12 +119,14 @@ class FaultInjector:
         stops = self.car.safe.faults
         for stop in stops[self.stops_seen :]:
             must_drive = self.fault is not None and self.fault.max_reaction_s is None
-            calm = self.fault is None and stop.time > self.cleared + AFTERMATH_S and stop.kind is not Kind.NOT_TOLD
+            calm = (
+                self.fault is None and stop.time > self.cleared + AFTERMATH_S and stop.kind is not FaultKind.NOT_STARTED
+            )
             if must_drive or calm:
                 kept = self.stopped if must_drive else self.unexplained
-                if stop.kind is Kind.BLANK and self.is_blank():
+                if stop.kind is FaultKind.BLANK and self.is_blank():
                     kept = self.blank
-                elif stop.kind is Kind.CARRIED and stop.time < self.moved_at + AFTERMATH_S:
+                elif stop.kind is FaultKind.MOVED_WHILE_STOPPED and stop.time < self.moved_at + AFTERMATH_S:
                     kept = self.carried
                 kept.append(f"{stop.time:.2f} s: {stop.why}")
         self.stops_seen = len(stops)
@@ -131,9 +134,9 @@ class FaultInjector:
     def is_blank(self) -> bool:
         """Whether good cameras would see nothing but a wall without texture."""
         frames = self.world.read()
-        limits = self.car.safe.sight.watch.limits if self.car.safe.sight is not None else SightLimits()
-        wrong = [blindness(look(image), limits) for image in frames[:2] if isinstance(image, Strips)]
-        return any(each is not None and each.kind is Kind.BLANK for each in wrong)
+        limits = self.car.safe.frame_check.monitor.limits if self.car.safe.frame_check is not None else CameraLimits()
+        faults = [check_image(measure(image), limits) for image in frames[:2] if isinstance(image, Strips)]
+        return any(each is not None and each.kind is FaultKind.BLANK for each in faults)
 
     def begin(self, now: float) -> None:
         """Inject the next fault."""

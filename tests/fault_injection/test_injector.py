@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from ndtorch.navigation import Strips
+from ndtorch_robot.faults import FaultKind, Stop
 from ndtorch_robot.ports import StereoFrames
 from ndtorch_robot.sim.board import Pulse
-from ndtorch_robot.trouble import Kind, Stop
 from tests.fault_injection.faults import FAULTS
 from tests.fault_injection.injector import FaultInjector
 
@@ -34,7 +34,7 @@ class StubWorld:
 def sorted_stop(kind, marks=0.0, fault=None, moved_at=-np.inf):
     """Where a stop of this kind at 5 s is kept."""
     world = StubWorld(marks)
-    car = SimpleNamespace(safe=SimpleNamespace(faults=[Stop(5.0, "why", kind)], sight=None))
+    car = SimpleNamespace(safe=SimpleNamespace(faults=[Stop(5.0, "why", kind)], frame_check=None))
     injector = FaultInjector(car, world, None, 0, None)
     injector.fault, injector.moved_at = next((each for each in FAULTS if each.name == fault), None), moved_at
     injector.sort_stops()
@@ -46,17 +46,17 @@ def sorted_stop(kind, marks=0.0, fault=None, moved_at=-np.inf):
 @pytest.mark.parametrize("fault", [None, "single writes lost"])
 def test_stops_before_blank_walls_and_after_a_move_are_kept_apart(fault):
     line, own = ["5.00 s: why"], "unexplained" if fault is None else "stopped"
-    assert sorted_stop(Kind.BLANK, fault=fault) == {"blank": line}
-    assert sorted_stop(Kind.BLANK, marks=30.0, fault=fault) == {own: line}
-    assert sorted_stop(Kind.BLURRED, fault=fault) == {own: line}
-    assert sorted_stop(Kind.CARRIED, fault=fault, moved_at=4.1) == {"carried": line}
-    assert sorted_stop(Kind.CARRIED, fault=fault, moved_at=3.9) == {own: line}
-    assert sorted_stop(Kind.DRIVE, fault=fault, moved_at=4.1) == {own: line}
+    assert sorted_stop(FaultKind.BLANK, fault=fault) == {"blank": line}
+    assert sorted_stop(FaultKind.BLANK, marks=30.0, fault=fault) == {own: line}
+    assert sorted_stop(FaultKind.BLURRED, fault=fault) == {own: line}
+    assert sorted_stop(FaultKind.MOVED_WHILE_STOPPED, fault=fault, moved_at=4.1) == {"carried": line}
+    assert sorted_stop(FaultKind.MOVED_WHILE_STOPPED, fault=fault, moved_at=3.9) == {own: line}
+    assert sorted_stop(FaultKind.DRIVE, fault=fault, moved_at=4.1) == {own: line}
 
 
 def test_a_stop_for_a_fault_that_must_stop_the_car_is_not_sorted_stop():
-    assert sorted_stop(Kind.BLANK, fault="covered") == sorted_stop(Kind.DRIVE, fault="cable pulled") == {}
-    assert sorted_stop(Kind.NOT_TOLD) == {}
+    assert sorted_stop(FaultKind.BLANK, fault="covered") == sorted_stop(FaultKind.DRIVE, fault="cable pulled") == {}
+    assert sorted_stop(FaultKind.NOT_STARTED) == {}
 
 
 @pytest.mark.parametrize(("fault", "counts"), [("frozen but for noise", 0.42), ("fogged", 0.8)])

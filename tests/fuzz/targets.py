@@ -143,7 +143,7 @@ def read_car(path: Path) -> Any:
     from ndtorch_robot.run_config import RunConfig
 
     config = read_toml(path, RunConfig)
-    return config, config.sight.limits(), config.rig
+    return config, config.rig
 
 
 def read_drive(path: Path) -> Any:

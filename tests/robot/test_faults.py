@@ -31,8 +31,8 @@ def garage():
     ("fault", "words", "goes_on"),
     [
         ("unplugged", ["left camera gives no frames"], True),
-        ("left frozen", ["left camera", "same picture"], False),
-        ("both frozen", ["same picture"], False),
+        ("left frozen", ["left camera", "same image"], False),
+        ("both frozen", ["same image"], False),
         ("black", ["right camera", "black"], True),
         ("half rate", ["frames a second, 30 are wanted"], True),
         ("late", ["no pair of frames"], True),

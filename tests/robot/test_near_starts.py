@@ -7,6 +7,7 @@ import pytest
 
 from ndtorch.navigation import STOPPED
 from ndtorch.navigation.options import NavigatorOptions
+from ndtorch_robot.camera_monitor.frame_check import FrameCheck
 from ndtorch_robot.car import Car
 from ndtorch_robot.drive import DRAWN, LIMITS
 from ndtorch_robot.pilot import Pilot
@@ -14,7 +15,6 @@ from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.plan import Plan, ring
 from ndtorch_robot.sim.simulation import RIG, Simulation
-from ndtorch_robot.watching.sight import Sight
 from tests.robot.support.gl_needed import needs_gl
 
 pytestmark = [needs_gl, pytest.mark.slow]
@@ -26,8 +26,8 @@ BUMPER = 0.25
 def driven(simulation, pilot, place, seconds):
     """Put the car there, drive, and count the collisions."""
     simulation.place(*place)
-    sight = Sight(RIG, 30.0, LIMITS.age, 15, together=False, limits=DRAWN)
-    car = Car(pilot, simulation, SafeDrive(simulation, simulation, LIMITS, sight), max_steps=round(30 * seconds))
+    frame_check = FrameCheck(RIG, 30.0, LIMITS.age, 15, joint_freeze=False, limits=DRAWN)
+    car = Car(pilot, simulation, SafeDrive(simulation, simulation, LIMITS, frame_check), max_steps=round(30 * seconds))
     before = len(simulation.collisions)
     car.run(warm_up=False)
     return len(simulation.collisions) - before, car

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
+from ndtorch_robot.camera_monitor.frame_check import FrameCheck
+from ndtorch_robot.faults import Fault, FaultKind
 from ndtorch_robot.loop import SimulatedClock
 from ndtorch_robot.ports import DriveCommand, SafeCommand, StereoFrames, unseal
 from ndtorch_robot.safety import SafeDrive, SafetyLimits
-from ndtorch_robot.trouble import Kind, Wrong
-from ndtorch_robot.watching.sight import Sight
 from tests.robot.support.plain_drive import PlainDrive
 
 ROBOT = Path(__file__).resolve().parents[2] / "robot" / "ndtorch_robot"
@@ -53,9 +53,9 @@ def test_nobody_else_has_the_seal():
     assert drives == 3  # the simulated one, the serial one, and the recorded one, which moves nothing
 
 
-def make(sight=False):
+def make(frame_check=False):
     clock, drive, lines = SimulatedClock(), PlainDrive(), []
-    safe = SafeDrive(drive, clock, LIMITS, Sight(RIG, 30, 0.1) if sight else None, lines.append)
+    safe = SafeDrive(drive, clock, LIMITS, FrameCheck(RIG, 30, 0.1) if frame_check else None, lines.append)
     return clock, drive, lines, safe
 
 
@@ -90,7 +90,7 @@ def test_the_end_of_a_drive_does_not_pass():
     clock, drive, _, safe = make()
     steps(clock, safe, 0.5)
     safe.stop()
-    assert (safe.passes, safe.standing) == (False, "told to stop")
+    assert (safe.auto_recover, safe.standing) == (False, "told to stop")
     steps(clock, safe, 3.0)
     assert drive.sent[-1] == (0.0, 0.0)
 
@@ -174,7 +174,7 @@ def test_trouble_of_the_drive_and_emergency_need_resuming():
 
 
 def test_no_frames_no_driving():
-    clock, drive, _, safe = make(sight=True)
+    clock, drive, _, safe = make(frame_check=True)
     safe.resume()
     seed = [0]
 
@@ -207,29 +207,29 @@ def test_unlimited_layer_changes_nothing():
     assert drive.stops == 0
 
 
-@pytest.mark.parametrize("kind", Kind)
+@pytest.mark.parametrize("kind", FaultKind)
 def test_whether_a_fault_passes_hangs_on_its_kind_and_not_on_its_words(kind):
     """The same words for all of them."""
-    clock, drive, _, safe = make(sight=True)
-    said = iter([Wrong(kind, "the cameras are swapped, and show nothing but the same picture"), *[None] * 100])
-    safe.sight.judge = lambda *_: next(said)
+    clock, drive, _, safe = make(frame_check=True)
+    said = iter([Fault(kind, "the cameras are swapped, and show nothing but the same image"), *[None] * 100])
+    safe.frame_check.judge = lambda *_: next(said)
     eye = torch.zeros(1, 3, 48, 64)
     steps(clock, safe, 2.0, frames=lambda: StereoFrames(eye, eye, clock.time))
     assert safe.faults[0].kind is kind
-    assert (safe.standing is None) == kind.passes
-    assert (safe.kind is None) == kind.passes
-    assert any(command.speed for command in drive.sent) == kind.passes
+    assert (safe.standing is None) == kind.auto_recover
+    assert (safe.kind is None) == kind.auto_recover
+    assert any(command.speed for command in drive.sent) == kind.auto_recover
 
 
 def test_kinds_are_told_apart():
-    assert len({kind.words for kind in Kind}) == len(Kind)
-    assert {kind for kind in Kind if not kind.passes} == {
-        Kind.FROZEN,
-        Kind.MOUNTING,
-        Kind.COMMAND,
-        Kind.DRIVE,
-        Kind.NOT_TOLD,
-        Kind.EMERGENCY,
+    assert len({kind.words for kind in FaultKind}) == len(FaultKind)
+    assert {kind for kind in FaultKind if not kind.auto_recover} == {
+        FaultKind.FROZEN,
+        FaultKind.MOUNTING,
+        FaultKind.COMMAND,
+        FaultKind.DRIVE,
+        FaultKind.NOT_STARTED,
+        FaultKind.EMERGENCY,
     }
 
 

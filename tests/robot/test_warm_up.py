@@ -6,9 +6,9 @@ from functools import partial
 import pytest
 
 from ndtorch.utils.jit import JitFunction
+from ndtorch_robot.faults import FaultKind
 from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import NavigationTable, RunConfig, SimulationTable
-from ndtorch_robot.trouble import Kind
 from tests.robot.support.gl_needed import needs_gl
 
 OPTIONS = (
@@ -39,7 +39,7 @@ def test_no_kernel_is_loaded_on_the_way(options, monkeypatch):
         if step.number == 0:
             before.extend(loaded)
         if step.number == 25:
-            car.safe.fault("by hand", Kind.NOT_TOLD)
+            car.safe.fault("by hand", FaultKind.NOT_STARTED)
         if step.number == 28:  # it stands, looks at what is near, and drives on
             car.safe.resume()
 

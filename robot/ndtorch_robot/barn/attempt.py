@@ -11,14 +11,14 @@ from ndtorch.errors import InputError
 from ndtorch.navigation.controllers import controller_class
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.barn.worlds import World
+from ndtorch_robot.camera_monitor.frame_check import FrameCheck
+from ndtorch_robot.camera_monitor.monitor import PATIENCE
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import RATE
 from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.ports import Step
 from ndtorch_robot.safety import SafeDrive, SafetyLimits
 from ndtorch_robot.sim.simulation import RIG, Simulation
-from ndtorch_robot.watching.sight import Sight
-from ndtorch_robot.watching.watch import PATIENCE
 
 LIMITS = SafetyLimits(speed=1.0, curvature=2.2, silence=0.1, age=0.1)
 """Those of a car; the simulated one has limits of its own for how fast speed and steering may change."""
@@ -88,8 +88,8 @@ def attempt(entry: Entry) -> Attempt:
     pilot = Pilot(options, RIG, RATE)
     simulation = Simulation(world.plan(), entry.seed, fields=pilot.fields)
     try:
-        sight = Sight(simulation.rig, RATE, LIMITS.age, PATIENCE, together=False, floor=pilot.fields)
-        car = Car(pilot, simulation, SafeDrive(simulation, simulation, LIMITS, sight))
+        frame_check = FrameCheck(simulation.rig, RATE, LIMITS.age, PATIENCE, joint_freeze=False, floor=pilot.fields)
+        car = Car(pilot, simulation, SafeDrive(simulation, simulation, LIMITS, frame_check))
         referee = Referee(world, simulation, car)
         car.observers.append(referee)
         pilot.warm_up()

@@ -122,9 +122,9 @@ class Check:
         except (InputError, ModuleNotFoundError) as error:
             self.say(f"   not right: {error}")
             return False, False
-        from ndtorch_robot.watching.watch import CameraWatch
+        from ndtorch_robot.camera_monitor.monitor import CameraMonitor
 
-        watch = CameraWatch(rig, rate=config.rate_hz, limits=config.sight.limits())
+        monitor = CameraMonitor(rig, rate=config.rate_hz, limits=config.camera_monitor)
         try:
             self.say("   let the car stand for a second where it is to drive: the floor ahead is measured")
             floor = self.floor(pair.read, rig, config)
@@ -138,7 +138,7 @@ class Check:
             for _ in range(round(5 * config.rate_hz)):
                 frames = pair.read()
                 times.append(frames.time)
-                watch.check_mounting(frames)
+                monitor.check_mounting(frames)
         except InputError as error:
             self.say(f"   not right: {error}")
             return False, floor
@@ -151,7 +151,7 @@ class Check:
     def floor(self, read: Callable[[], StereoFrames], rig: StereoRig, config: RunConfig) -> bool:
         """Measure the floor before the car that stands, and tell whether it will do."""
         from ndtorch.navigation.controllers.registry import controller_class
-        from ndtorch_robot.watching.floor_check import measure_floor
+        from ndtorch_robot.camera_monitor.floor_check import measure_floor
 
         if not controller_class(config.navigation.controller).looks_near:
             self.say(f"   the controller {config.navigation.controller} does not ask for the floor")

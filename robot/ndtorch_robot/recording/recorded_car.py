@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from typing import Any
 
 from ndtorch.errors import InputError
+from ndtorch_robot.faults import FaultKind
 from ndtorch_robot.ports import Drive, DriveCommand, Placed, SafeCommand, Step, StereoFrames, unseal
 from ndtorch_robot.safety import SafeDrive
-from ndtorch_robot.trouble import Kind
 
 
 class RecordedWorld(Drive):
@@ -93,7 +93,7 @@ class RecordedSafety(SafeDrive):
         """Whether these frames were steered by then."""
         return self.world.recorded.used
 
-    def blind(self, why: str, kind: Kind = Kind.MISSING) -> None:
+    def blind(self, why: str, kind: FaultKind = FaultKind.MISSING) -> None:
         """The recording says by itself why the car stood."""
 
     def take_interruption(self) -> bool:

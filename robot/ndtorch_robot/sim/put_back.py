@@ -29,7 +29,7 @@ class TellAgain:
             self.since = None
         elif self.since is None:
             self.since = step.time
-        elif step.time - self.since >= STOP_TIME and (self.safe.blindness is not None or not self.safe.passes):
+        elif step.time - self.since >= STOP_TIME and (self.safe.blindness is not None or not self.safe.auto_recover):
             self.since = None
             self.put_back.stops.append(step.time)
             self.put_back.simulation.put_back()

@@ -10,10 +10,10 @@ import numpy as np
 import torch
 
 from ndtorch.errors import InputError
+from ndtorch_robot.camera_monitor.monitor import MOVING
 from ndtorch_robot.run import open_car, real_time_priority
 from ndtorch_robot.run_config import RunConfig, SimulationTable
 from ndtorch_robot.sim.board import constants
-from ndtorch_robot.watching.watch import MOVING
 from tests.stalls import OTHERS
 
 NEUTRAL, SLACK, STEERING_SLACK = 1500.0, 2.0, 12.0

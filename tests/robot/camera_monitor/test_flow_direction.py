@@ -5,8 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from ndtorch_robot.watching.eye import Eye, Figures, SightLimits
-from ndtorch_robot.watching.turning import Turning, fit
+from ndtorch_robot.camera_monitor.image_quality import ImageStatistics, Snapshot
+from ndtorch_robot.camera_monitor.limits import CameraLimits
+from ndtorch_robot.camera_monitor.motion_check import FlowDirectionCheck, shifted_correlation
 
 FOCAL, BLOCKS = 430.0, 160
 
@@ -20,12 +21,12 @@ def seen(heading, seed=1, noise=0.5, mirrored=False):
     row = np.interp(angles * FOCAL / 4 + 500, np.arange(1000), wall)
     row = (row + np.random.default_rng(round(1e6 + 1e4 * heading)).normal(0, noise, BLOCKS)).astype(np.float32)
     row = row[::-1].copy() if mirrored else row
-    return Eye(row, row[None], row, row[None], Figures(*[0.0] * 8))
+    return Snapshot(row, row[None], row, row[None], ImageStatistics(*[0.0] * 8))
 
 
 def said_after(turn, mirrored, flat=False, most=12):
     """How many pieces of a turn it takes until it is said; None where it never is."""
-    turning = Turning(FOCAL, SightLimits())
+    turning = FlowDirectionCheck(FOCAL, CameraLimits())
     eyes = [seen(n * turn, mirrored=mirrored) for n in range(most + 1)]
     if flat:
         eyes = [eye._replace(row=0 * eye.row + 99) for eye in eyes]
@@ -49,16 +50,16 @@ def test_who_sees_nothing_says_nothing():
 def test_a_row_fits_where_it_was_moved_to(shift):
     row = np.random.default_rng(1).uniform(30, 220, BLOCKS)
     moved = np.roll(row, round(shift * 1.3))
-    assert fit(moved, row, shift) > 0.95
-    assert fit(moved, row, -shift) < 0.5
-    assert fit(moved, row, shift / 2) < 0.5
+    assert shifted_correlation(moved, row, shift) > 0.95
+    assert shifted_correlation(moved, row, -shift) < 0.5
+    assert shifted_correlation(moved, row, shift / 2) < 0.5
 
 
 @pytest.mark.parametrize(
     ("mirrored", "flat", "upright"), [(False, False, True), (True, False, False), (False, True, False)]
 )
 def test_a_picture_that_turns_as_the_wheels_say_is_upright(mirrored, flat, upright):
-    turning = Turning(FOCAL, SightLimits())
+    turning = FlowDirectionCheck(FOCAL, CameraLimits())
     eyes = [seen(0.1 * n, mirrored=mirrored) for n in range(6)]
     eyes = [eye._replace(row=0 * eye.row + 99) for eye in eyes] if flat else eyes
     found = []
@@ -66,14 +67,14 @@ def test_a_picture_that_turns_as_the_wheels_say_is_upright(mirrored, flat, uprig
         turning.compare(now, before, 0.1)
         found.append(turning.upright)
     assert found == [False] * 3 + [upright] * 2
-    turning.forget()
+    turning.reset()
     assert not turning.upright
 
 
 def test_what_was_put_right_is_forgotten():
-    turning = Turning(FOCAL, SightLimits())
+    turning = FlowDirectionCheck(FOCAL, CameraLimits())
     eyes = [seen(0.1 * n, mirrored=True) for n in range(6)]
     said = [turning.compare(now, before, 0.1) for before, now in pairwise(eyes)]
     assert said[-1]
-    turning.forget()
+    turning.reset()
     assert not turning.compare(eyes[1], eyes[0], 0.1)

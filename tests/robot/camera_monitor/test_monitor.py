@@ -5,14 +5,13 @@ import torch
 
 from ndtorch.commands import main
 from ndtorch.errors import InputError
-from ndtorch.kernels import switch
 from ndtorch.navigation import StereoRig, Strips
+from ndtorch_robot.camera_monitor.limits import CameraLimits
+from ndtorch_robot.camera_monitor.monitor import EVERY, PATIENCE, CameraMonitor
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import DRAWN, drive
 from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.sim.simulation import Simulation
-from ndtorch_robot.watching.eye import SightLimits
-from ndtorch_robot.watching.watch import EVERY, PATIENCE, CameraWatch
 from tests.robot.support.gl_needed import needs_gl
 
 RIG = StereoRig(width=64, height=48, focal=43.0)
@@ -26,24 +25,24 @@ def picture(n, dtype=torch.uint8):
 
 
 def see(change, speed=0.5, count=2 * PATIENCE, dtype=torch.uint8, limits=None):
-    watch = CameraWatch(RIG, limits=limits)
+    monitor = CameraMonitor(RIG, limits=limits)
     for n in range(count):
         frames = StereoFrames(picture(2 * n, dtype), picture(2 * n + 1, dtype), n / 30)
-        watch.check(change(n, frames), speed)
-    return watch
+        monitor.check(change(n, frames), speed)
+    return monitor
 
 
-def counts(watch):
+def counts(monitor):
     """How many pictures looked wrong of late, in each way."""
-    return watch.dark, watch.frozen, watch.blind, watch.stuck, watch.carried
+    return monitor.black, monitor.equal, monitor.blind, monitor.frozen, monitor.moved_by_others
 
 
 def test_patience_is_counted_in_the_pictures_that_are_looked_at():
     """One of `EVERY`: at 20 or 40 frames a second, and at whatever rate, that is as many seconds."""
-    limits = SightLimits(patience_s=0.6)
+    limits = CameraLimits(patience_s=0.6)
     for rate in (20.0, 40.0):
-        watch = CameraWatch(RIG, rate=rate, limits=limits)
-        assert watch.wrong_for == 0.6 * rate / EVERY
+        monitor = CameraMonitor(RIG, rate=rate, limits=limits)
+        assert monitor.required == 0.6 * rate / EVERY
 
 
 GOOD = [0, 0], [0, 0], [0, 0], [0, 0], 0
@@ -51,13 +50,13 @@ GOOD = [0, 0], [0, 0], [0, 0], [0, 0], 0
 
 @pytest.mark.parametrize("dtype", [torch.uint8, torch.float32])
 def test_good_frames(dtype):
-    watch = see(lambda n, f: f, dtype=dtype)
-    assert (counts(watch), watch.seen) == (GOOD, 2 * PATIENCE)
-    assert watch.driven == pytest.approx(0.5 * (2 * PATIENCE - 1) / 30)
-    watch = see(
+    monitor = see(lambda n, f: f, dtype=dtype)
+    assert (counts(monitor), monitor.frames) == (GOOD, 2 * PATIENCE)
+    assert monitor.driven == pytest.approx(0.5 * (2 * PATIENCE - 1) / 30)
+    monitor = see(
         lambda n, f: StereoFrames(*(Strips(eye[..., :9, :9], eye[..., :1, :]) for eye in f[:2]), f.time), dtype=dtype
     )
-    assert (counts(watch), watch.seen) == (GOOD, 2 * PATIENCE)
+    assert (counts(monitor), monitor.frames) == (GOOD, 2 * PATIENCE)
 
 
 @pytest.mark.parametrize("dtype", [torch.uint8, torch.float32])
@@ -65,7 +64,7 @@ def test_good_frames(dtype):
     ("change", "message"),
     [
         (lambda n, f: f._replace(right=f.right * 0), "right camera (has seen nothing but black for 15|shows nothing)"),
-        (lambda n, f: f._replace(left=picture(1, f.left.dtype)), "left camera (has given|shows) the same picture"),
+        (lambda n, f: f._replace(left=picture(1, f.left.dtype)), "left camera (has given|shows) the same image"),
         (lambda n, f: f._replace(left=None) if n == 3 else f, "left camera gave no frame"),
         (lambda n, f: f._replace(time=0.05) if n == 3 else f, "must increase, got 0.050 s after 0.067 s"),
         (lambda n, f: f._replace(time=float("nan")), "must increase"),
@@ -90,13 +89,13 @@ def spoilt(k, how):
     ("how", "at", "message"),
     [
         (lambda eye: eye * 0, PATIENCE, "has seen nothing but black"),
-        (lambda eye: picture(1), PATIENCE + 1, "has given the same picture"),
+        (lambda eye: picture(1), PATIENCE + 1, "has given the same image"),
         (lambda eye: torch.full_like(eye, 99), EVERY * round(0.5 * 30 / EVERY), "shows nothing"),
     ],
 )
 def test_either_camera_is_believed_for_as_long(k, how, at, message):
     """To the very picture: from the first one that looks wrong."""
-    limits = SightLimits(patience_s=0.5, moved_m=9.0)
+    limits = CameraLimits(patience_s=0.5, moved_m=9.0)
     see(spoilt(k, how), count=at - 1, limits=limits)
     with pytest.raises(InputError, match=message):
         see(spoilt(k, how), count=at, limits=limits)
@@ -133,9 +132,9 @@ def most_black(n, frames):
     ],
 )
 def test_what_is_no_fault_and_what_would_be_one(change, speed, limits, seen, fault, fast):
-    watch = see(change, speed=speed, limits=limits)
-    assert watch.seen == 2 * PATIENCE
-    assert seen is None or counts(watch) == seen
+    monitor = see(change, speed=speed, limits=limits)
+    assert monitor.frames == 2 * PATIENCE
+    assert seen is None or counts(monitor) == seen
     with pytest.raises(InputError, match="left camera"):
         see(fault, speed=fast)
 
@@ -154,13 +153,12 @@ def test_the_car_is_stopped_first(monkeypatch, fault):
             return frames
         if fault == "frozen":
             return frames._replace(right=kept[0].right)
-        monkeypatch.setattr(switch, "switched_on", lambda: False)  # kernels for such frames take seconds to compile
         left, right = frames.left / 255, frames.right / 255
         left[0, 0, 240, 5] = torch.nan
         return frames._replace(left=left, right=right)
 
     monkeypatch.setattr(Simulation, "read", faulty)
-    with pytest.raises(InputError, match="same picture" if fault == "frozen" else "finite"):
+    with pytest.raises(InputError, match="same image" if fault == "frozen" else "finite"):
         drive(DriveConfig(controller="published", whole=True))
     assert len(kept) in (21, 25)
     assert worlds[0].car.speed == 0.0

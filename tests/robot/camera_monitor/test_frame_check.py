@@ -10,13 +10,14 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig, Strips
+from ndtorch.toml import check as check_values
+from ndtorch_robot.camera_monitor.frame_check import FrameCheck
+from ndtorch_robot.camera_monitor.limits import CameraLimits
+from ndtorch_robot.camera_monitor.monitor import CameraMonitor
 from ndtorch_robot.loop import SimulatedClock
 from ndtorch_robot.ports import DriveCommand, StereoFrames
-from ndtorch_robot.run_config import SightTable
+from ndtorch_robot.run_config import CameraMonitorTable, RunConfig
 from ndtorch_robot.safety import SafeDrive
-from ndtorch_robot.watching.eye import SightLimits
-from ndtorch_robot.watching.sight import Sight
-from ndtorch_robot.watching.watch import CameraWatch
 from tests.robot.support.plain_drive import PlainDrive
 
 RIG, RATE, SPEED = StereoRig(), 30.0, 0.5
@@ -62,11 +63,11 @@ def frames(parts, n):
 
 def stopped(parts, speed=SPEED, curvature=0.0):
     """Step at which something is said, and what; (None, "") when nothing is."""
-    sight = Sight(RIG, RATE, 0.1)
+    check = FrameCheck(RIG, RATE, 0.1)
     for n, part in enumerate(parts):
-        why = sight.judge(frames(part, n), speed, n / RATE, curvature)
+        why = check.judge(frames(part, n), speed, n / RATE, curvature)
         if why is not None:
-            return n, why.words
+            return n, why.message
     return None, ""
 
 
@@ -112,7 +113,7 @@ def test_a_frozen_picture_with_noise(eyes, light):
     n, why = stopped(parts())
     assert n is not None
     assert n <= BEFORE + 0.5 * RATE
-    assert "same picture" in why
+    assert "same image" in why
 
 
 def test_a_frozen_picture_while_turning_on_the_spot():
@@ -122,39 +123,39 @@ def test_a_frozen_picture_while_turning_on_the_spot():
     n, why = stopped(still, speed=0.05, curvature=10.0)
     assert n is not None
     assert n < 0.7 * RATE
-    assert "same picture" in why
+    assert "same image" in why
 
 
 @pytest.mark.parametrize("curvature", [0.0, 2.0])
 @pytest.mark.parametrize("late", range(-6, 8, 2))
 def test_a_picture_that_freezes_about_a_change_from_reverse_to_forward(late, curvature):
     """With noise. On its way through standing the car hardly moves, and nothing shows; but it must stop in time."""
-    begins, kept, sight = 40, [], Sight(RIG, RATE, 0.1)
+    begins, kept, check = 40, [], FrameCheck(RIG, RATE, 0.1)
     for n, part in enumerate(drive(3.0)):
         kept = part if n <= begins else kept
         noisy = [np.round(p) + RANDOM.integers(-1, 2, p.shape) for p in kept]
         speed = min(0.4, -0.3 + 2.0 * max(0, n - begins - late) / RATE)
         seen = [noisy[k] if n > begins and k % 2 == 0 else p for k, p in enumerate(part)]
-        why = sight.judge(frames(seen, n), speed, n / RATE, curvature)
+        why = check.judge(frames(seen, n), speed, n / RATE, curvature)
         if why is not None:
             break
-    assert "the left camera shows the same picture" in why.words
+    assert "the left camera shows the same image" in why.message
     assert 0 < n - begins <= 11  # and half a second are 15
 
 
 @pytest.mark.parametrize("late", range(4))
 def test_two_pictures_that_freeze_before_a_stand_are_told_on_the_way_back(late):
     """Nothing shows while the car stands, and neither is a witness of the other. Back it rolls by 4 cm at most."""
-    freezes, kept, sight, back = 40 + late, [], Sight(RIG, RATE, 0.1), 0.0
+    freezes, kept, check, back = 40 + late, [], FrameCheck(RIG, RATE, 0.1), 0.0
     for n, part in enumerate(drive(3.0)):
         kept = part if n <= freezes else kept
         seen = part if n <= freezes else [np.round(p) + RANDOM.integers(-1, 2, p.shape) for p in kept]
         speed = max(0.0, min(0.4, 0.4 - 2.5 * (n - 40) / RATE)) - max(0.0, min(0.3, 2.5 * (n - 60) / RATE))
-        why = sight.judge(frames(seen, n), speed, n / RATE)
+        why = check.judge(frames(seen, n), speed, n / RATE)
         if why is not None:
             break
         back += max(0.0, -speed / RATE)
-    assert "shows the same picture" in why.words
+    assert "shows the same image" in why.message
     assert back < 0.04
 
 
@@ -171,7 +172,7 @@ def test_a_camera_without_its_noise_is_frozen_while_the_car_stands_too(eyes):
     """Who changes from forward to reverse stands for half a second, and must not drive on by what was seen before."""
     n, why = stopped(frozen(45, eyes), speed=0.0)
     assert n == 45 + 4
-    assert "same picture" in why
+    assert "same image" in why
     assert ("right" if eyes == (1,) else "left") in why
     # A camera that has shown no noise for long enough may have none.
     assert stopped(frozen(28, eyes), speed=0.0) == (None, "")
@@ -189,21 +190,21 @@ def test_a_camera_without_its_noise_is_frozen_at_every_speed(speeds):
     """Four pictures, wherever in the change from forward to reverse it freezes."""
 
     def judged(stands):
-        sight = Sight(RIG, RATE, 0.1)
+        check = FrameCheck(RIG, RATE, 0.1)
         for n, part in enumerate(frozen(45, (1,))):
             # It has stood twice for a short while before, and is slow enough between for nobody to ask for more.
             speed = speeds[n - 46] if 46 <= n < 50 else 0.0 if n < stands or 40 > n >= 40 - stands else 0.05
-            why = sight.judge(frames(part, n), speed, n / RATE)
+            why = check.judge(frames(part, n), speed, n / RATE)
             if why is not None:
-                return n, why.words
+                return n, why.message
         return None, ""
 
     n, why = judged(stands=15)
     assert n == 45 + 4
-    assert "the right camera has given the same picture for 4 frames" in why
+    assert "the right camera has given the same image for 4 frames" in why
     # One that has stood for too few pictures may have no noise: then only the way that was driven can tell.
     _, why = judged(stands=14)
-    assert "has given the same picture" not in why
+    assert "has given the same image" not in why
 
 
 def test_cameras_without_noise_stand():
@@ -221,12 +222,12 @@ def test_pictures_may_move_while_the_board_shifts():
     """Some motor controllers take the brake before reverse for reverse: the car creeps, and is said to stand."""
 
     def judged(wanted):
-        sight = Sight(RIG, RATE, 0.1)
+        check = FrameCheck(RIG, RATE, 0.1)
         for n, part in enumerate(drive(3.0, moving=False)):
             moved = [np.roll(p, -SLIDE * max(0, n - 31), 1) for p in part]
-            why = sight.judge(frames(moved, n), -SPEED if n > 48 else 0.0, n / RATE, -CURVATURE, wanted(n))
+            why = check.judge(frames(moved, n), -SPEED if n > 48 else 0.0, n / RATE, -CURVATURE, wanted(n))
             if why is not None:
-                return n, why.words
+                return n, why.message
         return None, ""
 
     assert "wheels stand" in judged(lambda n: 0.0)[1]
@@ -240,8 +241,8 @@ def test_pictures_may_move_while_the_board_shifts():
 def test_the_drive_says_what_the_car_was_told():
     """Of two cars whose pictures move while they are said to stand, only the one that was told nothing is stopped."""
     for speed in (0.0, 0.3):
-        safe = SafeDrive(PlainDrive(), SimulatedClock(), sight=Sight(RIG, RATE, 0.1))
-        safe.blindness, seen = None, []
+        safe = SafeDrive(PlainDrive(), SimulatedClock(), frame_check=FrameCheck(RIG, RATE, 0.1))
+        safe.check_image, seen = None, []
         for n, part in enumerate(drive(0.8)):
             safe.clock.time = n / RATE
             seen.append(safe.see(frames(part, n), 0.0))
@@ -269,7 +270,7 @@ def test_wrongly_mounted_cameras_are_told(name, seed):
 
 
 def test_swapped_cameras_are_forgotten_when_somebody_says_go():
-    safe = SafeDrive(PlainDrive(), SimulatedClock(), sight=Sight(RIG, RATE, 0.1))
+    safe = SafeDrive(PlainDrive(), SimulatedClock(), frame_check=FrameCheck(RIG, RATE, 0.1))
     steps = list(drive(14.0))
     said = []
     for n, part in enumerate(steps):
@@ -304,13 +305,17 @@ def test_single_bad_pictures_are_no_fault():
 
 
 def test_the_table_of_a_car_says_what_the_defaults_say():
-    assert SightTable().limits() == SightLimits()
-    with pytest.raises(InputError, match="row_contrast must be a number of 0 or more"):
-        SightLimits(row_contrast=float("nan"))
+    assert CameraMonitorTable().model_dump() == CameraLimits().model_dump()
+    with pytest.raises(InputError, match="row_contrast_levels"):
+        check_values({"row_contrast_levels": float("nan")}, CameraMonitorTable, "car.toml")
+    with pytest.raises(InputError, match="row_relative is now row_contrast_ratio"):
+        check_values({"row_relative": 0.1}, CameraMonitorTable, "car.toml")
+    with pytest.raises(InputError, match=r"\[sight\] is now \[camera_monitor\]"):
+        check_values({"robot": "a", "sight": {}}, RunConfig, "car.toml")
 
 
 def test_float_frames_are_judged_alike():
-    watch, said = CameraWatch(RIG), None
+    watch, said = CameraMonitor(RIG), None
     for n, part in enumerate(spoil(SHADE["grey"], (0,))):
         one = frames(part, n)
         eyes = (Strips(*(p.float() / 255 for p in eye)) for eye in one[:2])

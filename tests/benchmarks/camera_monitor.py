@@ -1,4 +1,4 @@
-"""`python -m tests.benchmarks.sight --minutes 480`: good cameras must never stop a car, in no arena and at no light.
+"""`python -m tests.benchmarks.camera_monitor --minutes 480`: no false stop in any arena at any light.
 
 Drives through all arenas with textured and with blank walls. What is seen is made darker or brighter and noisy, and
 judged as on a car. Prints every false stop, and how long was driven; the exit code is 1 when there was one. Before a
@@ -17,20 +17,21 @@ import torch
 
 from ndtorch.navigation import Strips
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, make_controller
+from ndtorch_robot.camera_monitor.frame_check import FrameCheck
+from ndtorch_robot.camera_monitor.image_quality import measure
+from ndtorch_robot.camera_monitor.limits import CameraLimits
 from ndtorch_robot.config import RATE, DriveConfig
 from ndtorch_robot.drive import drive
+from ndtorch_robot.faults import FaultKind
 from ndtorch_robot.ports import Step, StereoFrames
 from ndtorch_robot.sim.arenas import ARENAS
 from ndtorch_robot.sim.simulation import RIG
-from ndtorch_robot.trouble import Kind
-from ndtorch_robot.watching.eye import SightLimits, look
-from ndtorch_robot.watching.sight import Sight
 
 LIGHTS = ((1.0, 0.0), (1.0, 2.0), (0.25, 1.0), (1.4, 1.0))
 """Factor on the light, and standard deviation of the noise in levels of 255."""
 
 
-LIMITS = SightLimits()
+LIMITS = CameraLimits()
 
 
 class Judge:
@@ -40,34 +41,34 @@ class Judge:
         self.name, self.noise = name, torch.Generator().manual_seed(1)
         self.floor = make_controller(DEFAULT_CONTROLLER, RIG, 1 / RATE).fields
         self.fields = DriveConfig().options().fields(RIG)
-        self.sights = {light: self.new() for light in LIGHTS}
-        self.sights = {light: self.fresh() for light in LIGHTS}
+        self.checks = {light: self.new() for light in LIGHTS}
+        self.checks = {light: self.fresh() for light in LIGHTS}
         self.stops: list[str] = []
         self.steps = self.blank = 0
 
-    def new(self) -> Sight:
+    def new(self) -> FrameCheck:
         """One that has seen nothing yet."""
-        return Sight(RIG, RATE, 0.1, floor=self.fields)
+        return FrameCheck(RIG, RATE, 0.1, floor=self.fields)
 
     def __call__(self, step: Step) -> None:
         assert step.frames is not None
         self.steps += 1
-        for light, sight in self.sights.items():
+        for light, check in self.checks.items():
             frames = StereoFrames(*(self.lit(eye, *light) for eye in step.frames[:2]), step.frames.time)
-            why = sight.judge(frames, step.driven.speed, frames.time, step.driven.curvature)
+            why = check.judge(frames, step.driven.speed, frames.time, step.driven.curvature)
             if why is None:
                 continue
-            self.sights[light] = self.new()
-            if why.kind is Kind.BLANK and (
+            self.checks[light] = self.new()
+            if why.kind is FaultKind.BLANK and (
                 "blank" in self.name or any(self.dark(eye, light[0]) for eye in step.frames[:2])
             ):
                 self.blank += 1
             else:
-                self.stops.append(f"{self.name} light {light} at {step.time:.1f} s: {why.words}")
+                self.stops.append(f"{self.name} light {light} at {step.time:.1f} s: {why.message}")
 
-    def fresh(self) -> Sight:
+    def fresh(self) -> FrameCheck:
         """As on a car: it looks for one floor in both pictures too."""
-        return Sight(RIG, RATE, 0.1, floor=self.floor)
+        return FrameCheck(RIG, RATE, 0.1, floor=self.floor)
 
     def lit(self, eye: torch.Tensor | Strips, factor: float, noise: float) -> Strips:
         """Strips as they would be at another light."""
@@ -76,9 +77,9 @@ class Judge:
 
     def dark(self, eye: torch.Tensor | Strips, factor: float) -> bool:
         """Whether an undisturbed picture shows nothing at this light, however much that is of its brightness."""
-        seen = look(self.lit(eye, factor, 0.0)).figures
-        least = max(LIMITS.row_contrast, LIMITS.field_contrast)
-        return seen.row_spread < least and seen.field_spread < least
+        seen = measure(self.lit(eye, factor, 0.0)).statistics
+        least = max(LIMITS.row_contrast_levels, LIMITS.field_contrast_levels)
+        return seen.row_contrast < least and seen.field_contrast < least
 
     def part(self, part: torch.Tensor, factor: float, noise: float) -> torch.Tensor:
         """One picture."""

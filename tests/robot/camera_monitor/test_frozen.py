@@ -1,10 +1,10 @@
-"""A camera that shows the same picture while the other one's changes is told before the way driven could tell."""
+"""A camera that shows the same image while the other one's changes is told before the way driven could tell."""
 
 import numpy as np
 import pytest
 
-from ndtorch_robot.watching.sight import Sight
-from tests.robot.watching.test_sight import RATE, RIG, drive, frames
+from ndtorch_robot.camera_monitor.frame_check import FrameCheck
+from tests.robot.camera_monitor.test_frame_check import RATE, RIG, drive, frames
 
 SLOW = 0.18
 """m/s: 6 mm a frame, so that three frames are less than the 20 mm on which every picture must change."""
@@ -24,7 +24,7 @@ def said(eyes, seconds=2.0, plain=(), stands=STANDS, wall=True, late=0, goes=0):
         goes: so often somebody says go after something was said.
     """
     rng = np.random.default_rng(3)
-    sight = Sight(RIG, RATE, 0.1)
+    check = FrameCheck(RIG, RATE, 0.1)
     pictures = list(drive(seconds, noise=0.0))
     for n in range(len(pictures)):
         parts = [part.copy() for part in pictures[min(n, stands + late)]]
@@ -36,12 +36,12 @@ def said(eyes, seconds=2.0, plain=(), stands=STANDS, wall=True, late=0, goes=0):
             if k < 2 and not wall:
                 parts[k] = 0 * parts[k] + 180
         parts = [part + rng.normal(0, 1, part.shape) for part in parts]
-        why = sight.judge(frames(parts, n), SLOW if n <= stands + late else 0.0, n / RATE)
+        why = check.judge(frames(parts, n), SLOW if n <= stands + late else 0.0, n / RATE)
         if why is not None and goes:
             goes -= 1
-            sight.watch.forget()
+            check.monitor.reset()
         elif why is not None:
-            return n, why.words
+            return n, why.message
     return None, ""
 
 
@@ -50,7 +50,7 @@ def test_one_that_freezes_just_before_the_car_stands_is_told_while_it_stands(eye
     n, why = said([eye])
     assert STANDS < n <= FREEZES + 0.4 * RATE
     assert why == (
-        f"the {('left', 'right')[eye]} camera shows the same picture while that of the "
+        f"the {('left', 'right')[eye]} camera shows the same image while that of the "
         f"{('right', 'left')[eye]} one changes, but for noise"
     )
 

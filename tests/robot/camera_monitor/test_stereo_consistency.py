@@ -11,15 +11,15 @@ import torch
 from ndtorch.navigation import Strips
 from ndtorch.navigation.near_floor import floor_likeness
 from ndtorch.navigation.options import NavigatorOptions
+from ndtorch_robot.camera_monitor.frame_check import FrameCheck
+from ndtorch_robot.camera_monitor.image_quality import one_color
+from ndtorch_robot.camera_monitor.mounting_check import EVERY
+from ndtorch_robot.camera_monitor.stereo_consistency import BEFORE, VIEWS, StereoConsistency, clarity, wall_correlation
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import drive
+from ndtorch_robot.faults import FaultKind
 from ndtorch_robot.ports import StereoFrames
 from ndtorch_robot.sim.simulation import RIG
-from ndtorch_robot.trouble import Kind
-from ndtorch_robot.watching.agreement import EVERY
-from ndtorch_robot.watching.eye import one_color
-from ndtorch_robot.watching.one_floor import BEFORE, VIEWS, OneFloor, clearness, wall_likeness
-from ndtorch_robot.watching.sight import Sight
 from tests.robot.support.gl_needed import needs_gl
 
 RECTS = NavigatorOptions().fields(RIG)
@@ -83,7 +83,7 @@ def look(judge, count, change=lambda left, right: (left, right), begin=0, moving
 
 
 def judge():
-    return OneFloor(RIG, RECTS)
+    return StereoConsistency(RIG, RECTS)
 
 
 def test_good_cameras_see_one_floor():
@@ -100,7 +100,7 @@ def test_a_floor_that_was_seen_is_lost_after_so_many_views(change):
     assert not mine.lost
     look(mine, 1, change, begin=BEFORE + VIEWS)
     assert mine.lost
-    mine.forget()
+    mine.reset()
     assert not mine.lost
     look(mine, 1, begin=100)
     assert (mine.without, mine.seen) == (0, BEFORE + 1)
@@ -143,9 +143,9 @@ def test_noise_is_no_floor_and_no_other_one():
     look(mine, VIEWS, light=0.02)
     assert (mine.without, mine.seen) == (0, BEFORE)
     rng = np.random.default_rng(0)
-    assert clearness(rng.normal(0, 1, (70, 560)).astype(np.float32)) < 0.05
-    assert clearness(np.full((70, 560), 0.5, np.float32)) == 0.0
-    assert clearness(floor(0.0)[0].astype(np.float32)) > 0.8
+    assert clarity(rng.normal(0, 1, (70, 560)).astype(np.float32)) < 0.05
+    assert clarity(np.full((70, 560), 0.5, np.float32)) == 0.0
+    assert clarity(floor(0.0)[0].astype(np.float32)) > 0.8
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -157,8 +157,8 @@ def test_in_the_dark_noise_leaves_enough_of_one_floor(seed):
         for n in range(10 * seed, 10 * seed + 10):
             left, right = strips(*(0.08 * picture for picture in change(*floor(WAY * n))), seed=n)
             pair = [one_color(eye.field).astype(np.float32) / 255 for eye in (left, right)]
-            found.append((floor_likeness(*pair, RECTS, RIG, mine.params, False), mine.compare(left, right, (n, 0.0))))
-            mine.asked = 0
+            found.append((floor_likeness(*pair, RECTS, RIG, mine.params, True), mine.compare(left, right, (n, 0.0))))
+            mine.count = 0
         return found
 
     good, wrong = looks(lambda *eyes: eyes), looks(upside_down)
@@ -170,11 +170,11 @@ def test_a_near_wall_hides_the_floor_of_good_cameras():
     """Both see it, as far apart in all rows as it is near."""
     paper = floor(0.0)[0].astype(np.float32)
     left, right = paper, np.roll(paper, 80 - 150, 1)
-    anywhere, near = wall_likeness(left, right)
+    anywhere, near = wall_correlation(left, right)
     assert anywhere > 0.99
     assert near < 0.5
-    assert max(wall_likeness(left, right[::-1, ::-1])) < 0.5
-    assert wall_likeness(left[:, :50], right[:, :50]) == (0.0, 0.0)
+    assert max(wall_correlation(left, right[::-1, ::-1])) < 0.5
+    assert wall_correlation(left[:, :50], right[:, :50]) == (0.0, 0.0)
     window, patch = right[::4, 58:122], left[::4, 128:192]  # by the definition, for the best of them
     assert anywhere == pytest.approx(np.corrcoef(window.ravel(), patch.ravel())[0, 1], abs=1e-3)
     mine = judge()
@@ -199,7 +199,7 @@ def test_a_wall_that_fits_one_way_up_alone_shows_how_cameras_lie(smooth):
     assert mine.without == 10
     look(mine, 1, lambda *_: wall, begin=BEFORE + 10)
     assert mine.without == (10 if smooth else 0)
-    assert not mine.wall
+    assert not mine.near_wall
 
 
 def test_a_smooth_floor_of_swapped_cameras_is_no_near_wall():
@@ -209,10 +209,10 @@ def test_a_smooth_floor_of_swapped_cameras_is_no_near_wall():
     apart = RECTS[0].left - RECTS[1].left
     mine = judge()
     look(mine, 1, lambda *_: (np.roll(paper, 170, 1), np.roll(paper, -170, 1)))
-    assert mine.wall
+    assert mine.near_wall
     look(mine, 1, lambda *_: (paper + np.roll(paper, 250, 1), paper + np.roll(paper, -250, 1)), begin=1)
-    assert wall_likeness(paper + np.roll(paper, 250, 1), paper + np.roll(paper, -250, 1), apart)[1] >= 0.7
-    assert not mine.wall
+    assert wall_correlation(paper + np.roll(paper, 250, 1), paper + np.roll(paper, -250, 1), apart)[1] >= 0.7
+    assert not mine.near_wall
 
 
 @pytest.mark.parametrize(("disparity", "near"), [(150, False), (230, False), (250, True), (400, True)])
@@ -228,14 +228,14 @@ def test_a_wall_is_near_where_the_rows_cannot_have_partners(disparity, near):
 
     mine = judge()
     look(mine, 1, wall(disparity))
-    assert (mine.wall, mine.without) == (near, 0)
+    assert (mine.near_wall, mine.without) == (near, 0)
     # On the wrong side it is none, and no floor is seen.
     look(mine, 1, wall(-disparity), begin=1)
-    assert (mine.wall, mine.without) == (False, 1)
+    assert (mine.near_wall, mine.without) == (False, 1)
     look(mine, 1, wall(400), begin=2)
-    assert mine.wall
+    assert mine.near_wall
     look(mine, 1, begin=3)
-    assert not mine.wall
+    assert not mine.near_wall
 
 
 def test_strips_of_another_place_are_not_looked_at():
@@ -251,12 +251,12 @@ def test_floats_are_looked_at_like_bytes():
 
 
 def test_the_car_is_stopped_and_may_be_told_to_go_on():
-    sight = Sight(RIG, 30.0, 0.1, floor=RECTS)
+    check = FrameCheck(RIG, 30.0, 0.1, floor=RECTS)
 
     def drives(begin, seconds, change):
         for n in range(round(30 * begin), round(30 * (begin + seconds))):
             pair = strips(*change(*floor(0.5 * n / 30)), seed=n)
-            wrong = sight.judge(StereoFrames(*pair, n / 30), 0.5, n / 30)
+            wrong = check.judge(StereoFrames(*pair, n / 30), 0.5, n / 30)
             if wrong is not None:
                 return n / 30 - begin, wrong
         return None
@@ -264,12 +264,12 @@ def test_the_car_is_stopped_and_may_be_told_to_go_on():
     assert drives(0.0, 2.0, lambda left, right: (left, right)) is None
     after, wrong = drives(2.0, 6.0, upside_down)
     assert after < 1.05 * VIEWS * 2 * EVERY / 30 + 0.3
-    assert wrong.kind is Kind.MOUNTING
-    assert "do not see one floor any more" in wrong.words
-    sight.watch.forget()
+    assert wrong.kind is FaultKind.MOUNTING
+    assert "do not see one floor any more" in wrong.message
+    check.monitor.reset()
     assert drives(6.0, 2.0, lambda left, right: (left, right)) is None
     # Somebody looks through the same strips without knowing where they lie.
-    assert Sight(RIG, 30.0, 0.1).watch.floor is None
+    assert FrameCheck(RIG, 30.0, 0.1).monitor.floor is None
 
 
 @needs_gl

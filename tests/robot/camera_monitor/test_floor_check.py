@@ -9,14 +9,14 @@ import torch
 
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch.navigation.strips import strips
+from ndtorch_robot.camera_monitor import floor_check
+from ndtorch_robot.camera_monitor.floor_check import FloorFound, measure_floor, moved_level
+from ndtorch_robot.camera_monitor.frame_check import FrameCheck
 from ndtorch_robot.car import Car
 from ndtorch_robot.pilot import Pilot
 from ndtorch_robot.safety import SafeDrive, SafetyLimits
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.simulation import RIG, Simulation
-from ndtorch_robot.watching import floor_check
-from ndtorch_robot.watching.floor_check import FloorFound, measure_floor, moved_level
-from ndtorch_robot.watching.sight import Sight
 from tests.robot.support.gl_needed import needs_gl
 
 LIMITS = SafetyLimits(speed=0.6, curvature=2.2, silence=0.1, age=0.1)
@@ -41,8 +41,8 @@ def test_the_level_is_the_one_that_driving_teaches():
     try:
         frames = world.read()
         told = moved_level(pilot.navigator.controller, strips(frames.left), strips(frames.right), RIG)
-        sight = Sight(RIG, 30.0, LIMITS.age, together=False)
-        Car(pilot, world, SafeDrive(world, world, LIMITS, sight)).run(0.8, warm_up=False)
+        check = FrameCheck(RIG, 30.0, LIMITS.age, joint_freeze=False)
+        Car(pilot, world, SafeDrive(world, world, LIMITS, check)).run(0.8, warm_up=False)
         learned = pilot.state.control.floor.level
         assert (told[:6] / learned[:6]).log().abs().max() < 0.4
     finally:
