@@ -124,7 +124,10 @@ class CameraMonitor:
         self.views.clear()
         self.moving_views.clear()
         self.frozen = [0, 0]
-        for check in (self.mounting, *self.flow, *([] if self.floor is None else [self.floor])):
+        self.mounting.reset()
+        if self.floor is not None:
+            self.floor.reset()
+        for check in self.flow:
             check.reset()
 
     def check(self, frames: StereoFrames, speed: float, curvature: float = 0.0, commanded: float = 0.0) -> None:

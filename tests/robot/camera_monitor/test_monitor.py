@@ -196,8 +196,8 @@ def test_the_command_ends_with_one_line(monkeypatch, capsys, tmp_path, change, m
     assert main(["drive", "--whole", "--json", "--out", str(tmp_path)]) == 2
     out, err = capsys.readouterr()
     assert out == ""
-    assert message in err
-    assert err.startswith("error: ")
-    assert err.count("\n") == 1
+    line = err.splitlines()[-1]  # before it a first start may say that it compiles
+    assert line.startswith("error: ")
+    assert message in line
     assert cars[-1].speed == 0.0
     assert cars[-1].wanted == DriveCommand(0.0, 0.0)
