@@ -17,7 +17,7 @@ from ndtorch.commands import GROUP, main
 from ndtorch.errors import InputError
 from ndtorch_robot.calibration.model import Calibration
 from ndtorch_robot.cameras.settings import CameraSettings
-from ndtorch_robot.navigator_flags import declared
+from ndtorch_robot.navigator_options import declared
 from ndtorch_robot.run_config import RunConfig
 from ndtorch_robot.sim.stress import read_stress
 

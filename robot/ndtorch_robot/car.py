@@ -16,7 +16,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import STOPPED
 from ndtorch_robot.faults import FaultKind
 from ndtorch_robot.loop import CameraClock, Loop
-from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import STAND, CameraPair, DriveCommand, Observer, Step, StereoFrames
 from ndtorch_robot.safety import SafeDrive
 
@@ -34,7 +34,7 @@ class Car:
     """The parts of a car and what passes between them.
 
     Args:
-        pilot: who steers.
+        runner: who steers.
         cameras: what is seen.
         safe: the safety layer, with the drive behind it and the clock of the loop.
         observers: told every step.
@@ -50,7 +50,7 @@ class Car:
 
     def __init__(
         self,
-        pilot: Pilot,
+        runner: NavigatorRunner,
         cameras: CameraPair,
         safe: SafeDrive,
         *,
@@ -59,14 +59,14 @@ class Car:
         steer: Callable[[DriveCommand], DriveCommand] | None = None,
         max_steps: int | None = None,
     ) -> None:
-        self.pilot, self.cameras, self.safe, self.drive = pilot, cameras, safe, safe.drive
+        self.runner, self.cameras, self.safe, self.drive = runner, cameras, safe, safe.drive
         self.observers, self.go, self.steer = list(observers), go, steer
         self.ended = threading.Event()
         self.troubles: list[str] = []
         self.reason: tuple[str | None, int] = (None, 0)
         self.began = 0.0
         self.starts: list[float] = []
-        self.loop = Loop(pilot.rate, safe.clock, max_steps)
+        self.loop = Loop(runner.rate, safe.clock, max_steps)
 
     def run(self, seconds: float | None = None, warm_up: bool = True) -> int:
         """Step until `ended` is set, so many seconds are over, or the steps are used up; returns how many were made.
@@ -75,7 +75,7 @@ class Car:
             warm_up: have the kernels of navigator and camera watch ready before, while the car stands.
         """
         if warm_up:
-            self.pilot.warm_up()
+            self.runner.warm_up()
             if self.safe.frame_check is not None:
                 self.safe.frame_check.monitor.warm_up()
         if self.go is not None:
@@ -98,7 +98,7 @@ class Car:
 
     def step(self, number: int, now: float) -> None:
         """See, navigate, drive, tell."""
-        timing, clock = self.loop.timing, self.loop.clock
+        timer, clock = self.loop.timer, self.loop.clock
         driven, frames = self.drive.driven(), self.see()
         # A step that waits for its cameras begins when they have answered.
         self.note_start(clock.now() if isinstance(clock, CameraClock) else now)
@@ -106,42 +106,42 @@ class Car:
         good = frames is not None and self.safe.see(frames, driven.speed, driven.curvature)
         if good and frames is not None:
             placed, anew = self.drive.take_placed(), self.safe.take_interruption()
-            restarted = anew and self.pilot.state is not None
-            with timing.part("navigate"):
-                wanted = self.pilot.step(frames, driven, placed, anew)
+            restarted = anew and self.runner.state is not None
+            with timer.part("navigate"):
+                wanted = self.runner.step(frames, driven, placed, anew)
             self.tell_trouble()
         else:
-            self.pilot.roll(driven)
+            self.runner.roll(driven)
         sent = self.safe.send(wanted if self.steer is None else self.steer(wanted))
         if good and frames is not None:
-            timing.add("frame to command", clock.now() - frames.time)
+            timer.add("frame to command", clock.now() - frames.time)
             if self.go:
                 self.go = False
                 if not self.safe.by_hand:
                     self.safe.resume(patience=None)
-        state = self.pilot.state if good else None
+        state = self.runner.state if good else None
         telemetry = self.drive.telemetry()
         made = Step(
             number, now, frames, driven, wanted, sent, state, self.safe.standing, good, restarted, placed, telemetry
         )
-        with timing.part("observers"):
+        with timer.part("observers"):
             for observer in self.observers:
                 observer(made)
-        timing.forget(KEPT)
+        timer.forget(KEPT)
 
     def tell_trouble(self) -> None:
         """Say why the navigator stands or goes slowly, once for each reason that lasts."""
-        trouble = self.pilot.trouble() if self.pilot.mode() == STOPPED else None
+        trouble = self.runner.trouble() if self.runner.mode() == STOPPED else None
         reason, since = self.reason
         self.reason = (trouble, since + 1 if trouble == reason else 1)
-        lasts = self.reason[1] >= LASTS * self.pilot.rate
+        lasts = self.reason[1] >= LASTS * self.runner.rate
         if trouble is not None and lasts and trouble not in self.troubles:
             self.troubles.append(trouble)
             self.safe.report(f"stands: {trouble}")
 
     def see(self) -> StereoFrames | None:
         """The newest frames; None when the cameras give nothing, which the safety layer is told."""
-        with self.loop.timing.part("cameras"):
+        with self.loop.timer.part("cameras"):
             try:
                 return self.cameras.read()
             except InputError as error:
@@ -169,7 +169,7 @@ class Car:
             "troubles": self.troubles,
             "round_trip_ms": percentiles(trips),
             "jitter_ms": percentiles(jitter),
-            "parts_ms": self.loop.timing.summary(),
+            "parts_ms": self.loop.timer.summary(),
         }
 
 

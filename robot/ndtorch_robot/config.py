@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator
 
 from ndtorch.toml import check, read_toml
-from ndtorch_robot.navigating import NavigatorTable
+from ndtorch_robot.navigator_table import NavigatorTable
 from ndtorch_robot.sim.stress import read_stress
 
 RATE = 30.0

@@ -23,9 +23,9 @@ from ndtorch_robot.camera_monitor.monitor import PATIENCE
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.faults import FaultKind
-from ndtorch_robot.map_saving import WalkedPath, pilot_walls
-from ndtorch_robot.navigating import print_note
-from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.map_saving import WalkedPath, runner_walls
+from ndtorch_robot.navigator_runner import NavigatorRunner
+from ndtorch_robot.navigator_table import print_note
 from ndtorch_robot.ports import DriveCommand, Observer, Step
 from ndtorch_robot.recording.observe import RecordSteps
 from ndtorch_robot.recording.recorder import Recorder
@@ -86,14 +86,14 @@ def drive(
     config: DriveConfig,
     observers: Iterable[Observer] = (),
     steer: Callable[[DriveCommand], DriveCommand] | None = None,
-    pilot: Pilot | None = None,
+    runner: NavigatorRunner | None = None,
 ) -> Result:
     """Drive through a simulated building.
 
     Args:
         observers: told every step, after all others.
         steer: changes what the controller wants before it is sent: to compare with a blind or a wrong one.
-        pilot: in place of the one that `drive_pilot` makes.
+        runner: in place of the one that `drive_runner` makes.
 
     Raises:
         InputError: an arena or a machine that cannot be used; cameras that fail, after the car was stopped.
@@ -102,7 +102,7 @@ def drive(
     for remark in plan.remarks:
         print_note(f"{plan.name}: {remark}")
     check_goal(config, plan)
-    pilot, stress, rate = pilot or drive_pilot(config, plan), read_stress(config.stress), config.rate
+    runner, stress, rate = runner or drive_runner(config, plan), read_stress(config.stress), config.rate
     with contextlib.ExitStack() as stack:
         simulation = Simulation(
             plan,
@@ -111,7 +111,7 @@ def drive(
             moving=config.moving,
             odometry=config.odometry,
             whole=config.whole or shown(config),
-            fields=pilot.fields,
+            fields=runner.fields,
             stress=stress,
             rate=rate,
         )
@@ -123,26 +123,26 @@ def drive(
             PATIENCE,
             joint_freeze=False,
             limits=BLANK if config.walls == "blank" else DRAWN,
-            floor=pilot.fields,
+            floor=runner.fields,
         )
         steps = max(1, round(config.seconds * rate))
         car = Car(
-            pilot, simulation, SafeDrive(simulation, simulation, LIMITS, frame_check), steer=steer, max_steps=steps
+            runner, simulation, SafeDrive(simulation, simulation, LIMITS, frame_check), steer=steer, max_steps=steps
         )
-        record, put_back, path = Record(), PutBack(simulation, pilot), WalkedPath()
-        view = show(config, plan, pilot, simulation, record, stack) if shown(config) else None
+        record, put_back, path = Record(), PutBack(simulation, runner), WalkedPath()
+        view = show(config, plan, runner, simulation, record, stack) if shown(config) else None
         recorder = make_recorder(config, simulation.rig)
         if recorder is not None:
             stack.callback(recorder.close)
             car.observers.append(RecordSteps(recorder))
-        car.observers += [record.observer(pilot, lambda: simulation.pose), path]
+        car.observers += [record.observer(runner, lambda: simulation.pose), path]
         car.observers += [] if view is None else [view]
         car.observers += [put_back, TellAgain(car.safe, put_back), *observers]
         if stress.none:
             car.observers.append(EndUnlessBlank(car.safe))
         began, interrupted = time.perf_counter(), False
         try:
-            pilot.warm_up()  # before the time is taken
+            runner.warm_up()  # before the time is taken
             began = time.perf_counter()
             # Where frames are lost, fewer steps fill the time.
             car.run(config.seconds - 0.5 / rate if stress.drop else None, warm_up=False)
@@ -151,12 +151,12 @@ def drive(
         if recorder is not None:
             recorder.close()
         wall = time.perf_counter() - began
-        cells = pilot.map_cells()
+        cells = runner.map_cells()
         summary = summarise(config, car, simulation, record, put_back, cells, wall)
         summary["recording"] = recorder.summary() if recorder is not None else None
-        trace = pilot.navigator.controller.trace
+        trace = runner.navigator.controller.trace
         about = plan, cells, plan.grid(), simulation, put_back.stops, interrupted
-        return Result(config, summary, record, *about, trace, pilot_walls(pilot), path.moved(pilot.state))
+        return Result(config, summary, record, *about, trace, runner_walls(runner), path.moved(runner.state))
 
 
 def check_goal(config: DriveConfig, plan: Plan) -> None:
@@ -170,9 +170,9 @@ def check_goal(config: DriveConfig, plan: Plan) -> None:
         )
 
 
-def drive_pilot(config: DriveConfig, plan: Plan) -> Pilot:
+def drive_runner(config: DriveConfig, plan: Plan) -> NavigatorRunner:
     """Who steers a simulated drive, with a map as large as the building."""
-    return Pilot(config.options(), RIG, config.rate, plan.grid())
+    return NavigatorRunner(config.options(), RIG, config.rate, plan.grid())
 
 
 @dataclass
@@ -195,7 +195,7 @@ def shown(config: DriveConfig) -> bool:
 def show(
     config: DriveConfig,
     plan: Plan,
-    pilot: Pilot,
+    runner: NavigatorRunner,
     simulation: Simulation,
     record: Record,
     stack: contextlib.ExitStack,
@@ -206,7 +206,7 @@ def show(
 
     name = f"{config.arena} seed {config.seed} {config.controller}"
     where = Where(config.rrd, config.view, config.view_at)
-    view = DriveView(plan, simulation.rig, simulation.cameras.fields, levels(pilot.navigator), where, name)
+    view = DriveView(plan, simulation.rig, simulation.cameras.fields, levels(runner.navigator), where, name)
     stack.callback(view.close, record)
     return view.observer(record, plan.grid())
 
@@ -269,7 +269,7 @@ def summarise(
         score = score_map(cells, plan.grid(), plan, simulation.world.profiles, poses[::5], simulation.rig)
     hits = len(simulation.collisions)
     free, path = simulation.places.free, poses[:, :2]
-    timing = car.loop.timing.summary()
+    timing = car.loop.timer.summary()
     return {
         **hits_summary(simulation.collisions),
         "stopped": len(put_back.stops),

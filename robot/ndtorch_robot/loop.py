@@ -48,7 +48,7 @@ class SimulatedClock:
         self.time = max(self.time, time_)
 
 
-class Timing:
+class StepTimer:
     """How long the parts of a step take, in real time."""
 
     def __init__(self) -> None:
@@ -100,7 +100,7 @@ class Loop:
         if not 0 < rate < math.inf or (max_steps is not None and max_steps < 1):
             raise InputError(f"expected rate > 0 and max_steps >= 1, got rate={rate}, max_steps={max_steps}")
         self.rate, self.clock, self.max_steps = rate, clock, max_steps
-        self.timing = Timing()
+        self.timer = StepTimer()
         self.steps = 0
         self.late = 0
 
@@ -118,7 +118,7 @@ class Loop:
         try:
             due = self.clock.now()
             while self.max_steps is None or self.steps < self.max_steps:
-                with self.timing.part("step"):
+                with self.timer.part("step"):
                     go_on = step(self.steps, self.clock.now())
                 self.steps += 1
                 if go_on is False:

@@ -14,7 +14,7 @@ from ndtorch.navigation.localisation.graph import carried
 from ndtorch.navigation.localisation.walls import pack
 from ndtorch.navigation.map_files import save_map
 from ndtorch.navigation.sights import Anchor
-from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import Step
 
 APART = 0.05
@@ -54,16 +54,16 @@ class WalkedPath:
         return path
 
 
-def pilot_walls(pilot: Pilot) -> torch.Tensor | None:
+def runner_walls(runner: NavigatorRunner) -> torch.Tensor | None:
     """What the localiser has gathered, as map files hold it; None where there is none."""
-    if pilot.state is None or pilot.state.located is None:
+    if runner.state is None or runner.state.located is None:
         return None
-    return pack(pilot.state.located.walls)
+    return pack(runner.state.located.walls)
 
 
-def save_pilot_map(folder: Path, pilot: Pilot, path: WalkedPath) -> None:
-    """Write the map of a pilot that makes one."""
-    grid = pilot.grid
+def save_runner_map(folder: Path, runner: NavigatorRunner, path: WalkedPath) -> None:
+    """Write the map of a runner that makes one."""
+    grid = runner.grid
     assert grid is not None
-    cells = pilot.map_cells()
-    save_map(folder, cells, grid, path.moved(pilot.state), pilot_walls(pilot))
+    cells = runner.map_cells()
+    save_map(folder, cells, grid, path.moved(runner.state), runner_walls(runner))

@@ -19,7 +19,7 @@ from ndtorch_robot.camera_monitor.frame_check import FrameCheck
 from ndtorch_robot.car import Car
 from ndtorch_robot.link.registry import SIMULATED_WORLD, MovesWorld, Opening, open_link
 from ndtorch_robot.loop import CameraClock
-from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import CameraPair, Clock, Drive, Observer, Report
 from ndtorch_robot.run_config import RunConfig
 from ndtorch_robot.safety import SafeDrive, SafetyLimits
@@ -73,10 +73,10 @@ def make_car(
     """
     limits, half = config.limits.limits(), config.navigation.map_half_size_m
     grid = Grid(-half, half, -half, half) if half else None
-    pilot = Pilot(within_limits(config.navigation.options(), limits), rig, config.rate_hz, grid, near_check)
-    check = FrameCheck(rig, config.rate_hz, limits.age, limits=config.camera_monitor, floor=pilot.fields)
+    runner = NavigatorRunner(within_limits(config.navigation.options(), limits), rig, config.rate_hz, grid, near_check)
+    check = FrameCheck(rig, config.rate_hz, limits.age, limits=config.camera_monitor, floor=runner.fields)
     safe = SafeDrive(drive, clock, limits, check, report)
-    return Car(pilot, cameras, safe, observers=observers, go=go)
+    return Car(runner, cameras, safe, observers=observers, go=go)
 
 
 def within_limits(options: NavigatorOptions, limits: SafetyLimits) -> NavigatorOptions:

@@ -13,7 +13,7 @@ from ndtorch.navigation import StereoRig
 from ndtorch.toml import Strict
 from ndtorch_robot.camera_monitor.limits import CameraLimits
 from ndtorch_robot.link.registry import SERIAL, SIMULATED_BOARD, check_link
-from ndtorch_robot.navigating import NavigatorTable
+from ndtorch_robot.navigator_table import NavigatorTable
 from ndtorch_robot.safety import SafetyLimits
 
 Positive = Annotated[float, Field(gt=0)]

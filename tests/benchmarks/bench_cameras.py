@@ -19,7 +19,7 @@ from ndtorch.navigation.strips import cut_strips
 from ndtorch_robot.calibration import Calibration, Rectifier
 from ndtorch_robot.cameras import CameraSettings, FramesEnded, StereoCameras
 from ndtorch_robot.cameras.pair import to_tensor
-from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.recording import Recorder
 from ndtorch_robot.recording.streams import encode
@@ -62,14 +62,14 @@ def films(folder: Path, count: int) -> tuple[str, str]:
 
 def frame_to_command(names: tuple[str, str], rectifier: Rectifier | None) -> tuple[float, float]:
     """Median and 99th percentile, ms, from when a frame was due until its command was there."""
-    pilot, delays = Pilot(NavigatorOptions("published"), rectifier.rig if rectifier else RIG, 30.0), []
+    runner, delays = NavigatorRunner(NavigatorOptions("published"), rectifier.rig if rectifier else RIG, 30.0), []
     with StereoCameras(CameraSettings(left=names[0], right=names[1], max_age_ms=10_000), rectifier) as cameras:
         while True:
             try:
                 frames = cameras.read()
             except FramesEnded:
                 break
-            pilot.step(frames, STILL)
+            runner.step(frames, STILL)
             delays.append(time.monotonic() - frames.time)
     p50, p99 = np.percentile(np.array(delays[10:]) * 1e3, (50, 99))
     return float(p50), float(p99)
@@ -98,11 +98,11 @@ def rows(device: str | None = None) -> list[Row]:
                     f"{10 / p99:.1f}x",
                 )
             )
-        pilot = Pilot(NavigatorOptions("published"), RIG, 30.0)
+        runner = NavigatorRunner(NavigatorOptions("published"), RIG, 30.0)
         with Recorder(Path(folder) / "r", {}, format="raw", queue=10) as recorder:
             seen = StereoFrames(Strips(*strips[0]), Strips(*strips[1]), 0.0)
             jobs = {
-                "navigate": lambda: pilot.step(seen, STILL),
+                "navigate": lambda: runner.step(seen, STILL),
                 "record": lambda: recorder.record_step(seen, STILL, STILL),
                 "strips": lambda: rectifier.strips(*images),
                 "whole": lambda: [cv2.remap(image, *maps, cv2.INTER_CUBIC) for image in images],

@@ -14,7 +14,7 @@ from typing import Any
 from ndtorch.navigation import GridMap
 from ndtorch_robot.car import Car
 from ndtorch_robot.drive import DriveConfig, drive
-from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.score.record import Record
 from ndtorch_robot.sim.by_kernel import KernelPainter
@@ -26,7 +26,7 @@ PARTS: tuple[tuple[Any, str, str], ...] = (
     (Car, "see", "cameras"),
     (KernelPainter, "strips", "- drawn"),
     (SafeDrive, "see", "watch"),
-    (Pilot, "step", "navigation"),
+    (NavigatorRunner, "step", "navigation"),
     (GridMap, "update", "- map"),
     (Record, "add", "record"),
     (Simulation, "wait_until", "physics"),

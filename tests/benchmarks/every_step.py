@@ -15,7 +15,7 @@ import torch
 
 from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch_robot.config import DriveConfig
-from ndtorch_robot.drive import drive, drive_pilot
+from ndtorch_robot.drive import drive, drive_runner
 from ndtorch_robot.sim.arenas import load_arena
 from tests.benchmarks.timing import Row, table
 
@@ -31,8 +31,8 @@ def main(arena: str = "sofa", seed: int = 103, seconds: float = 8.0) -> list[Row
     torch.set_num_threads(1)
     config, frames = DriveConfig(arena=arena, seed=seed, seconds=seconds), []
     drive(config, [lambda step: frames.append(copy.deepcopy((step.frames.left, step.frames.right)))])
-    usual = drive_pilot(config, load_arena(arena, seed)).navigator
-    plain = drive_pilot(config, load_arena(arena, seed)).navigator
+    usual = drive_runner(config, load_arena(arena, seed)).navigator
+    plain = drive_runner(config, load_arena(arena, seed)).navigator
     control = plain.controller
     plain.controller = RangingControl(plain.ranging.rig, plain.reckoning.dt, replace(control.params, overhangs=False))
     kinds = {

@@ -58,7 +58,7 @@ def measure(minutes: float) -> list[tuple[float, float]]:
         made = car.run((steps - 1.5) / config.rate_hz)
     finally:
         simulation.close()
-    p50 = car.loop.timing.summary()["step"]["p50"]
+    p50 = car.loop.timer.summary()["step"]["p50"]
     hits = len(simulation.collisions)
     print(f"{made} steps of {p50:.2f} ms, {hits} collisions, {len(faults)} lines of the safety layer")
     return measured

@@ -108,7 +108,7 @@ class FaultInjector:
             if not self.car.safe.auto_recover and now > self.cleared + RESUME_AFTER_S:
                 self.car.safe.resume()
         elif abs(step.driven.speed) > 0.15:
-            self.driving += 1 / self.car.pilot.rate
+            self.driving += 1 / self.car.runner.rate
         if self.rows and "recovered_s" not in self.rows[-1]:
             self.wait_to_drive(self.rows[-1], now)
         elif self.driving >= self.calm and self.moving_pulses > 25:

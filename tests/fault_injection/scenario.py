@@ -43,7 +43,7 @@ def drive_scenario(config: RunConfig, number: int, seconds: float) -> Scenario:
         car.cameras = cameras
         injector = FaultInjector(car, car.drive.world, cameras, number, Path(scratch) / "recording")
         simulation = car.drive.world.simulation
-        put_back = PutBack(simulation, car.pilot)
+        put_back = PutBack(simulation, car.runner)
         car.observers += [put_back, injector, resume_elsewhere(injector, put_back)]
         car.run(seconds)
         return {

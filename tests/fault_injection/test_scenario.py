@@ -48,7 +48,7 @@ def inject(folder, *names, backwards=False):
         injector = InOrder(car, car.drive.world, cameras, 0, folder)
         injector.calm, injector.wanted = 0.1, [by_name[name] for name in names]
         simulation, start = car.drive.world.simulation, np.array(car.drive.world.simulation.pose)
-        put_back = PutBack(simulation, car.pilot)
+        put_back = PutBack(simulation, car.runner)
 
         def to_the_start(step):
             """A car that drives backwards would come to a wall."""

@@ -196,10 +196,10 @@ def craft_recording(chance: random.Random, path: Path) -> None:
 def replay_recording(path: Path) -> Any:
     """A recording driven again."""
     from ndtorch_robot.recording.reading import open_recording
-    from ndtorch_robot.recording.replay import make_pilot, replay
+    from ndtorch_robot.recording.replay import make_runner, replay
 
     recording = open_recording(path)
-    return replay(recording, make_pilot(recording.configuration))
+    return replay(recording, make_runner(recording.configuration))
 
 
 def read_line(path: Path) -> Any:

@@ -230,8 +230,8 @@ def test_why_it_stands_is_said_once_it_lasts(monkeypatch):
     car, _, lines = film(60)
     said = {**dict.fromkeys(range(10, 40), "no floor"), **dict.fromkeys(range(12, 16), "no floor, and noise")}
     step = iter(range(60))
-    monkeypatch.setattr(car.pilot, "mode", lambda: ndtorch_robot.car.STOPPED)
-    monkeypatch.setattr(car.pilot, "trouble", lambda: said.get(next(step)))
+    monkeypatch.setattr(car.runner, "mode", lambda: ndtorch_robot.car.STOPPED)
+    monkeypatch.setattr(car.runner, "trouble", lambda: said.get(next(step)))
     car.run(58.5 / 30)
     assert car.troubles == ["no floor"]
     assert [line for line in lines if line.startswith("stands")] == ["stands: no floor"]

@@ -3,7 +3,7 @@
 import pytest
 
 from ndtorch.errors import InputError
-from ndtorch_robot.loop import Loop, MonotonicClock, SimulatedClock, Timing
+from ndtorch_robot.loop import Loop, MonotonicClock, SimulatedClock, StepTimer
 from ndtorch_robot.safety import SafeDrive
 from tests.robot.support.plain_drive import PlainDrive
 
@@ -68,11 +68,11 @@ def test_real_time():
 
 
 def test_timing():
-    timing = Timing()
+    timer = StepTimer()
     for _ in range(3):
-        with timing.part("a"):
+        with timer.part("a"):
             pass
-    summary = timing.summary()
+    summary = timer.summary()
     assert summary["a"]["p50"] <= summary["a"]["p99"] < 100
 
 

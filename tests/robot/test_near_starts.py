@@ -10,7 +10,7 @@ from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.camera_monitor.frame_check import FrameCheck
 from ndtorch_robot.car import Car
 from ndtorch_robot.drive import DRAWN, LIMITS
-from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.plan import Plan, ring
@@ -23,26 +23,26 @@ BUMPER = 0.25
 """Metres from the middle of the car."""
 
 
-def driven(simulation, pilot, place, seconds):
+def driven(simulation, runner, place, seconds):
     """Put the car there, drive, and count the collisions."""
     simulation.place(*place)
     frame_check = FrameCheck(RIG, 30.0, LIMITS.age, 15, joint_freeze=False, limits=DRAWN)
-    car = Car(pilot, simulation, SafeDrive(simulation, simulation, LIMITS, frame_check), max_steps=round(30 * seconds))
+    car = Car(runner, simulation, SafeDrive(simulation, simulation, LIMITS, frame_check), max_steps=round(30 * seconds))
     before = len(simulation.collisions)
     car.run(warm_up=False)
     return len(simulation.collisions) - before, car
 
 
 def test_a_start_before_a_wall_and_one_before_none():
-    pilot = Pilot(NavigatorOptions(), RIG, 30.0)
-    simulation = Simulation(Plan("small", ring([(0, 0), (3, 0), (3, 2), (0, 2)])), 7, fields=pilot.fields)
+    runner = NavigatorRunner(NavigatorOptions(), RIG, 30.0)
+    simulation = Simulation(Plan("small", ring([(0, 0), (3, 0), (3, 2), (0, 2)])), 7, fields=runner.fields)
     try:
-        hits, car = driven(simulation, pilot, (3 - BUMPER - 0.35, 1.0, 0.0), 1.0)
+        hits, car = driven(simulation, runner, (3 - BUMPER - 0.35, 1.0, 0.0), 1.0)
         assert hits == 0
         assert simulation.pose[0] == pytest.approx(3 - BUMPER - 0.35)
-        assert pilot.mode() == STOPPED
+        assert runner.mode() == STOPPED
         assert "it cannot begin" in car.troubles[0]
-        hits, car = driven(simulation, pilot, (0.6, 1.0, 0.0), 1.0)
+        hits, car = driven(simulation, runner, (0.6, 1.0, 0.0), 1.0)
         assert hits == 0
         assert car.troubles == []
         assert simulation.pose[0] > 0.8
@@ -54,8 +54,8 @@ def test_a_start_before_a_wall_and_one_before_none():
 @pytest.mark.parametrize("arena", ["room", "office"])
 def test_twenty_starts_before_walls(arena):
     plan, rng = load_arena(arena, 1110), np.random.default_rng(1110)
-    pilot = Pilot(NavigatorOptions(), RIG, 30.0)
-    simulation = Simulation(plan, 1110, fields=pilot.fields)
+    runner = NavigatorRunner(NavigatorOptions(), RIG, 30.0)
+    simulation = Simulation(plan, 1110, fields=runner.fields)
     made = 0
     try:
         while made < 10:
@@ -67,8 +67,8 @@ def test_twenty_starts_before_walls(arena):
             if not 0.2 <= free <= 0.6:
                 continue
             made += 1
-            pilot.state = None
-            hits, _ = driven(simulation, pilot, (x, y, heading), 2.5)
+            runner.state = None
+            hits, _ = driven(simulation, runner, (x, y, heading), 2.5)
             assert hits == 0, (x, y, heading, free)
     finally:
         simulation.close()

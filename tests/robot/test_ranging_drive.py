@@ -9,7 +9,7 @@ import torch
 from ndtorch.navigation import CRUISE, SUPPRESSED, TURN
 from ndtorch.navigation.controllers.ranging.modes import REVERSE
 from ndtorch_robot.config import DriveConfig
-from ndtorch_robot.drive import drive, drive_pilot
+from ndtorch_robot.drive import drive, drive_runner
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.sim.arenas import load_arena
 from tests.robot.support.gl_needed import needs_gl
@@ -74,7 +74,7 @@ def test_every_step_of_a_drive_is_the_same_by_torch_and_by_kernels(arena):
     """From the same state, so that one rounding that tips a decision does not change all that follows."""
     pytest.importorskip("numba")
     config, seen = DriveConfig(arena=arena, seed=SEED, seconds=14), []
-    navigator = drive_pilot(config, load_arena(arena, SEED)).navigator
+    navigator = drive_runner(config, load_arena(arena, SEED)).navigator
     drive(config, [lambda step: seen.append(copy.deepcopy((step.frames.left, step.frames.right)))])
     state, modes, apart, stands = None, set(), [], 0
     for eyes in seen:

@@ -45,8 +45,8 @@ def test_no_kernel_is_loaded_on_the_way(options, monkeypatch):
 
     with open_car(config, lambda line: None, True, [look]) as car:
         car.run(1.8)
-        assert car.pilot.state is not None
-        assert max(float(part) for part in car.pilot.state.pose[:2]) > 0.2  # it has driven
+        assert car.runner.state is not None
+        assert max(float(part) for part in car.runner.state.pose[:2]) > 0.2  # it has driven
     assert len(car.safe.faults) > 1
     assert before
     assert loaded == before

@@ -83,25 +83,25 @@ def record_drive(
         InputError: thresholds that the controller does not have.
     """
     from ndtorch_robot.config import load_config
-    from ndtorch_robot.drive import drive, drive_pilot
+    from ndtorch_robot.drive import drive, drive_runner
     from ndtorch_robot.sim.arenas import load_arena
 
     config = load_config(None, dict(options))
-    pilot = drive_pilot(config, load_arena(config.arena, config.seed))
+    runner = drive_runner(config, load_arena(config.arena, config.seed))
     changed: dict[str, Any] = dict(thresholds or {})
     if changed:
         kind = controller_class(config.controller)
         strange = set(changed) - {item.name for item in fields(kind.Params)}
         if strange:
             raise InputError(f"controller {config.controller!r} has no parameter {', '.join(sorted(strange))}")
-        pilot.navigator.controller = kind(pilot.rig, 1 / RATE, kind.Params(**changed))
+        runner.navigator.controller = kind(runner.rig, 1 / RATE, kind.Params(**changed))
     total = round(config.seconds * RATE)
 
     def tell(step: Step) -> None:
         if report is not None:
             report(step.number + 1, total)
 
-    result = drive(config, [tell], pilot=pilot)
+    result = drive(config, [tell], runner=runner)
     record, grid, world = result.record, result.grid, result.simulation.world
     names = ("time", "pose", "believed", "sides", "difference", "mode")
     return {

@@ -15,7 +15,7 @@ from ndtorch_robot.camera_monitor.frame_check import FrameCheck
 from ndtorch_robot.camera_monitor.monitor import PATIENCE
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import RATE
-from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import Step
 from ndtorch_robot.safety import SafeDrive, SafetyLimits
 from ndtorch_robot.sim.simulation import RIG, Simulation
@@ -85,20 +85,20 @@ def attempt(entry: Entry) -> Attempt:
     x, y = world.goal
     told = controller_class(entry.options.controller).has_goals
     options = replace(entry.options, to=f"{x},{y}") if told else entry.options
-    pilot = Pilot(options, RIG, RATE)
-    simulation = Simulation(world.plan(), entry.seed, fields=pilot.fields)
+    runner = NavigatorRunner(options, RIG, RATE)
+    simulation = Simulation(world.plan(), entry.seed, fields=runner.fields)
     try:
-        frame_check = FrameCheck(simulation.rig, RATE, LIMITS.age, PATIENCE, joint_freeze=False, floor=pilot.fields)
-        car = Car(pilot, simulation, SafeDrive(simulation, simulation, LIMITS, frame_check))
+        frame_check = FrameCheck(simulation.rig, RATE, LIMITS.age, PATIENCE, joint_freeze=False, floor=runner.fields)
+        car = Car(runner, simulation, SafeDrive(simulation, simulation, LIMITS, frame_check))
         referee = Referee(world, simulation, car)
         car.observers.append(referee)
-        pilot.warm_up()
+        runner.warm_up()
         began = time.perf_counter()
         car.run(warm_up=False)
         wall = time.perf_counter() - began
         seconds = simulation.collisions[0].time if simulation.collisions else simulation.now()
         score = world.score(seconds if referee.success else None)
-        step = car.loop.timing.summary().get("navigate", {}).get("p50", 0.0)
+        step = car.loop.timer.summary().get("navigate", {}).get("p50", 0.0)
         return Attempt(
             world.number,
             referee.success,

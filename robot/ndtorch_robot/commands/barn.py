@@ -14,7 +14,7 @@ import tyro
 from ndtorch import workers
 from ndtorch.command_run import INTERRUPTED
 from ndtorch.errors import InputError
-from ndtorch_robot.navigator_flags import navigator_flags
+from ndtorch_robot.navigator_options import navigator_options
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -28,7 +28,7 @@ FAILED = 1
 
 
 @dataclass(frozen=True)
-@navigator_flags("controller", "ranging", "cruise", "to", "explore", "back")
+@navigator_options("controller", "ranging", "cruise", "to", "explore", "back")
 class Barn:
     """Drive through every world of the BARN challenge once: fields of cylinders, the goal 10 m ahead.
 

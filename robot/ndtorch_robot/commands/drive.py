@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from ndtorch.command_run import INCOMPLETE, INTERRUPTED
-from ndtorch_robot.navigator_flags import navigator_flags
+from ndtorch_robot.navigator_options import navigator_options
 
 if TYPE_CHECKING:
     from ndtorch_robot.config import DriveConfig
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-@navigator_flags()
+@navigator_options()
 class Drive:
     """Drive through a simulated building, steering and mapping by sight.
 

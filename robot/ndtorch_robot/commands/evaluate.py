@@ -14,7 +14,7 @@ import tyro
 from ndtorch import workers
 from ndtorch.command_run import INTERRUPTED
 from ndtorch.errors import InputError
-from ndtorch_robot.navigator_flags import navigator_flags
+from ndtorch_robot.navigator_options import navigator_options
 
 if TYPE_CHECKING:
     from ndtorch_robot.config import DriveConfig
@@ -31,7 +31,7 @@ FAILED = 1
 
 
 @dataclass(frozen=True)
-@navigator_flags("controller")
+@navigator_options("controller")
 class Evaluate:
     """Drive many times, in parallel, and put the results into one table.
 

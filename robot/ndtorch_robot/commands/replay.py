@@ -79,24 +79,24 @@ class Replay:
 
     def plain(self, recording: Recording) -> Comparison:
         """Replay without showing anything."""
-        from ndtorch_robot.recording import make_pilot, replay
+        from ndtorch_robot.recording import make_runner, replay
 
-        return replay(recording, make_pilot(recording.configuration))
+        return replay(recording, make_runner(recording.configuration))
 
     def shown(self, recording: Recording) -> Comparison:
         """Replay and show it."""
-        from ndtorch_robot.navigating import print_note
-        from ndtorch_robot.recording import make_pilot, replay
+        from ndtorch_robot.navigator_table import print_note
+        from ndtorch_robot.recording import make_runner, replay
         from ndtorch_robot.view import ViewSteps, Where, layout, open_stream, start_view
 
-        pilot = make_pilot(recording.configuration, mapping=True)
+        runner = make_runner(recording.configuration, mapping=True)
         where = Where(self.rrd, self.view, self.view_at)
         stream = open_stream(f"replay {self.folder.name}", where, layout())
 
-        view = start_view(stream, pilot, print_note, wait=True)
+        view = start_view(stream, runner, print_note, wait=True)
         observer = ViewSteps(view, "replay")
         try:
-            return replay(recording, pilot, [observer], observer.report)
+            return replay(recording, runner, [observer], observer.report)
         finally:
             view.close()
 

@@ -58,7 +58,7 @@ class Run:
 
         from ndtorch.toml import read_toml
         from ndtorch_robot.emergency import HELP, emergency_stops
-        from ndtorch_robot.map_saving import WalkedPath, save_pilot_map
+        from ndtorch_robot.map_saving import WalkedPath, save_runner_map
         from ndtorch_robot.recording import Recorder, RecordSteps
         from ndtorch_robot.run import open_car, real_time_priority, timed_report
         from ndtorch_robot.run_config import RunConfig
@@ -86,13 +86,13 @@ class Run:
             stack.enter_context(emergency_stops(car.safe, car.ended))
             recorder = None
             if self.record is not None:
-                recorder = Recorder(self.record, car.pilot.configuration(), format=self.record_format, report=report)
+                recorder = Recorder(self.record, car.runner.configuration(), format=self.record_format, report=report)
                 car.observers.append(RecordSteps(stack.enter_context(recorder)))
             view = None
             if stream is not None:
                 from ndtorch_robot.view import ViewSteps, start_view
 
-                view = start_view(stream, car.pilot, printed)
+                view = start_view(stream, car.runner, printed)
                 stack.callback(view.close)
                 observer = ViewSteps(view)
                 car.observers.append(observer)
@@ -103,7 +103,7 @@ class Run:
             car.run(self.seconds)
             summary = car.summary() | world(car)
             if folder is not None:
-                save_pilot_map(folder.work, car.pilot, path)
+                save_runner_map(folder.work, car.runner, path)
                 folder.publish()
                 summary["map"] = str(folder.final)
             if recorder is not None:

@@ -3,14 +3,14 @@
 from ndtorch_robot.recording.observe import RecordSteps
 from ndtorch_robot.recording.reading import Recording, open_recording
 from ndtorch_robot.recording.recorder import Recorder
-from ndtorch_robot.recording.replay import Comparison, make_pilot, replay
+from ndtorch_robot.recording.replay import Comparison, make_runner, replay
 
 __all__ = [
     "Comparison",
     "RecordSteps",
     "Recorder",
     "Recording",
-    "make_pilot",
+    "make_runner",
     "open_recording",
     "replay",
 ]

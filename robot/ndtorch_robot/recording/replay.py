@@ -11,7 +11,7 @@ from ndtorch.navigation import Grid, StereoRig
 from ndtorch.navigation.options import options_of
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import load_config
-from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import DriveCommand, Observer, Report, Step
 from ndtorch_robot.recording.reading import Recording
 from ndtorch_robot.recording.recorded_car import RecordedSafety, RecordedWorld
@@ -21,8 +21,8 @@ MAP_HALF = 10.0
 """Metres from the start to the sides of the map of a car that made none."""
 
 
-def make_pilot(configuration: dict[str, Any], mapping: bool = False) -> Pilot:
-    """The pilot of a recording.
+def make_runner(configuration: dict[str, Any], mapping: bool = False) -> NavigatorRunner:
+    """The runner of a recording.
 
     Args:
         mapping: make a map as well, as large as the car's own, or `MAP_HALF` to all sides where it made none.
@@ -45,7 +45,7 @@ def make_pilot(configuration: dict[str, Any], mapping: bool = False) -> Pilot:
                 f"the recording was made by {program!r}, which cannot be replayed; known are navigator and drive"
             )
         rig = StereoRig(**configuration["rig"])
-        return Pilot(options, rig, float(configuration["rate_hz"]), grid)
+        return NavigatorRunner(options, rig, float(configuration["rate_hz"]), grid)
     except (KeyError, TypeError, ValueError) as error:
         if isinstance(error, InputError):
             raise
@@ -101,9 +101,9 @@ class Compare:
 
 
 def replay(
-    recording: Recording, pilot: Pilot, observers: Iterable[Observer] = (), report: Report | None = None
+    recording: Recording, runner: NavigatorRunner, observers: Iterable[Observer] = (), report: Report | None = None
 ) -> Comparison:
-    """Run a pilot on a recording.
+    """Run a runner on a recording.
 
     Args:
         observers: told every step as it is made now; `wanted` is of now, `sent` and `standing` are of then.
@@ -114,7 +114,7 @@ def replay(
     safe.report = report or safe.report
     if world.step is None:
         return compare.result
-    car = Car(pilot, world, safe, observers=[compare, *observers])
+    car = Car(runner, world, safe, observers=[compare, *observers])
     car.observers.append(lambda step: car.ended.set() if world.last else None)
     car.run(warm_up=False)
     return compare.result

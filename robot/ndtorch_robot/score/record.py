@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ndtorch.navigation import NavigatorState, StereoRig, Strips
-from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import DriveCommand, Observer, Step, StereoFrames
 
 KEPT_ROWS = 900
@@ -77,7 +77,7 @@ class Record:
         if len(self.rows) < KEPT_ROWS:
             self.rows.append(np.stack([grey_row(eye, rig) for eye in (frames.left, frames.right)]))
 
-    def observer(self, pilot: Pilot, pose: Callable[[], Pose]) -> Observer:
+    def observer(self, runner: NavigatorRunner, pose: Callable[[], Pose]) -> Observer:
         """Keeps every step in which the navigator was asked.
 
         Args:
@@ -88,7 +88,7 @@ class Record:
             if step.placed is not None:
                 self.placed.append(len(self.time))
             if step.frames is not None and step.state is not None:
-                self.add(step.frames, step.state, pilot.mode(), step.sent, pose(), pilot.rig)
+                self.add(step.frames, step.state, runner.mode(), step.sent, pose(), runner.rig)
 
         return keep
 

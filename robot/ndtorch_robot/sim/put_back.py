@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ndtorch.navigation import STOPPED
-from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import Step
 from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.simulation import Simulation
@@ -43,16 +43,16 @@ class PutBack:
         stops: times at which the controller stopped for good.
     """
 
-    def __init__(self, simulation: Simulation, pilot: Pilot) -> None:
-        self.simulation, self.pilot = simulation, pilot
+    def __init__(self, simulation: Simulation, runner: NavigatorRunner) -> None:
+        self.simulation, self.runner = simulation, runner
         self.stops: list[float] = []
         self.standing = 0
 
     def __call__(self, step: Step) -> None:
-        stopped = step.state is not None and self.pilot.mode() == STOPPED
+        stopped = step.state is not None and self.runner.mode() == STOPPED
         self.standing = self.standing + 1 if stopped else 0
         if self.standing == 1 and step.frames is not None:
             self.stops.append(step.frames.time)
-        if self.standing >= STOP_TIME * self.pilot.rate:
+        if self.standing >= STOP_TIME * self.runner.rate:
             self.standing = 0
             self.simulation.put_back()

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections import deque
 from typing import Any
 
-from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import Report, Step
 from ndtorch_robot.view.background import Background
 from ndtorch_robot.view.car_view import CarView, Seen
 from ndtorch_robot.view.drawing import PICTURES, levels
 
 
-def start_view(stream: Any, pilot: Pilot, report: Report | None, wait: bool = False) -> Background[Seen]:
+def start_view(stream: Any, runner: NavigatorRunner, report: Report | None, wait: bool = False) -> Background[Seen]:
     """The view of a car, in its own thread."""
-    view = CarView(stream, pilot.rig, pilot.fields, levels(pilot.navigator), pilot.grid)
+    view = CarView(stream, runner.rig, runner.fields, levels(runner.navigator), runner.grid)
     return Background(view.show, view.close, report=report, wait=wait)
 
 

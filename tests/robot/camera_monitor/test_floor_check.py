@@ -13,7 +13,7 @@ from ndtorch_robot.camera_monitor import floor_check
 from ndtorch_robot.camera_monitor.floor_check import FloorFound, measure_floor, moved_level
 from ndtorch_robot.camera_monitor.frame_check import FrameCheck
 from ndtorch_robot.car import Car
-from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.safety import SafeDrive, SafetyLimits
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.simulation import RIG, Simulation
@@ -36,14 +36,14 @@ def reading(world):
 @needs_gl
 @pytest.mark.slow
 def test_the_level_is_the_one_that_driving_teaches():
-    pilot = Pilot(NavigatorOptions(), RIG, 30.0)
-    world = Simulation(load_arena("dead-end", 3), 3, fields=pilot.fields)
+    runner = NavigatorRunner(NavigatorOptions(), RIG, 30.0)
+    world = Simulation(load_arena("dead-end", 3), 3, fields=runner.fields)
     try:
         frames = world.read()
-        told = moved_level(pilot.navigator.controller, strips(frames.left), strips(frames.right), RIG)
+        told = moved_level(runner.navigator.controller, strips(frames.left), strips(frames.right), RIG)
         check = FrameCheck(RIG, 30.0, LIMITS.age, joint_freeze=False)
-        Car(pilot, world, SafeDrive(world, world, LIMITS, check)).run(0.8, warm_up=False)
-        learned = pilot.state.control.floor.level
+        Car(runner, world, SafeDrive(world, world, LIMITS, check)).run(0.8, warm_up=False)
+        learned = runner.state.control.floor.level
         assert (told[:6] / learned[:6]).log().abs().max() < 0.4
     finally:
         world.close()

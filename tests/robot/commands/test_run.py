@@ -27,7 +27,7 @@ class Car:
 
     def __init__(self) -> None:
         self.safe, self.ended, self.observers = SimpleNamespace(), threading.Event(), []
-        self.pilot, self.cameras = SimpleNamespace(configuration=dict), SimpleNamespace()
+        self.runner, self.cameras = SimpleNamespace(configuration=dict), SimpleNamespace()
         self.asked: list[float | None] = []
         self.go = False
 

@@ -13,13 +13,13 @@ from ndtorch.errors import InputError
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import drive
-from ndtorch_robot.navigating import configuration
-from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.navigator_runner import NavigatorRunner
+from ndtorch_robot.navigator_table import configuration
 from ndtorch_robot.ports import DriveCommand, Step
 from ndtorch_robot.recording import (
     Recorder,
     RecordSteps,
-    make_pilot,
+    make_runner,
     open_recording,
     replay,
 )
@@ -34,11 +34,11 @@ CHOICE = NavigatorOptions("published", features=5, places="motion")
 
 def record(folder, count=60, format="png"):
     """A drive of the navigator alone, its wheels slipping a little."""
-    pilot, driven, commands = Pilot(CHOICE, RIG, 30.0), DriveCommand(0.0, 0.0), []
+    runner, driven, commands = NavigatorRunner(CHOICE, RIG, 30.0), DriveCommand(0.0, 0.0), []
     with Recorder(folder, configuration(CHOICE, RIG, 30.0), format=format, when_full="wait") as recorder:
         for n, frames in enumerate(moving_world(count, RIG, grain=1)):
             placed = (0.0, 0.0, 0.0) if n in (0, 40) else None
-            command = pilot.step(frames, driven, placed)
+            command = runner.step(frames, driven, placed)
             recorder.record_step(frames, driven, command, placed=placed)
             driven = DriveCommand(command.speed * 0.97, command.curvature + 0.01)
             commands.append(command)
@@ -51,7 +51,7 @@ def test_the_navigator_wants_the_same_again(tmp_path, kind):
     assert len(set(commands)) > 2
     recording = open_recording(tmp_path / "r")
     again = []
-    result = replay(recording, make_pilot(recording.configuration), [lambda step: again.append(step.wanted)])
+    result = replay(recording, make_runner(recording.configuration), [lambda step: again.append(step.wanted)])
     assert again == commands
     assert (result.steps, result.same, result.first_different) == (60, 60, None)
 
@@ -189,12 +189,12 @@ def test_a_full_disk_does_not_stop_the_drive(tmp_path, capsys, monkeypatch):
 )
 def test_bad_configurations(configuration, message):
     with pytest.raises(InputError, match=message):
-        make_pilot(configuration)
+        make_runner(configuration)
 
 
 def test_a_car_that_was_blind_for_a_while(tmp_path):
     """As the loop of a car does: no frames, then frames that are not trusted, then a navigator that begins anew."""
-    pilot, still = Pilot(CHOICE, RIG, 30.0), DriveCommand(0.0, 0.0)
+    runner, still = NavigatorRunner(CHOICE, RIG, 30.0), DriveCommand(0.0, 0.0)
     with Recorder(tmp_path / "r", configuration(CHOICE, RIG, 30.0), when_full="wait") as recorder:
         observe, interrupted = RecordSteps(recorder), False
         for n, frames in enumerate(moving_world(60, RIG)):
@@ -204,8 +204,8 @@ def test_a_car_that_was_blind_for_a_while(tmp_path):
                 observe(Step(n, n / 30, seen, still, still, still, **told))
                 interrupted = True
                 continue
-            wanted = pilot.step(frames, still, anew=interrupted)
-            observe(Step(n, n / 30, frames, still, wanted, still, pilot.state, restarted=interrupted))
+            wanted = runner.step(frames, still, anew=interrupted)
+            observe(Step(n, n / 30, frames, still, wanted, still, runner.state, restarted=interrupted))
             interrupted = False
     recording = open_recording(tmp_path / "r")
     steps = list(recording.steps())
@@ -215,7 +215,7 @@ def test_a_car_that_was_blind_for_a_while(tmp_path):
     assert steps[22].time == 22 / 30
     assert steps[22].standing == "no frames"
     assert steps[22].telemetry == {"battery_v": 7.2}
-    result = replay(recording, make_pilot(recording.configuration))
+    result = replay(recording, make_runner(recording.configuration))
     assert (result.steps, result.same, result.skipped) == (50, 50, 0)
 
 
@@ -226,7 +226,7 @@ def test_the_loop_of_a_car_bit_for_bit(tmp_path):
     car = FilmCar(frames)
     loop = bare_loop(car, RIG, controller="published", map_half_size_m=5.0)
     anew = []
-    with Recorder(tmp_path / "r", loop.pilot.configuration(), when_full="wait") as recorder:
+    with Recorder(tmp_path / "r", loop.runner.configuration(), when_full="wait") as recorder:
         loop.observers += [RecordSteps(recorder), lambda step: anew.append(step.restarted)]
         loop.observers.append(lambda step: loop.safe.emergency("a key") if step.number == 20 else None)
         loop.observers.append(lambda step: loop.safe.resume() if step.number == 40 else None)
@@ -238,7 +238,7 @@ def test_the_loop_of_a_car_bit_for_bit(tmp_path):
     assert steps[30].telemetry["battery_v"] == 7.4
     assert steps[30].telemetry["link"] is None
     for mapping in (False, True):
-        result = replay(recording, make_pilot(recording.configuration, mapping))
+        result = replay(recording, make_runner(recording.configuration, mapping))
         assert (result.steps, result.same) == (88, 88)
 
 
@@ -249,8 +249,8 @@ import torch
 from ndtorch.memory import tune_allocator
 from ndtorch_robot.cameras import CameraSettings, StereoCameras
 from ndtorch.navigation.options import NavigatorOptions
-from ndtorch_robot.navigating import configuration
-from ndtorch_robot.pilot import Pilot
+from ndtorch_robot.navigator_table import configuration
+from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.recording import Recorder
 from ndtorch_robot.sim.simulation import RIG
@@ -263,7 +263,7 @@ tune_allocator()
 pictures = [picture(n, 640, 480) for n in range(8)]
 settings = CameraSettings(left=str(folder.parent), right=str(folder.parent), pace="read")
 cameras = StereoCameras(settings, opener=lambda source, settings: FilmCapture(pictures, steps))
-pilot, driven = Pilot(CHOICE, RIG, 30.0), DriveCommand(0.0, 0.0)
+runner, driven = NavigatorRunner(CHOICE, RIG, 30.0), DriveCommand(0.0, 0.0)
 fields = RIG.subfields()
 from ndtorch.navigation import Strips
 from ndtorch.navigation.strips import cut_strips
@@ -273,7 +273,7 @@ with Recorder(folder, configuration(CHOICE, RIG, 30.0), format="raw", when_full=
             frames = cameras.read()
             eyes = [cut_strips(eye, field, RIG) for eye, field in zip(frames, fields)]
             frames = frames._replace(left=eyes[0], right=eyes[1])
-            driven = pilot.step(frames, driven, None)
+            driven = runner.step(frames, driven, None)
             recorder.record_step(frames, driven, driven)
             if n % (steps // 6) == steps // 6 - 1:
                 print(int(re.search(r"VmRSS:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]) / 1024, flush=True)

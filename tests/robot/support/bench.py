@@ -116,7 +116,7 @@ class Bench:
     def last_moments(self):
         """What the loop did of late, to find out where time went."""
         loop, faults = self.car.loop, self.car.safe.faults
-        parts = {name: [round(1e3 * s) for s in list(seconds)[-90:]] for name, seconds in loop.timing.seconds.items()}
+        parts = {name: [round(1e3 * s) for s in list(seconds)[-90:]] for name, seconds in loop.timer.seconds.items()}
         slow = {name: [s for s in times if s > 50] for name, times in parts.items()}
         starts = [round(when - self.cameras.began, 3) for when in self.car.starts[-90:]]
         told = [(round(stop.time - self.cameras.began, 3), stop.why) for stop in faults[-3:]]
@@ -141,7 +141,7 @@ def bench(**changes):
             with open_car(config, lines.append, go=True) as car:
                 car.cameras = FailingCameras(car.cameras)
                 made.append(car)
-                car.pilot.warm_up()  # kernels that nobody has compiled yet take most of a minute
+                car.runner.warm_up()  # kernels that nobody has compiled yet take most of a minute
                 ready.set()
                 car.run()
         except BaseException as error:  # told to the test below

@@ -28,7 +28,7 @@ rerun = pytest.importorskip("rerun")
 
 def start(loop, stream, report=None, wait=False):
     """The view of a loop, and its observer. One that waits shows every step, however busy the machine is."""
-    view = start_view(stream, loop.pilot, report, wait)
+    view = start_view(stream, loop.runner, report, wait)
     observer = ViewSteps(view)
     loop.observers.append(observer)
     return view, observer
@@ -82,7 +82,7 @@ def test_a_run_and_its_replay(tmp_path, capsys):
     loop = bare_loop(FilmCar(moving_world(90, RIG)), RIG, controller="published", map_half_size_m=5.0)
     view, observer = start(loop, open_stream("run", Where(path), layout()), wait=True)
     loop.safe.report = observer.report
-    with Recorder(tmp_path / "r", loop.pilot.configuration(), when_full="wait") as recorder:
+    with Recorder(tmp_path / "r", loop.runner.configuration(), when_full="wait") as recorder:
         loop.observers.append(RecordSteps(recorder))
         stops_for_a_while(loop)
         loop.run(88.5 / 30)
@@ -232,7 +232,7 @@ def test_replay_that_is_served(tmp_path, capsys, monkeypatch):
     sinks = []
     monkeypatch.setattr(rerun, "GrpcSink", lambda address: (sinks.append(address), rerun.FileSink(tmp_path / "s"))[1])
     loop = bare_loop(FilmCar(moving_world(20, RIG)), RIG, controller="published")
-    with Recorder(tmp_path / "r", loop.pilot.configuration(), when_full="wait") as recorder:
+    with Recorder(tmp_path / "r", loop.runner.configuration(), when_full="wait") as recorder:
         loop.observers.append(RecordSteps(recorder))
         loop.run(18.5 / 30)
     assert main(["replay", str(tmp_path / "r"), "--view-at", "0.0.0.0:9555"]) == 0

@@ -37,7 +37,7 @@ class Option(NamedTuple):
     words: str
 
 
-def navigator_flags(*left_out: str) -> Callable[[Command], Command]:
+def navigator_options(*left_out: str) -> Callable[[Command], Command]:
     """Class decorator, under `dataclass`: a command gets an option for each of `NavigatorOptions`.
 
     What is not given is None, or False where the option is a flag.

@@ -12,7 +12,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation.options import OPTION_NAMES, NavigatorOptions, check_option, options_of
 from ndtorch.navigation.rig import StereoRig
 from ndtorch.toml import Strict
-from ndtorch_robot.navigator_flags import GONE
+from ndtorch_robot.navigator_options import GONE
 
 
 class NavigatorTable(Strict, NavigatorOptions):

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import get_type_hints
 
 from ndtorch.navigation import NavigatorOptions, controller_names
-from ndtorch_robot.navigator_flags import declared
+from ndtorch_robot.navigator_options import declared
 
 
 def test_they_are_those_of_the_class() -> None:

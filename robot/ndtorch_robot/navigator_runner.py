@@ -12,14 +12,14 @@ from ndtorch.navigation import Command, Grid, Navigator, NavigatorState, Pose, S
 from ndtorch.navigation.localisation import LocaliserState
 from ndtorch.navigation.moved_map import map_cells
 from ndtorch.navigation.options import NavigatorOptions
-from ndtorch_robot.navigating import configuration
+from ndtorch_robot.navigator_table import configuration
 from ndtorch_robot.ports import DriveCommand, Placed, StereoFrames
 
 LONGEST = 4.0
 """Periods: after more than these without frames the navigator is not told of a longer step; the safety layer stops."""
 
 
-class Pilot:
+class NavigatorRunner:
     """The navigator with its state.
 
     What was seen before a gap cannot be compared with what is seen after it: motion across it would be believed. So
@@ -55,7 +55,7 @@ class Pilot:
         self.options, self.grid = options, grid
 
     def configuration(self) -> dict[str, Any]:
-        """For a recording: everything from which the same pilot can be made again."""
+        """For a recording: everything from which the same runner can be made again."""
         half = 0.0 if self.grid is None else self.grid.right
         return configuration(self.options, self.rig, self.rate) | {"map_half_size_m": half}
 
@@ -116,10 +116,10 @@ class Pilot:
         """The map as far as is known now, `[rows, columns]`, its largest cell 1.
 
         Raises:
-            InputError: this pilot makes no map.
+            InputError: this runner makes no map.
         """
         if self.navigator.grid_map is None:
-            raise InputError("this pilot makes no map: give it a grid")
+            raise InputError("this runner makes no map: give it a grid")
         return map_cells(self.navigator.grid_map, self.state)
 
     def mode(self) -> int:

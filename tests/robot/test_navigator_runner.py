@@ -1,0 +1,77 @@
+"""When the navigator begins anew, and what it keeps then."""
+
+import numpy as np
+import pytest
+import torch
+
+from ndtorch.navigation import Grid
+from ndtorch.navigation.options import NavigatorOptions
+from ndtorch_robot.navigator_runner import NavigatorRunner
+from ndtorch_robot.ports import DriveCommand
+from tests.robot.support.moving_world import RIG, moving_world
+
+DRIVEN = DriveCommand(0.5, 0.2)
+
+
+def pilot_on_its_way(frames, steps=30):
+    runner = NavigatorRunner(NavigatorOptions("published"), RIG, 30.0, Grid(-5, 5, -5, 5))
+    for _ in range(steps):
+        runner.step(next(frames), DRIVEN)
+    return runner
+
+
+def pose(runner):
+    return tuple(float(value) for value in runner.state.pose)
+
+
+def test_a_step_goes_on():
+    frames = moving_world(40, RIG)
+    runner = pilot_on_its_way(frames)
+    before = pose(runner)
+    runner.step(next(frames), DRIVEN)
+    assert pose(runner)[0] > before[0]
+    assert pose(runner)[2] == pytest.approx(before[2] + 0.5 * 0.2 / 30, abs=1e-6)
+
+
+@pytest.mark.parametrize("placed", [None, (1.0, -2.0, 0.5)])
+def test_after_a_gap_it_compares_with_nothing_and_keeps_the_map(placed):
+    frames = moving_world(40, RIG)
+    runner = pilot_on_its_way(frames)
+    before, cells = runner.state, runner.state.map.cells.clone()
+    seen = next(frames)
+    wanted = runner.step(seen, DRIVEN, placed, anew=placed is None)
+    fresh = NavigatorRunner(NavigatorOptions("published"), RIG, 30.0)
+    first = fresh.step(seen, DRIVEN)
+    assert wanted == first
+    assert torch.equal(runner.state.sides, fresh.state.sides)
+    assert torch.equal(runner.state.map.cells, cells)
+    along = before.pose.x + 0.5 / 30 * before.pose.heading.cos()
+    assert pose(runner)[0] == pytest.approx(placed[0] if placed else float(along), abs=1e-3)
+
+
+def test_it_knows_how_far_it_rolls_and_that_frames_were_lost():
+    frames = moving_world(60, RIG)
+    runner = pilot_on_its_way(frames)
+    before = pose(runner)
+    runner.roll(DRIVEN)
+    rolled = np.hypot(pose(runner)[0] - before[0], pose(runner)[1] - before[1])
+    assert rolled == pytest.approx(0.5 / 30, rel=1e-3)
+    before, seen = pose(runner), next(frames)
+    next(frames)
+    runner.step(seen._replace(time=runner.time + 3 / 30), DRIVEN)
+    driven = np.hypot(pose(runner)[0] - before[0], pose(runner)[1] - before[1])
+    assert driven == pytest.approx(3 * 0.5 / 30, rel=1e-3)
+
+
+def test_a_car_that_was_put_somewhere_before_the_first_step_knows_where():
+    runner = NavigatorRunner(NavigatorOptions("published"), RIG, 30.0)
+    runner.step(next(moving_world(1, RIG)), DRIVEN, (3.0, 4.0, 1.0))
+    assert pose(runner) == (3.0, 4.0, 1.0)
+
+
+def test_another_pilot_from_its_configuration():
+    from ndtorch_robot.recording import make_runner
+
+    runner = pilot_on_its_way(moving_world(5, RIG), 2)
+    again = make_runner(runner.configuration(), mapping=True)
+    assert (again.options, again.rig, again.rate, again.grid) == (runner.options, runner.rig, runner.rate, runner.grid)
