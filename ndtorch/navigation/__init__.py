@@ -17,13 +17,21 @@ from ndtorch.navigation.controllers import (
     controller_names,
     make_controller,
 )
+from ndtorch.navigation.controllers.goal import GoalParams
 from ndtorch.navigation.controllers.published import AvoidanceParams
 from ndtorch.navigation.controllers.ranging import RangingParams
 from ndtorch.navigation.correspondence import MatchParams
 from ndtorch.navigation.features import FeatureParams
-from ndtorch.navigation.mapping import Grid, GridMap
+from ndtorch.navigation.localisation import Localiser, LocaliserParams
+from ndtorch.navigation.mapping import (
+    AlphaBetaTracker,
+    Grid,
+    GridMap,
+    ObservationList,
+    load_map,
+    save_map,
+)
 from ndtorch.navigation.model import Navigator
-from ndtorch.navigation.observations import ObservationList
 from ndtorch.navigation.odometry import DeadReckoning, Pose
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch.navigation.ranging import Ranges
@@ -31,7 +39,6 @@ from ndtorch.navigation.rig import Rect, StereoRig
 from ndtorch.navigation.row_ranging import RowRanging
 from ndtorch.navigation.state import NavigatorState
 from ndtorch.navigation.strips import Strips, cut_strips
-from ndtorch.navigation.tracking import AlphaBetaTracker
 
 __all__ = [
     "ARRIVED",
@@ -47,8 +54,11 @@ __all__ = [
     "Controller",
     "DeadReckoning",
     "FeatureParams",
+    "GoalParams",
     "Grid",
     "GridMap",
+    "Localiser",
+    "LocaliserParams",
     "MatchParams",
     "Navigator",
     "NavigatorOptions",
@@ -63,7 +73,9 @@ __all__ = [
     "Strips",
     "controller_names",
     "cut_strips",
+    "load_map",
     "make_controller",
+    "save_map",
 ]
 
 __getattr__ = lazy(

@@ -13,24 +13,24 @@ from ndtorch.navigation.controllers.contract import Command, Controller
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, make_controller
 from ndtorch.navigation.correspondence import MatchParams
 from ndtorch.navigation.features import FeatureParams
-from ndtorch.navigation.localisation.anchors import anchor_of
 from ndtorch.navigation.localisation.localiser import Localiser
+from ndtorch.navigation.localisation.state import frame_pose
 from ndtorch.navigation.mapping import GridMap
-from ndtorch.navigation.moved_map import keep
+from ndtorch.navigation.mapping.feature_tracks import AlphaBetaTracker
+from ndtorch.navigation.mapping.map_rendering import log_ranges
+from ndtorch.navigation.mapping.observations import ObservationList
+from ndtorch.navigation.mapping.range_log import FramePose
 from ndtorch.navigation.near_check import NearCheck
 from ndtorch.navigation.near_sight import NearSight
-from ndtorch.navigation.observations import ObservationList
 from ndtorch.navigation.odometry import DeadReckoning, Pose
 from ndtorch.navigation.one_frame import in_frames, take_over
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import AngleModel, StereoRig
 from ndtorch.navigation.row_ranging import RowRanging
 from ndtorch.navigation.row_search import SearchParams
-from ndtorch.navigation.sights import Anchor
 from ndtorch.navigation.state import NavigatorState, StepState, check_like, check_motion
 from ndtorch.navigation.steering import Steering
 from ndtorch.navigation.strips import Strips, row_rect, strips
-from ndtorch.navigation.tracking import AlphaBetaTracker
 from ndtorch.navigation.whole_step import Parts, Stepped, WholeStep
 
 
@@ -146,8 +146,8 @@ class Navigator(nn.Module):
         step = whole(ours, theirs, state, driven, start, beginning)
         if step is not None:
             return self.after(step, ours, theirs, state)
-        command, state, ranges, poses, anchors = self.see_and_steer(left, right, state, driven, start)
-        return command, self.remember(state, ranges, poses, anchors)
+        command, state, ranges, poses, frames = self.see_and_steer(left, right, state, driven, start)
+        return command, self.remember(state, ranges, poses, frames)
 
     def whole_step(self) -> WholeStep:
         """Steps of the parts that there are now."""
@@ -183,8 +183,8 @@ class Navigator(nn.Module):
             before = state.located if state else None
             new = new._replace(located=self.steering().locate(left.row, right.row, new.pose, before))
         if self.grid_map or self.observations or self.tracker:
-            anchors = None if new.located is None else [anchor_of(new.located)]
-            new = self.remember(new, *in_frames(new.ranges, new.place), anchors)
+            frames = None if new.located is None else [frame_pose(new.located)]
+            new = self.remember(new, *in_frames(new.ranges, new.place), frames)
         if whole:
             new = StepState(*new)
             new.packed = packed
@@ -197,8 +197,8 @@ class Navigator(nn.Module):
         state: NavigatorState | None = None,
         driven: Command | None = None,
         start: Pose | None = None,
-    ) -> tuple[Command, NavigatorState, Ranges, Pose, list[Anchor | None] | None]:
-        """All but the memory: command, state, and the ranges, places and anchors of every frame for `remember`."""
+    ) -> tuple[Command, NavigatorState, Ranges, Pose, list[FramePose | None] | None]:
+        """All but the memory: command, state, and the ranges, places and frame poses of every frame for `remember`."""
         check_motion(driven, start)
         left_field, left_row = strips(left)
         right_field, right_row = strips(right)
@@ -210,29 +210,27 @@ class Navigator(nn.Module):
                 f"got {tuple(left_field.shape)} and {tuple(left_row.shape)}"
             )
         eyes = (left_field, right_field), (left_row, right_row)
-        command, control, poses, pose, located, anchors = self.steering().steer(
-            seen, ranges, state, driven, start, eyes
-        )
+        command, control, poses, pose, located, frames = self.steering().steer(seen, ranges, state, driven, start, eyes)
         sides, difference = self.controller.sides(seen), self.controller.difference(control)
         last = Command(command.speed[..., -1], command.curvature[..., -1])
         now = Ranges(*(part[..., -1, :] for part in ranges))
         memory = (state.map, state.observations, state.tracks) if state else (None, None, None)
         state = NavigatorState(fields, rows, control, last, pose, sides[..., -1, :], difference, now, *memory, located)
-        return command, state, ranges, poses, anchors
+        return command, state, ranges, poses, frames
 
     def remember(
-        self, state: NavigatorState, ranges: Ranges, poses: Pose, anchors: list[Anchor | None] | None = None
+        self, state: NavigatorState, ranges: Ranges, poses: Pose, frames: list[FramePose | None] | None = None
     ) -> NavigatorState:
         """Fill the map, the observation list and the tracks, as far as there are any.
 
         Args:
-            anchors: where the frames were seen from in what the localiser moves; None where there is none.
+            frames: poses of the frames in frames of the map that the localiser moves; None without a localiser.
         """
         grid, seen, tracks = state.map, state.observations, state.tracks
         if self.grid_map is not None:
             grid = self.grid_map.update(ranges, poses, grid)
-            if anchors is not None:
-                grid = keep(grid, ranges, anchors)
+            if frames is not None:
+                grid = log_ranges(grid, ranges, frames)
         if self.observations is not None:
             _, seen = self.observations(ranges, poses, seen)
         if self.tracker is not None:

@@ -14,10 +14,10 @@ from ndtorch.navigation.controllers.contract import Controller, Task
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, controller_class, make_controller
 from ndtorch.navigation.features import FeatureParams
 from ndtorch.navigation.localisation.localiser import Localiser
+from ndtorch.navigation.localisation.ndt import from_sparse
 from ndtorch.navigation.localisation.params import LocaliserParams
-from ndtorch.navigation.localisation.walls import unpack
-from ndtorch.navigation.map_files import load_map
-from ndtorch.navigation.mapping import Certainty, Grid, GridMap
+from ndtorch.navigation.mapping.grid_map import Certainty, Grid, GridMap
+from ndtorch.navigation.mapping.map_files import load_map
 from ndtorch.navigation.model import Navigator
 from ndtorch.navigation.rig import AngleModel, Rect, StereoRig
 from ndtorch.navigation.row_search import SearchParams
@@ -77,9 +77,9 @@ class NavigatorOptions:
     def __post_init__(self) -> None:
         for option in dataclasses.fields(NavigatorOptions):
             check_option(option.name, getattr(self, option.name))
-        to, reach = place_of(self.to), LocaliserParams().reach_of_walls
+        to, reach = place_of(self.to), LocaliserParams().map_radius_m
         if (self.localise or self.known_map) and to is not None and max(map(abs, to)) >= reach:
-            raise InputError(f"localise knows walls up to {reach:g} m from 0,0 along x and y: to {self.to} is beyond")
+            raise InputError(f"the map of localise reaches {reach:g} m from 0,0 along x and y: to {self.to} is beyond")
 
     def fields(self, rig: StereoRig) -> tuple[Rect, Rect]:
         """The rectangles that the controller looks at."""
@@ -140,10 +140,10 @@ class NavigatorOptions:
         """
         if not self.known_map:
             return Localiser(rig, 1 / rate) if self.localise else None
-        walls = load_map(Path(self.known_map)).walls
-        if walls is None or not len(walls):
-            raise InputError(f"known_map {self.known_map} has no walls to find a place by: make it with localise")
-        return Localiser(rig, 1 / rate, known=unpack(walls, LocaliserParams()))
+        cells = load_map(Path(self.known_map)).ndt_cells
+        if cells is None or not len(cells):
+            raise InputError(f"known_map {self.known_map} has no NDT cells: make it with localise")
+        return Localiser(rig, 1 / rate, known=from_sparse(cells, LocaliserParams().map_cells))
 
 
 FASTEST = 1.0

@@ -11,11 +11,11 @@ from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.contract import Command
 from ndtorch.navigation.localisation.state import LocaliserState
 from ndtorch.navigation.mapping import GridMapState
-from ndtorch.navigation.observations import Observations
+from ndtorch.navigation.mapping.feature_tracks import Tracks
+from ndtorch.navigation.mapping.observations import Observations
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.row_ranging import RowRangingState
-from ndtorch.navigation.tracking import Tracks
 from ndtorch.tree import leaves
 from ndtorch.vision.temporal import FilterState
 
@@ -55,7 +55,7 @@ class NavigatorState(NamedTuple):
 
 def place_of(pose: Pose, located: LocaliserState | None) -> Pose:
     """Where a car is whose dead reckoning has led to `pose`: corrected where there is a localiser."""
-    return pose if located is None else Pose(*(part.to(pose.x) for part in located.pose))
+    return pose if located is None else Pose(*pose.x.new_tensor(located.pose).unbind())
 
 
 class Packed(NamedTuple):
@@ -86,10 +86,10 @@ def check_like(state: NavigatorState, fresh: NavigatorState) -> None:
     What either of them lacks, and the sizes of what is remembered, are not looked at.
     """
     known = leaves(fresh)
-    for name, value in leaves(state).items():
+    for name, value in leaves(state._replace(located=None)).items():
         check_dense(f"state.{name}", value)
         wanted = known.get(name)
-        if wanted is None or name.startswith(("map.", "located.")):
+        if wanted is None or name.startswith("map."):
             continue
         if value.shape != wanted.shape:
             raise InputError(f"state.{name} must be {tuple(wanted.shape)}, got {tuple(value.shape)}")

@@ -8,14 +8,13 @@ import torch
 from torch import Tensor
 
 from ndtorch.navigation.controllers.contract import Command, Controller, in_time, ranges_at, stack_commands
-from ndtorch.navigation.localisation.anchors import anchor_of
 from ndtorch.navigation.localisation.localiser import Localiser
-from ndtorch.navigation.localisation.state import LocaliserState
+from ndtorch.navigation.localisation.state import LocaliserState, frame_pose
+from ndtorch.navigation.mapping.range_log import FramePose
 from ndtorch.navigation.near_sight import NearSight
 from ndtorch.navigation.odometry import DeadReckoning, Pose
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import Rect
-from ndtorch.navigation.sights import Anchor
 from ndtorch.navigation.state import NavigatorState, place_of
 from ndtorch.navigation.strips import grey_pair
 
@@ -53,18 +52,18 @@ class Steering(NamedTuple):
         driven: Command | None,
         start: Pose | None = None,
         eyes: tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]] | None = None,
-    ) -> tuple[Command, Any, Pose, Pose, LocaliserState | None, list[Anchor | None] | None]:
+    ) -> tuple[Command, Any, Pose, Pose, LocaliserState | None, list[FramePose | None] | None]:
         """Frame by frame, because what is done at one frame is what was driven on the way to the next.
 
         Returns commands, the controller's state, the corrected poses, the last one of dead reckoning, the localiser's
-        state, and the anchors of all frames.
+        state, and the frame poses of all frames.
         """
         still = torch.zeros_like(ranges.x[..., 0, 0])
         pose = state.pose if state else start or Pose(still, still, still)
         last = state.command if state else Command(still, still)
         dim = ranges.x.ndim - 2
         control = state.control if state else self.controller.start(seen.select(dim, 0), pose)
-        commands, poses, anchors = [], [], []
+        commands, poses, frames = [], [], []
         located = state.located if state else None
         for t in range(ranges.x.shape[-2]):
             if driven is not None:
@@ -79,8 +78,8 @@ class Steering(NamedTuple):
                 located = self.locate(left, right, pose, located)
             place = place_of(pose, located)
             if located is not None:
-                anchors.append(anchor_of(located))
-                control = self.controller.told_place(control, pose, place if located.hunt is None else None)
+                frames.append(frame_pose(located))
+                control = self.controller.told_place(control, pose, place if located.relocalisation is None else None)
             last, control = self.controller.step(seen.select(dim, t), ranges_at(ranges, t), pose, last, control)
             if eyes is not None and self.near is not None and not pose.x.ndim:
                 rows = tuple(eye[..., t, :, :, :] for eye in eyes[1])
@@ -93,5 +92,5 @@ class Steering(NamedTuple):
             Pose(*(in_time(parts) for parts in zip(*poses, strict=True))),
             pose,
             located,
-            anchors if located is not None else None,
+            frames if located is not None else None,
         )

@@ -23,7 +23,7 @@ from ndtorch_robot.camera_monitor.monitor import PATIENCE
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.faults import FaultKind
-from ndtorch_robot.map_saving import WalkedPath, runner_walls
+from ndtorch_robot.map_saving import WalkedPath, runner_ndt_cells
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.navigator_table import print_note
 from ndtorch_robot.ports import DriveCommand, Observer, Step
@@ -64,7 +64,7 @@ class Result:
         stops: times at which the controller stopped for good.
         interrupted: by Ctrl-C.
         trace: how to draw what the controller weighed.
-        walls: what the localiser has gathered, for a map file; None where there is none.
+        ndt_cells: NDT cells of the localiser for a map file; None without a localiser.
         walked: the path `[T, 2]` as it was known at the end, every few centimetres.
     """
 
@@ -78,7 +78,7 @@ class Result:
     stops: list[float]
     interrupted: bool
     trace: Trace
-    walls: torch.Tensor | None = None
+    ndt_cells: npt.NDArray[np.float32] | None = None
     walked: npt.NDArray[np.float64] | None = None
 
 
@@ -156,7 +156,7 @@ def drive(
         summary["recording"] = recorder.summary() if recorder is not None else None
         trace = runner.navigator.controller.trace
         about = plan, cells, plan.grid(), simulation, put_back.stops, interrupted
-        return Result(config, summary, record, *about, trace, runner_walls(runner), path.moved(runner.state))
+        return Result(config, summary, record, *about, trace, runner_ndt_cells(runner), path.moved(runner.state))
 
 
 def check_goal(config: DriveConfig, plan: Plan) -> None:

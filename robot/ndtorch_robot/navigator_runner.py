@@ -10,7 +10,7 @@ import torch
 from ndtorch.errors import InputError
 from ndtorch.navigation import Command, Grid, Navigator, NavigatorState, Pose, StereoRig
 from ndtorch.navigation.localisation import LocaliserState
-from ndtorch.navigation.moved_map import map_cells
+from ndtorch.navigation.mapping.map_rendering import map_cells
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.navigator_table import configuration
 from ndtorch_robot.ports import DriveCommand, Placed, StereoFrames
@@ -110,7 +110,7 @@ class NavigatorRunner:
         """What the localiser knows after the navigator has begun anew: all that it knew, and where it was put."""
         if before.located is None or self.navigator.localiser is None:
             return None
-        return before.located if placed is None else self.navigator.localiser.put(before.located, state.pose)
+        return before.located if placed is None else self.navigator.localiser.reset_pose(before.located, state.pose)
 
     def map_cells(self) -> torch.Tensor:
         """The map as far as is known now, `[rows, columns]`, its largest cell 1.

@@ -84,7 +84,7 @@ def run(folder: Path) -> None:
 
 def maps(folder: Path) -> None:
     from ndtorch.navigation import Grid
-    from ndtorch.navigation.map_files import save_map
+    from ndtorch.navigation.mapping.map_files import save_map
 
     grid = Grid(-0.5, 0.5, -0.3, 0.3, 0.05)
     with tempfile.TemporaryDirectory() as place:

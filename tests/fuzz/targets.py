@@ -115,7 +115,7 @@ def craft_run(chance: random.Random, path: Path) -> None:
 
 
 def read_map(path: Path) -> Any:
-    from ndtorch.navigation.map_files import load_map
+    from ndtorch.navigation.mapping.map_files import load_map
 
     return load_map(path)
 

@@ -10,8 +10,8 @@ from torch.autograd import gradcheck
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Ranges, StereoRig
-from ndtorch.navigation.certainty import beam, beam_table, certainty, sample_certainty
 from ndtorch.navigation.correspondence import Matches
+from ndtorch.navigation.mapping.certainty import beam, beam_table, certainty, sample_certainty
 from ndtorch.navigation.ranging import triangulate
 
 

@@ -3,12 +3,11 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 import torch
 
 from ndtorch.navigation import Grid, Pose
 from ndtorch.navigation.localisation import Localiser
-from ndtorch.navigation.map_files import load_map
+from ndtorch.navigation.mapping.map_files import load_map
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.map_saving import WalkedPath, save_runner_map
 from ndtorch_robot.navigator_runner import NavigatorRunner
@@ -29,7 +28,7 @@ def test_a_pilot_saves_its_map_and_the_floor_it_passed(tmp_path):
     assert (steps > 0.049).all()
     save_runner_map(tmp_path, runner, path)
     found = load_map(tmp_path)
-    assert found.walls is None
+    assert found.ndt_cells is None
     assert found.grid == grid
     assert torch.equal(found.cells > 0, grid.inner(runner.state.map.cells) > 0)
     assert (tmp_path / "map.yaml").exists()
@@ -41,17 +40,15 @@ def test_a_pilot_that_never_drove_saves_an_empty_map(tmp_path):
     assert float(load_map(tmp_path).cells.max()) == 0.0
 
 
-def test_the_path_moves_with_the_parts_of_the_building():
-    pytest.importorskip("numba")
+def test_the_path_moves_with_the_submaps():
     localiser, path = Localiser(RIG, 1 / 30), WalkedPath()
-    state = SimpleNamespace(located=None, place=None)
     for x in (0.0, 0.5, 1.0):
-        pose = Pose(*(torch.tensor(v, dtype=torch.float64) for v in (x, 0.0, 0.0)))
-        located = localiser.start(Pose(*(torch.tensor(v) for v in (0.0, 0.0, 0.0))))._replace(pose=pose)
-        state = SimpleNamespace(located=located, place=pose)
+        located = localiser.start(np.zeros(3))._replace(pose=np.array((x, 0.0, 0.0)))
+        place = Pose(*(torch.tensor(v) for v in (x, 0.0, 0.0)))
+        state = SimpleNamespace(located=located, place=place)
         path(SimpleNamespace(state=state))
     assert path.moved(state).tolist() == [[0.0, 0.0], [0.5, 0.0], [1.0, 0.0]]
-    turned = torch.tensor([[2.0, 1.0, torch.pi / 2]], dtype=torch.float64)
-    later = SimpleNamespace(located=located._replace(parts=located.parts._replace(poses=turned)))
+    turned = np.array([[2.0, 1.0, np.pi / 2]])
+    later = SimpleNamespace(located=located._replace(graph=located.graph._replace(poses=turned)))
     np.testing.assert_allclose(path.moved(later), [[2.0, 1.0], [2.0, 1.5], [2.0, 2.0]], atol=1e-9)
     assert path.moved(None).tolist() == [[0.0, 0.0], [0.5, 0.0], [1.0, 0.0]]

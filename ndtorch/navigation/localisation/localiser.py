@@ -1,298 +1,327 @@
-"""Where the car is: dead reckoning, corrected by fitting what is ranged to what was ranged before."""
+"""Localisation: odometry corrected by matching ranges with a map made on the way, or with a known map."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-import torch
-from torch import Tensor, nn
+from torch import Tensor, from_numpy
 
 from ndtorch.arguments import check_state
 from ndtorch.errors import InputError
-from ndtorch.navigation.localisation.agreeing import settled
-from ndtorch.navigation.localisation.filter import predicted, updated
-from ndtorch.navigation.localisation.finding import Hunt, begin, carried_over, draw, no_hunt, refine, verdict, vote
-from ndtorch.navigation.localisation.fitting import fit_pair
-from ndtorch.navigation.localisation.graph import carried, seen_from
-from ndtorch.navigation.localisation.motion import look_of, motion_seen
+from ndtorch.navigation.localisation import pose_filter, wheel_odometry
+from ndtorch.navigation.localisation.loop_closure import accept_and_optimise, match_submaps
+from ndtorch.navigation.localisation.ndt import Cells, Scan, add_scan, empty_map, match_scan
+from ndtorch.navigation.localisation.odometry_edge import integrate
 from ndtorch.navigation.localisation.params import LocaliserParams
-from ndtorch.navigation.localisation.parts import (
-    Parts,
-    add_to_part,
-    begun_at,
-    finish,
-    is_ripe,
-    no_parts,
-    redrawn,
-    with_frame,
+from ndtorch.navigation.localisation.pose_graph import Floats, compose_poses, relative_pose
+from ndtorch.navigation.localisation.relocalisation import (
+    Relocalisation,
+    best_pose,
+    likelihood_field,
+    no_search,
+    pose_now,
+    refine,
+    score_rotation,
+    start_search,
 )
-from ndtorch.navigation.localisation.scanning import scan_rows
-from ndtorch.navigation.localisation.state import LocaliserState, Trail, floats, fresh, less_sure, number, odometer_of
-from ndtorch.navigation.localisation.trail import driven_on, gone_through, is_due, no_trail, scan_of, with_scan
-from ndtorch.navigation.localisation.walls import Scan, add_scan, empty_walls, fit_scan
-from ndtorch.navigation.localisation.way import drive_on
-from ndtorch.navigation.localisation.wheels import are_known, carried_to, corrected, looked, no_wheels, rolled
+from ndtorch.navigation.localisation.scan_log import ScanLog, add_entry, drive, finish_replay, is_due
+from ndtorch.navigation.localisation.state import LocaliserState, add_variance, calibration_of, since_scan
+from ndtorch.navigation.localisation.submap import (
+    SubmapGraph,
+    add_scan_frame,
+    add_to_submap,
+    empty_graph,
+    finish_submap,
+    is_complete,
+    render_map,
+    restart_at,
+)
+from ndtorch.navigation.localisation.visual_odometry import Rows, estimate_motion, keyframe
+from ndtorch.navigation.localisation.wheel_odometry import calibrated_pose, is_calibrated, moved_to, uncalibrated
 from ndtorch.navigation.odometry import Pose
+from ndtorch.navigation.ranging import triangulate
 from ndtorch.navigation.rig import StereoRig
+from ndtorch.navigation.row_search import search_rows
 
-WORST_SCALE, WORST_DRIFT = 0.2, math.radians(2.0)
-"""No odometer is believed to be worse: as a share of the way, and in radians a second."""
+MAX_CALIBRATION = np.array((0.2, 0.2, math.radians(2.0)))
+"""Scale, bend and drift, radians/s, stay within these limits."""
 
-QUICKER = 6
-"""The way since the start is gone through again so many times as fast as it was driven, or nearly."""
+FULL_WEIGHT_RANGE_M = 2.5
+"""Points up to this range weigh 1, farther ones less by the square of the range."""
+
+SEARCH_SIGMAS = 3.0
+"""A scan match begins with this many standard deviations of the predicted pose."""
+
+REPLAY_SPEED = 6
+"""The scan log is replayed about this many times as fast as it was driven."""
 
 
-class Localiser(nn.Module):
-    """Corrects dead reckoning by landmarks: the ranges of both rows, fitted to all that was ranged before.
+class Localiser:
+    """Corrects dead reckoning by landmarks: the ranges of both rows, matched with all that was ranged before.
 
-    A few times a second both rows are searched for ranges, and for what was ranged in the look before, which tells how
-    the car moved since then even where its wheels slip (`motion`, `wheels`). The scan is fitted to the walls by
-    Gauss-Newton, begun where this has led, and an extended Kalman filter weighs what the fit says of the pose and of
-    the scale, bend and drift that are left (`filter`). Then the scan becomes part of the walls. Every few metres a part
-    of the building is finished and fitted to the parts it overlaps, one of them a step; then all parts are moved to
-    where they agree, and the car with them (`parts`). After the first minutes the way since the start is gone through
-    again (`trail`), a scan a step. A loop is closed where the error of the round is less than about a cell and a half;
-    there is no search for loops beyond that.
+    A few times a second both rows are searched for ranges, and for the points of the last scan, which gives the motion
+    since then even where the wheels slip (`visual_odometry`, `wheel_odometry`). The scan is matched with the map by
+    NDT, and an extended Kalman filter weighs the match against odometry and corrects the remaining scale, bend and
+    drift (`pose_filter`). Then the scan is added to the map. Every few metres a submap is finished and matched with
+    those it overlaps, one a step; accepted matches close loops in a pose graph, which moves all submaps and the car
+    (`submap`, `loop_closure`). The first minutes are replayed with the calibration learned by then (`scan_log`). A
+    loop is closed if its error is below about a cell and a half; there is no search for loops beyond that.
 
-    Called once a frame, `state = localiser(rows, reckoned, state)`. One car at a time, on the CPU, without gradients.
+    Called once a frame, `state = localiser(rows, reckoned, state)`, for one car.
 
     Shapes:
         rows: both gray rows, `[2, W]`, 0..1, or None where it is not `due`; reckoned: `Pose` of `[]`.
-        `state=None` starts at the reckoned pose with nothing ranged yet.
+        `state=None` starts at the reckoned pose with an empty map.
 
     Args:
         rig: the camera pair.
         dt: time step, s.
-        params: its numbers.
-        known: walls of a map that was made before, `[size, size, 6]`. The car then does not know where it is: it drives
-            in a frame of its own until what it has ranged fits one place of the map and no other.
+        params: its parameters.
+        known: NDT map made before, `[map_cells, map_cells, 6]`. The pose in it is unknown at first: the car drives in
+            a frame of its own until what it has mapped fits one place of the known map and no other.
 
     Raises:
-        InputError: several cars at once; walls of another size.
+        InputError: several cars at once, or a known map of another size.
     """
 
     def __init__(
-        self, rig: StereoRig, dt: float, params: LocaliserParams | None = None, known: Tensor | None = None
+        self, rig: StereoRig, dt: float, params: LocaliserParams | None = None, known: Cells | None = None
     ) -> None:
-        super().__init__()
         self.rig, self.dt, self.params = rig, dt, params or LocaliserParams()
-        self.every = max(1, round(self.params.every / dt))
-        self.settle = self.params.settle / dt
-        size = self.params.size
+        self.every = max(1, round(self.params.scan_interval_s / dt))
+        self.settle = self.params.settle_s / dt
+        size = self.params.map_cells
         if known is not None and known.shape != (size, size, 6):
-            raise InputError(f"known walls must be [{size}, {size}, 6], got {tuple(known.shape)}")
+            raise InputError(f"a known map must be [{size}, {size}, 6], got {tuple(known.shape)}")
         self.known = known
-        self.picture = None if known is None else draw(known, self.params)
+        self.field = None if known is None else likelihood_field(known, self.params.cell_m)
 
     def warm_up(self) -> None:
-        """Have the kernels ready that it uses once it has seen something."""
-        ahead = np.linspace(1.0, 2.0, 8)
-        wall, here = Scan(ahead, ahead - 1.5, np.ones_like(ahead)), (0.0, 0.0, 0.0)
-        walls = add_scan(empty_walls(self.params), wall, here, self.params)
-        fit_scan(walls, wall, here, (0.1, 0.1), self.params)
-        before = look_of(torch.zeros(2, self.rig.width), wall)
-        motion_seen(before, before.rows, (0.0, 0.0), self.rig, self.params.motion)
-        redrawn(add_to_part(no_parts(here, self.params), wall, here, self.params), self.dt, self.params)
-        if self.picture is not None:
-            pattern = torch.from_numpy(np.stack((wall.x, wall.y), -1))
-            vote(no_hunt()._replace(pattern=pattern, turn=number(0.0)), self.picture, self.params)
+        """Compile or load all kernels."""
+        p, ahead, here = self.params, np.linspace(1.0, 2.0, 8), np.zeros(3)
+        scan = Scan(ahead, ahead - 1.5, np.ones_like(ahead))
+        match_scan(add_scan(empty_map(p.map_cells), scan, here, p.cell_m), scan, here, (0.1, 0.1), p.cell_m)
+        before = keyframe(np.zeros((2, self.rig.width), np.float32), scan)
+        estimate_motion(before, before.rows, (0.0, 0.0), self.rig, p.odometry.min_matches)
+        render_map(add_to_submap(empty_graph(here, p), scan, here, p.cell_m), self.dt, p)
+        if self.field is not None:
+            pattern = np.stack((scan.x, scan.y), -1)
+            score_rotation(no_search()._replace(pattern=pattern, rotation=0), self.field, p.relocalisation)
 
     def due(self, state: LocaliserState | None) -> bool:
-        """Whether the next step looks at its rows."""
-        return state is None or int(state.age) % self.every == 0
+        """Whether the next step takes a scan."""
+        return state is None or state.age % self.every == 0
 
-    def forward(self, rows: Tensor | None, reckoned: Pose, state: LocaliserState | None = None) -> LocaliserState:
+    def __call__(self, rows: Tensor | None, reckoned: Pose, state: LocaliserState | None = None) -> LocaliserState:
         check_state(state, LocaliserState)
         if reckoned.x.ndim or (rows is not None and rows.ndim != 2):
             raise InputError(f"localise knows one car at a time, got poses {tuple(reckoned.x.shape)}")
-        due = self.due(state)
-        if state is None:
-            state = self.start(reckoned)
-        state = state._replace(wheels=rolled(state.wheels, reckoned, self.dt))
-        state = self.move(state, corrected(state.wheels))
-        if due:
-            if rows is None:
-                raise InputError("this step looks at the rows, see `due`, but there are none")
-            state = self.look(rows, state)
-        if state.hunt is not None:
-            state = self.find(state, state.hunt)
+        pose, due = as_array(reckoned), self.due(state)
+        if due and rows is None:
+            raise InputError("this step looks at the rows, see `due`, but there are none")
+        state = self.start(pose) if state is None else state
+        state = state._replace(wheels=wheel_odometry.predict(state.wheels, pose, self.dt))
+        state = self.move(state, calibrated_pose(state.wheels), self.dt)
+        if due and rows is not None:
+            state = self.process_scan(rows.detach().cpu().float().contiguous().numpy(), state)
+        if state.relocalisation is not None:
+            state = self.relocalise(state, state.relocalisation)
         elif not due or self.every == 1:
-            if state.parts is not None and len(state.parts.pairs):
-                state = self.arrange(state, state.parts)
-            for _ in range(math.ceil(QUICKER / self.every)):
-                state = state if state.trail is None else self.retrace(state, state.trail)
+            if state.graph is not None and len(state.graph.candidates):
+                state = self.close_loops(state, state.graph)
+            for _ in range(math.ceil(REPLAY_SPEED / self.every)):
+                state = state if state.log is None else self.replay(state, state.log)
         return state._replace(age=state.age + 1)
 
-    def retrace(self, state: LocaliserState, trail: Trail) -> LocaliserState:
-        """Go through the trail again where it is time to, one scan or one pair of parts on."""
-        p, again = self.params.retrace, trail.again
-        if again is None:
-            return state._replace(trail=trail._replace(again=self.anew(state, trail))) if is_due(trail, p) else state
-        assert again.parts is not None
-        if len(again.parts.pairs):
-            again = self.arrange(again, again.parts)
-        elif int(trail.reached) < len(trail.entries):
-            entry = trail.entries[int(trail.reached)]
-            again = self.move(again._replace(age=entry.age), entry.reckoned, float(entry.seconds), entry.unsure)
-            again = self.absorb(again, scan_of(entry), True)
-            trail = trail._replace(reached=trail.reached + 1)
-        else:
-            again = self.move(again, state.reckoned, float(trail.seconds))
-            return again._replace(age=state.age, wheels=state.wheels, trail=gone_through(trail, p))
-        return state._replace(trail=trail._replace(again=again))
+    def start(self, pose: Floats) -> LocaliserState:
+        """The state of a car at a pose that has mapped nothing yet."""
+        p, known = self.params, self.known is not None
+        covariance = np.diag(np.square([0.0, 0.0, 0.0, p.scale_sigma, p.bend_sigma, p.drift_sigma_rad_per_s]))
+        return LocaliserState(
+            ndt_map=empty_map(p.map_cells),
+            pose=pose,
+            odometry=pose,
+            distance=0.0,
+            heading_travelled=0.0,
+            variance=np.zeros(2),
+            wheels=uncalibrated(pose, p.odometry),
+            calibration=np.zeros(3),
+            covariance=covariance,
+            relocalisation=no_search() if known else None,
+            graph=None if known else empty_graph(pose, p),
+            log=ScanLog() if not known and p.replay.after_m else None,
+        )
 
-    def anew(self, state: LocaliserState, trail: Trail) -> LocaliserState:
-        """A car where the trail begins that knows the odometer as it is known now."""
-        doubt = torch.zeros_like(state.doubt)
-        doubt[3:, 3:] = state.doubt[3:, 3:] * self.params.retrace.widen**2
-        again = self.start(trail.entries[0].reckoned)
-        assert again.parts is not None
-        # Only the first part, begun in the first step, still has nothing that it could be fitted to.
-        parts = again.parts._replace(learning=number(self.dt))
-        again = again._replace(scale=state.scale, bend=state.bend, drift=state.drift, doubt=doubt, wheels=state.wheels)
-        return again._replace(parts=parts, trail=None)
-
-    def arrange(self, state: LocaliserState, parts: Parts) -> LocaliserState:
-        """Fit the next pair of parts; after the last one all are moved to where they fit, and the car with them."""
-        parts = fit_pair(parts, self.params)
-        if len(parts.pairs):
-            return state._replace(parts=parts)
-        before = parts.poses[-1].numpy()
-        parts = settled(parts, *odometer_of(state), self.params)
-        x, y, heading = carried(parts.poses[-1].numpy(), seen_from(before, np.array([float(v) for v in state.pose])))
-        # Headings are counted on beyond a turn.
-        heading += 2 * math.pi * round((float(state.pose.heading) - heading) / (2 * math.pi))
-        pose = Pose(number(x), number(y), number(heading))
-        return state._replace(parts=parts, pose=pose, walls=redrawn(parts, self.dt, self.params))
-
-    def find(self, state: LocaliserState, hunt: Hunt) -> LocaliserState:
-        """One step of the search for the place in the known map."""
-        p, pose = self.params, (float(state.pose.x), float(state.pose.y), float(state.pose.heading))
-        assert self.known is not None
-        assert self.picture is not None
-        if int(hunt.turn) < 0:  # between two searches
-            return state._replace(hunt=begin(hunt, state.walls, pose, p) if float(hunt.way) > p.finding.way else hunt)
-        if int(hunt.turn) < p.finding.turns:
-            return state._replace(hunt=vote(hunt, self.picture, p))
-        if len(hunt.places):
-            return state._replace(hunt=refine(hunt, self.known, p))
-        found = verdict(hunt, p)
-        if found is None:
-            return state._replace(hunt=no_hunt()._replace(way=hunt.way))
-        return state._replace(walls=self.known, pose=Pose(*map(number, carried_over(hunt, found, pose))), hunt=None)
-
-    def start(self, at: Pose) -> LocaliserState:
-        """A car at a pose that has ranged nothing yet."""
-        pose, zero, p = Pose(*(number(float(part)) for part in at)), number(0.0), self.params
-        hunt = None if self.known is None else no_hunt()
-        doubt = torch.diag(number(1.0).new_tensor([0.0, 0.0, 0.0, p.scale, p.bend, p.drift]).square())
-        parts = no_parts(floats(pose), self.params) if self.known is None else None
-        trail = no_trail() if self.known is None and self.params.retrace.after else None
-        wheels, walls = no_wheels(pose, self.params.motion), empty_walls(self.params)
-        known = (zero, zero, zero, doubt, zero, zero, hunt, parts, trail)
-        return LocaliserState(walls, pose, pose, zero, zero, doubt[0, :2], wheels, *known)
-
-    def put(self, state: LocaliserState, at: Pose) -> LocaliserState:
-        """The state of a car that was carried to a pose, and has been told so."""
-        pose = Pose(*(number(float(part)) for part in at))
-        parts, wheels = state.parts and begun_at(state.parts, floats(pose), state.age), carried_to(state.wheels, pose)
-        return fresh(state._replace(pose=pose, reckoned=pose, wheels=wheels, parts=parts, trail=None))
+    def reset_pose(self, state: LocaliserState, at: Pose) -> LocaliserState:
+        """The state of a car that was carried to a known pose."""
+        pose = as_array(at)
+        graph, wheels = state.graph and restart_at(state.graph, pose, state.age), moved_to(state.wheels, pose)
+        return since_scan(state._replace(pose=pose, odometry=pose, wheels=wheels, graph=graph, log=None))
 
     def move(
-        self, state: LocaliserState, reckoned: Pose, seconds: float | None = None, unsure: Tensor | None = None
+        self, state: LocaliserState, odometry: Floats, seconds: float, variance: Floats | None = None
     ) -> LocaliserState:
-        """Drive on by what dead reckoning says, corrected by what is known of it.
+        """Drive on to a pose of odometry `[3]`, corrected by the calibration.
 
         Args:
-            seconds: of driving, a time step by default.
-            unsure: variances of way and turn since the last look, `[2]`, to be counted now.
+            seconds: duration of driving.
+            variance: of distance and turn since the last scan, `[2]`, to be added now.
         """
-        seconds = self.dt if seconds is None else seconds
-        state = state if unsure is None else less_sure(state, unsure)
-        x, y, heading = map(float, reckoned)
-        ox, oy, before = map(float, state.reckoned)
-        length, turn = math.hypot(x - ox, y - oy), heading - before
-        if length < 1e-6 and abs(turn) < 1e-9:
+        state = state if variance is None else add_variance(state, variance)
+        x, y, heading = odometry.tolist()
+        before_x, before_y, before = state.odometry.tolist()
+        chord, turn = math.hypot(x - before_x, y - before_y), heading - before
+        if chord < 1e-6 and abs(turn) < 1e-9:
             return state
-        aside = math.atan2(y - oy, x - ox) - before  # of the chord, from where the car headed
-        length *= 1 - float(state.scale)
-        true_turn = (turn - float(state.drift) * seconds) * (1 - float(state.bend))
-        here = float(state.pose.heading)
+        scale, bend, drift = state.calibration.tolist()
+        aside = math.atan2(y - before_y, x - before_x) - before  # of the chord, relative to the heading before it
+        length, true_turn = chord * (1 - scale), (turn - drift * seconds) * (1 - bend)
+        here_x, here_y, here = state.pose.tolist()
         direction = here + aside + (true_turn - turn) / 2
-        pose = Pose(
-            number(float(state.pose.x) + length * math.cos(direction)),
-            number(float(state.pose.y) + length * math.sin(direction)),
-            number(here + true_turn),
+        pose = (here_x + length * math.cos(direction), here_y + length * math.sin(direction), here + true_turn)
+        search, graph, log = state.relocalisation, state.graph, state.log
+        if search is not None:
+            search = search._replace(distance=search.distance + length)
+        if graph is not None:
+            driven = integrate(graph.driven, (chord, aside, turn), seconds, state.calibration)
+            graph = graph._replace(driven=driven)
+        return state._replace(
+            pose=np.array(pose),
+            odometry=odometry,
+            distance=state.distance + length,
+            heading_travelled=state.heading_travelled + true_turn,
+            relocalisation=search,
+            graph=graph,
+            log=None if log is None else drive(log, length, seconds),
         )
-        there = Pose(number(x), number(y), number(heading))
-        hunt = state.hunt if state.hunt is None else state.hunt._replace(way=state.hunt.way + length)
-        parts = state.parts
-        if parts is not None:
-            odometer = (float(state.scale), float(state.bend), float(state.drift))
-            step = (math.hypot(x - ox, y - oy), aside, turn)
-            parts = parts._replace(driven=drive_on(parts.driven, step, seconds, odometer))
-        trail = None if state.trail is None else driven_on(state.trail, length, seconds)
-        way, turned = state.way + length, state.turned + true_turn
-        return state._replace(pose=pose, reckoned=there, way=way, turned=turned, hunt=hunt, parts=parts, trail=trail)
 
-    def look(self, rows: Tensor, state: LocaliserState) -> LocaliserState:
-        """Range what the rows show, keep it for later, and correct the pose by it."""
-        wheels, unsure = looked(state.wheels, rows, self.rig, self.params.motion)
-        state = self.move(state, corrected(wheels), 0.0, unsure)
-        scan, trail = self.scan(rows), state.trail
-        state = state._replace(wheels=wheels._replace(look=look_of(rows, scan)))
+    def process_scan(self, rows: Rows, state: LocaliserState) -> LocaliserState:
+        """Fuse odometry, log the scan of both rows, match it with the map and add it."""
+        wheels, variance = wheel_odometry.update(state.wheels, rows, self.rig, self.params.odometry)
+        state = self.move(state, calibrated_pose(wheels), 0.0, variance)
+        scan, log = self.scan(rows), state.log
+        state = state._replace(wheels=wheels._replace(keyframe=keyframe(rows, scan)))
         scan = Scan(*(part[scan.weight > 0] for part in scan))
-        if float(state.age) >= self.settle and not float(state.way) and not float(state.turned):
-            return state  # it stands, and has seen the same before
-        keep = trail is not None and (float(trail.seconds) > 0 or float(state.age) < self.settle)
-        if trail is not None and keep:
-            state = state._replace(trail=with_scan(trail, scan, state.age, state.reckoned, unsure))
-        return self.absorb(state, scan, keep)
+        if state.age >= self.settle and not state.distance and not state.heading_travelled:
+            return state  # a standing car sees the same again
+        keep = log is not None and (log.seconds > 0 or state.age < self.settle)
+        if log is not None and keep:
+            state = state._replace(log=add_entry(log, scan, state.age, state.odometry, variance))
+        return self.integrate_scan(state, scan, keep)
 
-    def absorb(self, state: LocaliserState, scan: Scan, keep: bool = False) -> LocaliserState:
-        """Fit a scan to the walls, correct the pose, and add it to them; keep a frame for it, too, where wanted."""
-        if len(scan.x) < 3 and not keep:
-            return state
+    def scan(self, rows: Rows) -> Scan:
+        """The scan of both rows; points outside the ranges that count weigh nothing."""
+        return stereo_scan(rows, self.rig, self.params)
+
+    def integrate_scan(self, state: LocaliserState, scan: Scan, keep: bool = False) -> LocaliserState:
+        """Match a scan with the map, correct the pose and add the scan; `keep` gives it a frame of its own, too."""
         if len(scan.x) < 3:
-            assert state.parts is not None
-            return state._replace(parts=with_frame(state.parts, floats(state.pose), state.age))
+            if not keep or state.graph is None:
+                return state
+            return state._replace(graph=add_scan_frame(state.graph, state.pose, state.age))
         p = self.params
-        if float(state.age) >= self.settle:
+        if state.age >= self.settle:
             state = self.correct(state, scan)
-        x, y, heading = floats(state.pose)
-        pose = Pose(number(x), number(y), number(heading))
-        parts = state.parts
-        if parts is not None:
-            parts = add_to_part(parts, scan, (x, y, heading), p)
-            parts = with_frame(parts, (x, y, heading), state.age) if keep else parts
-            if is_ripe(parts, p) and not len(parts.pairs):
-                parts = finish(parts, (x, y, heading), state.age, self.dt, *odometer_of(state), p)
-        return fresh(state._replace(walls=add_scan(state.walls, scan, (x, y, heading), p), pose=pose, parts=parts))
+        pose, graph = state.pose, state.graph
+        if graph is not None:
+            graph = add_to_submap(graph, scan, pose, p.cell_m)
+            graph = add_scan_frame(graph, pose, state.age) if keep else graph
+            if is_complete(graph, p.submaps) and not len(graph.candidates):
+                graph = finish_submap(graph, pose, state.age, self.dt, calibration_of(state), p)
+        return since_scan(state._replace(ndt_map=add_scan(state.ndt_map, scan, pose, p.cell_m), graph=graph))
 
     def correct(self, state: LocaliserState, scan: Scan) -> LocaliserState:
-        """The pose, and what is known of the odometer, after a scan: one step of an extended Kalman filter."""
-        p, start, way, turned = self.params, np.array(floats(state.pose)), float(state.way), float(state.turned)
-        seconds = self.every * self.dt if way > 1e-3 else 0.0
-        before, unsure, known = state.doubt.numpy(), state.unsure.numpy(), are_known(state.wheels, p.motion)
-        doubt = predicted(before, way, turned, unsure, seconds, start[2], p, known)
-        place, angle = p.reach * np.sqrt(doubt[[0, 1], [0, 1]].max()), p.reach * np.sqrt(doubt[2, 2])
-        fit = fit_scan(state.walls, scan, tuple(start.tolist()), (place + p.floor, angle + p.turn_floor), p)
-        if fit.score < p.worst:
-            return state._replace(doubt=torch.from_numpy(doubt), score=number(fit.score))
-        off = np.array((fit.x, fit.y, fit.heading)) - start
-        change, doubt = updated(doubt, off, fit.information, p)
-        x, y, heading = start + change[:3]
-        scale, bend, drift = np.array((float(state.scale), float(state.bend), float(state.drift))) + change[3:]
+        """Pose and calibration after a scan match: one step of the extended Kalman filter."""
+        p = self.params
+        seconds = self.every * self.dt if state.distance > 1e-3 else 0.0
+        driven = (state.distance, state.heading_travelled, state.variance, seconds, float(state.pose[2]))
+        covariance = pose_filter.predict(state.covariance, *driven, p, is_calibrated(state.wheels, p.odometry))
+        place = SEARCH_SIGMAS * np.sqrt(covariance[[0, 1], [0, 1]].max()) + p.min_sigma_m
+        angle = SEARCH_SIGMAS * np.sqrt(covariance[2, 2]) + p.min_sigma_rad
+        match = match_scan(state.ndt_map, scan, state.pose, (place, angle), p.cell_m)
+        if match.score < p.min_score:
+            return state._replace(covariance=covariance, score=match.score)
+        change, covariance = pose_filter.update(covariance, match.pose - state.pose, match.information, p)
         return state._replace(
-            pose=Pose(number(x), number(y), number(heading)),
-            scale=number(min(max(scale, -WORST_SCALE), WORST_SCALE)),
-            bend=number(min(max(bend, -WORST_SCALE), WORST_SCALE)),
-            drift=number(min(max(drift, -WORST_DRIFT), WORST_DRIFT)),
-            doubt=torch.from_numpy(doubt),
-            score=number(fit.score),
+            pose=state.pose + change[:3],
+            calibration=np.clip(state.calibration + change[3:], -MAX_CALIBRATION, MAX_CALIBRATION),
+            covariance=covariance,
+            score=match.score,
         )
 
-    def scan(self, rows: Tensor) -> Scan:
-        """What is ranged in both rows; what is too near or too far to count weighs nothing."""
-        return scan_rows(rows, self.rig, self.params)
+    def close_loops(self, state: LocaliserState, graph: SubmapGraph) -> LocaliserState:
+        """Match the next pair of submaps; after the last one optimise the graph and move the car with it."""
+        graph = match_submaps(graph, self.params)
+        if len(graph.candidates):
+            return state._replace(graph=graph)
+        before = graph.poses[-1]
+        graph = accept_and_optimise(graph, calibration_of(state), self.params.submaps)
+        pose = compose_poses(graph.poses[-1], relative_pose(before, state.pose))
+        # Headings keep their full turns.
+        pose[2] += 2 * math.pi * round((state.pose[2] - pose[2]) / (2 * math.pi))
+        return state._replace(graph=graph, pose=pose, ndt_map=render_map(graph, self.dt, self.params))
+
+    def replay(self, state: LocaliserState, log: ScanLog) -> LocaliserState:
+        """Replay the scan log where it is due, one scan or one pair of submaps a call."""
+        p, again = self.params.replay, log.replay
+        if again is None:
+            return state._replace(log=log._replace(replay=self.restart(state, log))) if is_due(log, p) else state
+        assert again.graph is not None
+        if len(again.graph.candidates):
+            again = self.close_loops(again, again.graph)
+        elif log.position < len(log.entries):
+            entry = log.entries[log.position]
+            again = self.move(again._replace(age=entry.age), entry.odometry, entry.seconds, entry.variance)
+            again = self.integrate_scan(again, entry.scan, keep=True)
+            log = log._replace(position=log.position + 1)
+        else:
+            again = self.move(again, state.odometry, log.seconds)
+            return again._replace(age=state.age, wheels=state.wheels, log=finish_replay(log, p))
+        return state._replace(log=log._replace(replay=again))
+
+    def restart(self, state: LocaliserState, log: ScanLog) -> LocaliserState:
+        """The state of a car at the beginning of the log that has the present calibration."""
+        covariance = np.zeros_like(state.covariance)
+        covariance[3:, 3:] = state.covariance[3:, 3:] * self.params.replay.sigma_scale**2
+        again = self.start(log.entries[0].odometry)
+        assert again.graph is not None
+        # Only the first submap has nothing yet to be matched with.
+        graph = again.graph._replace(learning_s=self.dt)
+        again = again._replace(calibration=state.calibration, covariance=covariance, wheels=state.wheels)
+        return again._replace(graph=graph, log=None)
+
+    def relocalise(self, state: LocaliserState, search: Relocalisation) -> LocaliserState:
+        """One step of the search for the pose in the known map."""
+        p, cell_m = self.params.relocalisation, self.params.cell_m
+        assert self.known is not None
+        assert self.field is not None
+        if search.rotation < 0:
+            if search.distance > p.first_search_m:
+                search = start_search(search, state.ndt_map, state.pose, cell_m, p)
+        elif search.rotation < p.rotations:
+            search = score_rotation(search, self.field, p)
+        elif len(search.candidates):
+            search = refine(search, self.known, cell_m)
+        else:
+            found = best_pose(search, p)
+            if found is not None:
+                pose = pose_now(search, found, state.pose)
+                return state._replace(ndt_map=self.known, pose=pose, relocalisation=None)
+            search = no_search()._replace(distance=search.distance)
+        return state._replace(relocalisation=search)
+
+
+def as_array(pose: Pose) -> Floats:
+    """A single pose as x, y, heading `[3]`."""
+    return np.array([float(part) for part in pose])
+
+
+def stereo_scan(rows: Rows, rig: StereoRig, params: LocaliserParams) -> Scan:
+    """Points ranged in both gray rows `[2, W]`; those outside the ranges that count weigh nothing."""
+    p = params
+    ranges = triangulate(search_rows(from_numpy(rows), p.stereo), rig)
+    x, y = (part[ranges.valid].double().numpy() for part in (ranges.x, ranges.y))
+    distance = np.hypot(x, y)
+    weight = np.minimum(1.0, (FULL_WEIGHT_RANGE_M / np.maximum(distance, p.min_range_m)) ** 2)
+    return Scan(x, y, np.where((distance > p.min_range_m) & (distance < p.max_range_m), weight, 0.0))

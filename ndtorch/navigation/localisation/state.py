@@ -1,4 +1,4 @@
-"""What a localiser passes from step to step."""
+"""State of the localiser, and the frames in which a pose stays right when submaps are moved."""
 
 from __future__ import annotations
 
@@ -6,115 +6,98 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from torch import Tensor
 
-from ndtorch.navigation.localisation.finding import Hunt
-from ndtorch.navigation.localisation.parts import Parts
-from ndtorch.navigation.localisation.walls import Floats
-from ndtorch.navigation.localisation.wheels import Wheels
-from ndtorch.navigation.odometry import Pose
+from ndtorch.navigation.localisation.ndt import Cells
+from ndtorch.navigation.localisation.pose_graph import Floats, compose_poses, relative_pose
+from ndtorch.navigation.localisation.relocalisation import Relocalisation
+from ndtorch.navigation.localisation.scan_log import ScanLog
+from ndtorch.navigation.localisation.submap import Calibration, SubmapGraph
+from ndtorch.navigation.localisation.wheel_odometry import WheelCalibration
+from ndtorch.navigation.mapping.range_log import FramePose, Frames
 
-
-class Entry(NamedTuple):
-    """A scan and the way to it.
-
-    Attributes:
-        age: steps since the start, `[]`.
-        reckoned: where dead reckoning had the car.
-        seconds: of driving since the entry before, `[]`.
-        points: of the body frame, and weights, `[n, 3]`.
-        unsure: variances of way and turn since the entry before, `[2]`.
-    """
-
-    age: Tensor
-    reckoned: Pose
-    seconds: Tensor
-    points: Tensor
-    unsure: Tensor
-
-
-class Trail(NamedTuple):
-    """All entries since the start.
-
-    Attributes:
-        entries: in their order; those in which the car stood are left out.
-        way, seconds: driven since the start, m, and since the last entry, s, `[]`.
-        times: how often the trail was gone through, `[]`.
-        again: the state of a localiser that goes through it; None while nothing does.
-        reached: how many entries that has, `[]`.
-    """
-
-    entries: tuple[Entry, ...]
-    way: Tensor
-    seconds: Tensor
-    times: Tensor
-    again: LocaliserState | None
-    reached: Tensor
+KNOWN_MAP = -1.0
+"""Number of the frame of a known map, which never moves."""
 
 
 class LocaliserState(NamedTuple):
-    """State of `Localiser`; single numbers are float64 tensors `[]`.
+    """State of `Localiser`.
 
     Attributes:
-        walls: what was ranged, `[size, size, 6]`, see `walls`.
-        pose: where the car is.
-        reckoned: where dead reckoning, corrected by what is seen of the motion, says that it is.
-        way, turned: metres driven since the last scan, without sign, and radians turned, with it.
-        unsure: variances of both, `[2]`.
-        wheels: what they say, and what is known of them.
-        scale, bend, drift: of `reckoned`, as far as known: the shares by which it counts too much way and too much
-            turning, and the radians that it adds to the heading each second of driving.
-        doubt: covariance of x, y, heading, scale, bend and drift, `[6, 6]`.
+        ndt_map: `[map_cells, map_cells, 6]`, see `ndt`.
+        pose: x, y, m, and heading, radians, `[3]`.
+        odometry: pose by odometry after fusion, `[3]`.
+        distance, heading_travelled: driven since the last scan, m without sign and radians with it.
+        variance: of both, `[2]`.
+        wheels: calibration of wheel odometry.
+        calibration: remaining scale, bend and drift of `odometry`, `[3]`: the shares by which it overstates distance
+            and turn, and the radians that it adds to the heading in each second of driving.
+        covariance: of x, y, heading, scale, bend and drift, `[6, 6]`.
         age: steps since the start.
-        score: how well the last scan fitted, 0..1.
-        hunt: the search for the place in a known map; None where there is none, or where it has been found.
-        parts: of the building; None with a known map, which is not moved.
-        trail: kept until it was gone through again for the last time; None from then on, and with a known map.
+        score: of the last scan match, 0..1.
+        relocalisation: the search in a known map; None without one, and once the pose was found.
+        graph: submaps; None with a known map, which is not changed.
+        log: scans to replay; None after the last replay and with a known map.
     """
 
-    walls: Tensor
-    pose: Pose
-    reckoned: Pose
-    way: Tensor
-    turned: Tensor
-    unsure: Tensor
-    wheels: Wheels
-    scale: Tensor
-    bend: Tensor
-    drift: Tensor
-    doubt: Tensor
-    age: Tensor
-    score: Tensor
-    hunt: Hunt | None = None
-    parts: Parts | None = None
-    trail: Trail | None = None
+    ndt_map: Cells
+    pose: Floats
+    odometry: Floats
+    distance: float
+    heading_travelled: float
+    variance: Floats
+    wheels: WheelCalibration
+    calibration: Floats
+    covariance: Floats
+    age: int = 0
+    score: float = 0.0
+    relocalisation: Relocalisation | None = None
+    graph: SubmapGraph | None = None
+    log: ScanLog | None = None
 
 
-def number(value: float) -> Tensor:
-    """A single number of the state."""
-    return torch.tensor(value, dtype=torch.float64)
+def calibration_of(state: LocaliserState) -> Calibration:
+    """Scale, bend and drift with their standard deviations."""
+    return Calibration(state.calibration, np.sqrt(state.covariance.diagonal()[3:]))
 
 
-def floats(pose: Pose) -> tuple[float, float, float]:
-    """A pose as numbers."""
-    return float(pose.x), float(pose.y), float(pose.heading)
+def since_scan(state: LocaliserState) -> LocaliserState:
+    """The state just after a scan."""
+    return state._replace(distance=0.0, heading_travelled=0.0, variance=np.zeros(2))
 
 
-def odometer_of(state: LocaliserState) -> tuple[Floats, Floats]:
-    """What is known of scale, bend and drift, and standard deviations, `[3]` each."""
-    known = np.array((float(state.scale), float(state.bend), float(state.drift)))
-    return known, np.sqrt(state.doubt.diagonal()[3:].numpy())
-
-
-def fresh(state: LocaliserState) -> LocaliserState:
-    """A state since whose last scan nothing was driven."""
-    return state._replace(way=number(0.0), turned=number(0.0), unsure=torch.zeros_like(state.unsure))
-
-
-def less_sure(state: LocaliserState, unsure: Tensor) -> LocaliserState:
-    """A state whose way since the last scan, and that along its part, are known so much worse, variances `[2]`."""
-    state = state._replace(unsure=state.unsure + unsure)
-    if state.parts is None:
+def add_variance(state: LocaliserState, variance: Floats) -> LocaliserState:
+    """The state with more variance `[2]` of distance and turn since the last scan and along the submap."""
+    state = state._replace(variance=state.variance + variance)
+    if state.graph is None:
         return state
-    driven = state.parts.driven
-    return state._replace(parts=state.parts._replace(driven=driven._replace(unsure=driven.unsure + unsure)))
+    driven = state.graph.driven
+    driven = driven._replace(variance=driven.variance + variance)
+    return state._replace(graph=state.graph._replace(driven=driven))
+
+
+def frame_pose(state: LocaliserState) -> FramePose | None:
+    """The pose in a frame that moves with the present submap, or with the present scan while it may be replayed.
+
+    None during relocalisation.
+    """
+    if state.relocalisation is not None:
+        return None
+    if state.graph is None:
+        return FramePose(KNOWN_MAP, tuple(state.pose.tolist()))
+    graph = state.graph
+    frame, base = float(graph.begun[-1]), graph.poses[-1]
+    if state.log is not None and len(graph.scans):
+        frame, submap, *at = graph.scans[-1].tolist()
+        base = compose_poses(graph.poses[int(submap)], np.array(at))
+    return FramePose(frame, tuple(relative_pose(base, state.pose).tolist()))
+
+
+def map_frames(state: LocaliserState) -> Frames:
+    """The present poses of all frames of `frame_pose`."""
+    graph = state.graph
+    if graph is None:
+        return Frames(torch.tensor([KNOWN_MAP], dtype=torch.float64), torch.zeros(1, 3, dtype=torch.float64))
+    more = np.concatenate((graph.merged_submaps, graph.scans))
+    poses = compose_poses(graph.poses[more[:, 1].astype(np.int64)], more[:, 2:])
+    numbers = np.concatenate((graph.begun, more[:, 0]))
+    return Frames(torch.from_numpy(numbers), torch.from_numpy(np.concatenate((graph.poses, poses))))

@@ -139,7 +139,7 @@ def watched(config: DriveConfig, quiet: bool) -> Result:
 
 def write_results(result: Result, folder: Path) -> None:
     """All files of a drive."""
-    from ndtorch.navigation.map_files import save_map
+    from ndtorch.navigation.mapping.map_files import save_map
     from ndtorch_robot.score.figures import write_figures
     from ndtorch_robot.score.report import write_drive_page
 
@@ -147,7 +147,7 @@ def write_results(result: Result, folder: Path) -> None:
     true, believed, located = (result.record.array(name).reshape(-1, 3) for name in ("pose", "believed", "located"))
     paths = {"true_path": true, "believed_path": believed, "located_path": located}
     walked = located if result.walked is None else result.walked
-    save_map(folder, result.cells, result.grid, walked, result.walls, **paths)
+    save_map(folder, result.cells, result.grid, walked, result.ndt_cells, **paths)
     write_figures(result, folder)
     write_drive_page(result, describe(result), folder)
 
@@ -165,7 +165,7 @@ def describe(result: Result) -> str:
         return "-" if score[key] is None else f"{factor * score[key]:.1f} {unit}"
 
     located = []
-    if result.walls is not None:
+    if result.ndt_cells is not None:
         errors = s["pose_error"]
         assert isinstance(errors, dict)
         words = [

@@ -39,7 +39,7 @@ def write_figures(result: Result, folder: Path) -> None:
 
     drawn: list[tuple[str, Callable[[Any, Result], Any]]] = [("path", path), ("map", map_), ("speeds", speeds)]
     drawn.append(("rows", rows))
-    if result.walls is not None:
+    if result.ndt_cells is not None:
         drawn.append(("pose", pose))
     for name, draw in drawn:
         figure = draw(plt, result)

@@ -66,7 +66,7 @@ class Record:
         self.pose.append(pose)
         for poses, pose_ in ((self.believed, state.pose), (self.located, state.place)):
             poses.append((float(pose_.x), float(pose_.y), float(pose_.heading)))
-        self.lost.append(state.located is not None and state.located.hunt is not None)
+        self.lost.append(state.located is not None and state.located.relocalisation is not None)
         self.command.append(command)
         self.sides.append(state.sides.numpy().astype(np.float64))
         self.difference.append(float(state.difference))

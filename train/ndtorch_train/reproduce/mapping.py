@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from ndtorch.navigation import FeatureParams, Ranges, StereoRig
-from ndtorch.navigation.certainty import beam, certainty
 from ndtorch.navigation.features import Features, find_features
+from ndtorch.navigation.mapping.certainty import beam, certainty
 from ndtorch.navigation.options import EDGE_REACH
 from ndtorch.navigation.prediction import PredictedFeatures
 from ndtorch.vision import NDMin

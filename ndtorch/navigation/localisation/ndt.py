@@ -1,0 +1,128 @@
+"""Normal distributions transform: a map of Gaussian cells, and matching of a scan with it.
+
+P. Biber and W. Straßer, "The normal distributions transform: a new approach to laser scan matching", IROS 2003. A cell
+holds the weight of its points and the sums of x, y, xx, xy and yy about its middle, from which mean and covariance
+follow. A map is an array of cells `[size, size, 6]`, float32, whose middle is the origin of its frame.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ndtorch.kernels.load import kernel
+
+Floats = npt.NDArray[np.float64]
+Cells = npt.NDArray[np.float32]
+
+MIN_WEIGHT = 1.5
+"""Cells of less weight do not take part in matching."""
+
+MAX_WEIGHT = 1e5
+"""The sums of a heavier cell are scaled down to this weight, so that it stays able to change."""
+
+BLUR = 0.02
+"""Standard deviation added to the distribution of each cell, m."""
+
+OUTLIER_GATE = 9.0
+"""Squared Mahalanobis distance at which a point has a quarter of its weight."""
+
+ITERATIONS = 8
+"""Gauss-Newton iterations of a scan match, at most."""
+
+
+class Scan(NamedTuple):
+    """Points in the body frame, m, and their weights, `[n]` each."""
+
+    x: Floats
+    y: Floats
+    weight: Floats
+
+
+class ScanMatch(NamedTuple):
+    """A matched pose, m and radians, and its score, 0..1.
+
+    `information` `[6]` is the information matrix xx, xy, yy, xh, yh, hh as if all points were independent.
+    """
+
+    x: float
+    y: float
+    heading: float
+    score: float
+    information: Floats
+
+    @property
+    def pose(self) -> Floats:
+        """The pose as an array `[3]`."""
+        return np.array((self.x, self.y, self.heading))
+
+
+def empty_map(size: int) -> Cells:
+    """A map without points."""
+    return np.zeros((size, size, 6), np.float32)
+
+
+def transformed(scan: Scan, pose: Floats) -> tuple[Floats, Floats]:
+    """x and y of the points of a scan taken at a pose."""
+    x, y, heading = pose.tolist()
+    cos, sin = np.cos(heading), np.sin(heading)
+    return x + cos * scan.x - sin * scan.y, y + sin * scan.x + cos * scan.y
+
+
+def add_scan(ndt_map: Cells, scan: Scan, pose: Floats, cell_m: float) -> Cells:
+    """A copy of the map to which a scan taken at a pose is added."""
+    ndt_map = ndt_map.copy()
+    kernel("add_points").run(ndt_map, *transformed(scan, pose), scan.weight, cell_m, MAX_WEIGHT)
+    return ndt_map
+
+
+def match_scan(
+    ndt_map: Cells,
+    scan: Scan,
+    start: Floats,
+    sigma: tuple[float, float],
+    cell_m: float,
+    iterations: int = ITERATIONS,
+) -> ScanMatch:
+    """The pose at which a scan fits the map.
+
+    Args:
+        start: predicted pose, `[3]`.
+        sigma: standard deviations of its position, m, and of its heading, radians.
+        iterations: of Gauss-Newton, at most.
+    """
+    out = np.zeros(10)
+    position, heading = (1 / deviation**2 for deviation in sigma)
+    begin, precision = tuple(start.tolist()), (position, position, heading)
+    settings = (cell_m, BLUR, MIN_WEIGHT, OUTLIER_GATE, iterations)
+    kernel("fit_points").run(ndt_map, *scan, begin, precision, *settings, out)
+    x, y, angle, score = out[:4].tolist()
+    return ScanMatch(x, y, angle, score, out[4:])
+
+
+def distributions(ndt_map: Cells, cell_m: float) -> tuple[Floats, Floats]:
+    """Means `[k, 2]`, m, and covariances `[k, 2, 2]` of the cells that have enough weight."""
+    at = np.argwhere(ndt_map[..., 0] >= MIN_WEIGHT)
+    sums = ndt_map[at[:, 0], at[:, 1]].astype(np.float64)
+    mean = sums[:, 1:3] / sums[:, :1]
+    square = sums[:, [3, 4, 4, 5]].reshape(-1, 2, 2) / sums[:, :1, None]
+    covariance = square - mean[:, :, None] * mean[:, None, :]
+    return (at - ndt_map.shape[0] // 2 + 0.5) * cell_m + mean, covariance
+
+
+def to_sparse(ndt_map: Cells) -> Cells:
+    """The cells that hold points, `[k, 8]`: column and row counted from the middle, and six sums."""
+    at = np.argwhere(ndt_map[..., 0])
+    return np.concatenate(((at - ndt_map.shape[0] // 2).astype(np.float32), ndt_map[at[:, 0], at[:, 1]]), -1)
+
+
+def from_sparse(sparse: npt.NDArray[np.floating], size: int) -> Cells:
+    """The inverse of `to_sparse`; cells outside the square are dropped."""
+    ndt_map, half = empty_map(size), size // 2
+    at = np.rint(sparse[:, :2]).astype(np.int64)
+    inside = ((at >= -half) & (at < half)).all(-1)
+    column, row = (at[inside] + half).T
+    ndt_map[column, row] = sparse[inside, 2:]
+    return ndt_map

@@ -1,0 +1,145 @@
+"""Tracks of ranged features, and which of them move while the world stands still."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from ndtorch.arguments import check_batch, check_finite, check_numbers, check_state, is_finite, surely_finite
+from ndtorch.errors import InputError
+from ndtorch.navigation.mapping.grid_map import check_observations
+from ndtorch.navigation.odometry import Pose, to_world
+from ndtorch.navigation.ranging import Ranges
+from ndtorch.vision.alpha_beta import corrected, predicted
+
+
+@dataclass(frozen=True)
+class TrackParams:
+    """The numbers of the alpha-beta filter and of what is dynamic.
+
+    Args:
+        alpha, beta: shares of the residual that correct place and velocity, 0..1.
+        gate: an observation belongs to a track when it is within this of its predicted place, m.
+        slots: number of tracks that are kept.
+        patience: a track that was not seen for longer than this is dropped, s.
+        min_age: a track must have been followed for this long before it can be dynamic, s.
+        min_speed: a track is dynamic when it moves faster than this through the world, m/s.
+    """
+
+    alpha: float = 0.3
+    beta: float = 0.03
+    gate: float = 0.25
+    slots: int = 16
+    patience: float = 0.5
+    min_age: float = 0.8
+    min_speed: float = 0.2
+
+    def __post_init__(self) -> None:
+        check_numbers(self, endless=["patience"])
+        if not (0 < self.alpha <= 1 and 0 < self.beta <= 1 and self.gate > 0 and self.slots > 0):
+            raise InputError(f"expected alpha and beta in 0..1, gate > 0 and slots > 0, got {self}")
+        if not (self.patience >= 0 and self.min_age >= 0 and self.min_speed >= 0):
+            raise InputError(f"expected patience, min_age and min_speed >= 0, got {self}")
+
+
+class Tracks(NamedTuple):
+    """State of `AlphaBetaTracker`, K slots.
+
+    Attributes:
+        place, velocity: in the world, m and m/s, `[..., K, 2]`.
+        age: seconds since the track began, `[..., K]`.
+        unseen: seconds since it was last seen; infinite in empty slots.
+        dynamic: bool; moves in a way that the car's own motion does not explain.
+    """
+
+    place: Tensor
+    velocity: Tensor
+    age: Tensor
+    unseen: Tensor
+    dynamic: Tensor
+
+
+def track_step(seen: Tensor, valid: Tensor, state: Tracks, params: TrackParams, dt: float) -> Tracks:
+    """One step of all tracks. [A §3]
+
+    Since places are in the world, the car's own motion is already taken out: the predicted velocity of
+    everything that stands still is zero. Track and observation belong together when each is the other's
+    nearest and they lie within the gate; observations left over begin new tracks in empty or the longest
+    unseen slots.
+
+    Args:
+        seen: observed places `[..., n, 2]` in the world; `valid` `[..., n]`.
+    """
+    alive = state.unseen <= params.patience
+    unseen = torch.where(alive, state.unseen + dt, math.inf)
+    place = predicted(state.place, state.velocity, dt)
+    distance = torch.linalg.vector_norm(place.unsqueeze(-2) - seen.unsqueeze(-3), dim=-1)
+    distance = torch.where(alive.unsqueeze(-1) & valid.unsqueeze(-2), distance, math.inf)
+    nearest, index = distance.min(-1)
+    mutual = distance.argmin(-2).gather(-1, index) == torch.arange(params.slots, device=seen.device)
+    hit = mutual & (nearest <= params.gate)
+
+    observed = seen.gather(-2, index.unsqueeze(-1).expand(*index.shape, 2))
+    residual = torch.where(hit.unsqueeze(-1), observed - place, 0.0)
+    place, velocity = corrected(place, state.velocity, residual, params.alpha, params.beta, dt)
+    unseen = torch.where(hit, 0.0, unseen)
+    age = state.age + dt
+
+    # An observation begins a track unless it belongs to one, or lies so near one that it is the same thing.
+    fresh = valid & (distance.amin(-2) > params.gate)
+    count = min(fresh.shape[-1], params.slots)
+    slot = unseen.topk(count, dim=-1).indices  # the emptiest slots, one for each observation
+    order = fresh.to(torch.int8).argsort(dim=-1, descending=True, stable=True)[..., :count]
+    begins = fresh.gather(-1, order) & (unseen.gather(-1, slot) > 0)
+    start = seen.gather(-2, order.unsqueeze(-1).expand(*order.shape, 2))
+    wide = slot.unsqueeze(-1).expand(*slot.shape, 2)
+    put = begins.unsqueeze(-1)
+    place = place.scatter(-2, wide, torch.where(put, start, place.gather(-2, wide)))
+    velocity = velocity.scatter(-2, wide, torch.where(put, 0.0, velocity.gather(-2, wide)))
+    age = age.scatter(-1, slot, torch.where(begins, 0.0, age.gather(-1, slot)))
+    unseen = unseen.scatter(-1, slot, torch.where(begins, 0.0, unseen.gather(-1, slot)))
+
+    fast = torch.linalg.vector_norm(velocity, dim=-1) > params.min_speed
+    dynamic = fast & (age >= params.min_age) & (unseen <= params.patience)
+    return Tracks(place, velocity, age, unseen, dynamic)
+
+
+class AlphaBetaTracker(nn.Module):
+    """Follows ranged features through the world with alpha-beta filters and flags the ones that move. [A §3]
+
+    Called as `tracks, state = tracker(ranges, pose, state)`; `tracks` is the state after the last frame.
+
+    Shapes:
+        ranges `[..., T, n]`, pose `[..., T]` -> `Tracks` of `[..., K]`. `state=None` starts without tracks.
+
+    Raises:
+        InputError: dt not positive, or ranges and poses that do not belong together.
+    """
+
+    def __init__(self, dt: float, params: TrackParams | None = None) -> None:
+        super().__init__()
+        if not (is_finite(dt) and dt > 0):
+            raise InputError(f"dt must be a positive number of seconds, got {repr(dt)[:40]}")
+        self.dt, self.params = dt, params or TrackParams()
+
+    def forward(self, ranges: Ranges, pose: Pose, state: Tracks | None = None) -> tuple[Tracks, Tracks]:
+        check_state(state, Tracks)
+        batch = check_observations(ranges, pose)
+        if state is None:
+            blank = ranges.x.new_zeros(*batch, self.params.slots)
+            pairs = ranges.x.new_zeros(*batch, self.params.slots, 2)
+            state = Tracks(pairs, pairs, blank, blank + math.inf, blank > 0)
+        else:
+            check_batch(state, batch, "place", "unseen")
+            if torch.compiler.is_compiling() or not surely_finite((state.place, state.velocity)):
+                check_finite("state.place", state.place)
+                check_finite("state.velocity", state.velocity)
+        x, y = to_world(Pose(*(part.unsqueeze(-1) for part in pose)), ranges.x, ranges.y)
+        places = torch.stack((x, y), -1)
+        for t in range(pose.x.shape[-1]):
+            state = track_step(places[..., t, :, :], ranges.valid[..., t, :], state, self.params, self.dt)
+        return state, state

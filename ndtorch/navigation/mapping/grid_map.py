@@ -1,0 +1,285 @@
+"""The map as a grid: the certainties of all ranged features, summed where the car saw them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, get_args
+
+import torch
+from torch import Tensor, nn
+
+from ndtorch.arguments import check_number, check_numbers, check_state, check_tensor, surely_finite
+from ndtorch.errors import InputError
+from ndtorch.kernels.beam_cells import beam_cells
+from ndtorch.kernels.switch import kernels_wanted
+from ndtorch.navigation.mapping.certainty import REACH, BeamTable, beam_table, sample_certainty
+from ndtorch.navigation.mapping.range_log import RangeLog
+from ndtorch.navigation.mapping.tiles import Tiles, add_at, cell_tables, check_tiles, empty_tiles
+from ndtorch.navigation.odometry import Pose, to_world
+from ndtorch.navigation.ranging import Ranges
+from ndtorch.navigation.rig import StereoRig
+
+Certainty = Literal["beams", "log-odds"]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A rectangle of the world divided into square cells.
+
+    Args:
+        left, right: the x of its sides, m; bottom, top: the y of them.
+        cell: side of a cell, m; [A] uses 1 cm.
+
+    Raises:
+        InputError: an empty rectangle, or one of more than 2^31 cells.
+
+    >>> grid = Grid(0.0, 8.0, -3.0, 3.0, cell=0.1)
+    >>> grid.rows, grid.columns
+    (60, 80)
+    """
+
+    left: float = -10.0
+    right: float = 10.0
+    bottom: float = -10.0
+    top: float = 10.0
+    cell: float = 0.01
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+        if not (self.left < self.right and self.bottom < self.top and self.cell > 0):
+            raise InputError(f"expected left < right, bottom < top and cell > 0, got {self}")
+        wide, high = (self.right - self.left) / self.cell, (self.top - self.bottom) / self.cell
+        if not (wide < 2**31 and high < 2**31 and self.rows * self.columns < 2**31):
+            raise InputError(f"{self} has {high:.4g} x {wide:.4g} cells, which is too many")
+
+    @property
+    def rows(self) -> int:
+        """Number of cells along y."""
+        return math.ceil(round((self.top - self.bottom) / self.cell, 6))
+
+    @property
+    def columns(self) -> int:
+        """Number of cells along x."""
+        return math.ceil(round((self.right - self.left) / self.cell, 6))
+
+    def inner(self, cells: Tensor) -> Tensor:
+        """The cells without what is around them in a map's state, a view `[..., rows, columns]`."""
+        return cells.narrow(-2, 1, self.rows).narrow(-1, 1, self.columns)
+
+    def find(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+        """Row and column of the cell that holds each point; 0, or one more than there are, is a margin outside."""
+        # Truncation is a floor here: the cells begin at 1, and what is below falls into the margin, 0.
+        scale = 1 / self.cell
+        column = ((x - (self.left - self.cell)) * scale).clamp(0, self.columns + 1).to(torch.int64)
+        row = ((y - (self.bottom - self.cell)) * scale).clamp(0, self.rows + 1).to(torch.int64)
+        return row, column
+
+    def center(self, row: Tensor, column: Tensor) -> tuple[Tensor, Tensor]:
+        """x and y of the middle of a cell, m."""
+        return self.left + (column + 0.5) * self.cell, self.bottom + (row + 0.5) * self.cell
+
+
+@dataclass(frozen=True)
+class LogOdds:
+    """Numbers of a map of log-odds, `log(p / (1 - p))` for the probability p that something is in a cell.
+
+    Args:
+        hit: what one observation adds in all, spread over its cells.
+        miss: what it takes from each cell on the line of sight.
+        clear: the line of sight counts as seen free up to this share of the range.
+        limit: log-odds stay within this, so that the map can change its mind.
+
+    Raises:
+        InputError: a number out of range.
+    """
+
+    hit: float = 2.0
+    miss: float = 0.1
+    clear: float = 0.85
+    limit: float = 6.0
+
+    def __post_init__(self) -> None:
+        check_numbers(self)
+        if not (self.hit > 0 and self.miss >= 0 and 0 < self.clear < 1 and self.limit > 0):
+            raise InputError(f"expected hit > 0, miss >= 0, 0 < clear < 1 and limit > 0, got {self}")
+
+
+class GridMapState(NamedTuple):
+    """State of `GridMap`.
+
+    Attributes:
+        tiles: summed certainty, or log-odds, in tiles; the first and last cell of the grid's rows and columns are a
+            margin that collects what lies outside. A step shares the tiles it does not touch with the state before.
+        log: ranges from which the map is rendered again when submaps have moved; None without a localiser.
+    """
+
+    tiles: Tiles
+    log: RangeLog | None = None
+
+    @property
+    def cells(self) -> Tensor:
+        """All cells `[..., R, C]`, put together anew; `Grid.inner` cuts out the grid's."""
+        return self.tiles.cells
+
+
+class GridMap(nn.Module):
+    """Allocentric map: what was ranged, placed at the dead-reckoned poses.
+
+    With `certainty="beams"` it is the map of [A §2.3]: the value of a cell is the mean of `certainty` over its area,
+    summed over all observations. `normalise` divides by the largest, which the paper does once at the end. With
+    `"log-odds"` it is the Bayesian map that [A §2.3] leaves open: each observation adds log-odds where its feature
+    is certain to be, and takes some away on the line of sight before it, because what is seen is not hidden;
+    `cells` are log-odds and 0 is unknown. On drives of 40 s (seed 1) the beams have the larger share of their mass at
+    true edges, and log-odds find as many of the visible edges or more: precision 0.87 against 0.82 and recall 0.30
+    against 0.50 in the curve, 0.93 against 0.91 and 0.66 both in the hallway.
+
+    Called as `cells, state = grid_map(ranges, pose, state)`; row 0 of `cells` is at the smallest y. Only cells near
+    the beams are touched, and `update` gives the state without putting all cells together. What is seen outside the
+    grid is ignored.
+
+    Shapes:
+        ranges `[..., T, n]`, pose `[..., T]` -> cells `[..., rows, columns]`. `state=None` starts empty.
+
+    Args:
+        rig: the camera pair.
+        grid: the part of the world to map.
+        reach: space constant R_b of the beams, m.
+        farthest: range up to which places along a beam are at most half a cell apart, m.
+        certainty: what a cell holds, `"beams"` or `"log-odds"`.
+        odds: numbers of the log-odds.
+
+    Raises:
+        InputError: ranges and poses that do not belong together, or a state of another grid.
+    """
+
+    tangent: Tensor
+    weight: Tensor
+    line: Tensor
+    down: Tensor
+    across: Tensor
+
+    def __init__(
+        self,
+        rig: StereoRig,
+        grid: Grid | None = None,
+        reach: float = REACH,
+        farthest: float = 2.2,
+        certainty: Certainty = "beams",
+        odds: LogOdds | None = None,
+    ) -> None:
+        super().__init__()
+        check_number("reach", reach, above=0, unit="metres", endless=True)
+        check_number("farthest", farthest, above=0, unit="metres")
+        if certainty not in get_args(Certainty):
+            raise InputError(f"certainty must be 'beams' or 'log-odds', got {certainty!r}")
+        self.rig, self.grid, self.reach = rig, grid or Grid(), reach
+        self.certainty, self.odds = certainty, odds or LogOdds()
+        table = beam_table(rig, farthest, self.grid.cell / 2)
+        self.register_buffer("tangent", table.tangent, persistent=False)
+        self.register_buffer("weight", table.weight, persistent=False)
+        # One place a cell at the farthest range: nearer lines meet a cell more often than once, see `sight`.
+        line = torch.linspace(0.0, self.odds.clear, math.ceil(farthest / self.grid.cell))
+        self.register_buffer("line", line, persistent=False)
+        down, across = cell_tables(self.grid.rows + 2, self.grid.columns + 2)
+        self.register_buffer("down", down, persistent=False)
+        self.register_buffer("across", across, persistent=False)
+
+    def forward(self, ranges: Ranges, pose: Pose, state: GridMapState | None = None) -> tuple[Tensor, GridMapState]:
+        state = self.update(ranges, pose, state)
+        return self.grid.inner(state.cells), state
+
+    def update(self, ranges: Ranges, pose: Pose, state: GridMapState | None = None) -> GridMapState:
+        """The state after ranges `[..., T, n]` seen from poses `[..., T]`."""
+        check_state(state, GridMapState)
+        batch, size = check_observations(ranges, pose), (self.grid.rows + 2, self.grid.columns + 2)
+        tiles = empty_tiles(batch, *size, ranges.x) if state is None else state.tiles
+        check_tiles("state.tiles", tiles, batch, *size)
+        if self.certainty == "beams" and not batch and len(ranges.x) == 1 and kernels_wanted(*ranges, *pose):
+            return GridMapState(add_at(tiles, *self.beams(ranges, pose)), state and state.log)
+        pose = Pose(*(part.unsqueeze(-1).unsqueeze(-1) for part in pose))
+        if self.certainty == "beams":
+            x, y, weight = sample_certainty(ranges, self.rig, BeamTable(self.tangent, self.weight), self.reach)
+            number = self.numbers(*to_world(pose, x, y))
+            tiles = add_at(tiles, number.flatten(-3), (weight * (1 / self.grid.cell**2)).flatten(-3))
+            return GridMapState(tiles, state and state.log)
+        x, y, change = self.sight(ranges)
+        number = self.numbers(*to_world(pose, x, y))
+        for t in range(number.shape[-3]):  # frame by frame, because no frame may take a cell over the limit
+            at, now = number[..., t, :, :].flatten(-2), change[..., t, :, :].flatten(-2)
+            tiles = add_at(tiles, at, now, self.odds.limit)
+        return GridMapState(tiles, state and state.log)
+
+    def warm_up(self) -> None:
+        """Have the kernels ready that it uses once something is ranged."""
+        one, still = torch.ones(1, 1), torch.zeros(1)
+        right_ahead = Ranges(one, 0.1 * one, -0.1 * one, one, 0 * one, one > 0)
+        self.update(right_ahead, Pose(still, still, still))
+
+    def beams(self, ranges: Ranges, pose: Pose) -> tuple[Tensor, Tensor]:
+        """Numbers of cells and their weights, `[k]`, of one frame `[1, n]` by a kernel."""
+        kind, grid, rig = ranges.x.dtype, self.grid, self.rig
+        most = ranges.x.numel() * len(self.weight)
+        number, weight = torch.empty(most, dtype=torch.int64), torch.empty(most, dtype=kind)
+        count = beam_cells(
+            ranges.left_angle[0].numpy(),
+            ranges.right_angle[0].numpy(),
+            ranges.valid[0].numpy(),
+            self.tangent.to(kind).numpy(),
+            self.weight.to(kind).numpy(),
+            (rig.baseline, rig.forward, self.reach),
+            (float(pose.x), float(pose.y), float(pose.heading)),
+            (grid.left - grid.cell, grid.bottom - grid.cell, grid.cell),
+            1 / grid.cell**2,
+            self.down.numpy(),
+            self.across.numpy(),
+            number.numpy(),
+            weight.numpy(),
+        )
+        return number[:count], weight[:count]
+
+    def numbers(self, x: Tensor, y: Tensor) -> Tensor:
+        """Numbers of the cells that hold points of the world, as `add_at` wants them."""
+        row, column = self.grid.find(x, y)
+        down, across = self.down.index_select(0, row.flatten()), self.across.index_select(0, column.flatten())
+        return down.add_(across).view(row.shape)
+
+    def sight(self, ranges: Ranges) -> tuple[Tensor, Tensor, Tensor]:
+        """Places of the features and of the lines of sight to them, and the change of log-odds there."""
+        x, y, weight = sample_certainty(ranges, self.rig, BeamTable(self.tangent, self.weight), math.inf)
+        share = weight / weight.sum(-1, keepdim=True).clamp(min=torch.finfo(weight.dtype).tiny)
+        seen = ranges.valid.unsqueeze(-1).to(share.dtype)
+        ahead, aside = ranges.x.unsqueeze(-1) - self.rig.forward, ranges.y.unsqueeze(-1)
+        # So many places of the line fall into one cell: together they take `miss`, not each.
+        length = torch.hypot(ahead, aside) * float(self.line[-1])
+        crowding = (length / (len(self.line) * self.grid.cell)).clamp(max=1.0)
+        line_x, line_y = self.rig.forward + ahead * self.line, aside * self.line
+        free = (-self.odds.miss * crowding * seen).expand(line_x.shape)
+        return (
+            torch.cat((x, line_x), -1),
+            torch.cat((y, line_y), -1),
+            torch.cat((share * seen * self.odds.hit, free), -1),
+        )
+
+    @staticmethod
+    def normalise(cells: Tensor) -> Tensor:
+        """Cells divided by the largest of their map, 0..1; what is less than zero becomes zero. [A §2.3]"""
+        cells = cells.clamp(min=0)
+        largest = cells.amax((-2, -1), keepdim=True)
+        return cells / torch.where(largest > 0, largest, 1.0)
+
+
+def check_observations(ranges: Ranges, pose: Pose) -> tuple[int, ...]:
+    """The batch shape of ranges `[..., T, n]` seen from poses `[..., T]`, which must go together."""
+    # Of a feature, a place that is not a number would stay in the map for good.
+    if torch.compiler.is_compiling() or not surely_finite((*pose, ranges.x, ranges.y)):
+        for name, value in zip(Pose._fields, pose, strict=True):
+            check_tensor(f"pose.{name}", value, half=False)
+        check_tensor("ranges.x", ranges.x, half=False)
+        check_tensor("ranges.y", ranges.y, half=False)
+    if ranges.x.ndim < 2 or ranges.x.shape[:-1] != pose.x.shape:
+        raise InputError(
+            f"ranges and poses must go together, ranges.x [..., T, n] and pose.x [..., T], "
+            f"got {tuple(ranges.x.shape)} and {tuple(pose.x.shape)}"
+        )
+    return tuple(ranges.x.shape[:-2])

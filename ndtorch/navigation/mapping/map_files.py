@@ -1,0 +1,136 @@
+"""Maps as files: `map.npz`, which this package reads again, and `map.pgm` with `map.yaml`, which ROS reads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+from ndtorch.checked import load_arrays, save_arrays
+from ndtorch.errors import InputError
+from ndtorch.files import replacing, write_text
+from ndtorch.navigation.mapping.grid_map import Grid
+
+Floats = npt.NDArray[np.float64]
+Cells = npt.NDArray[np.float32]
+
+FAINTEST = 0.02
+"""A cell is occupied from this share of the largest on."""
+
+PIXEL = 5
+"""Cells along the side of a pixel of the picture for ROS: 5 cm with cells of 1 cm, as planners there use."""
+
+PASSED = 0.18
+"""Metres to either side of the path that are free because the body was there: half its width."""
+
+OCCUPIED, UNKNOWN, FREE = 0, 205, 254
+"""Gray levels that `map_server` of ROS reads as occupied, unknown and free."""
+
+YAML = """image: {image}
+mode: trinary
+resolution: {resolution:g}
+origin: [{left:.6g}, {bottom:.6g}, 0.0]
+negate: 0
+occupied_thresh: 0.65
+free_thresh: 0.196
+"""
+
+
+class SavedMap(NamedTuple):
+    """A map from a file.
+
+    Attributes:
+        cells: `[rows, columns]`, the largest is 1; row 0 is at the smallest y.
+        grid: where the cells are.
+        ndt_cells: sparse NDT cells for relocalisation, `[k, 8]`, see `ndtorch.navigation.localisation.ndt`; None in a
+            map that was made without `localise`. The file calls them `walls`.
+    """
+
+    cells: Tensor
+    grid: Grid
+    ndt_cells: Cells | None
+
+
+def save_map(
+    folder: Path, cells: Tensor, grid: Grid, path: Floats, ndt_cells: Cells | None = None, **more: npt.NDArray[Any]
+) -> None:
+    """Write `map.npz`, `map.pgm` and `map.yaml` into a folder.
+
+    Args:
+        cells: `[rows, columns]` of the grid.
+        path: places where the car was, `[T, 2]` or more columns, in the frame of the map.
+        ndt_cells: see `SavedMap`.
+        more: further arrays for `map.npz`.
+
+    Raises:
+        InputError: cells of another shape than the grid has.
+    """
+    if tuple(cells.shape) != (grid.rows, grid.columns):
+        raise InputError(f"expected cells [{grid.rows}, {grid.columns}], got {tuple(cells.shape)}")
+    arrays: dict[str, Any] = {
+        "cells": cells.numpy(),
+        "bounds": np.array([grid.left, grid.right, grid.bottom, grid.top]),
+        "cell": np.array(grid.cell),
+        **({} if ndt_cells is None else {"walls": ndt_cells}),
+        **more,
+    }
+    save_arrays(folder / "map.npz", arrays)
+    pixels = ros_pixels(cells, grid, path)
+    with replacing(folder / "map.pgm") as beside:
+        rows, columns = pixels.shape
+        # Pictures begin at the top, which is the largest y.
+        beside.write_bytes(f"P5\n{columns} {rows}\n255\n".encode() + np.ascontiguousarray(pixels[::-1]).tobytes())
+    where = {"resolution": grid.cell * PIXEL, "left": grid.left, "bottom": grid.bottom}
+    write_text(folder / "map.yaml", YAML.format(image="map.pgm", **where))
+
+
+def ros_pixels(cells: Tensor, grid: Grid, path: Floats) -> npt.NDArray[np.uint8]:
+    """Gray levels `[rows, columns]` of pixels of `PIXEL` cells, row 0 at the smallest y.
+
+    A pixel is occupied where a cell of it is, free where the car's body was, and unknown elsewhere.
+    """
+    rows, columns = -(-grid.rows // PIXEL), -(-grid.columns // PIXEL)
+    padded = np.zeros((rows * PIXEL, columns * PIXEL), np.float32)
+    padded[: grid.rows, : grid.columns] = cells.numpy()
+    largest = padded.reshape(rows, PIXEL, columns, PIXEL).max((1, 3))
+    pixels = np.full((rows, columns), UNKNOWN, np.uint8)
+    side = grid.cell * PIXEL
+    reach = int(PASSED / side)
+    at = np.unique(np.floor((path[:, :2] - (grid.left, grid.bottom)) / side).astype(np.int64), axis=0)
+    for down in range(-reach, reach + 1):
+        for across in range(-reach, reach + 1):
+            if down**2 + across**2 <= reach**2:
+                column, row = (at + np.array((across, down))).T
+                inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+                pixels[row[inside], column[inside]] = FREE
+    if float(largest.max(initial=0.0)) > 0:
+        pixels[largest >= FAINTEST * largest.max()] = OCCUPIED
+    return pixels
+
+
+def load_map(file: Path) -> SavedMap:
+    """Read a `map.npz`, or the one in a folder.
+
+    Raises:
+        InputError: there is none, it is damaged or has no checksum, or it is no map.
+    """
+    file = file / "map.npz" if file.is_dir() else file
+    found = load_arrays(file)
+    try:
+        cells, bounds, cell = found["cells"], found["bounds"], float(found["cell"])
+        walls = found.get("walls")
+        left, right, bottom, top = map(float, bounds)
+        grid = Grid(left, right, bottom, top, cell)
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{file} cannot be read as a map: {error}") from None
+    if cells.dtype.kind != "f":
+        raise InputError(f"{file} is no map: cells must be of floating point, got {cells.dtype}")
+    if cells.shape != (grid.rows, grid.columns) or not np.isfinite(cells).all():
+        raise InputError(f"{file} is no map: cells of shape {cells.shape} for a grid of {grid.rows} x {grid.columns}")
+    if walls is not None and (walls.ndim != 2 or walls.shape[1] != 8 or not np.isfinite(walls).all()):
+        raise InputError(f"{file} is no map: walls must be [k, 8] and finite, got {walls.shape}")
+    return SavedMap(torch.from_numpy(cells), grid, None if walls is None else walls.astype(np.float32))

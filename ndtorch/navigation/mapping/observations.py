@@ -1,0 +1,180 @@
+"""The map as a list: what was seen lately and from where, asked whether the path is free."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from ndtorch.arguments import check_batch, check_number, check_state
+from ndtorch.errors import InputError
+from ndtorch.navigation.mapping.grid_map import check_observations
+from ndtorch.navigation.odometry import Pose, to_body, to_world
+from ndtorch.navigation.ranging import Ranges
+
+
+class Observations(NamedTuple):
+    """State of `ObservationList`: the K newest observations, newest first, each part `[..., K]`.
+
+    Attributes:
+        x, y: where it is in the world, m.
+        weight: what it still counts; 0 in slots that are empty.
+        lifetime: seconds in which its weight falls to 1/e.
+        seen_from: `[..., K, 3]`, the pose (x, y, heading) it was seen from.
+    """
+
+    x: Tensor
+    y: Tensor
+    weight: Tensor
+    lifetime: Tensor
+    seen_from: Tensor
+
+
+class ObservationList(nn.Module):
+    """A list of places in place of a grid, [A §3]: little memory, and answers computed when asked.
+
+    Called as `observations, state = module(ranges, pose, state)`; `observations` is the state. Weights fall
+    exponentially with time. The oldest observations leave when the list is full.
+
+    Shapes:
+        ranges `[..., T, n]`, pose `[..., T]` -> `Observations` of `[..., K]`. `state=None` starts empty.
+
+    Args:
+        dt: time step, s.
+        capacity: length of the list, K, at least n.
+        lifetime: seconds in which a new observation's weight falls to 1/e; inf forgets nothing.
+        weight: of a new observation.
+
+    Raises:
+        InputError: numbers out of range, or ranges and poses that do not belong together.
+    """
+
+    def __init__(self, dt: float, capacity: int = 512, lifetime: float = 6.0, weight: float = 1.0) -> None:
+        super().__init__()
+        check_number("dt", dt, above=0, unit="seconds")
+        check_number("capacity", capacity, above=0, whole=True)
+        check_number("lifetime", lifetime, above=0, unit="seconds", endless=True)
+        check_number("weight", weight, above=0)
+        self.dt, self.capacity, self.lifetime, self.weight = dt, capacity, lifetime, weight
+
+    def forward(
+        self, ranges: Ranges, pose: Pose, state: Observations | None = None
+    ) -> tuple[Observations, Observations]:
+        check_state(state, Observations)
+        batch = check_observations(ranges, pose)
+        check_batch(state, batch, "x", "seen_from")
+        if state is None:
+            blank = ranges.x.new_zeros(*batch, self.capacity)
+            state = Observations(blank, blank, blank, blank + 1.0, blank.new_zeros(*blank.shape, 3))
+        weight = ranges.valid.to(ranges.x.dtype) * self.weight
+        x, y = to_world(Pose(*(part.unsqueeze(-1) for part in pose)), ranges.x, ranges.y)
+        for t in range(pose.x.shape[-1]):
+            state = self.forget(state)
+            here = torch.stack([part[..., t] for part in pose], -1).unsqueeze(-2)
+            state = self.add(state, x[..., t, :], y[..., t, :], weight[..., t, :], here)
+        return state, state
+
+    def forget(self, state: Observations) -> Observations:
+        """One time step passes."""
+        return state._replace(weight=state.weight * torch.exp(-self.dt / state.lifetime))
+
+    def add(
+        self,
+        state: Observations,
+        x: Tensor,
+        y: Tensor,
+        weight: Tensor,
+        seen_from: Tensor,
+        lifetime: float | None = None,
+    ) -> Observations:
+        """Put places at the front of the list, for instance virtual ones where a rule suspects a wall.
+
+        Args:
+            x, y: world, m; `[..., n]`.
+            weight: `[..., n]`; places of weight 0 take a slot and count nothing.
+            seen_from: pose, broadcast to `[..., n, 3]`.
+            lifetime: of these places; the module's own by default.
+        """
+        seconds = torch.full_like(x, self.lifetime if lifetime is None else lifetime)
+        here = seen_from.expand(*x.shape, 3)
+
+        def newest(new: Tensor, old: Tensor, dim: int) -> Tensor:
+            return torch.cat([new, old], dim).narrow(dim, 0, self.capacity)
+
+        return Observations(
+            newest(x, state.x, -1),
+            newest(y, state.y, -1),
+            newest(weight, state.weight, -1),
+            newest(seconds, state.lifetime, -1),
+            newest(here, state.seen_from, -2),
+        )
+
+
+def arc_coordinates(x: Tensor, y: Tensor, curvature: Tensor) -> tuple[Tensor, Tensor]:
+    """Distance along an arc that starts at the origin in direction x, and distance from it, of points.
+
+    `along` is the arc length to the nearest point of the arc, negative behind; `aside` is not signed.
+    Straight lines are the limit of small curvatures, without a division by zero.
+    """
+    square = x.square() + y.square()
+    # 1 - k y and k x are the legs from the arc's center to the point, in radii.
+    legs = 1 - curvature * y, curvature * x
+    radii = torch.hypot(*legs)
+    aside = ((curvature * square - 2 * y) / (1 + radii)).abs()
+    turned = torch.atan2(legs[1], legs[0])
+    bent = curvature.abs() > 1e-6
+    along = torch.where(bent, turned / torch.where(bent, curvature, 1.0), x)
+    return along, aside
+
+
+def free_length(
+    observations: Observations,
+    pose: Pose,
+    curvature: Tensor,
+    half_width: float = 0.25,
+    farthest: float = 2.0,
+    enough: float = 4.0,
+    gather: float = 0.3,
+) -> Tensor:
+    """How far the car can drive along each arc before it meets what was seen. [A §3]
+
+    An arc ends where observations inside the path (`half_width` to either side) of weight `enough` gather
+    within `gather` metres along it: single wrong ranges do not block it.
+
+    Args:
+        observations: `[..., K]`, world.
+        pose: the car, `[...]`.
+        curvature: of the arcs, 1/m, `[A]`, to the left positive, 0 is straight.
+        half_width: half the car's width and some room, m.
+        farthest: the answer where nothing is in the way, m.
+        enough, gather: as above.
+
+    Returns:
+        `[..., A]` in m, from the pose forward, 0..farthest.
+
+    Raises:
+        InputError: curvature of another shape, or numbers that are not positive.
+    """
+    if curvature.ndim != 1 or not (half_width > 0 and farthest > 0 and enough > 0 and gather > 0):
+        raise InputError(
+            f"expected curvatures [A] and positive numbers, got {tuple(curvature.shape)}, "
+            f"half_width={half_width}, farthest={farthest}, enough={enough}, gather={gather}"
+        )
+    x, y = to_body(Pose(*(part.unsqueeze(-1) for part in pose)), observations.x, observations.y)
+    along, aside = arc_coordinates(x.unsqueeze(-2), y.unsqueeze(-2), curvature.unsqueeze(-1))
+    inside = (aside <= half_width) & (along > 0)
+    weight = observations.weight.unsqueeze(-2) * inside
+    along, order = torch.where(inside, along, math.inf).sort(-1)
+    total = weight.gather(-1, order).cumsum(-1)
+    # What lies between each observation and `gather` beyond it: everything up to there less what came before.
+    last = torch.searchsorted(along, along + gather, right=True) - 1
+    before = total - weight.gather(-1, order)
+    blocked = total.gather(-1, last) - before >= enough
+    return torch.where(blocked, along, farthest).amin(-1).clamp(max=farthest)
+
+
+def path_is_free(observations: Observations, pose: Pose, curvature: Tensor, length: float, **options: float) -> Tensor:
+    """Whether each arc is free for `length` metres, `[..., A]` bool; options as `free_length`."""
+    return free_length(observations, pose, curvature, farthest=length, **options) >= length

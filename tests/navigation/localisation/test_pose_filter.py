@@ -1,0 +1,119 @@
+"""What is known of the odometer grows with every match, and is right in the end."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ndtorch.navigation.localisation.params import LocaliserParams
+from ndtorch.navigation.localisation.pose_filter import RESIDUAL_SCALE, SIGMA_M, SIGMA_RAD, WALK_SIGMA, predict, update
+
+PARAMS = LocaliserParams()
+SURE = np.array((1e5, 0.0, 1e5, 0.0, 0.0, 1e6))
+
+
+def driven(pose, way, turned, seconds, scale, bend, drift):
+    """The pose after a short step of an odometer whose errors are taken to be these."""
+    x, y, heading = pose
+    turn = turned - drift * seconds - bend * turned
+    middle = heading + turn / 2
+    return np.array(
+        (x + (1 - scale) * way * math.cos(middle), y + (1 - scale) * way * math.sin(middle), heading + turn)
+    )
+
+
+def test_the_covariance_is_that_of_the_step():
+    rng, way, turned, seconds = np.random.default_rng(2), 0.1, 0.05, 0.2
+    root = rng.normal(size=(6, 6)) * (0.01, 0.01, 0.01, 0.02, 0.02, 0.002)
+    covariance = root.T @ root
+    start = np.array((1.0, 2.0, 0.4))
+    jacobian = np.eye(6)
+    for n, size in enumerate((1e-5,) * 6):
+        change = np.zeros(6)
+        change[n] = size
+        ends = [driven(start + s * change[:3], way, turned, seconds, *(s * change[3:])) for s in (1, -1)]
+        jacobian[:3, n] = (ends[0] - ends[1]) / (2 * size)
+    unsure = np.array((1e-4, 1e-5))
+    found = predict(covariance, way, turned, unsure, seconds, start[2] + turned, PARAMS)
+    noise = predict(np.zeros((6, 6)), way, turned, unsure, seconds, start[2] + turned, PARAMS)
+    assert noise == pytest.approx(np.diag(np.diag(noise)))
+    assert found - noise == pytest.approx(jacobian @ covariance @ jacobian.T, rel=1e-3, abs=1e-9)
+
+
+def test_it_learns_what_the_odometer_does():
+    errors = np.array((0.015, -0.01, math.radians(0.03)))
+    known, covariance = np.zeros(3), np.diag(np.square((0, 0, 0, 0.01, 0.01, math.radians(0.02))))
+    true = pose = np.array((0.0, 0.0, 0.0))
+    for n in range(400):
+        way, turned = 0.1, 0.1 if n % 40 < 15 else 0.0
+        true = driven(true, way, turned, 0.2, *errors)
+        pose = driven(pose, way, turned, 0.2, *known)
+        covariance = predict(covariance, way, turned, np.array((2.5e-5, 1e-5)), 0.2, pose[2], PARAMS)
+        change, covariance = update(covariance, true - pose, SURE, PARAMS)
+        pose, known = pose + change[:3], known + change[3:]
+    assert pose == pytest.approx(true, abs=0.005)
+    assert known == pytest.approx(errors, abs=0.004)
+    assert np.linalg.eigvalsh(covariance).min() > 0
+
+
+def test_a_fit_that_says_nothing_changes_nothing_and_a_slip_is_believed():
+    covariance = np.diag(np.square((0.01, 0.01, 0.005, 0.01, 0.01, 0.001)))
+    change, after = update(covariance, np.array((0.02, 0.0, 0.0)), np.zeros(6), PARAMS)
+    assert np.abs(change).max() < 1e-4
+    assert after == pytest.approx(covariance, rel=1e-3)
+    change, _ = update(covariance, np.array((0.3, 0.0, 0.0)), SURE, PARAMS)
+    assert change[0] > 0.2
+
+
+def test_deviations_of_a_step_add_up_in_each_number():
+    none, unsure = np.zeros((6, 6)), np.array((0.04, 0.01))
+    moved = np.sqrt(np.diag(predict(none, 2.0, -0.5, unsure, 0.3, 0.7, PARAMS)))
+    place, turn = math.hypot(SIGMA_M, 0.2), math.hypot(SIGMA_RAD, 0.1)
+    assert moved == pytest.approx([place, place, turn, *WALK_SIGMA])
+    # Between two scans of one moment the odometer has no time to change.
+    assert np.diag(predict(none, 2.0, -0.5, unsure, 0.0, 0.7, PARAMS))[3:].tolist() == [0, 0, 0]
+
+
+def test_once_motion_was_seen_little_is_left_of_the_odometer_to_learn():
+    """Fits that slid along a wall would be taken for its errors."""
+    p, none = PARAMS, np.zeros(2)
+    covariance = np.diag(np.square((0.02, 0.02, 0.01, p.scale_sigma, p.bend_sigma, p.drift_sigma_rad_per_s)))
+    covariance[0, 3] = covariance[3, 0] = 0.5 * 0.02 * p.scale_sigma
+    plain = predict(covariance, 0.0, 0.0, none, 0.2, 0.0, PARAMS)
+    known = predict(covariance, 0.0, 0.0, none, 0.2, 0.0, PARAMS, calibrated=True)
+    assert known[:3, :3] == pytest.approx(plain[:3, :3])
+    assert np.sqrt(known.diagonal()[3:]) == pytest.approx(
+        RESIDUAL_SCALE * np.array((p.scale_sigma, p.bend_sigma, p.drift_sigma_rad_per_s))
+    )
+    correlation = [both[0, 3] / math.sqrt(both[0, 0] * both[3, 3]) for both in (plain, known)]
+    assert correlation[0] == pytest.approx(correlation[1], rel=1e-3)
+    # It grows from less, slowly.
+    less = predict(np.zeros((6, 6)), 0.0, 0.0, none, 0.2, 0.0, PARAMS, calibrated=True)
+    assert np.sqrt(less.diagonal()[3:]) == pytest.approx(RESIDUAL_SCALE * WALK_SIGMA)
+
+
+def test_a_fit_changes_what_is_known_as_a_kalman_filter_does():
+    rng, p = np.random.default_rng(3), PARAMS
+    root = rng.normal(size=(6, 6)) * 0.02
+    covariance, off = root.T @ root, np.array((0.004, -0.003, 0.002))
+    information = np.array((4e4, 3e3, 5e4, -2e3, 1e3, 6e4))
+    xx, xy, yy, xh, yh, hh = information
+    said = np.array(((xx, xy, xh), (xy, yy, yh), (xh, yh, hh))) * p.information_scale + 1e-3 * np.eye(3)
+    error = np.linalg.inv(said) + np.diag(np.square((p.min_sigma_m, p.min_sigma_m, p.min_sigma_rad)))
+    seen = np.eye(3, 6)
+    gain = covariance @ seen.T @ np.linalg.inv(seen @ covariance @ seen.T + error)
+    change, after = update(covariance, off, information, PARAMS)
+    assert change == pytest.approx(gain @ off)
+    assert after == pytest.approx(covariance - gain @ seen @ covariance)
+
+
+@pytest.mark.parametrize("share", [0.99, 1.01, 4.0])
+def test_the_covariance_of_a_pose_grows_with_a_surprise_beyond_its_limit(share):
+    covariance, both = (
+        np.diag(np.square((0.02, 0.02, 0.01, 0.0, 0.0, 0.0))),
+        0.02**2 + 1 / (1e9 * PARAMS.information_scale) + PARAMS.min_sigma_m**2,
+    )
+    off = np.array((math.sqrt(share * PARAMS.slip_gate * both), 0.0, 0.0))
+    change, _ = update(covariance, off, np.array((1e9, 0.0, 1e9, 0.0, 0.0, 1e9)), PARAMS)
+    wider = 0.02**2 * max(share, 1.0)
+    assert change[0] / off[0] == pytest.approx(wider / (wider + PARAMS.min_sigma_m**2), rel=1e-3)

@@ -1,0 +1,163 @@
+"""A pose is found in a known map, whatever frame the car began in, unless two places look the same."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from ndtorch.errors import InputError
+from ndtorch.navigation import Grid, StereoRig
+from ndtorch.navigation.localisation import Localiser, LocaliserParams, RelocalisationParams
+from ndtorch.navigation.localisation.ndt import distributions, empty_map
+from ndtorch.navigation.localisation.relocalisation import (
+    BLUR_M,
+    CANDIDATES_PER_ROTATION,
+    PIXEL_M,
+    STRIDE_PX,
+    best_pose,
+    likelihood_field,
+    no_search,
+    pose_now,
+    refine,
+    score_rotation,
+    start_search,
+)
+from ndtorch.navigation.mapping import save_map
+from ndtorch.navigation.options import NavigatorOptions
+from tests.navigation.localisation.test_ndt import CORNER
+from tests.navigation.localisation.worlds import DT, PARAMS, PointLocaliser, building, map_of
+
+CELL, P = PARAMS.cell_m, PARAMS.relocalisation
+
+
+@pytest.mark.slow
+def test_it_finds_itself_from_an_unknown_start_and_goes_on_in_the_map():
+    points = building(4)
+    known = map_of(points)
+    localiser = PointLocaliser(StereoRig(), DT, points, known=known)
+    n = np.arange(160)
+    true = np.stack((4.5 + 1.6 * np.cos(0.06 * n), 3 + 1.6 * np.sin(0.06 * n), 0.06 * n + math.pi / 2), -1)
+    # The frame in which the car began: it is at its origin at first, turned by minus a right angle.
+    own = np.stack((true[:, 1] - 3, 6.1 - true[:, 0], true[:, 2] - math.pi / 2), -1)
+    found, _, states = localiser.drive(true, own)
+    first = next(n for n, state in enumerate(states) if state.relocalisation is None)
+    assert first > P.first_search_m / (1.6 * 0.06)  # it has looked at more than one view
+    assert found[-1] == pytest.approx(true[-1], abs=0.03)
+    assert np.array_equal(localiser.known, map_of(points))
+
+
+def test_two_places_that_look_the_same_are_not_told_apart():
+    search = no_search()._replace(refined=np.array([[0.8, 1.0, 2.0, 0.1], [0.75, 5.0, 2.0, 0.1]]))
+    assert best_pose(search, P) is None
+    near = search._replace(refined=np.array([[0.8, 1.0, 2.0, 0.1], [0.75, 1.1, 2.0, 0.1]]))
+    assert best_pose(near, P).tolist() == [1.0, 2.0, 0.1]
+    assert best_pose(near._replace(refined=near.refined * (0.4, 1.0, 1.0, 1.0)), P) is None
+
+
+def test_what_was_driven_during_the_search_is_added():
+    search = no_search()._replace(origin=np.array((1.0, 0.0, 0.0)))
+    found = pose_now(search, np.array((5.0, 5.0, math.pi / 2)), np.array((3.0, 1.0, 0.2)))
+    assert found == pytest.approx((4.0, 7.0, math.pi / 2 + 0.2))
+
+
+def test_a_map_without_ndt_cells_is_refused(tmp_path):
+    grid = Grid(0, 1, 0, 1)
+    save_map(tmp_path, torch.zeros(grid.rows, grid.columns), grid, np.zeros((0, 2)))
+    with pytest.raises(InputError, match="localise"):
+        NavigatorOptions(known_map=str(tmp_path)).navigator(StereoRig(), 30.0)
+    cells = np.ones((1, 8), np.float32)
+    save_map(tmp_path, torch.zeros(grid.rows, grid.columns), grid, np.zeros((0, 2)), cells)
+    navigator = NavigatorOptions(known_map=str(tmp_path)).navigator(StereoRig(), 30.0)
+    assert float(navigator.localiser.known.sum()) == 6.0
+    with pytest.raises(InputError, match="known map"):
+        Localiser(StereoRig(), DT, known=empty_map(2))
+
+
+def test_the_likelihood_field_falls_with_the_distance_from_walls():
+    field = likelihood_field(map_of(CORNER), CELL)
+    rows, columns = np.indices(field.values.shape)
+    x, y = field.left + columns * PIXEL_M, field.bottom + rows * PIXEL_M
+    away = np.hypot(x[..., None] - CORNER[:, 0], y[..., None] - CORNER[:, 1]).min(-1)
+    near = away < 2.4 * BLUR_M
+    assert near.sum() > 100
+    assert field.values[near] == pytest.approx(np.exp(-(away[near] ** 2) / (2 * BLUR_M**2)), abs=0.12)
+    assert field.values[away > 4 * BLUR_M].max() < 0.01
+    border = (x.min() - 1.0, y.min() + 1.1, 3.1 - x.max(), 0.2 - y.max())
+    assert border == pytest.approx([-4 * BLUR_M] * 4, abs=PIXEL_M)
+    none = likelihood_field(empty_map(PARAMS.map_cells), CELL)
+    assert (none.left, none.bottom, none.values.tolist()) == (0, 0, [[0.0]])
+
+
+def test_a_search_begins_with_what_is_around_the_car():
+    p = replace(P, min_cells=5, radius_m=1.2)
+    ndt_map, pose = map_of(CORNER), np.array((2.2, -0.4, 2.0))
+    mean = distributions(ndt_map, CELL)[0]
+    near = mean[np.hypot(*(mean - pose[:2]).T) < 1.2]
+    assert 5 < len(near) < len(mean)
+    waiting = no_search()._replace(distance=3.2)
+    search = start_search(waiting, ndt_map, pose, CELL, p)
+    turn = np.array([[math.cos(2.0), -math.sin(2.0)], [math.sin(2.0), math.cos(2.0)]])
+    assert search.pattern @ turn.T + pose[:2] == pytest.approx(near)
+    assert search.origin.tolist() == pose.tolist()
+    assert (search.rotation, search.distance, len(search.candidates), len(search.refined)) == (0, 0, 0, 0)
+    later = start_search(waiting, ndt_map, pose, CELL, replace(p, min_cells=len(near) + 1, retry_m=0.7))
+    assert later == waiting._replace(distance=later.distance)
+    assert later.distance == pytest.approx(2.5)
+
+
+def test_the_best_places_of_each_rotation_are_refined():
+    p = replace(P, radius_m=3.0, max_candidates=5)
+    known, heading, (x, y) = map_of(building(4)), 2 * math.pi * 20 / p.rotations, (6.04, 2.93)
+    field = likelihood_field(known, CELL)
+    search = start_search(no_search(), known, np.array((x, y, heading + 0.01)), CELL, p)
+    wrong = score_rotation(search._replace(rotation=50), field, p)
+    assert wrong.rotation == 51
+    assert wrong.candidates[:, 3].tolist() == [2 * math.pi * 50 / p.rotations] * CANDIDATES_PER_ROTATION
+    tried = score_rotation(wrong._replace(rotation=20), field, p)
+    assert len(tried.candidates) == 2 * CANDIDATES_PER_ROTATION
+    assert tried.candidates[0, 1:] == pytest.approx([x, y, heading], abs=STRIDE_PX * PIXEL_M)
+    assert (tried.candidates[:-1, 0] >= tried.candidates[1:, 0]).all()
+    assert 0.7 < tried.candidates[0, 0] <= 1
+    first, second = (one for one in tried.candidates if one[3] == heading)
+    assert np.abs(first[1:3] - second[1:3]).max() > 2.5 * STRIDE_PX * PIXEL_M  # not beside the best
+    assert len(score_rotation(tried._replace(rotation=0), field, p).candidates) == p.max_candidates
+    fitted = refine(tried, known, CELL)
+    assert np.array_equal(fitted.candidates, tried.candidates[1:])
+    score, *pose = fitted.refined[0].tolist()
+    assert pose == pytest.approx([x, y, heading + 0.01], abs=2e-3)
+    assert score > 0.9
+    again = refine(fitted, known, CELL)
+    assert best_pose(again, p).tolist() == pose
+    assert best_pose(again._replace(refined=again.refined[::-1]), p).tolist() == pose
+
+
+def test_a_search_goes_from_step_to_step_and_ends_where_a_place_was_found():
+    p = RelocalisationParams(rotations=3, first_search_m=1.0, min_cells=10)
+    known = map_of(building(4))
+    localiser = Localiser(StereoRig(), DT, LocaliserParams(relocalisation=p), known)
+    state = localiser.start(np.array((6.0, 3.0, 0.5)))._replace(ndt_map=known)
+    waiting = no_search()._replace(distance=0.9)
+    assert localiser.relocalise(state, waiting).relocalisation is waiting  # not far enough yet
+    state = localiser.relocalise(state, waiting._replace(distance=1.1))
+    assert len(state.relocalisation.pattern) > 10
+    for rotation in (1, 2, 3):
+        state = localiser.relocalise(state, state.relocalisation)
+        assert state.relocalisation.rotation == rotation
+    count = len(state.relocalisation.candidates)
+    state = localiser.relocalise(state, state.relocalisation)
+    assert (len(state.relocalisation.candidates), len(state.relocalisation.refined)) == (count - 1, 1)
+    ended = state.relocalisation._replace(candidates=np.zeros((0, 4)), distance=0.4)
+    refined = np.array([[0.9, 2.0, 1.0, 0.5 + math.pi / 2]])
+    moved = state._replace(pose=np.array((7.0, 3.0, 0.6)), ndt_map=empty_map(PARAMS.map_cells))
+    found = localiser.relocalise(moved, ended._replace(refined=refined))
+    assert found.relocalisation is None
+    assert np.array_equal(found.ndt_map, known)
+    # It has driven a metre since, and the frame is turned by a right angle.
+    assert found.pose == pytest.approx([2.0, 2.0, 0.6 + math.pi / 2])
+    lost = localiser.relocalise(moved, ended._replace(refined=refined * (0.1, 1, 1, 1)))
+    assert lost.pose.tolist() == [7.0, 3.0, 0.6]
+    assert lost.relocalisation.rotation == -1
+    assert lost.relocalisation.distance == 0.4
+    assert lost.ndt_map is moved.ndt_map

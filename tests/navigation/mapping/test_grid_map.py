@@ -1,0 +1,185 @@
+"""The grid map and the log-odds map."""
+
+import math
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ndtorch.errors import InputError
+from ndtorch.navigation import Grid, GridMap, ObservationList, Pose, Ranges, StereoRig
+from ndtorch.navigation.mapping import LogOdds
+from ndtorch.navigation.mapping.certainty import certainty
+from ndtorch.navigation.odometry import to_body
+
+RIG = StereoRig()
+GRID = Grid(-1.0, 5.0, -3.0, 3.0)
+
+
+def ranges_of(points, valid=None, rig=RIG):
+    """Ranges of points of the body frame, `[..., T, n, 2]`."""
+    points = torch.as_tensor(points, dtype=torch.float32)
+    x, y = points.unbind(-1)
+    left, right = torch.atan2(y - rig.baseline / 2, x), torch.atan2(y + rig.baseline / 2, x)
+    valid = torch.ones(x.shape, dtype=torch.bool) if valid is None else torch.as_tensor(valid)
+    return Ranges(torch.hypot(x, y - rig.baseline / 2), left, right, x, y, valid)
+
+
+def poses(*values):
+    return Pose(*torch.tensor(values, dtype=torch.float32).unbind(-1))
+
+
+def random_run(seed, *batch, steps=6, count=3):
+    generator = torch.Generator().manual_seed(seed)
+    points = torch.rand(*batch, steps, count, 2, generator=generator) * torch.tensor([1.4, 1.6])
+    points = points + torch.tensor([0.7, -0.8])
+    pose = torch.rand(*batch, steps, 3, generator=generator) * torch.tensor([1.5, 1.0, 0.6])
+    valid = torch.rand(*batch, steps, count, generator=generator) < 0.7
+    return ranges_of(points, valid), Pose(*pose.unbind(-1))
+
+
+def test_cells_against_fine_sampling_of_the_formula():
+    """Mean of the printed certainty over every cell, from 5x5 points each, at a turned and shifted pose."""
+    grid, fine = Grid(0.0, 3.0, -0.5, 2.5), 5
+    ranges, pose = ranges_of([[[1.6, 0.3], [1.1, -0.2]]]), poses([0.4, 0.2, 0.5])
+    cells, _ = GridMap(RIG, grid)(ranges, pose)
+    place = (torch.arange(300 * fine, dtype=torch.float64) + 0.5) / (100 * fine)
+    wanted = torch.zeros(300 * fine, 300 * fine, dtype=torch.float64)
+    x, y = to_body(pose, place.unsqueeze(0), (place - 0.5).unsqueeze(1))
+    for k in range(2):
+        wanted += certainty(x, y, Ranges(*(part[0, k] for part in ranges)), RIG)
+    wanted = wanted.reshape(300, fine, 300, fine).mean((1, 3))
+    assert float(cells.sum()) == pytest.approx(float(wanted.sum()), rel=0.01)
+    assert float((cells - wanted).square().mean().sqrt()) < 0.08 * float(wanted.square().mean().sqrt())
+    for k in range(2):
+        # The center of each blob lies where the feature is seen.
+        part, _ = GridMap(RIG, grid)(ranges._replace(valid=torch.tensor([[k == 0, k == 1]])), pose)
+        row, column = divmod(int(part.argmax()), 300)
+        x, y = to_body(pose, *grid.center(torch.tensor(row), torch.tensor(column)))
+        assert float(x) == pytest.approx(float(ranges.x[0, k]), abs=0.03)
+        assert float(y) == pytest.approx(float(ranges.y[0, k]), abs=0.02)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10_000))
+def test_the_map_is_never_negative_and_only_grows(seed):
+    ranges, pose = random_run(seed)
+    mapper = GridMap(RIG, GRID)
+    first, state = mapper(ranges, pose)
+    first = first.clone()
+    second, _ = mapper(ranges, pose, state)
+    assert (first >= 0).all()
+    torch.testing.assert_close(second, 2 * first)
+    normal = mapper.normalise(second)
+    assert float(normal.max()) == (1.0 if ranges.valid.any() else 0.0)
+
+
+@pytest.mark.parametrize("certainty", ["beams", "log-odds"])
+def test_an_old_state_stays_as_it_was(certainty):
+    """Whoever keeps a state can go on from it, as often as wanted; nothing is changed behind anybody's back."""
+    mapper = GridMap(RIG, GRID, certainty=certainty)
+    first, later = random_run(3, 2), random_run(4, 2)
+    _, kept = mapper(*first)
+    before = kept.cells.clone()
+    one, after = mapper(*later, kept)
+    other, _ = mapper(*later, kept)
+    assert torch.equal(kept.cells, before)
+    assert torch.equal(one, other)
+    assert not torch.equal(after.cells, before)
+    # Tiles that were not touched are shared.
+    tiles = [pair for rows in zip(kept.tiles.rows, after.tiles.rows, strict=True) for pair in zip(*rows, strict=True)]
+    assert any(a is b for a, b in tiles)
+    assert all(a is b or a.untyped_storage().data_ptr() != b.untyped_storage().data_ptr() for a, b in tiles)
+
+
+@pytest.mark.parametrize("certainty", ["beams", "log-odds"])
+def test_chunks_and_batches(certainty):
+    ranges, pose = random_run(1, 2, 2)
+    mapper = GridMap(RIG, GRID, certainty=certainty)
+    whole, _ = mapper(ranges, pose)
+    state = None
+    for t in range(6):
+        now = slice(t, t + 1)
+        out, state = mapper(Ranges(*(p[..., now, :] for p in ranges)), Pose(*(p[..., now] for p in pose)), state)
+    torch.testing.assert_close(out, whole, atol=1e-5, rtol=1e-5)
+    alone, _ = mapper(Ranges(*(p[1, 0] for p in ranges)), Pose(*(p[1, 0] for p in pose)))
+    torch.testing.assert_close(alone, whole[1, 0], atol=1e-5, rtol=1e-5)
+    assert whole.shape == (2, 2, GRID.rows, GRID.columns)
+
+
+def test_what_lies_outside_is_ignored():
+    small = Grid(0.0, 1.0, -1.0, 1.0)
+    cells, state = GridMap(RIG, small)(ranges_of([[[1.8, 0.0], [1.4, 0.9]]]), poses([0.0, 0.0, 0.0]))
+    assert cells.sum() == 0
+    assert state.cells.sum() > 0  # in the margin
+    cells, _ = GridMap(RIG, small)(ranges_of([[[0.8, 0.0]]]), poses([0.0, 0.0, 0.0]))
+    assert cells.sum() > 0
+
+
+def test_two_views_sharpen_the_map():
+    """The same point seen from two directions is more certain than either view alone."""
+    point = torch.tensor([1.5, 0.5])
+    here, there = poses([0.0, 0.0, 0.0]), poses([1.2, -0.9, math.pi / 2])
+    mapper = GridMap(RIG, GRID)
+    single, state = mapper(ranges_of(torch.stack(to_body(here, *point), -1).unsqueeze(0)), here)
+    single = single.clone()
+    both, _ = mapper(ranges_of(torch.stack(to_body(there, *point), -1).unsqueeze(0)), there, state)
+    row, column = divmod(int(both.argmax()), GRID.columns)
+    x, y = GRID.center(torch.tensor(row), torch.tensor(column))
+    assert math.hypot(float(x) - 1.5, float(y) - 0.5) < 0.02
+    assert both.max() > 1.5 * single.max()
+
+
+def test_log_odds():
+    mapper = GridMap(RIG, GRID, certainty="log-odds")
+    look = ranges_of([[[1.5, 0.0]]]), poses([0.0, 0.0, 0.0])
+    state = None
+    for _ in range(10):
+        cells, state = mapper(*look, state)
+    probability = cells.sigmoid()
+    at = lambda x, y: float(probability[round((y + 3) * 100), round((x + 1) * 100)])  # noqa: E731
+    assert at(1.5, 0.0) > 0.6  # the feature
+    assert at(0.8, 0.0) < 0.4  # the line of sight
+    assert at(2.5, 0.0) == 0.5  # behind it nothing is known
+    assert at(0.8, 0.5) == 0.5
+    for _ in range(200):
+        state = mapper.update(*look, state)
+    assert float(state.cells.abs().max()) == mapper.odds.limit
+    # It changes its mind: something is now seen through the place.
+    further = ranges_of([[[2.1, 0.0]]]), look[1]
+    for _ in range(200):
+        cells, state = mapper(*further, state)
+    probability = cells.sigmoid()
+    assert at(1.5, 0.0) < 0.4
+
+
+def test_bad_maps():
+    with pytest.raises(InputError, match="left < right"):
+        Grid(1.0, 0.0)
+    with pytest.raises(InputError, match="too many"):
+        Grid(-1e6, 1e6, -1e6, 1e6)
+    with pytest.raises(InputError, match="reach"):
+        GridMap(RIG, GRID, reach=0.0)
+    with pytest.raises(InputError, match="certainty"):
+        GridMap(RIG, GRID, certainty="odds")
+    with pytest.raises(InputError, match="hit"):
+        LogOdds(hit=-1.0)
+    ranges, pose = random_run(0)
+    for mapper in (GridMap(RIG, GRID), GridMap(RIG, GRID, certainty="log-odds"), ObservationList(0.1)):
+        with pytest.raises(InputError, match="poses"):
+            mapper(ranges, Pose(*(part[:3] for part in pose)))
+    _, state = GridMap(RIG, GRID)(ranges, pose)
+    with pytest.raises(InputError, match="do not fit"):
+        GridMap(RIG, Grid())(ranges, pose, state)
+
+
+@pytest.mark.parametrize("name", ["ranges.x", "ranges.y", "pose.x", "pose.y", "pose.heading"])
+def test_numbers_of_half_precision_are_refused_by_name(name):
+    ranges, pose = random_run(1)
+    kind, part = name.split(".")
+    spoiled = ranges if kind == "ranges" else pose
+    spoiled = spoiled._replace(**{part: getattr(spoiled, part).half()})
+    given = (spoiled, pose) if kind == "ranges" else (ranges, spoiled)
+    with pytest.raises(InputError, match=f"{name} must be float32 or float64, got torch.float16"):
+        GridMap(RIG, GRID)(*given)
