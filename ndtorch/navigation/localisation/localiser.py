@@ -10,8 +10,9 @@ from torch import Tensor, from_numpy
 from ndtorch.arguments import check_state
 from ndtorch.errors import InputError
 from ndtorch.navigation.localisation import pose_filter, wheel_odometry
+from ndtorch.navigation.localisation._kernels import Cells
 from ndtorch.navigation.localisation.loop_closure import accept_and_optimise, match_submaps
-from ndtorch.navigation.localisation.ndt import Cells, Scan, add_scan, empty_map, match_scan
+from ndtorch.navigation.localisation.ndt import Scan, add_scan, empty_map, match_scan
 from ndtorch.navigation.localisation.odometry_edge import integrate
 from ndtorch.navigation.localisation.params import LocaliserParams
 from ndtorch.navigation.localisation.pose_graph import Floats, compose_poses, relative_pose

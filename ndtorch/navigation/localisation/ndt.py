@@ -12,22 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ndtorch.kernels.load import kernel
-
-Floats = npt.NDArray[np.float64]
-Cells = npt.NDArray[np.float32]
-
-MIN_WEIGHT = 1.5
-"""Cells of less weight do not take part in matching."""
-
-MAX_WEIGHT = 1e5
-"""The sums of a heavier cell are scaled down to this weight, so that it stays able to change."""
-
-BLUR = 0.02
-"""Standard deviation added to the distribution of each cell, m."""
-
-OUTLIER_GATE = 9.0
-"""Squared Mahalanobis distance at which a point has a quarter of its weight."""
+from ndtorch.navigation.localisation._kernels import MIN_WEIGHT, Cells, Floats, add_points, ndt_match
 
 ITERATIONS = 8
 """Gauss-Newton iterations of a scan match, at most."""
@@ -74,7 +59,7 @@ def transformed(scan: Scan, pose: Floats) -> tuple[Floats, Floats]:
 def add_scan(ndt_map: Cells, scan: Scan, pose: Floats, cell_m: float) -> Cells:
     """A copy of the map to which a scan taken at a pose is added."""
     ndt_map = ndt_map.copy()
-    kernel("add_points").run(ndt_map, *transformed(scan, pose), scan.weight, cell_m, MAX_WEIGHT)
+    add_points(ndt_map, *transformed(scan, pose), scan.weight, cell_m)
     return ndt_map
 
 
@@ -93,13 +78,9 @@ def match_scan(
         sigma: standard deviations of its position, m, and of its heading, radians.
         iterations: of Gauss-Newton, at most.
     """
-    out = np.zeros(10)
     position, heading = (1 / deviation**2 for deviation in sigma)
     begin, precision = tuple(start.tolist()), (position, position, heading)
-    settings = (cell_m, BLUR, MIN_WEIGHT, OUTLIER_GATE, iterations)
-    kernel("fit_points").run(ndt_map, *scan, begin, precision, *settings, out)
-    x, y, angle, score = out[:4].tolist()
-    return ScanMatch(x, y, angle, score, out[4:])
+    return ScanMatch(*ndt_match(ndt_map, *scan, begin, precision, cell_m, iterations))
 
 
 def distributions(ndt_map: Cells, cell_m: float) -> tuple[Floats, Floats]:

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ndtorch.kernels.load import kernel
-from ndtorch.navigation.localisation.ndt import Cells, Scan, distributions, match_scan
+from ndtorch.navigation.localisation._kernels import Cells, score_positions
+from ndtorch.navigation.localisation.ndt import Scan, distributions, match_scan
 from ndtorch.navigation.localisation.params import RelocalisationParams
 from ndtorch.navigation.localisation.pose_graph import Floats
 
@@ -120,7 +120,7 @@ def score_rotation(search: Relocalisation, field: LikelihoodField, p: Relocalisa
     x, y = (cos * px - sin * py) / PIXEL_M, (sin * px + cos * py) / PIXEL_M
     rows, columns = field.values.shape
     scores = np.zeros((-(-rows // STRIDE_PX), -(-columns // STRIDE_PX)), np.float32)
-    kernel("vote_places").run(field.values, x, y, STRIDE_PX, scores)
+    score_positions(field.values, x, y, STRIDE_PX, scores)
     found = []
     for _ in range(CANDIDATES_PER_ROTATION):
         i, j = np.unravel_index(int(scores.argmax()), scores.shape)

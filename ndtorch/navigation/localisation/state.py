@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from ndtorch.navigation.localisation.ndt import Cells
+from ndtorch.navigation.localisation._kernels import Cells
 from ndtorch.navigation.localisation.pose_graph import Floats, compose_poses, relative_pose
 from ndtorch.navigation.localisation.relocalisation import Relocalisation
 from ndtorch.navigation.localisation.scan_log import ScanLog

@@ -6,14 +6,13 @@ closures. When a submap is finished and matched, the pose graph is optimised and
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from ndtorch.kernels.load import kernel
-from ndtorch.navigation.localisation.ndt import MAX_WEIGHT, MIN_WEIGHT, Cells, Scan, empty_map, to_sparse, transformed
+from ndtorch.navigation.localisation._kernels import MIN_WEIGHT, Cells, add_cells, add_points
+from ndtorch.navigation.localisation.ndt import Scan, empty_map, to_sparse, transformed
 from ndtorch.navigation.localisation.odometry_edge import OdometryEdge, compose, empty_edge, odometry_constraints
 from ndtorch.navigation.localisation.params import LocaliserParams, SubmapParams
 from ndtorch.navigation.localisation.pose_graph import (
@@ -150,7 +149,7 @@ def add_to_submap(graph: SubmapGraph, scan: Scan, pose: Floats, cell_m: float) -
     """The graph with a scan, taken at a pose of the world, in the submap being made."""
     x, y = transformed(scan, relative_pose(graph.poses[-1], pose))
     cells = graph.cells.copy()
-    kernel("add_points").run(cells, x, y, scan.weight, cell_m, MAX_WEIGHT)
+    add_points(cells, x, y, scan.weight, cell_m)
     return graph._replace(cells=cells, points=np.concatenate((graph.points, np.stack((x, y, scan.weight), -1))))
 
 
@@ -293,9 +292,8 @@ def render_map(graph: SubmapGraph, dt: float, params: LocaliserParams) -> Cells:
     ndt_map, early_map = empty_map(params.map_cells), empty_map(params.map_cells)
     cells = [*(submap.sparse for submap in graph.submaps), to_sparse(graph.cells).astype(np.float64)]
     early = (graph.begun * dt < graph.learning_s).tolist()
-    for (x, y, heading), sparse, first in zip(graph.poses.tolist(), cells, early, strict=True):
-        sums = early_map if first else ndt_map
-        kernel("add_cells").run(sums, sparse, math.cos(heading), math.sin(heading), x, y, params.cell_m)
+    for pose, sparse, first in zip(graph.poses.tolist(), cells, early, strict=True):
+        add_cells(early_map if first else ndt_map, sparse, tuple(pose), params.cell_m)
     if any(early):
         return np.where(ndt_map[..., :1] < MIN_WEIGHT, ndt_map + early_map, ndt_map)
     return ndt_map

@@ -12,31 +12,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ndtorch.kernels.load import kernel
+from ndtorch.navigation.localisation._kernels import Stereo, row_visual_odometry
 from ndtorch.navigation.localisation.ndt import Scan
 from ndtorch.navigation.localisation.pose_graph import Floats
 from ndtorch.navigation.rig import StereoRig
-
-PATCH_HALF_PX = 8
-"""Pixels compared to either side of a point."""
-
-SEARCH_PX = 24
-"""Points are searched for within this distance of their predicted column."""
-
-MAX_DIFFERENCE = 0.05
-"""Mean absolute difference of a match, for intensities 0..1, at most."""
-
-RATIO = 0.8
-"""A match must differ by less than this share of the best one elsewhere."""
-
-COLUMN_SIGMA_PX, DISPARITY_SIGMA_PX = 0.39, 0.3
-"""Standard deviations of the column and of the disparity of a point."""
-
-OUTLIER_GATE = 6.0
-"""Squared error, in standard deviations, at which a point has a quarter of its weight."""
-
-ITERATIONS = 6
-"""Gauss-Newton iterations."""
 
 MAX_ERROR = 0.8
 """Mean squared error of the inliers, in standard deviations, at most."""
@@ -81,22 +60,11 @@ def estimate_motion(
     """
     if len(before.points) * 2 < min_matches or before.rows.shape != rows.shape:
         return None
-    out = np.zeros(8)
     x, y = np.ascontiguousarray(before.points.T)
-    kernel("row_motion").run(
-        before.rows,
-        rows,
-        x,
-        y,
-        predicted,
-        (rig.baseline, rig.focal, rig.center[0], rig.forward),
-        (PATCH_HALF_PX, SEARCH_PX, MAX_DIFFERENCE, RATIO),
-        (COLUMN_SIGMA_PX, DISPARITY_SIGMA_PX, OUTLIER_GATE, ITERATIONS),
-        out,
-    )
-    inliers, error, matches = out[5:]
-    if inliers < max(min_matches, MIN_INLIER_RATIO * matches) or error > MAX_ERROR:
+    stereo = Stereo(rig.baseline, rig.focal, rig.center[0], rig.forward)
+    found = row_visual_odometry(before.rows, rows, x, y, predicted, stereo)
+    if found.inliers < max(min_matches, MIN_INLIER_RATIO * found.matches) or found.error > MAX_ERROR:
         return None
-    information = out[[2, 3, 3, 4]].reshape(2, 2) + 1e-3 * np.eye(2)
-    noise = np.diag((MIN_SIGMA_M**2, MIN_SIGMA_RAD**2))
-    return Motion(out[:2].copy(), np.asarray(np.linalg.inv(information) + noise, np.float64))
+    information = np.array(((found.dd, found.dt), (found.dt, found.tt))) + 1e-3 * np.eye(2)
+    covariance = np.linalg.inv(information) + np.diag((MIN_SIGMA_M**2, MIN_SIGMA_RAD**2))
+    return Motion(np.array(found[:2]), np.asarray(covariance, np.float64))

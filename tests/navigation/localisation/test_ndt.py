@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from ndtorch.navigation.localisation._kernels import MIN_WEIGHT
 from ndtorch.navigation.localisation.ndt import (
-    MIN_WEIGHT,
     Scan,
     add_scan,
     distributions,

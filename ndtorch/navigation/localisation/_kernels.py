@@ -1,0 +1,346 @@
+"""Kernels of localisation: NDT cells and matching, positions of a search, and visual odometry of rows."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ndtorch.utils.jit import jit
+
+Floats = npt.NDArray[np.float64]
+Cells = npt.NDArray[np.float32]
+
+MIN_WEIGHT = 1.5
+"""Cells of less weight do not take part in matching."""
+
+MAX_WEIGHT = 1e5
+"""The sums of a heavier cell are scaled down to this weight, so that it stays able to change."""
+
+BLUR_M = 0.02
+"""Standard deviation added to the distribution of each cell."""
+
+OUTLIER_GATE = 9.0
+"""Squared Mahalanobis distance at which a point has a quarter of its weight; at four times it has none."""
+
+MAX_STEP = 0.1
+"""Gauss-Newton steps are no larger than this, m and radians."""
+
+
+@jit
+def add_points(ndt_map: Cells, x: Floats, y: Floats, weight: Floats, cell_m: float) -> None:
+    """Add points `[n]` to a map in place; points outside are left out."""
+    half = ndt_map.shape[0] // 2
+    for k in range(len(x)):
+        i, j = math.floor(x[k] / cell_m), math.floor(y[k] / cell_m)
+        if not (-half <= i < half and -half <= j < half):
+            continue
+        cell = ndt_map[i + half, j + half]
+        dx, dy, w = x[k] - (i + 0.5) * cell_m, y[k] - (j + 0.5) * cell_m, weight[k]
+        cell[0] += w
+        cell[1] += w * dx
+        cell[2] += w * dy
+        cell[3] += w * dx * dx
+        cell[4] += w * dx * dy
+        cell[5] += w * dy * dy
+        if cell[0] > MAX_WEIGHT:
+            keep = MAX_WEIGHT / cell[0]
+            for n in range(6):
+                cell[n] *= keep
+
+
+@jit
+def add_cells(ndt_map: Cells, sparse: Floats, pose: tuple[float, float, float], cell_m: float) -> None:
+    """Add sparse cells `[k, 8]` of a frame at a pose to a map in place, each to the cell in which its mean lies."""
+    x, y, heading = pose
+    cos, sin, half = math.cos(heading), math.sin(heading), ndt_map.shape[0] // 2
+    for k in range(len(sparse)):
+        at = sparse[k]
+        w = at[2]
+        mx, my = at[3] / w, at[4] / w
+        xx, xy, yy = at[5] / w - mx * mx, at[6] / w - mx * my, at[7] / w - my * my
+        lx, ly = (at[0] + 0.5) * cell_m + mx, (at[1] + 0.5) * cell_m + my
+        gx, gy = x + cos * lx - sin * ly, y + sin * lx + cos * ly
+        i, j = math.floor(gx / cell_m), math.floor(gy / cell_m)
+        if not (-half <= i < half and -half <= j < half):
+            continue
+        dx, dy = gx - (i + 0.5) * cell_m, gy - (j + 0.5) * cell_m
+        to = ndt_map[i + half, j + half]
+        to[0] += w
+        to[1] += w * dx
+        to[2] += w * dy
+        to[3] += w * (dx * dx + cos * cos * xx - 2 * cos * sin * xy + sin * sin * yy)
+        to[4] += w * (dx * dy + cos * sin * (xx - yy) + (cos * cos - sin * sin) * xy)
+        to[5] += w * (dy * dy + sin * sin * xx + 2 * cos * sin * xy + cos * cos * yy)
+
+
+@jit
+def ndt_match(
+    ndt_map: Cells,
+    x: Floats,
+    y: Floats,
+    weight: Floats,
+    start: tuple[float, float, float],
+    precision: tuple[float, float, float],
+    cell_m: float,
+    iterations: int,
+) -> tuple[float, float, float, float, Floats]:
+    """Pose x, y, heading at which points fit a map, score 0..1, and information xx, xy, yy, xh, yh, hh of the points.
+
+    Gauss-Newton on the squared Mahalanobis distances d^2 of the points from the nearest of the nine cells around them,
+    weighted by 1 / (1 + d^2 / OUTLIER_GATE)^2, and on the distance from `start`.
+
+    Args:
+        x, y, weight: points in the body frame, `[n]`.
+        start: predicted pose.
+        precision: one over the variances of its x, y and heading.
+    """
+    half = ndt_map.shape[0] // 2
+    px, py, heading = start
+    b, h, rhs, information = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3), np.zeros(6)
+    score = total = 0.0
+    for _ in range(iterations):
+        rhs[0] = -precision[0] * (px - start[0])
+        rhs[1] = -precision[1] * (py - start[1])
+        rhs[2] = -precision[2] * (heading - start[2])
+        h[:] = 0.0
+        for n in range(3):
+            h[n, n] = precision[n]
+        cos, sin = math.cos(heading), math.sin(heading)
+        score = total = 0.0
+        for k in range(len(x)):
+            rx, ry = cos * x[k] - sin * y[k], sin * x[k] + cos * y[k]
+            wx, wy = px + rx, py + ry
+            i, j = math.floor(wx / cell_m), math.floor(wy / cell_m)
+            total += weight[k]
+            if not (1 - half <= i < half - 1 and 1 - half <= j < half - 1):
+                continue
+            best, vx, vy, xx, xy, yy = 1e9, 0.0, 0.0, 0.0, 0.0, 0.0
+            for ii in range(i - 1, i + 2):
+                for jj in range(j - 1, j + 2):
+                    at = ndt_map[ii + half, jj + half]
+                    if at[0] < MIN_WEIGHT:
+                        continue
+                    mx, my = at[1] / at[0], at[2] / at[0]
+                    sxx = at[3] / at[0] - mx * mx + BLUR_M * BLUR_M
+                    syy = at[5] / at[0] - my * my + BLUR_M * BLUR_M
+                    sxy = at[4] / at[0] - mx * my
+                    ex, ey = wx - (ii + 0.5) * cell_m - mx, wy - (jj + 0.5) * cell_m - my
+                    determinant = sxx * syy - sxy * sxy
+                    d = (syy * ex * ex - 2 * sxy * ex * ey + sxx * ey * ey) / determinant
+                    if d < best:
+                        best = d
+                        xx, xy, yy = syy / determinant, -sxy / determinant, sxx / determinant
+                        vx, vy = xx * ex + xy * ey, xy * ex + yy * ey
+            if best > 4 * OUTLIER_GATE:
+                continue
+            score += weight[k] * math.exp(-best / 2)
+            w = weight[k] / (1 + best / OUTLIER_GATE) ** 2
+            rhs[0] -= w * vx
+            rhs[1] -= w * vy
+            rhs[2] -= w * (rx * vy - ry * vx)
+            h[0, 0] += w * xx
+            h[0, 1] += w * xy
+            h[1, 1] += w * yy
+            h[0, 2] += w * (rx * xy - ry * xx)
+            h[1, 2] += w * (rx * yy - ry * xy)
+            h[2, 2] += w * (ry * ry * xx - 2 * rx * ry * xy + rx * rx * yy)
+        information[0], information[1], information[2] = h[0, 0] - precision[0], h[0, 1], h[1, 1] - precision[1]
+        information[3], information[4], information[5] = h[0, 2], h[1, 2], h[2, 2] - precision[2]
+        # Cholesky factor b of h = b b^T.
+        b[0, 0] = math.sqrt(h[0, 0])
+        b[1, 0], b[2, 0] = h[0, 1] / b[0, 0], h[0, 2] / b[0, 0]
+        b[1, 1] = math.sqrt(h[1, 1] - b[1, 0] ** 2)
+        b[2, 1] = (h[1, 2] - b[2, 0] * b[1, 0]) / b[1, 1]
+        b[2, 2] = math.sqrt(h[2, 2] - b[2, 0] ** 2 - b[2, 1] ** 2)
+        u = rhs[0] / b[0, 0]
+        v = (rhs[1] - b[1, 0] * u) / b[1, 1]
+        c = (rhs[2] - b[2, 0] * u - b[2, 1] * v) / b[2, 2] / b[2, 2]
+        v = (v - b[2, 1] * c) / b[1, 1]
+        u = (u - b[1, 0] * v - b[2, 0] * c) / b[0, 0]
+        px += min(max(u, -MAX_STEP), MAX_STEP)
+        py += min(max(v, -MAX_STEP), MAX_STEP)
+        heading += min(max(c, -MAX_STEP), MAX_STEP)
+        if abs(u) + abs(v) + abs(c) < 1e-4:
+            break
+    return px, py, heading, score / max(total, 1e-9), information
+
+
+@jit
+def score_positions(field: Cells, x: Floats, y: Floats, stride: int, scores: Cells) -> None:
+    """Fill `scores` with the mean of a likelihood field at points `[n]`, in pixels, moved to every n-th pixel."""
+    rows, columns = field.shape
+    for n in range(len(x)):
+        dx, dy = math.floor(x[n] + 0.5), math.floor(y[n] + 0.5)
+        for i in range(scores.shape[0]):
+            row = i * stride + dy
+            if 0 <= row < rows:
+                for j in range(scores.shape[1]):
+                    column = j * stride + dx
+                    if 0 <= column < columns:
+                        scores[i, j] += field[row, column]
+    for i in range(scores.shape[0]):
+        for j in range(scores.shape[1]):
+            scores[i, j] /= len(x)
+
+
+PATCH_HALF_PX = 8
+"""Pixels compared to either side of a point."""
+
+SEARCH_PX = 24
+"""Points are searched for within this distance of their predicted column."""
+
+MAX_DIFFERENCE = 0.05
+"""Mean absolute difference of a match, for intensities 0..1, at most."""
+
+UNIQUENESS_RATIO, NEIGHBOURS_PX = 0.8, 2
+"""A match must differ by less than this share of the best one farther away than the neighbours."""
+
+COLUMN_SIGMA_PX, DISPARITY_SIGMA_PX = 0.39, 0.3
+"""Standard deviations of the column and of the disparity of a point."""
+
+MOTION_GATE = 6.0
+"""Squared error, in standard deviations, at which a point has a quarter of its weight."""
+
+MOTION_ITERATIONS, GATE_FACTORS = 6, (400.0, 60.0, 9.0)
+"""Gauss-Newton iterations, and factors of the gate in the first ones: the prediction may be some pixels off."""
+
+
+class Stereo(NamedTuple):
+    """Baseline, m, focal length and middle column, pixels, and place of the cameras ahead of the body's origin, m."""
+
+    baseline: float
+    focal: float
+    center: float
+    forward: float
+
+
+class RowMotion(NamedTuple):
+    """Distance, m, and turn, radians, their information dd, dt, tt, the number of inliers, the mean of their squared
+    errors in standard deviations, and the number of matched columns."""
+
+    distance: float
+    turn: float
+    dd: float
+    dt: float
+    tt: float
+    inliers: int
+    error: float
+    matches: int
+
+
+@jit
+def row_visual_odometry(
+    before: Cells, rows: Cells, x: Floats, y: Floats, predicted: tuple[float, float], stereo: Stereo
+) -> RowMotion:
+    """Distance along an arc and turn between two row pairs `[2, W]`, left first.
+
+    The surroundings of every point in the first rows are searched for in the second ones. Gauss-Newton finds the motion
+    that explains the columns found, weighted by 1 / (1 + e^2 / gate)^2 for an error of e standard deviations.
+
+    Args:
+        x, y: points in the body frame of the first rows, m, `[n]`.
+        predicted: distance and turn, m and radians.
+    """
+    columns = np.full((len(x), 2), -1.0)
+    find_columns(before, rows, x, y, predicted, stereo, columns)
+    distance, turn = predicted
+    dd = dt = tt = error = 0.0
+    inliers = 0
+    for step in range(MOTION_ITERATIONS):
+        dd = dt = tt = gd = gt = squares = 0.0
+        inliers = 0
+        cos, sin, ch, sh = math.cos(turn), math.sin(turn), math.cos(turn / 2), math.sin(turn / 2)
+        limit = MOTION_GATE * (GATE_FACTORS[step] if step < len(GATE_FACTORS) else 1.0)
+        for k in range(len(x)):
+            ax, ay = x[k] - distance * ch, y[k] - distance * sh
+            ahead, left = cos * ax + sin * ay - stereo.forward, cos * ay - sin * ax
+            if ahead <= 0:
+                continue
+            ahead_d, left_d = -(cos * ch + sin * sh), sin * ch - cos * sh
+            ahead_t = left + distance * (cos * sh - sin * ch) / 2
+            left_t = -ahead - stereo.forward - distance * (sin * sh + cos * ch) / 2
+            for camera in range(2):
+                if columns[k, camera] < 0:
+                    continue
+                side = stereo.baseline / 2 if camera == 0 else -stereo.baseline / 2
+                old, new = (y[k] - side) / (x[k] - stereo.forward), (left - side) / ahead
+                # The shift that the turn does not explain comes from the distance, and is as uncertain as the range.
+                by_distance = abs(stereo.focal * (old - new) - stereo.focal * turn * (1 + old * old))
+                share = by_distance * (x[k] - stereo.forward) / (stereo.focal * stereo.baseline)
+                variance = COLUMN_SIGMA_PX * COLUMN_SIGMA_PX + (DISPARITY_SIGMA_PX * share) ** 2
+                by_d = -stereo.focal * (left_d - new * ahead_d) / ahead
+                by_t = -stereo.focal * (left_t - new * ahead_t) / ahead
+                off = columns[k, camera] - (stereo.center - stereo.focal * new)
+                square = off * off / variance
+                weight = 1 / variance / (1 + square / limit) ** 2
+                dd += weight * by_d * by_d
+                dt += weight * by_d * by_t
+                tt += weight * by_t * by_t
+                gd += weight * by_d * off
+                gt += weight * by_t * off
+                if square < limit:
+                    inliers += 1
+                    squares += square
+        if inliers < 3:
+            break
+        determinant = (dd + 1e-6) * (tt + 1e-6) - dt * dt
+        distance += min(max((tt * gd - dt * gt) / determinant, -MAX_STEP), MAX_STEP)
+        turn += min(max((dd * gt - dt * gd) / determinant, -MAX_STEP), MAX_STEP)
+        error = squares / inliers
+    return RowMotion(distance, turn, dd, dt, tt, inliers, error, (columns >= 0).sum())
+
+
+@jit
+def find_columns(
+    before: Cells, rows: Cells, x: Floats, y: Floats, predicted: tuple[float, float], stereo: Stereo, columns: Floats
+) -> None:
+    """Fill `columns` `[n, 2]` with the present column of every point in either camera; -1 if it is not found."""
+    distance, turn = predicted
+    width, size = rows.shape[1], 2 * PATCH_HALF_PX + 1
+    cos, sin = math.cos(turn), math.sin(turn)
+    tx, ty = distance * math.cos(turn / 2), distance * math.sin(turn / 2)
+    cost, window = np.empty(2 * SEARCH_PX + 1), np.empty(size)
+    for k in range(len(x)):
+        ahead = cos * (x[k] - tx) + sin * (y[k] - ty) - stereo.forward
+        left = cos * (y[k] - ty) - sin * (x[k] - tx)
+        if ahead <= 0:
+            continue
+        for camera in range(2):
+            side = stereo.baseline / 2 if camera == 0 else -stereo.baseline / 2
+            old = stereo.center - stereo.focal * (y[k] - side) / (x[k] - stereo.forward)
+            first = math.floor(old + 0.5)
+            start = math.floor(stereo.center - stereo.focal * (left - side) / ahead + first - old + 0.5)
+            if min(first, start - SEARCH_PX) < PATCH_HALF_PX:
+                continue
+            if max(first, start + SEARCH_PX) >= width - PATCH_HALF_PX:
+                continue
+            mean = 0.0
+            for j in range(size):
+                window[j] = before[camera, first - PATCH_HALF_PX + j]
+                mean += window[j]
+            mean /= size
+            best = 0
+            for r in range(2 * SEARCH_PX + 1):
+                begin, here, total = start - SEARCH_PX + r - PATCH_HALF_PX, 0.0, 0.0
+                for j in range(size):
+                    here += rows[camera, begin + j]
+                here = here / size - mean
+                for j in range(size):
+                    total += abs(rows[camera, begin + j] - window[j] - here)
+                cost[r] = total / size
+                if cost[r] < cost[best]:
+                    best = r
+            if cost[best] > MAX_DIFFERENCE or best in (0, 2 * SEARCH_PX):
+                continue
+            second = 1e9
+            for r in range(2 * SEARCH_PX + 1):
+                if abs(r - best) > NEIGHBOURS_PX:
+                    second = min(second, cost[r])
+            if cost[best] > UNIQUENESS_RATIO * second:
+                continue
+            curve = cost[best - 1] + cost[best + 1] - 2 * cost[best]
+            shift = (cost[best - 1] - cost[best + 1]) / (2 * curve) if curve > 1e-9 else 0.0
+            columns[k, camera] = start - SEARCH_PX + best + min(max(shift, -0.5), 0.5) + old - first
