@@ -36,8 +36,9 @@ BINDING = """
 """
 NAVIGATION = """
     ARRIVED CRUISE REVERSE STOPPED SUPPRESSED TURN AlphaBetaTracker AvoidanceParams Avoider Command Controller
-    DeadReckoning FeatureParams Grid GridMap MatchParams Navigator NavigatorOptions NavigatorState ObservationList Pose
-    Ranges RangingParams Rect RowRanging StereoRig Strips controller_names cut_strips make_controller
+    DeadReckoning FeatureParams GoalParams Grid GridMap Localiser LocaliserParams MatchParams Navigator
+    NavigatorOptions NavigatorState ObservationList Pose
+    Ranges RangingParams Rect RowRanging StereoRig Strips controller_names cut_strips load_map make_controller save_map
 """
 MODULES = [ndtorch, ndtorch.vision, ndtorch.scenes, ndtorch.binding, ndtorch.navigation]
 NAMES = [(module, name) for module in MODULES for name in module.__all__]
