@@ -20,7 +20,6 @@ from ndtorch.installed import toml_file
 from ndtorch_robot.calibration import read_calibration, write_calibration
 from tests.full_disk import full_disk
 from tests.fuzz.targets import CORPUS
-from tests.robot.support.gl_needed import needs_gl
 
 SWEEP = 'kind = "binding"\n[vary]\ngamma = [0.5, 5.0]\n[fixed]\nseconds = 0.2\n'
 
@@ -158,7 +157,6 @@ def test_a_full_disk(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[st
 
 
 @pytest.mark.long
-@needs_gl
 @pytest.mark.parametrize("most", [0, 700, 20_000])
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_disk_that_is_full_sooner_or_later(

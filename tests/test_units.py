@@ -19,7 +19,7 @@ from ndtorch_robot.calibration.model import Calibration
 from ndtorch_robot.cameras.settings import CameraSettings
 from ndtorch_robot.navigator_options import declared
 from ndtorch_robot.run_config import RunConfig
-from ndtorch_robot.sim.stress import read_stress
+from ndtorch_robot.sim.disturbances import read_disturbances
 
 OTHER = re.compile(r"(?<![\w.])(ms|us|mm|cm|km|km/h|rad|radians|milliseconds|minutes|hours|kHz)(?![\w])")
 """Units that must stand in the name, as help texts have them."""
@@ -105,7 +105,10 @@ def test_an_old_name_is_told_with_the_new_one(words: list[str], now: str, capsys
     assert capsys.readouterr().err == f"error: {now}\n"
 
 
-def test_an_old_stress_is_told_with_the_new_one() -> None:
-    assert read_stress("fps-15") == read_stress("fps=15")
-    with pytest.raises(InputError, match="rate is gone: it is called fps now"):
-        read_stress("rate=15")
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("rate=15", "fps"), ("late=0.1", "latency_s"), ("turned", "'right-yaw'"), ("noise=0.1", "noise_sigma")],
+)
+def test_an_old_disturbance_is_told_with_the_new_one(old: str, new: str) -> None:
+    with pytest.raises(InputError, match=f"is called {new} now"):
+        read_disturbances(old)

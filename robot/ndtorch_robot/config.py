@@ -9,7 +9,7 @@ from pydantic import Field, field_validator
 
 from ndtorch.toml import check, read_toml
 from ndtorch_robot.navigator_table import NavigatorTable
-from ndtorch_robot.sim.stress import read_stress
+from ndtorch_robot.sim.disturbances import read_disturbances
 
 RATE = 30.0
 """Frames a second of a simulated drive."""
@@ -25,7 +25,7 @@ class DriveConfig(NavigatorTable):
         odometry: `"true"` or `"noisy"` dead reckoning.
         walls: `"textured"` or `"blank"`.
         moving: with a moving obstacle.
-        stress: what is wrong with cameras and car, names or `key=number` of `ndtorch_robot.sim.stress`.
+        disturbance: what is wrong with cameras and car, names or `key=number` of `ndtorch_robot.sim.disturbances`.
         whole: draw whole frames instead of the strips that are read.
         rrd: file for a recording to look at with rerun.
         view: open the rerun viewer and show the drive as it goes.
@@ -41,7 +41,7 @@ class DriveConfig(NavigatorTable):
     odometry: Literal["true", "noisy"] = "true"
     walls: Literal["textured", "blank"] = "textured"
     moving: bool = False
-    stress: str = ""
+    disturbance: str = ""
     whole: bool = False
     rrd: Path | None = None
     view: bool = False
@@ -50,17 +50,17 @@ class DriveConfig(NavigatorTable):
     record: Path | None = None
     record_format: Literal["png", "jpeg", "raw"] = "png"
 
-    @field_validator("stress")
+    @field_validator("disturbance")
     @classmethod
-    def known_stress(cls, text: str) -> str:
+    def known_disturbance(cls, text: str) -> str:
         """What can be read."""
-        read_stress(text)
+        read_disturbances(text)
         return text
 
     @property
     def rate(self) -> float:
         """Frames a second."""
-        return read_stress(self.stress).fps or RATE
+        return read_disturbances(self.disturbance).car().fps or RATE
 
 
 def load_config(file: Path | None, choices: dict[str, object]) -> DriveConfig:

@@ -31,13 +31,12 @@ from ndtorch_robot.recording.observe import RecordSteps
 from ndtorch_robot.recording.recorder import Recorder
 from ndtorch_robot.safety import SafeDrive, SafetyLimits
 from ndtorch_robot.score.record import Record, pose_error
-from ndtorch_robot.score.scorer import MapScore, coverage, gates_passed, score_map
+from ndtorch_robot.score.scorer import MapScore, collision_summary, coverage, gates_passed, score_map
 from ndtorch_robot.sim.arenas import load_arena
-from ndtorch_robot.sim.hits import hits_summary
+from ndtorch_robot.sim.disturbances import read_disturbances
 from ndtorch_robot.sim.plan import Plan
-from ndtorch_robot.sim.put_back import PutBack, TellAgain
+from ndtorch_robot.sim.respawn import AutoResume, Respawn
 from ndtorch_robot.sim.simulation import RIG, Simulation
-from ndtorch_robot.sim.stress import read_stress
 
 LIMITS = SafetyLimits(speed=0.6, curvature=2.2, silence=0.1, age=0.1)
 """Those of a car, but for how fast speed and steering may change: the simulated car has limits of its own for that."""
@@ -102,7 +101,11 @@ def drive(
     for remark in plan.remarks:
         print_note(f"{plan.name}: {remark}")
     check_goal(config, plan)
-    runner, stress, rate = runner or drive_runner(config, plan), read_stress(config.stress), config.rate
+    runner, disturbances, rate = (
+        runner or drive_runner(config, plan),
+        read_disturbances(config.disturbance),
+        config.rate,
+    )
     with contextlib.ExitStack() as stack:
         simulation = Simulation(
             plan,
@@ -112,7 +115,7 @@ def drive(
             odometry=config.odometry,
             whole=config.whole or shown(config),
             fields=runner.fields,
-            stress=stress,
+            disturbances=disturbances,
             rate=rate,
         )
         stack.callback(simulation.close)
@@ -129,7 +132,7 @@ def drive(
         car = Car(
             runner, simulation, SafeDrive(simulation, simulation, LIMITS, frame_check), steer=steer, max_steps=steps
         )
-        record, put_back, path = Record(), PutBack(simulation, runner), WalkedPath()
+        record, respawn, path = Record(), Respawn(simulation, runner), WalkedPath()
         view = show(config, plan, runner, simulation, record, stack) if shown(config) else None
         recorder = make_recorder(config, simulation.rig)
         if recorder is not None:
@@ -137,25 +140,25 @@ def drive(
             car.observers.append(RecordSteps(recorder))
         car.observers += [record.observer(runner, lambda: simulation.pose), path]
         car.observers += [] if view is None else [view]
-        car.observers += [put_back, TellAgain(car.safe, put_back), *observers]
-        if stress.none:
+        car.observers += [respawn, AutoResume(car.safe, respawn), *observers]
+        if disturbances.none:
             car.observers.append(EndUnlessBlank(car.safe))
         began, interrupted = time.perf_counter(), False
         try:
             runner.warm_up()  # before the time is taken
             began = time.perf_counter()
             # Where frames are lost, fewer steps fill the time.
-            car.run(config.seconds - 0.5 / rate if stress.drop else None, warm_up=False)
+            car.run(config.seconds - 0.5 / rate if disturbances.value("lost_ratio") else None, warm_up=False)
         except KeyboardInterrupt:
             interrupted = True
         if recorder is not None:
             recorder.close()
         wall = time.perf_counter() - began
         cells = runner.map_cells()
-        summary = summarise(config, car, simulation, record, put_back, cells, wall)
+        summary = summarise(config, car, simulation, record, respawn, cells, wall)
         summary["recording"] = recorder.summary() if recorder is not None else None
         trace = runner.navigator.controller.trace
-        about = plan, cells, plan.grid(), simulation, put_back.stops, interrupted
+        about = plan, cells, plan.grid(), simulation, respawn.stops, interrupted
         return Result(config, summary, record, *about, trace, runner_ndt_cells(runner), path.moved(runner.state))
 
 
@@ -256,7 +259,7 @@ def summarise(
     car: Car,
     simulation: Simulation,
     record: Record,
-    put_back: PutBack,
+    respawn: Respawn,
     cells: torch.Tensor,
     wall: float,
 ) -> dict[str, object]:
@@ -268,11 +271,11 @@ def summarise(
     if len(poses):
         score = score_map(cells, plan.grid(), plan, simulation.world.profiles, poses[::5], simulation.rig)
     hits = len(simulation.collisions)
-    free, path = simulation.places.free, poses[:, :2]
+    free, path = simulation.spawn_points.free, poses[:, :2]
     timing = car.loop.timer.summary()
     return {
-        **hits_summary(simulation.collisions),
-        "stopped": len(put_back.stops),
+        **collision_summary(simulation.collisions),
+        "stopped": len(respawn.stops),
         "simulated_seconds": round(seconds, 3),
         "wall_seconds": round(wall, 3),
         "distance_m": round(record.distance, 3) if len(poses) else 0.0,
@@ -290,7 +293,7 @@ def summarise(
         "odometry": config.odometry,
         "pose_error": pose_errors(record),
         "found_s": found_after(record, config),
-        "stress": config.stress,
+        "disturbance": config.disturbance,
         "troubles": car.troubles,
         "faults": [stop.why for stop in car.safe.faults],
         "parts_ms": timing,

@@ -22,8 +22,8 @@ Command = TypeVar("Command", bound=type)
 ALSO = {"back": ["--return"]}
 """Further words for options: Python has none of its own for some."""
 
-GONE = {"--compiled": "steps are always compiled"}
-"""Options of version 0.1, and what took their place."""
+GONE = {"--compiled": "steps are always compiled", "--stress": "it is called --disturbance now"}
+"""Options of earlier versions, and what took their place."""
 
 MODULE, CLASS = "ndtorch.navigation.options", "NavigatorOptions"
 

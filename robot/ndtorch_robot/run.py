@@ -100,18 +100,19 @@ def make_simulation(config: RunConfig) -> Simulation | None:
     if config.simulation is None:
         return None
     from ndtorch_robot.sim.arenas import load_arena
+    from ndtorch_robot.sim.disturbances import read_disturbances
     from ndtorch_robot.sim.simulation import Simulation
-    from ndtorch_robot.sim.stress import read_stress
 
     told = config.simulation
-    stress = read_stress(told.stress)
-    if stress.fps:
-        raise InputError("stress: the frames a second of a car are its rate_hz")
-    if stress.odometer and config.link_table()["kind"] != SIMULATED_WORLD:
-        raise InputError(f"stress: a board has no odometer to be off; link.kind = {SIMULATED_WORLD!r} has one")
+    disturbances = read_disturbances(told.disturbance)
+    if disturbances.car().fps:
+        raise InputError("disturbance: the frames a second of a car are its rate_hz")
+    if disturbances.odometer and config.link_table()["kind"] != SIMULATED_WORLD:
+        raise InputError(f"disturbance: a board has no odometer to be off; link.kind = {SIMULATED_WORLD!r} has one")
     rig, rate = config.rig.rig(), config.rate_hz
     fields = config.navigation.options().fields(rig)
-    return Simulation(load_arena(told.arena, told.seed), told.seed, rig=rig, fields=fields, stress=stress, rate=rate)
+    plan = load_arena(told.arena, told.seed)
+    return Simulation(plan, told.seed, rig=rig, fields=fields, disturbances=disturbances, rate=rate)
 
 
 def make_real_cameras(config: RunConfig) -> tuple[CameraPair, StereoRig, Clock]:

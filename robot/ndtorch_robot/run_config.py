@@ -125,12 +125,20 @@ class SimulationTable(Strict):
     Args:
         arena: name of an arena or a `.toml` file.
         seed: of the building, its textures and the starting place.
-        stress: what is wrong with cameras and car, names or `key=number` of `ndtorch_robot.sim.stress`.
+        disturbance: what is wrong with cameras and car, names or `key=number` of `ndtorch_robot.sim.disturbances`.
     """
 
     arena: str = "curve"
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
-    stress: str = ""
+    disturbance: str = ""
+
+    @model_validator(mode="before")
+    @classmethod
+    def renamed(cls, values: Any) -> Any:
+        """Answer a key of version 0.2 with the present one."""
+        if isinstance(values, dict) and "stress" in values:
+            raise InputError("stress is gone: it is called disturbance now")
+        return values
 
 
 class RunConfig(Strict):

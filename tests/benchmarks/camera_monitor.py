@@ -24,7 +24,7 @@ from ndtorch_robot.config import RATE, DriveConfig
 from ndtorch_robot.drive import drive
 from ndtorch_robot.faults import FaultKind
 from ndtorch_robot.ports import Step, StereoFrames
-from ndtorch_robot.sim.arenas import ARENAS
+from ndtorch_robot.sim.arenas import arenas
 from ndtorch_robot.sim.simulation import RIG
 
 LIGHTS = ((1.0, 0.0), (1.0, 2.0), (0.25, 1.0), (1.4, 1.0))
@@ -98,7 +98,7 @@ def main() -> int:
     driven = blank = 0
     stops: list[str] = []
     for seed in itertools.count(chosen.seed):
-        for arena, walls in itertools.product(ARENAS, ("textured", "blank")):
+        for arena, walls in itertools.product(arenas(test=False), ("textured", "blank")):
             judge = Judge(f"{arena} {walls} seed {seed}")
             drive(
                 DriveConfig.model_validate({"arena": arena, "walls": walls, "seed": seed, "seconds": chosen.seconds}),

@@ -33,7 +33,7 @@ def something_is_near(simulation: Simulation, x: float, y: float, heading: float
 
 
 def poses(simulation: Simulation, seed: int, count: int) -> list[tuple[float, float, float]]:
-    rng, places, found = np.random.default_rng(seed), simulation.places, []
+    rng, places, found = np.random.default_rng(seed), simulation.spawn_points, []
     while len(found) < count:
         x, y = places.points[int(rng.integers(len(places.points)))]
         heading = float(rng.uniform(-math.pi, math.pi))
@@ -51,7 +51,7 @@ def asked(arena: str, seed: int, count: int) -> tuple[int, int, int]:
             if something_is_near(simulation, *pose):
                 continue
             simulation.place(*pose)
-            seen = simulation.picture()
+            seen = simulation.capture()
             things, floor = check((seen.left.field[0], seen.right.field[0]), (seen.left.row[0], seen.right.row[0]))
             for k, counts in enumerate((True, len(things.x) > 0, not floor)):
                 total[k] += counts

@@ -13,8 +13,8 @@ from ndtorch_robot.link.registry import HOSTED_BOARD
 from ndtorch_robot.ports import Observer, Step
 from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import RunConfig, SimulationTable
-from ndtorch_robot.sim.arenas import ARENAS
-from ndtorch_robot.sim.put_back import PutBack, TellAgain
+from ndtorch_robot.sim.arenas import arenas
+from ndtorch_robot.sim.respawn import AutoResume, Respawn
 from tests.fault_injection.camera_faults import FaultyCameras
 from tests.fault_injection.injector import FaultInjector
 
@@ -32,7 +32,8 @@ def drive_scenario(config: RunConfig, number: int, seconds: float) -> Scenario:
         number: of the scenario.
         seconds: of simulated time.
     """
-    arena = list(ARENAS)[number % len(ARENAS)]
+    names = list(arenas(test=False))
+    arena = names[number % len(names)]
     world = SimulationTable(arena=arena, seed=FIRST_SEED + number)
     config = config.model_copy(update={"simulation": world, "cameras": None, "link": {"kind": HOSTED_BOARD}})
     lines: list[str] = []
@@ -43,8 +44,8 @@ def drive_scenario(config: RunConfig, number: int, seconds: float) -> Scenario:
         car.cameras = cameras
         injector = FaultInjector(car, car.drive.world, cameras, number, Path(scratch) / "recording")
         simulation = car.drive.world.simulation
-        put_back = PutBack(simulation, car.runner)
-        car.observers += [put_back, injector, resume_elsewhere(injector, put_back)]
+        respawn = Respawn(simulation, car.runner)
+        car.observers += [respawn, injector, resume_elsewhere(injector, respawn)]
         car.run(seconds)
         return {
             "number": number,
@@ -53,7 +54,7 @@ def drive_scenario(config: RunConfig, number: int, seconds: float) -> Scenario:
             "wall_seconds": round(time.monotonic() - began, 1),
             "steps": car.loop.steps,
             "collisions": len(simulation.collisions),
-            "controller_stops": len(put_back.stops),
+            "controller_stops": len(respawn.stops),
             "unexplained": injector.unexplained,
             "blank": injector.blank,
             "carried": injector.carried,
@@ -61,9 +62,9 @@ def drive_scenario(config: RunConfig, number: int, seconds: float) -> Scenario:
         }
 
 
-def resume_elsewhere(injector: FaultInjector, put_back: PutBack) -> Observer:
+def resume_elsewhere(injector: FaultInjector, respawn: Respawn) -> Observer:
     """An observer that moves a car away which would stand before a blank wall for the rest of the scenario."""
-    tell_again = TellAgain(injector.car.safe, put_back)
+    tell_again = AutoResume(injector.car.safe, respawn)
 
     def observe(step: Step) -> None:
         if injector.fault is None:

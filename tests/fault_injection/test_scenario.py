@@ -8,15 +8,14 @@ import pytest
 from ndtorch_robot.ports import STAND, DriveCommand
 from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import RunConfig, SimulationTable
-from ndtorch_robot.sim.put_back import PutBack
+from ndtorch_robot.sim.respawn import Respawn
 from tests.fault_injection.camera_faults import FaultyCameras
 from tests.fault_injection.faults import FAULTS, MOUNTING_DEADLINE, Fault
 from tests.fault_injection.injector import FaultInjector
 from tests.fault_injection.scenario import resume_elsewhere
-from tests.robot.support.gl_needed import needs_gl
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler (cc)")
-pytestmark = [needs_gl, needs_compiler]
+pytestmark = needs_compiler
 
 AHEAD, BACK = DriveCommand(0.5, 0.0), DriveCommand(-0.3, 0.0)
 
@@ -48,7 +47,7 @@ def inject(folder, *names, backwards=False):
         injector = InOrder(car, car.drive.world, cameras, 0, folder)
         injector.calm, injector.wanted = 0.1, [by_name[name] for name in names]
         simulation, start = car.drive.world.simulation, np.array(car.drive.world.simulation.pose)
-        put_back = PutBack(simulation, car.runner)
+        respawn = Respawn(simulation, car.runner)
 
         def to_the_start(step):
             """A car that drives backwards would come to a wall."""
@@ -61,7 +60,7 @@ def inject(folder, *names, backwards=False):
             if len(injector.rows) == len(names):
                 car.ended.set()
 
-        car.observers += [put_back, to_the_start, injector, resume_elsewhere(injector, put_back), end]
+        car.observers += [respawn, to_the_start, injector, resume_elsewhere(injector, respawn), end]
         car.run(120.0)
     assert [row["fault"] for row in injector.rows] == list(names)
     return injector, lowest

@@ -1,5 +1,5 @@
 """What takes longer than a short drive is done once in a process, or seldom: a building is painted once (a seed decides
-what it looks like), there is one OpenGL context, and the garbage collector passes through the objects of all tests
+what it looks like), and the garbage collector passes through the objects of all tests
 before every tenth drive."""
 
 from __future__ import annotations
@@ -7,16 +7,15 @@ from __future__ import annotations
 import copy
 import gc
 import itertools
-import threading
 from collections.abc import Iterator
-from functools import cache, lru_cache
+from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from ndtorch_robot import car
-from ndtorch_robot.sim import by_opengl, gl, simulation
+from ndtorch_robot.sim import simulation
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -31,21 +30,6 @@ def painted_once() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(simulation, "build", copied)
-        yield
-
-
-@pytest.fixture(scope="session", autouse=True)
-def one_context() -> Iterator[None]:
-    """Cameras make what they draw into anew, in a context that stays: one a thread, for no two can have it at once."""
-    make = cache(lambda thread: gl.make_context(640, 480))
-
-    def kept(width: int, height: int) -> Any:
-        context = make(threading.get_ident())
-        context.make_current()
-        return SimpleNamespace(make_current=context.make_current, free=lambda: None)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(by_opengl, "make_context", kept)
         yield
 
 

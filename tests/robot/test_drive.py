@@ -14,9 +14,8 @@ from ndtorch_robot.drive import drive
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.score.record import range_columns
 from ndtorch_robot.sim.simulation import Simulation
-from tests.robot.support.gl_needed import needs_gl
 
-pytestmark = [needs_gl, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 
 def straight(command):

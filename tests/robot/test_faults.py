@@ -14,10 +14,10 @@ import pytest
 
 from ndtorch_robot.link.messages import Fault
 from tests.robot.support.bench import LIMIT, NEUTRAL, SLACK, Garage, said
-from tests.robot.support.board_needed import needs_board_and_gl
+from tests.robot.support.board_needed import needs_board
 from tests.stalls import OTHERS
 
-pytestmark = [needs_board_and_gl, pytest.mark.slow, pytest.mark.realtime]
+pytestmark = [needs_board, pytest.mark.slow, pytest.mark.realtime]
 
 
 @pytest.fixture(scope="module")

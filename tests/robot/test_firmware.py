@@ -26,7 +26,7 @@ from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.run import real_time_priority
 from ndtorch_robot.sim.board import SimulatedBoard
 from tests.robot.support.bench import bench, ordinary_priority
-from tests.robot.support.board_needed import FIRMWARE, needs_board, needs_board_and_gl
+from tests.robot.support.board_needed import FIRMWARE, needs_board
 
 
 def test_own_tests_and_a_short_fuzzing():
@@ -276,7 +276,7 @@ def test_another_robots_configuration(capsys, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.realtime
-@needs_board_and_gl
+@needs_board
 def test_closes_the_loop_without_hardware():
     """Twenty seconds in the curve; times are asserted only where the computer could keep them."""
     with bench() as car:

@@ -15,9 +15,8 @@ from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.plan import Plan, ring
 from ndtorch_robot.sim.simulation import RIG, Simulation
-from tests.robot.support.gl_needed import needs_gl
 
-pytestmark = [needs_gl, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 BUMPER = 0.25
 """Metres from the middle of the car."""
@@ -63,7 +62,7 @@ def test_twenty_starts_before_walls(arena):
             x, y, heading = rng.uniform(left, right), rng.uniform(bottom, top), rng.uniform(0, 2 * math.pi)
             if plan.clearance(np.array([[x, y]]))[0] < 0.33:
                 continue
-            free = float(simulation.places.lengths(x, y, np.array([heading]), 0.18)[0]) - BUMPER
+            free = float(simulation.spawn_points.lengths(x, y, np.array([heading]), 0.18)[0]) - BUMPER
             if not 0.2 <= free <= 0.6:
                 continue
             made += 1

@@ -12,9 +12,6 @@ from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import drive, drive_runner
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.sim.arenas import load_arena
-from tests.robot.support.gl_needed import needs_gl
-
-pytestmark = needs_gl
 
 SEED = 21
 """Of the short drives below; taken before anything was driven with it, and not one that anything was tuned on."""

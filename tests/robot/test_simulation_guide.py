@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from ndtorch_robot.sim.arenas import load_arena
-from tests.robot.support.gl_needed import needs_gl
 
 GUIDE = (Path(__file__).resolve().parents[2] / "docs" / "robot" / "simulation.md").read_text(encoding="utf-8")
 
@@ -24,7 +23,6 @@ def test_arenas_of_the_guide(tmp_path, number, rings, area):
     assert ("blank" in plan.outline.kinds) == (number == 1)
 
 
-@needs_gl
 @pytest.mark.slow
 def test_script_of_the_guide(capsys):
     script, _ = re.findall(r"```python\n(.*?)```", GUIDE, flags=re.DOTALL)
@@ -34,7 +32,6 @@ def test_script_of_the_guide(capsys):
     assert names["world"].car.speed == pytest.approx(0.5)
 
 
-@needs_gl
 @pytest.mark.long
 def test_environment_of_the_guide():
     pytest.importorskip("gymnasium")

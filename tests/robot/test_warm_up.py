@@ -9,7 +9,6 @@ from ndtorch.utils.jit import JitFunction
 from ndtorch_robot.faults import FaultKind
 from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import NavigationTable, RunConfig, SimulationTable
-from tests.robot.support.gl_needed import needs_gl
 
 OPTIONS = (
     NavigationTable(controller="published", map_half_size_m=8.0),
@@ -18,7 +17,6 @@ OPTIONS = (
 )
 
 
-@needs_gl
 @pytest.mark.slow
 @pytest.mark.parametrize("options", OPTIONS, ids=("published", "ranging", "goal"))
 def test_no_kernel_is_loaded_on_the_way(options, monkeypatch):

@@ -15,10 +15,10 @@ class Arenas:
 
     def run(self) -> int:
         """Print name, size and description of every arena."""
-        from ndtorch_robot.sim.arenas import ALL
+        from ndtorch_robot.sim.arenas import arenas
 
         found = {}
-        for name, make in ALL.items():
+        for name, make in arenas().items():
             left, right, bottom, top = make(0).bounds
             words = (make.__doc__ or "").splitlines()[0]
             found[name] = {"width_m": right - left, "depth_m": top - bottom, "description": words}

@@ -43,7 +43,7 @@ class Drive:
     """Walls with panels, doors and papers (default), or without any texture."""
     moving: bool = False
     """With a person-sized box that walks to and fro."""
-    stress: str | None = None
+    disturbance: str | None = None
     """What is wrong with cameras and car: names (noise, flicker, pitch-up, late, ...) or KEY=NUMBER, with commas."""
     whole: bool = False
     """Draw whole 640x480 frames although only strips of them are read (six times slower)."""
@@ -179,7 +179,7 @@ def describe(result: Result) -> str:
         located = [f"  error of the pose at the end: {', '.join(words)}"]
     lines = [
         f"{c.arena}, seed {c.seed}, {c.controller}"
-        + f", {c.stress}" * bool(c.stress)
+        + f", {c.disturbance}" * bool(c.disturbance)
         + (" (interrupted)" if result.interrupted else ""),
         f"  {seconds:.0f} s and {s['distance_m']:.0f} m driven in {wall:.1f} s, "
         f"{seconds / max(wall, 1e-9):.1f}x real time",

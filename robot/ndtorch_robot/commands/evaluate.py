@@ -43,7 +43,7 @@ class Evaluate:
     config: Annotated[Path | None, tyro.conf.Positional] = None
     """TOML file as for `drive`: the options that all drives share."""
     arenas: tuple[str, ...] = ()
-    """Arenas by name, or .toml files; "buildings" (default), "trials" or "all" for whole groups of them."""
+    """Arenas by name, or .toml files; "buildings" (default), "tests" or "all" for whole groups of them."""
     seeds: tuple[int, ...] = SEEDS
     """Buildings, textures and starting places. Those below 1000 are for tuning, the others for reports alone."""
     seconds: float | None = None
@@ -52,7 +52,7 @@ class Evaluate:
     """What steers (default every controller there is)."""
     walls: tuple[Literal["textured", "blank"], ...] = ("textured",)
     """Walls with panels, doors and papers, without any texture, or both."""
-    stress: tuple[str, ...] = ()
+    disturbance: tuple[str, ...] = ()
     """What is wrong with cameras and car: names or KEY=NUMBER as of `drive`; "none", "all" for each by itself."""
     moving: bool = False
     """With a person-sized box that walks to and fro."""
@@ -117,10 +117,10 @@ class Evaluate:
             load_config(None, {"controller": controller})
         for seed in self.seeds:
             load_config(None, {"seed": seed})
-        stresses = stresses_of(self.stress)
-        for stress in stresses or ():
-            load_config(None, {"stress": stress})
-        drives = all_drives(base, arenas, self.walls, controllers, list(self.seeds), stresses)
+        disturbances = disturbances_of(self.disturbance)
+        for disturbance in disturbances or ():
+            load_config(None, {"disturbance": disturbance})
+        drives = all_drives(base, arenas, self.walls, controllers, list(self.seeds), disturbances)
         for arena in arenas:
             for seed in self.seeds:
                 load_arena(arena, seed)
@@ -151,18 +151,19 @@ def settings_of(drives: list[DriveConfig]) -> dict[str, Any]:
 
 def arenas_of(given: tuple[str, ...]) -> tuple[str, ...]:
     """Names of arenas, with the words for groups replaced by what is in them."""
-    from ndtorch_robot.sim.arenas import ARENAS
-    from ndtorch_robot.sim.trials import TRIALS
+    from ndtorch_robot.sim.arenas import arenas
 
-    groups = {"buildings": tuple(ARENAS), "trials": tuple(TRIALS), "all": (*ARENAS, *TRIALS)}
+    if "trials" in given:
+        raise InputError("the arenas 'trials' are called 'tests' now")
+    groups = {"buildings": arenas(test=False), "tests": arenas(test=True), "all": arenas()}
     return tuple(dict.fromkeys(name for word in given for name in groups.get(word, (word,))))
 
 
-def stresses_of(given: tuple[str, ...]) -> tuple[str, ...] | None:
-    """Stresses, with "all" replaced by none and every single one; None where nothing is given."""
-    from ndtorch_robot.sim.stress import STRESSES
+def disturbances_of(given: tuple[str, ...]) -> tuple[str, ...] | None:
+    """Disturbances, with "all" replaced by none and every single one; None where nothing is given."""
+    from ndtorch_robot.sim.disturbances import presets
 
-    words = {"all": ("", *STRESSES), "none": ("",)}
+    words = {"all": ("", *presets()), "none": ("",)}
     return tuple(dict.fromkeys(name for word in given for name in words.get(word, (word,)))) or None
 
 
@@ -185,7 +186,7 @@ def finish_drives(missing: list[DriveConfig], cache: Cache, processes: int) -> l
                 config = missing[task]
                 words = (
                     f"{config.arena}, seed {config.seed}, {config.walls}, {config.controller}"
-                    + f", {config.stress}" * bool(config.stress)
+                    + f", {config.disturbance}" * bool(config.disturbance)
                 )
                 reached = config.seconds
                 if kind == "progress":

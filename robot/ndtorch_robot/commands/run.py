@@ -7,7 +7,7 @@ import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import tyro
 
@@ -29,13 +29,15 @@ class Run:
     SIGTERM stop the car and end the program.
     """
 
+    gone: ClassVar[dict[str, str]] = {"--stress": "it is called --disturbance now"}
+
     config: Annotated[Path, tyro.conf.Positional]
     """TOML file of the car, or the name of one that comes along: maxstone8, or sim for one without any hardware."""
     seconds: float | None = None
     """Drive so long, s; until it is told to end by default."""
     go: bool = False
     """Drive off without waiting for the key."""
-    stress: str = ""
+    disturbance: str = ""
     """In a simulated world: what is wrong with cameras and car, names or KEY=NUMBER as of `ndtorch drive`."""
     record: Path | None = None
     """New folder for a recording that `ndtorch replay` drives again."""
@@ -66,8 +68,8 @@ class Run:
         if self.seconds is not None and not 0 < self.seconds < 1e7:
             raise InputError(f"--seconds must be positive, got {self.seconds}")
         config = read_toml(toml_file(self.config, "ndtorch_robot", "configs"), RunConfig)
-        if self.stress:
-            config = with_stress(config, self.stress)
+        if self.disturbance:
+            config = with_disturbance(config, self.disturbance)
         torch.set_num_threads(1)
         printed = timed_report()
         told = [printed]
@@ -149,11 +151,11 @@ class Run:
         return open_stream(f"run {self.config.stem}", Where(*where), layout())
 
 
-def with_stress(config: RunConfig, stress: str) -> RunConfig:
-    """The configuration with this stress in its simulated world."""
+def with_disturbance(config: RunConfig, disturbance: str) -> RunConfig:
+    """The configuration with this disturbance in its simulated world."""
     if config.simulation is None:
-        raise InputError("--stress is for simulated worlds, and this car has cameras")
-    return config.model_copy(update={"simulation": config.simulation.model_copy(update={"stress": stress})})
+        raise InputError("--disturbance is for simulated worlds, and this car has cameras")
+    return config.model_copy(update={"simulation": config.simulation.model_copy(update={"disturbance": disturbance})})
 
 
 def world(car: Car) -> dict[str, object]:

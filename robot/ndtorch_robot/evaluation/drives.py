@@ -35,12 +35,12 @@ def all_drives(
     walls: tuple[str, ...],
     controllers: tuple[str, ...],
     seeds: list[int],
-    stresses: tuple[str, ...] | None = None,
+    disturbances: tuple[str, ...] | None = None,
 ) -> list[DriveConfig]:
     """Every combination, once; the seeds vary fastest."""
-    given = (base.stress,) if stresses is None else stresses
+    given = (base.disturbance,) if disturbances is None else disturbances
     combinations = dict.fromkeys(product(arenas, walls, given, controllers, seeds))
-    names = ("arena", "walls", "stress", "controller", "seed")
+    names = ("arena", "walls", "disturbance", "controller", "seed")
     return [base.model_copy(update=dict(zip(names, values, strict=True))) for values in combinations]
 
 

@@ -47,7 +47,7 @@ def draw_table(rows: list[Row], file: Path) -> None:
 
 def place_of(row: Row) -> tuple[str, str]:
     """Where was driven, and how it looked there."""
-    return row.arena, ", ".join(filter(None, (row.walls, row.stress)))
+    return row.arena, ", ".join(filter(None, (row.walls, row.disturbance)))
 
 
 def finish(left: Any, right: Any, places: list[tuple[str, str]]) -> None:

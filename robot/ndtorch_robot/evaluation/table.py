@@ -12,7 +12,7 @@ from ndtorch_robot.evaluation.drives import Summary
 
 
 class Row(NamedTuple):
-    """All drives of one controller in one arena, under one stress.
+    """All drives of one controller in one arena, under one disturbance.
 
     Attributes:
         hours, collisions_h, stops_h, distance_m: of all drives together.
@@ -29,7 +29,7 @@ class Row(NamedTuple):
     arena: str
     walls: str
     controller: str
-    stress: str
+    disturbance: str
     drives: list[Summary]
     hours: float
     collisions_h: float
@@ -53,7 +53,7 @@ COLUMNS = (
     "arena",
     "walls",
     "controller",
-    "stress",
+    "disturbance",
     "drives",
     "simulated hours",
     "collisions/h",
@@ -77,7 +77,7 @@ COLUMNS = (
 WORDS = 3
 """Columns of words, that come first."""
 
-SELDOM = ("stress", "people hit / hit standing", "gates passed", *COLUMNS[-2:])
+SELDOM = ("disturbance", "people hit / hit standing", "gates passed", *COLUMNS[-2:])
 """Columns that are left out where nobody has anything in them."""
 
 
@@ -85,7 +85,8 @@ def rows_of(summaries: list[Summary]) -> list[Row]:
     """Put drives together, in the order in which they come."""
     groups: dict[tuple[str, str, str, str], list[Summary]] = {}
     for summary in summaries:
-        key = (str(summary["arena"]), str(summary["walls"]), str(summary["controller"]), str(summary.get("stress", "")))
+        arena, walls, controller = (str(summary[name]) for name in ("arena", "walls", "controller"))
+        key = (arena, walls, controller, str(summary.get("disturbance", "")))
         groups.setdefault(key, []).append(summary)
     return [row_of(key, drives) for key, drives in groups.items()]
 
@@ -155,7 +156,7 @@ def cells(row: Row) -> list[str]:
         row.arena,
         row.walls,
         row.controller,
-        row.stress,
+        row.disturbance,
         str(len(row.drives)),
         value(row.hours, 2),
         value(row.collisions_h, 1),

@@ -19,9 +19,9 @@ from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.car import CarLimits
-from ndtorch_robot.sim.paint import Walls
+from ndtorch_robot.sim.disturbances import read_disturbances
+from ndtorch_robot.sim.procedural_textures import Walls
 from ndtorch_robot.sim.simulation import RIG, Simulation
-from ndtorch_robot.sim.stress import read_stress
 
 Pixels = npt.NDArray[np.uint8]
 Observation = dict[str, Pixels]
@@ -59,7 +59,7 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         seconds: of an episode.
         building: number of the only building, or None.
         walls, moving: as of `Simulation`.
-        stress: what is wrong with cameras and car, in the words of `ndtorch drive --stress`.
+        disturbance: what is wrong with cameras and car, in the words of `ndtorch drive --disturbance`.
         render_mode: None or `"rgb_array"`: `render` gives the left camera's frame.
 
     Raises:
@@ -77,7 +77,7 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         building: int | None = None,
         walls: Walls = "textured",
         moving: bool = False,
-        stress: str = "",
+        disturbance: str = "",
         render_mode: str | None = None,
     ) -> None:
         if observation not in ("strips", "frames"):
@@ -87,8 +87,8 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         if not 0 < seconds < math.inf:
             raise InputError(f"seconds must be a positive number, got {seconds}")
         load_arena(arena, building or 0)
-        self.building, self.stress = building, read_stress(stress)
-        self.rate = self.stress.fps or RATE
+        self.building, self.disturbances = building, read_disturbances(disturbance)
+        self.rate = self.disturbances.car().fps or RATE
         self.metadata = {**self.metadata, "render_fps": self.rate}
         self.arena, self.walls, self.moving, self.seconds = arena, walls, moving, seconds
         self.strips, self.render_mode = observation == "strips", render_mode
@@ -132,7 +132,7 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
             moving=self.moving,
             whole=not self.strips or self.render_mode is not None,
             fields=self.fields,
-            stress=self.stress,
+            disturbances=self.disturbances,
             rate=self.rate,
         )
 

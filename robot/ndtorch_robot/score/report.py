@@ -54,7 +54,7 @@ def write_drive_page(result: Result, words: str, folder: Path) -> Path:
         "controller": config.controller,
         "walls": config.walls,
         "dead reckoning": config.odometry,
-        **({"stress": config.stress} if config.stress else {}),
+        **({"disturbance": config.disturbance} if config.disturbance else {}),
         **versions(*PACKAGES),
     }
     shown = [Shown(folder / name, title, caption) for name, title, caption in SHOWN if (folder / name).exists()]

@@ -12,13 +12,17 @@ import torch
 
 from ndtorch.navigation import Grid, StereoRig
 from ndtorch_robot.sim.plan import Floats, Plan, Point, Ring, away
-from ndtorch_robot.sim.profiles import edge_columns
+from ndtorch_robot.sim.procedural_textures import ALONG
+from ndtorch_robot.sim.simulation import Collision
 
 NEAR = 0.10
 """Metres from a true edge or surface within which mass of the map counts as right."""
 
 FAINTEST = 0.02
 """A peak of the map counts when it is at least this share of its largest."""
+
+SAME_PLACE = 0.5
+"""Metres: collisions nearer to the first at a place than this are at the same place."""
 
 REACH = 3
 """Cells around what the map holds that smoothing can reach, and one more."""
@@ -101,6 +105,23 @@ def true_edges(plan: Plan, profiles: list[Floats], eye: float = EYE) -> Edges:
         first += len(corners)
     count = len(places)
     return Edges(np.array(places).reshape(count, 2), np.array(faint, bool), np.array(normals).reshape(count, 2, 2))
+
+
+def edge_columns(profile_: Floats, contrast: float, within: float = 0.02) -> Floats:
+    """Where along a surface its brightness jumps, as metres from its start.
+
+    A jump changes the brightness by `contrast` or more within `within` metres, and more than its surroundings.
+    """
+    step = max(1, round(within * ALONG / 2))
+    if len(profile_) <= 2 * step + 1:
+        return np.zeros(0)
+    change = np.abs(profile_[2 * step :] - profile_[: -2 * step])
+    found = []
+    while len(change) and change.max() >= contrast:
+        at = int(change.argmax())
+        found.append((at + step + 0.5) / ALONG)
+        change[max(0, at - 3 * step) : at + 3 * step + 1] = 0
+    return np.sort(np.array(found))
 
 
 def reaches(shape: Ring, plan: Plan, eye: float) -> bool:
@@ -226,3 +247,22 @@ def coverage(free: Floats, path: Floats, reach: float = 1.0) -> float:
     """Share of the free places `[N, 2]` that the car came within `reach` metres of."""
     thinned = path[:: max(1, 10)]
     return float((nearest(free, thinned) <= reach).mean())
+
+
+def collision_places(collisions: Sequence[Collision]) -> list[Point]:
+    """The places at which there was a collision, each where the first one was."""
+    found: list[Point] = []
+    for hit in collisions:
+        if all(math.dist((hit.x, hit.y), place) > SAME_PLACE for place in found):
+            found.append((hit.x, hit.y))
+    return found
+
+
+def collision_summary(collisions: Sequence[Collision]) -> dict[str, object]:
+    """For `summary.json`: how many collisions there were, at how many places, and with whom."""
+    return {
+        "collisions": len(collisions),
+        "collision_places": len(collision_places([hit for hit in collisions if not hit.person])),
+        "people_hit": sum(hit.person and not hit.stationary for hit in collisions),
+        "hit_while_standing": sum(hit.stationary for hit in collisions),
+    }

@@ -27,10 +27,9 @@ from pydantic import Field, model_validator
 from ndtorch.errors import InputError
 from ndtorch.toml import Strict, read_toml
 from ndtorch_robot.sim.floors import Floor, Lamp, Pattern
-from ndtorch_robot.sim.furniture import box_ring, table_rings
-from ndtorch_robot.sim.places import Places
 from ndtorch_robot.sim.plan import NARROWEST, Plan, Ring, circle, cylinder, narrow_gaps, ring, square
-from ndtorch_robot.sim.tracing import Box, trace
+from ndtorch_robot.sim.shapes import Box, box_ring, table_rings, trace
+from ndtorch_robot.sim.spawn_points import SpawnPoints
 
 CAR_WIDTH = 0.36
 """Metres."""
@@ -125,7 +124,7 @@ def read_arena(path: Path) -> Plan:
         floor = Floor(file.floor, file.floor_size, lamps=tuple(Lamp(**vars(lamp)) for lamp in file.lamps))
         start = (*file.start[:2], math.radians(file.start[2])) if file.start else None
         plan = Plan(file.name, outline, (*inner, *solids), start, height=file.height, floor=floor)
-        Places(plan)
+        SpawnPoints(plan)
         plan = replace(plan, remarks=narrow_gaps(plan))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None

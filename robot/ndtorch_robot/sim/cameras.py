@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import torch
@@ -12,35 +12,50 @@ import torch
 from ndtorch.errors import InputError
 from ndtorch.navigation import Rect, StereoRig, Strips
 from ndtorch.navigation.strips import row_rect
-from ndtorch_robot.sim.by_kernel import KernelPainter, kernel_draws
-from ndtorch_robot.sim.by_opengl import OpenGLPainter
-from ndtorch_robot.sim.paint import Image
-from ndtorch_robot.sim.painter import Lens, Painter, Shot, View
-from ndtorch_robot.sim.stress.optics import Motion, axes, moved, shutter_times, slices
-from ndtorch_robot.sim.stress.options import Stress
+from ndtorch_robot.sim.disturbances.registry import CameraErrors
+from ndtorch_robot.sim.procedural_textures import Image
+from ndtorch_robot.sim.render.opengl import OpenGLRenderer
+from ndtorch_robot.sim.render.renderer import Lens, Renderer, Shot, Vector, View
+from ndtorch_robot.sim.render.scene import is_supported
+from ndtorch_robot.sim.render.software import SoftwareRenderer
 
 if TYPE_CHECKING:
     import mujoco
 
-Eye = torch.Tensor | Strips
+Frame = torch.Tensor | Strips
+Pose = tuple[float, float, float]
+
+BLUR_SAMPLES = 4
+"""Frames whose mean is a frame with motion blur."""
+
+ROLLING_ROWS = 12
+"""Rows that a rolling shutter reads at one time."""
+
+
+class Motion(NamedTuple):
+    """Speed, m/s, and curvature, 1/m, of the car while the shutter is open."""
+
+    speed: float = 0.0
+    curvature: float = 0.0
+
+
+STOPPED = Motion()
 
 
 class Cameras:
-    """Draws what the cameras of a rig see from a pose of the car.
+    """Renders what the cameras of a rig see from a pose of the car.
 
-    Whole frames get the strips pasted in: a run does not depend on whether someone looks.
+    Strips are pasted into whole frames, so that a drive does not depend on which of the two is rendered.
 
     Args:
         model: the world.
         rig: the camera pair; its pitch must be 0.
         fields: the subfields of both images; `rig.subfields()` by default.
-        whole: draw whole frames instead of strips.
-        more: further pairs of rectangles, for the left and the right image, which become further parts of the
-            `Strips` in this order. They should not overlap others: in whole frames the last one shows.
-        stress: what is wrong with optics and shutter.
+        whole: render whole frames instead of strips.
+        errors: how the real cameras differ from `rig`.
 
     Raises:
-        InputError: no OpenGL where that is needed, or a rig that looks up or down.
+        InputError: a world that needs OpenGL where that does not work, or a rig with a pitch.
     """
 
     def __init__(
@@ -49,80 +64,108 @@ class Cameras:
         rig: StereoRig,
         fields: tuple[Rect, Rect] | None = None,
         whole: bool = False,
-        more: Sequence[tuple[Rect, Rect]] = (),
-        stress: Stress | None = None,
+        errors: CameraErrors | None = None,
     ) -> None:
         if rig.pitch != 0:
             raise InputError(f"the simulated cameras look straight ahead, got pitch={rig.pitch}")
-        self.rig, self.whole, self.stress = rig, whole, stress or Stress()
+        self.rig, self.whole, self.errors = rig, whole, errors or CameraErrors()
         self.fields = fields or rig.subfields()
         self.row = row_rect(rig)
-        pairs = [self.fields, (self.row, self.row), *more]
-        self.strips: tuple[list[Rect], list[Rect]] = ([p[0] for p in pairs], [p[1] for p in pairs])
-        lens = Lens(rig.focal * (1 + self.stress.focal), rig.center, rig.width, rig.height)
-        self.painter: Painter
-        if kernel_draws(model):
-            self.painter = KernelPainter(model, lens)
-        else:
-            self.painter = OpenGLPainter(model, lens, [*self.strips[0], *self.strips[1]], whole)
+        self.strips = tuple((field, self.row) for field in self.fields)
+        lens = Lens(rig.focal * (1 + self.errors.focal), rig.center, rig.width, rig.height)
+        kind = SoftwareRenderer if is_supported(model) else OpenGLRenderer
+        self.renderer: Renderer = kind(model, lens)
 
-    def look(
-        self, data: mujoco.MjData, x: float, y: float, heading: float, motion: Motion | None = None
-    ) -> tuple[Eye, Eye]:
+    def look(self, data: mujoco.MjData, x: float, y: float, heading: float, motion: Motion = STOPPED) -> list[Frame]:
         """What the left and the right camera see with the car there.
 
         Args:
-            motion: what the car does meanwhile.
+            motion: of the car meanwhile.
 
         Returns:
             Two frames `[1, 3, H, W]` uint8, or two `Strips`.
         """
-        self.painter.take(data)
-        frames = [self.whole_frame(x, y, heading, side) for side in (0, 1)] if self.whole else []
-        exposed = [self.expose((x, y, heading), motion or Motion(), after) for after in shutter_times(self.stress)]
-        drawn = exposed[0]
-        if len(exposed) > 1:
-            drawn = [np.asarray(np.mean(same, 0) + 0.5).astype(np.uint8) for same in zip(*exposed, strict=True)]
-        pieces, eyes = iter(drawn), list[Eye]()
+        self.renderer.update(data)
+        pose = x, y, heading
+        drawn = self.expose(pose, motion)
+        pieces, frames = iter(drawn), list[Frame]()
         for side, rects in enumerate(self.strips):
             parts = [next(pieces) for _ in rects]
             if self.whole:
+                frame = self.whole_frame(*pose, side)
                 for rect, part in zip(rects, parts, strict=True):
-                    frames[side][:, rect.top : rect.bottom, rect.left : rect.right] = part
-                eyes.append(tensor(frames[side]))
+                    frame[:, rect.top : rect.bottom, rect.left : rect.right] = part
+                frames.append(tensor(frame))
             else:
-                eyes.append(Strips(*map(tensor, parts)))
-        return eyes[0], eyes[1]
+                frames.append(Strips(*map(tensor, parts)))
+        return frames
 
-    def expose(self, pose: tuple[float, float, float], motion: Motion, after: float) -> list[Image]:
-        """All strips so many seconds after the car was at a pose, of the left camera and then of the right one."""
+    def expose(self, pose: Pose, motion: Motion) -> list[Image]:
+        """All strips of the left camera and then of the right one, with motion blur where the shutter is slow."""
+        shutter = self.errors.shutter
+        times = [-shutter * (k + 0.5) / BLUR_SAMPLES for k in range(BLUR_SAMPLES)] if shutter else [0.0]
+        exposed = [self.render(pose, motion, time) for time in times]
+        if len(exposed) == 1:
+            return exposed[0]
+        return [np.asarray(np.mean(same, 0) + 0.5).astype(np.uint8) for same in zip(*exposed, strict=True)]
+
+    def render(self, pose: Pose, motion: Motion, time: float) -> list[Image]:
+        """All strips, `time` seconds after the car was at a pose."""
         shots: list[Shot] = []
         for side, rects in enumerate(self.strips):
             views: dict[float, View] = {}
             for rect in rects:
                 shot = []
-                for part, delay in slices(rect, self.stress, self.rig.height):
+                for part, delay in readout(rect, self.errors.readout, self.rig.height):
                     if delay not in views:
-                        views[delay] = self.view(*moved(*pose, motion, after + delay), side)
+                        views[delay] = self.view(*moved(pose, motion, time + delay), side)
                     shot.append((views[delay], part))
                 shots.append(shot)
-        return self.painter.strips(shots)
+        return self.renderer.strips(shots)
 
     def whole_frame(self, x: float, y: float, heading: float, side: int) -> Image:
-        """One camera's frame `[3, H, W]` as it is drawn at once."""
-        return self.painter.frame(self.view(x, y, heading, side))
+        """One camera's frame `[3, H, W]`, rendered at once."""
+        return self.renderer.frame(self.view(x, y, heading, side))
 
     def view(self, x: float, y: float, heading: float, side: int) -> View:
-        """Where one eye of the car is and looks: 0 the left, 1 the right."""
+        """The pose of a camera: 0 the left one, 1 the right one."""
         cos, sin = math.cos(heading), math.sin(heading)
         ahead, rig = self.rig.forward, self.rig
-        aside = (0.5 - side) * rig.baseline * (1 + self.stress.baseline)
-        place = (x + ahead * cos - aside * sin, y + ahead * sin + aside * cos, rig.camera_height)
-        return View(place, *axes(heading, side, self.stress))
+        aside = (0.5 - side) * rig.baseline * (1 + self.errors.baseline)
+        position = (x + ahead * cos - aside * sin, y + ahead * sin + aside * cos, rig.camera_height)
+        return View(position, *axes(heading, side, self.errors))
 
     def close(self) -> None:
-        """Give the buffers back."""
-        self.painter.close()
+        """Free the renderer's buffers."""
+        self.renderer.close()
+
+
+def axes(heading: float, side: int, errors: CameraErrors) -> tuple[Vector, Vector]:
+    """The optical and the upward axis of a camera: 0 the left one, 1 the right one."""
+    yaw = heading + (errors.yaw + side * errors.right_yaw)
+    pitch, roll = errors.pitch, errors.roll
+    ahead, left = (math.cos(yaw), math.sin(yaw), 0.0), (-math.sin(yaw), math.cos(yaw), 0.0)
+    forward = (math.cos(pitch) * ahead[0], math.cos(pitch) * ahead[1], -math.sin(pitch))
+    upward = (math.sin(pitch) * ahead[0], math.sin(pitch) * ahead[1], math.cos(pitch))
+    x, y, z = (math.cos(roll) * u - math.sin(roll) * w for u, w in zip(upward, left, strict=True))
+    return forward, (x, y, z)
+
+
+def moved(pose: Pose, motion: Motion, seconds: float) -> Pose:
+    """The pose after so many seconds, which may be negative."""
+    x, y, heading = pose
+    length = motion.speed * seconds
+    turned = motion.curvature * length
+    half = turned / 2
+    return x + length * math.cos(heading + half), y + length * math.sin(heading + half), heading + turned
+
+
+def readout(rect: Rect, seconds: float, height: int) -> Iterator[tuple[Rect, float]]:
+    """Parts of a rectangle, and when a rolling shutter reads each, s from the middle of the frame."""
+    step = ROLLING_ROWS if seconds else rect.bottom - rect.top
+    for top in range(rect.top, rect.bottom, step):
+        part = rect._replace(top=top, bottom=min(top + step, rect.bottom))
+        yield part, seconds * ((part.top + part.bottom) / 2 / height - 0.5)
 
 
 def tensor(pixels: Image) -> torch.Tensor:

@@ -41,11 +41,11 @@ class Car:
 
     Args:
         limits: what it can do.
-        slack: curvature by which the wheels may be off before they follow the servo, 1/m.
+        backlash: curvature by which the wheels may differ from the servo, 1/m.
     """
 
-    def __init__(self, limits: CarLimits | None = None, slack: float = 0.0) -> None:
-        self.limits, self.slack = limits or CarLimits(), slack
+    def __init__(self, limits: CarLimits | None = None, backlash: float = 0.0) -> None:
+        self.limits, self.backlash = limits or CarLimits(), backlash
         self.place(0.0, 0.0, 0.0)
 
     def place(self, x: float, y: float, heading: float) -> None:
@@ -79,7 +79,7 @@ class Car:
         most = self.limits
         self.speed = approach(self.speed, self.wanted.speed, most.acceleration * dt)
         self.servo = approach(self.servo, self.wanted.curvature, most.steering * dt)
-        self.curvature = min(max(self.curvature, self.servo - self.slack), self.servo + self.slack)
+        self.curvature = min(max(self.curvature, self.servo - self.backlash), self.servo + self.backlash)
         length = self.speed * dt
         half = self.curvature * length / 2
         chord = length * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)

@@ -91,9 +91,9 @@ class LockstepWorld:
 
     def read(self) -> StereoFrames:
         """What both cameras see now, or with the next frame that is not lost. Board and link go on meanwhile."""
-        while self.simulation.loses():
+        while self.simulation.loses_frame():
             self.wait_until(self.now() + 1 / self.simulation.rate)
-        return self.simulation.picture()
+        return self.simulation.capture()
 
     def restart_board(self) -> None:
         """Its power goes and comes again: it knows nothing any more."""

@@ -68,7 +68,7 @@ class PulseWorld:
 
     def read(self) -> StereoFrames:
         """What both cameras see now, or with the next frame that is not lost; late frames have the time they tell."""
-        while self.simulation.loses():
+        while self.simulation.loses_frame():
             time.sleep(1 / self.simulation.rate)
         now = time.monotonic()
         while self.queue and self.queue[0].time <= now:
@@ -76,7 +76,7 @@ class PulseWorld:
             self.advance(pulse.time)
             self.electronics.take(pulse)
         self.advance(now)
-        frames = self.simulation.picture()
+        frames = self.simulation.capture()
         return frames._replace(time=now - (self.simulation.now() - frames.time))
 
     def advance(self, now: float) -> None:

@@ -4,24 +4,21 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
+from torch import Tensor
 
 from ndtorch.navigation import Rect, StereoRig, Strips
 from ndtorch_robot.ports import CameraPair, Clock, Drive, DriveCommand, Placed, SafeCommand, StereoFrames, unseal
-from ndtorch_robot.sim.cameras import Cameras
+from ndtorch_robot.sim.cameras import Cameras, Frame, Motion
 from ndtorch_robot.sim.car import Car
-from ndtorch_robot.sim.hits import STANDS, Collision
+from ndtorch_robot.sim.disturbances import Disturbances
+from ndtorch_robot.sim.disturbances.actuators import Delay
 from ndtorch_robot.sim.model import build
-from ndtorch_robot.sim.paint import Walls
-from ndtorch_robot.sim.places import Places
 from ndtorch_robot.sim.plan import Plan
-from ndtorch_robot.sim.stress.actuators import Delay, Odometer
-from ndtorch_robot.sim.stress.light import Light
-from ndtorch_robot.sim.stress.optics import Motion
-from ndtorch_robot.sim.stress.options import Stress
-from ndtorch_robot.sim.stress.timing import FrameTiming
+from ndtorch_robot.sim.procedural_textures import Walls
+from ndtorch_robot.sim.spawn_points import SpawnPoints
 
 Odometry = Literal["true", "noisy"]
 
@@ -38,25 +35,49 @@ RIG = StereoRig(forward=0.15)
 """The cameras of the robot: the pair of [A], 15 cm ahead of the middle of the body."""
 
 
-class Simulation(Drive):
-    """A world with the car in it. It is all ports of the loop in one.
+UNDISTURBED = Disturbances()
 
-    When the car touches anything the collision is noted and the car is put back at the nearest free place,
-    where it looks down the longest way. Only the scorer may ask for `pose`.
+STATIONARY = 0.02
+"""m/s: a car slower than this is stationary."""
+
+
+class Collision(NamedTuple):
+    """When and where the car touched something.
+
+    Attributes:
+        time: s.
+        x, y, heading: of the car, m and radians.
+        person: it was the walking obstacle.
+        stationary: the car was stationary, so that the other one hit it.
+    """
+
+    time: float
+    x: float
+    y: float
+    heading: float
+    person: bool = False
+    stationary: bool = False
+
+
+class Simulation(Drive):
+    """A world with the car in it, which implements all ports of the loop.
+
+    When the car touches anything, the collision is noted and the car respawns at the nearest free place, with the
+    heading in which it can drive farthest. Only an evaluation may ask for `pose`.
 
     Args:
         plan: the building.
         seed: what it looks like, where the car starts and the obstacle walks.
         walls: `"textured"` or `"blank"`.
         moving: with a moving obstacle.
-        odometry: what `driven` says, exact or `"noisy"`.
-        whole: draw whole frames.
-        fields: the subfields to draw; `rig.subfields()` by default.
-        stress: what is wrong with cameras and car.
+        odometry: what `driven` returns, exact or `"noisy"`.
+        whole: render whole frames.
+        fields: the subfields to render; `rig.subfields()` by default.
+        disturbances: of cameras and car.
         rate: frames a second of the cameras.
 
     Raises:
-        InputError: no OpenGL, or a plan where the car does not fit.
+        InputError: a plan where the car does not fit.
     """
 
     def __init__(
@@ -70,38 +91,37 @@ class Simulation(Drive):
         whole: bool = False,
         rig: StereoRig = RIG,
         fields: tuple[Rect, Rect] | None = None,
-        stress: Stress | None = None,
+        disturbances: Disturbances = UNDISTURBED,
         rate: float = 30.0,
     ) -> None:
         import mujoco
 
         self.plan, self.rig, self.odometry, self.moving = plan, rig, odometry, moving
-        self.stress, self.rate = stress or Stress(), rate
+        self.disturbances, self.rate = disturbances, rate
         self.world = build(plan, seed, walls, moving, rig.camera_height)
         self.data = mujoco.MjData(self.world.model)
         self.begin(seed)
-        self.cameras = Cameras(self.world.model, rig, fields, whole=whole, stress=self.stress)
+        self.cameras = Cameras(self.world.model, rig, fields, whole, disturbances.camera())
 
     def begin(self, seed: int) -> None:
         """Begin a drive anew in the same building: where the car starts, the obstacle walks and all chance, by seed."""
-        rng, bad_luck = np.random.default_rng((seed, 200)), np.random.default_rng((seed, 300))
-        self.light = Light(self.stress, bad_luck, self.rig.height)
-        self.timing = FrameTiming(self.stress, bad_luck)
-        self.odometer = Odometer(self.stress, bad_luck)
-        self.on_the_way = Delay(self.stress.delay)
-        self.car = Car(slack=self.stress.slack)
+        rng = np.random.default_rng((seed, 200))
+        errors = self.disturbances.car()
+        self.effects = self.disturbances.start(np.random.default_rng((seed, 300)))
+        self.delay = Delay(errors.delay)
+        self.car = Car(backlash=errors.backlash)
         self.steps = 0
         self.collisions: list[Collision] = []
         self.placed: Placed = None
-        start = self.plan.start or self.places.any(rng)
-        self.walk = self.places.walk(rng, (start[0], start[1])) if self.moving else None
+        start = self.plan.start or self.spawn_points.random(rng)
+        self.walk = self.spawn_points.walk(rng, (start[0], start[1])) if self.moving else None
         self.move_obstacle()
         self.place(*start)
 
     @cached_property
-    def places(self) -> Places:
-        """Where the car fits; found when first asked for, which takes seconds in a plan of thousands of walls."""
-        return Places(self.plan)
+    def spawn_points(self) -> SpawnPoints:
+        """Where the car fits; computed on first use, which takes seconds in a plan of thousands of walls."""
+        return SpawnPoints(self.plan)
 
     @property
     def pose(self) -> tuple[float, float, float]:
@@ -127,15 +147,15 @@ class Simulation(Drive):
         """Let the world move on."""
         while self.steps < round(time * SUBSTEPS):
             self.steps += 1
-            arrived = self.on_the_way.take(self.now())
+            arrived = self.delay.take(self.now())
             if arrived is not None:
                 self.car.send(arrived)
             self.car.advance(1 / SUBSTEPS)
             self.move_obstacle()
             if self.touches():
-                standing = abs(self.car.speed) < STANDS
-                self.collisions.append(Collision(self.now(), *self.pose, self.touches_person(), standing))
-                self.put_back()
+                stationary = abs(self.car.speed) < STATIONARY
+                self.collisions.append(Collision(self.now(), *self.pose, self.touches_person(), stationary))
+                self.respawn()
 
     def move_obstacle(self) -> None:
         """Put the obstacle where it is now."""
@@ -160,9 +180,9 @@ class Simulation(Drive):
         pairs = (self.data.contact.geom1[: self.data.ncon], self.data.contact.geom2[: self.data.ncon])
         return any(bool((mocap[bodies[geoms]] >= 0).any()) for geoms in pairs)
 
-    def put_back(self) -> None:
-        """Carry the car to the nearest free place, away from the moving obstacle, where it touches nothing."""
-        for place in self.places.by_distance(self.car.x, self.car.y, self.obstacle):
+    def respawn(self) -> None:
+        """Move the car to the nearest free place, away from the moving obstacle, where it touches nothing."""
+        for place in self.spawn_points.by_distance(self.car.x, self.car.y, self.obstacle):
             self.place(*place)
             if not self.touches():
                 return
@@ -180,25 +200,40 @@ class Simulation(Drive):
 
     def read(self) -> StereoFrames:
         """What both cameras see now, or with the next frame that is not lost."""
-        while self.loses():
+        while self.loses_frame():
             self.wait_until(self.now() + 1 / self.rate)
-        return self.picture()
+        return self.capture()
 
-    def loses(self) -> bool:
-        """Whether this frame never comes. Who lets time go on asks this before `picture`, as `read` does."""
-        return self.timing.loses()
+    def loses_frame(self) -> bool:
+        """Whether this frame never arrives; to be asked once a frame before `capture`, as `read` does."""
+        return any(effect.loses_frame() for effect in self.effects)
 
-    def picture(self) -> StereoFrames:
-        """What both cameras give now."""
-        now, tops = self.now(), [rect.top for rect in self.cameras.strips[0]]
-        eyes = self.cameras.look(self.data, *self.pose, Motion(self.car.speed, self.car.curvature))
-        left, right = (
-            Strips(*(self.light.frame(part, top, now) for part, top in zip(eye, tops, strict=True)))
-            if isinstance(eye, Strips)
-            else self.light.frame(eye, 0, now)
-            for eye in eyes
-        )
-        return self.timing.deliver(StereoFrames(left, right, now))
+    def capture(self) -> StereoFrames:
+        """The frames that arrive now."""
+        now = self.now()
+        seen = self.cameras.look(self.data, *self.pose, Motion(self.car.speed, self.car.curvature))
+        left, right = (self.sensed(frame, side, now) for side, frame in enumerate(seen))
+        frames = StereoFrames(left, right, now)
+        for effect in self.effects:
+            frames = effect.deliver(frames)
+        return frames
+
+    def sensed(self, frame: Frame, side: int, time: float) -> Frame:
+        """A frame as the sensor gives it."""
+        if not self.effects:
+            return frame
+        if not isinstance(frame, Strips):
+            return self.sensed_part(frame, 0, time)
+        tops = (rect.top for rect in self.cameras.strips[side])
+        return Strips(*(self.sensed_part(part, top, time) for part, top in zip(frame, tops, strict=True)))
+
+    def sensed_part(self, pixels: Tensor, top: int, time: float) -> Tensor:
+        """Rows of a frame, the first of which is `top`, as the sensor gives them."""
+        rows = top + np.arange(pixels.shape[-2], dtype=np.float64)
+        row_times = time + self.cameras.errors.readout * (rows / self.rig.height - 0.5)
+        for effect in self.effects:
+            pixels = effect.image(pixels, time, row_times)
+        return pixels
 
     def send(self, command: SafeCommand) -> DriveCommand:
         """Drive like this from now on."""
@@ -206,10 +241,10 @@ class Simulation(Drive):
 
     def obey(self, command: DriveCommand) -> DriveCommand:
         """Drive like this, as soon as the car does what it is told; returns what it will do."""
-        if not self.stress.delay:
+        if not self.delay.seconds:
             return self.car.send(command)
         will_do = self.car.within(command)
-        self.on_the_way.put(will_do, self.now())
+        self.delay.put(will_do, self.now())
         return will_do
 
     def resume(self) -> bool:
@@ -218,16 +253,19 @@ class Simulation(Drive):
 
     def stop(self) -> None:
         """Stand still at once."""
-        self.on_the_way.clear()
+        self.delay.clear()
         self.car.send(DriveCommand(0.0, 0.0))
         self.car.speed = 0.0
 
     def driven(self) -> DriveCommand:
         """What the wheels say they did since this was last asked."""
-        speed, curvature = self.odometer.says(self.car.driven(), self.now())
+        driven = self.car.driven()
+        for effect in self.effects:
+            driven = effect.odometry(driven, self.now())
+        speed, curvature = driven
         if self.odometry == "noisy" and speed != 0:
             return DriveCommand(speed * (1 + SCALE_ERROR), (curvature + DRIFT / speed) / (1 + SCALE_ERROR))
-        return DriveCommand(speed, curvature)
+        return driven
 
     def sight(self) -> tuple[CameraPair, Clock]:
         """Its own cameras and its own time."""

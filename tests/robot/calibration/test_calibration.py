@@ -27,7 +27,6 @@ from ndtorch_robot.sim.cameras import Cameras
 from ndtorch_robot.sim.simulation import RIG, Simulation
 from tests.robot.support.board_renderer import Eye, draw_board, turn
 from tests.robot.support.fake_captures import folder_of
-from tests.robot.support.gl_needed import needs_gl
 from tests.robot.support.misaligned import BOARD, LEFT, RIGHT, board_pictures, measured, raw, rays, views, warp
 from tests.robot.test_drive import against_truth
 
@@ -230,7 +229,6 @@ class Drive:
         return 100 * float(np.median(error)), float((error < 0.05).mean())
 
 
-@needs_gl
 @pytest.mark.slow
 def test_ranges_of_a_misaligned_pair_become_right_again():
     """Two and a half seconds along the hallway, seen by the clumsy pair, with and without its calibration."""

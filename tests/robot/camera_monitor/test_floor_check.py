@@ -17,7 +17,6 @@ from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.safety import SafeDrive, SafetyLimits
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.simulation import RIG, Simulation
-from tests.robot.support.gl_needed import needs_gl
 
 LIMITS = SafetyLimits(speed=0.6, curvature=2.2, silence=0.1, age=0.1)
 
@@ -33,7 +32,6 @@ def reading(world):
     return read
 
 
-@needs_gl
 @pytest.mark.slow
 def test_the_level_is_the_one_that_driving_teaches():
     runner = NavigatorRunner(NavigatorOptions(), RIG, 30.0)
@@ -49,7 +47,6 @@ def test_the_level_is_the_one_that_driving_teaches():
         world.close()
 
 
-@needs_gl
 @pytest.mark.slow
 def test_smooth_floor_will_not_do():
     world = Simulation(load_arena("smooth", 3), 3, fields=NavigatorOptions().fields(RIG))

@@ -12,7 +12,6 @@ from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import DRAWN, drive
 from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.sim.simulation import Simulation
-from tests.robot.support.gl_needed import needs_gl
 
 RIG = StereoRig(width=64, height=48, focal=43.0)
 
@@ -139,7 +138,6 @@ def test_what_is_no_fault_and_what_would_be_one(change, speed, limits, seen, fau
         see(fault, speed=fast)
 
 
-@needs_gl
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", ["frozen", "nan"])
 def test_the_car_is_stopped_first(monkeypatch, fault):
@@ -164,7 +162,6 @@ def test_the_car_is_stopped_first(monkeypatch, fault):
     assert worlds[0].car.speed == 0.0
 
 
-@needs_gl
 @pytest.mark.slow
 def test_a_blank_building_is_no_fault():
     summary = drive(DriveConfig(arena="loop", walls="blank", seconds=3)).summary
@@ -173,7 +170,6 @@ def test_a_blank_building_is_no_fault():
     assert summary["faults"] == []
 
 
-@needs_gl
 @pytest.mark.parametrize(
     ("change", "message"),
     [

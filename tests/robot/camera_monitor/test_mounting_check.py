@@ -8,7 +8,6 @@ import pytest
 from ndtorch_robot.camera_monitor.limits import CameraLimits
 from ndtorch_robot.camera_monitor.mounting_check import EVERY, MAX_PER_VIEW, MountingCheck, correlations
 from ndtorch_robot.drive import DriveConfig, drive
-from tests.robot.support.gl_needed import needs_gl
 
 LIMITS, REACH = CameraLimits(), 50
 ONLY_MIRRORED = CameraLimits(swapped_sum=1e3)
@@ -156,7 +155,6 @@ def test_what_fits_takes_back_what_did_not():
     assert after < before - 1
 
 
-@needs_gl
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [100, 101, 105])
 def test_good_cameras_in_a_dead_end_are_right(seed):

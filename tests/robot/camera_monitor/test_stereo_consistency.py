@@ -20,7 +20,6 @@ from ndtorch_robot.drive import drive
 from ndtorch_robot.faults import FaultKind
 from ndtorch_robot.ports import StereoFrames
 from ndtorch_robot.sim.simulation import RIG
-from tests.robot.support.gl_needed import needs_gl
 
 RECTS = NavigatorOptions().fields(RIG)
 GRAIN = 0.006
@@ -272,7 +271,6 @@ def test_the_car_is_stopped_and_may_be_told_to_go_on():
     assert FrameCheck(RIG, 30.0, 0.1).monitor.floor is None
 
 
-@needs_gl
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [801, 810])
 def test_a_corridor_that_is_its_own_mirror_image_ends_no_drive(seed):

@@ -10,7 +10,6 @@ import pytest
 from ndtorch.commands import main
 from ndtorch_robot.commands.check import Check
 from ndtorch_robot.run_config import RunConfig, SimulationTable
-from tests.robot.support.gl_needed import needs_gl
 
 
 class Closed:
@@ -56,12 +55,11 @@ def test_the_end_of_the_input_is_a_no(
     assert drive.closed
 
 
-@needs_gl
 @pytest.mark.parametrize(
     ("world", "well", "said"),
     [
         (SimulationTable(arena="dead-end", seed=3), True, "it will do"),
-        (SimulationTable(arena="dead-end", seed=3, stress="noise"), False, "the pictures are noisy"),
+        (SimulationTable(arena="dead-end", seed=3, disturbance="noise"), False, "the pictures are noisy"),
     ],
 )
 def test_the_floor_before_the_car_is_measured(

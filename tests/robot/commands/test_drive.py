@@ -1,10 +1,6 @@
 """The command line: results, errors of one line with code 2, configuration files."""
 
-import ctypes.util
 import json
-import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -13,8 +9,6 @@ import ndtorch_robot.car
 from ndtorch.commands import main
 from ndtorch.errors import InputError
 from ndtorch_robot.config import load_config
-from ndtorch_robot.sim import by_opengl, cameras, gl
-from tests.robot.support.gl_needed import WHY, needs_gl
 
 MAPS = ["map.npz", "map.pgm", "map.png", "map.yaml"]
 PICTURES = ["map.png", "path.png", "rows.png", "speeds.png"]
@@ -40,7 +34,6 @@ def undrawn(monkeypatch):
     monkeypatch.setattr("ndtorch_robot.score.figures.write_figures", lambda result, folder: None)
 
 
-@needs_gl
 def test_json(tmp_path, capsys):
     assert main(["drive", "--seconds", "3", "--out", str(tmp_path), "--json"]) == 0
     out, err = capsys.readouterr()
@@ -57,7 +50,6 @@ def test_json(tmp_path, capsys):
     assert saved["true_path"].shape == saved["located_path"].shape == (90, 3)
 
 
-@needs_gl
 @pytest.mark.slow
 def test_a_map_is_made_and_known_again(tmp_path, capsys):
     pytest.importorskip("numba")
@@ -73,7 +65,6 @@ def test_a_map_is_made_and_known_again(tmp_path, capsys):
     assert "map" in capsys.readouterr().err
 
 
-@needs_gl
 @pytest.mark.usefixtures("undrawn")
 def test_words_and_file(tmp_path, capsys):
     config = tmp_path / "drive.toml"
@@ -86,7 +77,6 @@ def test_words_and_file(tmp_path, capsys):
     assert "written to " in out
 
 
-@needs_gl
 @pytest.mark.usefixtures("undrawn")
 def test_ctrl_c(tmp_path, capsys, monkeypatch):
     step = ndtorch_robot.car.Car.step
@@ -102,7 +92,6 @@ def test_ctrl_c(tmp_path, capsys, monkeypatch):
     assert sorted(p.name for p in tmp_path.iterdir()) == [name for name in FILES if name not in PICTURES]
 
 
-@needs_gl
 def test_interrupted_before_the_first_frame(tmp_path, capsys, monkeypatch):
     def interrupted(self, number, now):
         raise KeyboardInterrupt
@@ -123,7 +112,7 @@ def test_arenas(capsys):
     [
         (["--arena", "halway"], "no arena 'halway', choose one of hallway"),
         (["--controller", "pid"], "got 'pid'"),
-        (["--compiled"], "--compiled is gone: steps are compiled without it where Numba is installed"),
+        (["--compiled"], "--compiled is gone: steps are always compiled"),
         (["--seconds", "-1"], "seconds = -1"),
         (["--seconds", "nan"], "seconds"),
         (["--features", "0"], "features must be a whole number"),
@@ -148,7 +137,7 @@ def test_bad_arguments(arguments, message, capsys, tmp_path, monkeypatch):
         ('angle = "degrees"', "angle = 'degrees': should be 'atan' or 'linear'"),
         ("seed = 1.5", "seed = 1.5"),
         ("moving = 7", "moving = 7"),
-        ("compiled = true", "compiled is gone: steps are compiled without it where Numba is installed"),
+        ("compiled = true", "compiled is gone: steps are always compiled"),
         ("seconds = [", "not a TOML file"),
     ],
 )
@@ -164,58 +153,3 @@ def test_bad_files(tmp_path, text, message):
 def test_unknown_choice():
     with pytest.raises(InputError, match="did you mean seconds"):
         load_config(None, {"second": 3})
-
-
-def test_no_opengl_names_the_package(monkeypatch):
-    monkeypatch.setattr(gl.ctypes.util, "find_library", lambda name: None)
-    monkeypatch.delenv("MUJOCO_GL", raising=False)
-    with pytest.raises(InputError, match=r"install the system package 'libegl1 libgl1-mesa-dri' or 'libosmesa6'"):
-        gl.make_context(16, 16)
-
-
-def test_drive_without_opengl(monkeypatch, capsys, tmp_path):
-    monkeypatch.setattr(cameras, "kernel_draws", lambda model: False)
-    monkeypatch.setattr(by_opengl, "make_context", gl.make_context)  # one that was made before would do
-    monkeypatch.setattr(gl.ctypes.util, "find_library", lambda name: None)
-    monkeypatch.delenv("MUJOCO_GL", raising=False)
-    assert main(["drive", "--out", str(tmp_path)]) == 2
-    err = capsys.readouterr().err
-    assert err.startswith("error: cannot draw without a screen (egl: library not found; osmesa: library not found)")
-    assert err.count("\n") == 1
-
-
-@pytest.mark.skipif(not ctypes.util.find_library("OSMesa"), reason="libosmesa6 is not installed")
-def test_osmesa_draws_the_same_world():
-    """In a process of its own, because a program keeps the library it drew with first."""
-    script = """
-import numpy as np
-from ndtorch_robot.sim import cameras
-from ndtorch_robot.sim.arenas import load_arena
-from ndtorch_robot.sim.simulation import Simulation
-cameras.kernel_draws = lambda model: False
-simulation = Simulation(load_arena("room", 1), 1)
-left, right = simulation.cameras.look(simulation.data, 4.0, 2.0, 0.3)
-print(*left.row.flatten().tolist(), *right.field.flatten().tolist())
-simulation.close()
-"""
-    seen = []
-    for library in ("osmesa", "egl") if not WHY else ("osmesa",):
-        environment = {k: v for k, v in os.environ.items() if k != "PYOPENGL_PLATFORM"} | {"MUJOCO_GL": library}
-        done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr[-500:]
-        seen.append(np.array([int(word) for word in done.stdout.split()]))
-    assert len(seen[0]) == 3 * (640 + 29 * 85)
-    assert seen[0].std() > 10
-    assert np.abs(seen[0] - seen[-1]).mean() < 2.0
-
-
-def test_opengl_that_fails(monkeypatch):
-    def broken(name, width, height):
-        raise RuntimeError(f"no {name} display\nmore")
-
-    monkeypatch.setattr(gl.ctypes.util, "find_library", lambda name: name)
-    monkeypatch.setattr(gl, "open_context", broken)
-    monkeypatch.setenv("MUJOCO_GL", "egl")
-    with pytest.raises(InputError, match=r"egl: RuntimeError no egl display\): install") as error:
-        gl.make_context(16, 16)
-    assert "\n" not in str(error.value)

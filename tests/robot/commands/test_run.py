@@ -16,7 +16,7 @@ from ndtorch.commands import main
 from ndtorch.errors import InputError
 from ndtorch.installed import toml_file
 from ndtorch.toml import read_toml
-from ndtorch_robot.commands.run import with_stress, world
+from ndtorch_robot.commands.run import with_disturbance, world
 from ndtorch_robot.run_config import RunConfig
 
 SUMMARY = {"steps": 3, "late": 0, "faults": [], "standing": None}
@@ -58,7 +58,7 @@ def car(monkeypatch: pytest.MonkeyPatch) -> Car:
     [
         (["sim", "--seconds", "0"], "--seconds must be positive, got 0"),
         (["sim", "--seconds", "nan"], "--seconds must be positive, got nan"),
-        (["maxstone8", "--stress", "noise"], "--stress is for simulated worlds, and this car has cameras"),
+        (["maxstone8", "--disturbance", "noise"], "--disturbance is for simulated worlds, and this car has cameras"),
         (["simm"], "simm"),
     ],
 )
@@ -90,14 +90,14 @@ def test_the_summary_is_one_object_or_one_line_each(car: Car, capsys: pytest.Cap
     assert (car.asked[-1], car.go) == (None, False)
 
 
-def test_a_stress_goes_into_the_simulated_world() -> None:
+def test_a_disturbance_goes_into_the_simulated_world() -> None:
     config = read_toml(toml_file(Path("sim"), "ndtorch_robot", "configs"), RunConfig)
     assert config.simulation is not None
-    changed = with_stress(config, "noise")
+    changed = with_disturbance(config, "noise")
     assert changed.simulation is not None
-    assert (changed.simulation.stress, config.simulation.stress) == ("noise", "")
+    assert (changed.simulation.disturbance, config.simulation.disturbance) == ("noise", "")
     with pytest.raises(InputError, match="this car has cameras"):
-        with_stress(read_toml(toml_file(Path("maxstone8"), "ndtorch_robot", "configs"), RunConfig), "noise")
+        with_disturbance(read_toml(toml_file(Path("maxstone8"), "ndtorch_robot", "configs"), RunConfig), "noise")
 
 
 def test_cameras_know_nothing_of_collisions(car: Car) -> None:

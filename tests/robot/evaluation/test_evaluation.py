@@ -17,9 +17,8 @@ from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.evaluation.drives import Cache, all_drives, key_of
 from ndtorch_robot.evaluation.picture import draw_table
 from ndtorch_robot.evaluation.table import COLUMNS, comma_separated, markdown, rows_of
-from ndtorch_robot.sim.stress import STRESSES
-from ndtorch_robot.sim.trials import TRIALS
-from tests.robot.support.gl_needed import needs_gl
+from ndtorch_robot.sim.arenas import arenas
+from ndtorch_robot.sim.disturbances import presets
 
 
 def summary(arena="room", seed=1, controller="published", **changes):
@@ -126,18 +125,18 @@ def test_rows_are_of_all_drives_together():
     ]
 
 
-def test_rows_tell_stresses_gates_and_people():
+def test_rows_tell_disturbances_gates_and_people():
     drives = [
         summary(),
-        summary(stress="noise", gates=[1, 2], people_hit=1),
-        summary(seed=2, stress="noise", gates=[2, 2]),
+        summary(disturbance="noise", gates=[1, 2], people_hit=1),
+        summary(seed=2, disturbance="noise", gates=[2, 2]),
     ]
     plain, noisy = rows_of(drives)
-    assert (plain.stress, noisy.stress) == ("", "noise")
+    assert (plain.disturbance, noisy.disturbance) == ("", "noise")
     assert (noisy.gates, noisy.people) == ((3, 4), (1, 0))
     head = markdown([plain, noisy], "").splitlines()[0]
-    assert all(name in head for name in ("stress", "gates passed", "people hit"))
-    assert "stress" not in markdown([plain], "").splitlines()[0]
+    assert all(name in head for name in ("disturbance", "gates passed", "people hit"))
+    assert "disturbance" not in markdown([plain], "").splitlines()[0]
 
 
 def test_the_error_of_the_pose_is_told_where_there_is_one():
@@ -154,16 +153,20 @@ def test_the_error_of_the_pose_is_told_where_there_is_one():
     assert "pose error" not in markdown([row], "")
 
 
-def test_words_for_many_arenas_and_stresses():
+def test_words_for_many_arenas_and_disturbances():
     drives = command.Evaluate(
-        arenas=("trials", "room"), stress=("none", "noise=0.02"), seeds=(1,), controllers=("published",), moving=True
+        arenas=("tests", "room"),
+        disturbance=("none", "noise_sigma=0.02"),
+        seeds=(1,),
+        controllers=("published",),
+        moving=True,
     ).drives()
-    assert {d.arena for d in drives} == {*TRIALS, "room"}
-    assert [d.stress for d in drives[:2]] == ["", "noise=0.02"]
+    assert {d.arena for d in drives} == {*arenas(test=True), "room"}
+    assert [d.disturbance for d in drives[:2]] == ["", "noise_sigma=0.02"]
     assert all(d.moving for d in drives)
-    assert command.stresses_of(("all",)) == ("", *STRESSES)
-    with pytest.raises(InputError, match="no stress 'nois'"):
-        command.Evaluate(arenas=("room",), stress=("nois",)).drives()
+    assert command.disturbances_of(("all",)) == ("", *presets())
+    with pytest.raises(InputError, match="no disturbance 'nois'"):
+        command.Evaluate(arenas=("room",), disturbance=("nois",)).drives()
 
 
 def test_picture_of_many(tmp_path):
@@ -190,7 +193,6 @@ def in_this_process(function, tasks, jobs):
         yield Event("done", number, function(task, lambda share: None))
 
 
-@needs_gl
 @pytest.mark.slow
 def test_command_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
     place = tmp_path / "e"

@@ -18,11 +18,8 @@ from gymnasium.utils.env_checker import check_env
 from ndtorch.errors import InputError
 from ndtorch_robot.gym import ENVIRONMENTS, register
 from ndtorch_robot.gym.environment import COLLISION, PARTS, DriveEnv, eyes_of
-from ndtorch_robot.sim.arenas import ALL, load_arena
+from ndtorch_robot.sim.arenas import arenas, load_arena
 from ndtorch_robot.sim.simulation import RIG, Simulation
-from tests.robot.support.gl_needed import needs_gl
-
-pytestmark = needs_gl
 
 AHEAD = np.array([0.5, 0.0], np.float32)
 
@@ -43,7 +40,7 @@ def env(small: str) -> Iterator[DriveEnv]:
 
 
 def test_every_arena_has_an_environment() -> None:
-    assert sorted(ENVIRONMENTS.values()) == sorted(ALL)
+    assert sorted(ENVIRONMENTS.values()) == sorted(arenas())
     assert [name.lower() for name in ENVIRONMENTS] == [arena.replace("-", "") for arena in ENVIRONMENTS.values()]
 
 
@@ -111,7 +108,7 @@ def test_a_wall_ends_it_and_backward_costs(env: DriveEnv) -> None:
 
 
 def test_the_reward_is_what_was_driven_whatever_the_odometer_says(small: str) -> None:
-    with DriveEnv(small, building=7, stress="scale=0.2,fps=15") as env:
+    with DriveEnv(small, building=7, disturbance="odometry_scale_ratio=0.2,fps=15") as env:
         assert env.metadata["render_fps"] == 15
         start = env.reset(seed=0)[1]["pose"]
         total = said = 0.0
@@ -175,7 +172,7 @@ def test_the_checker_is_content_with_a_real_arena() -> None:
 
 def test_what_cannot_be_made_is_refused(small: str) -> None:
     wrong = ({"arena": "nowhere"}, {"observation": "sound"}, {"render_mode": "human"}, {"seconds": 0.0})
-    for values in (*wrong, {"arena": small, "stress": "rain"}):
+    for values in (*wrong, {"arena": small, "disturbance": "rain"}):
         with pytest.raises(InputError):
             DriveEnv(**values)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="reset"):

@@ -11,7 +11,6 @@ from ndtorch_robot.link.registry import KINDS
 from ndtorch_robot.ports import STAND, Drive, unseal
 from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import RunConfig
-from tests.robot.support.gl_needed import needs_gl
 
 
 class PaperSettings(Strict):
@@ -104,7 +103,6 @@ frame_age_s = 0.2
     assert car.summary()["round_trip_ms"] == {}
 
 
-@needs_gl
 def test_the_simulated_world_is_a_link(tmp_path):
     (tmp_path / "car.toml").write_text(
         'robot = "sim"\n[link]\nkind = "simulated-world"\n[simulation]\narena = "curve"\nseed = 11\n'

@@ -26,7 +26,6 @@ from ndtorch_robot.recording import (
 from ndtorch_robot.recording.replay import Comparison
 from ndtorch_robot.recording.streams import checked_line
 from tests.robot.support.bare_car import FilmCar, bare_loop
-from tests.robot.support.gl_needed import needs_gl
 from tests.robot.support.moving_world import RIG, moving_world
 
 CHOICE = NavigatorOptions("published", features=5, places="motion")
@@ -127,7 +126,6 @@ def test_damage_leaves_the_rest_checked(tmp_path, capsys):
     assert "bit for bit" not in out
 
 
-@needs_gl
 @pytest.mark.slow
 @pytest.mark.parametrize("whole", [False, True])
 def test_a_simulated_drive_bit_for_bit(tmp_path, capsys, whole):
@@ -143,7 +141,6 @@ def test_a_simulated_drive_bit_for_bit(tmp_path, capsys, whole):
     assert again["complete"]
 
 
-@needs_gl
 def test_from_the_command_line_with_jpeg(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(
         "ndtorch_robot.score.figures.write_figures", lambda result, folder: None
@@ -158,7 +155,6 @@ def test_from_the_command_line_with_jpeg(tmp_path, capsys, monkeypatch):
     assert "holds a recording already" in capsys.readouterr().err
 
 
-@needs_gl
 def test_a_full_disk_does_not_stop_the_drive(tmp_path, capsys, monkeypatch):
     append = Recorder.append
 

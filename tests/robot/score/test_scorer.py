@@ -7,11 +7,21 @@ import pytest
 import torch
 
 from ndtorch.navigation import Grid, StereoRig
-from ndtorch_robot.score.scorer import coverage, peaks, score_map, spacing_error, true_edges, visible
-from ndtorch_robot.sim.paint import ALONG
+from ndtorch_robot.score.scorer import (
+    collision_places,
+    collision_summary,
+    coverage,
+    edge_columns,
+    peaks,
+    score_map,
+    spacing_error,
+    true_edges,
+    visible,
+)
 from ndtorch_robot.sim.plan import Plan, cylinder, ring
-from ndtorch_robot.sim.profiles import edge_columns
-from ndtorch_robot.sim.tracing import Box, trace
+from ndtorch_robot.sim.procedural_textures import ALONG
+from ndtorch_robot.sim.shapes import Box, trace
+from ndtorch_robot.sim.simulation import Collision
 
 RIG = StereoRig()
 
@@ -133,3 +143,15 @@ def test_coverage():
     path = np.array([(x, 0.0) for x in np.linspace(0, 4, 200)])
     assert coverage(free, path) == pytest.approx(0.5, abs=0.05)
     assert ring([(0, 0), (1, 0), (1, 1)]).area == 0.5
+
+
+def test_collisions_by_place_and_by_who():
+    collisions = [Collision(1.0, 0, 0, 0), Collision(2.0, 0.3, 0, 0), Collision(3.0, 0.9, 0, 0)]
+    collisions += [Collision(4.0, 5, 5, 0, True, False), Collision(5.0, 5, 5, 0, True, True)]
+    assert collision_places(collisions[:3]) == [(0, 0), (0.9, 0)]
+    assert collision_summary(collisions) == {
+        "collisions": 5,
+        "collision_places": 2,
+        "people_hit": 1,
+        "hit_while_standing": 1,
+    }

@@ -7,35 +7,13 @@ import pytest
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Rect, StereoRig, cut_strips
-from ndtorch.navigation.strips import cut as cut_out
+from ndtorch.navigation import StereoRig, cut_strips
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.safety import SafeDrive
-from ndtorch_robot.sim import by_opengl, cameras
 from ndtorch_robot.sim.arenas import load_arena
-from ndtorch_robot.sim.by_opengl import side_by_side
-from ndtorch_robot.sim.cameras import Cameras
-from ndtorch_robot.sim.gl import make_context
-from ndtorch_robot.sim.paint import Painted, pack, paint_floor
 from ndtorch_robot.sim.plan import Plan, ring
+from ndtorch_robot.sim.procedural_textures import Surface, floor_texture, pack
 from ndtorch_robot.sim.simulation import RIG, Simulation
-from tests.robot.support.gl_needed import WHY, needs_gl
-
-BOTH = pytest.mark.parametrize("way", ["kernel", "OpenGL"], indirect=True)
-
-
-@pytest.fixture
-def way(request, monkeypatch):
-    """Who draws."""
-    if request.param == "OpenGL":
-        if WHY:
-            pytest.skip(WHY)
-        monkeypatch.setattr(cameras, "kernel_draws", lambda model: False)
-    else:
-        pytest.importorskip("mujoco")
-        pytest.importorskip("numba")
-    return request.param
-
 
 POSES = [(0.6 + 0.9 * k, 0.05 * (-1) ** k, 0.1 * (k % 5 - 2)) for k in range(16)]
 
@@ -48,9 +26,8 @@ def looks(arena, whole, poses, **options):
         simulation.close()
 
 
-@BOTH
 @pytest.mark.parametrize("moving", [False, True])
-def test_strips_are_the_pixels_of_whole_frames(moving, way):
+def test_strips_are_the_pixels_of_whole_frames(moving):
     whole = looks("hallway", True, POSES, moving=moving)
     strips = looks("hallway", False, POSES, moving=moving)
     fields = RIG.subfields()
@@ -62,63 +39,7 @@ def test_strips_are_the_pixels_of_whole_frames(moving, way):
                 assert torch.equal(a, b)
 
 
-@BOTH
-def test_any_number_of_strips(way, monkeypatch):
-    monkeypatch.setattr(by_opengl, "make_context", make_context)  # two cameras draw by turns, each in its own
-    """Further rectangles are the pixels of the whole frame, too, and the others stay as they are, up to rounding."""
-    simulation = Simulation(load_arena("room", 1), 1)
-    cameras = Cameras(simulation.world.model, RIG, whole=True, more=[(Rect(350, 400, 0, 90), Rect(350, 400, 550, 640))])
-    drawn = [[RIG.subfields()[k], cameras.row, cameras.strips[k][2]] for k in (0, 1)]
-    for pose in POSES[:3]:
-        plain = simulation.cameras.look(simulation.data, *pose)
-        frames = cameras.look(simulation.data, *pose)
-        for k in (0, 1):
-            whole = torch.from_numpy(cameras.whole_frame(*pose, k))
-            for rect in drawn[k]:
-                assert levels(cut_out(frames[k][0], rect), cut_out(whole, rect)) <= 1
-            for rect, piece in zip(drawn[k], plain[k], strict=False):
-                assert levels(cut_out(frames[k], rect), piece) <= 1
-    cameras.close()
-    simulation.close()
-
-
-def levels(a, b):
-    return int((a.int() - b.int()).abs().max())
-
-
-def test_strips_lie_side_by_side():
-    rects = [Rect(0, 29, 10, 95), Rect(240, 241, 0, 640), Rect(0, 29, 545, 630), Rect(240, 241, 0, 640)]
-    rects += [Rect(0, 60, 0, 500), Rect(0, 60, 0, 200)]
-    places, height = side_by_side(rects, 640)
-    used = np.zeros((height, 640), int)
-    for rect, (x, y) in zip(rects, places, strict=True):
-        used[y : y + rect.bottom - rect.top, x : x + rect.right - rect.left] += 1
-    assert used.max() == 1
-    assert used.sum() == sum((r.bottom - r.top) * (r.right - r.left) for r in rects)
-    assert height <= 160
-
-
-@pytest.mark.parametrize("way", ["OpenGL"], indirect=True)
-def test_pasted_strips_do_not_show(way):
-    """As drawn by OpenGL, before the pasting: at most one level of 256 off, in less than one pixel of two hundred."""
-    simulation = Simulation(load_arena("curve", 1), 1, whole=True)
-    cameras, field = simulation.cameras, RIG.subfields()[0]
-    off = []
-    for angle in np.arange(0, 6, 0.5):
-        pose = (10.8 * math.cos(angle), 10.8 * math.sin(angle), angle + 1.3)
-        pasted, _ = cameras.look(simulation.data, *pose)
-        frame = torch.from_numpy(cameras.whole_frame(*pose, 0)).int()
-        for rect in (field, cameras.row):
-            area = (slice(None), slice(rect.top, rect.bottom), slice(rect.left, rect.right))
-            off.append((frame[area] - pasted[0].int()[area]).abs().flatten().numpy())
-    simulation.close()
-    off = np.concatenate(off)
-    assert off.max() <= 1
-    assert (off > 0).mean() < 0.005
-
-
-@BOTH
-def test_edges_are_where_the_rig_says(way):
+def test_edges_are_where_the_rig_says():
     """A dark pillar before blank walls: both its sides in the horizon rows of both cameras."""
     square = ring([(0, -3), (6, -3), (6, 3), (0, 3)], "blank")
     pillar = ring([(2.5, -0.2), (2.9, -0.2), (2.9, 0.2), (2.5, 0.2)], "door", solid=True)
@@ -136,7 +57,6 @@ def test_edges_are_where_the_rig_says(way):
     assert 0.03 < float(left.field.float().std()) / 255 * 2 < 0.2
 
 
-@needs_gl
 def test_pitch_is_refused():
     with pytest.raises(InputError, match="pitch"):
         Simulation(load_arena("room"), rig=StereoRig(pitch=0.1))
@@ -144,7 +64,7 @@ def test_pitch_is_refused():
 
 def test_nothing_is_painted_twice():
     """Where a square metre of carpet looks like another one, it is the same one."""
-    floor, bounds = paint_floor(load_arena("room"), np.random.default_rng(0))
+    floor, bounds = floor_texture(load_arena("room"), np.random.default_rng(0))
     assert floor.shape[0] == pytest.approx((bounds[3] - bounds[2]) * 128)
     grey = floor.mean(-1) - floor.mean()
     spectrum = np.abs(np.fft.fft2(grey)) ** 2
@@ -157,7 +77,7 @@ def test_nothing_is_painted_twice():
 
 def test_packing_cuts_long_surfaces():
     rng = np.random.default_rng(0)
-    surfaces = [Painted(rng.integers(0, 255, (9, n, 3), dtype=np.uint8), 2.0) for n in (300, 50, 120)]
+    surfaces = [Surface(rng.integers(0, 255, (9, n, 3), dtype=np.uint8), 2.0) for n in (300, 50, 120)]
     atlas, patches = pack(surfaces, width=128, margin=2)
     assert [len(p) for p in patches] == [3, 1, 1]
     for surface, cut in zip(surfaces, patches, strict=True):
@@ -170,8 +90,7 @@ def test_packing_cuts_long_surfaces():
         assert np.array_equal(np.concatenate(parts, 1), surface.texels)
 
 
-@needs_gl
-def test_collision_is_counted_and_the_car_put_back():
+def test_collision_is_counted_and_the_car_respawns():
     simulation = Simulation(load_arena("hallway", 0), 0)
     assert simulation.take_placed() == simulation.pose
     assert simulation.take_placed() is None
@@ -188,7 +107,6 @@ def test_collision_is_counted_and_the_car_put_back():
     simulation.close()
 
 
-@needs_gl
 def test_moving_obstacle_is_seen_and_hit():
     simulation = Simulation(load_arena("room", 2), 2, moving=True)
     first = simulation.obstacle
@@ -203,7 +121,6 @@ def test_moving_obstacle_is_seen_and_hit():
     simulation.close()
 
 
-@needs_gl
 def test_noisy_odometry():
     exact, noisy = (Simulation(load_arena("hallway", 0), 0, odometry=kind) for kind in ("true", "noisy"))
     for simulation in (exact, noisy):

@@ -11,7 +11,6 @@ from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import RunConfig, SimulationTable
 from ndtorch_robot.sim.hosted_board import HostedBoard
 from ndtorch_robot.sim.pulse_world import Electronics
-from tests.robot.support.gl_needed import needs_gl
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler (cc)")
 
@@ -84,11 +83,10 @@ def test_no_wheel_turns_backwards_while_the_board_says_that_they_stand():
     board.close()
 
 
-@needs_gl
 @needs_compiler
 def test_the_board_goes_on_while_frames_are_lost():
     """As with a car, whose cameras do not make its board wait."""
-    simulation = SimulationTable(arena="curve", seed=3, stress="drop=0.8")
+    simulation = SimulationTable(arena="curve", seed=3, disturbance="lost_ratio=0.8")
     config = RunConfig(robot="maxston8", link={"kind": "hosted-board"}, simulation=simulation)
     with open_car(config, lambda line: None, go=False) as car:
         world, pulses = car.drive.world, []

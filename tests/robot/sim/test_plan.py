@@ -7,31 +7,29 @@ import numpy as np
 import pytest
 
 from ndtorch.errors import InputError
-from ndtorch_robot.sim.arenas import ARENAS, load_arena
-from ndtorch_robot.sim.corridors import DOOR_SPACING
+from ndtorch_robot.sim.arenas import arenas, load_arena
+from ndtorch_robot.sim.arenas.corridors import DOOR_SPACING
 from ndtorch_robot.sim.floors import Floor, Lamp, covered
-from ndtorch_robot.sim.hits import Collision, hits_summary, places_of
-from ndtorch_robot.sim.places import Places
 from ndtorch_robot.sim.plan import Plan, Ring, inside, ring
-from ndtorch_robot.sim.tracing import Box, trace
-from ndtorch_robot.sim.trials import TRIALS
+from ndtorch_robot.sim.shapes import Box, trace
+from ndtorch_robot.sim.spawn_points import SpawnPoints
 
 OTHERS = Path(__file__).resolve().parents[3] / "robot" / "arenas"
 SQUARE = [(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0)]
 
 
 @pytest.mark.parametrize("seed", [0, 7])
-@pytest.mark.parametrize("name", ARENAS)
+@pytest.mark.parametrize("name", arenas(test=False))
 def test_arenas(name, seed):
     plan = load_arena(name, seed)
     assert plan == load_arena(name, seed)
     assert plan.name == name
     assert plan.outline.area > 0
     assert all(solid.area < 0 for solid in plan.solids)
-    places = Places(plan)
+    places = SpawnPoints(plan)
     assert len(places.points) > 20
     assert (plan.clearance(places.points) > 0.4).all()
-    x, y, heading = places.any(np.random.default_rng(seed))
+    x, y, heading = places.random(np.random.default_rng(seed))
     assert places.lengths(x, y, np.array([heading]))[0] > 1.0
     (ax, ay), (bx, by) = places.walk(np.random.default_rng(seed), (x, y))
     assert 0.3 < math.hypot(bx - ax, by - ay) < 4.001
@@ -154,7 +152,7 @@ def test_bad_arena_files(tmp_path, text, message):
 def test_arena_files_that_come_along(file):
     plan = load_arena(str(file))
     assert plan.name == file.stem
-    assert len(Places(plan).points) > 20
+    assert len(SpawnPoints(plan).points) > 20
 
 
 def test_eight_arena_files_come_along():
@@ -166,13 +164,13 @@ def test_missing_arena_file():
         load_arena("nowhere.toml")
 
 
-@pytest.mark.parametrize("name", TRIALS)
+@pytest.mark.parametrize("name", arenas(test=True))
 def test_trials(name):
     plan = load_arena(name, 5)
     assert plan == load_arena(name, 5)
     assert plan != load_arena(name, 6)
     assert plan.name == name
-    places = Places(plan)
+    places = SpawnPoints(plan)
     assert len(places.points) > 10
     assert (plan.clearance(places.points) > 0.4).all()
 
@@ -212,18 +210,6 @@ def test_floors():
     assert pool[0, 0] == pytest.approx(1.0, abs=0.01)
     with pytest.raises(InputError, match="floor must be one of"):
         Floor("parquet")
-
-
-def test_collisions_by_place_and_by_who():
-    hits = [Collision(1.0, 0, 0, 0), Collision(2.0, 0.3, 0, 0), Collision(3.0, 0.9, 0, 0)]
-    hits += [Collision(4.0, 5, 5, 0, True, False), Collision(5.0, 5, 5, 0, True, True)]
-    assert places_of(hits[:3]) == [(0, 0), (0.9, 0)]
-    assert hits_summary(hits) == {
-        "collisions": 5,
-        "collision_places": 2,
-        "people_hit": 1,
-        "hit_while_standing": 1,
-    }
 
 
 def write(tmp_path, text):

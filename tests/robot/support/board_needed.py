@@ -6,8 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.robot.support.gl_needed import WHY as NO_GL
-
 FIRMWARE = Path(__file__).resolve().parents[3] / "robot" / "firmware"
 
 
@@ -20,4 +18,3 @@ def reason():
 
 WHY = reason()
 needs_board = pytest.mark.skipif(bool(WHY), reason=WHY)
-needs_board_and_gl = pytest.mark.skipif(bool(WHY or NO_GL), reason=WHY or NO_GL)

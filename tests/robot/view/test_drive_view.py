@@ -20,7 +20,6 @@ from ndtorch_robot.sim.simulation import RIG
 from ndtorch_robot.view import DriveView, Where
 from ndtorch_robot.view.drive_view import pieces
 from ndtorch_robot.view.opening import open_viewer
-from tests.robot.support.gl_needed import needs_gl
 
 rerun = pytest.importorskip("rerun")
 
@@ -91,7 +90,6 @@ def test_paths_are_cut_where_the_car_was_carried():
     assert [part.tolist() for part in pieces(line)] == [[[0, 0], [1, 0]], [[5, 5], [6, 5], [7, 5]]]
 
 
-@needs_gl
 @pytest.mark.slow
 def test_recording_a_drive_changes_nothing(tmp_path):
     config = DriveConfig(arena="curve", seed=1, seconds=0.5)
@@ -102,7 +100,6 @@ def test_recording_a_drive_changes_nothing(tmp_path):
     assert sum(c.num_rows for c in chunks(tmp_path / "run.rrd", "/speeds") if not c.is_static) == 15
 
 
-@needs_gl
 def test_where_a_recording_cannot_be_written(capsys, tmp_path):
     arguments = ["drive", "--seconds", "1", "--out", str(tmp_path), "--rrd", "/proc/nothing/run.rrd"]
     assert main(arguments) == 2

@@ -223,10 +223,10 @@ def hallway_map(context: Context, seeds: list[int], seconds: float, noisy: bool)
 
 def arenas(context: Context, seed: int) -> None:
     """The buildings from above."""
-    from ndtorch_robot.sim.arenas import ARENAS
+    from ndtorch_robot.sim.arenas import arenas
 
     figure, axes = panels(2, 3, 14, 8.5)
-    for one, name in zip(axes, ARENAS, strict=True):
+    for one, name in zip(axes, arenas(test=False), strict=True):
         plan_axes(one, name, seed)
         one.set_title(name)
     letters(axes)

@@ -7,14 +7,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ndtorch.navigation import AvoidanceParams, FeatureParams, MatchParams, controller_names
-from ndtorch_robot.sim.arenas import ARENAS
+from ndtorch_robot.sim.arenas import arenas
 from ndtorch_train.recorded import Recorded, from_arrays, map_of, quality, ranges_of, record_drive, score_of
 from ndtorch_train.sweep.parameters import Parameter, Trial
 
 _A, _F, _M = AvoidanceParams(), FeatureParams(), MatchParams()
 
 PARAMETERS: Mapping[str, Parameter] = {
-    "arena": Parameter("hallway", words=tuple(ARENAS)),
+    "arena": Parameter("hallway", words=tuple(arenas(test=False))),
     "seed": Parameter(0, 0, 2**31 - 1),
     "controller": Parameter("published", words=controller_names()),
     "seconds": Parameter(30.0, 1, 86400),

@@ -1,0 +1,313 @@
+"""Rasteriser for textured triangles, row by row: the depth test for each pixel first, then colors where they show.
+
+Triangles are linear functions of columns and rows: Olano and Greer, "Triangle scan conversion using 2D homogeneous
+coordinates" (1997). Such functions hold for corners behind the camera as well, so that nothing has to be clipped.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ndtorch.utils.jit import jit
+from ndtorch_robot.sim.render._kernels_textures import sample_bilinear, sample_trilinear
+
+Array = Any
+
+i32, f32, u8 = np.int32, np.float32, np.uint8
+ONE = i32(0x3F800000)
+"""The bits of 1.0: a float's bits less these are its binary logarithm, straight from power to power."""
+
+
+@jit
+def rasterise(
+    corners: Array,
+    surface: Array,
+    texels: Array,
+    mipmaps: Array,
+    cameras: Array,
+    parts: Array,
+    reach: tuple[float, float],
+    out: Array,
+) -> None:
+    """Draw parts of frames of textured or plain triangles with trilinear mipmaps, as OpenGL drivers do.
+
+    Args:
+        corners: see `visible_triangles`, `[N, 3, 5]`.
+        surface: `[N]` int32: number of the texture, or -1 less a color of 24 bits.
+        texels: see `bilinear`.
+        mipmaps: of each texture, `[P, L, 3]` int32, see `sample_bilinear`; a width of 0 is none.
+        cameras: `[C, 4, 3]` float64, see `visible_triangles`.
+        parts: `[n, 6]` int64: number of the camera; top, bottom, left and right in its frame; the first pixel in `out`.
+            Those of one camera follow each other.
+        reach: nearest and farthest that is drawn, m.
+        out: `[pixels, 3]` uint8; rows of a part follow each other.
+    """
+    widest = 0
+    for k in range(parts.shape[0]):
+        widest = max(widest, parts[k, 4] - parts[k, 3])
+    triangle, number = np.empty((corners.shape[0], 6, 3)), np.empty(corners.shape[0], np.int64)
+    here, rows = np.empty(corners.shape[0], np.int64), np.empty((corners.shape[0], 2), np.int64)
+    ends = np.empty((corners.shape[0], 2, 5, 2))
+    nearest, which, line = np.empty(widest, np.float32), np.empty(widest, np.int32), np.empty(widest, np.uint32)
+    ramp = np.arange(widest).astype(np.float32)
+    across, up = np.empty(widest, np.float32), np.empty(widest, np.float32)
+    square, sizes = np.empty(widest, np.float32), np.empty(widest, np.int32)
+    bits, aimed, count = square.view(np.int32), np.int64(-1), 0
+    for k in range(parts.shape[0]):
+        camera, top, bottom, left, right = parts[k, 0], parts[k, 1], parts[k, 2], parts[k, 3], parts[k, 4]
+        start = parts[k, 5]
+        if camera != aimed:
+            count, aimed = visible_triangles(corners, cameras[camera], reach[0], triangle, number), camera
+        some, width = 0, right - left
+        for n in range(count):
+            if bounds(triangle[n], (top, bottom, left, right), reach, rows[some], ends[some]):
+                here[some] = n
+                some += 1
+        for row in range(top, bottom):
+            depth_test(triangle, here[:some], rows, ends, row, left, ramp, nearest[:width], which[:width])
+            x = 0
+            while x < width:
+                end, n = x + 1, which[x]
+                while end < width and which[end] == n:
+                    end += 1
+                if n < 0 or surface[number[n]] < 0:
+                    line[x:end] = 0 if n < 0 else -1 - surface[number[n]]
+                else:
+                    mipmap = mipmaps[surface[number[n]]]
+                    u, v = across[x:end], up[x:end]
+                    interpolate(triangle[n], row, left + x, mipmap[0], ramp, u, v, square[x:end])
+                    shade(u, v, bits[x:end], sizes[x:end], texels, mipmap, line[x:end])
+                x = end
+            unpack_colors(line, out[start : start + width])
+            start += width
+
+
+@jit
+def depth_test(
+    triangle: Array,
+    here: Array,
+    rows: Array,
+    ends: Array,
+    row: int,
+    left: int,
+    ramp: Array,
+    nearest: Array,
+    which: Array,
+) -> None:
+    """The nearest triangle at every column of a row, -1 where there is none."""
+    nearest[:] = 0
+    which[:] = -1
+    for k in range(here.shape[0]):
+        if not rows[k, 0] <= row < rows[k, 1]:
+            continue
+        n = here[k]
+        first, end = span(ends[k], row)
+        if first < end:
+            slope = triangle[n, 3, 0]
+            begin = slope * first + triangle[n, 3, 1] * row + triangle[n, 3, 2]
+            update_depth(
+                f32(slope), f32(begin), i32(n), ramp, nearest[first - left : end - left], which[first - left :]
+            )
+
+
+@jit
+def update_depth(slope: float, begin: float, n: int, ramp: Array, nearest: Array, which: Array) -> None:
+    """Enter this triangle where it is nearer than all so far."""
+    for x in range(nearest.shape[0]):
+        here = slope * ramp[x] + begin
+        which[x] = n if here > nearest[x] else which[x]
+        nearest[x] = max(here, nearest[x])
+
+
+@jit
+def interpolate(
+    triangle: Array, row: int, left: int, mipmap: Array, ramp: Array, u: Array, v: Array, square: Array
+) -> None:
+    """Texture coordinates along some columns of a row of a triangle, see `texture_coordinates`."""
+    wide, high = f32(mipmap[1]), f32(mipmap[2])
+    depth, across, up = triangle[3], triangle[4], triangle[5]
+    q, s = depth[0] * left + depth[1] * row + depth[2], across[0] * left + across[1] * row + across[2]
+    t = up[0] * left + up[1] * row + up[2]
+    # Whole repetitions of the texture are subtracted before numbers are rounded to 24 bits.
+    whole, whole_up = np.floor(s / q), np.floor(t / q)
+    along = (f32(depth[0]), f32(across[0] - whole * depth[0]), f32(up[0] - whole_up * depth[0]))
+    down = (f32(depth[1]), f32(across[1] - whole * depth[1]), f32(up[1] - whole_up * depth[1]))
+    texture_coordinates(
+        (f32(q), f32(s - whole * q), f32(t - whole_up * q)), along, down, (wide, high), ramp, u, v, square
+    )
+
+
+@jit
+def texture_coordinates(
+    begin: tuple[float, float, float],
+    along: tuple[float, float, float],
+    down: tuple[float, float, float],
+    size: tuple[float, float],
+    ramp: Array,
+    u: Array,
+    v: Array,
+    square: Array,
+) -> None:
+    """Texture coordinates, and how many texels a pixel spans along its longer side, squared."""
+    (q0, s0, t0), (qx, sx, tx), (qy, sy, ty), (wide, high) = begin, along, down, size
+    for k in range(u.shape[0]):
+        x = ramp[k]
+        depth = f32(1) / (qx * x + q0)
+        a, b = (sx * x + s0) * depth, (tx * x + t0) * depth
+        u[k], v[k] = a - np.floor(a), b - np.floor(b)
+        along_u, along_v = (sx - a * qx) * wide, (tx - b * qx) * high
+        down_u, down_v = (sy - a * qy) * wide, (ty - b * qy) * high
+        longer = max(along_u * along_u + along_v * along_v, down_u * down_u + down_v * down_v)
+        square[k] = longer * depth * depth
+
+
+@jit
+def shade(u: Array, v: Array, bits: Array, sizes: Array, texels: Array, mipmaps: Array, line: Array) -> None:
+    """Colors of some columns, from the mipmaps whose texels are about as large as a pixel.
+
+    Args:
+        bits: of the squares that `texture_coordinates` found, as int32.
+        sizes: becomes twice the logarithm of those, in 256ths.
+    """
+    last = 0
+    while last + 1 < mipmaps.shape[0] and mipmaps[last + 1, 1] > 0:
+        last += 1
+    least, most = mipmap_levels(bits, i32(last << 8), sizes)
+    if most == 0:
+        sample_bilinear(u, v, texels, mipmaps[0], line)
+        return
+    first, end = 0, line.shape[0]
+    while first < end:
+        level, until = sizes[first] >> 8, end
+        if least >> 8 != most >> 8:
+            until = first + 1
+            while until < end and sizes[until] >> 8 == level:
+                until += 1
+        pair = mipmaps[min(level, last - 1) :]
+        if level == last:
+            sample_bilinear(u[first:until], v[first:until], texels, mipmaps[last], line[first:until])
+        else:
+            sample_trilinear(u[first:until], v[first:until], sizes[first:until], texels, pair, line[first:until])
+        first = until
+
+
+@jit
+def mipmap_levels(bits: Array, most: Any, sizes: Array) -> tuple[Any, Any]:
+    """Levels in 256ths, from 0 to `most`; the smallest and the largest of them."""
+    low: Any = most
+    high: Any = i32(0)
+    for k in range(sizes.shape[0]):
+        size = min(max(i32(i32(bits[k] - ONE) >> i32(16)), i32(0)), most)
+        sizes[k] = size
+        low, high = min(low, size), max(high, size)
+    return low, high
+
+
+@jit
+def unpack_colors(line: Array, pixels: Array) -> None:
+    """Red, green and blue of every pixel next to each other."""
+    for x in range(pixels.shape[0]):
+        pixels[x, 0], pixels[x, 1], pixels[x, 2] = u8(line[x]), u8(line[x] >> 8), u8(line[x] >> 16)
+
+
+@jit
+def visible_triangles(corners: Array, camera: Array, near: float, out: Array, number: Array) -> int:
+    """Project the triangles that face a camera and lie at least partly ahead of it; returns their number.
+
+    Args:
+        corners: `[N, 3, 5]` float64: x, y, z and texture coordinates; counter-clockwise as seen from the front.
+        camera: `[4, 3]`: its position, and the factors of a point's offset from it that give column times depth,
+            row times depth, and depth.
+        near: smallest depth that is drawn.
+        out: `[N, 6, 3]`: factors of column, row and 1 of the three edges (positive inside), of 1 / depth, and of the
+            texture coordinates over depth.
+        number: `[N]`, their numbers.
+    """
+    found = 0
+    for n in range(corners.shape[0]):
+        x0, y0, w0 = project(corners[n, 0], camera)
+        x1, y1, w1 = project(corners[n, 1], camera)
+        x2, y2, w2 = project(corners[n, 2], camera)
+        if w0 < near and w1 < near and w2 < near:
+            continue
+        ax, ay, aw = y1 * w2 - w1 * y2, w1 * x2 - x1 * w2, x1 * y2 - y1 * x2
+        size = ax * x0 + ay * y0 + aw * w0
+        if size > -1e-9:  # rows count downward, which turns the sense of the corners
+            continue
+        triangle, scale = out[found], 1 / size
+        triangle[0, 0], triangle[0, 1], triangle[0, 2] = ax * scale, ay * scale, aw * scale
+        triangle[1, 0], triangle[1, 1] = (y2 * w0 - w2 * y0) * scale, (w2 * x0 - x2 * w0) * scale
+        triangle[1, 2] = (x2 * y0 - y2 * x0) * scale
+        triangle[2, 0], triangle[2, 1] = (y0 * w1 - w0 * y1) * scale, (w0 * x1 - x0 * w1) * scale
+        triangle[2, 2] = (x0 * y1 - y0 * x1) * scale
+        for k in range(3):
+            triangle[3, k] = triangle[0, k] + triangle[1, k] + triangle[2, k]
+            for c in range(2):
+                total = triangle[0, k] * corners[n, 0, 3 + c] + triangle[1, k] * corners[n, 1, 3 + c]
+                triangle[4 + c, k] = total + triangle[2, k] * corners[n, 2, 3 + c]
+        number[found] = n
+        found += 1
+    return found
+
+
+@jit
+def project(corner: Array, camera: Array) -> tuple[float, float, float]:
+    """A corner's column and row, both times its depth, and its depth."""
+    x, y, z = corner[0] - camera[0, 0], corner[1] - camera[0, 1], corner[2] - camera[0, 2]
+    return (
+        camera[1, 0] * x + camera[1, 1] * y + camera[1, 2] * z,
+        camera[2, 0] * x + camera[2, 1] * y + camera[2, 2] * z,
+        camera[3, 0] * x + camera[3, 1] * y + camera[3, 2] * z,
+    )
+
+
+@jit
+def bounds(
+    triangle: Array, rect: tuple[int, int, int, int], reach: tuple[float, float], rows: Array, ends: Array
+) -> bool:
+    """Whether a triangle may be visible in a rectangle of the frame (top, bottom, left, right), and where.
+
+    Args:
+        reach: nearest and farthest that is drawn.
+        rows: the first row, and the one after the last, `[2]`.
+        ends: five bounds from the left and five from the right, each a factor of the row and a column: `[2, 5, 2]`.
+    """
+    (top, bottom, left, right), (near, far) = rect, reach
+    first, last = float(top), float(bottom - 1)
+    for k in range(5):
+        a, b, c = triangle[min(k, 3), 0], triangle[min(k, 3), 1], triangle[min(k, 3), 2]
+        if k == 3:
+            c -= 1 / far
+        elif k == 4:
+            a, b, c = -a, -b, 1 / near - c
+        ends[0, k, 0] = ends[1, k, 0] = 0.0
+        ends[0, k, 1], ends[1, k, 1] = left, right - 1
+        if a != 0:
+            side = 0 if a > 0 else 1
+            ends[side, k, 0], ends[side, k, 1] = -b / a, -c / a
+        most = c + max(a * left, a * (right - 1))
+        if b > 0:
+            first = max(first, -most / b)
+        elif b < 0:
+            last = min(last, -most / b)
+        elif most < 0:
+            return False
+    if not first <= last:
+        return False
+    rows[0], rows[1] = math.ceil(first), math.floor(last) + 1
+    return True
+
+
+@jit
+def span(ends: Array, row: int) -> tuple[int, int]:
+    """The columns of a row that a triangle covers: the first, and the one after the last."""
+    low, high = ends[0, 0, 0] * row + ends[0, 0, 1], ends[1, 0, 0] * row + ends[1, 0, 1]
+    for k in range(1, 5):
+        low = max(low, ends[0, k, 0] * row + ends[0, k, 1])
+        high = min(high, ends[1, k, 0] * row + ends[1, k, 1])
+    if not low <= high:
+        return 0, 0
+    return math.ceil(low), math.floor(high) + 1

@@ -1,0 +1,58 @@
+"""A simulated car that has stopped for good is put back, as after a collision."""
+
+from __future__ import annotations
+
+from ndtorch.navigation import STOPPED
+from ndtorch_robot.navigator_runner import NavigatorRunner
+from ndtorch_robot.ports import Step
+from ndtorch_robot.safety import SafeDrive
+from ndtorch_robot.sim.simulation import Simulation
+
+STOP_TIME = 2.0
+"""Seconds after which a car that has stopped for good is put back."""
+
+
+class AutoResume:
+    """An observer: puts a car back and tells it to go that stands because of its cameras; that is a stop for good.
+
+    Args:
+        safe: the safety layer of the car.
+        respawn: where stops are counted.
+    """
+
+    def __init__(self, safe: SafeDrive, respawn: Respawn) -> None:
+        self.safe, self.respawn = safe, respawn
+        self.since: float | None = None
+
+    def __call__(self, step: Step) -> None:
+        if step.standing is None:
+            self.since = None
+        elif self.since is None:
+            self.since = step.time
+        elif step.time - self.since >= STOP_TIME and (self.safe.blindness is not None or not self.safe.auto_recover):
+            self.since = None
+            self.respawn.stops.append(step.time)
+            self.respawn.simulation.respawn()
+            self.safe.resume()
+
+
+class Respawn:
+    """An observer: whom nobody carries in a corridor stands there for ever, here somebody does.
+
+    Attributes:
+        stops: times at which the controller stopped for good.
+    """
+
+    def __init__(self, simulation: Simulation, runner: NavigatorRunner) -> None:
+        self.simulation, self.runner = simulation, runner
+        self.stops: list[float] = []
+        self.standing = 0
+
+    def __call__(self, step: Step) -> None:
+        stopped = step.state is not None and self.runner.mode() == STOPPED
+        self.standing = self.standing + 1 if stopped else 0
+        if self.standing == 1 and step.frames is not None:
+            self.stops.append(step.frames.time)
+        if self.standing >= STOP_TIME * self.runner.rate:
+            self.standing = 0
+            self.simulation.respawn()

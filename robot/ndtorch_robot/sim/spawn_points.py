@@ -1,0 +1,81 @@
+"""Free places: where a drive can begin, and where the car is put back after a collision."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from ndtorch.errors import InputError
+from ndtorch_robot.sim.plan import Floats, Plan, Point
+
+STEP = 0.2
+"""Spacing of the places that are tried, m."""
+
+
+class SpawnPoints:
+    """Places of a plan where the car fits.
+
+    Raises:
+        InputError: there is none.
+    """
+
+    def __init__(self, plan: Plan, room: float = 0.6) -> None:
+        self.plan = plan
+        left, right, bottom, top = plan.bounds
+        grid = np.meshgrid(np.arange(left, right, STEP) + 0.1, np.arange(bottom, top, STEP) + 0.1, indexing="ij")
+        points = np.stack([axis.ravel() for axis in grid], -1)
+        clear = plan.clearance(points)
+        self.free = points[clear > 0]
+        self.points = points[clear >= min(room, 0.95 * float(clear.max()))]
+        if clear.max() < 0.35:
+            raise InputError(f"arena {plan.name}: nowhere as wide as the car needs (0.7 m)")
+
+    def random(self, rng: np.random.Generator) -> tuple[float, float, float]:
+        """A random place and its best heading."""
+        x, y = self.points[int(rng.integers(len(self.points)))]
+        return float(x), float(y), self.heading(float(x), float(y))
+
+    def near(self, x: float, y: float, away_from: Point | None = None) -> tuple[float, float, float]:
+        """The nearest place, at least 1.2 m from `away_from`, and its best heading."""
+        return next(self.by_distance(x, y, away_from))
+
+    def by_distance(self, x: float, y: float, away_from: Point | None = None) -> Iterator[tuple[float, float, float]]:
+        """All places at least 1.2 m from `away_from`, the nearest first, each with its best heading."""
+        points = self.points
+        if away_from is not None:
+            far = np.hypot(*(points - np.array(away_from)).T) > 1.2
+            points = points[far] if far.any() else points
+        for k in np.hypot(*(points - np.array((x, y))).T).argsort(kind="stable"):
+            yield float(points[k][0]), float(points[k][1]), self.heading(float(points[k][0]), float(points[k][1]))
+
+    def heading(self, x: float, y: float) -> float:
+        """Of 24 directions the one in which a car can drive farthest."""
+        angles: Floats = np.arange(24, dtype=np.float64) * (2 * math.pi / 24)
+        return float(angles[int(self.lengths(x, y, angles).argmax())])
+
+    def lengths(self, x: float, y: float, angles: Floats, half_width: float = 0.25) -> Floats:
+        """How far a car could drive straight on in each direction, m."""
+        result = np.full(len(angles), np.inf)
+        for k, angle in enumerate(angles):
+            for aside in (-half_width, 0.0, half_width):
+                eye = np.array([x - aside * math.sin(angle), y + aside * math.cos(angle)])
+                result[k] = min(result[k], float(self.plan.cast(eye, np.array([angle]))[0]))
+        return result
+
+    def walk(self, rng: np.random.Generator, avoid: Point) -> tuple[Point, Point]:
+        """Two places with nothing in between, at most 4 m apart and away from `avoid`, to walk to and fro."""
+        far = np.hypot(*(self.points - np.array(avoid)).T) > 2.0
+        points = self.points[far] if far.any() else self.points
+        best: tuple[float, Point, Point] | None = None
+        for _ in range(20):
+            x, y = (float(v) for v in points[int(rng.integers(len(points)))])
+            angle = float(rng.uniform(0, 2 * math.pi))
+            length = min(4.0, float(self.lengths(x, y, np.array([angle]), 0.35)[0]) - 0.5)
+            end = (x + length * math.cos(angle), y + length * math.sin(angle))
+            if length > 0 and (best is None or length > best[0]):
+                best = (length, (x, y), end)
+        if best is None:
+            raise InputError(f"arena {self.plan.name} has no room for a moving obstacle")
+        return best[1], best[2]
