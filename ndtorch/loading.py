@@ -9,6 +9,7 @@ from ndtorch.binding.models.contract import BindingModel
 from ndtorch.binding.models.kinds import REMOVED, kind_of, load_folder, removed
 from ndtorch.errors import InputError
 from ndtorch.nearest import meant
+from ndtorch.utils.backend import Backend, set_backend
 
 HERE = Path(__file__).resolve().parent
 # In an installed package the models lie inside it, in a checkout beside it.
@@ -41,6 +42,7 @@ def load(
     size: int | tuple[int, int] | None = None,
     fps: float | None = None,
     border: str | None = None,
+    backend: Backend = "auto",
     **options: Any,
 ) -> BindingModel:
     """A model that comes with the package, or one of your own: `load("published", fps=30, border="reflect")`.
@@ -50,6 +52,8 @@ def load(
         size: height and width of the frames, pixels; a single number means a square.
         fps: frames a second.
         border: "wrap" where the scene is a torus, "reflect" for video.
+        backend: "numba" computes by compiled kernels, "torch" by tensor operations (gradients, GPU, export), "auto" by
+            kernels wherever they can do the work.
         options: other values for keys of its config.toml, and `first_stage`, a trained `FirstStage` or `[10, 10]`.
 
     Raises:
@@ -62,7 +66,9 @@ def load(
     """
     given = {"size": size, "fps": fps, "border": border}
     options |= {name: value for name, value in given.items() if value is not None}
-    return load_folder(model_folder(model), options)
+    made = load_folder(model_folder(model), options)
+    set_backend(made, backend)
+    return made
 
 
 def model_kind(model: str | Path) -> str:

@@ -10,13 +10,13 @@ import torch
 from torch import Tensor, nn
 
 from ndtorch.arguments import check_batch, check_number, check_state, check_tensor, is_whole
-from ndtorch.binding.delayed_kernel import delayed_steps
 from ndtorch.binding.feedback import FEEDBACKS, Feedback, through
 from ndtorch.binding.learning import Constants, Moment, NetworkState, WhenFull, moments, network_step
+from ndtorch.binding.network_kernels import delayed_steps, shared_fits, shared_steps
 from ndtorch.binding.rules import Rule, ScaleFreeRule, learning_rule
 from ndtorch.binding.settling import latest_changes
-from ndtorch.binding.shared_kernel import by_kernel, fits
 from ndtorch.errors import InputError
+from ndtorch.utils.backend import Backend, check_backend
 from ndtorch.vision.blocks import BlockLowPass, Stretch
 from ndtorch.vision.temporal import low_pass_step, smoothing_factor
 
@@ -55,6 +55,8 @@ class InhibitoryNetwork(nn.Module):
             weights themselves.
         tau_rough: memory of what `alternation` looks at, seconds: long against a sample, short against learning.
         initial: weights to start from, `[N, N]`; None for zeros.
+        backend: "numba" takes the steps by a kernel, "torch" by tensor operations, "auto" by a kernel where the
+            network has one, no gradient is needed and the inputs are on a CPU.
         gamma: what was said here in version 0.1 is an option of the rule.
 
     Shapes:
@@ -90,6 +92,7 @@ class InhibitoryNetwork(nn.Module):
         tau_mean: float = 2.0,
         tau_rough: float = 0.5,
         initial: Tensor | None = None,
+        backend: Backend = "auto",
         gamma: None = None,
     ) -> None:
         super().__init__()
@@ -113,7 +116,7 @@ class InhibitoryNetwork(nn.Module):
             check_number(name, value, least=0, unit="seconds" if name in seconds else "")
         if feedback == "delayed" and every > dt:
             raise InputError(f"with delayed feedback the weights change at every step of {dt} s, got every={every}")
-        self.neurons, self.dt, self.shared = neurons, dt, shared
+        self.neurons, self.dt, self.shared, self.backend = neurons, dt, shared, check_backend(backend)
         self.a_in, self.a_rough = smoothing_factor(tau_in, dt, "tau_in"), smoothing_factor(tau_rough, dt, "tau_rough")
         rule = learning_rule(rule) if isinstance(rule, str) else rule
         self.every = max(1, round(every / dt))
@@ -147,6 +150,9 @@ class InhibitoryNetwork(nn.Module):
         constants = {"tau_in": math.inf, "tau_out": 2.0, "settle": 0.0, "faint": 0.05, **options}
         return cls(neurons, dt, rule, "settled", shared=True, **constants)
 
+    def extra_repr(self) -> str:
+        return f"neurons={self.neurons}, feedback={self.constants.feedback!r}, backend={self.backend!r}"
+
     def start(self, first: Tensor) -> NetworkState:
         """State at rest, its input filter settled on the first input `[..., N]`, or `[..., F, N]` of fields."""
         batch, n = first.shape[: -2 if self.shared else -1], self.neurons
@@ -175,12 +181,12 @@ class InhibitoryNetwork(nn.Module):
         time, c = self._check(inputs), self.constants
         check_batch(state, inputs.shape[:time], "weights", "outputs")
         state = self.start(inputs.select(time, 0)) if state is None else state
-        found = delayed_steps(inputs, state, c, self.a_in, self.a_rough)
+        found = delayed_steps(inputs, state, c, (self.a_in, self.a_rough), self.backend)
         if found is not None:
             return found
         drive, input_low = self._drive(inputs, state.input_low, time)
-        if fits(drive, state, c):
-            out, now, changes = by_kernel(drive, state, c)
+        if shared_fits(drive, state, c, self.backend):
+            out, now, changes = shared_steps(drive, state, c)
             return out, now._replace(
                 outputs=out[-1],
                 input_low=input_low,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ndtorch.kernels.filters import Array
 from ndtorch.utils.jit import jit
+from ndtorch.vision._kernels_row import Array
 
 
 @jit

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ndtorch.kernels.filters import Array
 from ndtorch.kernels.nth import few_of, middle_of
 from ndtorch.utils.jit import jit
+from ndtorch.vision._kernels_row import Array
 
 
 @jit

@@ -6,8 +6,8 @@ from math import ceil, floor
 
 import numpy as np
 
-from ndtorch.kernels.filters import Array
 from ndtorch.utils.jit import jit
+from ndtorch.vision._kernels_row import Array
 
 
 @jit

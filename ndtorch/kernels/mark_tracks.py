@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch.kernels.any_of import any_of
-from ndtorch.kernels.filters import Array
 from ndtorch.utils.jit import jit
+from ndtorch.vision._kernels_row import Array
 
 
 @jit

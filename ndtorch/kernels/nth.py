@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from ndtorch.kernels.filters import Array
 from ndtorch.utils.jit import jit
+from ndtorch.vision._kernels_row import Array
 
 FEW = 12
 """So few numbers are sorted one by one."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ndtorch.kernels.filters import Array
 from ndtorch.kernels.most_of import mark_most
 from ndtorch.kernels.nth import few_of, middle_of
 from ndtorch.utils.jit import jit
+from ndtorch.vision._kernels_row import Array
 
 
 @jit

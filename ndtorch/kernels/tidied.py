@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ndtorch.kernels.filters import Array
 from ndtorch.kernels.most_of import mark_most
 from ndtorch.kernels.widened import closed, copied, opened, row_of
 from ndtorch.kernels.without_shadow import without_shadow
 from ndtorch.utils.jit import jit
+from ndtorch.vision._kernels_row import Array
 
 leave_shadows_out = without_shadow
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ndtorch.kernels.filters import Array
 from ndtorch.kernels.most_of import inside
 from ndtorch.utils.jit import jit
+from ndtorch.vision._kernels_row import Array
 
 
 @jit

@@ -15,7 +15,7 @@ from ndtorch.kernels.row_ranges import row_ranges
 from ndtorch.kernels.search_ranges import search_ranges
 from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.navigation.rig import Rect
-from ndtorch.vision.one_pass import KINDS, image_kind, pixels
+from ndtorch.vision.feature_kernels import KINDS, image_kind, pixels
 from ndtorch.vision.temporal import FilterState
 
 LightLimits = tuple[float, float, float]

@@ -19,8 +19,8 @@ from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.row_ranging import RowRanging, RowRangingState
 from ndtorch.navigation.state import NavigatorState, Packed, StepState
 from ndtorch.navigation.strips import Strips, check_unit_range
+from ndtorch.vision.feature_kernels import KINDS, image_kind
 from ndtorch.vision.nondirectional import SPEED_SCALE
-from ndtorch.vision.one_pass import KINDS, image_kind
 from ndtorch.vision.temporal import FilterState
 
 

@@ -214,9 +214,6 @@ class Limited(FrameSource):
     def chunks(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:
         return self._first(self.source.chunks(frames, start))
 
-    def borrowed(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:
-        return self._first(self.source.borrowed(frames, start))
-
     def _first(self, chunks: Iterator[Tensor]) -> Iterator[Tensor]:
         left = self.length
         assert left is not None

@@ -61,7 +61,7 @@ def run_model(
     began = time.perf_counter()
     try:
         with torch.inference_mode(), maker:
-            for frames in source.borrowed(length, start):
+            for frames in source.chunks(length, start):
                 frames = frames.to(device)
                 signals, after = model(frames, state)
                 # The limit on the radius keeps no non-normal weights from blowing up: stop at the last numbers.

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import torch
@@ -13,11 +13,9 @@ from torch import Tensor
 
 from ndtorch.arguments import check_number
 from ndtorch.errors import InputError
-from ndtorch.kernels.draw_bars import draw_bars
-from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.scenes.fluctuation import Fluctuation, NoFluctuation
 from ndtorch.scenes.parameters import check_color, check_place
-from ndtorch.scenes.rendered import RenderedScene, check_chunks
+from ndtorch.scenes.rendered import RenderedScene
 
 
 @dataclass(frozen=True)
@@ -137,57 +135,14 @@ class BarScene(RenderedScene):
         seconds = torch.arange(start, stop, device=self.device).double() / self.fps
         canvas = torch.zeros(*self.batch, len(seconds), 3, height * width, device=self.device)
         if len(seconds):
-            if not self.batch and kernels_wanted(canvas):
-                self._paint_all(canvas.view(-1, 3, height, width), seconds)
-                return canvas.view(-1, 3, height, width)
             scale = self._scale(seconds)
             for k in range(len(self._reach)):
                 self._paint(canvas, k, seconds, scale[..., k, :])
         return canvas.view(*canvas.shape[:-1], height, width)
 
-    def borrowed(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:
-        """As of every source: the bars of one scene are wiped out of one canvas and painted anew."""
-        if self.batch or self.device.type != "cpu" or not kernels_wanted():
-            return self.chunks(frames, start)
-        check_chunks(frames, start)
-        return self._repainted(frames, start)
-
-    def _repainted(self, frames: int, start: int) -> Iterator[Tensor]:
-        canvas = torch.zeros(frames, 3, *self.size)
-        centers: Any = np.empty((0, len(self._reach), 2))
-        for first in range(start, self.length, frames):
-            chunk = canvas[: min(frames, self.length - first)]
-            seconds = torch.arange(first, first + len(chunk)).double() / self.fps
-            centers = self._paint_all(chunk, seconds, centers[: len(chunk)])
-            yield chunk
-
     def _scale(self, seconds: Tensor) -> Tensor:
         """Size of the bars relative to their own at those times, `[*batch, K, T]`."""
         return self.fluctuation.scale(seconds).expand(*self.batch, len(self._reach), len(seconds))
-
-    def _paint_all(self, canvas: Tensor, seconds: Tensor, before: Any = None) -> Any:
-        """Paint all bars of one scene into `canvas` `[T, 3, H, W]` by a kernel.
-
-        Args:
-            before: where they were painted in the first of these frames before, an array `[T', K, 2]`; None if nowhere.
-
-        Returns:
-            Where they are now.
-        """
-        at, velocity = torch.stack((self._x, self._y), -1), torch.stack((self._vx, self._vy), -1)
-        centers = (at + velocity * seconds[:, None, None]).numpy()
-        sizes = torch.stack((self._width, self._length), -1) * self._scale(seconds).mT.unsqueeze(-1)
-        draw_bars(
-            centers[:0] if before is None else before,
-            centers,
-            sizes.numpy(),
-            np.array(self._reach),
-            torch.stack((self._cos, self._sin), -1).numpy(),
-            self._color.numpy(),
-            self._light.numpy(),
-            canvas.numpy(),
-        )
-        return centers
 
     def _paint(self, canvas: Tensor, k: int, seconds: Tensor, scale: Tensor) -> None:
         """Paint bar k into `canvas` `[*batch, T, 3, H W]`: only the patch around it is touched."""

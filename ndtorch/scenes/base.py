@@ -30,10 +30,3 @@ class FrameSource(ABC):
         Values are in 0..1 (float) or 0..255 (uint8). Every yielded tensor is the caller's to keep.
         A few frames at a time are fastest on a CPU: 500x500 RGB frames leave the cache after one or two.
         """
-
-    def borrowed(self, frames: int = 8, start: int = 0) -> Iterator[Tensor]:
-        """`chunks`, of which each may be written over when the next one is asked for: to look at and let go.
-
-        A scene that draws into the same memory again has less to do. By default these are `chunks`.
-        """
-        return self.chunks(frames, start)

@@ -10,9 +10,10 @@ from torch import Tensor, nn
 from ndtorch.arguments import check_size, check_state
 from ndtorch.errors import InputError
 from ndtorch.memory import keep_freed_memory
+from ndtorch.utils.backend import Backend, check_backend
+from ndtorch.vision.feature_kernels import fresh, image_kind, one_pass_fits, pass_over, together
 from ndtorch.vision.frames import as_float, check_frames, check_values, grey
 from ndtorch.vision.motion import Border, HassensteinReichardt, MotionState
-from ndtorch.vision.one_pass import fresh, image_kind, one_pass_fits, pass_over, together
 from ndtorch.vision.orientation import OrientedDoG
 
 FEATURES: tuple[str, ...] = (
@@ -37,7 +38,7 @@ CPU_PIXELS = 1 << 18
 CUDA_PIXELS = 1 << 25
 
 
-FUSED = "the sums are compiled without it where Numba is installed"
+FUSED = "the sums are always compiled"
 """What took the place of the option `fused` of version 0.1."""
 
 
@@ -45,8 +46,7 @@ class VisualFeatures(nn.Module):
     """Ten wide-field signals of a sequence of frames, and the images they are sums of. [B §2.1, fig. 1]
 
     `forward` gives the spatial sums, the input of the binding networks; `images` gives the feature images,
-    the material of attention. Both advance the same state: use one or the other on a stream. Under
-    `torch.inference_mode()` on a CPU the sums are taken by kernels, see `ndtorch.kernels`; without Numba, by torch.
+    the material of attention. Both advance the same state: use one or the other on a stream.
 
     Args:
         size: height and width of the frames in pixels.
@@ -55,6 +55,8 @@ class VisualFeatures(nn.Module):
         border: "wrap" for toroidal scenes, "reflect" for real video.
         exact: sum the orientation responses at full resolution instead of on a coarse grid (see `OrientedDoG`).
         center, surround: deviations of the orientation filters along and across, pixels.
+        backend: "numba" takes the sums by kernels, "torch" by tensor operations, "auto" by kernels where no gradient
+            is needed and the frames are on a CPU.
         fused: gone since version 0.2; an error says what took its place.
 
     Shapes:
@@ -80,6 +82,7 @@ class VisualFeatures(nn.Module):
         center: tuple[float, float] = (19.0, 6.0),
         surround: tuple[float, float] = (22.0, 9.0),
         *,
+        backend: Backend = "auto",
         fused: None = None,
     ) -> None:
         super().__init__()
@@ -87,9 +90,14 @@ class VisualFeatures(nn.Module):
             raise InputError(f"fused is gone: {FUSED}")
         check_size("size", size, 2)
         self.size = (int(size[0]), int(size[1]))
+        self.backend = check_backend(backend)
         self.motion = HassensteinReichardt(dt, tau_high, tau_low, border)
         self.orientation = OrientedDoG(self.size, center=center, surround=surround, border=border, exact=exact)
+        self.orientation.backend = self.backend
         keep_freed_memory()
+
+    def extra_repr(self) -> str:
+        return f"size={self.size}, backend={self.backend}"
 
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
         check_state(state, MotionState)
@@ -97,7 +105,7 @@ class VisualFeatures(nn.Module):
         batch = frames.shape[:-4]
         if batch and frames.device.type == "cpu" and frames.shape[-1] * frames.shape[-2] * 2 > CPU_PIXELS:
             return self._each(frames, state)
-        if (self.orientation.paired or self.orientation.exact) and one_pass_fits(frames, state):
+        if (self.orientation.paired or self.orientation.exact) and one_pass_fits(frames, state, self.backend):
             return self._one_pass(frames, state)
         check_values(frames)
         sums = []

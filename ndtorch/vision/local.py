@@ -7,12 +7,13 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_number, check_state
 from ndtorch.errors import InputError
+from ndtorch.vision._kernels_frame import FieldTables
+from ndtorch.vision.feature_kernels import field_pass, fresh, one_pass_fits, together
 from ndtorch.vision.features import VisualFeatures
+from ndtorch.vision.fft_pairs import PairFields, pair_fields
 from ndtorch.vision.fields import field_weights
 from ndtorch.vision.frames import as_float, check_frames, check_values, grey
 from ndtorch.vision.motion import MotionState, correlate
-from ndtorch.vision.one_pass import field_pass, fresh, one_pass_fits, together
-from ndtorch.vision.paired_grids import PairFields, pair_fields
 
 
 class LocalFeatures(nn.Module):
@@ -80,7 +81,7 @@ class LocalFeatures(nn.Module):
     def forward(self, frames: Tensor, state: MotionState | None = None) -> tuple[Tensor, MotionState]:
         check_state(state, MotionState)
         frames = check_frames(frames, self.features.size, values=False)
-        if self.features.orientation.paired and one_pass_fits(frames, state):
+        if self.features.orientation.paired and one_pass_fits(frames, state, self.features.backend):
             return self._together(*self._one_pass(frames, state))
         check_values(frames)
         signals = []
@@ -105,7 +106,10 @@ class LocalFeatures(nn.Module):
         orientation = self.features.orientation
         into, out = fresh(frames), []
         tables, fields = self._tables(into.slow.dtype)
-        arrays, count = [table.numpy() for table in tables], together(orientation.thinning, into.slow.dtype)
+        arrays, count = (
+            FieldTables(*(table.numpy() for table in tables)),
+            together(orientation.thinning, into.slow.dtype),
+        )
         for some in torch.split(frames, count):
             sums = torch.empty(len(some), 7, *self.grid, dtype=torch.float64)
             images = field_pass(some, state, self.features.motion, orientation.thinning, into, arrays, sums.numpy())

@@ -10,12 +10,9 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_size, is_finite
 from ndtorch.errors import InputError
-from ndtorch.kernels.mirrored import mirrored
-from ndtorch.kernels.switch import kernels_wanted
-from ndtorch.vision.frames import as_float, check_frames, grey
-from ndtorch.vision.motion import Border, check_border
-from ndtorch.vision.paired_grids import PairFields, field_sums, halves, pair_up, pair_weights, responses, weighted_sums
-from ndtorch.vision.thinning import (
+from ndtorch.utils.backend import Backend, kernels_wanted
+from ndtorch.vision._kernels_orientation import mirrored
+from ndtorch.vision.decimation import (
     Thinning,
     halvings,
     inside_weights,
@@ -27,6 +24,9 @@ from ndtorch.vision.thinning import (
     thin_rows,
     thinning_gain,
 )
+from ndtorch.vision.fft_pairs import PairFields, field_sums, halves, pair_up, pair_weights, responses, weighted_sums
+from ndtorch.vision.frames import as_float, check_frames, grey
+from ndtorch.vision.motion import Border, check_border
 
 ANGLES: tuple[float, ...] = (0.0, 60.0, 120.0)
 """Preferred orientations in degrees, counter-clockwise from vertical. [B §2.1.2]"""
@@ -108,6 +108,7 @@ class OrientedDoG(nn.Module):
     column_weights: Tensor
     pair_filters: Tensor
     pair_weights: Tensor
+    backend: Backend = "auto"
 
     def __init__(
         self,
@@ -261,7 +262,7 @@ class OrientedDoG(nn.Module):
         if self.border == "wrap":
             return image
         top, left = self.margin
-        if kernels_wanted(image) and image.numel():
+        if image.numel() and kernels_wanted(image, backend=self.backend):
             padded = image.new_empty(*image.shape[:-2], *self.padded)
             flat = image.reshape(-1, *image.shape[-2:]).contiguous()
             mirrored(flat.numpy(), top, left, padded.view(-1, *self.padded).numpy())

@@ -99,7 +99,7 @@ def model_rows(rounds: int = 7) -> list[Row]:
             for _ in range(rounds):
                 spent = dict.fromkeys(("drawing", "pixels", "networks", "transform"), 0.0)
                 state, scene = None, two_bars(seconds=1.0)
-                chunks = scene.borrowed(8)
+                chunks = scene.chunks(8)
 
                 def timed(part: str, job: Callable[..., Any], *given: Any, to: dict[str, float] = spent) -> Any:
                     start = time.thread_time()

@@ -10,9 +10,9 @@ import torch.nn.functional as F
 
 from ndtorch.kernels.field_sums import field_sums
 from ndtorch.kernels.halved_colors import halved_colors
-from ndtorch.kernels.mirrored import mirrored
 from ndtorch.kernels.softened import softened
 from ndtorch.kernels.without_shadow import without_shadow
+from ndtorch.vision._kernels_orientation import mirrored
 from ndtorch.vision.camera.figures import shadow
 from ndtorch.vision.camera.ground import GroundParams
 

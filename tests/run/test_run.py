@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -55,19 +54,6 @@ def test_pictures_come_at_their_rate_with_the_frame_and_what_is_in_sight() -> No
         assert picture.frame.shape == (16, 16, 3)
         assert picture.enhanced is None
         assert [thing.place for thing in picture.objects] == [(number, 4)]
-
-
-def test_pictures_keep_frames_of_memory_that_is_used_again() -> None:
-    class Reused(Count):
-        def borrowed(self, frames: int = 8, start: int = 0) -> Iterator[torch.Tensor]:
-            memory = torch.empty(frames, 3, 16, 16, dtype=torch.uint8)
-            for chunk in self.chunks(frames, start):
-                yield memory[: len(chunk)].copy_(chunk)
-                memory.fill_(99)
-
-    notes = Notes()
-    run_model(StubModel(), Reused(23), pictures_per_second=2, watchers=(notes,))
-    assert [int(picture.frame[0, 0, 0]) for picture in notes.pictures] == [4, 9, 14, 19]
 
 
 def test_without_pictures_nobody_makes_any() -> None:

@@ -232,33 +232,3 @@ def test_scenes_that_cannot_be() -> None:
         scene(bar).chunks(0)
     with pytest.raises(InputError, match="start"):
         scene(bar).chunks(8, start=-1)
-
-
-@pytest.mark.parametrize("fluctuation", [None, SineShadow(), RandomShadow(3), Distance(2.0, (0.0, 90.0))])
-def test_the_kernel_paints_what_torch_paints(fluctuation: Fluctuation | None) -> None:
-    pytest.importorskip("numba")
-    bars = [Bar(RED, 30.0, (2.5, 70.0)), Bar(GREEN, 290.0, (10.0, 60.0), 15.0, 90.0, width=0.6)]
-    drawn = scene(*bars, fluctuation=fluctuation)
-    wanted = drawn.frames(3, 9)
-    with torch.inference_mode():
-        found = drawn.frames(3, 9)
-        late = drawn.frames(8, 9)
-    assert float(wanted.max()) > 0.2
-    torch.testing.assert_close(found, wanted, rtol=0, atol=1e-6)
-    assert torch.equal(found[-1:], late)
-
-
-@pytest.mark.parametrize("frames", [1, 4])
-def test_borrowed_frames_are_those_of_chunks(frames: int) -> None:
-    bars = [Bar(RED, 30.0, (2.5, 70.0)), Bar(GREEN, 290.0, (10.0, 60.0), speed=900.0)]
-    drawn = scene(*bars, fluctuation=SineShadow(), seconds=0.1)
-    with torch.inference_mode():
-        wanted, found, memory = list(drawn.chunks(frames, 1)), [], set()
-        for chunk in drawn.borrowed(frames, 1):
-            found.append(chunk.clone())
-            memory.add(chunk.data_ptr())
-    assert [len(chunk) for chunk in found] == [len(chunk) for chunk in wanted]
-    assert torch.equal(torch.cat(found), torch.cat(wanted))
-    assert len(memory) == 1
-    with pytest.raises(InputError, match="frames"):
-        drawn.borrowed(0)

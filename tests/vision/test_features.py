@@ -217,5 +217,5 @@ def test_compiled_sums_are_the_same() -> None:
 
 
 def test_an_option_that_is_gone_says_what_took_its_place() -> None:
-    with pytest.raises(InputError, match="fused is gone: the sums are compiled without it"):
+    with pytest.raises(InputError, match="fused is gone: the sums are always compiled"):
         VisualFeatures(fused=True)  # type: ignore[arg-type]

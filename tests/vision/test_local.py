@@ -9,6 +9,7 @@ import torch
 
 from ndtorch import InputError
 from ndtorch.scenes import Bar, BarScene
+from ndtorch.utils.backend import set_backend
 from ndtorch.vision import LocalFeatures, VisualFeatures, field_weights
 from ndtorch.vision.motion import Border
 
@@ -80,16 +81,15 @@ def test_bad_pixels_are_refused() -> None:
     ],
 )
 def test_kernels_give_what_torch_gives(kind: torch.dtype, border: Border) -> None:
-    pytest.importorskip("numba")
     local = LocalFeatures(VisualFeatures((400, 40), border=border), 5)
     frames = torch.randint(0, 256, (4, 3, 400, 40), dtype=torch.uint8)
     frames = frames if kind == torch.uint8 else frames.to(kind) / 255
-    with torch.no_grad():
-        wanted, end = local(frames)
-    with torch.inference_mode():
-        beside = frames[:1].permute(0, 2, 3, 1).contiguous().permute(0, 3, 1, 2)
-        first, state = local(beside)
-        rest, last = local(frames[1:], state)
+    set_backend(local, "torch")
+    wanted, end = local(frames)
+    set_backend(local, "numba")
+    beside = frames[:1].permute(0, 2, 3, 1).contiguous().permute(0, 3, 1, 2)
+    first, state = local(beside)
+    rest, last = local(frames[1:], state)
     found = torch.cat([first, rest])
     assert found.dtype == wanted.dtype
     scale = wanted.flatten(0, 2).amax(0)
@@ -103,5 +103,5 @@ def test_kernels_give_what_torch_gives(kind: torch.dtype, border: Border) -> Non
 def test_kernels_find_bad_pixels() -> None:
     frames = torch.rand(1, 3, 400, 40)
     frames[0, 1, 3, 5] = math.nan
-    with torch.inference_mode(), pytest.raises(InputError, match="finite"):
+    with pytest.raises(InputError, match="finite"):
         LocalFeatures(VisualFeatures((400, 40)), 5)(frames)

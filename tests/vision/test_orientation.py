@@ -13,8 +13,7 @@ from scipy.ndimage import gaussian_filter
 from ndtorch.errors import InputError
 from ndtorch.scenes import moving_bar
 from ndtorch.vision import ANGLES, OrientedDoG, dog_spectrum
-from ndtorch.vision.motion import BORDERS, Border
-from ndtorch.vision.thinning import (
+from ndtorch.vision.decimation import (
     halvings,
     inside_weights,
     low_rows,
@@ -24,6 +23,7 @@ from ndtorch.vision.thinning import (
     thin_rows,
     thinning_gain,
 )
+from ndtorch.vision.motion import BORDERS, Border
 
 
 def noise(*shape: int, seed: int = 0) -> torch.Tensor:

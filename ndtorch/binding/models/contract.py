@@ -14,6 +14,7 @@ from ndtorch.binding.objects import BoundObject, ObjectTable
 from ndtorch.config import ModelConfig, config_text
 from ndtorch.errors import InputError
 from ndtorch.files import write_text
+from ndtorch.utils.backend import Backend
 
 Verdict = Literal["stable", "learning", "alternating", "static"]
 """What the objects are worth. `static`: nothing fluctuates, or nothing moved, so there is nothing to bind.
@@ -67,8 +68,10 @@ class BindingModel(nn.Module, ABC):
         config: all constants.
         dt: seconds between the rows of its signals.
         settle: seconds before it learns.
+        backend: which implementation computes, see `ndtorch.load`.
     """
 
+    backend: Backend = "auto"
     name: ClassVar[str]
     config_type: ClassVar[type[ModelConfig]]
     tracks: ClassVar[bool] = False
@@ -88,6 +91,9 @@ class BindingModel(nn.Module, ABC):
         """Height and width of the frames, pixels."""
         size: tuple[int, int] = self.config.size
         return size
+
+    def extra_repr(self) -> str:
+        return f"size={self.size}, fps={self.fps:g}, backend={self.backend!r}"
 
     @property
     def fps(self) -> float:

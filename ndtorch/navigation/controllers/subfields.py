@@ -9,8 +9,8 @@ from ndtorch.errors import InputError
 from ndtorch.navigation.rig import Rect, StereoRig
 from ndtorch.navigation.strip_kernels import eyes, largest_of_cells, state_fits
 from ndtorch.navigation.strips import check_eyes, check_unit_range, grey_pair
+from ndtorch.vision.feature_kernels import image_kind
 from ndtorch.vision.nondirectional import SPEED_SCALE, NDMin, spatial_maximum
-from ndtorch.vision.one_pass import image_kind
 from ndtorch.vision.temporal import FilterState
 
 

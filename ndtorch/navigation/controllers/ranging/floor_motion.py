@@ -13,8 +13,8 @@ from ndtorch.navigation.controllers.ranging.light import DARK, LARGEST, SMALLEST
 from ndtorch.navigation.rig import StereoRig
 from ndtorch.navigation.strip_kernels import eyes, largest_of_cells, matched_cells, state_fits
 from ndtorch.navigation.strips import check_eyes, check_unit_range, grey_pair
+from ndtorch.vision.feature_kernels import image_kind
 from ndtorch.vision.nondirectional import SPEED_SCALE, NDMin
-from ndtorch.vision.one_pass import image_kind
 from ndtorch.vision.temporal import FilterState
 
 LIMITS = (SMALLEST, LARGEST, DARK)

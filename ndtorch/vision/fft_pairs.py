@@ -8,9 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.kernels.pair_fields import pair_fields as pair_fields_kernel
-from ndtorch.kernels.pair_spectrum import pair_spectrum
-from ndtorch.kernels.pair_sums import pair_sums
+from ndtorch.vision._kernels_orientation import pair_fields as pair_fields_kernel
+from ndtorch.vision._kernels_orientation import pair_spectrum, pair_sums
 
 FAINT = 1e-12
 """Share of the largest value of a filter below which it is zero: the numbers at its far ends are so small that a

@@ -1,16 +1,16 @@
-"""A network with delayed feedback: the kernel does what its reference does."""
+"""Networks by kernels give what torch gives."""
 
 from __future__ import annotations
 
 import pytest
 import torch
 
-from ndtorch.binding import delayed_kernel
-from ndtorch.binding.delayed_kernel import fits
+from ndtorch.binding import network_kernels
+from ndtorch.binding._kernels import held_back
 from ndtorch.binding.network import InhibitoryNetwork
-from ndtorch.binding.rules import LearningRule, learning_rule
+from ndtorch.binding.network_kernels import delayed_fits
+from ndtorch.binding.rules import LearningRule, ScaleFreeRule, learning_rule
 from ndtorch.binding.spectrum import limit_spectral_radius
-from ndtorch.kernels.delayed_network import held_back
 
 RULES = {
     "published": learning_rule("competitive"),
@@ -33,13 +33,15 @@ def signals(kind: torch.dtype) -> torch.Tensor:
 @pytest.mark.parametrize(("kind", "close"), [(torch.float32, 2e-5), (torch.float64, 1e-9)])
 @pytest.mark.parametrize("name", RULES)
 @pytest.mark.parametrize("tau_in", [1.0, float("inf")])
-def test_the_kernel_is_its_reference(
+def test_delayed_feedback(
     name: str, tau_in: float, kind: torch.dtype, close: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rule, inputs = RULES[name], signals(kind)
     start = torch.full((6, 6), 0.05).fill_diagonal_(0) if rule is None else None
     network = InhibitoryNetwork(6, rule=rule, settle=0.2, tau_in=tau_in, window=0.3, initial=start)
+    network.backend = "torch"
     plain, end = network(inputs)
+    network.backend = "numba"
     monkeypatch.setattr(network, "_drive", None)  # which the reference needs
     state, parts = None, []
     with torch.inference_mode():
@@ -74,10 +76,12 @@ def test_weights_are_held_back_as_by_the_reference() -> None:
 def test_what_is_not_certain_is_left_to_the_reference(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whole stretches are made again, from where they began."""
     network, inputs = InhibitoryNetwork(6, rule=RULES["held back"], settle=0.2), signals(torch.float32)
+    network.backend = "torch"
     plain, end = network(inputs)
-    made = delayed_kernel.delayed_network
+    network.backend = "auto"
+    made = network_kernels.delayed_network
 
-    monkeypatch.setattr(delayed_kernel, "delayed_network", lambda *given: int(made(*given)) - 1)
+    monkeypatch.setattr(network_kernels, "delayed_network", lambda *given: int(made(*given)) - 1)
     with torch.inference_mode():
         out, state = network(inputs)
     assert torch.equal(out, plain)
@@ -93,4 +97,43 @@ def test_what_does_not_fit() -> None:
             (InhibitoryNetwork(6, when_full="stop"), inputs),
             (InhibitoryNetwork.scale_free(6), inputs),
         ):
-            assert not fits(given, network.start(given[..., 0, :]), network.constants)
+            assert not delayed_fits(given, network.start(given[..., 0, :]), network.constants, "auto")
+
+
+@pytest.mark.parametrize(("kind", "close"), [(torch.float32, 1e-5), (torch.float64, 1e-12)])
+@pytest.mark.parametrize("limit", [0.95, 0.2])
+def test_a_network_that_fields_share(
+    kind: torch.dtype, close: float, limit: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    generator = torch.Generator().manual_seed(1)
+    inputs = torch.rand(60, 6, 5, generator=generator, dtype=kind) * torch.rand(6, 5, generator=generator, dtype=kind)
+    inputs[:, :, 3] = 0.8 * inputs[:, :, 1] + 0.1 * inputs[:, :, 3]
+    # Nothing happens for a while.
+    inputs[20:35] = inputs[20]
+    network = InhibitoryNetwork.of_fields(5, 0.04, ScaleFreeRule(radius_limit=limit), tau_out=0.2)
+    network.backend = "torch"
+    plain, end = network(inputs)
+    network.backend = "numba"
+    careful, step = 0, network_kernels.network_step
+
+    def counted(*given: object) -> object:
+        nonlocal careful
+        careful += 1
+        return step(*given)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(network_kernels, "network_step", counted)
+    state, parts = None, []
+    with torch.inference_mode():
+        for chunk in inputs.split(7):
+            out, state = network(chunk, state)
+            parts.append(out)
+    assert state is not None
+    assert torch.allclose(torch.cat(parts), plain, rtol=0, atol=close)
+    for name, one, other in zip(end._fields, end, state, strict=True):
+        assert one.shape == other.shape, name
+        assert one.dtype == other.dtype, name
+        assert torch.allclose(one.double(), other.double(), rtol=0, atol=10 * close), name
+    assert float(end.weights.abs().max()) > 0.05
+    assert float(end.clock) < 60
+    # Weights near their limit are left to the reference.
+    assert (careful > 0) == (limit < 0.5)

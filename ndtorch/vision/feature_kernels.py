@@ -8,19 +8,18 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.kernels.front_end import front_end
-from ndtorch.kernels.local_sums import local_sums
-from ndtorch.kernels.switch import kernels_wanted
+from ndtorch.utils.backend import Backend, kernels_wanted
+from ndtorch.vision._kernels_frame import FieldTables, PassConstants, front_end, local_sums
+from ndtorch.vision.decimation import Thinning
 from ndtorch.vision.frames import check_range, rows_apart
 from ndtorch.vision.motion import HassensteinReichardt, MotionState
-from ndtorch.vision.thinning import Thinning
 
 KINDS = (torch.uint8, torch.float32, torch.float64)
 
 
-def one_pass_fits(frames: Tensor, state: MotionState | None) -> bool:
+def one_pass_fits(frames: Tensor, state: MotionState | None, backend: Backend = "auto") -> bool:
     """Whether frames `[T, 3, H, W]` and the state after the frame before them can go to the kernels."""
-    if frames.ndim != 4 or frames.dtype not in KINDS or not kernels_wanted(frames, *(state or ())):
+    if frames.ndim != 4 or frames.dtype not in KINDS or not kernels_wanted(frames, *(state or ()), backend=backend):
         return False
     return state is None or all(s.shape == frames.shape[-2:] and s.dtype == image_kind(frames) for s in state)
 
@@ -76,13 +75,13 @@ def field_pass(
     motion: HassensteinReichardt,
     thinning: Thinning,
     into: MotionState,
-    tables: list[Any],
+    tables: FieldTables,
     sums: Any,
 ) -> Tensor:
     """Images as of `pass_over`, which has the other arguments, and motion and color of every field into `sums`.
 
     Args:
-        tables: the last arguments of the kernel but for `sums`.
+        tables: which pixels belong to which field.
         sums: `[T, 7, R, C]`.
 
     Raises:
@@ -90,7 +89,7 @@ def field_pass(
     """
     images, wrong = np.empty((len(frames), *thinning.size), float_type(frames)), 0
     for frame, image, here in zip(frames.unbind(0), images, sums, strict=True):
-        wrong += by_kernel(local_sums, frame, state, motion, thinning, into, image, *tables, here)
+        wrong += by_kernel(local_sums, frame, state, motion, thinning, into, image, tables, here)
         state = into
     if wrong:
         check_range(frames)
@@ -120,12 +119,14 @@ def by_kernel(
         state is None,
         slow,
         delayed,
-        motion.a_high,
-        motion.a_low,
-        motion.border == "wrap",
-        thinning.blocks[0],
-        thinning.margins,
-        rows_apart(frames) if floats else 0,
+        PassConstants(
+            motion.a_high,
+            motion.a_low,
+            motion.border == "wrap",
+            thinning.blocks[0],
+            thinning.margins,
+            rows_apart(frames) if floats else 0,
+        ),
         *rest,
     )
 

@@ -1,0 +1,63 @@
+"""Which implementation computes: the compiled kernels of Numba, or torch."""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+from typing import Literal, get_args
+
+import torch
+from torch import Tensor, nn
+
+from ndtorch.errors import InputError
+
+Backend = Literal["auto", "numba", "torch"]
+"""`auto` takes kernels wherever they can do the work; `numba` refuses what they cannot do; `torch` takes none."""
+
+SWITCH = "NDTORCH_KERNELS"
+"""Environment variable: with 0, `auto` means torch."""
+
+
+def check_backend(backend: str) -> Backend:
+    """The backend of this name.
+
+    Raises:
+        InputError: there is none.
+    """
+    if backend not in get_args(Backend):
+        raise InputError(f"backend must be one of {', '.join(get_args(Backend))}, got {backend!r}")
+    return backend  # type: ignore[return-value]
+
+
+def set_backend(module: nn.Module, backend: str) -> None:
+    """Set the backend of a module and of everything in it that has a choice.
+
+    Raises:
+        InputError: there is no such backend.
+    """
+    chosen = check_backend(backend)
+    for part in module.modules():
+        if hasattr(part, "backend"):
+            part.backend = chosen
+
+
+def kernels_wanted(*tensors: Tensor, backend: Backend = "auto") -> bool:
+    """Whether kernels are to be used for these tensors: on the CPU, without gradients, outside of `torch.compile`.
+
+    Raises:
+        InputError: the backend is `numba`, and kernels cannot be used for them.
+    """
+    if backend == "torch" or torch.compiler.is_compiling():
+        return False
+    if backend == "auto" and not switched_on():
+        return False
+    possible = not any(not tensor.is_cpu or (tensor.requires_grad and torch.is_grad_enabled()) for tensor in tensors)
+    if backend == "numba" and not possible:
+        raise InputError("backend='numba' needs tensors on the CPU that need no gradient")
+    return possible
+
+
+@cache
+def switched_on() -> bool:
+    """What the environment says; it is read once."""
+    return os.environ.get(SWITCH, "1") != "0"
