@@ -9,7 +9,7 @@ from ndtorch.binding.models.contract import BindingModel
 from ndtorch.binding.models.kinds import REMOVED, kind_of, load_folder, removed
 from ndtorch.errors import InputError
 from ndtorch.nearest import meant
-from ndtorch.utils.backend import Backend, set_backend
+from ndtorch.utils.backend import set_backend
 
 HERE = Path(__file__).resolve().parent
 # In an installed package the models lie inside it, in a checkout beside it.
@@ -42,7 +42,7 @@ def load(
     size: int | tuple[int, int] | None = None,
     fps: float | None = None,
     border: str | None = None,
-    backend: Backend = "auto",
+    backend: str = "auto",
     **options: Any,
 ) -> BindingModel:
     """A model that comes with the package, or one of your own: `load("published", fps=30, border="reflect")`.

@@ -19,7 +19,7 @@ PACKAGES = ("ndtorch", "ndtorch_robot", "ndtorch_train")
 
 FLOORS = (
     "arguments checked code_digest config errors files installed kernels lazy locks memory nearest optional toml tree "
-    "workers",
+    "utils workers",
     "scenes vision",
     "binding navigation",
     "export loading",

@@ -168,7 +168,7 @@ def test_weights_of_whole_numbers_or_without_a_checksum_are_refused(folder: Path
     ("options", "message"),
     [
         ({"gama": 1.0}, r"options: unknown key 'gama'; did you mean gamma\?"),
-        ({"fused": True}, "options: fused is gone: the sums are compiled without it"),
+        ({"fused": True}, "options: fused is gone: the sums are always compiled"),
         ({"gamma": -1.0}, r"options: network: gamma = -1\.0"),
         ({"radius_limit": 2.0}, r"options: network: radius_limit = 2\.0"),
         ({"rule": "oja"}, "rule must be one of competitive"),

@@ -76,6 +76,10 @@ PARTS: dict[str, Part] = {
     "OrientedDoG": Part(lambda: vision.OrientedDoG(SIZE), pictures, state=False),
     "VisualFeatures": Part(lambda: vision.VisualFeatures(SIZE), pictures),
     "LocalFeatures": Part(lambda: vision.LocalFeatures(vision.VisualFeatures(SIZE), 4), pictures),
+    "CoherentMotion": Part(
+        lambda: vision.CoherentMotion((40, 48), DT, vision.CoherentParams(kept=0.3, fastest=9.0)),
+        lambda draw: (draw(3, 40, 48),),
+    ),
     "BindingInputs": Part(lambda: binding.BindingInputs(), signals),
     "InhibitoryNetwork": Part(lambda: binding.InhibitoryNetwork(settle=0.02), signals),
     "ObjectFiles": Part(lambda: binding.ObjectFiles((4, 4), 4.0), lambda draw: (draw(4, 4, 10),)),

@@ -38,7 +38,7 @@ def set_backend(module: nn.Module, backend: str) -> None:
     chosen = check_backend(backend)
     for part in module.modules():
         if hasattr(part, "backend"):
-            part.backend = chosen
+            part.backend = chosen  # type: ignore[assignment]
 
 
 def kernels_wanted(*tensors: Tensor, backend: Backend = "auto") -> bool:
