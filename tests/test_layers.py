@@ -18,9 +18,9 @@ HEAVY = ("cv2", "numba", "scipy", "torchvision", "rerun", "matplotlib", "mujoco"
 PACKAGES = ("ndtorch", "ndtorch_robot", "ndtorch_train")
 
 FLOORS = (
-    "arguments checked code_digest config errors files installed kernels lazy locks memory nearest optional toml tree "
-    "utils workers",
-    "scenes vision",
+    "arguments checked code_digest config errors files installed lazy locks memory nearest optional toml tree utils "
+    "workers",
+    "kernels scenes vision",
     "binding navigation",
     "export loading",
     "__main__ cli command_run commands completion ending report run",
