@@ -23,11 +23,14 @@ GROUP = "ndtorch.commands"
 
 ELSEWHERE = {
     "ndtorch-robot": ("arenas", "calibrate", "cameras", "check", "drive", "evaluate", "replay", "run"),
-    "ndtorch-train": ("first-stage", "reproduce", "score", "sweep"),
+    "ndtorch-train": ("benchmark", "first-stage", "reproduce", "sweep"),
 }
 """Commands of our other distributions, to name these where they are missing."""
 
-MOVED = {"soak": "fault injection is a test of the checkout: make soak MINUTES=10, or python -m tests.fault_injection"}
+MOVED = {
+    "score": "it is called ndtorch benchmark now, with the sub-commands scenes, hard, foreground, common-fate and ranges",
+    "soak": "fault injection is a test of the checkout: make soak MINUTES=10, or python -m tests.fault_injection",
+}
 """Commands of version 0.2, and what took their place."""
 
 UNREAD = 141
@@ -98,7 +101,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(NOTHING_KEPT, file=sys.stderr)
         return INTERRUPTED
-    return run_command(f"ndtorch {given[0]}", kind, given[1:])
+    parts = getattr(kind, "subcommands", None)
+    if parts is None:
+        return run_command(f"ndtorch {given[0]}", kind, given[1:])
+    return run_part(given[0], kind, parts, given[1:])
+
+
+def run_part(
+    name: str, kind: type[Subcommand], parts: Mapping[str, type[Subcommand]], given: Sequence[str]
+) -> int:
+    """Run one of the sub-commands of a command, which its class names in `subcommands`."""
+    if given and given[0] in parts:
+        return run_command(f"ndtorch {name} {given[0]}", parts[given[0]], given[1:])
+    if not given or given[0] in ("-h", "--help"):
+        lines = [f"usage: ndtorch {name} SUBCOMMAND ...", "", kind.__doc__ or "", ""]
+        lines += [f"  {part:14}{(one.__doc__ or '').splitlines()[0]}" for part, one in parts.items()]
+        print("\n".join([*lines, "", f"`ndtorch {name} SUBCOMMAND --help` says what each takes."]))
+        return 0 if given else UNUSABLE
+    near = meant(given[0], parts).removeprefix("; ") or f"there are {', '.join(parts)}"
+    print(f"error: ndtorch {name} has no sub-command {given[0]!r}; {near}", file=sys.stderr)
+    return UNUSABLE
 
 
 def program() -> int:
@@ -131,7 +153,10 @@ def print_completion(shell: Sequence[str], commands: Mapping[str, Sequence[Entry
 def flags_of_command(name: str, points: Sequence[EntryPoint]) -> list[str]:
     """What completion offers after a command; nothing for one that does not load."""
     try:
-        return [*flags_of(load_command(name, points)), *QUIET, "--help"]
+        kind = load_command(name, points)
+        parts: Mapping[str, type[Subcommand]] = getattr(kind, "subcommands", {})
+        flags = dict.fromkeys(flag for one in (kind, *parts.values()) for flag in flags_of(one))
+        return [*parts, *flags, *QUIET, "--help"]
     except CommandError:
         return []
 

@@ -13,7 +13,7 @@ from ndtorch.binding import PublishedModel, object_table, train_first_stage
 from ndtorch.vision import FEATURES, GROUPS
 from ndtorch_train.reproduce.context import Context, judged
 from ndtorch_train.reproduce.outcome import Outcome
-from ndtorch_train.reproduce.plots import (
+from ndtorch_train.plots import (
     BLUE,
     GREEN,
     ORANGE,

@@ -30,7 +30,7 @@ from ndtorch_train.reproduce.drives import DRIVES
 from ndtorch_train.reproduce.outcome import Claim
 from ndtorch_train.reproduce.signals import BINDING, HOUSE
 
-VISION = ("ndtorch.vision", "ndtorch.scenes", "ndtorch.navigation.rig", "ndtorch_train.reproduce.plots")
+VISION = ("ndtorch.vision", "ndtorch.scenes", "ndtorch.navigation.rig", "ndtorch_train.plots")
 MAPS = (*DRIVES, *(f"ndtorch_train.reproduce.{name}" for name in ("drives", "driving", "plots")))
 BIND = (*BINDING, *HOUSE)
 SEEDS = [0, 1, 2]

@@ -15,7 +15,7 @@ from ndtorch.scenes import two_bars
 from ndtorch.vision import FEATURES, LowPass
 from ndtorch_train.reproduce.context import Context, judged
 from ndtorch_train.reproduce.outcome import Outcome
-from ndtorch_train.reproduce.plots import (
+from ndtorch_train.plots import (
     BLUE,
     GREEN,
     ORANGE,

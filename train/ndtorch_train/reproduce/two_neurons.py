@@ -11,7 +11,7 @@ from torch import Tensor
 from ndtorch.binding import InhibitoryNetwork, learning_rule
 from ndtorch_train.reproduce.context import Context, judged
 from ndtorch_train.reproduce.outcome import Outcome
-from ndtorch_train.reproduce.plots import BLACK, BLUE, GREEN, ORANGE, letters, panels
+from ndtorch_train.plots import BLACK, BLUE, GREEN, ORANGE, letters, panels
 
 DT = 0.001
 ONE = ((0.0, 0.7), (0.0, 0.6))

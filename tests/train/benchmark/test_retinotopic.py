@@ -1,0 +1,218 @@
+"""Scenes as the fields of a grid have them, and the objects that windows find there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor
+
+from ndtorch.binding import Windows
+from ndtorch.vision import VisualFeatures
+from ndtorch_train.benchmark import retinotopic as local
+from ndtorch_train.benchmark.bar_scenes import (
+    DIRECTIONS,
+    FPS,
+    ORIENTATIONS,
+    SIZE,
+    SPEED,
+    Restriction,
+    Scene,
+    draw_scene,
+)
+from ndtorch_train.benchmark.hard_scenes import HARD, arrived
+
+
+def hill(width: float = 30.0) -> Tensor:
+    """What a field sees of a bar falls off with the distance alone, `[DIRECTIONS, ORIENTATIONS, 8, POINTS, POINTS]`."""
+    away = (torch.arange(local.POINTS) * local.STEP + local.CANVAS / 2) % local.CANVAS - local.CANVAS / 2
+    line = torch.exp(-((away / width) ** 2))
+    return (line[:, None] * line).expand(DIRECTIONS, ORIENTATIONS, 8, -1, -1)
+
+
+def sums(scene: Scene, table: Tensor, seconds: float = 1.0, chunk: int = 20) -> Tensor:
+    return torch.cat(list(local.local_sums([scene], seconds, table, chunk)), 1)[0]
+
+
+def test_offsets_between_two_points_are_weighed() -> None:
+    """A response that rises evenly with the offset is read exactly at every offset."""
+    plane = torch.arange(local.POINTS).expand(1, local.POINTS, local.POINTS).float() * local.STEP
+    fields = (torch.arange(local.FIELDS) + 0.5) * local.SPACING - 0.5
+    columns = fields[3] + torch.tensor([0.0, 1.0, 7.25, 61.5])
+    seen = local.at_offsets(plane, fields[5].expand(4), columns, fields)
+    torch.testing.assert_close(seen[:, 5, 3, 0], torch.tensor([0.0, 1.0, 7.25, 61.5]), rtol=0, atol=1e-3)
+
+
+def test_a_bar_is_felt_where_it_is_and_not_beyond_half_the_canvas() -> None:
+    scene = draw_scene(3, Restriction(1))
+    bar = replace(scene.bars[0], direction=0, start=(240.0, 100.0))
+    seen = sums(Scene(3, (bar,)), hill())[..., 4:7].sum(-1)
+    for step, second in ((0, 0.0), (19, 0.95)):
+        row, column = divmod(int(seen[step].argmax()), local.FIELDS)
+        assert row == round(100.5 / local.SPACING - 0.5)
+        assert abs(column - ((240.5 + SPEED * second) / local.SPACING - 0.5)) <= 0.6
+    away = [abs((n + 0.5) * local.SPACING - 100.5) for n in range(local.FIELDS)]
+    far = [n for n, rows in enumerate(away) if min(rows, SIZE[0] - rows) > local.CANVAS / 2]
+    assert far
+    assert not seen[:, far].any()
+
+
+def test_bars_add_up_and_chunks_change_nothing() -> None:
+    scene = draw_scene(4, Restriction(3))
+    table = hill()
+    whole = sums(scene, table)
+    alone = [sums(Scene(4, (bar,)), table) for bar in scene.bars]
+    torch.testing.assert_close(whole, torch.stack(alone).sum(0))
+    assert torch.equal(sums(scene, table, chunk=3), whole)
+
+
+def test_the_scene_is_a_torus() -> None:
+    scene = draw_scene(5, Restriction(1))
+    column, row = scene.bars[0].start
+    moved = replace(scene.bars[0], start=(column + 3 * local.SPACING - SIZE[1], row + 2 * local.SPACING))
+    table = hill()
+    there, here = sums(Scene(5, (moved,)), table), sums(scene, table)
+    torch.testing.assert_close(there, here.roll((2, 3), (1, 2)), rtol=1e-3, atol=1e-4)
+
+
+def test_the_table_is_measured_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def measured(direction: int, orientation: int, features: VisualFeatures) -> Tensor:
+        asked.append((direction, orientation))
+        return torch.full((8, local.POINTS, local.POINTS), float(len(asked)))
+
+    monkeypatch.setattr(local, "measure_field", measured)
+    monkeypatch.setattr(local, "VisualFeatures", lambda size: None)
+    table = local.local_bars(tmp_path)
+    assert asked == [(d, o) for d in range(DIRECTIONS) for o in range(ORIENTATIONS)]
+    assert torch.equal(local.local_bars(tmp_path), table)
+    assert len(asked) == DIRECTIONS * ORIENTATIONS
+
+
+@pytest.mark.slow
+def test_an_upright_bar_that_goes_right_is_seen_where_it_is() -> None:
+    with torch.inference_mode():
+        seen = local.measure_field(0, 0, VisualFeatures((local.CANVAS, local.CANVAS)))
+    left, right, down, up, upright, *others, area = seen
+    assert divmod(int(area.argmax()), local.POINTS) == (0, 0)
+    assert float(right.sum()) > 2 * max(float(other.sum()) for other in (left, up, down))
+    assert float(upright.sum()) > 1.3 * max(float(other.sum()) for other in others)
+    away = (torch.arange(local.POINTS) * local.STEP + local.CANVAS / 2) % local.CANVAS - local.CANVAS / 2
+    beyond = (away[:, None] ** 2 + away**2).sqrt() > 110
+    assert float(area[beyond].max()) == pytest.approx(0, abs=1e-3 * float(area.max()))
+
+
+@pytest.mark.parametrize("chosen", [local.RANDOM, *local.ALIKE], ids=lambda chosen: chosen.name)
+def test_scenes_are_drawn_as_the_set_says(chosen: local.LocalSet) -> None:
+    scenes = local.drawn(chosen, "tune", 6)
+    assert {len(scene.bars) for scene in scenes} == set(chosen.bars)
+    for scene in scenes:
+        if chosen.restriction.same_color:
+            assert len({bar.color for bar in scene.bars}) == 1
+        if chosen.restriction.same_direction:
+            assert len({(bar.direction, bar.orientation) for bar in scene.bars}) == 1
+    assert {scene.seed for scene in scenes}.isdisjoint(s.seed for s in local.drawn(chosen, "test", 6))
+
+
+def test_objects_are_read_after_the_samples_that_were_asked_for() -> None:
+    """Two things a few fields apart: one goes right, upright and red; one up, lying and green."""
+    t = torch.arange(140)
+    signals = torch.zeros(1, len(t), local.FIELDS, local.FIELDS, 10)
+    for (row, column), features, period in (((4, 4), (0, 4, 7), 17), ((11, 10), (1, 5, 8), 23)):
+        light = 20 * (1.5 + torch.sin(t * 2 * torch.pi / period))
+        for feature in features:
+            signals[0, :, row, column, feature] = light
+    windows = Windows((local.FIELDS, local.FIELDS), local.SPACING, local.EVERY / FPS)
+    with torch.inference_mode():
+        readings = local.found(windows, iter(signals.split(16, 1)), [1, 140])
+    assert len(readings) == 2
+    early, late = (reading[0] for reading in readings)
+    assert len(early) == 0
+    assert late.shape == (2, 10)
+
+
+def test_rows_have_a_name_a_time_and_a_score_for_every_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    signals = torch.zeros(1, 20, local.FIELDS, local.FIELDS, 10)
+    monkeypatch.setattr(local, "SETTLE", 0.3)
+    monkeypatch.setattr(local, "local_bars", lambda folder: torch.zeros(()))
+    monkeypatch.setattr(local, "local_sums", lambda part, seconds, table: iter([signals.expand(len(part), *[-1] * 4)]))
+    for group, name, times in (("random", "random", [0.2, 0.5]), ("positions", "four bars", [0.2])):
+        rows = local.measure(group, name, "tune", 3, (0.5, 0.2), tmp_path)
+        assert [(row["set"], row["seconds"]) for row in rows] == [(name, time) for time in times]
+        assert {(row["scenes"], row["count"], row["ok"]) for row in rows} == {(3, 0, 0)}
+
+
+SETS = {hard.name: hard for hard in HARD}
+
+
+def test_noise_is_each_fields_own_and_a_lamp_shines_on_all() -> None:
+    signals = torch.zeros(200, 3, 3, 10)
+    signals[::2, 1, 1] = 1.0
+    deviation = signals.std(0).amax()
+    noise = local.local_disturbance(SETS["white 0.3"], 5, signals)
+    torch.testing.assert_close(noise.std(), 0.3 * deviation, rtol=0.05, atol=0)
+    assert (noise[:, 0, 0] - noise[:, 2, 2]).std() > 0.3 * deviation
+    lamp = local.local_disturbance(SETS["lamp"], 5, signals)
+    assert not lamp[..., :4].any()
+    assert torch.equal(lamp[:, 0, 0], lamp[:, 2, 2])
+
+
+def test_every_sample_of_the_fields_is_seen_once() -> None:
+    """They were repeated five times, so that all went at a fifth of its speed."""
+    kept = arrived(SETS["white 0.3"], [1], 100, 5)[0]
+    assert (kept // 5).tolist() == list(range(20))
+    lossy = SETS["12.5/s, 10 % lost"]
+    late = arrived(lossy, [1], 8000, lossy.every)[0]
+    assert len(late) == 1000
+    assert 0.02 < (late[1:] == late[:-1]).double().mean() < 0.25
+
+
+TEXTURED, STEADY, FAST, LARGE, HIDDEN, STOPPING = local.RENDERED
+
+
+def test_a_ground_shows_where_no_bar_is_and_stays() -> None:
+    scene = draw_scene(local.RENDERED_SEED, Restriction(1))
+    first, last = local.OnGround(scene, TEXTURED).frames(0, 40)[[0, -1]]
+    same = (first == last).all(0)
+    assert 0.98 < same.double().mean() < 1
+    assert torch.equal(first[:, same], local.ground(scene.seed)[:, same])
+
+
+def test_steady_bars_do_not_fluctuate_and_large_ones_are_larger() -> None:
+    scene = draw_scene(local.RENDERED_SEED, Restriction(1))
+    moments = range(0, 240, 40)
+
+    def brightest(kind: local.LocalScenes) -> torch.Tensor:
+        shown = local.OnGround(scene, kind)
+        return torch.stack([shown.frames(n, n + 1).amax() for n in moments])
+
+    plain, steady, large = (brightest(kind) for kind in (FAST, STEADY, LARGE))
+    torch.testing.assert_close(steady, torch.full_like(steady, 0.6 * max(scene.bars[0].color)))
+    assert plain.std() > 0.01
+    torch.testing.assert_close(large, plain)
+    areas = [local.OnGround(scene, kind).frames(0, 1).sum() for kind in (FAST, LARGE)]
+    assert float(areas[1] / areas[0]) == pytest.approx(90 * 25 / (50 * 12), rel=0.05)
+
+
+def test_a_bar_stands_for_half_a_second_and_goes_on_from_there() -> None:
+    scene = draw_scene(local.RENDERED_SEED, Restriction(1))
+    assert local.moved(torch.tensor([0, 74, 75, 99, 100, 101, 200]), 0.5).tolist() == [0, 74, 75, 75, 75, 76, 150]
+    covers = [local.OnGround(scene, STOPPING).frames(n, n + 1)[0].amax(0) > 0 for n in (60, 80, 95)]
+    assert torch.equal(covers[1], covers[2])
+    assert not torch.equal(covers[0], covers[1])
+
+
+def test_a_cross_hides_what_is_behind_it() -> None:
+    shown = local.OnGround(draw_scene(local.RENDERED_SEED, Restriction(3)), HIDDEN).frames(0, 2)
+    middle = slice(220, 280)
+    assert shown[..., middle, :].unique().numel() == shown[..., :, middle].unique().numel() == 1
+    assert shown[..., :220, :220].unique().numel() > 1 or shown[..., 280:, 280:].unique().numel() > 1
+
+
+@pytest.mark.slow
+def test_a_ground_without_bars_is_nothing() -> None:
+    empty = local.OnGround(Scene(3, ()), TEXTURED, seconds=0.6)
+    assert local.seen_in(empty).shape == (0, 10)

@@ -1,0 +1,208 @@
+"""`ndtorch benchmark`: its sub-commands and their options."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import tyro
+
+from ndtorch.errors import InputError
+from ndtorch.workers import cores
+from ndtorch_train.benchmark.base import Benchmark, Split
+
+
+@dataclass(frozen=True)
+class Options:
+    """What every benchmark takes."""
+
+    out: Path | None = None
+    """Folder to write to (default: out/benchmark/NAME); a run with other options or code writes into NAME-2."""
+    jobs: int | None = None
+    """Processes (default: one for every core this process may use)."""
+    fresh: bool = False
+    """Use no result of an earlier run; write into a new folder."""
+    force: bool = False
+    """Write into this folder whatever is in it; files of the same names are replaced."""
+    json: bool = False
+    """Print the rows of the table as JSON and nothing else."""
+    open: bool = False
+    """Show report.html in the browser when it is written."""
+
+    def benchmark(self) -> Benchmark:
+        """What is to be measured, its options checked."""
+        raise NotImplementedError
+
+    def run(self) -> int:
+        """Measure and write; returns the exit code."""
+        jobs = cores() if self.jobs is None else self.jobs
+        if jobs < 1:
+            raise InputError(f"--jobs must be at least 1, got {jobs}")
+        made = self.benchmark()
+        out = self.out or Path("out/benchmark") / made.name
+        return made.run(out, jobs, self.fresh, self.force, self._tell).report(self.json, self.open)
+
+    def _tell(self, words: str) -> None:
+        print(words, file=sys.stderr if self.json else sys.stdout, flush=True)
+
+
+@dataclass(frozen=True)
+class Seeded(Options):
+    """What every benchmark of drawn scenes takes."""
+
+    split: Split = "tune"
+    """Which seeds."""
+
+
+@dataclass(frozen=True)
+class Scenes(Seeded):
+    """Score binding methods on seeded random scenes of bars, stress sets and the papers' bars."""
+
+    methods: tuple[str, ...] = (
+        "published", "cooperative", "hebbian", "scale-free, owners", "scale-free", "greedy", "ica", "nmf",
+    )  # fmt: skip
+    """Methods to compare; picard, sobi, mm-ica, easi and retinotopic can be named too."""
+    sets: tuple[str, ...] = ("random",)
+    """Groups of sets: random, stress, bars (the papers' bars), rendered (the random scenes as frames, about 10 s each),
+    positions and textured (for retinotopic)."""
+    scenes: int = 300
+    """Number of scenes of each set: 1, 2 and 3 bars in turn."""
+    seconds: tuple[float, ...] = (15.0, 60.0)
+    """When to score: seconds after the 4 s that filters get to settle."""
+
+    gone: ClassVar[Mapping[str, str]] = {
+        "--rules": "it is called --methods now",
+        "--stress": "use --sets stress --scenes N",
+        "--hard": "use ndtorch benchmark hard",
+        "--bars": "use --sets bars",
+        "--rendered": "use --sets rendered --scenes N",
+        "--retinotopic": "use --methods retinotopic --sets random positions --scenes N",
+        "--retinotopic-rendered": "use --methods retinotopic --sets textured --scenes N",
+    }
+
+    def benchmark(self) -> Benchmark:
+        """The scenes of bars."""
+        from ndtorch_train.benchmark.scenes import scene_benchmark
+
+        return scene_benchmark("scenes", self.methods, self.sets, self.scenes, self.seconds, self.split)
+
+
+@dataclass(frozen=True)
+class Hard(Seeded):
+    """Score binding methods on hard scenes: many objects, faint ones, noise, lamps, objects that come and go."""
+
+    methods: tuple[str, ...] = ("scale-free", "ica", "sobi", "retinotopic")
+    """Methods to compare, as those of `ndtorch benchmark scenes`."""
+    scenes: int = 48
+    """Number of scenes of each set."""
+
+    gone: ClassVar[Mapping[str, str]] = {"--rules": "it is called --methods now"}
+
+    def benchmark(self) -> Benchmark:
+        """The hard sets."""
+        from ndtorch_train.benchmark.scenes import scene_benchmark
+
+        return scene_benchmark("hard", self.methods, ("hard",), self.scenes, (15.0,), self.split)
+
+
+FOREGROUND = ("figures", "mog2-norfair", "mog2-bytetrack", "knn-norfair", "knn-bytetrack")
+"""What video can be scored with: the model for video, and background subtraction with a tracker of boxes."""
+
+
+@dataclass(frozen=True)
+class Foreground(Seeded):
+    """Score models for video, and background subtraction with trackers, on video with ground truth.
+
+    Clips come from a folder, are generated, or show no object at all: weather, light and shake over a still image.
+    """
+
+    folder: Annotated[Path | None, tyro.conf.Positional] = None
+    """Folder of folders with clip.mp4, and gt.txt (MOT format) or masks.mkv; none to use generated clips only."""
+    methods: tuple[str, ...] = FOREGROUND
+    """Methods to compare; folders of models too."""
+    generated: int = 0
+    """Number of generated clips for each number of objects and frame rate."""
+    counts: tuple[int, ...] = (0, 1, 2)
+    """Numbers of objects in generated clips."""
+    fps: tuple[float, ...] = (12.5, 25.0, 30.0, 60.0, 120.0)
+    """Frames a second of generated clips."""
+    keep: Path | None = None
+    """Folder in which generated clips are kept, and looked for."""
+    negative: Path | None = None
+    """An image, or a video whose median is taken: weather, light and shake are drawn over it."""
+    negative_seconds: float = 60.0
+    """Seconds of each of these clips without objects."""
+    rows: int = 0
+    """Height in pixels of the frames that all methods get; 0 for their own."""
+
+    gone: ClassVar[Mapping[str, str]] = {
+        "--labelled": "name the folder without a flag",
+        "--empty": "it is called --negative now",
+        "--empty-seconds": "it is called --negative-seconds now",
+        "--video": "use --generated N",
+        "--clips": "use --generated N",
+    }
+
+    def benchmark(self) -> Benchmark:
+        """The clips."""
+        from ndtorch_train.benchmark.foreground import foreground_benchmark
+
+        return foreground_benchmark(self)
+
+
+@dataclass(frozen=True)
+class CommonFate(Seeded):
+    """Score who finds patches of random dots that only their common motion shows."""
+
+    methods: tuple[str, ...] = ()
+    """Methods to compare: coherent, retinotopic, figures, dis, farneback and mog2; none for all."""
+    conditions: tuple[str, ...] = ()
+    """Which of coherence, density, lifetime, ground and patches are varied; none for all."""
+    scenes: int = 6
+    """Number of scenes of each condition."""
+
+    def benchmark(self) -> Benchmark:
+        """The scenes of dots."""
+        from ndtorch_train.benchmark.common_fate import fate_benchmark
+
+        return fate_benchmark(self.methods, self.conditions, self.scenes, self.split)
+
+
+@dataclass(frozen=True)
+class Ranges(Options):
+    """Score ranges of single rows on stereo pairs with ground truth, beside OpenCV's semi-global matching."""
+
+    pairs: Annotated[Path, tyro.conf.Positional] = Path()
+    """Folder of folders with left.png, right.png and disp*.png, .tif or .pfm."""
+    disparities: tuple[int, int] = (8, 128)
+    """Least and largest disparity that count, pixels."""
+
+    def benchmark(self) -> Benchmark:
+        """The stereo pairs."""
+        from ndtorch_train.benchmark.ranges import range_benchmark
+
+        return range_benchmark(self.pairs, self.disparities)
+
+
+@dataclass(frozen=True)
+class BenchmarkCommand:
+    """Score models and peers: scenes, hard, foreground, common-fate or ranges.
+
+    Every benchmark writes NAME.csv, NAME.md, an image and report.html, and goes on where it was stopped. Choose
+    constants on the split `tune` and report the split `test`: their seeds have none in common.
+    """
+
+    subcommands: ClassVar[Mapping[str, type[Options]]] = {
+        "scenes": Scenes,
+        "hard": Hard,
+        "foreground": Foreground,
+        "common-fate": CommonFate,
+        "ranges": Ranges,
+    }
+
+    def run(self) -> int:
+        """Never called: `ndtorch.commands` runs one of `subcommands`."""
+        raise NotImplementedError

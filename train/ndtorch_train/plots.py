@@ -1,0 +1,200 @@
+"""All plots of training: panels of outputs and weights, tables of benchmarks, heat maps of sweeps."""
+
+from __future__ import annotations
+
+import string
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from torch import Tensor
+
+from ndtorch.files import replacing
+from ndtorch.report.figures.traces import draw_traces
+from ndtorch.report.figures.weights import draw_matrix
+from ndtorch.report.page import Shown
+from ndtorch.report.palette import STYLES
+from ndtorch.vision import FEATURES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+BLUE, ORANGE, GREEN, PURPLE, SKY, YELLOW, BLACK = (
+    "#0072b2",
+    "#d55e00",
+    "#009e73",
+    "#cc79a7",
+    "#56b4e9",
+    "#e69f00",
+    "#222222",
+)
+"""The color-blind safe palette of Okabe and Ito."""
+PALETTE = (BLUE, YELLOW, GREEN, PURPLE, SKY, ORANGE, "#666666", "#000000")
+"""Colors of methods, in their order."""
+DPI = 110
+
+
+def save(figure: Figure, path: Path) -> Path:
+    """Write a figure; an unfinished file never takes the place of an old one."""
+    with replacing(path) as beside:
+        figure.savefig(beside, format=path.suffix[1:], dpi=DPI)
+    return path
+
+
+def panels(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, list[Axes]]:
+    """A figure of `width` x `height` inches with a grid of axes, in the order of reading."""
+    from matplotlib.figure import Figure
+
+    figure = Figure((width, height), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False, **options)
+    return figure, list(axes.flat)
+
+
+def letters(axes: list[Axes], which: str = string.ascii_lowercase) -> None:
+    """(a), (b), ... before the titles."""
+    for letter, one in zip(which, axes, strict=False):
+        one.set_title(f"({letter}) {one.get_title()}", fontsize=10, loc="left")
+        one.set_title("")
+
+
+def output_panel(
+    axes: Axes,
+    time: Tensor,
+    outputs: Tensor,
+    title: str,
+    bold: list[str],
+    until: float | None = None,
+    since: float = -1.0,
+) -> None:
+    """Outputs of the second stage over the time since learning began."""
+    shown = (time >= since) & (time <= (float(time[-1]) if until is None else until))
+    axes.axhline(0, color="0.75", lw=0.8, zorder=0)
+    names = [FEATURES.index(name) for name in bold]
+    draw_traces(axes, time[shown].numpy(), outputs[shown].numpy(), range(10), names)
+    axes.set(title=title, xlabel="time since learning began (s)", ylabel="output")
+
+
+def matrix_panel(axes: Axes, weights: Tensor, title: str, simplified: bool = False) -> None:
+    """A 10 x 10 weight matrix as learned, or divided by its largest and cut at a third of it."""
+    from ndtorch.binding.readout.weights import simplified as simplified_weights
+
+    values = simplified_weights(weights) if simplified else weights
+    largest = float(values.max())
+    draw_matrix(axes, values.numpy(), largest if largest > 0 else 1.0)
+    axes.set_xlabel("FROM this neuron", fontsize=8)
+    axes.set_ylabel("TO this neuron", fontsize=8)
+    axes.set_title(title)
+
+
+def weight_panel(axes: Axes, time: Tensor, weights: Tensor, column: int, title: str) -> None:
+    """Weights from one neuron to the others over time, `weights` `[samples, 10, 10]`."""
+    shown = time >= 0
+    time, weights = time[shown], weights[shown]
+    trace = weights[:, :, column]
+    bold = [j for j in range(10) if j != column and float(trace[-1, j]) > 1 / 3 * float(weights[-1].max())]
+    draw_traces(axes, time.numpy(), trace.numpy(), [j for j in range(10) if j != column], bold)
+    axes.set(title=title, xlabel="time since learning began (s)", ylabel="weight")
+
+
+def feature_legend(figure: Figure, columns: int = 10) -> None:
+    """All ten lines below the panels."""
+    from matplotlib.lines import Line2D
+
+    lines = [Line2D([], [], color=s.color, linestyle=s.dashes, lw=1.8, label=name) for name, s in STYLES.items()]
+    figure.legend(handles=lines, loc="outside lower center", ncols=columns, fontsize=8.5, frameon=False, handlelength=3)
+
+
+def bare(axes: Axes, image: Any, title: str = "") -> None:
+    """A picture without ticks."""
+    axes.imshow(np.asarray(image), interpolation="nearest")
+    axes.set(xticks=[], yticks=[], title=title)
+
+
+def draw_table(
+    rows: list[dict[str, Any]], folder: Path, name: str, case: str, metrics: Sequence[tuple[str, str]]
+) -> list[Shown]:
+    """A panel for each metric (key and head): a line for each case, a mark for each method, two standard errors.
+
+    Args:
+        rows: of a benchmark.
+        folder: where NAME.png is written.
+        name: of the file.
+        case: key of the case in the rows.
+        metrics: keys and heads.
+    """
+    methods = list(dict.fromkeys(row["method"] for row in rows))
+    cases = list(dict.fromkeys(row[case] for row in rows))
+    height = 1.6 + 0.26 * max(len(cases) * (1 + len(methods) / 8), len(methods), 6)
+    figure, axes = panels(1, len(metrics), 2.5 + 3.5 * len(metrics), height, sharey=True)
+    for one, (key, head) in zip(axes, metrics, strict=True):
+        for n, method in enumerate(methods):
+            mine = [row for row in rows if row["method"] == method and row.get(key) is not None]
+            places = [-cases.index(row[case]) - 0.5 * (n / len(methods) - 0.5) for row in mine]
+            errors = [2 * (row.get(f"{key}_se") or 0.0) for row in mine]
+            values = [row[key] for row in mine]
+            one.errorbar(
+                values, places, xerr=errors, fmt="o", color=PALETTE[n % len(PALETTE)], ms=5, lw=1, label=method
+            )
+        one.set(xlabel=head)
+        one.grid(axis="x", color="0.9")
+    axes[0].set_yticks([-n for n in range(len(cases))], cases)
+    axes[0].legend(fontsize=8)
+    path = save(figure, folder / f"{name}.png")
+    return [Shown(path, "The same as an image", "Lines span two standard errors on either side.")]
+
+
+def draw_scene_scores(rows: list[dict[str, Any]], folder: Path) -> list[Shown]:
+    """Count, F1 and ok of every method on every set of scenes."""
+    named = [row | {"case": f"{row['set']}, {row['seconds']:g} s"} for row in rows]
+    return draw_table(named, folder, "scores", "case", [("count", "count right"), ("f1", "F1"), ("ok", "ok")])
+
+
+def draw_common_fate(rows: list[dict[str, Any]], folder: Path) -> list[Shown]:
+    """Count, place and IoU against coherence, and against every other parameter."""
+    names = list(dict.fromkeys(row["condition"] for row in rows))
+    methods = list(dict.fromkeys(row["method"] for row in rows))
+    figure, flat = panels(3, len(names), 2.6 + 2.6 * len(names), 7.5, sharey=True, sharex="col")
+    words = {"density": "dots a pixel", "lifetime": "lifetime, s", "ground": "coherence of the ground"}
+    for column, name in enumerate(names):
+        values = list(dict.fromkeys(row["value"] for row in rows if row["condition"] == name))
+        for line, (what, head) in enumerate((("count", "count right"), ("place", "F of places"), ("iou", "IoU"))):
+            one = flat[line * len(names) + column]
+            for n, method in enumerate(methods):
+                mine = [row for row in rows if row["condition"] == name and row["method"] == method]
+                mine = [row for row in mine if row[what] is not None]
+                at, means = [values.index(row["value"]) for row in mine], [row[what] for row in mine]
+                errors = [2 * row[f"{what}_se"] for row in mine]
+                color = PALETTE[n % len(PALETTE)]
+                one.errorbar(at, means, errors, marker="o", ms=4, capsize=2, lw=1.5, color=color, label=method)
+            one.set_ylim(-0.05, 1.05)
+            one.grid(axis="y", color="0.9")
+            one.set_xticks(range(len(values)), [v if isinstance(v, str) else f"{v:g}" for v in values])
+            if column == 0:
+                one.set_ylabel(head)
+        flat[2 * len(names) + column].set_xlabel(words.get(name, name))
+    flat[0].legend(fontsize=7, loc="upper left")
+    path = save(figure, folder / "common-fate.png")
+    return [Shown(path, "The same as an image", "Lines: mean over scenes. Bars: two standard errors.")]
+
+
+def draw_ranges(left: Any, row: Any, column: Any, kinds: dict[str, Any], path: Path) -> Path:
+    """The left image with a point at every range.
+
+    Args:
+        left: grey, `[H, W]`.
+        row, column: of the ranges, `[n]`.
+        kinds: which of them are "unknown", "right" and "wrong", `[n]` bool each.
+        path: to write.
+    """
+    from matplotlib.figure import Figure
+
+    height, width = left.shape
+    figure = Figure(figsize=(9.0, 9.0 * height / width))
+    axes = figure.add_axes((0, 0, 1, 1))
+    axes.imshow(left, cmap="gray", vmin=-80, vmax=335)
+    axes.set_axis_off()
+    for (name, chosen), color in zip(kinds.items(), ("#999999", BLUE, YELLOW), strict=True):
+        axes.plot(column[chosen], row[chosen], ".", ms=5, color=color, mew=0, label=name)
+    return save(figure, path)

@@ -1,1 +1,0 @@
-"""Random dots by common fate: what tells patches that only their motion shows."""

@@ -1,1 +1,0 @@
-"""Ranges on pictures of real stereo cameras with others' truth."""
