@@ -28,7 +28,7 @@ ELSEWHERE = {
 """Commands of our other distributions, to name these where they are missing."""
 
 MOVED = {
-    "score": "it is called ndtorch benchmark now, with the sub-commands scenes, hard, foreground, common-fate and ranges",
+    "score": "it is ndtorch benchmark now, with the sub-commands scenes, hard, foreground, common-fate and ranges",
     "soak": "fault injection is a test of the checkout: make soak MINUTES=10, or python -m tests.fault_injection",
 }
 """Commands of version 0.2, and what took their place."""
@@ -107,9 +107,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return run_part(given[0], kind, parts, given[1:])
 
 
-def run_part(
-    name: str, kind: type[Subcommand], parts: Mapping[str, type[Subcommand]], given: Sequence[str]
-) -> int:
+def run_part(name: str, kind: type[Subcommand], parts: Mapping[str, type[Subcommand]], given: Sequence[str]) -> int:
     """Run one of the sub-commands of a command, which its class names in `subcommands`."""
     if given and given[0] in parts:
         return run_command(f"ndtorch {name} {given[0]}", parts[given[0]], given[1:])

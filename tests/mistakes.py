@@ -40,7 +40,7 @@ CASES = {
         render
         sweep
         run
-        score --json=yes
+        benchmark scenes --json=yes
     """,
     "Sources, scenes and models": """
         bind two-barz
@@ -119,12 +119,12 @@ CASES = {
     "Training, scores and sweeps": """
         first-stage --gamma 0
         first-stage --radius 2
-        score --rules scalefree
-        score --seconds 1000
-        score --scenes -1
-        score --split tuen
-        score --labelled void
-        score --labelled . --methods mog2-norfare
+        benchmark scenes --methods scalefree
+        benchmark scenes --seconds 1000
+        benchmark hard --scenes -1
+        benchmark scenes --split tuen
+        benchmark foreground void
+        benchmark foreground . --methods mog2-norfare
         sweep bindin
         sweep gama.toml
         sweep binding --jobs 0

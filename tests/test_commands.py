@@ -146,7 +146,7 @@ def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
     """All commands of all three distributions, each with a line of its own."""
     assert main(["--help"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    for name in ("bind", "drive", "evaluate", "first-stage", "render", "replay", "reproduce", "run", "scenes", "score"):
+    for name in ("bind", "drive", "evaluate", "first-stage", "render", "replay", "reproduce", "run", "scenes", "sweep"):
         line = next(line for line in lines if line.split()[:1] == [name])
         assert len(line.split()) > 2, line
         assert "does not load" not in line

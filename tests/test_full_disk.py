@@ -36,8 +36,8 @@ WRITERS = {
     "run": "run {car} --go --seconds 0.5 --record {out}/r",
     "run --save-map": "run {car} --go --seconds 0.5 --save-map {out}/map",
     "first-stage": "first-stage --gamma 50 --out {out}",
-    "score": "score --scenes 1 --seconds 0.3 --rules published --out {out}",
-    "score ranges": "score ranges {ranges} --disparities 2 8 --out {out}",
+    "benchmark scenes": "benchmark scenes --scenes 1 --seconds 0.3 --methods published --out {out}",
+    "benchmark ranges": "benchmark ranges {ranges} --disparities 2 8 --jobs 1 --out {out}",
     "reproduce": "reproduce A3 --quick --jobs 1 --out {out}",
     "sweep": "sweep {sweep} --jobs 1 --out {out}",
 }

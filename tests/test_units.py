@@ -97,7 +97,7 @@ def test_keys_of_hardware_end_in_their_unit(table: type[BaseModel], name: str) -
         (["cameras", "a", "b", "--rate", "25"], "--rate is gone: it is called --fps now"),
         (["cameras", "a", "b", "--exposure=5"], "--exposure is gone: it is called --exposure-ms now"),
         (["cameras", "a", "b", "--tolerance", "5"], "--tolerance is gone: it is called --tolerance-ms now"),
-        (["score", "--video", "--rates", "25"], "--rates is gone: it is called --fps now"),
+        (["benchmark", "scenes", "--rules", "ica"], "--rules is gone: it is called --methods now"),
     ],
 )
 def test_an_old_name_is_told_with_the_new_one(words: list[str], now: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -72,7 +72,7 @@ TRIALS = (
         (
             (("ndtorch", "bind", "--seconds", "1", "--rrd", "run.rrd"), "(of ndtorch[view])"),
             (("ndtorch", "drive"), "pip install ./robot"),
-            (("ndtorch", "score"), "pip install ./train"),
+            (("ndtorch", "benchmark"), "pip install ./train"),
         ),
     ),
     Trial(
@@ -92,7 +92,19 @@ TRIALS = (
     Trial(
         "ndtorch-train",
         (
-            ("ndtorch", "score", "--scenes", "3", "--seconds", "2", "--rules", "published", "scale-free", "ica"),
+            (
+                "ndtorch",
+                "benchmark",
+                "scenes",
+                "--scenes",
+                "3",
+                "--seconds",
+                "2",
+                "--methods",
+                "published",
+                "scale-free",
+                "ica",
+            ),
             ("ndtorch", "reproduce", "A3", "A9", "--quick"),
             ("ndtorch", "first-stage", "--radius", "0.2"),
             ("ndtorch", "sweep", "small.toml"),

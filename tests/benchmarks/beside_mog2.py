@@ -2,7 +2,7 @@
 
 Of each clip in FOLDER the first FRAMES (200) go through both in turn, 8 at a time, in one thread. Printed is the median
 over these pieces of the ratio of their times, twice, and the median time of a frame of each. The figures get frames of
-at most 448 rows, as `ndtorch score --labelled` gives them, MOG2 the clip's own.
+at most 448 rows, as `ndtorch benchmark foreground` gives them, MOG2 the clip's own.
 """
 
 import sys
@@ -15,18 +15,16 @@ import torch
 
 import ndtorch
 from ndtorch.run.opening import CAMERA_MODELS
-from ndtorch_train.score.labelled.methods import shrunk
-from ndtorch_train.score.labelled.peers import Subtraction
-from ndtorch_train.score.labelled.sight import Clip
-from ndtorch_train.score.labelled.truth import clip_folders, read_clip
+from ndtorch_train.benchmark.foreground import Subtraction, scaled_frames
+from ndtorch_train.benchmark.mot import Video, clip_folders, read_clip
 
 PIECE = 8
 
 
-def pieces(clip: Clip, count: int) -> list[tuple[float, float]]:
+def pieces(clip: Video, count: int) -> list[tuple[float, float]]:
     """Seconds of a frame of `figures` and of MOG2, piece by piece, without the first one."""
     whole = list(clip.frames)[:count]
-    frames = list(shrunk(clip, min(clip.size[0], CAMERA_MODELS["figures"])))[:count]
+    frames = list(scaled_frames(clip, min(clip.size[0], CAMERA_MODELS["figures"])))[:count]
     model, state = ndtorch.load("figures", size=frames[0].shape[:2], fps=clip.fps), None
     peer, found = Subtraction("mog2"), []
     for start in range(0, len(frames) - PIECE + 1, PIECE):

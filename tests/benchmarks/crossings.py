@@ -1,14 +1,13 @@
 """Who is who in generated clips of objects that cross: `python -m tests.benchmarks.crossings FIRST LAST MOST [MODEL]`.
 
-Of the clips that `ndtorch score --video` draws with these seeds of the split for tuning, two to four objects at 12.5
-and 25 frames a second, the first MOST are taken in which two objects overlap by a fifth of their sizes. A true object
-counts as there while 30 % of it shows.
+Of the clips that `ndtorch benchmark foreground --generated N` draws with these seeds of the split tune, two to four
+objects at 12.5 and 25 frames a second, the first MOST are taken in which two objects overlap by a fifth of their
+sizes. A true object counts as there while 30 % of it shows.
 
 The model gets the frames as they are drawn. An encoder would add its blocks, and each version of it adds others: on the
 same clips IDF1 differed by .07. The checksum in the last line says whether two runs had the same frames.
 """
 
-import math
 import sys
 import zlib
 from collections.abc import Iterator
@@ -17,25 +16,11 @@ import cv2
 import numpy as np
 import torch
 
-from ndtorch_train.score.labelled.methods import see
-from ndtorch_train.score.labelled.metrics import score
-from ndtorch_train.score.labelled.sight import Box, Pixels
-from ndtorch_train.score.labelled.sight import Clip as Film
-from ndtorch_train.score.labelled.truth import RealBox, RealFrame
-from ndtorch_train.score.video_clips import Clip, Mover, draw_clip, shown
-from ndtorch_train.score.video_paint import Painter
+from ndtorch_train.benchmark.foreground import run_method
+from ndtorch_train.benchmark.generated_clips import Clip, Mover, Painter, bounding_box, draw_clip, shown
+from ndtorch_train.benchmark.mot import Pixels, TrueBox, TrueFrame, Video, mot_score
 
 IN_VIEW, THERE, OVERLAP = 0.7, 0.3, 0.8
-
-
-def box(mover: Mover, time: float, height: int) -> Box:
-    """Its box in pixels: it is drawn turned."""
-    row, column = mover.position(time)
-    sine, cosine = abs(math.sin(math.radians(mover.tilt))), abs(math.cos(math.radians(mover.tilt)))
-    tall, wide = mover.size[0] * cosine, mover.size[0] * sine
-    add = math.hypot if mover.shape == "ellipse" else lambda a, b: a + b
-    down, across = add(tall, mover.size[1] * sine) / 2, add(mover.size[1] * cosine, wide) / 2
-    return Box(*(height * side for side in (column - across, row - down, column + across, row + down)))
 
 
 def meet(one: Mover, other: Mover, time: float, width: float) -> bool:
@@ -50,12 +35,12 @@ def crosses(clip: Clip) -> bool:
     return any(meet(a, b, float(time), width) for time in np.arange(0, clip.seconds, 0.1) for a, b in pairs)
 
 
-def truth(clip: Clip) -> Iterator[RealFrame]:
+def truth(clip: Clip) -> Iterator[TrueFrame]:
     height, width = clip.size[0], clip.size[1] / clip.size[0]
     for n in range(clip.frames):
         time = n / clip.fps
         there = [k for k, one in enumerate(clip.movers) if shown(one, time, width, clip.occluders) >= THERE]
-        yield RealFrame([RealBox(k, box(clip.movers[k], time, height)) for k in there])
+        yield TrueFrame([TrueBox(k, bounding_box(clip.movers[k], time, height)) for k in there])
 
 
 def chosen(first: int, last: int, most: int) -> list[Clip]:
@@ -83,9 +68,12 @@ def main(first: int, last: int, most: int, model: str = "figures") -> None:
     rows, checksum = [], 0
     for clip in chosen(first, last, most):
         frames = Drawn(clip)
-        seen = see(model, Film(clip.name, frames, clip.fps, clip.size))
+        seen = run_method(model, Video(clip.name, frames, clip.fps, clip.size))
         checksum = zlib.crc32(frames.checksum.to_bytes(4, "big"), checksum)
-        found, tracks = score(seen, truth(clip), clip.fps, False), {s.track for frame in seen.sights for s in frame}
+        found, tracks = (
+            mot_score(seen, truth(clip), clip.fps, False),
+            {s.track for frame in seen.hypotheses for s in frame},
+        )
         rows.append((found.f, found.idf1 or 0.0, found.switches or 0, found.count_error, abs(len(tracks) - clip.count)))
         print(clip.name, *(f"{value:.2f}" for value in rows[-1]), flush=True)
     f, idf1, switches, count, wrong = np.array(rows, float).T

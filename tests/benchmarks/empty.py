@@ -1,9 +1,9 @@
 """False objects where nothing is: `python -m tests.benchmarks.empty FOLDER SPLIT SECONDS METHODS [KINDS] [CLIPS]`.
 
-Over the median of each clip in FOLDER (at most 288 rows) every kind of weather and fault of `ndtorch score --empty` is
-drawn, once as it is, and once with a thing that crosses the picture in the second half. Printed are the objects a
-minute of the first, all of them false, and of how many of the frames the second shows the thing in, its place is told.
-METHODS, KINDS and CLIPS are names with commas between them; `all` kinds or clips are all.
+Over the median of each clip in FOLDER (at most 288 rows) every kind of clip of `ndtorch benchmark foreground
+--negative` is drawn, once as it is, and once with a thing that crosses the picture in the second half. Printed are the
+objects a minute of the first, all of them false, and of how many of the frames the second shows the thing in, its
+place is told. METHODS, KINDS and CLIPS are names with commas between them; `all` kinds or clips are all.
 """
 
 import sys
@@ -15,13 +15,10 @@ import cv2
 import numpy as np
 import torch
 
-from ndtorch_train.score.choices import Split
-from ndtorch_train.score.labelled.empty import KINDS, SEEDS, Drawn, still_picture
-from ndtorch_train.score.labelled.methods import see
-from ndtorch_train.score.labelled.metrics import score
-from ndtorch_train.score.labelled.sight import Box, Clip, Pixels
-from ndtorch_train.score.labelled.truth import RealBox, RealFrame, clip_folders
-from ndtorch_train.score.labelled.weather import FPS
+from ndtorch_train.benchmark.base import Split
+from ndtorch_train.benchmark.foreground import run_method
+from ndtorch_train.benchmark.mot import Box, Pixels, TrueBox, TrueFrame, Video, clip_folders, mot_score
+from ndtorch_train.benchmark.negative_clips import FPS, KINDS, SEEDS, Drawn, still_image
 
 ROWS, TALL, WIDE = 288, 0.16, 0.09
 """Most rows of a still picture; height and width of the thing, shares of the picture's height."""
@@ -58,14 +55,14 @@ class Crossed:
                 cv2.ellipse(frame, at, axes, 0, turn, turn + 180, color, -1, cv2.LINE_AA, 4)
             yield frame
 
-    def truth(self) -> Iterator[RealFrame]:
+    def truth(self) -> Iterator[TrueFrame]:
         for number in range(len(self.frames)):
             box = self.box(number)
-            yield RealFrame([RealBox(0, box)] if box else [])
+            yield TrueFrame([TrueBox(0, box)] if box else [])
 
 
 def still_of(folder: Path) -> Pixels:
-    still = still_picture(folder / "clip.mp4")
+    still = still_image(folder / "clip.mp4")
     width = round(still.shape[1] * ROWS / len(still) / 8) * 8
     return still if len(still) <= ROWS else np.asarray(cv2.resize(still, (width, ROWS), interpolation=cv2.INTER_AREA))
 
@@ -82,10 +79,10 @@ def main(folder: str, split: Split, seconds: str, methods: str, kinds: str = "al
             frames = list(Drawn(kind, still_of(one), seed, round(float(seconds) * FPS)))
             crossed, size = Crossed(frames, seed), frames[0].shape[:2]
             for name in names:
-                seen = see(name, Clip(one.name, frames, FPS, (size[0], size[1])))
-                false = len({sight.track for sights in seen.sights for sight in sights})
-                with_one = see(name, Clip(one.name, crossed, FPS, (size[0], size[1])))
-                found = score(with_one, crossed.truth(), FPS, False).recall
+                seen = run_method(name, Video(one.name, frames, FPS, (size[0], size[1])))
+                false = len({sight.track for sights in seen.hypotheses for sight in sights})
+                with_one = run_method(name, Video(one.name, crossed, FPS, (size[0], size[1])))
+                found = mot_score(with_one, crossed.truth(), FPS, False).recall
                 table.setdefault((kind, name), []).append((false / float(seconds) * 60, found))
                 print(f"{kind} {one.name} {name}: {false} in {seconds} s, {found:.2f} found", flush=True)
     print("| | " + " | ".join(f"{name}: false a minute | found" for name in names) + " |")

@@ -249,7 +249,7 @@ def read_pictures(path: Path) -> Any:
 
 
 def read_truth(path: Path) -> Any:
-    from ndtorch_train.score.labelled.truth import read_clip
+    from ndtorch_train.benchmark.mot import read_clip
 
     clip = read_clip(path)
     return list(islice(clip.clip.frames, 8)), list(islice(clip.truth(), 8))
@@ -262,7 +262,7 @@ def read_barn(path: Path) -> Any:
 
 
 def read_ranges(path: Path) -> Any:
-    from ndtorch_train.score.ranges.pairs import read_pair
+    from ndtorch_train.benchmark.ranges import read_pair
 
     return read_pair(path)
 

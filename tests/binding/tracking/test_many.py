@@ -17,7 +17,7 @@ from ndtorch.binding.tracking.restless import at_rest
 from ndtorch.binding.tracking.shades import Light, ShadeParams
 from ndtorch.binding.tracking.whole import taken_back
 from ndtorch.vision.camera.figures import Standing
-from ndtorch_train.score.labelled.weather import snow
+from ndtorch_train.benchmark.negative_clips import snow
 from tests.vision.camera.passing_scenes import SIZE, ground
 
 P = FigureParams()

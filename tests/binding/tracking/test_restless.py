@@ -11,7 +11,7 @@ from ndtorch.binding.tracking.figure_params import FigureParams
 from ndtorch.binding.tracking.figures import Figure
 from ndtorch.binding.tracking.following import start, travels
 from ndtorch.binding.tracking.restless import at_rest, come_and_gone, restless
-from ndtorch_train.score.labelled.weather import leaves
+from ndtorch_train.benchmark.negative_clips import leaves
 from tests.vision.camera.passing_scenes import SIZE, ground
 
 P = FigureParams()

@@ -1,4 +1,4 @@
-"""Scenes as the fields of a grid have them, and the objects that windows find there."""
+"""Scenes as the fields of a grid have them, and the objects that files find there."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from ndtorch.binding import Windows
+from ndtorch.binding import ObjectFiles
 from ndtorch.vision import VisualFeatures
 from ndtorch_train.benchmark import retinotopic as local
 from ndtorch_train.benchmark.bar_scenes import (
@@ -125,9 +125,9 @@ def test_objects_are_read_after_the_samples_that_were_asked_for() -> None:
         light = 20 * (1.5 + torch.sin(t * 2 * torch.pi / period))
         for feature in features:
             signals[0, :, row, column, feature] = light
-    windows = Windows((local.FIELDS, local.FIELDS), local.SPACING, local.EVERY / FPS)
+    files = ObjectFiles((local.FIELDS, local.FIELDS), local.SPACING, local.EVERY / FPS)
     with torch.inference_mode():
-        readings = local.found(windows, iter(signals.split(16, 1)), [1, 140])
+        readings = local.found(files, iter(signals.split(16, 1)), [1, 140])
     assert len(readings) == 2
     early, late = (reading[0] for reading in readings)
     assert len(early) == 0

@@ -159,7 +159,9 @@ class Benchmark:
         case, method = (column.key for column in self.columns[:2])
         shown = [column for column in self.columns if column.key in self.pivot]
         methods = list(dict.fromkeys(row[method] for row in rows))
-        at = {(row[case], row[method]): ", ".join(c._replace(error="", digits=2).cell(row) for c in shown) for row in rows}
+        at = {
+            (row[case], row[method]): ", ".join(c._replace(error="", digits=2).cell(row) for c in shown) for row in rows
+        }
         cases = list(dict.fromkeys(row[case] for row in rows))
         lines = [[str(one), *(at.get((one, name), "-") for name in methods)] for one in cases]
         return [", ".join(column.head for column in shown), *methods], lines

@@ -108,10 +108,6 @@ class Hard(Seeded):
         return scene_benchmark("hard", self.methods, ("hard",), self.scenes, (15.0,), self.split)
 
 
-FOREGROUND = ("figures", "mog2-norfair", "mog2-bytetrack", "knn-norfair", "knn-bytetrack")
-"""What video can be scored with: the model for video, and background subtraction with a tracker of boxes."""
-
-
 @dataclass(frozen=True)
 class Foreground(Seeded):
     """Score models for video, and background subtraction with trackers, on video with ground truth.
@@ -121,7 +117,7 @@ class Foreground(Seeded):
 
     folder: Annotated[Path | None, tyro.conf.Positional] = None
     """Folder of folders with clip.mp4, and gt.txt (MOT format) or masks.mkv; none to use generated clips only."""
-    methods: tuple[str, ...] = FOREGROUND
+    methods: tuple[str, ...] = ("figures", "mog2-norfair", "mog2-bytetrack", "knn-norfair", "knn-bytetrack")
     """Methods to compare; folders of models too."""
     generated: int = 0
     """Number of generated clips for each number of objects and frame rate."""
@@ -148,9 +144,11 @@ class Foreground(Seeded):
 
     def benchmark(self) -> Benchmark:
         """The clips."""
-        from ndtorch_train.benchmark.foreground import foreground_benchmark
+        from ndtorch_train.benchmark.foreground import Generated, foreground_benchmark
 
-        return foreground_benchmark(self)
+        generated = Generated(self.generated, self.counts, self.fps, self.keep) if self.generated else None
+        negative = None if self.negative is None else (self.negative, self.negative_seconds)
+        return foreground_benchmark(self.methods, self.rows, self.split, self.folder, generated, negative)
 
 
 @dataclass(frozen=True)

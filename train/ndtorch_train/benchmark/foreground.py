@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from itertools import product
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import cv2
 import numpy as np
@@ -27,7 +27,6 @@ from ndtorch.report.page import Shown
 from ndtorch.run.opening import CAMERA_MODELS
 from ndtorch.scenes.video import reduced
 from ndtorch_train.benchmark.base import Benchmark, Column, Row, Split, Task, known
-from ndtorch_train.benchmark.command import FOREGROUND, Foreground
 from ndtorch_train.benchmark.generated_clips import boxes_of, clip_file, draw_clip
 from ndtorch_train.benchmark.mot import (
     SMALLEST,
@@ -78,56 +77,81 @@ NOTE = (
     f"{platform.machine()}, torch {torch.__version__}."
 )
 
+METHODS = ("figures", "mog2-norfair", "mog2-bytetrack", "knn-norfair", "knn-bytetrack")
+"""The model for video, and background subtraction with a tracker of boxes."""
+
 USES = ("ndtorch.vision", "ndtorch.scenes", "ndtorch.binding", "ndtorch.loading", MODELS)
 
 
-def foreground_benchmark(options: Foreground) -> Benchmark:
+class Generated(NamedTuple):
+    """Generated clips: how many of each number of objects and frame rate, and the folder that keeps them."""
+
+    clips: int
+    counts: Sequence[int]
+    fps: Sequence[float]
+    keep: Path | None
+
+
+def foreground_benchmark(
+    methods: Sequence[str],
+    rows: int,
+    split: Split,
+    folder: Path | None = None,
+    generated: Generated | None = None,
+    negative: tuple[Path, float] | None = None,
+) -> Benchmark:
     """The benchmark of some methods on labelled, generated and negative clips.
+
+    Args:
+        methods: names among `METHODS`, or folders of models.
+        rows: height of the frames; 0 for their own.
+        split: seeds of generated and negative clips.
+        folder: of labelled clips.
+        generated: which clips to generate.
+        negative: a still image or a video, and seconds of each clip drawn over it.
 
     Raises:
         InputError: an unknown method, clips that cannot be read, or numbers out of range.
     """
-    known("methods", [name for name in options.methods if not Path(name).is_dir()] or FOREGROUND, FOREGROUND)
-    if options.rows != 0 and options.rows < 32:
-        raise InputError(f"rows must be 0 or at least 32, got {options.rows}")
+    known("methods", [name for name in methods if not Path(name).is_dir()] or METHODS, METHODS)
+    if rows != 0 and rows < 32:
+        raise InputError(f"rows must be 0 or at least 32, got {rows}")
     clips: dict[str, Callable[[], LabelledClip]] = {}
-    if options.folder is not None:
-        for place in clip_folders(options.folder):
+    if folder is not None:
+        for place in clip_folders(folder):
             read_clip(place)
             clips[place.name] = functools.partial(read_clip, place)
-    if options.generated:
-        check_generated(options)
-        for number, fps, count in product(range(options.generated), options.fps, options.counts):
-            make = functools.partial(generated_clip, options.split, number, count, fps, options.keep)
+    if generated is not None:
+        check_generated(generated)
+        for number, fps, count in product(range(generated.clips), generated.fps, generated.counts):
+            make = functools.partial(generated_clip, split, number, count, fps, generated.keep)
             clips[f"{count} objects, {fps:g}/s, {number}"] = make
-    if options.negative is not None:
-        if not 1 <= options.negative_seconds <= 3600:
-            raise InputError(f"negative-seconds must lie between 1 and 3600, got {options.negative_seconds:g}")
-        still = still_image(options.negative)
+    if negative is not None:
+        if not 1 <= negative[1] <= 3600:
+            raise InputError(f"negative-seconds must lie between 1 and 3600, got {negative[1]:g}")
+        still = still_image(negative[0])
         for kind in KINDS:
-            clips[kind] = functools.partial(negative_clip, kind, still, options.negative_seconds, options.split)
+            clips[kind] = functools.partial(negative_clip, kind, still, negative[1], split)
     if not clips:
         raise InputError("name a folder of clips, or give --generated N or --negative IMAGE")
     tasks = [
-        Task(f"{clip}, {method}", functools.partial(measure, method, clip, make, options.rows))
+        Task(f"{clip}, {method}", functools.partial(measure, method, clip, make, rows))
         for clip, make in clips.items()
-        for method in options.methods
+        for method in methods
     ]
-    settings = {
-        name: str(getattr(options, name)) for name in ("folder", "rows", "split", "negative", "negative_seconds")
-    }
+    settings = {"folder": str(folder), "rows": rows, "split": split, "negative": str(negative)}
     title = "Objects in video with ground truth"
     return Benchmark("foreground", title, NOTE, COLUMNS, tasks, USES, mean_rows, draw, settings=settings)
 
 
-def check_generated(options: Foreground) -> None:
+def check_generated(options: Generated) -> None:
     """Check the options of generated clips.
 
     Raises:
         InputError: numbers out of range.
     """
-    if not 0 <= options.generated <= 100_000:
-        raise InputError(f"generated must be between 0 and 100000, got {options.generated}")
+    if not 1 <= options.clips <= 100_000:
+        raise InputError(f"generated must be between 1 and 100000, got {options.clips}")
     if any(not 0 <= count <= 4 for count in options.counts):
         raise InputError(f"counts must lie between 0 and 4, got {options.counts}")
     if any(not 1 <= fps <= 240 for fps in options.fps):
@@ -183,7 +207,7 @@ def run_method(method: str, clip: Video, rows: int = 0) -> TrackerOutput:
     """Run a method over a clip.
 
     Args:
-        method: one of `FOREGROUND`, or the path of a model's folder.
+        method: one of `METHODS`, or the path of a model's folder.
         clip: the clip.
         rows: height to which every method gets the frames; 0 for their own.
     """

@@ -1,4 +1,4 @@
-"""Scenes of bars with their positions: the signals of a grid of fields, and the objects that windows find in them."""
+"""Scenes of bars with their positions: the signals of a grid of fields, and the objects that files find in them."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.binding import Windows
+from ndtorch.binding import ObjectFiles
 from ndtorch.binding.feedback import settled
+from ndtorch.binding.object_files import ObjectFileParams, ObjectFileState
 from ndtorch.binding.readout.covariances import single_table
-from ndtorch.binding.tracking.params import WindowParams
-from ndtorch.binding.tracking.window_step import WindowState
 from ndtorch.files import replacing
 from ndtorch.locks import hold
 from ndtorch.scenes import Bar, BarScene, FrameSource
@@ -56,7 +55,7 @@ SPACING = SIZE[0] / FIELDS
 CANVAS = 350
 """Side of the torus on which single bars are drawn; a bar is not felt further away than half of it."""
 STEP = 5
-"""Pixels between the offsets at which responses are kept; windows are wider than 60."""
+"""Pixels between the offsets at which responses are kept; files are wider than 60."""
 POINTS = CANVAS // STEP
 FRAMES = 150
 EVERY = 5
@@ -194,22 +193,22 @@ def drawn(chosen: LocalSet, split: Split, scenes: int) -> list[Scene]:
     ]
 
 
-def found(windows: Windows, signals: Iterator[Tensor], moments: Sequence[int]) -> list[list[Tensor]]:
+def found(files: ObjectFiles, signals: Iterator[Tensor], moments: Sequence[int]) -> list[list[Tensor]]:
     """Features of the objects of every scene, `[objects, 10]` bool, after so many samples."""
     state, taken, readings = None, 0, []
     for chunk in signals:
         for part in torch.split(chunk, 1, 1):
-            _, state = windows(part, state)
+            _, state = files(part, state)
             taken += 1
             if taken in moments:
-                readings.append(features(windows, state))
+                readings.append(features(files, state))
     return readings
 
 
-def features(windows: Windows, state: WindowState) -> list[Tensor]:
+def features(files: ObjectFiles, state: ObjectFileState) -> list[Tensor]:
     """Features of the objects of every scene of a batch, `[objects, 10]` bool."""
-    there = windows.confirmed(state)
-    apart = windows.before_light(state)
+    there = files.confirmed(state)
+    apart = files.before_light(state)
     rows = single_table(state.covariance, there, first_stage(), apart=apart).rows.sum(-2) > 0
     return [row[seen] for row, seen in zip(rows, there, strict=True)]
 
@@ -311,17 +310,17 @@ def truth_of(scene: Scene, kind: LocalScenes) -> Tensor:
     return present(own @ settled(first_stage()).T)
 
 
-def seen_in(source: FrameSource, params: WindowParams | None = None, chunk: int = 10) -> Tensor:
+def seen_in(source: FrameSource, params: ObjectFileParams | None = None, chunk: int = 10) -> Tensor:
     """Features of the objects at the end of rendered frames, `[objects, 10]` bool."""
     fields = LocalFeatures(VisualFeatures(source.size, 1 / source.fps), FIELDS)
-    windows = Windows(fields.grid, fields.spacing, 1 / source.fps, params=params)
+    files = ObjectFiles(fields.grid, fields.spacing, 1 / source.fps, params=params)
     seen = state = None
     with torch.inference_mode():
         for frames in source.chunks(chunk):
             signals, seen = fields(frames, seen)
-            _, state = windows(signals.unsqueeze(0), state)
+            _, state = files(signals.unsqueeze(0), state)
     assert state is not None
-    return features(windows, state)[0]
+    return features(files, state)[0]
 
 
 def measure(group: str, name: str, split: Split, scenes: int, seconds: Sequence[float], folder: Path) -> list[Row]:
@@ -348,7 +347,7 @@ def random_scores(
     chosen: LocalSet, split: Split, scenes: int, times: Sequence[float], table: Tensor
 ) -> list[list[SceneScore]]:
     """Scores of superposed scenes, by time and scene."""
-    windows = Windows((FIELDS, FIELDS), SPACING, EVERY / FPS)
+    files = ObjectFiles((FIELDS, FIELDS), SPACING, EVERY / FPS)
     every = drawn(chosen, split, scenes)
     scores: list[list[SceneScore]] = [[] for _ in times]
     for n in range(0, scenes, BATCH):
@@ -356,7 +355,7 @@ def random_scores(
         truth = true_features(part, first_stage())
         moments = [round((SETTLE + s) * FPS / EVERY) for s in times]
         with torch.inference_mode():
-            readings = found(windows, local_sums(part, SETTLE + max(times), table), moments)
+            readings = found(files, local_sums(part, SETTLE + max(times), table), moments)
         for into, reading in zip(scores, readings, strict=True):
             into += [score_scene(f, t) for f, t in zip(reading, truth, strict=True)]
     return scores
@@ -365,7 +364,7 @@ def random_scores(
 def hard_scores(hard: HardSet, split: Split, scenes: int, table: Tensor) -> list[SceneScore]:
     """Scores of a hard set."""
     every = every_of(hard)
-    windows = Windows((FIELDS, FIELDS), SPACING, every / FPS)
+    files = ObjectFiles((FIELDS, FIELDS), SPACING, every / FPS)
     chosen, scores = hard_scenes(hard, split, scenes), list[SceneScore]()
     for n in range(0, scenes, HARD_BATCH):
         part = chosen[n : n + HARD_BATCH]
@@ -377,11 +376,11 @@ def hard_scores(hard: HardSet, split: Split, scenes: int, table: Tensor) -> list
                 mine += local_disturbance(hard, seed, mine)
             kept = arrived(hard, numbers, signals.shape[1] * every, every)
             seen = torch.stack([mine[at // every] for mine, at in zip(signals, kept, strict=True)])
-            _, state = windows(seen)
+            _, state = files(seen)
         # A bar that moves is an object to fields, whether it fluctuates or not.
         shown = [one.scene if hard.steady else one.shown for one in part]
         truth = [true_features([one], first_stage())[0] if one.bars else no_bars() for one in shown]
-        scores += [score_scene(f, t) for f, t in zip(features(windows, state), truth, strict=True)]
+        scores += [score_scene(f, t) for f, t in zip(features(files, state), truth, strict=True)]
     return scores
 
 

@@ -11,8 +11,6 @@ from torch import Tensor
 
 from ndtorch.binding import PublishedModel, object_table, train_first_stage
 from ndtorch.vision import FEATURES, GROUPS
-from ndtorch_train.reproduce.context import Context, judged
-from ndtorch_train.reproduce.outcome import Outcome
 from ndtorch_train.plots import (
     BLUE,
     GREEN,
@@ -25,6 +23,8 @@ from ndtorch_train.plots import (
     panels,
     weight_panel,
 )
+from ndtorch_train.reproduce.context import Context, judged
+from ndtorch_train.reproduce.outcome import Outcome
 from ndtorch_train.reproduce.signals import Run, learn, one_trial, owners, rendered, share_in, superposed
 
 PAIR = ["red", "green"]

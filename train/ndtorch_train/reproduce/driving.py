@@ -11,11 +11,11 @@ import torch
 from ndtorch.navigation import TURN, AvoidanceParams, Navigator, StereoRig
 from ndtorch.navigation.controllers.published import SaccadeAvoidance
 from ndtorch.navigation.controllers.subfields import SubfieldMotion
+from ndtorch_train.plots import BLACK, BLUE, GREEN, ORANGE, YELLOW, panels
 from ndtorch_train.recorded import RATE, Recorded
 from ndtorch_train.reproduce.context import Context, judged
 from ndtorch_train.reproduce.drives import recorded
 from ndtorch_train.reproduce.outcome import Outcome
-from ndtorch_train.plots import BLACK, BLUE, GREEN, ORANGE, YELLOW, panels
 
 
 def plan_axes(axes: Any, arena: str, seed: int, faint: bool = False) -> None:

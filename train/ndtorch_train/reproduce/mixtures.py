@@ -11,9 +11,9 @@ from torch import Tensor
 
 from ndtorch.binding import InhibitoryNetwork, separated, solutions, spectral_radius
 from ndtorch.binding.theory import count_solutions, largest_free_weight
+from ndtorch_train.plots import BLUE, ORANGE, letters, panels
 from ndtorch_train.reproduce.context import Context, judged
 from ndtorch_train.reproduce.outcome import Outcome
-from ndtorch_train.plots import BLUE, ORANGE, letters, panels
 from ndtorch_train.reproduce.two_neurons import DT
 
 

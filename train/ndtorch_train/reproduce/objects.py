@@ -13,8 +13,6 @@ from ndtorch.binding import PublishedModel, object_table
 from ndtorch.binding.attention import attention_mask, feature_weights
 from ndtorch.scenes import two_bars
 from ndtorch.vision import FEATURES, LowPass
-from ndtorch_train.reproduce.context import Context, judged
-from ndtorch_train.reproduce.outcome import Outcome
 from ndtorch_train.plots import (
     BLUE,
     GREEN,
@@ -26,6 +24,8 @@ from ndtorch_train.plots import (
     output_panel,
     panels,
 )
+from ndtorch_train.reproduce.context import Context, judged
+from ndtorch_train.reproduce.outcome import Outcome
 from ndtorch_train.reproduce.signals import (
     SUMS,
     learn,

@@ -9,9 +9,9 @@ import torch
 from torch import Tensor
 
 from ndtorch.binding import InhibitoryNetwork, learning_rule
+from ndtorch_train.plots import BLACK, BLUE, GREEN, ORANGE, letters, panels
 from ndtorch_train.reproduce.context import Context, judged
 from ndtorch_train.reproduce.outcome import Outcome
-from ndtorch_train.plots import BLACK, BLUE, GREEN, ORANGE, letters, panels
 
 DT = 0.001
 ONE = ((0.0, 0.7), (0.0, 0.6))
