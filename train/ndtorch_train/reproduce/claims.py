@@ -31,7 +31,7 @@ from ndtorch_train.reproduce.outcome import Claim
 from ndtorch_train.reproduce.signals import BINDING, HOUSE
 
 VISION = ("ndtorch.vision", "ndtorch.scenes", "ndtorch.navigation.rig", "ndtorch_train.plots")
-MAPS = (*DRIVES, *(f"ndtorch_train.reproduce.{name}" for name in ("drives", "driving", "plots")))
+MAPS = (*DRIVES, *(f"ndtorch_train.{name}" for name in ("reproduce.drives", "reproduce.driving", "plots")))
 BIND = (*BINDING, *HOUSE)
 SEEDS = [0, 1, 2]
 RATES = [0.5, 1.0, 2.0, 5.0, 10.0]

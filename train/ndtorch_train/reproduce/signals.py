@@ -26,7 +26,7 @@ SUMS = ("ndtorch.vision", "ndtorch.scenes")
 """Code that the ten sums depend on."""
 BINDING = (*SUMS, "ndtorch.binding", "ndtorch.loading", MODELS, "ndtorch_train.superposed")
 """Code that binding depends on."""
-HOUSE = tuple(f"ndtorch_train.reproduce.{name}" for name in ("signals", "plots"))
+HOUSE = ("ndtorch_train.reproduce.signals", "ndtorch_train.plots")
 """Code that every experiment on binding shares."""
 
 
