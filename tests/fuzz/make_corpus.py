@@ -93,13 +93,6 @@ def maps(folder: Path) -> None:
             shutil.copy(Path(place) / "map.npz", folder / f"{name}.npz")
 
 
-def tables(folder: Path) -> None:
-    from ndtorch_train.sweep.results import write
-
-    rows = [{"trial": f"t{n}", "gamma": 0.5 * n, "found": n % 2 == 0, "note": None, "code": "x"} for n in range(6)]
-    write(folder / "results.parquet", rows)
-
-
 def cars(folder: Path) -> None:
     for name in ("sim", "maxstone8"):
         shutil.copy(Path(__file__).parents[2] / "robot" / "configs" / f"{name}.toml", folder / f"{name}.toml")
@@ -224,7 +217,6 @@ MAKERS = {
     "state": state,
     "run": run,
     "map": maps,
-    "table": tables,
     "sweep": sweeps,
     "car": cars,
     "drive": texts("drive.toml", DRIVE),

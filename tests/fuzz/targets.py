@@ -126,12 +126,6 @@ def craft_arrays(chance: random.Random, path: Path) -> None:
     save_arrays(path, mutate.damaged_arrays(chance, load_arrays(path)))
 
 
-def read_table(path: Path) -> Any:
-    from ndtorch_train.sweep.results import read
-
-    return read(path)
-
-
 def read_sweep_file(path: Path) -> Any:
     from ndtorch_train.sweep.config import read_sweep
 
@@ -274,7 +268,6 @@ TARGETS = {
         Target("model", read_model, craft_tensors, 0.3),
         Target("run", read_run, craft_run),
         Target("map", read_map, craft_arrays),
-        Target("table", read_table),
         Target("sweep", read_sweep_file),
         Target("car", read_car),
         Target("drive", read_drive),

@@ -198,3 +198,71 @@ def draw_ranges(left: Any, row: Any, column: Any, kinds: dict[str, Any], path: P
     for (name, chosen), color in zip(kinds.items(), ("#999999", BLUE, YELLOW), strict=True):
         axes.plot(column[chosen], row[chosen], ".", ms=5, color=color, mew=0, label=name)
     return save(figure, path)
+
+
+UNITS = {
+    "phase": "degrees", "offset": "px", "gamma": "1/s", "tau_in": "s", "tau_out": "s", "tau_onset": "s", "window": "s",
+    "seconds": "s", "reach": "m", "min_disparity": "px", "max_disparity": "px", "features": "a frame",
+}  # fmt: skip
+"""Units of the parameters of sweeps."""
+
+
+def draw_heat_map(rows: list[dict[str, Any]], axes: Sequence[str], value: str, title: str, path: Path) -> Path:
+    """Means of a result over two parameters, a panel for every value of a third, of which at most six are shown.
+
+    Args:
+        rows: a trial each.
+        axes: names of the parameters along x, along y, and from panel to panel; "" for none.
+        value: name of the result.
+        title: of the sweep.
+        path: to write.
+    """
+    import matplotlib
+
+    x, y, by = axes
+    kinds = sorted({row[by] for row in rows})[:6] if by else [None]
+    figure, shown = panels(1, len(kinds), 1.2 + 5.2 * len(kinds), 4.6, sharey=True)
+    columns, column_of = binned([row[x] for row in rows])
+    lines, line_of = binned([row[y] for row in rows]) if y else ([""], lambda _: 0)
+    numbers = [float(row[value]) for row in rows if row[value] is not None]
+    low, high = (min(numbers), max(numbers)) if numbers else (0.0, 1.0)
+    if low >= 0 and high <= 1:
+        low, high = 0.0, 1.0
+    colors = matplotlib.colormaps["cividis"].with_extremes(bad="0.9")
+    for one, kind in zip(shown, kinds, strict=True):
+        total, count = np.zeros((2, len(lines), len(columns)))
+        for row in rows:
+            if (not by or row[by] == kind) and row[value] is not None:
+                at = line_of(row[y]) if y else 0, column_of(row[x])
+                total[at] += float(row[value])
+                count[at] += 1
+        means = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+        image: Any = one.imshow(means, origin="lower", aspect="auto", cmap=colors, vmin=low, vmax=high)
+        for axis, labels in ((one.xaxis, columns), (one.yaxis, lines)):
+            step = max(1, -(-len(labels) // 12))
+            axis.set_ticks(range(0, len(labels), step), labels[::step])
+        one.set(xlabel=with_unit(x), title=f"{by} {short(kind)}" if by else value)
+    shown[0].set_ylabel(with_unit(y))
+    figure.colorbar(image, ax=shown, label=value)
+    figure.suptitle(f"{title}: mean {value} of {len(rows)} trials", fontsize=11)
+    return save(figure, path)
+
+
+def with_unit(name: str) -> str:
+    """A parameter with its unit."""
+    return f"{name} ({UNITS[name]})" if name in UNITS else name
+
+
+def short(value: Any) -> str:
+    """A parameter's value in few characters."""
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def binned(values: Sequence[Any]) -> tuple[list[str], Any]:
+    """Labels of places along an axis, and the place of a value; more than 40 values are put into twelve bins."""
+    unique = sorted(set(values))
+    if len(unique) <= 40:
+        return [short(value) for value in unique], {value: k for k, value in enumerate(unique)}.__getitem__
+    edges = np.quantile(values, np.linspace(0, 1, 13))
+    labels = [f"{a:.3g}" for a in edges[:-1]]
+    return labels, lambda value: int(np.clip(np.searchsorted(edges, value, side="right") - 1, 0, 11))

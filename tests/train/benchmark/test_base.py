@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from ndtorch.errors import InputError
-from ndtorch_train.benchmark.base import Benchmark, Column, Row, Task, known, markdown
+from ndtorch_train.benchmark.base import Benchmark, Column, Task, known, markdown
+from ndtorch_train.rows import Row
 
 COLUMNS = (Column("case", "case"), Column("method", "method"), Column("f", "F", 2, "f_se", better=1), Column("n", "n"))
 

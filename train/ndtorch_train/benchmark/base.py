@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import functools
 import json
-import math
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,12 +19,10 @@ from ndtorch.nearest import meant
 from ndtorch.report.page import NAME, Page, Shown, Table, command_line, versions
 from ndtorch.run.folder import place_for
 from ndtorch.workers import Report, run_tasks
+from ndtorch_train.rows import Row, RowStore
 
 Split = Literal["tune", "test"]
 """Choose constants on the one, report the other: their seeds have none in common."""
-
-Row = dict[str, Any]
-"""Values by column, fit for JSON; None where there is none."""
 
 
 class Task(NamedTuple):
@@ -100,18 +97,18 @@ class Benchmark:
         code = code_digest(("ndtorch_train.benchmark", *self.uses))[:12]
         settings = {"command": f"benchmark {self.name}", "code": code, "tasks": keys, **self.settings}
         folder = place_for(out, settings, fresh, force).folder
-        cache = RowCache(folder / "rows.jsonl")
+        store = RowStore(folder / "rows.jsonl")
         failed: dict[str, str] = {}
         try:
-            todo = [task for task in self.tasks if task.key not in cache.rows]
-            with parts_kept(folder, "results", len(keys), lambda: len(cache.rows)):
+            todo = [task for task in self.tasks if task.key not in store.rows]
+            with parts_kept(folder, "results", len(keys), lambda: len(store.rows)):
                 for key, rows, why in self._results(todo, jobs, folder):
                     if rows is None:
                         failed[key] = why
                     else:
-                        cache.add(key, rows)
+                        store.add({key: rows})
                         tell(f"{key}: done")
-            found = [row for key in keys for row in cache.rows.get(key, ())]
+            found = [row for key in keys for row in store.rows.get(key, ())]
             return Result(found, self._write(found, folder), folder, failed)
         except OSError as error:
             raise InputError(f"{error.filename or folder} cannot be written: {error.strerror or error}") from None
@@ -191,28 +188,6 @@ class Result(NamedTuple):
         return 1 if self.failed else 0
 
 
-class RowCache:
-    """Rows of finished tasks, a line of JSON each; a line that was cut off does not count."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.rows: dict[str, list[Row]] = {}
-        if path.is_file():
-            for line in path.read_text(encoding="utf-8").splitlines():
-                try:
-                    key, rows = json.loads(line)
-                except ValueError:
-                    continue
-                self.rows[key] = rows
-
-    def add(self, key: str, rows: list[Row]) -> None:
-        """Keep the rows of a task."""
-        plain = [{name: _number(value) for name, value in row.items()} for row in rows]
-        with self.path.open("a", encoding="utf-8") as file:
-            file.write("\n" * (file.tell() > 0) + json.dumps([key, plain]))
-        self.rows[key] = plain
-
-
 def _work(task: Task, report: Report, *, folder: Path) -> list[Row]:
     """One task, in any process, with one thread."""
     import cv2
@@ -224,12 +199,6 @@ def _work(task: Task, report: Report, *, folder: Path) -> list[Row]:
     cv2.setNumThreads(1)
     tune_allocator()
     return task.work(folder)
-
-
-def _number(value: Any) -> Any:
-    """A value as JSON has it; None for what is not a number."""
-    value = value.item() if hasattr(value, "item") else value
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _plain(value: Any) -> Any:

@@ -24,9 +24,10 @@ from ndtorch.code_digest import MODELS
 from ndtorch.errors import InputError
 from ndtorch.scenes import CommonFate
 from ndtorch.vision import CoherentMotion
-from ndtorch_train.benchmark.base import Benchmark, Column, Row, Split, Task, known
+from ndtorch_train.benchmark.base import Benchmark, Column, Split, Task, known
 from ndtorch_train.benchmark.foreground import Subtraction
 from ndtorch_train.plots import draw_common_fate
+from ndtorch_train.rows import Row
 
 Mask = npt.NDArray[np.bool_]
 Floats = npt.NDArray[np.float64]

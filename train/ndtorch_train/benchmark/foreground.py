@@ -26,7 +26,7 @@ from ndtorch.optional import need
 from ndtorch.report.page import Shown
 from ndtorch.run.opening import CAMERA_MODELS
 from ndtorch.scenes.video import reduced
-from ndtorch_train.benchmark.base import Benchmark, Column, Row, Split, Task, known
+from ndtorch_train.benchmark.base import Benchmark, Column, Split, Task, known
 from ndtorch_train.benchmark.generated_clips import boxes_of, clip_file, draw_clip
 from ndtorch_train.benchmark.mot import (
     SMALLEST,
@@ -46,6 +46,7 @@ from ndtorch_train.benchmark.mot import (
 )
 from ndtorch_train.benchmark.negative_clips import FPS, KINDS, SEEDS, Drawn, still_image
 from ndtorch_train.plots import draw_table
+from ndtorch_train.rows import Row
 
 OPENING = 3
 """Pixels of the square with which masks are opened."""

@@ -23,8 +23,9 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import FeatureParams, MatchParams, RowRanging, StereoRig
 from ndtorch.navigation.row_search import SearchParams
 from ndtorch.report.page import Shown
-from ndtorch_train.benchmark.base import Benchmark, Column, Row, Task
+from ndtorch_train.benchmark.base import Benchmark, Column, Task
 from ndtorch_train.plots import draw_ranges
+from ndtorch_train.rows import Row
 
 Image = npt.NDArray[np.uint8]
 Disparity = npt.NDArray[np.float32]

@@ -43,9 +43,10 @@ from ndtorch_train.benchmark.bar_scenes import (
     seeds,
     true_features,
 )
-from ndtorch_train.benchmark.base import Row, Split
+from ndtorch_train.benchmark.base import Split
 from ndtorch_train.benchmark.hard_scenes import HARD, HardSet, arrived, group_largest, hard_scenes, no_bars, smoothed
 from ndtorch_train.benchmark.scene_scores import SceneScore, scene_row, score_scene
+from ndtorch_train.rows import Row
 
 NAME = "retinotopic"
 BATCH, HARD_BATCH = 50, 10

@@ -11,7 +11,8 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
-from ndtorch_train.benchmark.base import Column, Row
+from ndtorch_train.benchmark.base import Column
+from ndtorch_train.rows import Row
 
 GOOD_F1 = 0.75
 """F1 that every bar of a scene must reach for the scene to be *ok*."""

@@ -34,11 +34,12 @@ from ndtorch_train.benchmark.bar_scenes import (
     superposed,
     true_features,
 )
-from ndtorch_train.benchmark.base import Benchmark, Row, Split, Task, known
+from ndtorch_train.benchmark.base import Benchmark, Split, Task, known
 from ndtorch_train.benchmark.hard_scenes import HARD, STRESS, STRESS_SECONDS, Trial, hard_trial, stressed
 from ndtorch_train.benchmark.scene_scores import COLUMNS, SceneScore, right_from, scene_row, score_scene
 from ndtorch_train.benchmark.separation import METHODS
 from ndtorch_train.plots import draw_scene_scores
+from ndtorch_train.rows import Row
 
 BATCH = 250
 """Scenes in memory at once."""

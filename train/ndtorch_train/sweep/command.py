@@ -20,8 +20,12 @@ from ndtorch.files import write_text
 from ndtorch.workers import Event, Report, cores, run_tasks
 
 if TYPE_CHECKING:
+    from ndtorch_train.rows import RowStore
     from ndtorch_train.sweep.config import SweepConfig
     from ndtorch_train.sweep.parameters import Trial
+
+KEPT = "rows.jsonl"
+"""Rows of finished trials."""
 
 
 @dataclass(frozen=True)
@@ -56,9 +60,10 @@ class Sweep:
         from ndtorch.ending import parts_kept
         from ndtorch.installed import toml_file
         from ndtorch.run.folder import place_for
+        from ndtorch_train.rows import RowStore
         from ndtorch_train.sweep.config import read_sweep, results_of
         from ndtorch_train.sweep.parameters import trial_id
-        from ndtorch_train.sweep.results import ResultStore, draw, summary
+        from ndtorch_train.sweep.results import write_results
 
         if self.cluster is not None and len(self.cluster) > 1:
             raise InputError(f"--cluster takes one address, got {' '.join(self.cluster)}")
@@ -73,25 +78,31 @@ class Sweep:
         place = place_for(wanted, settings | {"code": code}, self.fresh, self.force)
         out = place.folder
         try:
-            place.take_over("parts")
-            store = ResultStore(out, code)
-            if place.before is not None and (place.before / "results.parquet").exists():
-                shutil.copy(place.before / "results.parquet", store.parts / "before.parquet")
-            done = store.load()
-            if store.outdated:
-                print(f"note: {store.outdated} trials in {out} are of other code and not used", file=sys.stderr)
-            for line in store.damaged:
-                print(f"note: {line}; its trials are run again", file=sys.stderr)
+            if place.before is not None and (place.before / KEPT).is_file() and not (out / KEPT).exists():
+                shutil.copy(place.before / KEPT, out / KEPT)
+            store = RowStore(out / KEPT)
+            done = {name for name, (row,) in store.rows.items() if row["code"] == code}
+            if len(done) < len(store.rows):
+                print(
+                    f"note: {len(store.rows) - len(done)} trials in {out} are of other code and not used",
+                    file=sys.stderr,
+                )
+            if store.damaged:
+                print(
+                    f"note: {store.damaged} lines of {out / KEPT} are damaged; their trials are run again",
+                    file=sys.stderr,
+                )
             names = {trial_id(trial) for trial in config.trials}
             todo = [trial for trial in config.trials if trial_id(trial) not in done]
             if len(todo) < len(config.trials):
                 finished = f"{len(config.trials) - len(todo)} of {len(config.trials)} trials were finished before"
                 print(finished, file=sys.stderr if self.json else sys.stdout)
             began = time.perf_counter()
-            with parts_kept(out, "trials", len(config.trials), lambda: len(store.load().keys() & names)):
-                failed = self.work(config, todo, module, jobs, store)
+            with parts_kept(out, "trials", len(config.trials), lambda: len(store.rows.keys() & names)):
+                failed = self.work(config, todo, module, jobs, store, code)
             seconds = time.perf_counter() - began
-            rows = store.finish(config)
+            found = store.load()
+            rows = [found[name][0] for name in map(trial_id, config.trials) if name in found]
             file = out / "summary.json"
             # Where nothing was left to compute, what was told of the run that computed it stays.
             before = {} if todo else told_before(file)
@@ -102,12 +113,9 @@ class Sweep:
                 report = dict(before)
             if self.compare:
                 report |= one_at_a_time(config, module, min(self.compare, len(config.trials)))
-            results = results_of(config.kind)
-            write_text(out / "summary.md", summary(config, rows, results))
+            write_results(config, rows, results_of(config.kind), out)
             if report != before:
                 write_text(file, json.dumps(report, indent=1) + "\n")
-            if rows:
-                draw(config, rows, out)
         except OSError as error:
             raise InputError(f"{error.filename or out} cannot be written: {error.strerror or error}") from None
         if self.json:
@@ -119,18 +127,25 @@ class Sweep:
             print(f"error: {failed.count(why)} blocks of trials failed: {why.strip()}", file=sys.stderr)
         return 1 if failed else 0
 
-    def work(self, config: SweepConfig, todo: Sequence[Trial], module: ModuleType, jobs: int, store: Any) -> list[str]:
+    def work(
+        self, config: SweepConfig, todo: Sequence[Trial], module: ModuleType, jobs: int, store: RowStore, code: str
+    ) -> list[str]:
         """Run the trials and keep every block's results as it comes; returns why blocks failed."""
         if not todo:
             return []
         from ndtorch.run.progress import progress_bar
+        from ndtorch_train.sweep.parameters import trial_id
 
         blocks = module.blocks(todo, jobs)
         failed: list[str] = []
         with progress_bar(len(todo), desc=config.name, unit=" trials") as bar:
             for kind, index, value in self.events(config, blocks, jobs):
                 if kind == "done":
-                    store.add(blocks[index], value)
+                    rows = [
+                        {"trial": trial_id(trial), **trial, **result, "code": code}
+                        for trial, result in zip(blocks[index], value, strict=True)
+                    ]
+                    store.add({row["trial"]: [row] for row in rows})
                     bar.update(len(blocks[index]))
                 elif kind == "again":
                     again = f"its {len(blocks[index])} trials are run again"
@@ -187,27 +202,23 @@ def one_at_a_time(config: SweepConfig, module: ModuleType, count: int) -> dict[s
     torch.set_num_threads(1)
     step = len(config.trials) / count
     chosen = [config.trials[int(k * step)] for k in range(count)]
-    module.run_block(chosen[:1], config.device)  # what is made once
-    start = time.perf_counter()
-    alone = [module.run_block([trial], config.device)[0] for trial in chosen]
-    slow = (time.perf_counter() - start) / count
-    blocks = module.blocks(config.trials, 1)
-    block = max(blocks, key=len)
-    start = time.perf_counter()
-    module.run_block(block, config.device)
-    fast = (time.perf_counter() - start) / len(block)
-    same = [module.run_block(part, config.device) for part in module.blocks(chosen, 1)]
-    order = [trial for part in module.blocks(chosen, 1) for trial in part]
-    by_name = {id(trial): result for trial, result in zip(order, [r for part in same for r in part], strict=True)}
-    unlike = sum(by_name[id(trial)] != result for trial, result in zip(chosen, alone, strict=True))
-    success = sum(
-        by_name[id(trial)][module.RESULTS[0]] != result[module.RESULTS[0]]
-        for trial, result in zip(chosen, alone, strict=True)
-    )
+
+    def timed(blocks: Sequence[Sequence[Trial]]) -> tuple[float, list[dict[str, Any]]]:
+        start = time.perf_counter()
+        found = [result for block in blocks for result in module.run_block(block, config.device)]
+        return (time.perf_counter() - start) / len(found), found
+
+    timed([chosen[:1]])  # what is made once
+    slow, alone = timed([[trial] for trial in chosen])
+    fast, _ = timed([max(module.blocks(config.trials, 1), key=len)])
+    parts = module.blocks(chosen, 1)
+    together = dict(zip((id(trial) for part in parts for trial in part), timed(parts)[1], strict=True))
+    pairs = [(together[id(trial)], result) for trial, result in zip(chosen, alone, strict=True)]
+    first = module.RESULTS[0]
     return {
         "one at a time, trials per second": round(1 / slow, 2),
         "together, one process, trials per second": round(1 / fast, 2),
         "ratio": round(slow / fast, 1),
-        "trials whose last digits differ": unlike,
-        f"trials whose {module.RESULTS[0]} differs": success,
+        "trials whose last digits differ": sum(one != other for one, other in pairs),
+        f"trials whose {first} differs": sum(one[first] != other[first] for one, other in pairs),
     }
