@@ -64,8 +64,10 @@ def arguments(name: str, out: Path, given: Path) -> list[str]:
     sweep.write_text(SWEEP)
     car = given / "car.toml"
     text = toml_file(Path("sim"), "ndtorch_robot", "configs").read_text()
-    text = text.replace('"simulated-board"', '"simulated-world"').replace(
-        "map_half_size_m = 0.0", "map_half_size_m = 5.0"
+    text = (
+        text.replace('"hosted-board"', '"simulated-world"')
+        .replace("real_time = true\n", "")
+        .replace("map_half_size_m = 0.0", "map_half_size_m = 5.0")
     )
     car.write_text(text)
     recording = next((CORPUS / "replay").iterdir())

@@ -12,7 +12,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
 from ndtorch.toml import Strict
 from ndtorch_robot.camera_monitor.limits import CameraLimits
-from ndtorch_robot.link.registry import SERIAL, SIMULATED_BOARD, check_link
+from ndtorch_robot.link.registry import HOSTED_BOARD, SERIAL, check_link
 from ndtorch_robot.navigator_table import NavigatorTable
 from ndtorch_robot.safety import SafetyLimits
 
@@ -120,7 +120,7 @@ class NavigationTable(NavigatorTable):
 class SimulationTable(Strict):
     """`[simulation]`: a simulated world in place of cameras and car.
 
-    It is driven by the pulses of the simulated board, or with `link.kind = "simulated-world"` without any board.
+    The firmware drives it, in this process, or with `link.kind = "simulated-world"` nothing but the loop.
 
     Args:
         arena: name of an arena or a `.toml` file.
@@ -148,7 +148,7 @@ class RunConfig(Strict):
         robot: name that the board must have.
         rate_hz: steps, and frames, a second.
         link: the table of the drive link: its `kind`, `"serial"` by default and in a simulated world
-            `"simulated-board"`, and what links of that kind have to say; see `ndtorch_robot/link/`.
+            `"hosted-board"`, and what links of that kind have to say; see `ndtorch_robot/link/`.
         cameras: the table of the camera pair; checked when the cameras are opened.
     """
 
@@ -183,4 +183,4 @@ class RunConfig(Strict):
     def link_table(self) -> dict[str, Any]:
         """`[link]` with its kind."""
         simulated = self.simulation is not None and "device" not in self.link
-        return {"kind": SIMULATED_BOARD if simulated else SERIAL, **self.link}
+        return {"kind": HOSTED_BOARD if simulated else SERIAL, **self.link}

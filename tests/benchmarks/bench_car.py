@@ -24,9 +24,9 @@ from ndtorch_robot.car import percentiles
 from ndtorch_robot.link import SerialDrive
 from ndtorch_robot.run import open_car, real_time_priority
 from ndtorch_robot.run_config import NavigationTable, RunConfig
-from ndtorch_robot.sim.board import SimulatedBoard
 from tests.benchmarks.bench_cameras import films
 from tests.benchmarks.timing import Row, table
+from tests.robot.support.avr_board import AvrBoard
 from tests.robot.support.peer import Peer, board
 
 TITLE = "The running car (firmware on a simulated processor, two 640x480 films)"
@@ -49,7 +49,7 @@ def car(seconds: float, controller: str) -> dict[str, object]:
     lines: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
         left, right = films(Path(folder), round(30 * (seconds + 2)))
-        simulated = SimulatedBoard()
+        simulated = AvrBoard()
         try:
             link = {"device": simulated.device}
             navigation = NavigationTable(controller=controller)

@@ -21,7 +21,7 @@ from ndtorch.installed import toml_file
 from ndtorch.run.folder import place_for
 from ndtorch.toml import read_toml
 from ndtorch_robot.run_config import RunConfig
-from ndtorch_robot.sim.hosted_board import HostedBoard
+from ndtorch_robot.sim.firmware_host import FirmwareHost
 from tests.fault_injection.scenario import drive_scenario, resident_megabytes
 from tests.fault_injection.table import failures, report, summary
 
@@ -70,7 +70,7 @@ class FaultInjection:
         config = read_toml(toml_file(self.config, "ndtorch_robot", "configs"), RunConfig)
         torch.set_num_threads(1)
         code = code_digest(("ndtorch", "ndtorch_robot"), ("torch", "mujoco", "numpy"))
-        key = {"code": code, "config": config.model_dump_json(), "board": HostedBoard.code()}
+        key = {"code": code, "config": config.model_dump_json(), "board": FirmwareHost.code()}
         key |= {"seconds": f"{self.scenario_seconds:g}"}
         place = place_for(self.out, {"command": "fault injection"} | key, force=self.force)
         count = max(1, round(60 * self.minutes / self.scenario_seconds))

@@ -14,8 +14,8 @@ from ndtorch_robot.camera_monitor.limits import CameraLimits
 from ndtorch_robot.car import Car
 from ndtorch_robot.faults import FaultKind
 from ndtorch_robot.ports import Step
-from ndtorch_robot.sim.board import Pulse
-from ndtorch_robot.sim.lockstep_world import LockstepWorld
+from ndtorch_robot.sim.firmware_host import Pulse
+from ndtorch_robot.sim.stepped_world import SteppedWorld
 from tests.fault_injection.camera_faults import FaultyCameras
 from tests.fault_injection.disk_faults import RecordingCheck
 from tests.fault_injection.faults import FAULTS, Fault
@@ -59,7 +59,7 @@ class FaultInjector:
         lines: messages of the recorders.
     """
 
-    def __init__(self, car: Car, world: LockstepWorld, cameras: FaultyCameras, seed: int, scratch: Path) -> None:
+    def __init__(self, car: Car, world: SteppedWorld, cameras: FaultyCameras, seed: int, scratch: Path) -> None:
         self.car, self.world, self.scratch = car, world, scratch
         self.cameras, self.link = cameras, FaultyLink(world, seed)
         self.random = np.random.default_rng((seed, 9))

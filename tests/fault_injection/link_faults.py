@@ -6,7 +6,7 @@ from collections import deque
 
 import numpy as np
 
-from ndtorch_robot.sim.lockstep_world import Cable, LockstepWorld, good_cable
+from ndtorch_robot.sim.stepped_world import Cable, SteppedWorld, good_cable
 
 DAMAGE = {"20 % of bytes": 0.2, "3 % of bytes": 0.03, "single bytes": 0.0003}
 """Share of bytes with a flipped bit: in nearly every frame, in every third, or in one every three seconds."""
@@ -26,7 +26,7 @@ class FaultyLink:
         seed: of the random damage.
     """
 
-    def __init__(self, world: LockstepWorld, seed: int) -> None:
+    def __init__(self, world: SteppedWorld, seed: int) -> None:
         self.world, self.random = world, np.random.default_rng((seed, 8))
         self.queue: deque[tuple[float, bytes]] = deque()
 

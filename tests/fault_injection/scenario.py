@@ -8,8 +8,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from ndtorch_robot.link.hosted_board import HostedDrive
 from ndtorch_robot.link.registry import HOSTED_BOARD
+from ndtorch_robot.link.simulated import HostedDrive
 from ndtorch_robot.ports import Observer, Step
 from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import RunConfig, SimulationTable

@@ -9,7 +9,7 @@ import torch
 from ndtorch.navigation import Strips
 from ndtorch_robot.faults import FaultKind, Stop
 from ndtorch_robot.ports import StereoFrames
-from ndtorch_robot.sim.board import Pulse
+from ndtorch_robot.sim.firmware_host import Pulse
 from tests.fault_injection.faults import FAULTS
 from tests.fault_injection.injector import FaultInjector
 

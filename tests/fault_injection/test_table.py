@@ -5,7 +5,7 @@ import json
 import pytest
 
 from ndtorch.errors import InputError
-from ndtorch_robot.sim.hosted_board import HostedBoard
+from ndtorch_robot.sim.firmware_host import FirmwareHost
 from tests.fault_injection import __main__ as command
 from tests.fault_injection.__main__ import FaultInjection, kept
 from tests.fault_injection.table import SETTLING, failures, memory_growth, report, summary
@@ -81,7 +81,7 @@ def test_a_run_continues_where_it_was(tmp_path, monkeypatch, capsys):
         return scenario(number, 300.0, [row()])
 
     monkeypatch.setattr(command, "drive_scenario", drive)
-    monkeypatch.setattr(HostedBoard, "code", staticmethod(lambda: "board"))
+    monkeypatch.setattr(FirmwareHost, "code", staticmethod(lambda: "board"))
     out = tmp_path / "out"
     assert FaultInjection(minutes=1.0, scenario_seconds=60.0, out=out).run() == 0
     assert FaultInjection(minutes=3.0, scenario_seconds=60.0, out=out).run() == 0

@@ -199,7 +199,7 @@ def replay_recording(path: Path) -> Any:
 def read_line(path: Path) -> Any:
     """Bytes of the drive link, in chunks, and what the frames say."""
     from ndtorch_robot.link.messages import Type, read_command, read_telemetry, read_welcome
-    from ndtorch_robot.link.parser import Parser
+    from ndtorch_robot.link.receiver import Parser
 
     data, parser = path.read_bytes(), Parser()
     read = {Type.COMMAND: read_command, Type.TELEMETRY: read_telemetry, Type.WELCOME: read_welcome}

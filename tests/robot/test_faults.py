@@ -116,7 +116,7 @@ def test_emergency_stop(garage):
 CONFIG = """
 robot = "maxston8"
 [link]
-kind = "simulated-board"
+kind = "avr-board"
 pulse_log = "{log}"
 [simulation]
 arena = "curve"
@@ -173,7 +173,7 @@ def test_keys_in_a_terminal(tmp_path):
     master, slave = pty.openpty()
     with errors.open("w") as file:
         run = subprocess.Popen(
-            [sys.executable, "-m", "ndtorch", "run", str(config), "--json"],
+            [sys.executable, "-m", "tests.robot.support.avr_board", "run", str(config), "--json"],
             stdin=slave,
             stdout=subprocess.PIPE,
             stderr=file,
@@ -223,7 +223,7 @@ def test_paused_killed_and_told_to_end(tmp_path):
         log.unlink(missing_ok=True)
         with errors.open("w") as file:
             run = subprocess.Popen(
-                [sys.executable, "-m", "ndtorch", "run", str(config), "--go", "--json"],
+                [sys.executable, "-m", "tests.robot.support.avr_board", "run", str(config), "--go", "--json"],
                 stdout=subprocess.PIPE,
                 stderr=file,
             )

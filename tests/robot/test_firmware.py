@@ -21,10 +21,10 @@ from ndtorch_robot.link.messages import (
     encode_frame,
     read_telemetry,
 )
-from ndtorch_robot.link.parser import Parser
+from ndtorch_robot.link.receiver import Parser
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.run import real_time_priority
-from ndtorch_robot.sim.board import SimulatedBoard
+from tests.robot.support.avr_board import AvrBoard
 from tests.robot.support.bench import bench, ordinary_priority
 from tests.robot.support.board_needed import FIRMWARE, needs_board
 
@@ -156,7 +156,7 @@ def test_fits_the_board():
 @pytest.fixture
 def line():
     """A simulated board and its serial port."""
-    board = SimulatedBoard()
+    board = AvrBoard()
     port = os.open(board.device, os.O_RDWR | os.O_NOCTTY)
     try:
         yield board, port
@@ -255,7 +255,7 @@ def test_a_main_loop_that_hangs_shortens_no_pulse(line):
 @needs_board
 def test_bring_up(capsys, tmp_path):
     config = tmp_path / "car.toml"
-    config.write_text('robot = "maxston8"\n[simulation]\n')
+    config.write_text('robot = "maxston8"\nlink.kind = "avr-board"\n[simulation]\n')
     real_time_priority(print)
     try:
         assert main(["check", str(config), "--yes"]) == 0, capsys.readouterr()
@@ -269,7 +269,7 @@ def test_bring_up(capsys, tmp_path):
 @needs_board
 def test_another_robots_configuration(capsys, tmp_path):
     config = tmp_path / "car.toml"
-    config.write_text('robot = "lorry"\n[simulation]\n')
+    config.write_text('robot = "lorry"\nlink.kind = "avr-board"\n[simulation]\n')
     assert main(["check", str(config), "--yes"]) == 2
     assert "the board is that of the robot 'maxston8', the configuration is for 'lorry'" in capsys.readouterr().err
 

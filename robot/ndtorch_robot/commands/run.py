@@ -160,16 +160,10 @@ def with_disturbance(config: RunConfig, disturbance: str) -> RunConfig:
 
 def world(car: Car) -> dict[str, object]:
     """What the simulated world knows of the drive."""
-    from ndtorch_robot.sim.pulse_world import PulseWorld
     from ndtorch_robot.sim.simulation import Simulation
+    from ndtorch_robot.sim.stepped_world import SteppedWorld
 
-    if isinstance(car.cameras, Simulation):
-        return {"collisions": len(car.cameras.collisions)}
-    if not isinstance(car.cameras, PulseWorld):
-        return {}
-    late = sum(event.name == "late" for event in car.cameras.board.events)
-    return {
-        "collisions": len(car.cameras.simulation.collisions),
-        "distance_m": round(car.cameras.distance, 2),
-        "board_late": late,
-    }
+    if isinstance(car.cameras, SteppedWorld):
+        simulation, distance = car.cameras.simulation, car.cameras.distance
+        return {"collisions": len(simulation.collisions), "distance_m": round(distance, 2)}
+    return {"collisions": len(car.cameras.collisions)} if isinstance(car.cameras, Simulation) else {}

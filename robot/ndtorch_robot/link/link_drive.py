@@ -6,9 +6,9 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from ndtorch_robot.link.hearing import Hearing, news
 from ndtorch_robot.link.line import Line
-from ndtorch_robot.link.messages import Frame, Telemetry, Type, command_body, read_welcome, sendable
+from ndtorch_robot.link.messages import Frame, Telemetry, Type, command_body, quantised, read_welcome
+from ndtorch_robot.link.receiver import Receiver, new_events
 from ndtorch_robot.ports import STAND, Drive, DriveCommand, Report, SafeCommand, unseal
 
 HEARTBEAT = 0.03
@@ -47,7 +47,7 @@ class LinkDrive(Drive):
         self.line, self.now, self.robot, self.report = line, now, robot, report
         self.lock = threading.Lock()
         self.welcomed = threading.Event()
-        self.hearing = Hearing()
+        self.receiver = Receiver()
         self.armed = False
         self.asked_to_arm = -1.0
         self.standing = True
@@ -59,7 +59,7 @@ class LinkDrive(Drive):
     @property
     def heard(self) -> Telemetry | None:
         """The latest telemetry."""
-        return self.hearing.telemetry
+        return self.receiver.telemetry
 
     # What the loop calls.
 
@@ -74,7 +74,7 @@ class LinkDrive(Drive):
         self.last_command = now
         if not self.armed or now - command.time > OLDEST_COMMAND:
             return STAND
-        sent = sendable(wanted)
+        sent = quantised(wanted)
         return sent if self.line.write(Type.COMMAND, command_body(sent)) else STAND
 
     def stop(self) -> None:
@@ -91,7 +91,7 @@ class LinkDrive(Drive):
         with self.lock:
             self.fault, self.standing, self.armed = None, False, False
             self.asked_to_arm = self.last_command = now
-            self.hearing.noise.count = 0
+            self.receiver.quality.count = 0
         return self.line.write(Type.ARM)
 
     def trouble(self) -> str | None:
@@ -100,10 +100,10 @@ class LinkDrive(Drive):
 
     def driven(self) -> DriveCommand:
         """Mean of the speeds and curvatures that the board has applied since this was last asked."""
-        driven = self.hearing.driven()
+        driven = self.receiver.driven()
         if driven is not None:
             return driven
-        return self.hearing.applied if self.welcomed.is_set() else STAND
+        return self.receiver.applied if self.welcomed.is_set() else STAND
 
     def telemetry(self) -> dict[str, Any]:
         """What the board says of itself; `link` is why it cannot be commanded, or None."""
@@ -134,9 +134,9 @@ class LinkDrive(Drive):
             return
         if not self.standing and now - self.last_command > LOOP_PATIENCE:
             self.disarm(f"the loop has sent nothing for {now - self.last_command:.2f} s", tell=True)
-        if now - self.hearing.last > LINK_PATIENCE:
+        if now - self.receiver.last > LINK_PATIENCE:
             self.welcomed.clear()
-            self.disarm(f"lost: no valid telemetry for {now - self.hearing.last:.2f} s", tell=True)
+            self.disarm(f"lost: no valid telemetry for {now - self.receiver.last:.2f} s", tell=True)
             return
         self.line.write(Type.HEARTBEAT)
 
@@ -145,13 +145,13 @@ class LinkDrive(Drive):
         now = self.now()
         if not self.welcomed.is_set() and now - self.greeted > HELLO_EVERY:
             self.greeted = now
-            self.hearing.begin()
+            self.receiver.begin()
             self.line.write(Type.HELLO)
 
     def handle(self, data: bytes) -> None:
         """Bytes from the board."""
-        frames = self.hearing.parser.feed(data)
-        if (other := self.hearing.other_version()) is not None:
+        frames = self.receiver.parser.feed(data)
+        if (other := self.receiver.other_version()) is not None:
             self.refusal = other
             self.welcomed.clear()
             self.disarm(self.refusal, tell=True)
@@ -160,7 +160,7 @@ class LinkDrive(Drive):
                 self.on_welcome(frame)
             elif frame.type == Type.TELEMETRY and self.welcomed.is_set():
                 self.on_telemetry(frame)
-        if self.hearing.bad(self.now()) and not self.standing:
+        if self.receiver.bad(self.now()) and not self.standing:
             self.disarm("bad line: many frames from the board are refused", tell=True)
 
     def on_welcome(self, frame: Frame) -> None:
@@ -171,7 +171,7 @@ class LinkDrive(Drive):
             return
         again = self.heard is not None and not self.welcomed.is_set()
         self.refusal = None
-        self.hearing.welcome(frame, self.now())
+        self.receiver.welcome(frame, self.now())
         self.welcomed.set()
         if again:
             self.report("link: connected again; the car stands until it is told to resume")
@@ -179,11 +179,11 @@ class LinkDrive(Drive):
     def on_telemetry(self, frame: Frame) -> None:
         """What the board does."""
         now, before = self.now(), self.heard
-        telemetry = self.hearing.take(frame, now)
+        telemetry = self.receiver.take(frame, now)
         if telemetry is None:
             return
         self.line.echoed(telemetry.echo, now)
-        for line in news(before, telemetry):
+        for line in new_events(before, telemetry):
             self.report(f"link: {line}")
         if self.standing:
             return

@@ -1,4 +1,4 @@
-"""What is said on the drive link, and how it is put into frames; see PROTOCOL.md."""
+"""What is said on the drive link, and how it is put into frames; see docs/robot/protocol.md."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ def decode_frame(coded: bytes) -> Frame | None:
     return Frame(version, kind, sequence, checked[HEADER.size :])
 
 
-def sendable(command: DriveCommand) -> DriveCommand:
+def quantised(command: DriveCommand) -> DriveCommand:
     """The command as it goes over the line: in thousandths, and no larger than fits."""
     speed, curvature = (round(min(max(value, -WIDEST), WIDEST), 3) for value in command)
     return DriveCommand(speed, curvature)

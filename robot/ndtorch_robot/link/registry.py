@@ -1,7 +1,7 @@
 """Drive links by name: `[link] kind = "serial"` in a car's file chooses one.
 
-A link is one file in this folder, or anywhere in a program of one's own: a class that is a `robot.ports.Drive`, a
-table of what its section of the file may say, and a function that opens it, with `@link` before it.
+A link is one file in this folder, or anywhere in a program of one's own: a class that is a `ports.Drive`, a table of
+what its section of the file may say, and a function that opens it, with `@link` before it.
 """
 
 from __future__ import annotations
@@ -21,8 +21,10 @@ from ndtorch_robot.ports import CameraPair, Clock, Drive, Report
 if TYPE_CHECKING:
     from ndtorch_robot.sim.simulation import Simulation
 
-SERIAL, SIMULATED_BOARD, SIMULATED_WORLD = "serial", "simulated-board", "simulated-world"
-HOSTED_BOARD = "hosted-board"
+SERIAL, HOSTED_BOARD, SIMULATED_WORLD = "serial", "hosted-board", "simulated-world"
+
+GONE = {"simulated-board": f"use {HOSTED_BOARD!r}, which runs the same firmware"}
+"""Kinds of version 0.2, and what took their place."""
 
 
 @runtime_checkable
@@ -83,6 +85,8 @@ def find_kind(name: str) -> Kind:
     if name not in KINDS:
         for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
             importlib.import_module(f"{__package__}.{module.name}")
+    if name not in KINDS and name in GONE:
+        raise InputError(f"the link of the kind {name!r} is gone: {GONE[name]}")
     if name not in KINDS:
         raise InputError(f"no link of the kind {name!r}, known are {', '.join(sorted(KINDS))}{meant(name, KINDS)}")
     return KINDS[name]
@@ -106,7 +110,7 @@ def open_link(values: Mapping[str, Any], opening: Opening) -> Drive:
     if opening.simulation is not None and not isinstance(drive, MovesWorld):
         drive.close()
         raise InputError(
-            f"a simulated world is driven by link.kind = {SIMULATED_BOARD!r}, {HOSTED_BOARD!r} or "
-            f"{SIMULATED_WORLD!r}, got {values.get('kind', SERIAL)!r}"
+            f"a simulated world is driven by link.kind = {HOSTED_BOARD!r} or {SIMULATED_WORLD!r}, "
+            f"got {values.get('kind', SERIAL)!r}"
         )
     return drive

@@ -10,9 +10,8 @@ from pydantic import Field
 
 from ndtorch.errors import InputError
 from ndtorch.toml import Strict
-from ndtorch_robot.link.line import GONE, SerialLine
+from ndtorch_robot.link.line import GONE, SerialLine, read_some
 from ndtorch_robot.link.link_drive import HEARTBEAT, LinkDrive
-from ndtorch_robot.link.port import read_some
 from ndtorch_robot.link.registry import SERIAL, Opening, link
 from ndtorch_robot.ports import Report
 
@@ -82,7 +81,7 @@ class SerialDrive(LinkDrive):
             if self.refusal is not None:
                 raise InputError(f"{self.device}: {self.refusal}")
             if time.monotonic() > end:
-                raise InputError(f"{self.device}: {self.hearing.silence(self.baud)}")
+                raise InputError(f"{self.device}: {self.receiver.silence(self.baud)}")
 
     def close(self) -> None:
         """Stop, end both threads and give the port back."""
@@ -128,7 +127,7 @@ class SerialDrive(LinkDrive):
         while not self.closing.is_set():
             now = time.monotonic()
             if not self.welcomed.is_set():
-                if now - max(opened, self.hearing.last) > 2 * GREETING:
+                if now - max(opened, self.receiver.last) > 2 * GREETING:
                     return "no answer from the board"
                 self.greet()
             try:

@@ -148,10 +148,10 @@ def test_a_drive_that_was_stopped_says_so_to_the_board_and_no_more():
 
 def test_many_refused_frames_from_the_board_stop_it_once():
     car = Known()
-    car.drive.hearing.parser.refused += 3
+    car.drive.receiver.parser.refused += 3
     car.drive.handle(b"")
     assert car.drive.trouble() is None
-    car.drive.hearing.parser.refused += 2
+    car.drive.receiver.parser.refused += 2
     car.drive.handle(b"")
     car.drive.handle(b"")
     assert car.drive.trouble() == "bad line: many frames from the board are refused"

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ndtorch_robot.link.messages import BODY_SIZE, Frame, Type, command_body, encode_frame, read_command, read_telemetry
-from ndtorch_robot.link.parser import Parser
+from ndtorch_robot.link.receiver import Parser
 from ndtorch_robot.ports import DriveCommand
 
 FRAMES = st.sampled_from(list(Type)).flatmap(

@@ -119,7 +119,8 @@ def test_the_simulated_world_is_a_link(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ('[link]\nkind = "can"', "no link of the kind 'can', known are .*serial, simulated-board, simulated-world"),
+        ('[link]\nkind = "can"', "no link of the kind 'can', known are .*hosted-board, .*serial, simulated-world"),
+        ('[link]\nkind = "simulated-board"', "'simulated-board' is gone: use 'hosted-board'"),
         ('[link]\nkind = "serial"\nbaud = 500', "device"),
         ('[link]\ndevice = "/dev/x"\nbaud = 5', "baud = 5: should be greater"),
         ('[link]\ndevice = "/dev/x"\nbauds = 9600', "unknown key 'bauds'; did you mean baud?"),
@@ -135,7 +136,7 @@ def test_bad_tables(tmp_path, paper, text, message):
 
 
 def test_a_simulated_world_needs_a_link_that_moves_it(paper):
-    with pytest.raises(InputError, match=r"a simulated world is driven by link\.kind = 'simulated-board'"):
+    with pytest.raises(InputError, match=r"a simulated world is driven by link\.kind = 'hosted-board'"):
         open_link({"kind": "paper"}, Opening("x", print, object()))
     assert paper[0].closed == 1
     with pytest.raises(InputError, match=r"needs the table \[simulation\]"):

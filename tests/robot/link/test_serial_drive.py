@@ -1,21 +1,18 @@
-"""The drive at the other end of a line: errors on opening, and a round trip on a bare pty."""
+"""The drive at the other end of a line: errors on opening, round trips, and a line that is lost."""
 
 import errno
 import os
 import threading
-import time
+from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 from ndtorch.errors import InputError
 from ndtorch_robot.link import SerialDrive, serial_drive
-from ndtorch_robot.link.line import Noise
-from ndtorch_robot.link.port import owner_group, reason
+from ndtorch_robot.link.line import Line, LinkQuality, owner_group, reason
+from ndtorch_robot.link.messages import Type
 from ndtorch_robot.ports import DriveCommand
-from ndtorch_robot.run import real_time_priority
 from tests.robot.link.test_link_drive import Known
-from tests.robot.support.bench import ordinary_priority
 from tests.robot.support.peer import Peer, board
 
 
@@ -87,37 +84,27 @@ def test_refuses_commands_from_elsewhere():
     peer.close()
 
 
-@pytest.mark.realtime
-def test_round_trip_on_a_bare_pty(stall_meter):
-    said = []
-    real_time_priority(said.append)
-    began = time.monotonic()
-    peer = Peer(board)
-    drive = SerialDrive(peer.device, robot="maxston8", report=lambda line: None)
-    time.sleep(4.0)
-    trips = np.array(drive.round_trips()) * 1e3
-    drive.close()
-    peer.close()
-    ordinary_priority()
-    late = len(stall_meter.late(began))
-    p50, p99 = np.percentile(trips, (50, 99))
-    print(f"{len(trips)} round trips: median {p50:.2f} ms, 99 % below {p99:.2f} ms; woken late {late} times; {said}")
-    assert len(trips) > 100
-    assert p50 < 2.0
-    if p99 >= 2.0 and (said or late > 4):
-        pytest.skip(f"this computer is too busy to time a line: 99 % below {p99:.1f} ms")
-    assert p99 < 2.0
+def test_a_round_trip_is_the_time_from_a_heartbeat_to_its_echo():
+    clock = [1.0]
+    line = Line(SimpleNamespace(write=lambda data: None), lambda: clock[0])
+    for _ in range(3):
+        line.write(Type.HEARTBEAT)
+        clock[0] += 0.5
+    line.echoed(2, 2.0)
+    line.echoed(2, 9.0)
+    line.echoed(7, 9.0)
+    assert list(line.trips) == [0.5]
 
 
 def test_so_many_refused_frames_are_noise() -> None:
     """Five at once are too much: one is forgiven, three are borne. What comes slowly never adds up."""
-    noise = Noise()
+    noise = LinkQuality()
     assert [noise.bad(refused, 10.0) for refused in (1, 2, 3, 4, 5)] == [False, False, False, False, True]
     assert not noise.bad(5, 20.0)
     assert not any(noise.bad(5 + n, 20.0 + 0.5 * n) for n in range(1, 20))
     assert noise.bad(30, 29.6)
-    assert Noise().bad(4, 0.9) is False, "what came at once since the start of the clock is forgiven once"
-    assert Noise().bad(4, 0.1)
+    assert LinkQuality().bad(4, 0.9) is False, "what came at once since the start of the clock is forgiven once"
+    assert LinkQuality().bad(4, 0.1)
 
 
 def test_a_board_that_never_answers_is_given_up(monkeypatch):
@@ -140,7 +127,7 @@ def test_a_board_that_never_answers_is_given_up(monkeypatch):
     assert drive.converse() == "no answer from the board"
     given = 2 * serial_drive.GREETING
     assert read[-1] == pytest.approx(100.0 + given, abs=0.25)
-    drive.hearing.last, clock[0], read[:] = 103.0, 100.0, []
+    drive.receiver.last, clock[0], read[:] = 103.0, 100.0, []
     assert drive.converse() == "no answer from the board"
     assert read[-1] == pytest.approx(103.0 + given, abs=0.25)
     drive.closing.set()
@@ -167,7 +154,7 @@ def test_a_line_that_is_gone_is_not_written_to_and_opened_again_after_pauses_tha
             drive.closing.set()
         return "unplugged"
 
-    drive.closing, drive.converse, drive.hearing.telemetry = Closing(), converse, None
+    drive.closing, drive.converse, drive.receiver.telemetry = Closing(), converse, None
     car.line.drop, car.line.reopen = (lambda: dropped.append(True)), reopen
     drive.listen()
     assert (car.line.said(), len(dropped), drive.welcomed.is_set()) == ([], 2, False)

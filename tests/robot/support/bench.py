@@ -9,11 +9,12 @@ from contextlib import contextmanager, suppress
 import numpy as np
 import torch
 
+import tests.robot.support.avr_board  # noqa: F401 (its link)
 from ndtorch.errors import InputError
 from ndtorch_robot.camera_monitor.monitor import MOVING
 from ndtorch_robot.run import open_car, real_time_priority
 from ndtorch_robot.run_config import RunConfig, SimulationTable
-from ndtorch_robot.sim.board import constants
+from ndtorch_robot.sim.firmware_host import constants
 from tests.stalls import OTHERS
 
 NEUTRAL, SLACK, STEERING_SLACK = 1500.0, 2.0, 12.0
@@ -131,7 +132,8 @@ class Bench:
 @contextmanager
 def bench(**changes):
     """Opens and runs it in a thread, since that is where the pictures are drawn."""
-    config = RunConfig(robot="maxston8", simulation=SimulationTable(arena="curve", seed=11), **changes)
+    world = SimulationTable(arena="curve", seed=11)
+    config = RunConfig(robot="maxston8", link={"kind": "avr-board"}, simulation=world, **changes)
     lines, made, ready, failed = [], [], threading.Event(), []
 
     def work():

@@ -6,7 +6,7 @@ import threading
 import tty
 
 from ndtorch_robot.link.messages import Frame, Type, encode_frame
-from ndtorch_robot.link.parser import Parser
+from ndtorch_robot.link.receiver import Parser
 
 
 class Peer:

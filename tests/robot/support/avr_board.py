@@ -1,9 +1,12 @@
-"""The firmware on a simulated processor: a process of its own, in real time, whose pulses can be read."""
+"""The firmware's binary on a simulated processor, in a process of its own and in real time, as a link of a car.
+
+`python -m tests.robot.support.avr_board run CONFIG` is `ndtorch run CONFIG` with this link.
+"""
 
 from __future__ import annotations
 
-import re
 import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -11,25 +14,17 @@ from collections import deque
 from pathlib import Path
 from typing import NamedTuple
 
+from ndtorch.commands import main
 from ndtorch.errors import InputError
-from ndtorch.installed import folder_of
+from ndtorch.toml import Strict
+from ndtorch_robot.link.registry import Opening, link
+from ndtorch_robot.link.serial_drive import SerialDrive
+from ndtorch_robot.loop import MonotonicClock
+from ndtorch_robot.ports import CameraPair, Clock, Report, StereoFrames
+from ndtorch_robot.sim.firmware_host import FIRMWARE, Electronics, Pulse
+from ndtorch_robot.sim.simulation import Simulation
 
-FIRMWARE = folder_of("ndtorch_robot", "firmware")
 SIMULATOR, IMAGE = FIRMWARE / "build" / "avrsim", FIRMWARE / "build" / "firmware.elf"
-
-
-def shown(path: Path) -> Path:
-    """The path from here, where that is shorter."""
-    here = Path.cwd()
-    return path.relative_to(here) if path.is_relative_to(here) else path
-
-
-class Pulse(NamedTuple):
-    """One pulse: `"motor"`, `"front"` or `"rear"`, its width in us, and when it ended, s on the monotonic clock."""
-
-    name: str
-    width: float
-    time: float
 
 
 class Event(NamedTuple):
@@ -40,13 +35,7 @@ class Event(NamedTuple):
     late: float = 0.0
 
 
-def constants() -> dict[str, int]:
-    """The numbers of the firmware's `config.h`."""
-    text = (FIRMWARE / "config.h").read_text()
-    return {name: int(value) for name, value in re.findall(r"#define (\w+) \(?(-?\d+)", text)}
-
-
-class SimulatedBoard:
+class AvrBoard:
     """Runs `robot/firmware/sim/avrsim.c` and keeps what it says.
 
     Args:
@@ -65,7 +54,7 @@ class SimulatedBoard:
     def __init__(self, log: Path | None = None) -> None:
         if not SIMULATOR.exists() or not IMAGE.exists():
             raise InputError(
-                f"the simulated board is not built: make -C {shown(FIRMWARE)} sim "
+                f"the simulated board is not built: make -C {FIRMWARE} sim "
                 "(Debian: gcc-avr avr-libc libsimavr-dev libelf-dev)"
             )
         self.folder = tempfile.TemporaryDirectory(prefix="board-")
@@ -144,3 +133,86 @@ class SimulatedBoard:
         assert self.process.stdout is not None
         self.process.stdout.close()
         self.folder.cleanup()
+
+
+class RealtimeWorld:
+    """Cameras of `Simulation` in real time; its car does what the board's pulses say, at the times they came.
+
+    Implements `ports.CameraPair`. Pictures are drawn when they are asked for, so the time of a frame is that
+    of asking.
+    """
+
+    def __init__(self, simulation: Simulation, board: AvrBoard) -> None:
+        self.simulation, self.board = simulation, board
+        self.electronics = Electronics()
+        self.start = time.monotonic() - simulation.now()
+        self.queue = board.queue()
+        self.distance = 0.0
+
+    def read(self) -> StereoFrames:
+        """What both cameras see now, or with the next frame that is not lost; late frames have the time they tell."""
+        while self.simulation.loses_frame():
+            time.sleep(1 / self.simulation.rate)
+        now = time.monotonic()
+        while self.queue and self.queue[0].time <= now:
+            pulse = self.queue.popleft()
+            self.advance(pulse.time)
+            self.electronics.apply(pulse)
+        self.advance(now)
+        frames = self.simulation.capture()
+        return frames._replace(time=now - (self.simulation.now() - frames.time))
+
+    def advance(self, now: float) -> None:
+        """Let the world move on."""
+        car, before = self.simulation.car, self.simulation.now()
+        self.simulation.obey(self.electronics.target(now))
+        self.simulation.wait_until(now - self.start)
+        self.distance += abs(car.speed) * (self.simulation.now() - before)
+
+    def close(self) -> None:
+        """Give the buffers back."""
+        self.simulation.close()
+
+
+class BoardSettings(Strict):
+    """`[link]` with `kind = "avr-board"`.
+
+    Args:
+        pulse_log: file for every pulse that the board makes.
+    """
+
+    pulse_log: Path | None = None
+
+
+class BoardDrive(SerialDrive):
+    """A `SerialDrive` that has its board with it."""
+
+    def __init__(self, board: AvrBoard, robot: str, report: Report, simulation: Simulation | None) -> None:
+        self.board, self.simulation = board, simulation
+        super().__init__(board.device, robot=robot, report=report)
+
+    def sight(self) -> tuple[CameraPair, Clock]:
+        """Pictures of the world that the pulses move, in real time."""
+        if self.simulation is None:
+            raise InputError("this simulated board was opened without a world")
+        return RealtimeWorld(self.simulation, self.board), MonotonicClock()
+
+    def close(self) -> None:
+        """Stop, and end the simulated processor."""
+        super().close()
+        self.board.close()
+
+
+@link("avr-board", BoardSettings)
+def open_board(settings: BoardSettings, opening: Opening) -> BoardDrive:
+    """Start the firmware and connect to it."""
+    board = AvrBoard(settings.pulse_log)
+    try:
+        return BoardDrive(board, opening.robot, opening.report, opening.simulation)
+    except BaseException:
+        board.close()
+        raise
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,15 +1,14 @@
-"""A simulated world, its board and the line to it, in simulated time: as fast as this computer can, always the same."""
+"""A simulated world, its firmware and the line between them on one simulated time, step by step."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 
 from ndtorch.errors import InputError
 from ndtorch_robot.link.link_drive import HEARTBEAT, LinkDrive
 from ndtorch_robot.ports import StereoFrames
-from ndtorch_robot.sim.board import Pulse
-from ndtorch_robot.sim.hosted_board import HostedBoard
-from ndtorch_robot.sim.pulse_world import Electronics
+from ndtorch_robot.sim.firmware_host import Electronics, FirmwareHost, Pulse
 from ndtorch_robot.sim.simulation import SUBSTEPS, Simulation
 
 Cable = Callable[[bytes, float], bytes]
@@ -24,33 +23,36 @@ def good_cable(data: bytes, now: float) -> bytes:
     return data
 
 
-class LockstepWorld:
+class SteppedWorld:
     """Cameras, clock, board and the drive link of a simulated car, on one simulated time.
 
-    The link is that of a car but for its threads: whenever time goes on, the board does, the pulses move the car, and
-    the link hears what the board says and sends its heartbeats. A loop that hangs in simulated time is noticed as it
-    would be in real time.
+    The link is that of a car except for its threads: in every step of time the board runs, its pulses move the car,
+    and the link reads the board's answers and sends its heartbeats. A loop that hangs in simulated time is detected as
+    it would be in real time.
 
-    Implements `robot.ports.CameraPair` and `robot.ports.Clock`.
+    Implements `ports.CameraPair` and `ports.Clock`.
 
     Args:
         drive: the link, which writes into this world.
+        real_time: simulated time does not run ahead of real time.
 
     Attributes:
         up, down: what the cable does to bytes from the computer to the board, and back.
-        pulsed: told every pulse.
+        pulsed: called with every pulse.
+        distance: driven so far, m.
 
     Raises:
         InputError: no C compiler.
     """
 
-    def __init__(self, simulation: Simulation, drive: LinkDrive) -> None:
-        self.drive, self.simulation, self.board, self.electronics = drive, simulation, HostedBoard(), Electronics()
+    def __init__(self, simulation: Simulation, drive: LinkDrive, real_time: bool = False) -> None:
+        self.drive, self.simulation, self.board, self.electronics = drive, simulation, FirmwareHost(), Electronics()
         self.up: Cable = good_cable
         self.down: Cable = good_cable
         self.pulsed: Callable[[Pulse], None] = lambda pulse: None
         self.waiting = bytearray()
-        self.beaten = 0.0
+        self.beaten = self.distance = 0.0
+        self.start = time.monotonic() - simulation.now() if real_time else None
 
     def await_welcome(self) -> None:
         """Let time go on until the board has answered.
@@ -68,22 +70,25 @@ class LockstepWorld:
         """Seconds of simulated time."""
         return self.simulation.now()
 
-    def wait_until(self, time: float) -> None:
-        """Let everything move on."""
-        while self.simulation.steps < round(time * SUBSTEPS):
+    def wait_until(self, time_: float) -> None:
+        """Step everything until then."""
+        while self.simulation.steps < round(time_ * SUBSTEPS):
             now = (self.simulation.steps + 1) / SUBSTEPS
             sent, self.waiting = bytes(self.waiting), bytearray()
             heard, pulses = self.board.run(now, self.up(sent, now))
             for pulse in pulses:
-                self.electronics.take(pulse)
+                self.electronics.apply(pulse)
                 self.pulsed(pulse)
-            self.simulation.obey(self.electronics.drives(now))
+            self.simulation.obey(self.electronics.target(now))
             self.simulation.wait_until(now)
+            self.distance += abs(self.simulation.car.speed) / SUBSTEPS
             self.drive.handle(self.down(heard, now))
             self.drive.greet()
             if now - self.beaten >= HEARTBEAT:
                 self.beaten = now
                 self.drive.look_after()
+        if self.start is not None:
+            time.sleep(max(0.0, self.start + time_ - time.monotonic()))
 
     def write(self, data: bytes, /) -> None:
         """The computer puts bytes on the line: it is the port of the link."""

@@ -1,31 +1,88 @@
-"""What is heard from the board: frames in their order, what it applies, and how bad the line is."""
+"""What arrives from the board: frames in their order, what the board applies, and how good the line is."""
 
 from __future__ import annotations
 
 import threading
 
-from ndtorch_robot.link.line import Noise
-from ndtorch_robot.link.messages import VERSION, Fault, Frame, Telemetry, read_telemetry
-from ndtorch_robot.link.parser import Parser
+from ndtorch_robot.link.line import LinkQuality
+from ndtorch_robot.link.messages import BODY_SIZE, VERSION, Fault, Frame, Telemetry, decode_frame, read_telemetry
 from ndtorch_robot.ports import STAND, DriveCommand
 
-MOST_APPLIED = 30
+MAX_APPLIED = 30
 """Commands of the board that are kept for a loop that does not ask for them."""
 
+MAX_FRAME_BYTES = 31
+"""Bytes of the longest frame without its zero: four of header, 22 of body, four of checks, one of stuffing."""
 
-class Hearing:
-    """One thread hears; any may ask.
+
+class Parser:
+    """Collects bytes and gives out the frames among them that are without error.
+
+    Attributes:
+        refused: frames with an error in them, so far.
+        other_version: version of the last good frame that was not of this version, or None.
+        received: bytes so far.
+    """
+
+    def __init__(self) -> None:
+        self.collected = bytearray()
+        self.overlong = False
+        self.refused = 0
+        self.received = 0
+        self.other_version: int | None = None
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """The frames that end in these bytes."""
+        self.received += len(data)
+        frames = []
+        *ended, rest = data.split(b"\0")
+        for part in ended:
+            frame = self.end(part)
+            if frame is not None:
+                frames.append(frame)
+        self.collect(rest)
+        return frames
+
+    def collect(self, part: bytes) -> None:
+        """Bytes inside a frame; more than any frame has are not kept."""
+        room = MAX_FRAME_BYTES - len(self.collected)
+        self.overlong |= len(part) > room
+        self.collected += part[:room]
+
+    def end(self, part: bytes) -> Frame | None:
+        """A zero byte has come."""
+        self.collect(part)
+        coded, overlong = bytes(self.collected), self.overlong
+        self.collected.clear()
+        self.overlong = False
+        if not coded:
+            return None
+        frame = None if overlong else decode_frame(coded)
+        if frame is None:
+            self.refused += 1
+            return None
+        if frame.version != VERSION:
+            self.other_version = frame.version
+            return None
+        if len(frame.body) != BODY_SIZE.get(frame.type, -1):  # type: ignore[call-overload]
+            self.refused += 1
+            return None
+        return frame
+
+
+class Receiver:
+    """Takes frames from one thread; any thread may ask.
 
     Attributes:
         parser: finds the frames.
-        noise: whether too many are refused.
+        quality: whether too many are refused.
         telemetry: the latest, None before any.
         last: when the board was heard last, s.
         applied: by the latest telemetry since the board was greeted; standing before any.
     """
 
     def __init__(self) -> None:
-        self.parser, self.noise = Parser(), Noise()
+        self.parser, self.quality = Parser(), LinkQuality()
         self.telemetry: Telemetry | None = None
         self.last = 0.0
         self.applied = STAND
@@ -41,7 +98,7 @@ class Hearing:
         """The board has answered."""
         self.last, self._sequence = now, frame.sequence
         self.applied = STAND  # what it applied before the line was lost is long over
-        self.noise.count = 0
+        self.quality.count = 0
 
     def take(self, frame: Frame, now: float) -> Telemetry | None:
         """What a frame of telemetry says; None if it was seen already, or is older than one that was."""
@@ -52,7 +109,7 @@ class Hearing:
         self._sequence, self.last, self.applied = frame.sequence, now, telemetry.applied
         with self._lock:
             self._applied.append(telemetry.applied)
-            del self._applied[:-MOST_APPLIED]
+            del self._applied[:-MAX_APPLIED]
         return telemetry
 
     def other_version(self) -> str | None:
@@ -74,7 +131,7 @@ class Hearing:
 
     def bad(self, now: float) -> bool:
         """Whether too many frames are refused."""
-        return self.noise.bad(self.parser.refused, now)
+        return self.quality.bad(self.parser.refused, now)
 
     def driven(self) -> DriveCommand | None:
         """Mean of the speeds and curvatures applied since this was last asked, None for none."""
@@ -86,7 +143,7 @@ class Hearing:
         return DriveCommand(sum(a.speed for a in applied) / count, sum(a.curvature for a in applied) / count)
 
 
-def news(before: Telemetry | None, now: Telemetry) -> list[str]:
+def new_events(before: Telemetry | None, now: Telemetry) -> list[str]:
     """Faults that need no stop and were not there before, in words."""
     new = now.faults & ~(before.faults if before is not None else Fault(0))
     lines = {

@@ -6,18 +6,17 @@ import numpy as np
 import pytest
 
 from ndtorch_robot.link.messages import Frame, Type, encode_frame, read_telemetry
-from ndtorch_robot.link.parser import Parser
+from ndtorch_robot.link.receiver import Parser
 from ndtorch_robot.run import open_car
 from ndtorch_robot.run_config import RunConfig, SimulationTable
-from ndtorch_robot.sim.hosted_board import HostedBoard
-from ndtorch_robot.sim.pulse_world import Electronics
+from ndtorch_robot.sim.firmware_host import Electronics, FirmwareHost
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler (cc)")
 
 
 @needs_compiler
 def test_the_board_obeys_and_stands_when_it_is_not_spoken_to():
-    board, sequence = HostedBoard(), 0
+    board, sequence = FirmwareHost(), 0
 
     def say(now, *kinds):
         nonlocal sequence
@@ -46,7 +45,7 @@ def test_the_board_obeys_and_stands_when_it_is_not_spoken_to():
 @needs_compiler
 def test_no_wheel_turns_backwards_while_the_board_says_that_they_stand():
     """A motor controller may take a brake that begins again for reverse."""
-    board, electronics, sequence = HostedBoard(), Electronics(), 0
+    board, electronics, sequence = FirmwareHost(), Electronics(), 0
 
     def say(now, *kinds):
         nonlocal sequence
@@ -56,7 +55,7 @@ def test_no_wheel_turns_backwards_while_the_board_says_that_they_stand():
             data += encode_frame(Frame(1, kind, sequence, body))
         answers, pulses = board.run(now, data)
         for pulse in pulses:
-            electronics.take(pulse)
+            electronics.apply(pulse)
         told = [read_telemetry(f.body).applied.speed for f in Parser().feed(answers) if f.type == Type.TELEMETRY]
         return told[-1] if told else None
 
@@ -68,7 +67,7 @@ def test_no_wheel_turns_backwards_while_the_board_says_that_they_stand():
             heard = say(begin + 0.02 * n, (Type.HEARTBEAT, b""), (Type.COMMAND, command))
             said = said if heard is None else heard
             if said == 0:
-                lowest = min(lowest, electronics.drives(begin + 0.02 * n).speed)
+                lowest = min(lowest, electronics.target(begin + 0.02 * n).speed)
         return lowest, said
 
     say(0.002, (Type.HELLO, b""))

@@ -1,0 +1,144 @@
+"""The firmware's own code in this process, and the servos and motor controller that its pulses drive."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import re
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+from ndtorch.errors import InputError
+from ndtorch.installed import folder_of
+from ndtorch_robot.ports import DriveCommand
+
+FIRMWARE = folder_of("ndtorch_robot", "firmware")
+
+SOURCES = ("sim/hosted.c", "protocol.c", "drive.c")
+
+BUFFER_BYTES = 8192
+"""Size of the buffer for answers of one call: a second of telemetry is 2 kB."""
+
+NAMES = ("motor", "front", "rear")
+
+PERIOD_MS = 20
+"""Period of the pulses of servos: what the board decides in between takes effect with the next."""
+
+SIGNAL_LOST = 0.1
+"""Seconds without pulses after which servos and motor controller of model cars stand still."""
+
+
+class Pulse(NamedTuple):
+    """One pulse: `"motor"`, `"front"` or `"rear"`, its width in us, and when it ended, s."""
+
+    name: str
+    width: float
+    time: float
+
+
+def constants() -> dict[str, int]:
+    """The numbers of the firmware's `config.h`."""
+    text = (FIRMWARE / "config.h").read_text()
+    return {name: int(value) for name, value in re.findall(r"#define (\w+) \(?(-?\d+)", text)}
+
+
+class FirmwareHost:
+    """`protocol.c` and `drive.c`, compiled for this computer, with the main loop of `main.c` around them.
+
+    The processor is missing: interrupts, the timers of the pulses and the watchdog timer. Tests run the binary on a
+    simulated processor for those.
+
+    Raises:
+        InputError: no C compiler, or one that cannot compile the firmware.
+    """
+
+    def __init__(self) -> None:
+        compiler = shutil.which("cc") or shutil.which("gcc")
+        if compiler is None:
+            raise InputError("the board's code has to be compiled for this computer, and there is no C compiler (cc)")
+        with tempfile.TemporaryDirectory(prefix="board-") as folder:
+            made = Path(folder) / "board.so"
+            sources = [str(FIRMWARE / name) for name in SOURCES]
+            command = [compiler, "-std=c11", "-O1", "-shared", "-fPIC", "-o", str(made), *sources]
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            if done.returncode != 0:
+                raise InputError(f"the board's code cannot be compiled: {done.stderr.strip().splitlines()[-1:]}")
+            self.library = ctypes.CDLL(str(made))  # stays loaded when its file is gone
+        self.library.board_new.restype = ctypes.c_void_p
+        self.board: ctypes.c_void_p | None = None
+        self.reset(0.0)
+        self.out = ctypes.create_string_buffer(BUFFER_BYTES)
+        self.widths = (ctypes.c_uint16 * 3)()
+        self.period = 0
+
+    def reset(self, now: float) -> None:
+        """Switch it off and on at this time, s: it has forgotten everything."""
+        self.close()
+        self.board = ctypes.c_void_p(self.library.board_new(ctypes.c_uint32(round(now * 1e3))))
+
+    @staticmethod
+    def code() -> str:
+        """A hash of what it is compiled from."""
+        texts = (FIRMWARE / name for name in (*SOURCES, "config.h", "drive.h", "protocol.h"))
+        return hashlib.sha256(b"".join(text.read_bytes() for text in texts)).hexdigest()
+
+    def run(self, now: float, data: bytes = b"") -> tuple[bytes, list[Pulse]]:
+        """Go on until a time, s; these bytes come just before it. Returns answers, and ended pulses."""
+        ms = round(now * 1e3)
+        count = self.library.board_run(
+            self.board, ctypes.c_uint32(ms), data, ctypes.c_uint(len(data)), self.out, ctypes.c_uint(BUFFER_BYTES)
+        )
+        if ms // PERIOD_MS == self.period:
+            return self.out.raw[:count], []
+        self.period = ms // PERIOD_MS
+        self.library.board_pulses(self.board, self.widths)
+        return self.out.raw[:count], [Pulse(name, width, now) for name, width in zip(NAMES, self.widths, strict=True)]
+
+    def close(self) -> None:
+        """Give its memory back. Calling it again does nothing."""
+        board, self.board = self.board, None
+        if board is not None:
+            self.library.board_free(board)
+
+
+class Electronics:
+    """Servos and motor controller: from pulse widths to speed and curvature.
+
+    The motor controller takes pulses below neutral for the brake until it has seen neutral after braking; then they
+    are reverse, until the car drives forward again.
+    """
+
+    def __init__(self) -> None:
+        self.constants = constants()
+        self.widths = {"motor": 1500.0, "front": 1500.0, "rear": 1500.0}
+        self.braked = self.reverse = False
+        self.time = 0.0
+
+    def apply(self, pulse: Pulse) -> None:
+        """Follow a pulse."""
+        self.widths[pulse.name] = pulse.width
+        self.time = pulse.time
+        if pulse.name == "motor":
+            offset = pulse.width - self.constants["MOTOR_NEUTRAL_US"]
+            if offset > self.constants["MOTOR_DEAD_BAND_US"]:
+                self.braked = self.reverse = False
+            elif offset < -self.constants["MOTOR_DEAD_BAND_US"]:
+                self.braked = True
+            elif self.braked:
+                self.reverse = True
+
+    def target(self, now: float) -> DriveCommand:
+        """Speed, m/s, and curvature, 1/m, that the car approaches."""
+        c = self.constants
+        if now - self.time > SIGNAL_LOST:
+            return DriveCommand(0.0, 0.0)
+        offset = self.widths["motor"] - c["MOTOR_NEUTRAL_US"]
+        speed = max(0.0, abs(offset) - c["MOTOR_DEAD_BAND_US"]) / c["MOTOR_US_PER_M_S"]
+        if offset < 0:
+            speed = -speed if self.reverse else 0.0
+        front = (self.widths["front"] - c["FRONT_NEUTRAL_US"]) / c["FRONT_US_PER_1_M"]
+        rear = (self.widths["rear"] - c["REAR_NEUTRAL_US"]) / c["REAR_US_PER_1_M"]
+        return DriveCommand(speed, (front + rear) / 2)
