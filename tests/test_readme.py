@@ -56,6 +56,21 @@ def test_links_lead_somewhere() -> None:
     assert missing == []
 
 
+def test_what_the_pages_call_exists() -> None:
+    """Modules and test files that a page runs, and targets of `make`."""
+    root = Path(__file__).resolve().parents[1]
+    targets = re.findall(r"^([a-z-]+):", (root / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    missing = []
+    for page in [*(root / "docs").rglob("*.md"), *root.glob("*.md"), *(root / "robot").glob("*.md")]:
+        text = page.read_text(encoding="utf-8")
+        modules = [root / name.replace(".", "/") for name in re.findall(r"python -m (tests[.\w]+)", text)]
+        files = [root / name for name in re.findall(r"[` ](tests/[\w/.]+)", text)]
+        missing += [str(path) for path in modules if not (path.is_dir() or path.with_suffix(".py").is_file())]
+        missing += [str(path) for path in files if not path.exists()]
+        missing += [f"make {name}" for name in re.findall(r"`make ([a-z-]+)", text) if name not in targets]
+    assert missing == []
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("page", ["start", "binding", "models", "navigation"])
 def test_snippets_of_the_pages(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
