@@ -9,12 +9,13 @@
 # make wheels  each distribution alone in an empty environment
 # make soak    half an hour of simulated driving with injected faults; MINUTES=600 for a night, and it continues where it was
 # make fuzz    damaged files for everything that reads one; MINUTES=10, and what was found lies in out/fuzz
-# make lock    the lock files in requirements/      make sbom   what is installed, out/sbom.json      make audit  known holes in it
+# make lock    uv.lock anew      make sbom   what is installed, out/sbom.json      make audit  known vulnerabilities of what is locked
 # make reproduce        every published claim again      make reproduce-quick  the same in under two minutes
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
+PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 # One thread: two threads get in each other's way as soon as another process wants the second core.
 export OMP_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
@@ -26,7 +27,8 @@ setup: $(STAMP)
 $(STAMP): pyproject.toml robot/pyproject.toml train/pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "ndtorch needs Python 3.11 or newer; set PYTHON=...")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[view,dev]' -e 'robot[sim,view]' -e train
+	$(PIP) 'pip>=25.1'
+	$(PIP) --group dev -e '.[view]' -e 'robot[sim,view]' -e train
 	touch $@
 
 demo: $(STAMP)
@@ -61,7 +63,7 @@ check: $(STAMP)
 DOCS := $(VENV)/.docs
 
 $(DOCS): $(STAMP)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	$(PIP) --group docs
 	touch $@
 
 docs: $(DOCS)
@@ -103,7 +105,7 @@ $(SUPPLY)/bin/uv: constraints.txt | $(STAMP)
 pinned = $(shell sed -n 's/^$(1)==//p' constraints.txt)
 
 lock: $(SUPPLY)/bin/uv
-	PATH=$(SUPPLY)/bin:$$PATH $(BIN)/python requirements/make.py
+	$(SUPPLY)/bin/uv lock
 
 # Where on this disk the distributions of this project lie is nobody's business.
 sbom: $(SUPPLY)/bin/uv
@@ -114,7 +116,9 @@ sbom: $(SUPPLY)/bin/uv
 	rm out/sbom.part
 
 audit: $(SUPPLY)/bin/uv
-	$(BIN)/python requirements/audit.py $(SUPPLY)/bin/pip-audit
+	mkdir -p out
+	$(SUPPLY)/bin/uv export -q --frozen --all-packages --all-extras --all-groups --no-emit-workspace -o out/locked.txt
+	$(SUPPLY)/bin/pip-audit --require-hashes --disable-pip -r out/locked.txt
 
 # A video of a road camera that B9 looks at, where there is one.
 CLIP := $(wildcard ../shared/data/car-detection.mp4)
