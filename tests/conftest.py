@@ -52,7 +52,7 @@ def clip(tmp_path_factory):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Without figures, for tests of something else: drawing them takes longer than a short run."""
-    monkeypatch.setattr("ndtorch.report.folder.draw_all", lambda result, folder: [])
+    monkeypatch.setattr("ndtorch.report.page.draw_all", lambda result, folder: [])
 
 
 def pytest_configure():

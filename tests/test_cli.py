@@ -188,7 +188,7 @@ def test_a_full_disk_leaves_the_state(
         path.write_bytes(b"half")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("ndtorch.report.folder.draw_timeline", full)
+    monkeypatch.setattr("ndtorch.report.page.draw_timeline", full)
     assert main(["bind", str(clip), "--seconds", "0.2", "--pictures", "0", "--json", "--out", str(tmp_path)]) == 1
     assert capsys.readouterr().err == "error: figures cannot be written: No space left on device\n"
     assert {path.name for path in (tmp_path / "bars").iterdir()} == {"objects.json", "state.safetensors"}

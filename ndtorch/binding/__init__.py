@@ -14,7 +14,7 @@ from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.normalise import BindingInputs
 from ndtorch.binding.object_files import ObjectFiles
 from ndtorch.binding.objects import BoundObject, ObjectTable, bound_objects, describe
-from ndtorch.binding.readout.weights import object_table
+from ndtorch.binding.readout.owners import object_table
 from ndtorch.binding.rules import LearningRule, learning_rule
 from ndtorch.binding.saving import load_state, save_state, to_device
 from ndtorch.binding.settling import alternation, weight_change

@@ -64,8 +64,7 @@ class Bind(BindJob):
 
         from ndtorch.memory import tune_allocator
         from ndtorch.report.films import RunRecording
-        from ndtorch.report.folder import folder_name, write_result
-        from ndtorch.report.page import NAME, open_in_browser
+        from ndtorch.report.page import NAME, folder_name, open_in_browser, write_result
         from ndtorch.report.recording import why_not_whole
         from ndtorch.report.words import in_words, summary
         from ndtorch.run.folder import RunFolder, new_file

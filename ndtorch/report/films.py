@@ -11,8 +11,8 @@ import torch
 from torch import Tensor
 
 from ndtorch.binding import BoundObject
-from ndtorch.report.figures.attention import MOST_GAIN
-from ndtorch.report.palette import GREY_RGB, STYLES, rgb
+from ndtorch.report.plots.attention import MOST_GAIN
+from ndtorch.report.plots.layout import GREY_RGB, STYLES, rgb
 from ndtorch.report.recording import Recording
 from ndtorch.run.result import over_fields
 from ndtorch.run.watchers import Picture, Pixels, Watcher

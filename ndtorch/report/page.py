@@ -1,12 +1,11 @@
-"""The report of a run: one HTML file that opens anywhere, with its pictures and films inside.
-
-Every command fills in a `Page`; pages of another shape extend `base.html` from a folder of their own.
-"""
+"""Result pages: one HTML file from a template, with its pictures in it; the page and the folder of a run."""
 
 from __future__ import annotations
 
 import base64
+import json
 import platform
+import re
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
@@ -15,7 +14,14 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ndtorch.binding import BoundObject, save_state
 from ndtorch.files import write_text
+from ndtorch.report.exports import write_exports
+from ndtorch.report.plots import draw_all
+from ndtorch.report.timeline import draw_timeline, write_timeline
+from ndtorch.report.words import NOTHING_LEARNED, VERDICTS, numbered, summary, words
+from ndtorch.run.result import RunResult
+from ndtorch.vision import FEATURES
 
 KINDS = {".png": "image/png", ".svg": "image/svg+xml", ".mp4": "video/mp4"}
 """What is embedded, by suffix."""
@@ -138,3 +144,100 @@ def open_in_browser(page: Path) -> None:
     import webbrowser
 
     webbrowser.open(page.resolve().as_uri())
+
+
+SHOWN = (
+    ("overlay.mp4", "The video, objects marked", "A circle or box in its color, its number, its color in "
+     "words, an arrow where it moves, and the clock. What was in sight for a moment has a number, but is no object."),
+    ("timeline.png", "Objects over time", "Above: a lane an object, thick while it is in sight. Below: where it went."),
+    ("enhanced.mp4", "Input and attention", "Left: what the model sees. Right: the same, weighted by the features of "
+     "the winning neuron, brightened as far as the input."),
+    ("frames.png", "Attention, cropped to the object", "The clearest moment of every winner. The boxes mark what is "
+     "shown larger. The numbers compare the brightest pixel of the object with the brightest one elsewhere; the object "
+     "is what is at least 0.35 times as bright as the brightest pixel after attention."),
+    ("weights.png", "What was learned", "Each column holds the weights from one neuron to all others. Neurons that "
+     "own an object have large ones, and their column is the object's list of features."),
+    ("weights_over_time.png", "How it was learned", "Weights that each owner sends to the others."),
+    ("outputs.png", "Outputs of the neurons", "A lane a neuron, all to the same scale. Owners are bold. What an owner "
+     "inhibits fades as its weight grows."),
+)  # fmt: skip
+"""Files of a run, their titles and what to see in them."""
+
+
+def write_run_page(result: RunResult, folder: Path, chosen: str) -> Path:
+    """Write report.html about a run whose other files are in `folder`.
+
+    Args:
+        result: of the run.
+        folder: where its files are, and where the page goes.
+        chosen: the model's name, and why it was taken.
+    """
+    count = len(result.objects)
+    found = [f"{count} object{'s' * (count != 1)} found." if count else "No objects found."]
+    found += [f"Object {number}: {words(thing).strip()}." for number, thing in numbered(result.objects)]
+    if result.table is not None:
+        untaught = result.verdict == "learning" and not result.objects
+        found.append(f"Verdict: {NOTHING_LEARNED if untaught else VERDICTS[result.verdict]}.")
+    if result.interrupted:
+        found.append("The run was stopped early; this is what was found so far.")
+    facts = {
+        "source": result.source,
+        "frames": f"{result.frames} of {result.size[1]} x {result.size[0]} pixels, {result.simulated_seconds:g} s",
+        "model": chosen,
+        "time taken": f"{result.wall_seconds:.1f} s",
+        **versions(),
+    }
+    tables = [features_table(result.objects)] if count else []
+    shown = [Shown(folder / name, title, caption) for name, title, caption in SHOWN]
+    return Page(f"{result.source}: what moves together", found, command_line(), facts, tables, shown).write(folder)
+
+
+def features_table(things: list[BoundObject]) -> Table:
+    """A row an object, a column a feature."""
+    heads = ["object", "neuron", *FEATURES]
+    rows = []
+    for number, thing in numbered(things):
+        cells = [f"{thing.features[name]:.2f}" if name in thing.features else "" for name in FEATURES]
+        rows.append([str(number), thing.neuron, *cells])
+    return Table("Features of every object", heads, rows, "Shares of the strongest; an empty cell: none of it.")
+
+
+def folder_name(name: str) -> str:
+    """The name of a source as a folder name: the stem of a path, with nothing but letters, digits, `.`, `_`, `-`."""
+    stem = Path(name).stem if "/" in name else name
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", stem).strip("-.") or "run"
+
+
+def write_result(result: RunResult, about: Mapping[str, Any], folder: Path, chosen: str) -> OSError | None:
+    """Write objects.json and state.safetensors, the figures (of owners, or of tracks over time) and report.html.
+
+    Args:
+        result: of the run.
+        about: what is needed to go on later, kept with the state.
+        folder: where to write, and where its film is.
+        chosen: the model's name, and why it was taken.
+
+    Returns:
+        Why there are no figures, where they could not be written: on a full disk the state has to come first.
+
+    Raises:
+        OSError: not even the state can be written.
+    """
+    text = json.dumps(summary(result), indent=2, ensure_ascii=False)
+    (folder / "objects.json").write_text(text + "\n", encoding="utf-8")
+    about = {**about, "frames": about["frames"] + result.frames}
+    save_state(result.state, folder / "state.safetensors", {"run": json.dumps(about)})
+    before = set(folder.iterdir())
+    try:
+        if result.table is None:
+            write_timeline(result, folder / "timeline.jsonl")
+            write_exports(result, folder)
+            draw_timeline(result, folder / "timeline.png")
+        else:
+            draw_all(result, folder)
+        write_run_page(result, folder, chosen)
+    except OSError as error:
+        for path in set(folder.iterdir()) - before:
+            path.unlink()
+        return error
+    return None

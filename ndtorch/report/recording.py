@@ -16,7 +16,7 @@ from torch import Tensor
 
 from ndtorch.errors import InputError
 from ndtorch.optional import need
-from ndtorch.report.palette import rgb
+from ndtorch.report.plots.layout import rgb
 from ndtorch.run.watchers import Pixels
 from ndtorch.vision.features import FEATURES, GROUPS
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ndtorch.binding import BoundObject
-from ndtorch.report.palette import GREY, STYLES
+from ndtorch.report.plots.layout import GREY, STYLES
 from ndtorch.report.words import numbered, record
 from ndtorch.run.result import RunResult
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from ndtorch.binding import BoundObject, bound_objects, describe, object_table
-from ndtorch.binding.readout.weights import simplified
+from ndtorch.binding.readout.owners import simplified
 from ndtorch.errors import InputError
 from ndtorch.vision import FEATURES
 

@@ -10,7 +10,7 @@ import pytest
 
 from ndtorch.binding import BoundObject
 from ndtorch.report.films import EnhancedVideo, Overlay, clocked, even, mark_of, marked
-from ndtorch.report.palette import GREY_RGB, rgb
+from ndtorch.report.plots.layout import GREY_RGB, rgb
 from ndtorch.run.watchers import Picture
 
 FRAME = np.zeros((60, 80, 3), dtype=np.uint8)

@@ -13,7 +13,7 @@ import pytest
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.report.palette import rgb
+from ndtorch.report.plots.layout import rgb
 from ndtorch.report.recording import BATCH, LARGEST_SIDE, Recording, why_not_whole
 from ndtorch.vision.features import FEATURES
 

@@ -11,10 +11,10 @@ import numpy as np
 from torch import Tensor
 
 from ndtorch.files import replacing
-from ndtorch.report.figures.traces import draw_traces
-from ndtorch.report.figures.weights import draw_matrix
 from ndtorch.report.page import Shown
-from ndtorch.report.palette import STYLES
+from ndtorch.report.plots.layout import STYLES
+from ndtorch.report.plots.signals import draw_traces
+from ndtorch.report.plots.weights import draw_matrix
 from ndtorch.vision import FEATURES
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def output_panel(
 
 def matrix_panel(axes: Axes, weights: Tensor, title: str, simplified: bool = False) -> None:
     """A 10 x 10 weight matrix as learned, or divided by its largest and cut at a third of it."""
-    from ndtorch.binding.readout.weights import simplified as simplified_weights
+    from ndtorch.binding.readout.owners import simplified as simplified_weights
 
     values = simplified_weights(weights) if simplified else weights
     largest = float(values.max())

@@ -16,9 +16,8 @@ from ndtorch.binding.learning import NetworkState
 from ndtorch.binding.models.whole_field import BindingState, WholeFieldConfig, WholeFieldModel
 from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.objects import ObjectTable
-from ndtorch.binding.readout.delays import DELAYS, plain_table
-from ndtorch.binding.readout.owners import owner_table, signal_statistics
-from ndtorch.binding.readout.params import OwnerCriteria, SourceCriteria, SumCriteria
+from ndtorch.binding.readout.joint_diagonalisation import DELAYS, plain_table
+from ndtorch.binding.readout.owners import OwnerCriteria, SourceCriteria, SumCriteria, owner_table, signal_statistics
 from ndtorch.binding.readout.sums import SumState, SumStatistics, sums_table
 from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.binding.settling import weight_change

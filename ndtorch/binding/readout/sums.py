@@ -19,11 +19,16 @@ from ndtorch.binding.covariance import Anew, CovarianceState, RunningCovariances
 from ndtorch.binding.feedback import settled
 from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.objects import ObjectTable
-from ndtorch.binding.readout.delays import DELAYS, Separation, assigned, without_lighting
-from ndtorch.binding.readout.directions import LINEAR
-from ndtorch.binding.readout.params import SourceCriteria, SumCriteria
-from ndtorch.binding.readout.undisturbed import undisturbed
-from ndtorch.binding.readout.unmixing import choose, sources_of
+from ndtorch.binding.readout.joint_diagonalisation import (
+    DELAYS,
+    Separation,
+    assigned,
+    choose,
+    sources_of,
+    without_lighting,
+)
+from ndtorch.binding.readout.owners import SourceCriteria, SumCriteria
+from ndtorch.binding.readout.source_count import LINEAR, undisturbed
 from ndtorch.errors import InputError
 
 FAINT = 1e-3

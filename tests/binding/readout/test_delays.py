@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from ndtorch.binding.readout.delays import diagonalise, lighting
-from ndtorch.binding.readout.params import SourceCriteria
+from ndtorch.binding.readout.joint_diagonalisation import diagonalise, lighting
+from ndtorch.binding.readout.owners import SourceCriteria
 
 
 @settings(max_examples=20, deadline=None)

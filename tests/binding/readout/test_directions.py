@@ -6,11 +6,11 @@ import pytest
 import torch
 
 from ndtorch.binding.normalise import group_max, spread_groups
-from ndtorch.binding.readout import directions
-from ndtorch.binding.readout.directions import empty, full
-from ndtorch.binding.readout.params import SourceCriteria, SumCriteria
+from ndtorch.binding.readout import source_count
+from ndtorch.binding.readout.joint_diagonalisation import sources_of
+from ndtorch.binding.readout.owners import SourceCriteria, SumCriteria
+from ndtorch.binding.readout.source_count import empty, full
 from ndtorch.binding.readout.sums import SumStatistics
-from ndtorch.binding.readout.unmixing import sources_of
 from tests.binding.readout.three_lights import MIXING, count, lights
 
 
@@ -104,5 +104,5 @@ def test_where_colors_are_exact_motion_with_a_time_course_of_its_own_is_no_fifth
         return int(sources_of(covariances / torch.outer(scale, scale), SourceCriteria(), SumCriteria()).number)
 
     assert number() == 4
-    monkeypatch.setattr(directions, "NOTHING", 0.0)
+    monkeypatch.setattr(source_count, "NOTHING", 0.0)
     assert number() == 5  # as where noise hides that the mixture is exact

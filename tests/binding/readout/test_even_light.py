@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 import torch
 
-from ndtorch.binding.readout.even_light import even_light
-from ndtorch.binding.readout.params import SumCriteria
+from ndtorch.binding.readout.joint_diagonalisation import even_light
+from ndtorch.binding.readout.owners import SumCriteria
 from ndtorch.binding.readout.sums import SumStatistics
 from tests.binding.readout.three_lights import MIXING, count, lights
 

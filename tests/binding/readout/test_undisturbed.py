@@ -8,9 +8,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from ndtorch.binding.readout.params import SumCriteria
+from ndtorch.binding.readout.owners import SumCriteria
+from ndtorch.binding.readout.source_count import undisturbed
 from ndtorch.binding.readout.sums import SumStatistics
-from ndtorch.binding.readout.undisturbed import undisturbed
 from tests.binding.readout.three_lights import MIXING, count, lights
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ndtorch.binding.readout.params import SourceCriteria, SumCriteria
+from ndtorch.binding.readout.joint_diagonalisation import sources_of
+from ndtorch.binding.readout.owners import SourceCriteria, SumCriteria
+from ndtorch.binding.readout.source_count import undisturbed
 from ndtorch.binding.readout.sums import SumStatistics
-from ndtorch.binding.readout.undisturbed import undisturbed
-from ndtorch.binding.readout.unmixing import sources_of
 from tests.binding.readout.three_lights import MIXING, lights
 
 

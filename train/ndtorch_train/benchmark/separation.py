@@ -21,7 +21,7 @@ from ndtorch.binding import BindingInputs, PublishedModel, ScaleFreeModel, alter
 from ndtorch.binding.feedback import settled
 from ndtorch.binding.models.whole_field import BindingState
 from ndtorch.binding.normalise import divide, group_max, spread_groups
-from ndtorch.binding.readout.delays import diagonalise
+from ndtorch.binding.readout.joint_diagonalisation import diagonalise
 from ndtorch.optional import need
 from ndtorch.vision import LowPass
 from ndtorch_train.benchmark.bar_scenes import by_group, first_stage, present

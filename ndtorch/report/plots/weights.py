@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ndtorch.report.figures.layout import TIME_LABEL, add_legend, inches, new_figure, save
-from ndtorch.report.figures.traces import draw_traces
-from ndtorch.report.palette import STYLES
+from ndtorch.report.plots.layout import STYLES, TIME_LABEL, add_legend, inches, new_figure, save
+from ndtorch.report.plots.signals import draw_traces
 from ndtorch.run.result import Floats, RunResult
 from ndtorch.vision.features import FEATURES, GROUPS
 

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ndtorch.report.figures.attention import draw_frames
-from ndtorch.report.figures.outputs import draw_outputs
-from ndtorch.report.figures.weights import draw_weights, draw_weights_over_time
+from ndtorch.report.plots.attention import draw_frames
+from ndtorch.report.plots.signals import draw_outputs
+from ndtorch.report.plots.weights import draw_weights, draw_weights_over_time
 from ndtorch.run.result import RunResult
 
 

@@ -14,10 +14,10 @@ import torch
 
 import ndtorch
 from ndtorch.binding import bound_objects, object_table
-from ndtorch.report import figures
-from ndtorch.report.figures import attention, layout, outputs, weights
-from ndtorch.report.figures.traces import POINTS, thinned
-from ndtorch.report.palette import STYLES, rgb
+from ndtorch.report import plots
+from ndtorch.report.plots import attention, layout, signals, weights
+from ndtorch.report.plots.layout import STYLES, rgb
+from ndtorch.report.plots.signals import POINTS, thinned
 from ndtorch.run.result import Moment, RunResult, Trace
 
 NAMES = ["outputs.png", "weights.png", "weights_over_time.png", "frames.png"]
@@ -86,7 +86,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[str]]:
         seen[Path(path).name] = words(figure)
         return layout.save(figure, path)  # type: ignore[arg-type]
 
-    for module in (attention, outputs, weights):
+    for module in (attention, signals, weights):
         monkeypatch.setattr(module, "save", saved)
     return seen
 
@@ -95,7 +95,7 @@ def test_draws_four_pictures_and_says_what_they_show(
     result: RunResult, drawn: dict[str, list[str]], tmp_path: Path
 ) -> None:
     before = "matplotlib.pyplot" in sys.modules
-    paths = figures.draw_all(result, tmp_path / "new" / "folder")
+    paths = plots.draw_all(result, tmp_path / "new" / "folder")
     assert ("matplotlib.pyplot" in sys.modules) == before  # its state is the user's
     assert [path.name for path in paths] == NAMES
     for path in paths:
@@ -126,7 +126,7 @@ def test_no_objects_and_no_samples(result: RunResult, drawn: dict[str, list[str]
     )
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        figures.draw_all(empty, tmp_path)
+        plots.draw_all(empty, tmp_path)
     assert any(text.startswith("STATIC") and "interrupted" in text for text in drawn["outputs.png"])
     assert {"all weights are zero", "no objects"} < set(drawn["weights.png"])
     assert "No object won the model's attention in this run." in drawn["frames.png"]
@@ -139,14 +139,14 @@ def test_one_sample_while_settling(result: RunResult, tmp_path: Path) -> None:
     weights.add(0.0, torch.zeros(10, 10))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        drawn = figures.draw_all(dataclasses.replace(result, outputs=outputs, weights=weights), tmp_path)
+        drawn = plots.draw_all(dataclasses.replace(result, outputs=outputs, weights=weights), tmp_path)
     assert all(path.stat().st_size > 1000 for path in drawn)
 
 
 def test_alternating_is_in_the_title_and_nobody_owns(
     result: RunResult, drawn: dict[str, list[str]], tmp_path: Path
 ) -> None:
-    figures.draw_all(dataclasses.replace(result, verdict="alternating", objects=[], moments={}), tmp_path)
+    plots.draw_all(dataclasses.replace(result, verdict="alternating", objects=[], moments={}), tmp_path)
     for name in NAMES:
         assert any(text.startswith("ALTERNATING") for text in drawn[name])
     assert "▼\nowner" not in drawn["weights.png"]
@@ -164,14 +164,14 @@ def test_many_objects_and_any_source_name(result: RunResult, tmp_path: Path) -> 
     )
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        drawn = figures.draw_all(many, tmp_path)
+        drawn = plots.draw_all(many, tmp_path)
     assert all(path.stat().st_size > 1000 for path in drawn)
 
 
 @pytest.mark.parametrize("size", [(2, 3), (8, 640), (640, 8), (1080, 1920)])
 def test_frames_of_any_size(result: RunResult, tmp_path: Path, size: tuple[int, int]) -> None:
     some = dataclasses.replace(result, moments={7: moment(7, *size)})
-    picture = matplotlib.image.imread(figures.draw_frames(some, tmp_path / "frames.png"))
+    picture = matplotlib.image.imread(plots.draw_frames(some, tmp_path / "frames.png"))
     assert max(picture.shape) < 2000
 
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ndtorch.report.figures.layout import inches, new_figure, save
-from ndtorch.report.palette import STYLES
+from ndtorch.report.plots.layout import STYLES, inches, new_figure, save
 from ndtorch.run.result import RunResult
 from ndtorch.run.watchers import Pixels
 from ndtorch.vision.features import FEATURES

@@ -1,0 +1,291 @@
+"""Separation of sources by joint diagonalisation of covariances at several delays, without a common illumination."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from ndtorch.binding.feedback import settled
+from ndtorch.binding.objects import ObjectTable
+from ndtorch.binding.readout.owners import SourceCriteria, SumCriteria, features_by_group
+from ndtorch.binding.readout.source_count import LINEAR, crowded, empty, full, stands_out, unexplained
+from ndtorch.vision.features import GROUPS
+
+DELAYS = (0.01, 0.05, 0.1, 0.2, 0.4, 0.8)
+"""Seconds; each becomes a whole number of time steps, at least one."""
+
+
+def without_lighting(separation: Separation, first_stage: Tensor, criteria: SourceCriteria) -> Separation:
+    """The same without `lighting`."""
+    mixing = separation.mixing
+    there = torch.arange(mixing.shape[-2], device=mixing.device) < separation.sources.unsqueeze(-1)
+    even = lighting(mixing, there, first_stage, criteria)
+    # What is left moves to the front.
+    order = torch.argsort((even | ~there).long(), dim=-1, stable=True)
+    mixing = mixing.gather(-2, order.unsqueeze(-1).expand_as(mixing))
+    sources = (there & ~even).sum(-1)
+    rank = torch.arange(mixing.shape[-2], device=mixing.device)
+    mixing = torch.where((rank < sources.unsqueeze(-1)).unsqueeze(-1), mixing, 0.0)
+    return separation._replace(mixing=mixing, sources=sources)
+
+
+def lighting(mixing: Tensor, there: Tensor, first_stage: Tensor, criteria: SourceCriteria) -> Tensor:
+    """Sources that drive all colors and all orientations alike, or none, and hardly move or move every way alike.
+
+    Args:
+        mixing: `[..., S, 10]`, one row a source, through the settled first stage.
+        there: which rows are sources, `[..., S]` bool.
+        first_stage: weights of the first stage, `[10, 10]`.
+        criteria: what is even.
+
+    Returns:
+        Which of them are light that changes everywhere, `[..., S]` bool.
+    """
+    eye = torch.eye(10, dtype=mixing.dtype, device=mixing.device)
+    raw = mixing @ (eye + first_stage.to(mixing.dtype)).mT
+    even = there
+    for group in (raw[..., GROUPS["orientation"]], raw[..., GROUPS["color"]]):
+        nothing = group.amax(-1) < criteria.absent * raw.amax(-1)
+        even = even & (nothing | (group.amin(-1) >= criteria.even * group.amax(-1)))
+    directed = mixing[..., GROUPS["motion"]]
+    motion = torch.where(there, directed.amax(-1).clamp_min(0), 0.0)
+    # Alone, it has the largest motion there is: what flickers moves every way alike, or its motion is noise.
+    everywhere = (directed.amin(-1) >= criteria.even * motion) | (motion < criteria.absent * raw.amax(-1))
+    return even & (everywhere | (motion < criteria.moving * motion.amax(-1, keepdim=True)))
+
+
+def plain_table(
+    owners: ObjectTable, weights: Tensor, first_stage: Tensor, criteria: SourceCriteria | None = None
+) -> ObjectTable:
+    """The owners' table without lighting, and without any owner where there are more than `most_sources`.
+
+    Where almost every signal goes its own way it is noise, and there is nothing to bind.
+
+    Args:
+        owners: the owners' table.
+        weights: of the network, `[..., 10, 10]`.
+        first_stage: weights of the first stage, `[10, 10]`.
+        criteria: see there.
+    """
+    c = criteria or SourceCriteria()
+    mixing = weights.mT + torch.eye(10, dtype=weights.dtype, device=weights.device)
+    light = lighting(mixing, owners.owners, first_stage, c)
+    noise = owners.owners.sum(-1, keepdim=True) > c.most_sources
+    kept = owners.owners & ~light & ~noise
+    return ObjectTable(kept, torch.where(kept.unsqueeze(-1), owners.rows, 0.0))
+
+
+def assigned(mixing: Tensor, count: Tensor, weights: Tensor, smallest: float = 1 / 3) -> ObjectTable:
+    """Give every source the neuron whose output is most purely that source, among the features it has.
+
+    Shapes: mixing `[..., S, N]`, count `[...]`, weights T `[..., N, N]`.
+    """
+    rows = features_by_group(mixing, smallest)
+    gain = (mixing @ settled(weights).mT).square()
+    total = gain.sum(-2, keepdim=True).clamp_min(torch.finfo(gain.dtype).tiny)
+    purity = torch.where(rows > 0, gain * gain / total, -1.0)
+    owners = torch.zeros(*count.shape, mixing.shape[-1], dtype=torch.bool, device=mixing.device)
+    out = torch.zeros_like(weights)
+    for source in range(mixing.shape[-2]):
+        score = purity[..., source, :].masked_fill(owners, -torch.inf)
+        here = torch.nn.functional.one_hot(score.argmax(-1), mixing.shape[-1]).bool()
+        here = here & (source < count).unsqueeze(-1)
+        owners = owners | here
+        out = torch.where(here.unsqueeze(-1), rows[..., source, :].unsqueeze(-2), out)
+    return ObjectTable(owners, out)
+
+
+class Separation(NamedTuple):
+    """Sources and their mixing; S is the largest number of sources asked for.
+
+    Attributes:
+        sources: how many there are, `[...]`, int64.
+        mixing: `[..., S, N]`, one row a source, the largest entry positive; zeros beyond `sources`.
+        gap: smallest difference between the delay profiles of two sources, `[...]`: the sum over delays of the squared
+            difference of their correlations with their own past. Near zero, those two are not identified. Infinite
+            with fewer than two.
+    """
+
+    sources: Tensor
+    mixing: Tensor
+    gap: Tensor
+
+
+def diagonalise(matrices: Tensor, sweeps: int = 12, enough: float = 1e-6) -> tuple[Tensor, Tensor]:
+    """The rotation that makes symmetric matrices `[B, L, m, m]` as diagonal as they get together, and the results.
+
+    Jacobi rotations of every pair in turn, each at the angle of Cardoso and Souloumiac (1996).
+
+    Returns:
+        V `[B, m, m]`, orthogonal, and `V^T M V`.
+    """
+    m = matrices.shape[-1]
+    out = matrices.clone()
+    rotation = torch.eye(m, dtype=out.dtype, device=out.device).repeat(len(out), 1, 1)
+    for _ in range(sweeps):
+        largest = 0.0
+        for p in range(m):
+            for q in range(p + 1, m):
+                difference = out[..., p, p] - out[..., q, q]
+                between = 2 * out[..., p, q]
+                on = (difference.square() - between.square()).sum(-1)
+                off = 2 * (difference * between).sum(-1)
+                angle = 0.5 * torch.atan2(off, on + torch.hypot(on, off))
+                largest = max(largest, float(angle.abs().max()))
+                turn = torch.stack([angle.cos(), -angle.sin(), angle.sin(), angle.cos()], -1).reshape(-1, 2, 2)
+                pair = [p, q]
+                out[..., pair] = out[..., pair] @ turn.unsqueeze(1)
+                out[..., pair, :] = turn.mT.unsqueeze(1) @ out[..., pair, :]
+                rotation[..., pair] = rotation[..., pair] @ turn
+        if largest < enough:
+            break
+    return rotation, out
+
+
+LIGHT_MOST = 4
+"""Among more sources, of six signals, even light can be a mixture of them."""
+
+
+def even_light(delayed: Tensor, count: Tensor, limits: SumCriteria) -> Tensor:
+    """The direction of light that changes everywhere, if it is among the sources of covariances `[B, 10, 10]`.
+
+    All colors change alike then, and all orientations, and nothing moves with them. A direction of such light lies in
+    the space of the sources to the last digit, or not at all.
+
+    Returns:
+        Orientations and colors of it, of unit length, zeros where there is none, `[B, 6]`.
+    """
+    found = delayed.new_zeros(len(delayed), 6)
+    plane = delayed.new_zeros(6, 2)
+    plane[:3, 0] = plane[3:, 1] = 3**-0.5
+    for m in range(1, LIGHT_MOST + 1):
+        at = (count == m).nonzero().squeeze(-1)
+        if len(at) == 0:
+            continue
+        values, vectors = torch.linalg.eigh(delayed[at][:, LINEAR, LINEAR])
+        basis, size = vectors[..., -m:], values[:, None, -m:].clamp_min(1e-12)
+        _, cosines, axes = torch.linalg.svd(basis.mT @ plane)
+        light = (plane @ axes[:, 0, :, None]).squeeze(-1)
+        away = (1 - cosines[:, 0].square()).clamp_min(0).sqrt()
+        # What the source does by itself, and the motion that goes along with it.
+        inside = basis.mT @ light.unsqueeze(-1)
+        deviation = (inside / size.transpose(-1, -2).sqrt()).norm(dim=-2)
+        unmix = (basis / size @ inside).squeeze(-1) / deviation
+        motion = delayed[at][:, GROUPS["motion"], :]
+        largest = motion[..., GROUPS["motion"]].diagonal(dim1=-2, dim2=-1).amax(-1).clamp_min(1e-12).sqrt()
+        along = (motion[..., LINEAR] @ unmix.unsqueeze(-1)).squeeze(-1).abs().amax(-1)
+        one_sign = axes[:, 0, 0] * axes[:, 0, 1] > -0.05
+        there = (away < limits.lit) & ((along < limits.unmoved * largest) | (m == 1)) & one_sign
+        found[at] = torch.where(there.unsqueeze(-1), light, 0.0)
+    return found
+
+
+def without(white: Tensor, light: Tensor) -> Tensor:
+    """Whitening `[B, 6, m]` of the sources other than the one of direction `light` `[B, 6]`, `[B, 6, m - 1]`.
+
+    In white coordinates sources are at right angles, so the others lie in the plane across the light.
+    """
+    axis = white.mT @ light.unsqueeze(-1)
+    others: Tensor = white @ torch.linalg.svd(axis)[0][..., 1:]
+    return others
+
+
+MOST = 5
+"""Sources that leave one of six directions to noise."""
+
+
+class Sources(NamedTuple):
+    """Sources in normalised covariances; S is the largest number asked for.
+
+    Attributes:
+        number: how many, `[...]`, int64.
+        mixing: `[..., S, 10]`, unit power at the shortest delay, the largest entry positive.
+        unmixing: `[..., S, 10]`, from signals to sources.
+        gap: as in `Separation`.
+    """
+
+    number: Tensor
+    mixing: Tensor
+    unmixing: Tensor
+    gap: Tensor
+
+
+def sources_of(covariances: Tensor, criteria: SourceCriteria, limits: SumCriteria) -> Sources:
+    """Count and mixing from covariances `[..., L, 10, 10]` in double precision, the first without delay.
+
+    Light that changes everywhere is left out.
+    """
+    batch, most = covariances.shape[:-3], criteria.most_sources
+    flat = covariances.reshape(-1, *covariances.shape[-3:])
+    linear = stands_out(flat[:, 0, LINEAR, LINEAR], flat[:, 1, LINEAR, LINEAR], limits.faintest, limits)
+    five = full(flat[:, 0, LINEAR, LINEAR], flat[:, 1, LINEAR, LINEAR], limits)
+    four, exact = empty(flat[:, 0, LINEAR, LINEAR], flat[:, 1, LINEAR, LINEAR], limits)
+    linear = torch.where(four, linear.clamp_min(MOST - 1), linear)
+    linear = torch.where(five, linear.clamp_min(MOST), linear)
+    every = stands_out(flat[:, 0], flat[:, 1], limits.crowded, limits)
+    light = even_light(flat[:, 1], linear, limits)
+    lit = light.abs().amax(-1) > 0
+    wide = crowded(flat[:, 0, LINEAR, LINEAR], flat[:, 1, LINEAR, LINEAR], limits) & (linear > 0) & ~lit
+    count = torch.where(wide & ~exact, torch.maximum(linear, every), linear)
+    more = unexplained(flat[:, 0], flat[:, 1], count, limits) & ~lit
+    wide, count = wide | more, (count + more.long()).clamp_max(most)
+    found = unmixed(flat, count, wide, light, criteria)
+    # Beside two of one rate, what is faint is an overtone of theirs: a shadow's edge does not dim all sums alike.
+    values = torch.linalg.eigvalsh(flat[:, 1, LINEAR, LINEAR])
+    fewer = (values > limits.doubtful * values[:, -1:]).sum(-1)
+    again = (found.gap < criteria.gap) & ~wide & ~lit & (fewer < count) & (fewer > 1) & ~(exact & (fewer > 2))
+    if bool(again.any()):
+        other = unmixed(flat, torch.where(again, fewer, count), wide, light, criteria)
+        found = Sources(*(choose(again, a, b) for a, b in zip(other, found, strict=True)))
+    return Sources(*(part.reshape((*batch, *part.shape[1:])) for part in found))
+
+
+def unmixed(flat: Tensor, count: Tensor, wide: Tensor, light: Tensor, criteria: SourceCriteria) -> Sources:
+    """So many sources of covariances `[B, L, 10, 10]`, one of which is left out if it is `light` `[B, 6]`.
+
+    Args:
+        flat: covariances, the first without delay.
+        count: how many, `[B]`, light included.
+        wide: whether motion tells them apart too, `[B]` bool.
+        light: as of `even_light`.
+        criteria: for the rotations.
+    """
+    most, lit = criteria.most_sources, light.abs().amax(-1) > 0
+    mixing, unmixing = flat.new_zeros(len(flat), most, 10), flat.new_zeros(len(flat), most, 10)
+    gap = flat.new_full((len(flat),), torch.inf)
+    for m in range(1, most + 1):
+        for part, kind in ((slice(0, None), wide & ~lit), (LINEAR, ~wide & ~lit), (LINEAR, lit)):
+            at = ((count == m) & kind).nonzero().squeeze(-1)
+            if len(at) == 0:
+                continue
+            here, n = flat[at], m
+            values, vectors = torch.linalg.eigh(here[:, 1, part, part])
+            white = vectors[..., -m:] / values[:, None, -m:].clamp_min(1e-12).sqrt()
+            if bool(lit[at[0]]):
+                white, n = without(white, light[at]), m - 1
+            if n == 0:
+                continue
+            turned = white.unsqueeze(1)
+            rotation, rotated = diagonalise(
+                turned.mT @ here[:, 2:, part, part] @ turned, criteria.sweeps, criteria.enough
+            )
+            apart = (white @ rotation).mT
+            mixed = (here[:, 1, :, part] @ apart.mT).mT
+            sign = mixed.gather(-1, mixed.abs().argmax(-1, keepdim=True)).sign()
+            mixing[at, :n] = mixed * sign
+            full = torch.zeros(len(at), n, 10, dtype=flat.dtype)
+            full[..., part] = apart * sign
+            unmixing[at, :n] = full
+            if n > 1:
+                profile = rotated.diagonal(dim1=-2, dim2=-1)
+                squares = (profile.unsqueeze(-1) - profile.unsqueeze(-2)).square().sum(1)
+                squares = squares + torch.diag_embed(squares.new_full((n,), torch.inf))
+                gap[at] = squares.amin((-1, -2))
+    return Sources(count - lit.long(), mixing, unmixing, gap)
+
+
+def choose(where: Tensor, yes: Tensor, no: Tensor) -> Tensor:
+    """`torch.where` for tensors of more dimensions than the condition."""
+    return torch.where(where.reshape(where.shape + (1,) * (yes.ndim - where.ndim)), yes, no)
