@@ -22,7 +22,7 @@ FASTMATH = {"reassoc", "contract", "nsz"}
 """LLVM may reorder sums and fuse multiply and add; NaN and infinity keep their meaning."""
 
 log = logging.getLogger("ndtorch.jit")
-"""Says at level INFO what is compiled because it is not in the cache."""
+"""Says at level INFO that functions are compiled because they are not in the cache, and at level DEBUG which."""
 
 
 class JitFunction(Generic[R]):
@@ -80,7 +80,8 @@ class JitFunction(Generic[R]):
         with locked(self.folder, name):
             kept = self.files()
             if not kept:
-                log.info("compiling %s", name)
+                announce()
+                log.debug("compiling %s", name)
             try:
                 if not all(map(is_intact, kept)):
                     raise ValueError("damaged")
@@ -130,6 +131,12 @@ def jit(function: Callable[..., R] | None = None, *, exact: bool = False) -> Any
         exact: the order of operations stays as it is written; else sums may be reordered (`FASTMATH`).
     """
     return JitFunction(function, exact) if function is not None else lambda given: JitFunction(given, exact)
+
+
+@cache
+def announce() -> None:
+    """Say once a process that it compiles."""
+    log.info("kernels are compiled for this processor, once: it takes up to half a minute")
 
 
 @cache
