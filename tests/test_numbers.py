@@ -200,8 +200,8 @@ def test_what_is_positive_is_never_far_below_zero_and_only_signed_numbers_are_a_
         ("WayParams", "discs", ()),
         ("WayParams", "soft", 0.24),
         ("WayParams", "coarse", 0),
-        ("NearParams", "unbroken", 1.1),
-        ("NearParams", "floor_to", 0.8),
+        ("ProximityParams", "unbroken_correlation", 1.1),
+        ("ProximityParams", "floor_max_depth_m", 0.8),
     ],
 )
 def test_pairs_and_limits_that_cannot_be(name: str, field: str, value: Any) -> None:

@@ -20,10 +20,10 @@ from ndtorch.navigation.mapping.feature_tracks import AlphaBetaTracker
 from ndtorch.navigation.mapping.map_rendering import log_ranges
 from ndtorch.navigation.mapping.observations import ObservationList
 from ndtorch.navigation.mapping.range_log import FramePose
-from ndtorch.navigation.near_check import NearCheck
-from ndtorch.navigation.near_sight import NearSight
 from ndtorch.navigation.odometry import DeadReckoning, Pose
 from ndtorch.navigation.one_frame import in_frames, take_over
+from ndtorch.navigation.proximity.check import ProximityCheck
+from ndtorch.navigation.proximity.schedule import ProximitySchedule
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import AngleModel, StereoRig
 from ndtorch.navigation.row_ranging import RowRanging
@@ -108,7 +108,7 @@ class Navigator(nn.Module):
         # Where the ranging itself searches, the controller is told at every frame.
         looks = near_check and self.controller.looks_near
         searching = RowRanging(rig, dt, angles=angles, search=SearchParams(rows=1)) if search is None else None
-        self.near = NearSight(NearCheck(rig, self.controller.fields), searching) if looks else None
+        self.near = ProximitySchedule(ProximityCheck(rig, self.controller.fields), searching) if looks else None
 
     def forward(
         self,
@@ -173,7 +173,7 @@ class Navigator(nn.Module):
                 new, whole = new._replace(command=ahead, control=control), False
                 command = Command(ahead.speed.unsqueeze(0), ahead.curvature.unsqueeze(0))
         if self.near is not None and not new.pose.x.ndim:
-            told = self.near.glance(self.controller, new.control, new.pose, (left.row[0], right.row[0]))
+            told = self.near.while_driving(self.controller, new.control, new.pose, (left.row[0], right.row[0]))
             if told is not new.control and whole and self.controller.quick is not None:
                 # Nobody else has this state yet: so what the next step goes on from stays in one piece.
                 take_over(self.controller.quick.take(new.control), self.controller.quick.take(told))

@@ -11,8 +11,8 @@ from ndtorch.navigation.controllers.contract import Command, Controller, in_time
 from ndtorch.navigation.localisation.localiser import Localiser
 from ndtorch.navigation.localisation.state import LocaliserState, frame_pose
 from ndtorch.navigation.mapping.range_log import FramePose
-from ndtorch.navigation.near_sight import NearSight
 from ndtorch.navigation.odometry import DeadReckoning, Pose
+from ndtorch.navigation.proximity.schedule import ProximitySchedule
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import Rect
 from ndtorch.navigation.state import NavigatorState, place_of
@@ -29,7 +29,7 @@ class Steering(NamedTuple):
 
     controller: Controller
     reckoning: DeadReckoning
-    near: NearSight | None
+    near: ProximitySchedule | None
     localiser: Localiser | None
     row: Rect
     size: tuple[int, int]
@@ -72,7 +72,7 @@ class Steering(NamedTuple):
             begins = state is None or (t == 0 and state.fields is None)
             if eyes is not None and self.near is not None and self.near.due(self.controller, last, control, begins):
                 fields, rows = (tuple(eye[..., t, :, :, :] for eye in part) for part in eyes)
-                control = self.near.check(self.controller, control, pose, fields, rows)  # type: ignore[arg-type]
+                control = self.near.report(self.controller, control, pose, fields, rows)  # type: ignore[arg-type]
             if eyes is not None and self.localiser is not None:
                 left, right = (eye[..., t : t + 1, :, :, :] for eye in eyes[1])
                 located = self.locate(left, right, pose, located)
@@ -83,7 +83,7 @@ class Steering(NamedTuple):
             last, control = self.controller.step(seen.select(dim, t), ranges_at(ranges, t), pose, last, control)
             if eyes is not None and self.near is not None and not pose.x.ndim:
                 rows = tuple(eye[..., t, :, :, :] for eye in eyes[1])
-                control = self.near.glance(self.controller, control, pose, rows)  # type: ignore[arg-type]
+                control = self.near.while_driving(self.controller, control, pose, rows)  # type: ignore[arg-type]
             commands.append(last)
             poses.append(place)
         return (

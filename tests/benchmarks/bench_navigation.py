@@ -31,7 +31,7 @@ from ndtorch.navigation.controllers.published import SaccadeAvoidance
 from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
 from ndtorch.navigation.controllers.subfields import SubfieldMotion
-from ndtorch.navigation.near_check import NearCheck
+from ndtorch.navigation.proximity.check import ProximityCheck
 from tests.benchmarks.timing import Row, reference, table
 
 DT = 1 / 30
@@ -139,7 +139,7 @@ def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
     start = control.start(torch.zeros(0), Pose(*torch.zeros(3)))
     moved = Command(torch.full((1,), 0.5), torch.zeros(1))
 
-    check = NearCheck(rig, control.fields)
+    check = ProximityCheck(rig, control.fields)
     eyes = ((left[0], right[0]), (left[0], right[0]))
 
     def near() -> object:

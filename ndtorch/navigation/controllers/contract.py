@@ -13,8 +13,8 @@ from torch import Tensor, nn
 from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.quick import QuickControl
-from ndtorch.navigation.near_things import Near
 from ndtorch.navigation.odometry import Pose
+from ndtorch.navigation.proximity.stereo_match import Obstacles
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import Rect, StereoRig
 from ndtorch.vision.temporal import FilterState
@@ -198,7 +198,7 @@ class Controller(nn.Module, ABC):
         """The state with which a car that stands begins a step; the same object where nothing changes."""
         return state
 
-    def told_near(self, state: Any, pose: Pose, things: Near, across: Near, floor_seen: bool) -> Any:
+    def told_near(self, state: Any, pose: Pose, things: Obstacles, across: Obstacles, floor_seen: bool) -> Any:
         """The state of one car that is told, while it stands, what is right before it.
 
         Args:
@@ -214,7 +214,7 @@ class Controller(nn.Module, ABC):
         """What one car wants to be told while it drives; nothing by default."""
         return Glance()
 
-    def told_more(self, state: Any, pose: Pose, ranges: Ranges | None, things: Near | None) -> Any:
+    def told_more(self, state: Any, pose: Pose, ranges: Ranges | None, things: Obstacles | None) -> Any:
         """The state of one car that is told what it wanted, see `glances`.
 
         Args:

@@ -11,8 +11,8 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_number, check_numbers, check_state, check_tensor, surely_finite
 from ndtorch.errors import InputError
-from ndtorch.kernels.beam_cells import beam_cells
 from ndtorch.kernels.switch import kernels_wanted
+from ndtorch.navigation.mapping._kernels import Beams, Lattice, Rays, Samples, beam_cells
 from ndtorch.navigation.mapping.certainty import REACH, BeamTable, beam_table, sample_certainty
 from ndtorch.navigation.mapping.range_log import RangeLog
 from ndtorch.navigation.mapping.tiles import Tiles, add_at, cell_tables, check_tiles, empty_tiles
@@ -221,18 +221,13 @@ class GridMap(nn.Module):
         kind, grid, rig = ranges.x.dtype, self.grid, self.rig
         most = ranges.x.numel() * len(self.weight)
         number, weight = torch.empty(most, dtype=torch.int64), torch.empty(most, dtype=kind)
+        corner = (grid.left - grid.cell, grid.bottom - grid.cell)
         count = beam_cells(
-            ranges.left_angle[0].numpy(),
-            ranges.right_angle[0].numpy(),
-            ranges.valid[0].numpy(),
-            self.tangent.to(kind).numpy(),
-            self.weight.to(kind).numpy(),
-            (rig.baseline, rig.forward, self.reach),
+            Rays(*(part[0].numpy() for part in (ranges.left_angle, ranges.right_angle, ranges.valid))),
+            Samples(self.tangent.to(kind).numpy(), self.weight.to(kind).numpy()),
+            Beams(rig.baseline, rig.forward, self.reach),
             (float(pose.x), float(pose.y), float(pose.heading)),
-            (grid.left - grid.cell, grid.bottom - grid.cell, grid.cell),
-            1 / grid.cell**2,
-            self.down.numpy(),
-            self.across.numpy(),
+            Lattice(*corner, grid.cell, self.down.numpy(), self.across.numpy()),
             number.numpy(),
             weight.numpy(),
         )

@@ -11,7 +11,7 @@ from torch import Tensor
 from ndtorch.arguments import check_kind, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.kernels.switch import kernels_wanted
-from ndtorch.kernels.tile_sums import tile_sums
+from ndtorch.navigation.mapping._kernels import tile_sums
 
 BITS = 6
 SIDE = 1 << BITS

@@ -13,7 +13,7 @@ from ndtorch.navigation import StereoRig
 from ndtorch.navigation.controllers.ranging.caution import FULL, known_share, speed_share
 from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.controllers.ranging.floor import FloorState
-from ndtorch.navigation.near_check import NearCheck
+from ndtorch.navigation.proximity.check import ProximityCheck
 from ndtorch.navigation.strips import Strips, grey_pair, strips
 from ndtorch_robot.ports import StereoFrames
 
@@ -90,7 +90,8 @@ def measure_floor(read: Callable[[], StereoFrames], rig: StereoRig, rate: float,
         known = torch.tensor(math.inf)
         floor = FloorState(level, torch.tensor(still), known)
         share = known_share(floor, control.full_flow, control.params.least_noise, control.floor)
-        things, ahead = NearCheck(rig, control.fields)((ours.field[0], theirs.field[0]), (ours.row[0], theirs.row[0]))
+        fields, rows = (ours.field[0], theirs.field[0]), (ours.row[0], theirs.row[0])
+        things, ahead = ProximityCheck(rig, control.fields)(fields, rows)
     near = float(things.x.min()) if len(things.x) else None
     noisy = still > control.params.least_noise
     return FloorFound(float(share), float(speed_share(share)), still, noisy, ahead, near)

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from ndtorch.navigation import Strips
-from ndtorch.navigation.near_floor import floor_likeness
-from ndtorch.navigation.near_params import NearParams
+from ndtorch.navigation.proximity.floor_plane import floor_correlation
+from ndtorch.navigation.proximity.params import ProximityParams
 from ndtorch.navigation.rig import Rect, StereoRig
 from ndtorch_robot.camera_monitor.image_quality import Floats, one_color
 from ndtorch_robot.camera_monitor.mounting_check import EVERY, MAX_DISPARITY, Position, is_new_view
@@ -74,10 +74,14 @@ class StereoConsistency:
         self.rig, self.rects = rig, rects
         horizon = (rig.height - 1) / 2 - rig.focal * math.tan(rig.pitch)
         near = rig.focal * rig.camera_height / max(1.0, rects[0].bottom - 1 - horizon)
-        self.params = NearParams(
-            floor=SEEN, floor_from=0.99 * near, floor_to=DEPTH_RATIO * near, floor_beside=HALF_WIDTH, tilt=SURE_TILT
+        self.params = ProximityParams(
+            min_floor_correlation=SEEN,
+            floor_min_depth_m=0.99 * near,
+            floor_max_depth_m=DEPTH_RATIO * near,
+            floor_half_width_m=HALF_WIDTH,
+            max_tilt_px=SURE_TILT,
         )
-        self.tilted = replace(self.params, tilt=MAX_TILT)
+        self.tilted = replace(self.params, max_tilt_px=MAX_TILT)
         self.offset = rects[0].left - rects[1].left
         self.size = (rects[0].bottom - rects[0].top, rects[0].right - rects[0].left)
         self.count = self.seen = self.without = 0
@@ -87,7 +91,7 @@ class StereoConsistency:
     def warm_up(self) -> None:
         """Compile or load the kernel."""
         blank = np.zeros(self.size, np.float32)
-        floor_likeness(blank, blank, self.rects, self.rig, self.params, True)
+        floor_correlation(blank, blank, self.rects, self.rig, self.params)
 
     def reset(self) -> None:
         """A person may have corrected the cameras."""
@@ -128,9 +132,9 @@ class StereoConsistency:
                 self.seen = self.seen if self.seen >= BEFORE else 0
         return False
 
-    def correlation(self, ours: Floats, theirs: Floats, params: NearParams) -> float:
+    def correlation(self, ours: Floats, theirs: Floats, params: ProximityParams) -> float:
         """Correlation of the floor in both images, where it must lie."""
-        return floor_likeness(ours, np.ascontiguousarray(theirs), self.rects, self.rig, params, True)
+        return floor_correlation(ours, np.ascontiguousarray(theirs), self.rects, self.rig, params)
 
     def is_upright(self, ours: Floats, theirs: Floats, wall: float) -> bool:
         """Whether the wall that both see matches worse with one image rotated by 180 degrees."""

@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from ndtorch.navigation import Strips
-from ndtorch.navigation.near_floor import floor_likeness
 from ndtorch.navigation.options import NavigatorOptions
+from ndtorch.navigation.proximity.floor_plane import floor_correlation
 from ndtorch_robot.camera_monitor.frame_check import FrameCheck
 from ndtorch_robot.camera_monitor.image_quality import one_color
 from ndtorch_robot.camera_monitor.mounting_check import EVERY
@@ -124,7 +124,7 @@ def test_cameras_that_look_down_see_one_floor_but_are_not_sure_of_it():
     mine = judge()
     mine.rects = tuple(rect._replace(bottom=rect.bottom - 20) for rect in RECTS)
     mine.size = (50, RECTS[0].right - RECTS[0].left)
-    mine.params, mine.tilted = (replace(each, floor_to=1.0) for each in (mine.params, mine.tilted))
+    mine.params, mine.tilted = (replace(each, floor_max_depth_m=1.0) for each in (mine.params, mine.tilted))
     assert not look(mine, 3, tilted)
     assert (mine.seen, mine.without) == (3, 0)
 
@@ -156,7 +156,7 @@ def test_in_the_dark_noise_leaves_enough_of_one_floor(seed):
         for n in range(10 * seed, 10 * seed + 10):
             left, right = strips(*(0.08 * picture for picture in change(*floor(WAY * n))), seed=n)
             pair = [one_color(eye.field).astype(np.float32) / 255 for eye in (left, right)]
-            found.append((floor_likeness(*pair, RECTS, RIG, mine.params, True), mine.compare(left, right, (n, 0.0))))
+            found.append((floor_correlation(*pair, RECTS, RIG, mine.params), mine.compare(left, right, (n, 0.0))))
             mine.count = 0
         return found
 

@@ -33,8 +33,8 @@ from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.controllers.ranging.decision import decide
 from ndtorch.navigation.controllers.ranging.patch import Patch, cell_numbers, empty_patch, move_patch
 from ndtorch.navigation.controllers.registry import register
-from ndtorch.navigation.near_things import Near
 from ndtorch.navigation.odometry import Pose
+from ndtorch.navigation.proximity.stereo_match import Obstacles
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import StereoRig
 
@@ -169,7 +169,9 @@ class GoalControl(Controller):
         mode = torch.where(stands, reactive.mode, state.mode)
         return command, state._replace(reactive=reactive, mode=mode)
 
-    def told_near(self, state: GoalState, pose: Pose, things: Near, across: Near, floor_seen: bool) -> GoalState:
+    def told_near(
+        self, state: GoalState, pose: Pose, things: Obstacles, across: Obstacles, floor_seen: bool
+    ) -> GoalState:
         """As `RangingControl.told_near`."""
         return state._replace(reactive=self.reactive.told_near(state.reactive, pose, things, across, floor_seen))
 

@@ -8,8 +8,8 @@ from torch import Tensor
 from ndtorch.navigation.controllers.contract import STOPPED, SUPPRESSED
 from ndtorch.navigation.controllers.ranging.floor import FloorConstants, FloorState
 from ndtorch.navigation.controllers.ranging.patch import Patch, PatchParams, cell_numbers
-from ndtorch.navigation.near_things import Near
 from ndtorch.navigation.odometry import Pose
+from ndtorch.navigation.proximity.stereo_match import Obstacles
 
 LEAST, FULL = 0.25, 0.75
 """Shares of the bands of floor that are told from noise: up to the first it stands, from the second on it is fast."""
@@ -19,12 +19,18 @@ SETTLED = 0.95
 
 
 def remember_near(
-    patch: Patch, pose: Pose, things: Near, across: Near, floor_seen: bool, blocked: float, params: PatchParams
+    patch: Patch,
+    pose: Pose,
+    things: Obstacles,
+    across: Obstacles,
+    floor_seen: bool,
+    blocked: float,
+    params: PatchParams,
 ) -> Patch:
     """The patch of one car after a near check: things are blocked at once, and the way ahead where no floor is seen."""
     evidence = patch.evidence.clone()
 
-    def numbers(near: Near) -> Tensor:
+    def numbers(near: Obstacles) -> Tensor:
         places = torch.stack((torch.from_numpy(near.x), torch.from_numpy(near.y))).to(evidence.dtype)
         return cell_numbers(places, pose, params)
 

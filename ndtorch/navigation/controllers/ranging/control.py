@@ -41,8 +41,8 @@ from ndtorch.navigation.controllers.ranging.patch import Patch, add_evidence, ce
 from ndtorch.navigation.controllers.ranging.quick import QuickRanging
 from ndtorch.navigation.controllers.ranging.trail import empty_trail
 from ndtorch.navigation.controllers.registry import register
-from ndtorch.navigation.near_things import Near
 from ndtorch.navigation.odometry import Pose
+from ndtorch.navigation.proximity.stereo_match import Obstacles
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import StereoRig
 
@@ -200,7 +200,9 @@ class RangingControl(Controller):
         evidence = in_the_way(patch, self.params.blocked)
         return free_travel(evidence.gather(-1, number), self.arcs, self.constants.limits)[..., 0, 0]
 
-    def told_near(self, state: RangingState, pose: Pose, things: Near, across: Near, floor_seen: bool) -> RangingState:
+    def told_near(
+        self, state: RangingState, pose: Pose, things: Obstacles, across: Obstacles, floor_seen: bool
+    ) -> RangingState:
         """As `Controller.told_near`."""
         p = self.params
         return state._replace(patch=remember_near(state.patch, pose, things, across, floor_seen, p.blocked, p.patch))
@@ -215,7 +217,9 @@ class RangingControl(Controller):
         since = int(state.age) % self.every
         return Glance(since == 0, since == self.every // 2 and int(state.mode) == TURN)
 
-    def told_more(self, state: RangingState, pose: Pose, ranges: Ranges | None, things: Near | None) -> RangingState:
+    def told_more(
+        self, state: RangingState, pose: Pose, ranges: Ranges | None, things: Obstacles | None
+    ) -> RangingState:
         """As `Controller.told_more`."""
         patch, p = state.patch, self.params
         if ranges is not None:

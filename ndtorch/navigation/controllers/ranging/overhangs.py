@@ -12,8 +12,8 @@ from torch import Tensor
 
 from ndtorch.navigation.controllers.ranging.params import RangingParams
 from ndtorch.navigation.controllers.ranging.patch import Patch, cell_numbers
-from ndtorch.navigation.near_things import Near
 from ndtorch.navigation.odometry import Pose
+from ndtorch.navigation.proximity.stereo_match import Obstacles
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import StereoRig
 
@@ -46,7 +46,7 @@ def remember_ranges(
     return patch._replace(upright=upright)
 
 
-def remember_things(patch: Patch, pose: Pose, things: Near, params: RangingParams) -> Patch:
+def remember_things(patch: Patch, pose: Pose, things: Obstacles, params: RangingParams) -> Patch:
     """The patch of one car with the cells in which things are, each of which counts as one range."""
     if not len(things.x) or not patch.upright.shape[-1]:
         return patch

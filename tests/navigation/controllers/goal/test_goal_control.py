@@ -26,9 +26,9 @@ from ndtorch.navigation.controllers.goal.errands import EXPLORE, TO
 from ndtorch.navigation.controllers.goal.params import reactive_params
 from ndtorch.navigation.controllers.goal.state import LONGEST
 from ndtorch.navigation.controllers.ranging.patch import PatchParams
-from ndtorch.navigation.localisation import LocaliserState
-from ndtorch.navigation.near_things import Near
+from ndtorch.navigation.localisation import Localiser
 from ndtorch.navigation.odometry import drive_step
+from ndtorch.navigation.proximity.stereo_match import Obstacles
 from ndtorch.navigation.ranging import Ranges
 
 RIG, DT = StereoRig(forward=0.15), 1 / 30
@@ -154,24 +154,18 @@ def test_no_controller_is_told_to_go_faster_than_its_cruise_speed(name):
         assert getattr(reactive, key, 0) <= 0.25
 
 
-class Shifted(torch.nn.Module):
-    """Stands in for a localiser: the car is a metre farther ahead than dead reckoning says, and ever more."""
+class Shifted(Localiser):
+    """The car is a metre farther ahead than dead reckoning says, and ever more."""
 
-    def due(self, state):
-        return False
-
-    def forward(self, rows, reckoned, state=None):
-        still = torch.zeros((), dtype=torch.float64)
-        age = still if state is None else state.age + 1
-        pose = Pose(reckoned.x.double() + 1 + 0.1 * age, reckoned.y.double(), reckoned.heading.double())
-        others = dict.fromkeys(LocaliserState._fields[3:13], still) | {"age": age}
-        return LocaliserState(still, pose, reckoned, **others)
+    def __call__(self, rows, reckoned, state=None):
+        pose = np.array([float(part) for part in reckoned])
+        state = self.start(pose) if state is None else state
+        return state._replace(pose=pose + np.array((1 + 0.1 * state.age, 0, 0)), age=state.age + 1)
 
 
 def test_the_navigator_tells_it_where_it_is_at_every_frame():
-    pytest.importorskip("numba")
     params = GoalParams(to=(3.0, 0.0), reactive=SMALL)
-    navigator = Navigator(RIG, DT, controller="goal", params=params, localiser=Shifted())
+    navigator = Navigator(RIG, DT, controller="goal", params=params, localiser=Shifted(RIG, DT))
     eyes = torch.zeros(3, 1, 480, 640, dtype=torch.uint8)
     command, state = navigator(eyes, eyes)
     assert state.control.frame.tolist() == pytest.approx([-1.2, 0.0, 0.0])
@@ -186,8 +180,8 @@ def test_the_navigator_tells_it_where_it_is_at_every_frame():
 def test_it_does_not_begin_with_something_near_and_says_so():
     control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL))
     here, still = place(0.0, 0.0, 0.0), Command(torch.tensor(0.0), torch.tensor(0.0))
-    across = Near(np.full(9, 0.4, np.float32), np.linspace(-0.3, 0.3, 9, dtype=np.float32))
-    nobody = Near(np.zeros(0, np.float32), np.zeros(0, np.float32))
+    across = Obstacles(np.full(9, 0.4, np.float32), np.linspace(-0.3, 0.3, 9, dtype=np.float32))
+    nobody = Obstacles(np.zeros(0, np.float32), np.zeros(0, np.float32))
     state, command = control.start(floor(), here), still
     for _ in range(8):
         state = control.told_near(state, here, nobody, across, False)

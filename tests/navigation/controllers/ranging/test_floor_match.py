@@ -12,7 +12,7 @@ from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
 from ndtorch.navigation.controllers.ranging.floor_view import FloorParams, floor_view
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.ranging import Ranges
-from tests.navigation.test_near_check import pair
+from tests.navigation.proximity.test_check import pair
 
 RIG, DT, PARAMS = StereoRig(forward=0.15), 1 / 30, FloorParams()
 VIEW = floor_view(RIG, PARAMS)

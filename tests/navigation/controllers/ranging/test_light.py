@@ -6,7 +6,7 @@ import torch
 from ndtorch.navigation import StereoRig
 from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
 from ndtorch.navigation.controllers.ranging.light import light_gain
-from tests.navigation.test_near_check import pair
+from tests.navigation.proximity.test_check import pair
 
 RIG, DT = StereoRig(forward=0.15), 1 / 30
 

@@ -8,8 +8,8 @@ from ndtorch.navigation import CRUISE, REVERSE, TURN, Command, Navigator, Pose, 
 from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.controllers.ranging.overhangs import in_the_way, remember_ranges, remember_things
 from ndtorch.navigation.controllers.ranging.patch import cell_numbers, empty_patch
-from ndtorch.navigation.near_things import Near
 from ndtorch.navigation.odometry import drive_step
+from ndtorch.navigation.proximity.stereo_match import Obstacles
 from ndtorch.navigation.row_search import SearchParams
 
 DT = 1 / 30
@@ -114,14 +114,14 @@ def test_what_is_near_is_in_the_way_after_two_looks():
     params = RangingParams(overhangs=True)
     patch = empty_patch(HERE, params.patch, upright=True)
     # Twice in one cell: one look counts once there.
-    things = Near(np.array([0.5, 0.51], np.float32), np.array([0.12, 0.13], np.float32))
+    things = Obstacles(np.array([0.5, 0.51], np.float32), np.array([0.12, 0.13], np.float32))
     patch = patch._replace(upright=patch.upright - 1.0)
     once = remember_things(patch, HERE, things, params)
     assert worth(once, 0.5, 0.12, params) == pytest.approx(1.0)
     assert worth(once, 0.5, 0.30, params) == pytest.approx(-1.0)
     twice = remember_things(once, HERE, things, params)
     assert worth(twice, 0.5, 0.12, params) >= params.blocked
-    nothing = Near(things.x[:0], things.y[:0])
+    nothing = Obstacles(things.x[:0], things.y[:0])
     assert remember_things(patch, HERE, nothing, params) is patch
 
 
@@ -151,7 +151,9 @@ def test_one_searched_range_stands_in_the_way_and_what_lies_before_it_less():
     assert p.glance_weight >= p.blocked
     behind = control.told_more(state._replace(patch=told), HERE, ranged((2.0, 0.15)), None).patch
     assert worth(behind, 1.2, 0.15, p) < p.blocked
-    near = control.told_more(state, HERE, None, Near(np.array([0.5], np.float32), np.array([0.1], np.float32))).patch
+    near = control.told_more(
+        state, HERE, None, Obstacles(np.array([0.5], np.float32), np.array([0.1], np.float32))
+    ).patch
     assert worth(near, 0.5, 0.1, p) == pytest.approx(p.range_weight)
 
 
@@ -192,7 +194,9 @@ def test_the_navigator_searches_for_it_unless_all_ranges_are_searched_for(search
         _, state = navigator(left, left.roll(-100, -1))
         control.told.clear()
         state = state._replace(control=state.control._replace(age=torch.tensor(0.0), mode=torch.tensor(float(CRUISE))))
-        told = navigator.near.glance(navigator.controller, state.control, state.pose, (left[0], left.roll(-100, -1)[0]))
+        told = navigator.near.while_driving(
+            navigator.controller, state.control, state.pose, (left[0], left.roll(-100, -1)[0])
+        )
     [(ranges, things)] = control.told
     assert things is None
     assert (ranges is not None) == given

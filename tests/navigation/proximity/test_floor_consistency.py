@@ -5,10 +5,10 @@ import pytest
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Navigator
-from ndtorch.navigation.near_columns import floor_behind, without_unseen
-from ndtorch.navigation.near_params import NearParams
-from ndtorch.navigation.near_things import Near
-from tests.navigation.test_near_check import DT, RIG, pair
+from ndtorch.navigation.proximity.floor_consistency import correlation_behind, reject_unoccluded
+from ndtorch.navigation.proximity.params import ProximityParams
+from ndtorch.navigation.proximity.stereo_match import Obstacles
+from tests.navigation.proximity.test_check import DT, RIG, pair
 
 RECTS = Navigator(RIG, DT).controller.fields
 
@@ -25,8 +25,8 @@ OPEN, SHUT = fields(pair(3.0)), fields(pair(0.9))
 
 def left_of(depth, y, seen=OPEN, count=6):
     x = np.full(count, RIG.forward + depth, np.float32)
-    near = Near(x, (y + 0.002 * np.arange(count)).astype(np.float32))
-    return len(without_unseen(near, *seen, RECTS, RIG, NearParams()).x)
+    near = Obstacles(x, (y + 0.002 * np.arange(count)).astype(np.float32))
+    return len(reject_unoccluded(near, *seen, RECTS, RIG, ProximityParams()).x)
 
 
 @pytest.mark.parametrize(("depth", "y"), [(0.35, 0.0), (0.45, -0.1), (0.45, 0.2), (0.88, -0.14)])
@@ -45,18 +45,18 @@ def test_things_that_would_hide_little_of_the_floor_stay():
 
 def test_one_thing_that_cannot_be_takes_no_other_with_it():
     x = RIG.forward + np.repeat(np.float32([0.45, 0.7]), 5)
-    near = Near(x, np.repeat(np.float32([0.0, 0.1]), 5))
-    kept = without_unseen(near, *OPEN, RECTS, RIG, NearParams())
+    near = Obstacles(x, np.repeat(np.float32([0.0, 0.1]), 5))
+    kept = reject_unoccluded(near, *OPEN, RECTS, RIG, ProximityParams())
     assert np.allclose(kept.x, RIG.forward + 0.7)
 
 
 def test_floor_that_shows_nothing_contradicts_nothing():
     blank = fields(pair(3.0, floor=0.0))
-    assert floor_behind(0.45, (300, 320), *blank, RECTS, RIG) == 0
+    assert correlation_behind(0.45, (300, 320), *blank, RECTS, RIG) == 0
     assert left_of(0.45, 0.0, blank) == 6
-    assert floor_behind(0.45, (0, 2), *OPEN, RECTS, RIG) == 0  # beside the fields
+    assert correlation_behind(0.45, (0, 2), *OPEN, RECTS, RIG) == 0  # beside the fields
 
 
 def test_what_cannot_be():
-    with pytest.raises(InputError, match="through_to"):
-        NearParams(through_to=0.0)
+    with pytest.raises(InputError, match="floor_check_depth_m"):
+        ProximityParams(floor_check_depth_m=0.0)

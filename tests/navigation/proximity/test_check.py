@@ -8,9 +8,11 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Command, Navigator, Pose, StereoRig
-from ndtorch.navigation.near_floor import floor_by_kernel, floor_likeness, row_likeness
-from ndtorch.navigation.near_params import NearParams
-from ndtorch.navigation.near_things import Near, believed, compared, compared_by_kernel, near_things
+from ndtorch.navigation.proximity import floor_plane
+from ndtorch.navigation.proximity._kernels import NEIGHBOURS, NO_MATCH, match_rows
+from ndtorch.navigation.proximity.floor_plane import floor_correlation
+from ndtorch.navigation.proximity.params import ProximityParams
+from ndtorch.navigation.proximity.stereo_match import Obstacles, detect_obstacles, reject_mismatches
 from ndtorch.navigation.rig import Rect
 from ndtorch.tree import leaves
 
@@ -45,7 +47,7 @@ def pair(wall, floor=0.15, paint=0.15, turned_down=0.0):
     return frames
 
 
-def looked(left, right, by_kernel=False):
+def looked(left, right):
     rects = Navigator(RIG, DT).controller.fields
     fields = [
         eye[0, 0, r.top : r.bottom, r.left : r.right].numpy() / np.float32(255)
@@ -53,8 +55,8 @@ def looked(left, right, by_kernel=False):
     ]
     rows = [eye[0, 0, RIG.row].numpy() / np.float32(255) for eye in (left, right)]
     return (
-        near_things(*rows, RIG, NearParams(), by_kernel),
-        floor_likeness(*fields, rects, RIG, NearParams(), by_kernel),
+        detect_obstacles(*rows, RIG, ProximityParams()),
+        floor_correlation(*fields, rects, RIG, ProximityParams()),
     )
 
 
@@ -63,8 +65,8 @@ def test_a_wall_is_near_and_no_floor(wall):
     things, likeness = looked(*pair(wall))
     assert len(things.x) > 5
     assert np.abs(things.x - RIG.forward - wall).max() < 0.06 * wall
-    assert np.abs(things.y).max() <= NearParams().beside
-    assert likeness < NearParams().floor
+    assert np.abs(things.y).max() <= ProximityParams().half_width_m
+    assert likeness < ProximityParams().min_floor_correlation
 
 
 def test_floor_is_floor():
@@ -80,8 +82,8 @@ def test_floor_is_floor():
 
 def test_few_places_on_an_unbroken_floor_are_a_mismatch():
     def left_of(x, y, likeness=0.99, count=6):
-        near = Near(np.full(count, x, np.float32), np.full(count, y, np.float32))
-        return len(believed(near, likeness, RIG, NearParams()).x)
+        near = Obstacles(np.full(count, x, np.float32), np.full(count, y, np.float32))
+        return len(reject_mismatches(near, likeness, RIG, ProximityParams()).x)
 
     assert left_of(1.08, 0.08) == 0
     assert left_of(1.08, 0.08, likeness=0.9) == 6  # something breaks the floor
@@ -100,28 +102,33 @@ def test_what_stands_beside_does_not_hide_the_floor_ahead():
     assert looked(*frames)[1] > 0.9
 
 
-@pytest.mark.parametrize("frames", [(0.35,), (0.8,), (3.0,), (3.0, 0.15, 0.15, 0.04), (0.4, 0.15, 0.0), (3.0, 0.0)])
-def test_kernels_see_the_same(frames):
-    pytest.importorskip("numba")
-    drawn = pair(*frames)
-    (things, likeness), (also, too) = looked(*drawn), looked(*drawn, by_kernel=True)
-    assert np.array_equal(things.x, also.x)
-    assert np.array_equal(things.y, also.y)
-    assert too == pytest.approx(likeness, abs=1e-4)
+def match_plainly(left, right, first, high, half):
+    """`match_rows` with all costs in one array, `[disparities, W]`."""
+    width, size, depth = len(left), 2 * half + 1, high - first
+    cost = np.full((depth, width), NO_MATCH)
+    for d in range(first, high):
+        windows = np.lib.stride_tricks.sliding_window_view(np.abs(left[d:] - right[: width - d]), size).mean(-1)
+        cost[d - first, d + half : d + half + len(windows)] = windows
+    best, columns, disparities = cost.argmin(0), np.arange(width), np.arange(depth)[:, None]
+    partner = np.clip(columns - best - first, 0, width - 1)
+    places = partner + first + disparities
+    from_right = np.where(places < width, cost[disparities, np.minimum(places, width - 1)], NO_MATCH)
+    elsewhere = np.where(np.abs(disparities - best) > NEIGHBOURS, cost, NO_MATCH).min(0)
+    return best, from_right.argmin(0), cost[best, columns], elsewhere
 
 
-def test_kernels_see_the_same_beyond_the_rows():
-    """A narrow image, where no window of the nearest disparities fits."""
-    pytest.importorskip("numba")
+@pytest.mark.parametrize("high", [43, 20])
+def test_rows_are_matched_as_by_plain_sums(high):
+    """In a narrow row, in which no window of the largest disparities fits."""
     chance = np.random.default_rng(3)
     left, right = (chance.random(60, dtype=np.float32) for _ in range(2))
-    for ours, theirs in zip(compared(left, right, 1, 43, 8), compared_by_kernel(left, right, 1, 43, 8), strict=True):
-        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-6)
+    for ours, wanted in zip(match_rows(left, right, 1, high, 8), match_plainly(left, right, 1, high, 8), strict=True):
+        np.testing.assert_allclose(ours, wanted, rtol=0, atol=1e-6)
 
 
 def test_what_cannot_be():
-    with pytest.raises(InputError, match="nearest < farthest"):
-        NearParams(nearest=1.0, farthest=0.5)
+    with pytest.raises(InputError, match="min_depth_m < max_depth_m"):
+        ProximityParams(min_depth_m=1.0, max_depth_m=0.5)
 
 
 @pytest.mark.parametrize(("wall", "begins"), [(3.0, True), (0.5, False)])
@@ -206,53 +213,52 @@ def test_who_has_begun_goes_on_nearer_to_what_is_ahead_than_who_stands(age, ahea
     state = controller.start(torch.zeros(2, 14, 8), pose)
     body, none = controller.params.body, np.zeros(0, np.float32)
     y = np.linspace(-0.2, 0.2, 12, dtype=np.float32)
-    things = Near(np.full_like(y, body.length + body.room + ahead), y)
-    state = controller.told_near(state, pose, things, Near(none, none), True)
+    things = Obstacles(np.full_like(y, body.length + body.room + ahead), y)
+    state = controller.told_near(state, pose, things, Obstacles(none, none), True)
     floor = state.floor._replace(age=controller.floor.standing + 1 + age)
     command, after = controller.caution(Command(torch.tensor(0.5), origin), state._replace(floor=floor), pose)
     assert (float(command.speed) > 0) == goes
     assert (controller.trouble(after) is None) == goes
 
 
-def plain_likeness(left, right, rows, offset, horizon, rects, rig, p):
+def correlate_plainly(left, right, rows, tilt, horizon, rects, rig, half_width):
     """Correlation of pixels that see one place of the floor, pair by pair."""
     ours, theirs = rects
     pairs = {}
     for row in rows:
-        shift = round(rig.baseline / rig.camera_height * (row - horizon + offset))
+        shift = round(rig.baseline / rig.camera_height * (row - horizon + tilt))
         for column in range(ours.left, ours.right):
             partner, ahead = column - shift, (rig.width - 1) / 2 - column + shift / 2
-            if theirs.left <= partner < theirs.right and abs(ahead) * rig.baseline <= p.floor_beside * shift:
+            if theirs.left <= partner < theirs.right and abs(ahead) * rig.baseline <= half_width * shift:
                 both = left[row - ours.top, column - ours.left], right[row - theirs.top, partner - theirs.left]
                 pairs.setdefault(row, []).append(both)
-    kept = [np.array(each, float) for each in pairs.values() if len(each) >= p.narrowest]
-    if sum(map(len, kept)) < p.pixels:
-        return 0.0
+    kept = [np.array(each, float) for each in pairs.values() if len(each) >= 3]
     a, b = np.concatenate([each - each.mean(0) for each in kept]).T
-    if min(np.mean(a * a), np.mean(b * b)) < p.blank**2:
-        return 0.0
     return float(a @ b / math.sqrt((a @ a) * (b @ b)))
 
 
-@pytest.mark.parametrize("by_kernel", [False, True])
-@pytest.mark.parametrize("offset", [0, -3, 4])
-def test_likeness_of_one_horizon_against_plain_loops(offset, by_kernel):
+@pytest.mark.parametrize("tilt", [0, 4])
+def test_the_correlation_of_the_floor_against_plain_loops(tilt, monkeypatch):
     """With subfields so narrow that partners lie in their first and last columns."""
-    params = NearParams(floor_beside=0.4, pixels=40, narrowest=3)
+    monkeypatch.setattr(floor_plane, "MIN_PIXELS", 40)
+    monkeypatch.setattr(floor_plane, "MIN_COLUMNS", 3)
     rig = StereoRig(width=120, height=80, focal=80.0)
     rects = Rect(50, 70, 20, 60), Rect(50, 70, 3, 33)
     rng = np.random.default_rng(4)
     left, right = (rng.random((20, r.right - r.left), np.float32) for r in rects)
-    rows, horizon = np.arange(51, 70, 2), (rig.height - 1) / 2
-    given = (left, right, rows, offset, horizon, rects, rig)
-    wanted = plain_likeness(*given, params)
-    assert abs(wanted) > 1e-3
-    if by_kernel:
-        pytest.importorskip("numba")
-        found = floor_by_kernel(left, right, rows, [offset], horizon, rects, rig, params)
-    else:
-        found = row_likeness(*given, params)
-    assert found == pytest.approx(wanted, abs=1e-5)
+    horizon, tilts = (rig.height - 1) / 2, [0, *range(-tilt, tilt + 1, 2)]
+    depths = rig.focal * rig.camera_height / (np.array((69, 51)) - horizon)
+    params = ProximityParams(
+        floor_half_width_m=0.4,
+        floor_min_depth_m=depths[0] - 1e-6,
+        floor_max_depth_m=depths[1] + 1e-6,
+        max_tilt_px=tilt,
+        min_floor_correlation=1.0,
+    )
+    rows = np.arange(51, 70, 2)
+    wanted = [correlate_plainly(left, right, rows, each, horizon, rects, rig, 0.4) for each in tilts]
+    assert max(wanted) > 1e-3
+    assert floor_correlation(left, right, rects, rig, params) == pytest.approx(max(wanted), abs=1e-5)
 
 
 @pytest.mark.parametrize("driven", [None, 0.5])
