@@ -95,7 +95,7 @@ def keep_lower(costs: Bits, count: int, lowest: Bits, at: Bits) -> None:
 
 
 @jit
-def least(values: Bits, start: int, end: int) -> int:
+def least(values: Bits, start: int, end: int) -> np.int32:
     found = NO_MATCH_BITS
     for k in range(start, end):
         found = min(found, values[k])
