@@ -87,10 +87,10 @@ CASES = {
         drive --seconds 1e99
         drive --seed -1
         drive --features 0
-        drive --places moton
+        drive --feature-position moton
         drive --compiled
-        drive --to 3
-        drive --controller goal --to 90,0
+        drive --goal 3
+        drive --controller goal --goal 90,0
         drive secnods.toml
         drive kind.toml
         drive nowhere.toml

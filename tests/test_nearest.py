@@ -27,7 +27,7 @@ def test_the_nearest_name_or_none() -> None:
         ("drive --arena halway", "hallway"),
         ("drive --controller rangin", "ranging"),
         ("drive --odometry nosy", "noisy"),
-        ("drive --places moton", "motion"),
+        ("drive --feature-position moton", "motion"),
         ("evaluate --arenas rom", "room"),
         ("evaluate --controllers gaol", "goal"),
         ("run maxston8", "maxstone8"),

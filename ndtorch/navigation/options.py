@@ -31,55 +31,56 @@ MOST_FEATURES = 64
 
 @dataclass(frozen=True)
 class NavigatorOptions:
-    """What can be chosen of a navigator. Files and command lines have these options under these names.
+    """The options of a navigator. Files and command lines have them under these names.
 
     Args:
-        controller: what steers, by name (`controller_names`).
-        features: to range in each frame; the paper has 5.
-        angle: of a pixel, `"atan"` (exact) or `"linear"` (as published).
-        places: features lie at the edge that moved, to a fraction of a pixel (`"edges"`), or where the motion is
-            largest (`"motion"`, as published).
-        ranging: match a few features of both rows (`"features"`, as published), or search the right row for many
-            places of the left one (`"search"`), see `row_search`; then `features`, `places` and `prediction` do
-            nothing.
-        ahead: share of the ranges of a frame that is kept for what lies within 15 degrees of straight ahead, where
-            thin legs lose against the texture beside the way.
-        prediction: follow features from frame to frame instead of choosing the strongest anew, as in [§2.1.4].
-        map: what the cells of a map hold, summed certainty (`"beams"`, as published) or `"log-odds"`, see `GridMap`.
-        to: a place that the controller `goal` drives to, `"X,Y"` in m; empty for none. X, Y are where dead reckoning
-            has its own origin: where the drive began, heading along X, or the plan of a simulated building.
-        explore: the controller `goal` then drives wherever it was not yet.
-        back: the controller `goal` then goes back to where the drive began.
-        cruise: speed where nothing is in the way, m/s.
-        localise: correct dead reckoning by what is ranged, see `Localiser`; the map is made with the corrected poses.
-        known_map: `map.npz` of a drive with `localise`, in which the car finds itself wherever it starts, and
-            localises; empty for none.
+        controller: The controller of this name steers.
+        features: This number of features is ranged in each frame; [A] has 5.
+        angle: The angle of a pixel is exact (`"atan"`) or linear in its column (`"linear"`, as published).
+        feature_position: A feature lies at the edge that moved, with subpixel accuracy (`"edges"`), or where the motion
+            is largest (`"motion"`, as published).
+        stereo: A few features are matched on both rows (`"features"`, as published), or the right row is searched for
+            many places of the left one (`"search"`), where `features`, `feature_position` and `prediction` do nothing.
+        ahead_share: This share of the ranges, 0 to 1, is reserved for the central 30 degrees, so that thin obstacles
+            are not missed.
+        prediction: Features are tracked from frame to frame instead of chosen anew, as in [A 2.1.4].
+        map_update: The cells of the map hold summed certainty (`"beams"`, as published) or `"log-odds"`.
+        goal: The controller `goal` drives to this place, `"X,Y"` in m; X, Y count from the start, heading along X, or
+            in the plan of a simulated building.
+        explore: The controller `goal` then explores what it has not visited.
+        return_home: The controller `goal` then returns to the start.
+        speed: The car drives at this speed where nothing is in its path, m/s.
+        localise: Scan matching corrects dead reckoning, and the map is made with the corrected poses.
+        known_map: The car finds its place in the `map.npz` of this path, which a drive with `localise` has made, and
+            localises in it.
 
     Raises:
-        InputError: an unknown controller or word, or a number of features that cannot be.
+        InputError: an unknown controller or word, or a number out of range.
     """
 
     controller: str = DEFAULT_CONTROLLER
     features: int = 7
     angle: AngleModel = "atan"
-    places: Literal["edges", "motion"] = "edges"
-    ranging: Literal["features", "search"] = "features"
-    ahead: float = 0.0
+    feature_position: Literal["edges", "motion"] = "edges"
+    stereo: Literal["features", "search"] = "features"
+    ahead_share: float = 0.0
     prediction: bool = False
-    map: Certainty = "beams"
-    to: str = ""
+    map_update: Certainty = "beams"
+    goal: str = ""
     explore: bool = False
-    back: bool = False
-    cruise: float = 0.5
+    return_home: bool = False
+    speed: float = 0.5
     localise: bool = False
     known_map: str = ""
 
     def __post_init__(self) -> None:
         for option in dataclasses.fields(NavigatorOptions):
             check_option(option.name, getattr(self, option.name))
-        to, reach = place_of(self.to), LocaliserParams().map_radius_m
-        if (self.localise or self.known_map) and to is not None and max(map(abs, to)) >= reach:
-            raise InputError(f"the map of localise reaches {reach:g} m from 0,0 along x and y: to {self.to} is beyond")
+        goal, reach = place_of(self.goal), LocaliserParams().map_radius_m
+        if (self.localise or self.known_map) and goal is not None and max(map(abs, goal)) >= reach:
+            raise InputError(
+                f"the map of localise reaches {reach:g} m from 0,0 along x and y: goal {self.goal} is beyond"
+            )
 
     def fields(self, rig: StereoRig) -> tuple[Rect, Rect]:
         """The rectangles that the controller looks at."""
@@ -87,7 +88,7 @@ class NavigatorOptions:
 
     def task(self) -> Task:
         """What the controller is asked to do."""
-        return Task(place_of(self.to), self.explore, self.back, self.cruise)
+        return Task(place_of(self.goal), self.explore, self.return_home, self.speed)
 
     def make(self, rig: StereoRig, dt: float) -> Controller:
         """The controller.
@@ -99,10 +100,10 @@ class NavigatorOptions:
 
     def search(self) -> SearchParams | None:
         """How the right row is searched, if it is."""
-        if self.ranging != "search":
+        if self.stereo != "search":
             return None
         # Cameras hand over the horizon row alone.
-        return SearchParams(rows=1, ahead=round(self.ahead * SearchParams.count))
+        return SearchParams(rows=1, ahead=round(self.ahead_share * SearchParams.count))
 
     def navigator(self, rig: StereoRig, rate: float, grid: Grid | None = None, near_check: bool = False) -> Navigator:
         """A navigator for so many frames a second.
@@ -111,15 +112,15 @@ class NavigatorOptions:
             grid: the part of the world to map, if any.
             near_check: look at what is right ahead before the car begins, see `Navigator`.
         """
-        edges = self.places == "edges"
+        edges = self.feature_position == "edges"
         features = FeatureParams(
             self.features,
             edge_reach=EDGE_REACH if edges else 0,
             shared=edges,
             follow=FOLLOW if self.prediction else 0,
-            ahead=round(self.ahead * self.features),
+            ahead=round(self.ahead_share * self.features),
         )
-        grid_map = None if grid is None else GridMap(rig, grid, certainty=self.map)
+        grid_map = None if grid is None else GridMap(rig, grid, certainty=self.map_update)
         return Navigator(
             rig,
             1 / rate,
@@ -149,14 +150,25 @@ class NavigatorOptions:
 FASTEST = 1.0
 """m/s: what [A] gives for the car."""
 
+RENAMED = {
+    "places": "feature_position",
+    "ranging": "stereo",
+    "ahead": "ahead_share",
+    "map": "map_update",
+    "to": "goal",
+    "back": "return_home",
+    "cruise": "speed",
+}
+"""Names of options in version 0.2, and those of now."""
+
 OPTION_NAMES = tuple(option.name for option in dataclasses.fields(NavigatorOptions))
 """The names of all options, in order."""
 
 WORDS: Mapping[str, tuple[str, ...]] = {
     "angle": ("atan", "linear"),
-    "places": ("edges", "motion"),
-    "ranging": ("features", "search"),
-    "map": ("beams", "log-odds"),
+    "feature_position": ("edges", "motion"),
+    "stereo": ("features", "search"),
+    "map_update": ("beams", "log-odds"),
 }
 
 
@@ -170,13 +182,13 @@ def check_option(name: str, value: Any) -> None:
         raise InputError(f"{name} must be {' or '.join(map(repr, WORDS[name]))}, got {value!r}")
     elif name == "known_map" and not isinstance(value, str):
         raise InputError(f"known_map must be the name of a file, got {value!r}")
-    elif name == "to":
+    elif name == "goal":
         place_of(value)
-    elif name == "cruise" and not (isinstance(value, int | float) and 0.1 <= value <= FASTEST):
-        raise InputError(f"cruise must be a speed from 0.1 to {FASTEST} m/s, got {value!r}")
-    elif name == "ahead" and not (isinstance(value, int | float) and 0 <= value <= 1):
-        raise InputError(f"ahead must be a share from 0 to 1, got {value!r}")
-    elif name in ("prediction", "explore", "back", "localise") and not isinstance(value, bool):
+    elif name == "speed" and not (isinstance(value, int | float) and 0.1 <= value <= FASTEST):
+        raise InputError(f"speed must be from 0.1 to {FASTEST} m/s, got {value!r}")
+    elif name == "ahead_share" and not (isinstance(value, int | float) and 0 <= value <= 1):
+        raise InputError(f"ahead_share must be from 0 to 1, got {value!r}")
+    elif name in ("prediction", "explore", "return_home", "localise") and not isinstance(value, bool):
         raise InputError(f"{name} must be true or false, got {value!r}")
 
 
@@ -193,10 +205,11 @@ def place_of(text: Any) -> tuple[float, float] | None:
     except (ValueError, AttributeError):
         x = y = math.nan
     if not (math.isfinite(x) and math.isfinite(y)):
-        raise InputError(f'to must be "X,Y" in m, for instance "3,-1.5", got {text!r}')
+        raise InputError(f'goal must be "X,Y" in m, for instance "3,-1.5", got {text!r}')
     return x, y
 
 
 def options_of(values: Mapping[str, Any]) -> NavigatorOptions:
-    """The options among the keys of a mapping; other keys do not matter."""
+    """The options among the keys of a mapping, also by their names of version 0.2; other keys do not matter."""
+    values = {RENAMED.get(name, name): value for name, value in values.items()}
     return NavigatorOptions(**{name: values[name] for name in OPTION_NAMES if name in values})

@@ -64,7 +64,7 @@ def parse(kind: type[Any], prog: str, arguments: Sequence[str]) -> Any:
 
     Args:
         kind: a dataclass; its docstring is the help. Its attribute `gone`, where it has one, holds flags of earlier
-            versions, and what took their place.
+            versions and what took their place, `renamed` those that have another name now.
         prog: how it is called.
         arguments: without `--quiet`.
 
@@ -75,9 +75,12 @@ def parse(kind: type[Any], prog: str, arguments: Sequence[str]) -> Any:
     import tyro
 
     gone: Mapping[str, str] = getattr(kind, "gone", {})
-    for flag in gone:
-        if any(word == flag or word.startswith(f"{flag}=") for word in arguments):
+    renamed: Mapping[str, str] = getattr(kind, "renamed", {})
+    for flag in (word.partition("=")[0] for word in arguments):
+        if flag in gone:
             raise InputError(f"{flag} is gone: {gone[flag]}")
+        if flag in renamed:
+            raise InputError(f"{flag} is now {renamed[flag]}")
     hints = get_type_hints(kind, include_extras=True)
     hide = tyro.conf.arg(help_behavior_hint=lambda default: "" if default in UNSAID else f"(default: {default})")
     for field in dataclasses.fields(kind):

@@ -24,9 +24,9 @@ class DriveConfig(NavigatorTable):
         seconds: simulated time, s.
         odometry: `"true"` or `"noisy"` dead reckoning.
         walls: `"textured"` or `"blank"`.
-        moving: with a moving obstacle.
+        pedestrian: with a box of the size of a person that walks to and fro.
         disturbance: what is wrong with cameras and car, names or `key=number` of `ndtorch_robot.sim.disturbances`.
-        whole: draw whole frames instead of the strips that are read.
+        full_frames: render full frames instead of the strips that are read.
         rrd: file for a recording to look at with rerun.
         view: open the rerun viewer and show the drive as it goes.
         view_at: serve the same at this address, for viewers elsewhere.
@@ -40,9 +40,9 @@ class DriveConfig(NavigatorTable):
     seconds: Annotated[float, Field(gt=0, le=86400)] = 60.0
     odometry: Literal["true", "noisy"] = "true"
     walls: Literal["textured", "blank"] = "textured"
-    moving: bool = False
+    pedestrian: bool = False
     disturbance: str = ""
-    whole: bool = False
+    full_frames: bool = False
     rrd: Path | None = None
     view: bool = False
     view_at: str | None = None

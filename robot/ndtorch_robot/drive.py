@@ -111,9 +111,9 @@ def drive(
             plan,
             config.seed,
             walls=config.walls,
-            moving=config.moving,
+            moving=config.pedestrian,
             odometry=config.odometry,
-            whole=config.whole or shown(config),
+            whole=config.full_frames or shown(config),
             fields=runner.fields,
             disturbances=disturbances,
             rate=rate,
@@ -164,11 +164,11 @@ def drive(
 
 def check_goal(config: DriveConfig, plan: Plan) -> None:
     """Raise `InputError` where a drive shall lead to a place at which there is no room for the car's middle."""
-    to = None if config.known_map else place_of(config.to)
-    if to is not None and not plan.clearance(np.array([to]))[0] > 0:
+    goal = None if config.known_map else place_of(config.goal)
+    if goal is not None and not plan.clearance(np.array([goal]))[0] > 0:
         left, right, bottom, top = plan.bounds
         raise InputError(
-            f"to {config.to} is no free place of {plan.name}, "
+            f"goal {config.goal} is no free place of {plan.name}, "
             f"which reaches from {left:g},{bottom:g} to {right:g},{top:g} m"
         )
 

@@ -19,11 +19,23 @@ from ndtorch.code_digest import module_places
 
 Command = TypeVar("Command", bound=type)
 
-ALSO = {"back": ["--return"]}
-"""Further words for options: Python has none of its own for some."""
-
-GONE = {"--compiled": "steps are always compiled", "--stress": "it is called --disturbance now"}
+GONE = {"--compiled": "steps are always compiled"}
 """Options of earlier versions, and what took their place."""
+
+RENAMED = {
+    "--places": "--feature-position",
+    "--ranging": "--stereo",
+    "--ahead": "--ahead-share",
+    "--map": "--map-update",
+    "--to": "--goal",
+    "--back": "--return-home",
+    "--return": "--return-home",
+    "--cruise": "--speed",
+    "--moving": "--pedestrian",
+    "--whole": "--full-frames",
+    "--stress": "--disturbance",
+}
+"""Options of version 0.2, and their names now."""
 
 MODULE, CLASS = "ndtorch.navigation.options", "NavigatorOptions"
 
@@ -51,12 +63,12 @@ def navigator_options(*left_out: str) -> Callable[[Command], Command]:
             if option.name in left_out:
                 continue
             flag = option.default is False
-            text = option.words if flag or option.default == "" else f"{option.words} (default {option.default})"
+            text = option.words if flag or option.default == "" else f"{option.words} (default: {option.default})"
             kind: Any = option.kind if flag else option.kind | None
-            conf = tyro.conf.arg(help=text, aliases=ALSO.get(option.name))
+            conf = tyro.conf.arg(help=text)
             command.__annotations__[option.name] = Annotated[kind, conf]
             setattr(command, option.name, False if flag else None)
-        command.gone = GONE  # type: ignore[attr-defined]
+        command.gone, command.renamed = GONE, RENAMED  # type: ignore[attr-defined]
         return command
 
     return add
@@ -80,7 +92,7 @@ def described(text: str) -> dict[str, str]:
     block = re.split(r"^\w+:\n", inspect.cleandoc(text), flags=re.MULTILINE)[1]
     entries = re.split(r"^    (\w+): ", block, flags=re.MULTILINE)[1:]
     lines = zip(entries[::2], entries[1::2], strict=True)
-    return {name: " ".join(words.split()).rstrip(".").replace("`", "") for name, words in lines}
+    return {name: " ".join(words.split()).replace("`", "").replace('"', "") for name, words in lines}
 
 
 def parsed(module: str) -> ast.Module:

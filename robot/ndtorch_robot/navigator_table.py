@@ -12,7 +12,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation.options import OPTION_NAMES, NavigatorOptions, check_option, options_of
 from ndtorch.navigation.rig import StereoRig
 from ndtorch.toml import Strict
-from ndtorch_robot.navigator_options import GONE
+from ndtorch_robot.navigator_options import GONE, RENAMED
 
 
 class NavigatorTable(Strict, NavigatorOptions):
@@ -21,7 +21,10 @@ class NavigatorTable(Strict, NavigatorOptions):
     @model_validator(mode="before")
     @classmethod
     def of_now(cls, values: Any) -> Any:
-        """No key of version 0.1 that is gone."""
+        """No key of an earlier version."""
+        for flag, now in RENAMED.items():
+            if isinstance(values, dict) and flag.removeprefix("--") in values:
+                raise InputError(f"{flag.removeprefix('--')} is now {now.removeprefix('--').replace('-', '_')}")
         for flag, instead in GONE.items():
             if isinstance(values, dict) and flag.removeprefix("--") in values:
                 raise InputError(f"{flag.removeprefix('--')} is gone: {instead}")

@@ -81,9 +81,9 @@ def make_car(
 
 def within_limits(options: NavigatorOptions, limits: SafetyLimits) -> NavigatorOptions:
     """The options with a cruise speed that the safety layer lets through, where the controller has one to choose."""
-    if options.cruise <= limits.speed:
+    if options.speed <= limits.speed:
         return options
-    slower = replace(options, cruise=limits.speed)
+    slower = replace(options, speed=limits.speed)
     try:
         controller_class(slower.controller).params_for(slower.task())
     except InputError:

@@ -137,7 +137,7 @@ class SimulationTable(Strict):
     def renamed(cls, values: Any) -> Any:
         """Answer a key of version 0.2 with the present one."""
         if isinstance(values, dict) and "stress" in values:
-            raise InputError("stress is gone: it is called disturbance now")
+            raise InputError("stress is now disturbance")
         return values
 
 

@@ -21,7 +21,7 @@ RIG = StereoRig()
         ({"features": 0}, "features must be a whole number from 1 to 64, got 0"),
         ({"features": True}, "features must be a whole number"),
         ({"angle": "tan"}, "angle must be 'atan' or 'linear', got 'tan'"),
-        ({"map": "beam"}, "map must be 'beams' or 'log-odds', got 'beam'"),
+        ({"map_update": "beam"}, "map_update must be 'beams' or 'log-odds', got 'beam'"),
     ],
 )
 def test_what_cannot_be_is_refused(options: dict[str, Any], words: str) -> None:
@@ -36,7 +36,7 @@ def test_options_are_picked_out_of_other_keys() -> None:
 
 @pytest.mark.parametrize("controller", controller_names())
 def test_the_navigator_has_what_was_chosen(controller: str) -> None:
-    options = NavigatorOptions(controller, features=3, angle="linear", places="motion", prediction=True)
+    options = NavigatorOptions(controller, features=3, angle="linear", feature_position="motion", prediction=True)
     navigator = options.navigator(RIG, 20.0, Grid(-1, 1, -1, 1))
     assert isinstance(navigator, Navigator)
     assert navigator.grid_map is not None

@@ -219,10 +219,10 @@ def test_the_navigator_is_told_of_a_low_limit_of_speed():
     from ndtorch_robot.safety import SafetyLimits
 
     slow = within_limits(NavigatorOptions(), SafetyLimits(speed=0.4))
-    assert slow.cruise == 0.4
+    assert slow.speed == 0.4
     assert slow.make(StereoRig(), 1 / 30).params.tight_speed < 0.4
     assert within_limits(NavigatorOptions(), SafetyLimits(speed=0.6)) == NavigatorOptions()
-    assert within_limits(NavigatorOptions("published"), SafetyLimits(speed=0.4)).cruise == 0.4
+    assert within_limits(NavigatorOptions("published"), SafetyLimits(speed=0.4)).speed == 0.4
 
 
 def test_why_it_stands_is_said_once_it_lasts(monkeypatch):

@@ -33,7 +33,7 @@ def same(a, b):
 
 
 def test_same_seed_same_drive():
-    config = DriveConfig(arena="room", seed=1, seconds=6, moving=True, controller="published")
+    config = DriveConfig(arena="room", seed=1, seconds=6, pedestrian=True, controller="published")
     first = drive(config)
     assert first.summary["collisions"] + first.summary["turns"] > 0
     same(first, drive(config))
@@ -43,7 +43,7 @@ def test_same_seed_same_drive():
 
 def test_looking_changes_nothing():
     config = DriveConfig(arena="curve", seed=1, seconds=0.5)
-    same(drive(config), drive(config.model_copy(update={"whole": True})))
+    same(drive(config), drive(config.model_copy(update={"full_frames": True})))
 
 
 def test_noisy_odometry_drifts():
@@ -91,7 +91,7 @@ def test_interrupt_keeps_everything():
 
 
 def test_columns_of_ranges():
-    result = drive(DriveConfig(seconds=3, places="motion"))
+    result = drive(DriveConfig(seconds=3, feature_position="motion"))
     left, right = range_columns(np.stack(result.record.ranges), result.simulation.rig, linear=False)
     seen = ~np.isnan(left)
     assert seen.sum() > 20
@@ -105,7 +105,7 @@ def test_columns_of_ranges():
         (11, {}, 0.6),
         pytest.param(13, {}, 0.6, marks=pytest.mark.long),
         pytest.param(11, {"prediction": True}, 0.6, marks=pytest.mark.long),
-        pytest.param(11, {"places": "motion", "features": 5}, 0.5, marks=pytest.mark.long),
+        pytest.param(11, {"feature_position": "motion", "features": 5}, 0.5, marks=pytest.mark.long),
     ],
 )
 def test_map_of_one_pass_of_the_hallway(seed, options, recall):

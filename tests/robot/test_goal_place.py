@@ -15,16 +15,16 @@ def test_a_goal_outside_of_the_building_or_in_a_wall_is_refused() -> None:
     left, right, bottom, top = plan.bounds
     places = np.random.default_rng(0).uniform((left, bottom), (right, top), (200, 2))
     free = places[plan.clearance(places).argmax()]
-    check_goal(DriveConfig(arena="room", controller="goal", to="{:.2f},{:.2f}".format(*free)), plan)
+    check_goal(DriveConfig(arena="room", controller="goal", goal="{:.2f},{:.2f}".format(*free)), plan)
     check_goal(DriveConfig(arena="room", controller="goal"), plan)
     for x, y in ((right + 3, 0.0), (left - 40, bottom - 40), (right, top)):
         with pytest.raises(InputError, match="no free place of room"):
-            check_goal(DriveConfig(arena="room", controller="goal", to=f"{x},{y}"), plan)
+            check_goal(DriveConfig(arena="room", controller="goal", goal=f"{x},{y}"), plan)
 
 
 def test_a_goal_beyond_the_walls_of_the_localiser_is_refused() -> None:
-    assert NavigatorOptions("goal", to="40,0").to == "40,0"
-    assert NavigatorOptions("goal", to="31,-31", localise=True).localise
+    assert NavigatorOptions("goal", goal="40,0").goal == "40,0"
+    assert NavigatorOptions("goal", goal="31,-31", localise=True).localise
     for to in ("32,0", "0,-40"):
-        with pytest.raises(InputError, match="up to 32 m"):
-            NavigatorOptions("goal", to=to, localise=True)
+        with pytest.raises(InputError, match="reaches 32 m"):
+            NavigatorOptions("goal", goal=to, localise=True)

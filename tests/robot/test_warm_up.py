@@ -13,7 +13,7 @@ from ndtorch_robot.run_config import NavigationTable, RunConfig, SimulationTable
 OPTIONS = (
     NavigationTable(controller="published", map_half_size_m=8.0),
     NavigationTable(controller="ranging"),
-    NavigationTable(controller="goal", to="4,0", ranging="search", localise=True, map_half_size_m=8.0),
+    NavigationTable(controller="goal", goal="4,0", stereo="search", localise=True, map_half_size_m=8.0),
 )
 
 

@@ -84,7 +84,7 @@ def attempt(entry: Entry) -> Attempt:
     world = entry.world
     x, y = world.goal
     told = controller_class(entry.options.controller).has_goals
-    options = replace(entry.options, to=f"{x},{y}") if told else entry.options
+    options = replace(entry.options, goal=f"{x},{y}") if told else entry.options
     runner = NavigatorRunner(options, RIG, RATE)
     simulation = Simulation(world.plan(), entry.seed, fields=runner.fields)
     try:

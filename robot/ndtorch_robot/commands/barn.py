@@ -28,7 +28,7 @@ FAILED = 1
 
 
 @dataclass(frozen=True)
-@navigator_options("controller", "ranging", "cruise", "to", "explore", "back")
+@navigator_options("controller", "stereo", "speed", "goal", "explore", "return_home")
 class Barn:
     """Drive through every world of the BARN challenge once: fields of cylinders, the goal 10 m ahead.
 
@@ -45,9 +45,9 @@ class Barn:
     """Only these numbers."""
     controller: str = "goal"
     """What steers; only goal is told where the goal is."""
-    ranging: Literal["search", "features"] = "search"
+    stereo: Literal["search", "features"] = "search"
     """As for drive; matching features finds next to nothing between many like posts."""
-    cruise: float = 0.6
+    speed: float = 0.6
     """Speed where nothing is in the way, m/s."""
     seed: int = 0
     """What the cylinders and the floor look like."""

@@ -40,10 +40,10 @@ class Cameras:
     json: bool = False
     """Print one JSON object and nothing else."""
 
-    gone: ClassVar[dict[str, str]] = {
-        "--rate": "it is called --fps now",
-        "--exposure": "it is called --exposure-ms now",
-        "--tolerance": "it is called --tolerance-ms now",
+    renamed: ClassVar[dict[str, str]] = {
+        "--rate": "--fps",
+        "--exposure": "--exposure-ms",
+        "--tolerance": "--tolerance-ms",
     }
 
     def run(self) -> int:

@@ -156,7 +156,7 @@ class Check:
         if not controller_class(config.navigation.controller).looks_near:
             self.say(f"   the controller {config.navigation.controller} does not ask for the floor")
             return True
-        speed = min(config.navigation.cruise, config.limits.speed_m_per_s)
+        speed = min(config.navigation.speed, config.limits.speed_m_per_s)
         found = measure_floor(read, rig, config.rate_hz, speed)
         for line in found.words():
             self.say(f"   {line}")

@@ -41,11 +41,11 @@ class Drive:
     """Dead reckoning: exact (default), or 1 % too long and drifting by 0.05 degrees a second."""
     walls: Literal["textured", "blank"] | None = None
     """Walls with panels, doors and papers (default), or without any texture."""
-    moving: bool = False
+    pedestrian: bool = False
     """With a person-sized box that walks to and fro."""
     disturbance: str | None = None
     """What is wrong with cameras and car: names (noise, flicker, pitch-up, late, ...) or KEY=NUMBER, with commas."""
-    whole: bool = False
+    full_frames: bool = False
     """Draw whole 640x480 frames although only strips of them are read (six times slower)."""
     out: Path | None = None
     """Folder for the results (default out/drive). If it holds any, the next free one is taken: out/drive-2."""

@@ -54,7 +54,7 @@ class Evaluate:
     """Walls with panels, doors and papers, without any texture, or both."""
     disturbance: tuple[str, ...] = ()
     """What is wrong with cameras and car: names or KEY=NUMBER as of `drive`; "none", "all" for each by itself."""
-    moving: bool = False
+    pedestrian: bool = False
     """With a person-sized box that walks to and fro."""
     jobs: int = 0
     """Drives at a time (default one a core)."""
@@ -108,7 +108,7 @@ class Evaluate:
         given = {
             name: value
             for name, value in asdict(self).items()
-            if (name in OPTION_NAMES or name == "moving") and value is not False
+            if (name in OPTION_NAMES or name == "pedestrian") and value is not False
         }
         base = load_config(self.config, {"seconds": self.seconds, "seed": self.seeds[0], **given})
         if "seconds" not in base.model_fields_set:

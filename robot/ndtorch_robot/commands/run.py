@@ -29,7 +29,7 @@ class Run:
     SIGTERM stop the car and end the program.
     """
 
-    gone: ClassVar[dict[str, str]] = {"--stress": "it is called --disturbance now"}
+    renamed: ClassVar[dict[str, str]] = {"--stress": "--disturbance"}
 
     config: Annotated[Path, tyro.conf.Positional]
     """TOML file of the car, or the name of one that comes along: maxstone8, or sim for one without any hardware."""

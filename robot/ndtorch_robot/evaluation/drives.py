@@ -14,7 +14,7 @@ from ndtorch.files import write_text
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.ports import Step
 
-NOT_THE_DRIVE = {"out", "rrd", "view", "whole"}
+NOT_THE_DRIVE = {"out", "rrd", "view", "full_frames"}
 """Keys that do not change what happens in a drive."""
 
 CODE = ("ndtorch", "ndtorch_robot")
@@ -92,5 +92,5 @@ def drive_once(config: DriveConfig, report: Callable[[float], None]) -> Summary:
             told = now
             report(made)
 
-    unseen = {"whole": False, "rrd": None, "view": False}
+    unseen = {"full_frames": False, "rrd": None, "view": False}
     return drive(config.model_copy(update=unseen), [tell]).summary

@@ -68,7 +68,7 @@ def test_results_are_kept_by_world_driver_and_seed(tmp_path):
     assert kept.get(entry) is None
     kept.put(entry, made(7))
     assert kept.get(entry) == made(7)
-    assert kept.get(Entry(small(), NavigatorOptions("goal", cruise=0.4))) is None
+    assert kept.get(Entry(small(), NavigatorOptions("goal", speed=0.4))) is None
     assert kept.get(Entry(small(), NavigatorOptions("goal"), seed=1)) is None
     assert kept.get(Entry(small(cylinders=((1.0, 1.0),)), NavigatorOptions("goal"))) is None
 
@@ -92,7 +92,7 @@ def test_tables_and_the_picture(tmp_path):
 
 @pytest.mark.slow
 def test_a_world_is_driven_to_its_goal():
-    reached = attempt(Entry(small(), NavigatorOptions("goal", ranging="search")))
+    reached = attempt(Entry(small(), NavigatorOptions("goal", stereo="search")))
     assert (reached.success, reached.collided) == (True, False)
     assert reached.path[-1][1] > 1.8
     assert 3.0 < reached.time_s < 12.0

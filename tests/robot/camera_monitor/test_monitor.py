@@ -157,7 +157,7 @@ def test_the_car_is_stopped_first(monkeypatch, fault):
 
     monkeypatch.setattr(Simulation, "read", faulty)
     with pytest.raises(InputError, match="same image" if fault == "frozen" else "finite"):
-        drive(DriveConfig(controller="published", whole=True))
+        drive(DriveConfig(controller="published", full_frames=True))
     assert len(kept) in (21, 25)
     assert worlds[0].car.speed == 0.0
 
@@ -189,7 +189,7 @@ def test_the_command_ends_with_one_line(monkeypatch, capsys, tmp_path, change, m
         return frames if len(cars) <= 10 else change(frames)
 
     monkeypatch.setattr(Simulation, "read", faulty)
-    assert main(["drive", "--whole", "--json", "--out", str(tmp_path)]) == 2
+    assert main(["drive", "--full-frames", "--json", "--out", str(tmp_path)]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     line = err.splitlines()[-1]  # before it a first start may say that it compiles

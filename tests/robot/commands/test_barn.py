@@ -71,8 +71,8 @@ def test_what_is_finished_is_kept_and_not_driven_again(
 
 def test_other_options_are_another_run(file: Path, driven: list[Entry], capsys: pytest.CaptureFixture[str]) -> None:
     out = file.parent / "out"
-    assert main(["barn", str(file), "--out", str(out), "--split", "tuning", "--cruise", "0.4"]) == 0
-    assert {(e.world.number, e.options.cruise, e.options.controller) for e in driven} == {
+    assert main(["barn", str(file), "--out", str(out), "--split", "tuning", "--speed", "0.4"]) == 0
+    assert {(e.world.number, e.options.speed, e.options.controller) for e in driven} == {
         (4, 0.4, "goal"),
         (6, 0.4, "goal"),
     }

@@ -48,7 +48,7 @@ def summary(arena="room", seed=1, controller="published", **changes):
 def test_key_names_the_drive_and_the_code(tmp_path):
     config = DriveConfig()
     key = key_of(config, "a")
-    assert key == key_of(config.model_copy(update={"out": tmp_path, "whole": True}), "a")
+    assert key == key_of(config.model_copy(update={"out": tmp_path, "full_frames": True}), "a")
     arena = tmp_path / "my.toml"
     arena.write_text("rooms = [[0, 0, 4, 4]]")
     changed = [{"seed": 3}, {"seconds": 61.0}, {"arena": "room"}, {"walls": "blank"}, {"arena": str(arena)}]
@@ -159,11 +159,11 @@ def test_words_for_many_arenas_and_disturbances():
         disturbance=("none", "noise_sigma=0.02"),
         seeds=(1,),
         controllers=("published",),
-        moving=True,
+        pedestrian=True,
     ).drives()
     assert {d.arena for d in drives} == {*arenas(test=True), "room"}
     assert [d.disturbance for d in drives[:2]] == ["", "noise_sigma=0.02"]
-    assert all(d.moving for d in drives)
+    assert all(d.pedestrian for d in drives)
     assert command.disturbances_of(("all",)) == ("", *presets())
     with pytest.raises(InputError, match="no disturbance 'nois'"):
         command.Evaluate(arenas=("room",), disturbance=("nois",)).drives()

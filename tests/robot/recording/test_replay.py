@@ -28,7 +28,7 @@ from ndtorch_robot.recording.streams import checked_line
 from tests.robot.support.bare_car import FilmCar, bare_loop
 from tests.robot.support.moving_world import RIG, moving_world
 
-CHOICE = NavigatorOptions("published", features=5, places="motion")
+CHOICE = NavigatorOptions("published", features=5, feature_position="motion")
 
 
 def record(folder, count=60, format="png"):
@@ -130,7 +130,7 @@ def test_damage_leaves_the_rest_checked(tmp_path, capsys):
 @pytest.mark.parametrize("whole", [False, True])
 def test_a_simulated_drive_bit_for_bit(tmp_path, capsys, whole):
     """Driven into a wall and put back, so that restarts are replayed too."""
-    config = DriveConfig(arena="hallway", seed=1, seconds=0.4 if whole else 7, whole=whole, record=tmp_path / "r")
+    config = DriveConfig(arena="hallway", seed=1, seconds=0.4 if whole else 7, full_frames=whole, record=tmp_path / "r")
     result = drive(config, steer=lambda command: DriveCommand(0.5, 0.6))
     assert result.summary["recording"]["failed"] == ""
     assert result.summary["recording"]["steps"] == len(result.record.time)
@@ -252,7 +252,7 @@ from ndtorch_robot.recording import Recorder
 from ndtorch_robot.sim.simulation import RIG
 from tests.robot.support.fake_captures import FilmCapture, picture
 
-CHOICE = NavigatorOptions("published", features=5, places="motion")
+CHOICE = NavigatorOptions("published", features=5, feature_position="motion")
 steps, folder = int(sys.argv[1]), Path(sys.argv[2])
 torch.set_num_threads(1)
 tune_allocator()

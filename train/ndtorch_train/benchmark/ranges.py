@@ -54,7 +54,7 @@ COLUMNS = (
 
 NOTE = (
     "Every {every}rd row of an image is taken for the horizon row; disparities {low} to {high}. `features` is the "
-    "published matching, `search` is `--ranging search`, both as the navigator runs them; SGBM is `cv2.StereoSGBM` on "
+    "published matching, `search` is `--stereo search`, both as the navigator runs them; SGBM is `cv2.StereoSGBM` on "
     "the whole image, read at the pixels of `search` where it has a disparity. Ratios are of the ranges whose truth is "
     "known. Time: processor time of one row (median), of SGBM of one image, one thread; {machine}, torch {torch}."
 )

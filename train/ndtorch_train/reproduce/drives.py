@@ -10,7 +10,7 @@ from ndtorch_train.reproduce.context import Arrays, Context
 DRIVES = ("ndtorch.vision", "ndtorch.navigation", "ndtorch_robot", "ndtorch_train.recorded")
 """Code that a drive depends on."""
 
-PUBLISHED = {"controller": "published", "features": 5, "places": "motion"}
+PUBLISHED = {"controller": "published", "features": 5, "feature_position": "motion"}
 """What is printed in place of the defaults of `ndtorch drive`."""
 
 

@@ -136,17 +136,17 @@ def test_it_is_ready_before_a_car_depends_on_it():
 
 def test_what_cannot_be_asked_for_is_said():
     with pytest.raises(InputError, match="controller goal"):
-        NavigatorOptions(to="1,2").navigator(RIG, 30.0)
+        NavigatorOptions(goal="1,2").navigator(RIG, 30.0)
     for to in ("1", "a,b", "1,2,3", "nan,1"):
         with pytest.raises(InputError, match="X,Y"):
-            NavigatorOptions("goal", to=to)
-    with pytest.raises(InputError, match="cruise"):
-        NavigatorOptions(cruise=2.0)
+            NavigatorOptions("goal", goal=to)
+    with pytest.raises(InputError, match="speed must be"):
+        NavigatorOptions(speed=2.0)
 
 
 @pytest.mark.parametrize("name", ["ranging", "published", "goal"])
 def test_no_controller_is_told_to_go_faster_than_its_cruise_speed(name):
-    params = NavigatorOptions(name, cruise=0.25).make(RIG, DT).params
+    params = NavigatorOptions(name, speed=0.25).make(RIG, DT).params
     assert params.speed == 0.25
     reactive = getattr(params, "reactive", params)
     for key in ("tight_speed", "reverse_speed", "slow", "creep"):
