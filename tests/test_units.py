@@ -26,23 +26,9 @@ OTHER = re.compile(r"(?<![\w.])(ms|us|mm|cm|km|km/h|rad|radians|milliseconds|min
 
 NUMBER = re.compile(r"\b(int|float)\b")
 
-ENDINGS = tuple(
-    [
-        "_s",
-        "_ms",
-        "_m",
-        "_px",
-        "_hz",
-        "_deg",
-        "_rad",
-        "_percent",
-        "_per_s",
-        "_per_s2",
-        "_per_m",
-        "_levels",
-        "_ratio",
-        "_sum",
-    ]
+ENDINGS = (
+    *("_s", "_ms", "_m", "_px", "_hz", "_deg", "_rad", "_percent", "_per_s", "_per_s2", "_per_m"),
+    *("_levels", "_ratio", "_sum"),
 )
 """Units at the end of a key, as files about hardware have them."""
 
