@@ -6,7 +6,7 @@ and `ndtorch.navigation`. Everything is imported when it is first used.
 
 from typing import TYPE_CHECKING
 
-from ndtorch.lazy import lazy
+from ndtorch.utils.lazy import lazy
 
 if TYPE_CHECKING:
     from ndtorch.binding import BindingModel, InhibitoryNetwork

@@ -12,10 +12,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from ndtorch.code_digest import module_places
-from ndtorch.ending import NOTHING_KEPT, Stopped
 from ndtorch.errors import InputError
-from ndtorch.optional import OURS, remedy
+from ndtorch.utils.packages import OURS, module_places, remedy
+from ndtorch.utils.signals import NOTHING_KEPT, Stopped
 
 UNUSABLE = 2
 """Exit code for input that cannot be used."""

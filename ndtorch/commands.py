@@ -10,13 +10,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
 
 import ndtorch
-from ndtorch.code_digest import module_places
 from ndtorch.command_run import INTERRUPTED, UNUSABLE, Subcommand, missing, run_command
 from ndtorch.completion import SHELLS, completion
-from ndtorch.ending import NOTHING_KEPT, ended_like_ctrl_c
-from ndtorch.nearest import meant
-from ndtorch.optional import OURS
+from ndtorch.errors import did_you_mean
 from ndtorch.run.arguments import EVERY, QUIET, flags_of
+from ndtorch.utils.packages import OURS, module_places
+from ndtorch.utils.signals import NOTHING_KEPT, ended_like_ctrl_c
 
 GROUP = "ndtorch.commands"
 """Entry points that are commands: `name = "module:Class"`, the class a `Subcommand`."""
@@ -116,7 +115,7 @@ def run_part(name: str, kind: type[Subcommand], parts: Mapping[str, type[Subcomm
         lines += [f"  {part:14}{(one.__doc__ or '').splitlines()[0]}" for part, one in parts.items()]
         print("\n".join([*lines, "", f"`ndtorch {name} SUBCOMMAND --help` says what each takes."]))
         return 0 if given else UNUSABLE
-    near = meant(given[0], parts).removeprefix("; ") or f"there are {', '.join(parts)}"
+    near = did_you_mean(given[0], parts).removeprefix("; ") or f"there are {', '.join(parts)}"
     print(f"error: ndtorch {name} has no sub-command {given[0]!r}; {near}", file=sys.stderr)
     return UNUSABLE
 
@@ -166,7 +165,7 @@ def hint(name: str, commands: Iterable[str]) -> str:
     for distribution, names in ELSEWHERE.items():
         if name in names:
             return f"it comes with {distribution}; in a checkout: pip install ./{distribution.removeprefix('ndtorch-')}"
-    near = meant(name, commands)
+    near = did_you_mean(name, commands)
     if near:
         return near.removeprefix("; ")
     return f"there are {', '.join(commands)}" if commands else "none is installed: pip install ndtorch"

@@ -19,7 +19,7 @@ from pydantic import (
 
 from ndtorch.arguments import what_number
 from ndtorch.errors import InputError
-from ndtorch.toml import suggestion, what_is_wrong
+from ndtorch.utils.toml import suggestion, what_is_wrong
 
 
 def square(size: Any) -> Any:

@@ -1,4 +1,9 @@
-"""The one error type for input that cannot be used."""
+"""Errors that a user can mend, in one line, and what was probably meant."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
 
 
 class InputError(ValueError):
@@ -7,3 +12,15 @@ class InputError(ValueError):
     The message is one line that names the thing, what was given and what is wanted.
     The command lines print it and exit with code 2.
     """
+
+
+def did_you_mean(given: object, known: Iterable[str], cutoff: float = 0.6) -> str:
+    """`"; did you mean hallway?"` to end a message with; nothing where no name is near.
+
+    Args:
+        given: what the user wrote.
+        known: names there are.
+        cutoff: how like they must be, 0..1.
+    """
+    near = difflib.get_close_matches(str(given), list(known), 1, cutoff)
+    return f"; did you mean {near[0]}?" if near else ""

@@ -18,10 +18,9 @@ import torch
 from torch import Tensor, nn
 
 from ndtorch.binding.models.contract import BindingModel
-from ndtorch.errors import InputError
-from ndtorch.files import replacing
-from ndtorch.nearest import meant
-from ndtorch.tree import leaves, mapped
+from ndtorch.errors import InputError, did_you_mean
+from ndtorch.utils.files import replacing
+from ndtorch.utils.tensors import leaves, mapped
 
 Format = Literal["pt2", "aoti", "onnx"]
 SUFFIXES: dict[str, str] = {"pt2": ".pt2", "aoti": ".aoti.pt2", "onnx": ".onnx"}
@@ -55,7 +54,7 @@ def export(
     """Write a model as two programs, `first` and `next`: for the first chunk of a run, and for all that follow.
 
     `first(frames)` and `next(frames, *state)` return the signals, in the order of the model's signals, and then the
-    tensors of the state, in the order of `ndtorch.tree.leaves`; those go into the next call. Frames are
+    tensors of the state, in the order of `ndtorch.utils.tensors.leaves`; those go into the next call. Frames are
     `[*batch, frames, 3, H, W]`, floats in 0..1, and are not checked.
 
     Args:
@@ -75,7 +74,7 @@ def export(
             frames, or a folder that cannot be written.
     """
     if format not in SUFFIXES:
-        raise InputError(f"format must be one of {', '.join(SUFFIXES)}, got {format!r}{meant(format, SUFFIXES)}")
+        raise InputError(f"format must be one of {', '.join(SUFFIXES)}, got {format!r}{did_you_mean(format, SUFFIXES)}")
     if not model.exportable:
         raise InputError(f"{model.name} cannot be exported: it does part of its work outside torch")
     rows = frames / (model.dt * model.fps)

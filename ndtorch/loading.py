@@ -7,8 +7,7 @@ from typing import Any
 
 from ndtorch.binding.models.contract import BindingModel
 from ndtorch.binding.models.kinds import REMOVED, kind_of, load_folder, removed
-from ndtorch.errors import InputError
-from ndtorch.nearest import meant
+from ndtorch.errors import InputError, did_you_mean
 from ndtorch.utils.backend import set_backend
 
 HERE = Path(__file__).resolve().parent
@@ -94,4 +93,4 @@ def model_folder(model: str | Path) -> Path:
     if isinstance(model, Path) or "/" in model:
         raise InputError(f"{model} is not a model folder")
     known = ", ".join(folders) or "(none found)"
-    raise InputError(f"model must be a folder or one of {known}; got {model!r}{meant(model, folders)}")
+    raise InputError(f"model must be a folder or one of {known}; got {model!r}{did_you_mean(model, folders)}")

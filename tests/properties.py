@@ -14,8 +14,8 @@ from hypothesis import HealthCheck, settings
 from torch import Tensor, nn
 
 from ndtorch import binding, navigation, vision
-from ndtorch.checked import read_tensors, save_tensors
-from ndtorch.tree import leaves, mapped
+from ndtorch.utils.files import read_tensors, save_tensors
+from ndtorch.utils.tensors import leaves, mapped
 
 Streams = tuple[Any, ...]
 """What a module is given, in nested tuples of tensors `[B, T, ...]`."""

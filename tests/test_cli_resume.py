@@ -10,8 +10,8 @@ import torch
 from safetensors import safe_open
 
 from ndtorch.binding.saving import save_tensors
-from ndtorch.checked import CHECKSUM
 from ndtorch.commands import main
+from ndtorch.utils.files import CHECKSUM
 from tests.command_line import kept, refused, same_state
 
 

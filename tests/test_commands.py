@@ -14,7 +14,7 @@ import ndtorch
 from ndtorch import commands
 from ndtorch.commands import GROUP, main
 from ndtorch.errors import InputError
-from ndtorch.optional import need, remedy
+from ndtorch.utils.packages import need, remedy
 
 MODULES = {
     "good": "from dataclasses import dataclass\n@dataclass\nclass Good:\n    '''Does good.'''\n"

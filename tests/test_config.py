@@ -12,7 +12,7 @@ from ndtorch.binding.models.published import PublishedConfig
 from ndtorch.config import ModelConfig, config_text, option_places, validated, with_options
 from ndtorch.errors import InputError
 from ndtorch.loading import model_folders
-from ndtorch.toml import toml_values
+from ndtorch.utils.toml import toml_values
 
 CONFIGS = [kind.config_type for kind in KINDS.values()]
 

@@ -18,7 +18,7 @@ import ndtorch
 from ndtorch.errors import InputError
 from ndtorch.export import Step, export, write
 from ndtorch.scenes import two_bars
-from ndtorch.tree import leaves
+from ndtorch.utils.tensors import leaves
 from tests.full_disk import full_disk
 
 SIZE, FRAMES = (24, 24), 3

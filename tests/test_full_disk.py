@@ -16,7 +16,7 @@ import pytest
 
 from ndtorch.commands import installed, main
 from ndtorch.errors import InputError
-from ndtorch.installed import toml_file
+from ndtorch.utils.packages import toml_file
 from ndtorch_robot.calibration import read_calibration, write_calibration
 from tests.full_disk import full_disk
 from tests.fuzz.targets import CORPUS

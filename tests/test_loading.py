@@ -11,10 +11,10 @@ from safetensors.torch import load_file, save_file
 
 import ndtorch
 from ndtorch.binding import FirstStage, PublishedModel, spectral_radius
-from ndtorch.checked import save_tensors
 from ndtorch.errors import InputError
 from ndtorch.loading import model_folders, model_kind
-from ndtorch.tree import leaves
+from ndtorch.utils.files import save_tensors
+from ndtorch.utils.tensors import leaves
 from ndtorch.vision import GROUPS
 
 NAMES = ("published", "scale-free", "retinotopic", "figures")

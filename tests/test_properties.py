@@ -17,7 +17,7 @@ from ndtorch import binding, navigation, vision
 from ndtorch.binding.models.published import PublishedConfig
 from ndtorch.binding.models.retinotopic import RetinotopicConfig
 from ndtorch.binding.models.scale_free import ScaleFreeConfig
-from ndtorch.tree import leaves
+from ndtorch.utils.tensors import leaves
 from tests.properties import DT, KINDS, LONG, QUICK, RIG, SIZE, Part, check, cut, samples, trial
 from tests.strategies import chunkings
 

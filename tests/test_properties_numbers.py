@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.tree import leaves, mapped
+from ndtorch.utils.tensors import leaves, mapped
 from tests.properties import PUBLIC, same_leaves
 
 ODD = (

@@ -20,7 +20,7 @@ from ndtorch.binding.saving import load_state, save_state, to_device
 from ndtorch.binding.settling import alternation, weight_change
 from ndtorch.binding.spectrum import limit_spectral_radius, spectral_radius
 from ndtorch.binding.theory import separated, solutions
-from ndtorch.lazy import lazy
+from ndtorch.utils.lazy import lazy
 
 __all__ = [
     "ACTIVATIONS",

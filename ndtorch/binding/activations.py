@@ -8,8 +8,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from ndtorch.errors import InputError
-from ndtorch.nearest import meant
+from ndtorch.errors import InputError, did_you_mean
 
 Activation = Callable[[Tensor], Tensor]
 
@@ -41,5 +40,7 @@ ACTIVATIONS: dict[str, Activation] = {"cube": cube, "tanh-pi": tanh_pi, "tanh-10
 def activation(role: str, name: str) -> Activation:
     """The function of that name; `InputError` names the role it was to play."""
     if name not in ACTIVATIONS:
-        raise InputError(f"{role} must be one of {', '.join(ACTIVATIONS)}, got {name!r}{meant(name, ACTIVATIONS)}")
+        raise InputError(
+            f"{role} must be one of {', '.join(ACTIVATIONS)}, got {name!r}{did_you_mean(name, ACTIVATIONS)}"
+        )
     return ACTIVATIONS[name]

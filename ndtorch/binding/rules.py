@@ -13,8 +13,7 @@ from torch import Tensor
 from ndtorch.arguments import check_number, check_numbers, check_signs, is_number
 from ndtorch.binding.activations import Activation, activation, linear
 from ndtorch.binding.spectrum import limit_spectral_radius
-from ndtorch.errors import InputError
-from ndtorch.nearest import meant
+from ndtorch.errors import InputError, did_you_mean
 
 LARGEST = 10.0
 """Largest single weight where the spectral radius is limited, ten times what is learned from any scene of the papers.
@@ -271,7 +270,7 @@ def learning_rule(name: str, **constants: Any) -> Rule:
     2.0
     """
     if name not in RULES:
-        raise InputError(f"rule must be one of {', '.join(RULES)}, got {name!r}{meant(name, RULES)}")
+        raise InputError(f"rule must be one of {', '.join(RULES)}, got {name!r}{did_you_mean(name, RULES)}")
     try:
         return RULES[name](**constants)
     except TypeError as error:

@@ -13,9 +13,9 @@ from torch import Tensor
 from ndtorch.binding.models.contract import BindingModel
 from ndtorch.binding.tracking.figures import FigureTable
 from ndtorch.binding.tracking.many import Comings
-from ndtorch.checked import read_tensors, save_tensors
 from ndtorch.errors import InputError
-from ndtorch.tree import leaves, mapped, parts
+from ndtorch.utils.files import read_tensors, save_tensors
+from ndtorch.utils.tensors import leaves, mapped, parts
 
 State = TypeVar("State")
 

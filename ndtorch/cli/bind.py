@@ -62,7 +62,6 @@ class Bind(BindJob):
             raise InputError(f"--front-end {self.front_end} is now {MOVED.get(self.front_end, '--model NAME')}")
         import torch
 
-        from ndtorch.memory import tune_allocator
         from ndtorch.report.films import RunRecording
         from ndtorch.report.page import NAME, folder_name, open_in_browser, write_result
         from ndtorch.report.recording import why_not_whole
@@ -72,6 +71,7 @@ class Bind(BindJob):
         from ndtorch.run.progress import progress_bar
         from ndtorch.run.run import run_model
         from ndtorch.run.watchers import Watcher
+        from ndtorch.utils.tensors import tune_allocator
 
         # Programs choose; the library never does. Two threads get in each other's way on a busy machine.
         torch.set_num_threads(1)

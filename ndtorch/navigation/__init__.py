@@ -3,7 +3,6 @@
 Here are the names that people start with; the rest comes from its file.
 """
 
-from ndtorch.lazy import lazy
 from ndtorch.navigation.avoider import Avoider
 from ndtorch.navigation.controllers import (
     ARRIVED,
@@ -39,6 +38,7 @@ from ndtorch.navigation.rig import Rect, StereoRig
 from ndtorch.navigation.row_ranging import RowRanging
 from ndtorch.navigation.state import NavigatorState
 from ndtorch.navigation.strips import Strips, cut_strips
+from ndtorch.utils.lazy import lazy
 
 __all__ = [
     "ARRIVED",

@@ -16,7 +16,7 @@ from ndtorch.navigation.mapping.observations import Observations
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.row_ranging import RowRangingState
-from ndtorch.tree import leaves
+from ndtorch.utils.tensors import leaves
 from ndtorch.vision.temporal import FilterState
 
 

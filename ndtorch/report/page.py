@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ndtorch.binding import BoundObject, save_state
-from ndtorch.files import write_text
 from ndtorch.report.exports import write_exports
 from ndtorch.report.plots import draw_all
 from ndtorch.report.timeline import draw_timeline, write_timeline
 from ndtorch.report.words import NOTHING_LEARNED, VERDICTS, numbered, summary, words
 from ndtorch.run.result import RunResult
+from ndtorch.utils.files import write_text
 from ndtorch.vision import FEATURES
 
 KINDS = {".png": "image/png", ".svg": "image/svg+xml", ".mp4": "video/mp4"}

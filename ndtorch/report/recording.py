@@ -15,9 +15,9 @@ import numpy as np
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch.optional import need
 from ndtorch.report.plots.layout import rgb
 from ndtorch.run.watchers import Pixels
+from ndtorch.utils.packages import need
 from ndtorch.vision.features import FEATURES, GROUPS
 
 TIMELINE = "time"

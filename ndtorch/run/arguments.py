@@ -10,8 +10,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, TypeVar, get_type_hints
 
-from ndtorch.errors import InputError
-from ndtorch.nearest import meant
+from ndtorch.errors import InputError, did_you_mean
 
 Kind = TypeVar("Kind", bound=type)
 
@@ -121,9 +120,9 @@ def in_a_line(box: str, prog: str, flags: Sequence[str], arguments: Sequence[str
     if not words:
         return f"cannot be used: {' '.join(arguments)}"
     given = [word for word in arguments if word.startswith("--") and word.partition("=")[0] not in flags]
-    hint = meant(given[0], flags) if given else ""
+    hint = did_you_mean(given[0], flags) if given else ""
     choice = re.search(r"invalid choice '(.*)' for argument '(.*)'\. .* one of \((.*)\)", words)
     if choice is not None:
         known = sorted(set(re.findall(r"'([^']*)'", choice[3])) - {"None"})
-        return f"{choice[2]} must be one of {', '.join(known)}, got {choice[1]!r}{meant(choice[1], known)}"
+        return f"{choice[2]} must be one of {', '.join(known)}, got {choice[1]!r}{did_you_mean(choice[1], known)}"
     return words[0].lower() + words[1:] + (hint or f"; see {prog} --help")

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ndtorch.errors import InputError
-from ndtorch.files import sync, write_text
+from ndtorch.utils.files import sync, write_text
 
 UNFINISHED = "unfinished"
 """Where files are until a run has ended. It is no hidden name: what a killed run leaves can be seen."""

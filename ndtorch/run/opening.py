@@ -13,9 +13,8 @@ from torch import Tensor
 
 from ndtorch.binding import BindingModel, load_state, to_device, train_first_stage
 from ndtorch.binding.saving import frames_taken, read_about
-from ndtorch.errors import InputError
+from ndtorch.errors import InputError, did_you_mean
 from ndtorch.loading import load, model_kind, model_names
-from ndtorch.nearest import meant
 from ndtorch.run.options import (
     CAMERA_SECONDS,
     MODEL_OPTIONS,
@@ -189,7 +188,7 @@ def source_meant(name: str) -> str:
     """A question for the source that was meant: a scene, or a file or folder beside the one that is not there."""
     place = Path(name)
     beside = [] if not place.parent.is_dir() else [str(place.with_name(other.name)) for other in place.parent.iterdir()]
-    return meant(name, [*SCENES, *beside], 0.75)
+    return did_you_mean(name, [*SCENES, *beside], 0.75)
 
 
 def is_live(name: str) -> bool:

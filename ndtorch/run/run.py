@@ -13,11 +13,11 @@ from torch import Tensor
 
 from ndtorch.binding import BindingModel, Verdict
 from ndtorch.errors import InputError
-from ndtorch.memory import give_back_freed_memory
 from ndtorch.run.pictures import Glimpse, PictureMaker
 from ndtorch.run.result import RunResult, Trace, one_matrix, over_fields
 from ndtorch.run.watchers import Watcher
 from ndtorch.scenes import FrameSource
+from ndtorch.utils.tensors import give_back_freed_memory
 
 TIDY_FRAMES = 500
 """Memory that runs leave in holes is handed back this often."""

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from ndtorch.lazy import lazy
+from ndtorch.utils.lazy import lazy
 
 if TYPE_CHECKING:
     from ndtorch.scenes.bar_scenes import (

@@ -7,8 +7,7 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ndtorch.errors import InputError
-from ndtorch.nearest import meant
+from ndtorch.errors import InputError, did_you_mean
 
 if TYPE_CHECKING:
     from ndtorch.scenes.base import FrameSource
@@ -77,7 +76,7 @@ def make_scene(name: str, **options: Any) -> FrameSource:
     100
     """
     if name not in SCENES:
-        raise InputError(f"scene must be one of {', '.join(SCENES)}; got {name!r}{meant(name, SCENES)}")
+        raise InputError(f"scene must be one of {', '.join(SCENES)}; got {name!r}{did_you_mean(name, SCENES)}")
     scene = SCENES[name]
     known = list(inspect.signature(scene.build).parameters)
     unknown = sorted(set(options) - set(known))

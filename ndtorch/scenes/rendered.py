@@ -10,8 +10,8 @@ from torch import Tensor
 
 from ndtorch.arguments import is_finite
 from ndtorch.errors import InputError
-from ndtorch.memory import keep_freed_memory
 from ndtorch.scenes.base import FrameSource
+from ndtorch.utils.tensors import keep_freed_memory
 
 
 class RenderedScene(FrameSource):

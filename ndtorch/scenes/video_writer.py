@@ -15,9 +15,9 @@ import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch.optional import need
 from ndtorch.scenes.quiet import quiet_opencv
 from ndtorch.scenes.rendered import check_size
+from ndtorch.utils.packages import need
 
 CODECS = {".mp4": "H.264", ".mkv": "FFV1", ".avi": "MJPG"}
 """Codec for each suffix: small and played by every browser, lossless, and editable frame by frame."""

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ndtorch.locks import hold
+from ndtorch.utils.files import hold
 
 STALE = 30 * 86400
 """Seconds after which a folder that nobody has used may go."""

@@ -1,6 +1,6 @@
 """Frames -> signals: temporal filters, motion, orientation and the ten features; speed of image rows."""
 
-from ndtorch.lazy import lazy
+from ndtorch.utils.lazy import lazy
 from ndtorch.vision.chahl_srinivasan import ChahlSrinivasan, ShiftState, row_shift
 from ndtorch.vision.characterisation import SpeedCurve, judge_speed_curve, speed_response
 from ndtorch.vision.coherent import CoherentMotion, CoherentParams, CoherentState

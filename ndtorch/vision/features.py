@@ -9,8 +9,8 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_size, check_state
 from ndtorch.errors import InputError
-from ndtorch.memory import keep_freed_memory
 from ndtorch.utils.backend import Backend, check_backend
+from ndtorch.utils.tensors import keep_freed_memory
 from ndtorch.vision.feature_kernels import fresh, image_kind, one_pass_fits, pass_over, together
 from ndtorch.vision.frames import as_float, check_frames, check_values, grey
 from ndtorch.vision.motion import Border, HassensteinReichardt, MotionState

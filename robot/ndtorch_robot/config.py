@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from ndtorch.toml import check, read_toml
+from ndtorch.utils.toml import check, read_toml
 from ndtorch_robot.navigator_table import NavigatorTable
 from ndtorch_robot.sim.disturbances import read_disturbances
 

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 import tyro
 
-from ndtorch.code_digest import module_places
+from ndtorch.utils.packages import module_places
 
 Command = TypeVar("Command", bound=type)
 

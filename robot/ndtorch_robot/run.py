@@ -14,7 +14,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import Grid, StereoRig
 from ndtorch.navigation.controllers import controller_class
 from ndtorch.navigation.options import NavigatorOptions
-from ndtorch.toml import check
+from ndtorch.utils.toml import check
 from ndtorch_robot.camera_monitor.frame_check import FrameCheck
 from ndtorch_robot.car import Car
 from ndtorch_robot.link.registry import SIMULATED_WORLD, MovesWorld, Opening, open_link

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
-from ndtorch.toml import Strict
+from ndtorch.utils.toml import Strict
 from ndtorch_robot.camera_monitor.limits import CameraLimits
 from ndtorch_robot.link.registry import HOSTED_BOARD, SERIAL, check_link
 from ndtorch_robot.navigator_table import NavigatorTable

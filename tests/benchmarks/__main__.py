@@ -10,7 +10,7 @@ from pathlib import Path
 
 import torch
 
-from ndtorch.memory import tune_allocator
+from ndtorch.utils.tensors import tune_allocator
 from tests.benchmarks import bench_binding, bench_cameras, bench_features, bench_navigation, bench_start
 from tests.benchmarks.timing import machine, table
 

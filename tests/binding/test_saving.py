@@ -15,9 +15,9 @@ from safetensors.torch import load_file
 import ndtorch
 from ndtorch.binding import BindingModel, load_state, save_state, to_device
 from ndtorch.binding.saving import frames_taken, read_about
-from ndtorch.checked import save_tensors
 from ndtorch.errors import InputError
-from ndtorch.tree import leaves, mapped
+from ndtorch.utils.files import save_tensors
+from ndtorch.utils.tensors import leaves, mapped
 
 NAMES = ("published", "scale-free", "retinotopic")
 

@@ -12,14 +12,13 @@ from typing import Annotated, Any
 
 import tyro
 
-from ndtorch.code_digest import code_digest
 from ndtorch.command_run import run_command
-from ndtorch.ending import parts_kept
 from ndtorch.errors import InputError
-from ndtorch.files import write_text
-from ndtorch.installed import toml_file
 from ndtorch.run.folder import place_for
-from ndtorch.toml import read_toml
+from ndtorch.utils.files import write_text
+from ndtorch.utils.packages import code_digest, toml_file
+from ndtorch.utils.signals import parts_kept
+from ndtorch.utils.toml import read_toml
 from ndtorch_robot.run_config import RunConfig
 from ndtorch_robot.sim.firmware_host import FirmwareHost
 from tests.fault_injection.scenario import drive_scenario, resident_megabytes

@@ -79,7 +79,7 @@ def read_state(path: Path) -> Any:
 def craft_tensors(chance: random.Random, path: Path) -> None:
     import torch
 
-    from ndtorch.checked import read_tensors, save_tensors
+    from ndtorch.utils.files import read_tensors, save_tensors
 
     file = path / "weights.safetensors" if path.is_dir() else path
     if not file.exists():  # a model without a first stage gets one
@@ -106,7 +106,7 @@ def read_run(path: Path) -> Any:
 
 
 def craft_run(chance: random.Random, path: Path) -> None:
-    from ndtorch.checked import read_tensors, save_tensors
+    from ndtorch.utils.files import read_tensors, save_tensors
 
     file = next(path.glob("*.safetensors"))
     flat, about = read_tensors(file, "a state")
@@ -121,7 +121,7 @@ def read_map(path: Path) -> Any:
 
 
 def craft_arrays(chance: random.Random, path: Path) -> None:
-    from ndtorch.checked import load_arrays, save_arrays
+    from ndtorch.utils.files import load_arrays, save_arrays
 
     save_arrays(path, mutate.damaged_arrays(chance, load_arrays(path)))
 
@@ -133,7 +133,7 @@ def read_sweep_file(path: Path) -> Any:
 
 
 def read_car(path: Path) -> Any:
-    from ndtorch.toml import read_toml
+    from ndtorch.utils.toml import read_toml
     from ndtorch_robot.run_config import RunConfig
 
     config = read_toml(path, RunConfig)
@@ -141,7 +141,7 @@ def read_car(path: Path) -> Any:
 
 
 def read_drive(path: Path) -> Any:
-    from ndtorch.toml import read_toml
+    from ndtorch.utils.toml import read_toml
     from ndtorch_robot.config import DriveConfig
 
     return read_toml(path, DriveConfig)

@@ -6,7 +6,6 @@ import pytest
 import torch
 
 import ndtorch.navigation as navigation
-from ndtorch import tree
 from ndtorch.navigation import (
     AlphaBetaTracker,
     AvoidanceParams,
@@ -28,6 +27,7 @@ from ndtorch.navigation.controllers.subfields import SubfieldMotion
 from ndtorch.navigation.state import StepState
 from ndtorch.navigation.strips import strips
 from ndtorch.navigation.whole_step import WholeStep
+from ndtorch.utils import tensors
 from ndtorch.vision.nondirectional import NDMin, spatial_maximum
 from tests.compilers import compiles
 
@@ -282,7 +282,7 @@ def test_filters_that_begin_anew_change_nothing_but_the_way_to_compute(controlle
     monkeypatch.setattr(WholeStep, "__call__", lambda *given: None)
     by_parts = driven()
     assert len(steps) == 10
-    for name, one in tree.leaves(by_kernel).items():
+    for name, one in tensors.leaves(by_kernel).items():
         torch.testing.assert_close(
-            one, tree.leaves(by_parts)[name], atol=1e-4, rtol=1e-4, msg=lambda m, k=name: f"{k}: {m}"
+            one, tensors.leaves(by_parts)[name], atol=1e-4, rtol=1e-4, msg=lambda m, k=name: f"{k}: {m}"
         )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ndtorch.toml import read_toml
+from ndtorch.utils.toml import read_toml
 from ndtorch_robot.run_config import RunConfig
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -12,8 +12,8 @@ from ndtorch.binding.first_stage import write_first_stage as write_weights
 from ndtorch.binding.models.published import PublishedConfig
 from ndtorch.config import config_text
 from ndtorch.errors import InputError
-from ndtorch.files import write_text
 from ndtorch.run.progress import progress_bar
+from ndtorch.utils.files import write_text
 
 SHARING = ("scale-free", "retinotopic")
 """Models beside published that have the same first stage, as a copy."""

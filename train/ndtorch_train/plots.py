@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from torch import Tensor
 
-from ndtorch.files import replacing
 from ndtorch.report.page import Shown
 from ndtorch.report.plots.layout import STYLES
 from ndtorch.report.plots.signals import draw_traces
 from ndtorch.report.plots.weights import draw_matrix
+from ndtorch.utils.files import replacing
 from ndtorch.vision import FEATURES
 
 if TYPE_CHECKING:

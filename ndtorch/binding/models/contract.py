@@ -13,8 +13,8 @@ from torch import Tensor, nn
 from ndtorch.binding.objects import BoundObject, ObjectTable
 from ndtorch.config import ModelConfig, config_text
 from ndtorch.errors import InputError
-from ndtorch.files import write_text
 from ndtorch.utils.backend import Backend
+from ndtorch.utils.files import write_text
 
 Verdict = Literal["stable", "learning", "alternating", "static"]
 """What the objects are worth. `static`: nothing fluctuates, or nothing moved, so there is nothing to bind.

@@ -14,7 +14,7 @@ from ndtorch.binding.models.retinotopic import RetinotopicModel
 from ndtorch.binding.models.scale_free import ScaleFreeModel
 from ndtorch.config import option_places, validated, with_options
 from ndtorch.errors import InputError
-from ndtorch.toml import suggestion, toml_values
+from ndtorch.utils.toml import suggestion, toml_values
 from ndtorch.vision.features import FUSED
 
 KINDS: dict[str, type[BindingModel]] = {

@@ -7,10 +7,9 @@ import pkgutil
 from functools import cache
 from typing import Any, TypeVar
 
-from ndtorch.errors import InputError
+from ndtorch.errors import InputError, did_you_mean
 from ndtorch.navigation.controllers.contract import Controller
 from ndtorch.navigation.rig import StereoRig
-from ndtorch.nearest import meant
 
 DEFAULT_CONTROLLER = "ranging"
 """The controller that steers where none is named, in Python and at the command line."""
@@ -59,7 +58,9 @@ def controller_class(name: str) -> type[Controller]:
     """
     names = controller_names()
     if name not in names:
-        raise InputError(f"controller must be one of {', '.join(map(repr, names))}, got {name!r}{meant(name, names)}")
+        raise InputError(
+            f"controller must be one of {', '.join(map(repr, names))}, got {name!r}{did_you_mean(name, names)}"
+        )
     return _kinds[name]
 
 

@@ -10,10 +10,9 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from ndtorch.checked import load_arrays, save_arrays
 from ndtorch.errors import InputError
-from ndtorch.files import replacing, write_text
 from ndtorch.navigation.mapping.grid_map import Grid
+from ndtorch.utils.files import load_arrays, replacing, save_arrays, write_text
 
 Floats = npt.NDArray[np.float64]
 Cells = npt.NDArray[np.float32]

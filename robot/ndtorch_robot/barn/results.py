@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ndtorch.code_digest import code_digest
-from ndtorch.files import write_text
+from ndtorch.utils.files import write_text
+from ndtorch.utils.packages import code_digest
 from ndtorch_robot.barn.attempt import Attempt, Entry
 from ndtorch_robot.barn.worlds import World
 from ndtorch_robot.evaluation.drives import CODE, PACKAGES

@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import Field
 
 from ndtorch.errors import InputError
-from ndtorch.files import write_text
-from ndtorch.toml import Strict, read_toml
+from ndtorch.utils.files import write_text
+from ndtorch.utils.toml import Strict, read_toml
 
 Matrix = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from ndtorch.toml import Strict
+from ndtorch.utils.toml import Strict
 
 
 class CameraLimits(Strict):

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from ndtorch.toml import Strict
+from ndtorch.utils.toml import Strict
 
 
 class CameraSettings(Strict):

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from ndtorch import workers
 from ndtorch.command_run import INTERRUPTED
 from ndtorch.errors import InputError
+from ndtorch.utils import workers
 from ndtorch_robot.navigator_options import navigator_options
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ class Barn:
 
     def write(self, worlds: Sequence[World], made: Sequence[Attempt], out: Path) -> str:
         """All files; returns what to print."""
-        from ndtorch.files import replacing, write_text
+        from ndtorch.utils.files import replacing, write_text
         from ndtorch_robot.barn.results import comma_separated, draw, table, totals
 
         missing = f"; {len(worlds) - len(made)} of {len(worlds)} worlds are missing" * (len(made) < len(worlds))

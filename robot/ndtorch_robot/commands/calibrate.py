@@ -93,7 +93,7 @@ class Calibrate:
             return views, size, len(pairs)
         if self.views < 1 or not 0 < self.seconds <= 86400:
             raise InputError(f"expected --views >= 1 and --seconds > 0, got {self.views} and {self.seconds}")
-        from ndtorch.toml import check
+        from ndtorch.utils.toml import check
         from ndtorch_robot.cameras import StereoCameras
         from ndtorch_robot.cameras.settings import CameraSettings
 

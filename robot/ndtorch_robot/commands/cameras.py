@@ -67,7 +67,7 @@ class Cameras:
 
     def measured(self) -> dict[str, Any]:
         """Figures of a pair."""
-        from ndtorch.toml import check
+        from ndtorch.utils.toml import check
         from ndtorch_robot.cameras import StereoCameras, find_source
         from ndtorch_robot.cameras.measure import measure
         from ndtorch_robot.cameras.pair import probe_size

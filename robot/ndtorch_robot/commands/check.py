@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from ndtorch.errors import InputError
-from ndtorch.installed import toml_file
+from ndtorch.utils.packages import toml_file
 
 if TYPE_CHECKING:
     from ndtorch.navigation import StereoRig
@@ -49,7 +49,7 @@ class Check:
 
     def run(self) -> int:
         """Ask, move, ask."""
-        from ndtorch.toml import read_toml
+        from ndtorch.utils.toml import read_toml
         from ndtorch_robot.link import Opening, open_link
         from ndtorch_robot.loop import MonotonicClock
         from ndtorch_robot.run import timed_report

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from ndtorch import workers
 from ndtorch.command_run import INTERRUPTED
 from ndtorch.errors import InputError
+from ndtorch.utils import workers
 from ndtorch_robot.navigator_options import navigator_options
 
 if TYPE_CHECKING:
@@ -208,7 +208,7 @@ def finish_drives(missing: list[DriveConfig], cache: Cache, processes: int) -> l
 
 def write_tables(summaries: list[Summary], folder: Path, note: str, as_json: bool) -> str:
     """All files of an evaluation; returns what to print."""
-    from ndtorch.files import replacing, write_text
+    from ndtorch.utils.files import replacing, write_text
     from ndtorch_robot.evaluation.picture import draw_table
     from ndtorch_robot.evaluation.table import comma_separated, markdown, rows_of
     from ndtorch_robot.score.report import write_evaluation_page

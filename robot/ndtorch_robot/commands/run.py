@@ -13,7 +13,7 @@ import tyro
 
 from ndtorch.command_run import INCOMPLETE
 from ndtorch.errors import InputError
-from ndtorch.installed import toml_file
+from ndtorch.utils.packages import toml_file
 
 if TYPE_CHECKING:
     from ndtorch.run.folder import RunFolder
@@ -58,7 +58,7 @@ class Run:
         """Drive; prints what happens to stderr and a summary at the end."""
         import torch
 
-        from ndtorch.toml import read_toml
+        from ndtorch.utils.toml import read_toml
         from ndtorch_robot.emergency import HELP, emergency_stops
         from ndtorch_robot.map_saving import WalkedPath, save_runner_map
         from ndtorch_robot.recording import Recorder, RecordSteps

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from itertools import product
 from pathlib import Path
 
-from ndtorch.code_digest import code_digest
-from ndtorch.files import write_text
+from ndtorch.utils.files import write_text
+from ndtorch.utils.packages import code_digest
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.ports import Step
 

@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
-from ndtorch.errors import InputError
-from ndtorch.nearest import meant
-from ndtorch.toml import Strict, check
+from ndtorch.errors import InputError, did_you_mean
+from ndtorch.utils.toml import Strict, check
 from ndtorch_robot.ports import CameraPair, Clock, Drive, Report
 
 if TYPE_CHECKING:
@@ -88,7 +87,9 @@ def find_kind(name: str) -> Kind:
     if name not in KINDS and name in GONE:
         raise InputError(f"the link of the kind {name!r} is gone: {GONE[name]}")
     if name not in KINDS:
-        raise InputError(f"no link of the kind {name!r}, known are {', '.join(sorted(KINDS))}{meant(name, KINDS)}")
+        raise InputError(
+            f"no link of the kind {name!r}, known are {', '.join(sorted(KINDS))}{did_you_mean(name, KINDS)}"
+        )
     return KINDS[name]
 
 

@@ -9,7 +9,7 @@ from typing import Annotated
 from pydantic import Field
 
 from ndtorch.errors import InputError
-from ndtorch.toml import Strict
+from ndtorch.utils.toml import Strict
 from ndtorch_robot.link.line import GONE, SerialLine, read_some
 from ndtorch_robot.link.link_drive import HEARTBEAT, LinkDrive
 from ndtorch_robot.link.registry import SERIAL, Opening, link

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ndtorch.errors import InputError
-from ndtorch.toml import Strict
+from ndtorch.utils.toml import Strict
 from ndtorch_robot.link.line import Line
 from ndtorch_robot.link.link_drive import LinkDrive
 from ndtorch_robot.link.registry import HOSTED_BOARD, SIMULATED_WORLD, Opening, link

@@ -25,7 +25,7 @@ from typing import Annotated, Any
 from pydantic import Field, model_validator
 
 from ndtorch.errors import InputError
-from ndtorch.toml import Strict, read_toml
+from ndtorch.utils.toml import Strict, read_toml
 from ndtorch_robot.sim.floors import Floor, Lamp, Pattern
 from ndtorch_robot.sim.plan import NARROWEST, Plan, Ring, circle, cylinder, narrow_gaps, ring, square
 from ndtorch_robot.sim.shapes import Box, box_ring, table_rings, trace

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ndtorch.errors import InputError
-from ndtorch.installed import folder_of
+from ndtorch.utils.packages import folder_of
 from ndtorch_robot.ports import DriveCommand
 
 FIRMWARE = folder_of("ndtorch_robot", "firmware")

@@ -9,9 +9,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from ndtorch.errors import InputError
+from ndtorch.errors import InputError, did_you_mean
 from ndtorch.navigation import Grid
-from ndtorch.nearest import meant
 from ndtorch_robot.sim.floors import Floor
 
 Floats = npt.NDArray[np.float64]
@@ -271,7 +270,8 @@ def check_ring(shape: Ring, arena: str) -> None:
     unknown = sorted(set(shape.kinds) - set(KINDS))
     if unknown:
         raise InputError(
-            f"arena {arena}: unknown surface {unknown[0]!r}, choose one of {', '.join(KINDS)}{meant(unknown[0], KINDS)}"
+            f"arena {arena}: unknown surface {unknown[0]!r}, choose one of {', '.join(KINDS)}"
+            f"{did_you_mean(unknown[0], KINDS)}"
         )
     if shape.height is not None and not 0 < shape.height < math.inf:
         raise InputError(f"arena {arena}: heights must be > 0 m, got {shape.height}")

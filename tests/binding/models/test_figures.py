@@ -17,9 +17,9 @@ import ndtorch
 from ndtorch.binding import load_state, save_state
 from ndtorch.binding.models.figures import FiguresModel
 from ndtorch.binding.tracking.figures import figures_of
-from ndtorch.checked import save_tensors
 from ndtorch.errors import InputError
-from ndtorch.tree import leaves
+from ndtorch.utils.files import save_tensors
+from ndtorch.utils.tensors import leaves
 from tests.vision.camera.passing_scenes import SIZE, ground, passing
 
 STEPS = 50

@@ -27,7 +27,7 @@ from ndtorch.binding import (
 from ndtorch.binding.models.whole_field import BindingSignals, BindingState
 from ndtorch.binding.rules import RULES
 from ndtorch.errors import InputError
-from ndtorch.tree import leaves
+from ndtorch.utils.tensors import leaves
 from ndtorch.vision import GROUPS, VisualFeatures
 from tests.binding.models.small_published import first_stage, model, noise, two_things
 from tests.strategies import chunkings

@@ -11,7 +11,7 @@ import ndtorch
 from ndtorch.binding import ObjectFiles, RetinotopicModel, load_state, save_state
 from ndtorch.errors import InputError
 from ndtorch.scenes import equal_bars
-from ndtorch.tree import leaves
+from ndtorch.utils.tensors import leaves
 from ndtorch.vision import LocalFeatures, VisualFeatures
 
 SIZE = (64, 64)

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 import ndtorch
 from ndtorch.binding import load_state, save_state
 from ndtorch.errors import InputError
-from ndtorch.tree import leaves
+from ndtorch.utils.tensors import leaves
 
 BARS = torch.zeros(2, 10)
 BARS[0, [1, 2, 4, 6, 7]] = torch.tensor([1.0, 0.6, 0.7, 0.7, 0.9])

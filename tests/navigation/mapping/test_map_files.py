@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from ndtorch.checked import save_arrays
 from ndtorch.errors import InputError
 from ndtorch.navigation import Grid
 from ndtorch.navigation.mapping.map_files import FREE, OCCUPIED, UNKNOWN, load_map, save_map
+from ndtorch.utils.files import save_arrays
 
 GRID = Grid(-1.0, 2.0, -0.5, 1.53, 0.01)
 

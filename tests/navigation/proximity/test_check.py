@@ -14,7 +14,7 @@ from ndtorch.navigation.proximity.floor_plane import floor_correlation
 from ndtorch.navigation.proximity.params import ProximityParams
 from ndtorch.navigation.proximity.stereo_match import Obstacles, detect_obstacles, reject_mismatches
 from ndtorch.navigation.rig import Rect
-from ndtorch.tree import leaves
+from ndtorch.utils.tensors import leaves
 
 RIG = StereoRig(forward=0.15)
 DT = 1 / 30

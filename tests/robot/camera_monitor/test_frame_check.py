@@ -10,7 +10,7 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig, Strips
-from ndtorch.toml import check as check_values
+from ndtorch.utils.toml import check as check_values
 from ndtorch_robot.camera_monitor.frame_check import FrameCheck
 from ndtorch_robot.camera_monitor.limits import CameraLimits
 from ndtorch_robot.camera_monitor.monitor import CameraMonitor

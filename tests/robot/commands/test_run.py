@@ -14,8 +14,8 @@ import pytest
 
 from ndtorch.commands import main
 from ndtorch.errors import InputError
-from ndtorch.installed import toml_file
-from ndtorch.toml import read_toml
+from ndtorch.utils.packages import toml_file
+from ndtorch.utils.toml import read_toml
 from ndtorch_robot.commands.run import with_disturbance, world
 from ndtorch_robot.run_config import RunConfig
 

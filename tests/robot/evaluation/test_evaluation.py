@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import ndtorch_robot.commands.evaluate as command
-from ndtorch import workers
 from ndtorch.commands import main
 from ndtorch.errors import InputError
-from ndtorch.workers import Event
+from ndtorch.utils import workers
+from ndtorch.utils.workers import Event
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.evaluation.drives import Cache, all_drives, key_of
 from ndtorch_robot.evaluation.picture import draw_table

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from ndtorch.errors import InputError
-from ndtorch.toml import Strict, read_toml
+from ndtorch.utils.toml import Strict, read_toml
 from ndtorch_robot.link import Opening, link, open_link
 from ndtorch_robot.link.registry import KINDS
 from ndtorch_robot.ports import STAND, Drive, unseal

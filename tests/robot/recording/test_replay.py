@@ -242,7 +242,7 @@ MEMORY = """
 import re, sys
 from pathlib import Path
 import torch
-from ndtorch.memory import tune_allocator
+from ndtorch.utils.tensors import tune_allocator
 from ndtorch_robot.cameras import CameraSettings, StereoCameras
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.navigator_table import configuration

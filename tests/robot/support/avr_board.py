@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from ndtorch.commands import main
 from ndtorch.errors import InputError
-from ndtorch.toml import Strict
+from ndtorch.utils.toml import Strict
 from ndtorch_robot.link.registry import Opening, link
 from ndtorch_robot.link.serial_drive import SerialDrive
 from ndtorch_robot.loop import MonotonicClock

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from ndtorch.code_digest import files_of
 from ndtorch.errors import InputError
+from ndtorch.utils.packages import files_of
 from ndtorch_train.reproduce.claims import CLAIMS, chosen
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ndtorch.locks import hold
+from ndtorch.utils.files import hold
 from ndtorch_train.reproduce.context import Context, ResultCache, held, lock_folder, run_claim
 from ndtorch_train.reproduce.outcome import Claim, Outcome
 

@@ -121,7 +121,7 @@ def test_trials_of_other_code_do_not_count(
 ) -> None:
     file, out = write_sweep(tmp_path / "s.toml", [0.5]), tmp_path / "out"
     assert main(["sweep", str(file), "--out", str(out), "--jobs", "1"]) == 0
-    monkeypatch.setattr(binding, "USES", ("ndtorch.workers",))
+    monkeypatch.setattr(binding, "USES", ("ndtorch.utils.workers",))
     assert main(["sweep", str(file), "--out", str(out), "--jobs", "1"]) == 0
     assert sum(in_process) == 4
     assert "2 trials" in (err := capsys.readouterr().err)

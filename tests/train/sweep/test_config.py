@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from ndtorch.errors import InputError
-from ndtorch.installed import folder_of
+from ndtorch.utils.packages import folder_of
 from ndtorch_train.sweep.config import parse, read_sweep
 from ndtorch_train.sweep.parameters import trial_id
 

@@ -11,14 +11,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from ndtorch.code_digest import code_digest
-from ndtorch.ending import parts_kept
-from ndtorch.errors import InputError
-from ndtorch.files import replacing, write_text
-from ndtorch.nearest import meant
+from ndtorch.errors import InputError, did_you_mean
 from ndtorch.report.page import NAME, Page, Shown, Table, command_line, versions
 from ndtorch.run.folder import place_for
-from ndtorch.workers import Report, run_tasks
+from ndtorch.utils.files import replacing, write_text
+from ndtorch.utils.packages import code_digest
+from ndtorch.utils.signals import parts_kept
+from ndtorch.utils.workers import Report, run_tasks
 from ndtorch_train.rows import Row, RowStore
 
 Split = Literal["tune", "test"]
@@ -193,7 +192,7 @@ def _work(task: Task, report: Report, *, folder: Path) -> list[Row]:
     import cv2
     import torch
 
-    from ndtorch.memory import tune_allocator
+    from ndtorch.utils.tensors import tune_allocator
 
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
@@ -219,6 +218,6 @@ def known(option: str, names: Sequence[str], allowed: Sequence[str]) -> None:
     """
     for name in names:
         if name not in allowed:
-            raise InputError(f"{option} must be among {', '.join(allowed)}, got {name!r}{meant(name, allowed)}")
+            raise InputError(f"{option} must be among {', '.join(allowed)}, got {name!r}{did_you_mean(name, allowed)}")
     if not names:
         raise InputError(f"{option} must name at least one of {', '.join(allowed)}")

@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar
 import tyro
 
 from ndtorch.errors import InputError
-from ndtorch.workers import cores
+from ndtorch.utils.workers import cores
 from ndtorch_train.benchmark.base import Benchmark, Split
 
 

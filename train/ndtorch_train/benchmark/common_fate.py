@@ -20,9 +20,9 @@ from scipy.optimize import linear_sum_assignment
 
 import ndtorch
 from ndtorch.binding.readout.common_fate import coherent_patches
-from ndtorch.code_digest import MODELS
 from ndtorch.errors import InputError
 from ndtorch.scenes import CommonFate
+from ndtorch.utils.packages import MODELS
 from ndtorch.vision import CoherentMotion
 from ndtorch_train.benchmark.base import Benchmark, Column, Split, Task, known
 from ndtorch_train.benchmark.foreground import Subtraction

@@ -19,13 +19,12 @@ import numpy as np
 import torch
 
 import ndtorch
-from ndtorch.code_digest import MODELS
 from ndtorch.errors import InputError
 from ndtorch.loading import model_kind
-from ndtorch.optional import need
 from ndtorch.report.page import Shown
 from ndtorch.run.opening import CAMERA_MODELS
 from ndtorch.scenes.video import reduced
+from ndtorch.utils.packages import MODELS, need
 from ndtorch_train.benchmark.base import Benchmark, Column, Split, Task, known
 from ndtorch_train.benchmark.generated_clips import boxes_of, clip_file, draw_clip
 from ndtorch_train.benchmark.mot import (

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ndtorch.errors import InputError
-from ndtorch.files import replacing
+from ndtorch.utils.files import replacing
 from ndtorch_train.benchmark.base import Split
 from ndtorch_train.benchmark.mot import Box, TrueBox, TrueFrame
 

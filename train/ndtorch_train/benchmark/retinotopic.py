@@ -15,10 +15,9 @@ from ndtorch.binding import ObjectFiles
 from ndtorch.binding.feedback import settled
 from ndtorch.binding.object_files import ObjectFileParams, ObjectFileState
 from ndtorch.binding.readout.covariances import single_table
-from ndtorch.files import replacing
-from ndtorch.locks import hold
 from ndtorch.scenes import Bar, BarScene, FrameSource
 from ndtorch.scenes.rendered import RenderedScene
+from ndtorch.utils.files import hold, replacing
 from ndtorch.vision import GROUPS, LocalFeatures, VisualFeatures
 from ndtorch_train.benchmark.bar_scenes import (
     DIRECTIONS,

@@ -14,10 +14,10 @@ import torch
 from torch import Tensor
 
 from ndtorch.binding.feedback import settled
-from ndtorch.code_digest import MODELS
 from ndtorch.errors import InputError
 from ndtorch.scenes import Bar, BarScene, SineShadow, three_bars
 from ndtorch.scenes.bar_scenes import BLUE, GREEN, PERIOD, RED
+from ndtorch.utils.packages import MODELS
 from ndtorch.vision import FEATURES, VisualFeatures
 from ndtorch_train.benchmark import retinotopic
 from ndtorch_train.benchmark.bar_scenes import (

@@ -22,7 +22,7 @@ from ndtorch.binding.feedback import settled
 from ndtorch.binding.models.whole_field import BindingState
 from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.readout.joint_diagonalisation import diagonalise
-from ndtorch.optional import need
+from ndtorch.utils.packages import need
 from ndtorch.vision import LowPass
 from ndtorch_train.benchmark.bar_scenes import by_group, first_stage, present
 

@@ -12,8 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from ndtorch.errors import InputError
-from ndtorch.nearest import meant
+from ndtorch.errors import InputError, did_you_mean
 from ndtorch_train.reproduce import (
     bars,
     better,
@@ -251,7 +250,7 @@ def chosen(ids: Sequence[str]) -> list[Claim]:
     known = {claim.id: claim for claim in CLAIMS}
     for name in ids:
         if name.upper() not in known:
-            hint = meant(name.upper(), known, 0.3)
+            hint = did_you_mean(name.upper(), known, 0.3)
             raise InputError(f"unknown claim {name!r}; claims are {', '.join(known)}{hint}")
     wanted = {name.upper() for name in ids}
     return [claim for claim in CLAIMS if not wanted or claim.id in wanted]

@@ -13,7 +13,7 @@ import tyro
 
 from ndtorch.errors import InputError
 from ndtorch.run.folder import place_for
-from ndtorch.workers import Report, cores, run_tasks
+from ndtorch.utils.workers import Report, cores, run_tasks
 
 if TYPE_CHECKING:
     from ndtorch_train.reproduce.outcome import Claim
@@ -101,7 +101,7 @@ class Reproduce:
 
     def collect(self, claims: Sequence[Claim], jobs: int, out: Path) -> tuple[list[Entry], dict[str, str]]:
         """Results of all claims, from the cache or computed now, and why some could not be had."""
-        from ndtorch.ending import parts_kept
+        from ndtorch.utils.signals import parts_kept
         from ndtorch_train.reproduce.context import ResultCache
         from ndtorch_train.reproduce.outcome import with_better
         from ndtorch_train.reproduce.page import Entry, not_run
@@ -176,7 +176,7 @@ def compute(claims: Sequence[Claim], quick: bool, jobs: int, folder: Path) -> di
 
 def _task(task: tuple[Claim, str], report: Report, *, quick: bool, folder: Path) -> None:
     """One experiment and the fingerprint of its code, in a process of its own."""
-    from ndtorch.memory import tune_allocator
+    from ndtorch.utils.tensors import tune_allocator
     from ndtorch_train.reproduce.context import run_claim
 
     tune_allocator()

@@ -17,11 +17,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy.typing as npt
 
-from ndtorch.checked import load_arrays, save_arrays
-from ndtorch.code_digest import code_digest
 from ndtorch.errors import InputError
-from ndtorch.locks import hold
-from ndtorch.workers import Report
+from ndtorch.utils.files import hold, load_arrays, save_arrays
+from ndtorch.utils.packages import code_digest
+from ndtorch.utils.workers import Report
 from ndtorch_train.reproduce.outcome import Claim, Drawing, Outcome, verdict_of
 
 if TYPE_CHECKING:

@@ -41,7 +41,7 @@ class Claim:
         full: its parameters.
         quick: those of `--quick`; None where there is no quick form.
         seconds: how long it takes on one core, full and quick, to order the work and guess the time left.
-        uses: modules and packages whose code the result depends on, as `ndtorch.code_digest` takes them.
+        uses: modules and packages whose code the result depends on, as `ndtorch.utils.packages` takes them.
         better: the same claim, source and tolerance, tried with parts that came later; its name ends in +. None where
             the claim holds as published, or where there are none.
         parts: which parts those are; empty for the published ones.

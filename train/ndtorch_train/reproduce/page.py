@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ndtorch.files import write_text
 from ndtorch.report.page import NAME, render, versions
+from ndtorch.utils.files import write_text
 from ndtorch_train.reproduce.outcome import Claim, Outcome
 
 COLORS = {

@@ -13,9 +13,9 @@ import ndtorch
 from ndtorch.binding import PublishedModel, object_table
 from ndtorch.binding.models.published import second_stage
 from ndtorch.binding.models.whole_field import BindingState
-from ndtorch.code_digest import MODELS
 from ndtorch.scenes import SCENES, FrameSource, make_scene
-from ndtorch.tree import mapped
+from ndtorch.utils.packages import MODELS
+from ndtorch.utils.tensors import mapped
 from ndtorch.vision import FEATURES, VisualFeatures
 from ndtorch_train.reproduce.context import Context
 from ndtorch_train.superposed import Bars, LoneBar, Stimuli, film_bars

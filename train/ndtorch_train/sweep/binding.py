@@ -15,8 +15,8 @@ import ndtorch
 from ndtorch.binding import PublishedModel, alternation, object_table, weight_change
 from ndtorch.binding.models.published import second_stage
 from ndtorch.binding.models.whole_field import BindingState
-from ndtorch.code_digest import MODELS
-from ndtorch.tree import mapped
+from ndtorch.utils.packages import MODELS
+from ndtorch.utils.tensors import mapped
 from ndtorch.vision import FEATURES
 from ndtorch_train.superposed import Bars, Stimuli, film_bars
 from ndtorch_train.sweep.parameters import Parameter, Trial

@@ -10,8 +10,8 @@ from typing import Any
 
 from ndtorch.errors import InputError
 from ndtorch.loading import model_folders
-from ndtorch.optional import need
-from ndtorch.workers import TRIES, Event
+from ndtorch.utils.packages import need
+from ndtorch.utils.workers import TRIES, Event
 
 PACKAGES = ("ndtorch", "ndtorch_robot", "ndtorch_train")
 """What the machines of a cluster get a copy of."""
@@ -23,7 +23,7 @@ LEFT_OUT = [".git", ".venv", "out", ".mypy_cache", ".pytest_cache", ".ruff_cache
 def run_on_ray(
     function: Callable[[Any], Any], tasks: Sequence[Any], address: str | None, jobs: int | None
 ) -> Iterator[Event]:
-    """Call `function(task)` for every task on a Ray cluster; events as `ndtorch.workers.run_tasks`, without progress.
+    """Call `function(task)` for every task on a Ray cluster; events as of `run_tasks`, without progress.
 
     Args:
         function: found by its name in this code, of which every machine gets a copy.

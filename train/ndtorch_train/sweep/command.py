@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from ndtorch.errors import InputError
-from ndtorch.files import write_text
-from ndtorch.workers import Event, Report, cores, run_tasks
+from ndtorch.utils.files import write_text
+from ndtorch.utils.workers import Event, Report, cores, run_tasks
 
 if TYPE_CHECKING:
     from ndtorch_train.rows import RowStore
@@ -56,10 +56,9 @@ class Sweep:
 
     def run(self) -> int:
         """Do it; returns the exit code."""
-        from ndtorch.code_digest import code_digest
-        from ndtorch.ending import parts_kept
-        from ndtorch.installed import toml_file
         from ndtorch.run.folder import place_for
+        from ndtorch.utils.packages import code_digest, toml_file
+        from ndtorch.utils.signals import parts_kept
         from ndtorch_train.rows import RowStore
         from ndtorch_train.sweep.config import read_sweep, results_of
         from ndtorch_train.sweep.parameters import trial_id
@@ -183,7 +182,7 @@ def kind_of(config: SweepConfig) -> ModuleType:
 
 def any_block(trials: Sequence[Trial], *, kind: str, device: str) -> list[dict[str, Any]]:
     """Results of a block of trials."""
-    from ndtorch.memory import tune_allocator
+    from ndtorch.utils.tensors import tune_allocator
     from ndtorch_train.sweep import binding, driving
 
     tune_allocator()
@@ -191,7 +190,7 @@ def any_block(trials: Sequence[Trial], *, kind: str, device: str) -> list[dict[s
 
 
 def local_block(trials: Sequence[Trial], report: Report, *, kind: str, device: str) -> list[dict[str, Any]]:
-    """The same, as a task of `ndtorch.workers`."""
+    """The same, as a task of `ndtorch.utils.workers`."""
     return any_block(trials, kind=kind, device=device)
 
 

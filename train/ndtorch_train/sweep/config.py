@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from ndtorch.errors import InputError
-from ndtorch.toml import Strict, check, suggestion, toml_values
+from ndtorch.utils.toml import Strict, check, suggestion, toml_values
 from ndtorch_train.sweep.parameters import Parameter, Trial, Value, trial_id
 
 Kind = Literal["binding", "driving"]

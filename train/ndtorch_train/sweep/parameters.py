@@ -8,9 +8,8 @@ import math
 import sys
 from dataclasses import dataclass
 
-from ndtorch.errors import InputError
-from ndtorch.nearest import meant
-from ndtorch.toml import shown
+from ndtorch.errors import InputError, did_you_mean
+from ndtorch.utils.toml import shown
 
 Value = float | int | str
 Trial = dict[str, Value]
@@ -34,7 +33,8 @@ class Parameter:
         if isinstance(self.default, str):
             if value not in self.words:
                 raise InputError(
-                    f"{where}: {name} must be one of {', '.join(self.words)}, got {value!r}{meant(value, self.words)}"
+                    f"{where}: {name} must be one of {', '.join(self.words)}, got {value!r}"
+                    f"{did_you_mean(value, self.words)}"
                 )
             return str(value)
         if isinstance(value, bool) or not isinstance(value, int | float):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ndtorch.files import replacing, write_text
+from ndtorch.utils.files import replacing, write_text
 from ndtorch_train.plots import draw_heat_map, short
 from ndtorch_train.rows import Row
 from ndtorch_train.sweep.config import SweepConfig

@@ -7,8 +7,7 @@ import pkgutil
 from collections.abc import Callable
 from pathlib import Path
 
-from ndtorch.errors import InputError
-from ndtorch.nearest import meant
+from ndtorch.errors import InputError, did_you_mean
 from ndtorch_robot.sim.plan import Plan
 
 Make = Callable[[int], Plan]
@@ -49,5 +48,7 @@ def load_arena(name: str, seed: int = 0) -> Plan:
         return read_arena(Path(name))
     known = arenas()
     if name not in known:
-        raise InputError(f"no arena {name!r}, choose one of {', '.join(known)} or a .toml file{meant(name, known)}")
+        raise InputError(
+            f"no arena {name!r}, choose one of {', '.join(known)} or a .toml file{did_you_mean(name, known)}"
+        )
     return known[name](seed)

@@ -13,9 +13,8 @@ import numpy as np
 import torch
 from pydantic import Field
 
-from ndtorch.errors import InputError
-from ndtorch.nearest import meant
-from ndtorch.toml import Strict, check
+from ndtorch.errors import InputError, did_you_mean
+from ndtorch.utils.toml import Strict, check
 from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.sim.plan import Floats
 
@@ -193,7 +192,9 @@ def read_disturbances(text: str) -> Disturbances:
         if key not in owners:
             if key in RENAMED:
                 raise InputError(f"the key {key} of a disturbance is called {RENAMED[key]} now")
-            raise InputError(f"no key {key!r} of a disturbance, known are {', '.join(owners)}{meant(key, owners)}")
+            raise InputError(
+                f"no key {key!r} of a disturbance, known are {', '.join(owners)}{did_you_mean(key, owners)}"
+            )
         values[owners[key]][key] = number
     parts = [check(given, kind, "disturbance") for kind, given in values.items() if given]
     return Disturbances(tuple(part for part in parts if part != type(part)()))

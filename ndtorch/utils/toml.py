@@ -9,8 +9,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from ndtorch.errors import InputError
-from ndtorch.nearest import meant
+from ndtorch.errors import InputError, did_you_mean
 
 
 class Strict(BaseModel):
@@ -90,4 +89,4 @@ def shown(value: object) -> str:
 def suggestion(name: str, known: Iterable[str]) -> str:
     """ "did you mean gamma?", or else all that is known."""
     names = list(known)
-    return meant(name, names).removeprefix("; ") or f"known: {', '.join(names)}"
+    return did_you_mean(name, names).removeprefix("; ") or f"known: {', '.join(names)}"

@@ -9,7 +9,7 @@ import pytest
 
 import ndtorch
 from ndtorch.errors import InputError
-from ndtorch.installed import folder_of, toml_file
+from ndtorch.utils.packages import folder_of, toml_file
 
 
 @pytest.mark.parametrize("inside", [True, False])
@@ -40,7 +40,7 @@ def test_a_bare_name_is_a_file_that_comes_along(tmp_path: Path, monkeypatch: pyt
 
 
 def test_one_version_everywhere() -> None:
-    root = Path(__file__).parents[1]
+    root = Path(__file__).parents[2]
     files = [root / part / "pyproject.toml" for part in ("", "robot", "train")]
     projects = [tomllib.loads(file.read_text())["project"] for file in files]
     assert {project["version"] for project in projects} == {ndtorch.__version__}

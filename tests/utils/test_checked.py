@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import torch
 
-from ndtorch.checked import load_arrays, read_tensors, save_arrays, save_tensors
 from ndtorch.errors import InputError
+from ndtorch.utils.files import load_arrays, read_tensors, save_arrays, save_tensors
 
 ARRAYS = {
     "cells": np.arange(60, dtype=np.float32).reshape(5, 12),

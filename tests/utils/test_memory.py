@@ -28,7 +28,7 @@ import torch
 from torch import Tensor
 
 import ndtorch
-from ndtorch.memory import tune_allocator
+from ndtorch.utils.tensors import tune_allocator
 from ndtorch.run.run import run_model
 from ndtorch.scenes import FrameSource
 

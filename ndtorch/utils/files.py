@@ -1,18 +1,22 @@
-"""Files of arrays with a checksum over names, types, shapes and values: a damaged one is refused."""
+"""Reading and writing files: whole or not at all, with checksums, locked against other processes."""
 
 from __future__ import annotations
 
+import contextlib
 import errno
+import fcntl
 import hashlib
 import json
 import os
 import re
+import secrets
 import struct
+import time
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +24,103 @@ import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch.files import replacing
+
+PART = "part-"
+"""How the name of a file begins while it is written. It is not hidden: what a killed run leaves can be seen."""
+
+LEFT_OVER = 3600.0
+"""Seconds after which an unfinished file is left over, and goes when its file is written again."""
+
+
+@contextlib.contextmanager
+def replacing(path: str | Path) -> Iterator[Path]:
+    """A name beside a file to write to; what is written there takes the file's place when the block ends.
+
+    Until then the old file stays, and it stays when the block raises. Two writers do not touch each other: the one
+    that ends last is kept whole.
+
+    Raises:
+        OSError: the file cannot be written, forced onto the disk, or moved.
+    """
+    path = Path(path)
+    drop_leftovers(path)
+    # The end of the name stays, since some writers look at it.
+    beside = path.with_name(f"{PART}{secrets.token_hex(4)}-{path.name}")
+    try:
+        yield beside
+        sync(beside)
+        beside.replace(path)
+        sync(path.parent)
+    except OSError as error:
+        # On a full disk it is a write that fails, and that knows no name.
+        with contextlib.suppress(AttributeError):  # PyAV's cannot be told one
+            error.filename = error.filename or str(path)
+        raise
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a text file in UTF-8, whole or not at all.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    with replacing(path) as beside:
+        beside.write_text(text, encoding="utf-8")
+
+
+def sync(path: Path) -> None:
+    """Force a file, or the names in a folder, onto the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError:
+        # Some file systems cannot do it for folders; a file that cannot be forced may be lost.
+        if not path.is_dir():
+            raise
+    finally:
+        os.close(handle)
+
+
+def drop_leftovers(path: Path) -> None:
+    """Remove what killed writers of this file have left."""
+    with contextlib.suppress(OSError):
+        for old in path.parent.glob(f"{PART}????????-{glob_escape(path.name)}"):
+            if time.time() - old.stat().st_mtime > LEFT_OVER:
+                old.unlink(missing_ok=True)
+
+
+def glob_escape(name: str) -> str:
+    """A name that stands for itself alone in a pattern."""
+    return "".join(f"[{c}]" if c in "*?[" else c for c in name)
+
+
+PATIENCE = 10.0
+"""Seconds after which whoever waits is told so."""
+
+
+def hold(file: IO[str], tell: Callable[[], None], patience: float = PATIENCE) -> None:
+    """Wait until no other process holds the file, and hold it until it is closed, or this process is gone.
+
+    A process that dies lets go; one that was stopped does not, so that somebody may wait for ever.
+
+    Args:
+        tell: called once where another has held it for `patience` seconds.
+    """
+    ends = time.monotonic() + patience
+    while time.monotonic() < ends:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return
+        except BlockingIOError:
+            time.sleep(0.02)
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        tell()
+        fcntl.flock(file, fcntl.LOCK_EX)
+
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 
@@ -123,7 +223,7 @@ def load_arrays(path: str | Path) -> dict[str, npt.NDArray[Any]]:
         InputError: missing file, no `.npz` file, without a checksum, or damaged.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
     except FileNotFoundError:
         raise InputError(f"{path} is missing") from None

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from ndtorch.errors import InputError
-from ndtorch.workers import TRIES, Report, cores, run_tasks
+from ndtorch.utils.workers import TRIES, Report, cores, run_tasks
 
 
 def task(item: tuple[str, str], report: Report) -> str:

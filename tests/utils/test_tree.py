@@ -7,7 +7,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ndtorch.tree import leaves, mapped
+from ndtorch.utils.tensors import leaves, mapped
 
 
 class Inner(NamedTuple):

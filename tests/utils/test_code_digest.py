@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ndtorch.code_digest import MODELS, code_digest, files_of
+from ndtorch.utils.packages import MODELS, code_digest, files_of
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from ndtorch.files import LEFT_OVER, replacing, write_text
+from ndtorch.utils.files import LEFT_OVER, replacing, write_text
 
 
 def test_a_new_file_takes_the_place_of_the_old(tmp_path):

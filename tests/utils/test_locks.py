@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from ndtorch.locks import hold
+from ndtorch.utils.files import hold
 
 
 def test_whoever_waits_is_told_once_and_goes_on_when_the_other_lets_go(tmp_path: Path) -> None:
