@@ -22,6 +22,8 @@ from ndtorch_robot.camera_monitor.limits import CameraLimits
 from ndtorch_robot.camera_monitor.monitor import PATIENCE
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import DriveConfig
+from ndtorch_robot.evaluation.metrics import MapScore, collision_summary, coverage, gates_passed, score_map
+from ndtorch_robot.evaluation.record import Record, pose_error
 from ndtorch_robot.faults import FaultKind
 from ndtorch_robot.map_saving import WalkedPath, runner_ndt_cells
 from ndtorch_robot.navigator_runner import NavigatorRunner
@@ -30,8 +32,6 @@ from ndtorch_robot.ports import DriveCommand, Observer, Step
 from ndtorch_robot.recording.observe import RecordSteps
 from ndtorch_robot.recording.recorder import Recorder
 from ndtorch_robot.safety import SafeDrive, SafetyLimits
-from ndtorch_robot.score.record import Record, pose_error
-from ndtorch_robot.score.scorer import MapScore, collision_summary, coverage, gates_passed, score_map
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.disturbances import read_disturbances
 from ndtorch_robot.sim.plan import Plan

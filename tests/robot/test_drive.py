@@ -11,8 +11,8 @@ from ndtorch.navigation import STOPPED
 from ndtorch.navigation.strips import Strips
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import drive
+from ndtorch_robot.evaluation.record import range_columns
 from ndtorch_robot.ports import DriveCommand
-from ndtorch_robot.score.record import range_columns
 from ndtorch_robot.sim.simulation import Simulation
 
 pytestmark = pytest.mark.slow

@@ -157,7 +157,7 @@ def map_of(seen: Recorded, ranges: Ranges, reach: float) -> Tensor:
 
 def score_of(seen: Recorded, cells: Tensor) -> dict[str, float | None]:
     """Precision, recall, position and spacing error of a map of the drive's first half minute."""
-    from ndtorch_robot.score.scorer import score_map
+    from ndtorch_robot.evaluation.metrics import score_map
     from ndtorch_robot.sim.arenas import load_arena
 
     plan = load_arena(seen.arena, seen.seed)

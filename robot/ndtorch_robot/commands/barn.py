@@ -19,8 +19,7 @@ from ndtorch_robot.navigator_options import navigator_options
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from ndtorch_robot.barn.attempt import Attempt, Entry
-    from ndtorch_robot.barn.results import Kept
+    from ndtorch_robot.barn.attempts import Attempt, AttemptCache, Entry
     from ndtorch_robot.barn.worlds import World
 
 FAILED = 1
@@ -63,24 +62,24 @@ class Barn:
     def run(self) -> int:
         """Drive, show the progress, write the results."""
         from ndtorch.run.folder import place_for
-        from ndtorch_robot.barn.results import Kept
+        from ndtorch_robot.barn.attempts import AttemptCache
 
         worlds = self.chosen()
         entries = [self.entry(world) for world in worlds]
         if self.jobs < 0:
             raise InputError(f"--jobs must be 1 or more, got {self.jobs}")
-        names = sorted(Kept(Path()).file(entry).stem for entry in entries)
+        names = sorted(AttemptCache(Path()).name(entry) for entry in entries)
         place = place_for(self.out, {"command": "barn", "attempts": names}, force=self.force)
         place.take_over("worlds")
-        kept = Kept(place.folder / "worlds")
+        cache = AttemptCache(place.folder / "worlds")
         troubles: list[str] = []
         interrupted = False
         try:
-            missing = [e for e in entries if kept.get(e) is None]
-            troubles = finish(missing, kept, self.jobs or workers.cores())
+            missing = [e for e in entries if cache.get(e) is None]
+            troubles = finish(missing, cache, self.jobs or workers.cores())
         except KeyboardInterrupt:
             interrupted = True
-        made = [found for e in entries if (found := kept.get(e)) is not None]
+        made = [found for e in entries if (found := cache.attempt(e)) is not None]
         print(self.write(worlds, made, place.folder))
         for trouble in troubles:
             print(f"failed: {trouble}", file=sys.stderr)
@@ -102,15 +101,17 @@ class Barn:
     def entry(self, world: World) -> Entry:
         """A world and who drives it."""
         from ndtorch.navigation.options import OPTION_NAMES, options_of
-        from ndtorch_robot.barn.attempt import Entry
+        from ndtorch_robot.barn.attempts import Entry
 
         given = {k: v for k, v in asdict(self).items() if k in OPTION_NAMES and v is not None and v is not False}
         return Entry(world, options_of(given), self.seed)
 
     def write(self, worlds: Sequence[World], made: Sequence[Attempt], out: Path) -> str:
         """All files; returns what to print."""
+        from ndtorch.report.plots.layout import save
         from ndtorch.utils.files import replacing, write_text
-        from ndtorch_robot.barn.results import comma_separated, draw, table, totals
+        from ndtorch_robot.barn.attempts import comma_separated, table, totals
+        from ndtorch_robot.evaluation.plots import barn_plot
 
         missing = f"; {len(worlds) - len(made)} of {len(worlds)} worlds are missing" * (len(made) < len(worlds))
         note = f"Controller {self.controller}, {self.split} worlds, seed {self.seed}{missing}."
@@ -119,7 +120,7 @@ class Barn:
         write_text(out / "barn.md", text)
         if made:
             with replacing(out / "barn.png") as beside:
-                draw(worlds, made, beside)
+                save(barn_plot(worlds, made), beside)
         if self.json:
             return json.dumps(totals(made))
         return text + f"\nwritten to {out}: barn.csv barn.md" + " barn.png" * bool(made)
@@ -129,13 +130,13 @@ def drive_world(entry: Entry, note: Callable[[float], None]) -> Attempt:
     """One world, in one thread."""
     import torch
 
-    from ndtorch_robot.barn.attempt import attempt
+    from ndtorch_robot.barn.attempts import attempt
 
     torch.set_num_threads(1)
     return attempt(entry)
 
 
-def finish(missing: list[Entry], kept: Kept, processes: int) -> list[str]:
+def finish(missing: list[Entry], cache: AttemptCache, processes: int) -> list[str]:
     """Drive through the worlds that are missing, keeping each as soon as it is done; returns what went wrong."""
     from ndtorch.run.progress import progress_bar
 
@@ -149,7 +150,7 @@ def finish(missing: list[Entry], kept: Kept, processes: int) -> list[str]:
         for kind, task, value in events:
             entry = missing[task]
             if kind == "done":
-                kept.put(entry, value)
+                cache.put(entry, value._asdict())
                 result = "goal" if value.success else "collision" if value.collided else "out of time"
                 bar.set_description_str(f"world {entry.world.number}: {result}, {value.time_s:.0f} s")
             elif kind == "failed":

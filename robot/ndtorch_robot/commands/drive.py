@@ -140,15 +140,15 @@ def watched(config: DriveConfig, quiet: bool) -> Result:
 def write_results(result: Result, folder: Path) -> None:
     """All files of a drive."""
     from ndtorch.navigation.mapping.map_files import save_map
-    from ndtorch_robot.score.figures import write_figures
-    from ndtorch_robot.score.report import write_drive_page
+    from ndtorch_robot.evaluation.plots import write_plots
+    from ndtorch_robot.evaluation.report import write_drive_page
 
     (folder / "summary.json").write_text(json.dumps(result.summary, indent=1) + "\n")
     true, believed, located = (result.record.array(name).reshape(-1, 3) for name in ("pose", "believed", "located"))
     paths = {"true_path": true, "believed_path": believed, "located_path": located}
     walked = located if result.walked is None else result.walked
     save_map(folder, result.cells, result.grid, walked, result.ndt_cells, **paths)
-    write_figures(result, folder)
+    write_plots(result, folder)
     write_drive_page(result, describe(result), folder)
 
 

@@ -18,7 +18,7 @@ from ndtorch_robot.navigator_options import navigator_options
 
 if TYPE_CHECKING:
     from ndtorch_robot.config import DriveConfig
-    from ndtorch_robot.evaluation.drives import Cache, Summary
+    from ndtorch_robot.evaluation.drives import DriveCache, Summary
 
 SEEDS = (1000, 1001, 1002)
 """Seeds that nothing was ever tuned on."""
@@ -71,13 +71,13 @@ class Evaluate:
         """Drive, show the progress, write the table."""
         from ndtorch.report.page import NAME, open_in_browser
         from ndtorch.run.folder import place_for
-        from ndtorch_robot.evaluation.drives import Cache
+        from ndtorch_robot.evaluation.drives import DriveCache
 
         drives = self.drives()
         place = place_for(self.out, settings_of(drives), force=self.force)
         place.take_over("drives")
         out = place.folder
-        cache = Cache(out / "drives")
+        cache = DriveCache(out / "drives")
         troubles: list[str] = []
         interrupted = False
         try:
@@ -142,10 +142,10 @@ class Evaluate:
 
 def settings_of(drives: list[DriveConfig]) -> dict[str, Any]:
     """What the table will be of: every drive by the name of its result, which stands for its options and the code."""
-    from ndtorch_robot.evaluation.drives import Cache
+    from ndtorch_robot.evaluation.drives import DriveCache
 
-    named = Cache(Path())
-    words = {named.file(d).stem: f"{d.arena}, seed {d.seed}, {d.walls}, {d.controller}" for d in drives}
+    named = DriveCache(Path())
+    words = {named.name(d): f"{d.arena}, seed {d.seed}, {d.walls}, {d.controller}" for d in drives}
     return {"command": "evaluate", "drives": words}
 
 
@@ -167,7 +167,7 @@ def disturbances_of(given: tuple[str, ...]) -> tuple[str, ...] | None:
     return tuple(dict.fromkeys(name for word in given for name in words.get(word, (word,)))) or None
 
 
-def finish_drives(missing: list[DriveConfig], cache: Cache, processes: int) -> list[str]:
+def finish_drives(missing: list[DriveConfig], cache: DriveCache, processes: int) -> list[str]:
     """Do the drives that are missing, keeping each as soon as it is done; returns what went wrong for good."""
     from ndtorch.run.progress import progress_bar
     from ndtorch_robot.evaluation.drives import drive_once
@@ -208,10 +208,11 @@ def finish_drives(missing: list[DriveConfig], cache: Cache, processes: int) -> l
 
 def write_tables(summaries: list[Summary], folder: Path, note: str, as_json: bool) -> str:
     """All files of an evaluation; returns what to print."""
+    from ndtorch.report.plots.layout import save
     from ndtorch.utils.files import replacing, write_text
-    from ndtorch_robot.evaluation.picture import draw_table
+    from ndtorch_robot.evaluation.plots import table_plot
+    from ndtorch_robot.evaluation.report import write_evaluation_page
     from ndtorch_robot.evaluation.table import comma_separated, markdown, rows_of
-    from ndtorch_robot.score.report import write_evaluation_page
 
     rows = rows_of(summaries)
     text = markdown(rows, note)
@@ -220,7 +221,7 @@ def write_tables(summaries: list[Summary], folder: Path, note: str, as_json: boo
     write_text(folder / "drives.jsonl", "".join(json.dumps(s) + "\n" for s in summaries))
     if rows:
         with replacing(folder / "table.png") as beside:
-            draw_table(rows, beside)
+            save(table_plot(rows), beside)
         write_evaluation_page(rows, note, folder)
     if as_json:
         return json.dumps([{k: v for k, v in row._asdict().items() if k != "drives"} for row in rows])

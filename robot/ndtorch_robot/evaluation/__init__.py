@@ -1,1 +1,1 @@
-"""Many drives at once, and what they were worth together."""
+"""Evaluation of simulated drives: what was recorded, metrics, many drives, tables, plots and report pages."""

@@ -1,21 +1,23 @@
-"""One drive of an evaluation: what it is called, where its result is kept, and how it is done."""
+"""The drives of an evaluation: which they are, where their results are kept, and how one is done."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from itertools import product
 from pathlib import Path
+from typing import Any, Generic, TypeVar
 
 from ndtorch.utils.files import write_text
 from ndtorch.utils.packages import code_digest
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.ports import Step
 
-NOT_THE_DRIVE = {"out", "rrd", "view", "full_frames"}
-"""Keys that do not change what happens in a drive."""
+IRRELEVANT = {"out", "rrd", "view", "full_frames"}
+"""Keys that change nothing in a drive."""
 
 CODE = ("ndtorch", "ndtorch_robot")
 """The code that a drive runs through."""
@@ -27,6 +29,8 @@ TELL_EVERY = 0.5
 """Seconds between two reports of a worker."""
 
 Summary = dict[str, object]
+
+Job = TypeVar("Job")
 
 
 def all_drives(
@@ -46,34 +50,46 @@ def all_drives(
 
 def key_of(config: DriveConfig, code: str) -> str:
     """Name of the result of a drive: the same for the same parameters, building and code."""
-    values = config.model_dump(mode="json", exclude=NOT_THE_DRIVE)
+    values = config.model_dump(mode="json", exclude=IRRELEVANT)
     text = Path(config.arena).read_text(encoding="utf-8") if config.arena.endswith(".toml") else ""
     return hashlib.sha256(json.dumps([values, text, code], sort_keys=True).encode()).hexdigest()[:16]
 
 
-class Cache:
-    """Summaries of finished drives, one file each, so that an evaluation can go on where it was stopped."""
+class ResultCache(ABC, Generic[Job]):
+    """Results of finished drives, one file each, so that many drives can go on where they were stopped."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.code = folder, code_digest(CODE, PACKAGES)
 
-    def file(self, config: DriveConfig) -> Path:
-        """Where the summary of a drive is or will be."""
-        return self.folder / f"{key_of(config, self.code)}.json"
+    @abstractmethod
+    def name(self, job: Job) -> str:
+        """Name of the result: the same for the same parameters and code."""
 
-    def get(self, config: DriveConfig) -> Summary | None:
-        """The summary of a drive that was done before, or None."""
+    def file(self, job: Job) -> Path:
+        """Where the result is or will be."""
+        return self.folder / f"{self.name(job)}.json"
+
+    def get(self, job: Job) -> dict[str, Any] | None:
+        """The result of a job that was done before, or None."""
         try:
-            found = json.loads(self.file(config).read_text())
+            found = json.loads(self.file(job).read_text(encoding="utf-8"))
         except (FileNotFoundError, ValueError, RecursionError):
             return None
         return found if isinstance(found, dict) else None
 
-    def put(self, config: DriveConfig, summary: Summary) -> None:
-        """Keep a summary. Written beside and moved, so that there is never half a file."""
-        file = self.file(config)
+    def put(self, job: Job, result: Summary) -> None:
+        """Keep a result. The file is written beside and moved, so that there is never half of it."""
+        file = self.file(job)
         file.parent.mkdir(parents=True, exist_ok=True)
-        write_text(file, json.dumps(summary) + "\n")
+        write_text(file, json.dumps(result) + "\n")
+
+
+class DriveCache(ResultCache[DriveConfig]):
+    """Summaries of finished drives."""
+
+    def name(self, job: DriveConfig) -> str:
+        """The same for the same parameters, building and code."""
+        return key_of(job, self.code)
 
 
 def drive_once(config: DriveConfig, report: Callable[[float], None]) -> Summary:

@@ -1,10 +1,10 @@
-"""The table of an evaluation: drives put together by arena, walls and controller."""
+"""The table of an evaluation: one row for all drives of a controller in an arena."""
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from statistics import median
 from typing import NamedTuple
 
@@ -18,7 +18,7 @@ class Row(NamedTuple):
         hours, collisions_h, stops_h, distance_m: of all drives together.
         passed, passed_close: share of the free area passed within 1 m and 0.4 m, mean over the drives.
         places_hit: where there was a collision, of all drives together.
-        people: people hit from ahead; times the car was hit while it stood, of all drives together.
+        people: people hit from ahead, and times the car was hit while stationary, of all drives together.
         gates: doors, lines and the like that were passed, and how many there were.
         precision, surfaces, recall, position_cm, spacing_percent: of the maps, means over the drives that have them.
         pose_cm, pose_degrees: median error of the corrected pose in a drive: the median over the drives, and the worst;
@@ -49,36 +49,46 @@ class Row(NamedTuple):
     pose_degrees: tuple[float, float] | None
 
 
-COLUMNS = (
-    "arena",
-    "walls",
-    "controller",
-    "disturbance",
-    "drives",
-    "simulated hours",
-    "collisions/h",
-    "places hit",
-    "people hit / hit standing",
-    "stops/h",
-    "m driven",
-    "passed within 1 m %",
-    "passed within 0.4 m %",
-    "gates passed",
-    "map precision %",
-    "map within 10 cm of surfaces %",
-    "map recall %",
-    "map position error cm",
-    "map spacing error %",
-    "pose error cm, worst drive",
-    "pose error degrees, worst drive",
-)
+def text(value: float | None, digits: int, factor: float = 1.0) -> str:
+    """A number with so many digits; "" for None."""
+    return "" if value is None else f"{factor * value:.{digits}f}"
 
 
-WORDS = 3
-"""Columns of words, that come first."""
+class Column(NamedTuple):
+    """A column: how a row is written in it, "" where there is nothing; and whether it may be left out then."""
 
-SELDOM = ("disturbance", "people hit / hit standing", "gates passed", *COLUMNS[-2:])
-"""Columns that are left out where nobody has anything in them."""
+    cell: Callable[[Row], str]
+    optional: bool = False
+
+
+COLUMNS: dict[str, Column] = {
+    "arena": Column(lambda r: r.arena),
+    "walls": Column(lambda r: r.walls),
+    "controller": Column(lambda r: r.controller),
+    "disturbance": Column(lambda r: r.disturbance, optional=True),
+    "drives": Column(lambda r: str(len(r.drives))),
+    "simulated hours": Column(lambda r: text(r.hours, 2)),
+    "collisions/h": Column(lambda r: text(r.collisions_h, 1)),
+    "places hit": Column(lambda r: str(r.places_hit)),
+    "people hit / hit standing": Column(lambda r: "{} / {}".format(*r.people) if any(r.people) else "", optional=True),
+    "stops/h": Column(lambda r: text(r.stops_h, 1)),
+    "m driven": Column(lambda r: text(r.distance_m, 0)),
+    "passed within 1 m %": Column(lambda r: text(r.passed, 0, 100)),
+    "passed within 0.4 m %": Column(lambda r: text(r.passed_close, 0, 100)),
+    "gates passed": Column(lambda r: "{} of {}".format(*r.gates) if r.gates[1] else "", optional=True),
+    "map precision %": Column(lambda r: text(r.precision, 0, 100)),
+    "map within 10 cm of surfaces %": Column(lambda r: text(r.surfaces, 0, 100)),
+    "map recall %": Column(lambda r: text(r.recall, 0, 100)),
+    "map position error cm": Column(lambda r: text(r.position_cm, 1)),
+    "map spacing error %": Column(lambda r: text(r.spacing_percent, 2)),
+    "pose error cm, worst drive": Column(lambda r: "{:.1f}, {:.1f}".format(*r.pose_cm) if r.pose_cm else "", True),
+    "pose error degrees, worst drive": Column(
+        lambda r: "{:.2f}, {:.2f}".format(*r.pose_degrees) if r.pose_degrees else "", True
+    ),
+}
+"""All columns, in order. The first four are words."""
+
+WORDS = 4
 
 
 def rows_of(summaries: list[Summary]) -> list[Row]:
@@ -96,15 +106,13 @@ def row_of(key: tuple[str, str, str, str], drives: list[Summary]) -> Row:
     hours = sum(number(d["simulated_seconds"]) for d in drives) / 3600
 
     def total(name: str) -> float:
-        return sum(number(d[name]) for d in drives)
-
-    def count(name: str) -> float:
         return sum(number(d.get(name, 0)) for d in drives)
 
     def of_maps(name: str) -> float | None:
         values = [m[name] for d in drives if isinstance(m := d["map"], dict) and m[name] is not None]
         return sum(values) / len(values) if values else None
 
+    gates = [pair for d in drives if isinstance(pair := d.get("gates"), list)]
     return Row(
         *key,
         drives,
@@ -114,9 +122,9 @@ def row_of(key: tuple[str, str, str, str], drives: list[Summary]) -> Row:
         total("distance_m"),
         total("free_area_passed") / len(drives),
         total("free_area_passed_40cm") / len(drives) if all("free_area_passed_40cm" in d for d in drives) else None,
-        round(count("collision_places")),
-        (round(count("people_hit")), round(count("hit_while_standing"))),
-        gates_of(drives),
+        round(total("collision_places")),
+        (round(total("people_hit")), round(total("hit_while_standing"))),
+        (sum(pair[0] for pair in gates), sum(pair[1] for pair in gates)),
         of_maps("precision"),
         of_maps("surfaces"),
         of_maps("recall"),
@@ -134,67 +142,31 @@ def pose_errors(drives: list[Summary], name: str, factor: float) -> tuple[float,
     return (median(values), max(values)) if any(values) else None
 
 
-def gates_of(drives: list[Summary]) -> tuple[int, int]:
-    """How many gates were passed in all drives together, and how many there were."""
-    pairs = [pair for d in drives if isinstance(pair := d.get("gates"), list)]
-    return sum(pair[0] for pair in pairs), sum(pair[1] for pair in pairs)
-
-
 def number(value: object) -> float:
     """A number of a summary."""
     assert isinstance(value, int | float)
     return float(value)
 
 
-def cells(row: Row) -> list[str]:
-    """A row as text, in the order of `COLUMNS`; "" where there is nothing to measure."""
-
-    def value(x: float | None, digits: int, factor: float = 1.0) -> str:
-        return "" if x is None else f"{factor * x:.{digits}f}"
-
-    return [
-        row.arena,
-        row.walls,
-        row.controller,
-        row.disturbance,
-        str(len(row.drives)),
-        value(row.hours, 2),
-        value(row.collisions_h, 1),
-        str(row.places_hit),
-        "{} / {}".format(*row.people) if any(row.people) else "",
-        value(row.stops_h, 1),
-        value(row.distance_m, 0),
-        value(row.passed, 0, 100),
-        value(row.passed_close, 0, 100),
-        "{} of {}".format(*row.gates) if row.gates[1] else "",
-        value(row.precision, 0, 100),
-        value(row.surfaces, 0, 100),
-        value(row.recall, 0, 100),
-        value(row.position_cm, 1),
-        value(row.spacing_percent, 2),
-        "{:.1f}, {:.1f}".format(*row.pose_cm) if row.pose_cm else "",
-        "{:.2f}, {:.2f}".format(*row.pose_degrees) if row.pose_degrees else "",
-    ]
+def shown_cells(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
+    """Titles and cells of the columns to show: not the optional ones in which no row has anything."""
+    kept = {name: c for name, c in COLUMNS.items() if not c.optional or any(c.cell(row) for row in rows)}
+    return list(kept), [[column.cell(row) for column in kept.values()] for row in rows]
 
 
-def columns_of(rows: Sequence[Row]) -> list[int]:
-    """Numbers of the columns to show: not those of `SELDOM` in which no row has anything."""
-    filled = [cells(row) for row in rows]
-    return [k for k, name in enumerate(COLUMNS) if name not in SELDOM or any(row[k] for row in filled)]
-
-
-def markdown(rows: list[Row], note: str) -> str:
+def markdown(rows: Sequence[Row], note: str) -> str:
     """The table in Markdown, with a line below it that says how it was made."""
-    kept = columns_of(rows)
-    lines = ["| " + " | ".join(COLUMNS[k] for k in kept) + " |", "|---" * WORDS + "|---:" * (len(kept) - WORDS) + "|"]
-    lines += ["| " + " | ".join(cells(row)[k] or "-" for k in kept) + " |" for row in rows]
+    names, cells = shown_cells(rows)
+    words = sum(name in names for name in list(COLUMNS)[:WORDS])
+    lines = ["| " + " | ".join(names) + " |", "|---" * words + "|---:" * (len(names) - words) + "|"]
+    lines += ["| " + " | ".join(cell or "-" for cell in row) + " |" for row in cells]
     return "\n".join([*lines, "", note, ""])
 
 
-def comma_separated(rows: list[Row]) -> str:
-    """The table as CSV."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
+def comma_separated(rows: Sequence[Row]) -> str:
+    """All columns as CSV."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
     writer.writerow(COLUMNS)
-    writer.writerows(cells(row) for row in rows)
-    return text.getvalue()
+    writer.writerows([column.cell(row) for column in COLUMNS.values()] for row in rows)
+    return out.getvalue()

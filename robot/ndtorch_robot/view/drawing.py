@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.navigation import Grid, Navigator, Rect, StereoRig, Strips
-from ndtorch_robot.score.record import range_columns
+from ndtorch_robot.evaluation.record import range_columns
 
 TIMELINE = "time"
 

@@ -11,8 +11,8 @@ from torch import Tensor
 
 from ndtorch.navigation import Grid, Rect, StereoRig
 from ndtorch.report.recording import end_stream, import_rerun
+from ndtorch_robot.evaluation.record import Record
 from ndtorch_robot.ports import Observer, Step, StereoFrames
-from ndtorch_robot.score.record import Record
 from ndtorch_robot.sim.plan import Plan
 from ndtorch_robot.view.drawing import (
     BELIEVED,

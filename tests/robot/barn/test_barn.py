@@ -9,9 +9,9 @@ import pytest
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import NavigatorOptions
-from ndtorch_robot.barn.attempt import Attempt, Entry, Referee, attempt
-from ndtorch_robot.barn.results import Kept, comma_separated, draw, table, totals
+from ndtorch_robot.barn.attempts import Attempt, AttemptCache, Entry, Referee, attempt, comma_separated, table, totals
 from ndtorch_robot.barn.worlds import World, read_worlds
+from ndtorch_robot.evaluation.plots import barn_plot
 
 FILE = {
     "radius_m": 0.075,
@@ -64,13 +64,13 @@ def test_the_score_is_that_of_the_challenge():
 
 
 def test_results_are_kept_by_world_driver_and_seed(tmp_path):
-    kept, entry = Kept(tmp_path), Entry(small(), NavigatorOptions("goal"))
-    assert kept.get(entry) is None
-    kept.put(entry, made(7))
-    assert kept.get(entry) == made(7)
-    assert kept.get(Entry(small(), NavigatorOptions("goal", speed=0.4))) is None
-    assert kept.get(Entry(small(), NavigatorOptions("goal"), seed=1)) is None
-    assert kept.get(Entry(small(cylinders=((1.0, 1.0),)), NavigatorOptions("goal"))) is None
+    cache, entry = AttemptCache(tmp_path), Entry(small(), NavigatorOptions("goal"))
+    assert cache.attempt(entry) is None
+    cache.put(entry, made(7)._asdict())
+    assert cache.attempt(entry) == made(7)
+    assert cache.attempt(Entry(small(), NavigatorOptions("goal", speed=0.4))) is None
+    assert cache.attempt(Entry(small(), NavigatorOptions("goal"), seed=1)) is None
+    assert cache.attempt(Entry(small(cylinders=((1.0, 1.0),)), NavigatorOptions("goal"))) is None
 
 
 def test_tables_and_the_picture(tmp_path):
@@ -86,8 +86,9 @@ def test_tables_and_the_picture(tmp_path):
     text = table(some, "note")
     assert "Collided: 2 (8 s)." in text
     assert "Out of time: 3 (100 s)." in text
-    draw([small(number=n) for n in (1, 2, 3)], some, tmp_path / "barn.png")
-    assert (tmp_path / "barn.png").stat().st_size > 5000
+    figure = barn_plot([small(number=n) for n in (1, 2, 3)], some)
+    assert [axes.get_title() for axes in figure.axes] == ["1: 20 s", "2: 8 s", "3: 100 s"]
+    assert [axes.lines[0].get_color() for axes in figure.axes] == ["#009e73", "#d55e00", "#0072b2"]
 
 
 @pytest.mark.slow

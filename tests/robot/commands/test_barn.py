@@ -10,7 +10,7 @@ import pytest
 
 from ndtorch.commands import main
 from ndtorch.utils import workers
-from ndtorch_robot.barn.attempt import Attempt, Entry
+from ndtorch_robot.barn.attempts import Attempt, Entry
 from ndtorch_robot.commands import barn
 from tests.robot.barn.test_barn import FILE as TWO_WORLDS
 

@@ -31,7 +31,7 @@ KEYS = {
 @pytest.fixture
 def undrawn(monkeypatch):
     """Without pictures, for tests of something else: drawing them takes longer than a short drive."""
-    monkeypatch.setattr("ndtorch_robot.score.figures.write_figures", lambda result, folder: None)
+    monkeypatch.setattr("ndtorch_robot.evaluation.plots.write_plots", lambda result, folder: None)
 
 
 def test_json(tmp_path, capsys):

@@ -14,8 +14,8 @@ from ndtorch.errors import InputError
 from ndtorch.utils import workers
 from ndtorch.utils.workers import Event
 from ndtorch_robot.config import DriveConfig
-from ndtorch_robot.evaluation.drives import Cache, all_drives, key_of
-from ndtorch_robot.evaluation.picture import draw_table
+from ndtorch_robot.evaluation.drives import DriveCache, all_drives, key_of
+from ndtorch_robot.evaluation.plots import table_plot
 from ndtorch_robot.evaluation.table import COLUMNS, comma_separated, markdown, rows_of
 from ndtorch_robot.sim.arenas import arenas
 from ndtorch_robot.sim.disturbances import presets
@@ -60,7 +60,7 @@ def test_key_names_the_drive_and_the_code(tmp_path):
 
 
 def test_cache_survives_half_a_file(tmp_path):
-    cache, config = Cache(tmp_path / "drives"), DriveConfig()
+    cache, config = DriveCache(tmp_path / "drives"), DriveConfig()
     assert cache.get(config) is None
     cache.put(config, {"collisions": 1})
     assert cache.get(config) == {"collisions": 1}
@@ -169,9 +169,7 @@ def test_words_for_many_arenas_and_disturbances():
         command.Evaluate(arenas=("room",), disturbance=("nois",)).drives()
 
 
-def test_picture_of_many(tmp_path):
-    import cv2
-
+def test_plot_of_many():
     rng = np.random.default_rng(0)
     drives = [
         summary(arena, seed, controller, collisions=int(rng.integers(0, 60)), walls=walls)
@@ -180,11 +178,12 @@ def test_picture_of_many(tmp_path):
         for controller in ("published", "another")
         for seed in range(3)
     ]
-    draw_table(rows_of(drives), tmp_path / "table.png")
-    picture = cv2.imread(str(tmp_path / "table.png"))
-    assert picture.shape[1] > 1000
-    for color in ((0xB2, 0x72, 0x00), (0x00, 0x5E, 0xD5)):  # blue and vermilion, as BGR
-        assert (np.abs(picture.astype(int) - color).sum(-1) < 12).sum() > 300
+    left, right = table_plot(rows_of(drives)).axes
+    assert [label.get_text() for label in left.get_yticklabels()][:2] == ["hallway, textured", "hallway, blank"]
+    singles = [line for line in left.lines if len(line.get_xdata()) == 3]
+    assert len(singles) == 12
+    assert sorted(singles[0].get_xdata()) == sorted(4 * d["collisions"] for d in drives[:3])
+    assert {tuple(line.get_xdata()) for line in right.lines if len(line.get_xdata()) == 3} == {(50.0, 50.0, 50.0)}
 
 
 def in_this_process(function, tasks, jobs):

@@ -143,7 +143,7 @@ def test_a_simulated_drive_bit_for_bit(tmp_path, capsys, whole):
 
 def test_from_the_command_line_with_jpeg(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(
-        "ndtorch_robot.score.figures.write_figures", lambda result, folder: None
+        "ndtorch_robot.evaluation.plots.write_plots", lambda result, folder: None
     )  # drawn in other tests
     folder = str(tmp_path / "r")
     arguments = ["drive", "--seconds", "2", "--out", str(tmp_path / "o"), "--record", folder, "--record-format", "jpeg"]
@@ -164,7 +164,7 @@ def test_a_full_disk_does_not_stop_the_drive(tmp_path, capsys, monkeypatch):
         append(self, file, data)
 
     monkeypatch.setattr(Recorder, "append", failing)
-    monkeypatch.setattr("ndtorch_robot.score.figures.write_figures", lambda result, folder: None)
+    monkeypatch.setattr("ndtorch_robot.evaluation.plots.write_plots", lambda result, folder: None)
     assert main(["drive", "--seconds", "2", "--out", str(tmp_path / "o"), "--record", str(tmp_path / "r")]) == 1
     err = capsys.readouterr().err
     assert "has stopped after 30 steps: No space left on device" in err

@@ -13,8 +13,8 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import Grid
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import drive
+from ndtorch_robot.evaluation.record import Record
 from ndtorch_robot.ports import DriveCommand, StereoFrames
-from ndtorch_robot.score.record import Record
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.simulation import RIG
 from ndtorch_robot.view import DriveView, Where

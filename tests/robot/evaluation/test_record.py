@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ndtorch_robot.score.record import Record
+from ndtorch_robot.evaluation.record import Record
 
 
 @pytest.mark.parametrize(

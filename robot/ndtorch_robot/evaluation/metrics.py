@@ -1,4 +1,4 @@
-"""The scorer: what a drive was worth, measured against the true plan and the true path."""
+"""Metrics of a drive against the true plan and the true path."""
 
 from __future__ import annotations
 
@@ -27,8 +27,7 @@ SAME_PLACE = 0.5
 REACH = 3
 """Cells around what the map holds that smoothing can reach, and one more."""
 
-
-EYE = 0.2
+CAMERA_HEIGHT = 0.2
 """Height of the cameras, m; what does not reach there is not ranged."""
 
 CONTRAST = 0.08
@@ -68,7 +67,7 @@ class Edges(NamedTuple):
     normals: Floats
 
 
-def true_edges(plan: Plan, profiles: list[Floats], eye: float = EYE) -> Edges:
+def true_edges(plan: Plan, profiles: list[Floats], eye: float = CAMERA_HEIGHT) -> Edges:
     """Where brightness jumps by `CONTRAST` along a wall or from wall to wall, and every convex corner.
 
     Args:
@@ -129,7 +128,7 @@ def reaches(shape: Ring, plan: Plan, eye: float) -> bool:
     return shape.bottom < eye < (shape.height or plan.height)
 
 
-def surfaces_of(plan: Plan, eye: float = EYE) -> Floats:
+def surfaces_of(plan: Plan, eye: float = CAMERA_HEIGHT) -> Floats:
     """What stands at the height of the cameras, `[S, 2, 2]`: from, to; x, y."""
     corners = [shape.array for shape in plan.rings if reaches(shape, plan, eye)]
     return np.concatenate([np.zeros((0, 2, 2)), *(np.stack((c, np.roll(c, -1, 0)), 1) for c in corners)])
@@ -228,7 +227,7 @@ def spacing_error(plan: Plan, tops: Floats) -> float | None:
 def gates_passed(gates: Sequence[tuple[Point, Point]], path: Floats) -> list[bool]:
     """Which of the lines from place to place the path `[T, 2]` has crossed.
 
-    Steps over half a metre are those of a car that was carried.
+    Steps over half a metre are those of a car that was moved.
     """
     a, step = path[:-1], np.diff(path, axis=0)
     driven = np.hypot(*step.T) < 0.5

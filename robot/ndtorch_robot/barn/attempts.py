@@ -1,11 +1,19 @@
-"""One world of the BARN challenge, driven once."""
+"""Attempts at worlds of the BARN challenge: driven once, kept, and as a table."""
 
 from __future__ import annotations
 
+import csv
+import dataclasses
+import hashlib
+import io
+import json
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
+
+import numpy as np
 
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers import controller_class
@@ -15,6 +23,7 @@ from ndtorch_robot.camera_monitor.frame_check import FrameCheck
 from ndtorch_robot.camera_monitor.monitor import PATIENCE
 from ndtorch_robot.car import Car
 from ndtorch_robot.config import RATE
+from ndtorch_robot.evaluation.drives import ResultCache
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import Step
 from ndtorch_robot.safety import SafeDrive, SafetyLimits
@@ -24,8 +33,12 @@ LIMITS = SafetyLimits(speed=1.0, curvature=2.2, silence=0.1, age=0.1)
 """Those of a car; the simulated one has limits of its own for how fast speed and steering may change."""
 
 
+COLUMNS = ("world", "success", "collided", "time_s", "score")
+"""Of `barn.csv`."""
+
+
 class Attempt(NamedTuple):
-    """What came of it.
+    """What came of driving through a world once.
 
     Attributes:
         world: its number.
@@ -111,3 +124,56 @@ def attempt(entry: Entry) -> Attempt:
         )
     finally:
         simulation.close()
+
+
+class AttemptCache(ResultCache[Entry]):
+    """Finished attempts, so that a run can go on where it was stopped."""
+
+    def name(self, job: Entry) -> str:
+        """Another name for another world, driver, seed or code."""
+        text = json.dumps([dataclasses.asdict(job), self.code], sort_keys=True)
+        return f"{job.world.number:04d}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
+
+    def attempt(self, entry: Entry) -> Attempt | None:
+        """An attempt that was made before, or None."""
+        found = self.get(entry)
+        return None if found is None else Attempt(**{**found, "path": [tuple(place) for place in found["path"]]})
+
+
+def comma_separated(made: Sequence[Attempt]) -> str:
+    """`barn.csv`."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    writer.writerows([a.world, int(a.success), int(a.collided), f"{a.time_s:.2f}", f"{a.score:.4f}"] for a in made)
+    return text.getvalue()
+
+
+def totals(made: Sequence[Attempt]) -> dict[str, float]:
+    """Shares and means over all attempts; times over those that reached the goal."""
+    times = [a.time_s for a in made if a.success]
+    return {
+        "worlds": len(made),
+        "success": float(np.mean([a.success for a in made])) if made else 0.0,
+        "collisions": float(np.mean([a.collided for a in made])) if made else 0.0,
+        "score": float(np.mean([a.score for a in made])) if made else 0.0,
+        "median_time_s": float(np.median(times)) if times else float("nan"),
+    }
+
+
+def table(made: Sequence[Attempt], note: str) -> str:
+    """The totals in Markdown, with the worlds that were not passed."""
+    t = totals(made)
+    lines = [
+        "| worlds | success | collisions | score | median time to the goal |",
+        "|---:|---:|---:|---:|---:|",
+        f"| {len(made)} | {t['success']:.2f} | {t['collisions']:.2f} | {t['score']:.3f} | {t['median_time_s']:.1f} s |",
+        "",
+    ]
+    for words, some in (
+        ("Collided", [a for a in made if a.collided]),
+        ("Out of time", [a for a in made if not a.collided and not a.success]),
+    ):
+        if some:
+            lines += [f"{words}: " + ", ".join(f"{a.world} ({a.time_s:.0f} s)" for a in some) + ".", ""]
+    return "\n".join([*lines, note, ""])

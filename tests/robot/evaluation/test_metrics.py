@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from ndtorch.navigation import Grid, StereoRig
-from ndtorch_robot.score.scorer import (
+from ndtorch_robot.evaluation.metrics import (
     collision_places,
     collision_summary,
     coverage,

@@ -1,4 +1,4 @@
-"""The reports of a simulated drive and of an evaluation, on the library's page."""
+"""Report pages of a drive and of an evaluation."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ndtorch.report.page import Page, Shown, Table, command_line, versions
 from ndtorch_robot.drive import Result
-from ndtorch_robot.evaluation.table import COLUMNS, Row, cells, columns_of
+from ndtorch_robot.evaluation.table import Row, shown_cells
 
 PACKAGES = ("ndtorch-robot", "mujoco")
 
@@ -68,8 +68,7 @@ def write_evaluation_page(rows: Sequence[Row], note: str, folder: Path) -> Path:
     hits = round(sum(row.hours * row.collisions_h for row in rows))
     counted = f"{drives} {'drive' if drives == 1 else 'drives'}", f"{hits} {'collision' if hits == 1 else 'collisions'}"
     answer = [f"{counted[0]}, {hours:.2f} simulated hours, {counted[1]}.", note]
-    kept = columns_of(rows)
-    table = Table("All drives together", [COLUMNS[k] for k in kept], [[cells(row)[k] for k in kept] for row in rows])
+    table = Table("All drives together", *shown_cells(rows))
     picture = Shown(
         folder / "table.png",
         "Collisions and area",

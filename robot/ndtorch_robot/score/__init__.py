@@ -1,1 +1,0 @@
-"""What a drive was worth: its record, figures, pictures and page."""
