@@ -16,7 +16,7 @@ from pydantic import BaseModel
 from ndtorch.commands import GROUP, main
 from ndtorch.errors import InputError
 from ndtorch_robot.calibration.model import Calibration
-from ndtorch_robot.cameras.settings import CameraSettings
+from ndtorch_robot.cameras.source import CameraSettings
 from ndtorch_robot.navigator_options import declared
 from ndtorch_robot.run_config import RunConfig
 from ndtorch_robot.sim.disturbances import read_disturbances

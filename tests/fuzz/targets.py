@@ -233,7 +233,7 @@ def read_video(path: Path) -> Any:
 
 
 def read_pictures(path: Path) -> Any:
-    from ndtorch_robot.cameras.source import FolderCapture
+    from ndtorch_robot.cameras.sources.folder import FolderCapture
 
     count = read_video(path)
     capture = FolderCapture(path, 30.0)

@@ -1,11 +1,9 @@
 """Two USB cameras, or files and streams in their place: opening, reading in threads, pairing by time."""
 
-from ndtorch_robot.cameras.opening import open_cameras
-from ndtorch_robot.cameras.pair import CamerasSilent, FramesEnded, StereoCameras
+from ndtorch_robot.cameras.pair import CamerasSilent, FramesEnded, StereoCameras, open_cameras
 from ndtorch_robot.cameras.pairing import Frame, Pair, Pairing, PairStatistics
-from ndtorch_robot.cameras.settings import CameraSettings
-from ndtorch_robot.cameras.source import Capture, find_source, open_capture
-from ndtorch_robot.cameras.sysfs import Device, list_devices
+from ndtorch_robot.cameras.source import CameraSettings, Capture, camera_source, find_source, open_capture
+from ndtorch_robot.cameras.sources.v4l2 import Device, list_devices
 
 __all__ = [
     "CameraSettings",
@@ -18,6 +16,7 @@ __all__ = [
     "PairStatistics",
     "Pairing",
     "StereoCameras",
+    "camera_source",
     "find_source",
     "list_devices",
     "open_cameras",

@@ -1,9 +1,10 @@
-"""The pair of cameras as the loop sees it."""
+"""The pair of cameras as the loop sees it, rectified where there is a calibration."""
 
 from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from functools import partial
 from types import TracebackType
 from typing import Protocol, Self
@@ -12,12 +13,20 @@ import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Strips
+from ndtorch.navigation import Rect, StereoRig, Strips
+from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.cameras.pairing import Frame, Pair, Pairing, PairStatistics
 from ndtorch_robot.cameras.reader import CameraReader, frame_rate
-from ndtorch_robot.cameras.settings import CameraSettings
-from ndtorch_robot.cameras.source import Capture, Image, Opener, Source, find_source, open_capture
-from ndtorch_robot.cameras.sysfs import place_of
+from ndtorch_robot.cameras.source import (
+    CameraSettings,
+    Capture,
+    Image,
+    Opener,
+    Source,
+    find_source,
+    open_capture,
+)
+from ndtorch_robot.cameras.sources.v4l2 import place_of
 from ndtorch_robot.ports import StereoFrames
 
 SIDES = ("left", "right")
@@ -295,3 +304,32 @@ def probe_size(source: Source, settings: CameraSettings) -> tuple[int, int]:
     if not good or image is None:
         raise InputError(f"camera {source.name}: none of its frames can be decoded")
     return image.shape[1], image.shape[0]
+
+
+def open_cameras(
+    settings: CameraSettings,
+    rig: StereoRig,
+    fields: Callable[[StereoRig], tuple[Rect, Rect]] | None = None,
+    opener: Opener = open_capture,
+) -> tuple[StereoCameras, StereoRig]:
+    """Open both cameras.
+
+    Args:
+        rig: where they are on the car.
+        fields: the rectangles that navigation reads of a pair of this geometry; the default navigator's by default.
+
+    Returns:
+        The cameras, and the geometry that the navigator must be made with: with a calibration, `rig` with the
+        baseline and the focal length that were measured.
+
+    Raises:
+        InputError: as `StereoCameras`; a calibration that cannot be read or is of another size.
+    """
+    if settings.calibration is None:
+        return StereoCameras(settings, opener=opener), rig
+    from ndtorch_robot.calibration import Rectifier, read_calibration
+
+    calibration = read_calibration(settings.calibration)
+    draft = Rectifier(calibration, rig)
+    rectifier = Rectifier(calibration, rig, (fields or NavigatorOptions().fields)(draft.rig))
+    return StereoCameras(settings, rectifier, opener), rectifier.rig

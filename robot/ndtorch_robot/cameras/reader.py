@@ -8,8 +8,7 @@ from collections.abc import Callable
 
 from ndtorch.errors import InputError
 from ndtorch_robot.cameras.pairing import Frame
-from ndtorch_robot.cameras.settings import CameraSettings
-from ndtorch_robot.cameras.source import Capture, Opener, Source
+from ndtorch_robot.cameras.source import CameraSettings, Capture, Opener, Source
 
 BACK_OFF = (0.2, 0.5, 1.0, 2.0)
 """Seconds before each attempt to open a lost camera again; the last one repeats."""

@@ -95,7 +95,7 @@ class Calibrate:
             raise InputError(f"expected --views >= 1 and --seconds > 0, got {self.views} and {self.seconds}")
         from ndtorch.utils.toml import check
         from ndtorch_robot.cameras import StereoCameras
-        from ndtorch_robot.cameras.settings import CameraSettings
+        from ndtorch_robot.cameras.source import CameraSettings
 
         values: dict[str, object] = {
             "left": self.left,

@@ -71,7 +71,7 @@ class Cameras:
         from ndtorch_robot.cameras import StereoCameras, find_source
         from ndtorch_robot.cameras.measure import measure
         from ndtorch_robot.cameras.pair import probe_size
-        from ndtorch_robot.cameras.settings import CameraSettings
+        from ndtorch_robot.cameras.source import CameraSettings
 
         values: dict[str, object] = {
             "left": self.left,
@@ -86,7 +86,7 @@ class Cameras:
         }
         settings = check(values, CameraSettings, "cameras")
         source = find_source(settings.left)
-        if self.width is None and self.height is None and source.kind in ("file", "folder"):
+        if self.width is None and self.height is None and not source.live:
             width, height = probe_size(source, settings)
             settings = settings.model_copy(update={"width_px": width, "height_px": height})
         with StereoCameras(settings) as cameras:

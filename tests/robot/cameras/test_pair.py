@@ -13,7 +13,7 @@ from ndtorch.errors import InputError
 from ndtorch_robot.cameras import CameraSettings, CamerasSilent, Frame, FramesEnded, Pairing, StereoCameras
 from ndtorch_robot.cameras import pair as pair_module
 from ndtorch_robot.cameras import reader as reader_module
-from ndtorch_robot.cameras.sysfs import UsbPlace
+from ndtorch_robot.cameras.sources.v4l2 import UsbPlace
 from tests.robot.support.fake_captures import LiveCapture, folder_of, picture
 
 SMALL = {"width_px": 64, "height_px": 48}

@@ -17,8 +17,9 @@ from ndtorch.commands import main
 from ndtorch.errors import InputError
 from ndtorch_robot.cameras import CameraSettings, StereoCameras, find_source, list_devices, open_capture
 from ndtorch_robot.cameras import source as source_module
-from ndtorch_robot.cameras.source import set_up, try_device
-from ndtorch_robot.cameras.sysfs import UsbPlace, group_of, holders
+from ndtorch_robot.cameras.sources import v4l2
+from ndtorch_robot.cameras.sources.folder import FolderCapture
+from ndtorch_robot.cameras.sources.v4l2 import UsbPlace, group_of, holders, set_up, try_device
 from tests.robot.support.fake_captures import Properties, folder_of, picture
 
 SETTINGS = CameraSettings(left="0", right="1")
@@ -35,7 +36,7 @@ def write_film(path, count=20, size=(64, 48)):
 
 def test_what_a_name_means(tmp_path):
     (tmp_path / "film.avi").write_bytes(b"x")
-    assert find_source("2")[0::2] == ("device", "/dev/video2")
+    assert find_source("2") == ("device", "2", "/dev/video2", True)
     assert find_source("camera:1").target == "/dev/video1"
     assert find_source("/dev/v4l/by-path/pci-usb-video-index0").kind == "device"
     assert find_source("http://host/stream").kind == "stream"
@@ -103,8 +104,8 @@ def test_devices_that_cannot_be_opened(monkeypatch, number, message):
     def refuse(path, flags):
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr(source_module.os, "open", refuse)
-    monkeypatch.setattr(source_module, "holders", lambda target: ["cheese (4711)"])
+    monkeypatch.setattr(v4l2.os, "open", refuse)
+    monkeypatch.setattr(v4l2, "holders", lambda target: ["cheese (4711)"])
     with pytest.raises(InputError) as error:
         try_device(DEVICE)
     assert message in str(error.value)
@@ -179,6 +180,7 @@ def test_a_stream_over_http():
     with StereoCameras(settings) as cameras:
         frames = [cameras.read() for _ in range(3)]
     server.shutdown()
+    server.server_close()
     assert frames[0].time < frames[1].time < frames[2].time
     seen = frames[2].left[0].permute(1, 2, 0).numpy()[..., ::-1].astype(float)
     assert np.abs(seen - shown).mean() < 5
@@ -275,3 +277,22 @@ def test_command_wrong_size(tmp_path, capsys):
     folder = str(folder_of(tmp_path / "l", 2))
     assert main(["cameras", folder, folder, "--width", "640", "--height", "480"]) == 2
     assert "gives 64x48 frames, 640x480 are wanted" in capsys.readouterr().err
+
+
+def test_a_kind_of_ones_own(monkeypatch, tmp_path):
+    """One decorated function is enough; its names are asked before those of the folder."""
+    monkeypatch.setattr(source_module, "KINDS", dict(source_module.KINDS))
+
+    def target(name):
+        return name.removeprefix("loop://") if name.startswith("loop://") else None
+
+    @source_module.camera_source("loop", target)
+    def open_loop(camera, settings):
+        return FolderCapture(folder_of(tmp_path / camera.target, 3), settings.rate_hz)
+
+    assert find_source("loop://a") == ("loop", "loop://a", "a", False)
+    settings = CameraSettings(left="loop://a", right="loop://b", width_px=64, height_px=48, pace="read")
+    with StereoCameras(settings) as cameras:
+        assert cameras.read().left.shape == (1, 3, 48, 64)
+    with pytest.raises(InputError, match="a camera source of the kind 'loop' already"):
+        source_module.camera_source("loop", target)(open_loop)
