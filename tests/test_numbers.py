@@ -79,7 +79,7 @@ def endless(name: str, field: str, value: object) -> bool:
 
 def test_nan_is_refused_by_every_class_of_numbers_and_infinity_where_it_means_nothing() -> None:
     bad, all_of_them = [], classes()
-    assert {"WayParams", "TrackParams", "OwnerCriteria", "ScaleFreeRule", "SafetyLimits", "Grid"} <= {
+    assert {"PlannerParams", "TrackParams", "OwnerCriteria", "ScaleFreeRule", "SafetyLimits", "Grid"} <= {
         kind.__name__ for kind in all_of_them.values()
     }
     for name, kind in all_of_them.items():
@@ -197,9 +197,9 @@ def test_what_is_positive_is_never_far_below_zero_and_only_signed_numbers_are_a_
         ("OwnerReadout", "delays", (0.1, 0.0)),
         ("ScaleFreeRule", "lowest", 0.1),
         ("ScaleFreeRule", "tau_boost", 0.0),
-        ("WayParams", "discs", ()),
-        ("WayParams", "soft", 0.24),
-        ("WayParams", "coarse", 0),
+        ("PlannerParams", "footprint_centers_m", ()),
+        ("PlannerParams", "inflation_radius_m", 0.24),
+        ("PlannerParams", "costmap_cells", 0),
         ("ProximityParams", "unbroken_correlation", 1.1),
         ("ProximityParams", "floor_max_depth_m", 0.8),
     ],
@@ -217,7 +217,7 @@ def named_of_all(name: str) -> list[type]:
 
 
 def test_a_limit_that_depends_on_others_is_said_with_its_value() -> None:
-    from ndtorch.navigation.controllers.goal import WayParams
+    from ndtorch.navigation.planning.params import PlannerParams
 
-    with pytest.raises(InputError, match=r"soft must be more than disc \+ margin, 0\.5 m, got 0\.45"):
-        WayParams(disc=0.3, margin=0.2)
+    with pytest.raises(InputError, match=r"inflation_radius_m must be more than .*, 0\.5 m, got 0\.45"):
+        PlannerParams(footprint_radius_m=0.3, safety_margin_m=0.2)

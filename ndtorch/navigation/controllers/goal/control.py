@@ -21,12 +21,9 @@ from ndtorch.navigation.controllers.contract import (
     Trace,
 )
 from ndtorch.navigation.controllers.goal.errands import DONE, EXPLORE, asked, finds_nothing, next_errand, told_place
-from ndtorch.navigation.controllers.goal.following import follow
 from ndtorch.navigation.controllers.goal.memory import disc_cells, surroundings
 from ndtorch.navigation.controllers.goal.params import GoalParams, remembering
-from ndtorch.navigation.controllers.goal.planning import clearance, plan, to_place
 from ndtorch.navigation.controllers.goal.replanning import replan
-from ndtorch.navigation.controllers.goal.speeds import speed_towards
 from ndtorch.navigation.controllers.goal.state import LONGEST, GoalState, put_together, take
 from ndtorch.navigation.controllers.ranging.caution import woken
 from ndtorch.navigation.controllers.ranging.control import RangingControl
@@ -34,6 +31,9 @@ from ndtorch.navigation.controllers.ranging.decision import decide
 from ndtorch.navigation.controllers.ranging.patch import Patch, cell_numbers, empty_patch, move_patch
 from ndtorch.navigation.controllers.registry import register
 from ndtorch.navigation.odometry import Pose
+from ndtorch.navigation.planning.costmap import clearance
+from ndtorch.navigation.planning.path_tracking import pure_pursuit, speed_towards
+from ndtorch.navigation.planning.planner import goal_costs, plan
 from ndtorch.navigation.proximity.stereo_match import Obstacles
 from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.rig import StereoRig
@@ -48,7 +48,7 @@ class GoalControl(Controller):
 
     What was seen free or blocked stays in a square of cells around the car, the memory of `RangingControl` with
     other numbers. A few times a second the way to the goal is planned there, ahead and backward, with arcs that the
-    car can drive and an outline that fits (`kernels.find_way`). In between it is followed. Where the arcs of the
+    car can drive and an outline that fits (`planning`). In between it is followed. Where the arcs of the
     reactive controller are blocked it stops the car, and after a while drives by itself.
 
     A batch is planned one car after the other.
@@ -73,7 +73,7 @@ class GoalControl(Controller):
         self.reactive = RangingControl(rig, dt, p.reactive)
         self.look = self.reactive.look
         self.dt, self.forward_of_axis = dt, rig.forward
-        self.every = max(1, round(p.way.every / dt))
+        self.every = max(1, round(p.planner.plan_interval_s / dt))
         self.line = torch.linspace(0.15, 0.88, RAY)
         self.disc = disc_cells(p.passed, p.places)
         self.numbers = torch.arange(p.places.size, dtype=torch.get_default_dtype())
@@ -193,9 +193,9 @@ class GoalControl(Controller):
         state = self.start(torch.zeros_like(self.look.view.x), Pose(origin, origin, origin))  # type: ignore[union-attr, arg-type]
         replan(state, (0.0, 0.0, 0.0), self.params, self.every)
         # Where nothing is seen there is nowhere to go.
-        patch, p = self.params.reactive.patch, self.params.way
+        patch, p = self.params.reactive.patch, self.params.planner
         around = surroundings(state.reactive.patch.evidence, 0.0, 0.0, patch, 1.0, 1.0)
-        ahead = to_place(around, (1.0, 0.0), p)
+        ahead = goal_costs(around, (1.0, 0.0), p)
         plan(around, clearance(around.blocked, around.cell), ahead, (0.0, 0.0, 0.0), 0.0, 1.0, p)
 
     def rays(self, ranges: Ranges) -> tuple[Tensor, Tensor]:
@@ -249,7 +249,7 @@ class GoalControl(Controller):
             return reaction, state
         way = state.way[: int(state.places)].numpy()
         p = self.params
-        aim = follow(way, int(state.at), here, p.ahead, p.tightest)
+        aim = pure_pursuit(way, int(state.at), here, p.ahead, p.tightest)
         if aim.direction == 0:
             # The way has ended, or there is none: plan again at the next frame, and let the other drive if that fails.
             tired = int(state.vetoed) >= 2 * self.every

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from torch import Tensor
 
-from ndtorch.navigation.controllers.goal.planning import Bools, Surroundings
 from ndtorch.navigation.controllers.ranging.patch import PatchParams, cell_numbers
 from ndtorch.navigation.odometry import Pose
+from ndtorch.navigation.planning.costmap import Bools, LocalMap
 
 
 def unwrapped(evidence: Tensor, x: float, y: float, params: PatchParams) -> npt.NDArray[np.float32]:
@@ -26,9 +26,7 @@ def first_cell(x: float, y: float, params: PatchParams) -> tuple[int, int]:
     return math.floor(x / params.cell) - half + 1, math.floor(y / params.cell) - half + 1
 
 
-def surroundings(
-    evidence: Tensor, x: float, y: float, params: PatchParams, blocked: float, known: float
-) -> Surroundings:
+def surroundings(evidence: Tensor, x: float, y: float, params: PatchParams, blocked: float, known: float) -> LocalMap:
     """What is around the car.
 
     Args:
@@ -38,7 +36,7 @@ def surroundings(
     """
     cells = unwrapped(evidence, x, y, params)
     left, bottom = first_cell(x, y, params)
-    return Surroundings(cells >= blocked, cells < known, left * params.cell, bottom * params.cell, params.cell)
+    return LocalMap(cells >= blocked, cells < known, left * params.cell, bottom * params.cell, params.cell)
 
 
 def disc_cells(radius: float, params: PatchParams) -> Tensor:

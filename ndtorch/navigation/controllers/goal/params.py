@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from ndtorch.arguments import check_numbers, check_signs
+from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.ranging.arcs import Body
 from ndtorch.navigation.controllers.ranging.params import RangingParams
 from ndtorch.navigation.controllers.ranging.patch import PatchParams
+from ndtorch.navigation.planning.params import PlannerParams
 
 
 def reactive_params() -> RangingParams:
@@ -19,66 +20,6 @@ def reactive_params() -> RangingParams:
         least=0.15,
         overhangs=False,
     )
-
-
-@dataclass(frozen=True)
-class WayParams:
-    """How ways are planned.
-
-    Args:
-        radius: of the tightest arc, m.
-        disc: radius of the discs that stand for the body, m, and `discs` the places of their middles along it.
-        margin: kept free around them, m.
-        soft: clearance of the discs from which on a way costs nothing more, m.
-        step: length of the arcs of the lattice, m.
-        horizon: length of a way, m.
-        every: time between two plans, s.
-        tight_price, unknown_price, hidden_price, seen_soon, bend_price, swing_price, reverse_price, switch_price: see
-            `kernels.find_way`.
-        blocked_price: of a metre through what is blocked, where there is no other way to the goal.
-        blind: exploring, the next so many metres lead over nothing that was not seen: no camera sees floor there.
-        shut: exploring, no way leads nearer than this to what is blocked, m.
-        coarse: cells of the map along a side of one for the way to the goal.
-        least_seen, least_unseen: exploring, a place is worth a way from this area on, m^2, seen or not.
-        unseen_end: what ending in a place never seen costs more than in one that was seen and never passed, m.
-        most: nodes that a search looks at.
-
-    Raises:
-        InputError: numbers out of range.
-    """
-
-    radius: float = 0.5
-    disc: float = 0.19
-    discs: tuple[float, ...] = (-0.1875, -0.0625, 0.0625, 0.1875)
-    margin: float = 0.05
-    soft: float = 0.45
-    step: float = 0.2
-    horizon: float = 2.6
-    every: float = 0.2
-    tight_price: float = 1.5
-    unknown_price: float = 0.3
-    hidden_price: float = 1.0
-    seen_soon: float = 1.0
-    bend_price: float = 0.05
-    swing_price: float = 0.05
-    reverse_price: float = 2.5
-    switch_price: float = 0.8
-    blocked_price: float = 40.0
-    blind: float = 0.45
-    shut: float = 0.12
-    coarse: int = 2
-    least_seen: float = 0.1
-    least_unseen: float = 0.3
-    unseen_end: float = 3.0
-    most: int = 12000
-
-    def __post_init__(self) -> None:
-        check_numbers(self)
-        check_signs(self, positive=("radius", "disc", "step", "horizon", "coarse", "most"))
-        if not self.discs:
-            raise InputError("discs must be one place or more")
-        if not self.soft > self.disc + self.margin:
-            raise InputError(f"soft must be more than disc + margin, {self.disc + self.margin:g} m, got {self.soft}")
 
 
 @dataclass(frozen=True)
@@ -105,7 +46,7 @@ class GoalParams:
         lifetime: of what is remembered when exploring, s.
         miss: evidence that a range takes away from each cell before it.
         reactive: numbers of the controller that keeps the last word.
-        way: how ways are planned.
+        planner: parameters of the planner.
     """
 
     to: tuple[float, float] | None = None
@@ -127,7 +68,7 @@ class GoalParams:
     lifetime: float = 600.0
     miss: float = 0.15
     reactive: RangingParams = field(default_factory=reactive_params)
-    way: WayParams = field(default_factory=WayParams)
+    planner: PlannerParams = field(default_factory=PlannerParams)
 
     def __post_init__(self) -> None:
         check_numbers(self)

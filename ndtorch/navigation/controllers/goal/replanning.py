@@ -8,12 +8,13 @@ import numpy as np
 import torch
 
 from ndtorch.navigation.controllers.goal.errands import place_of_errand
-from ndtorch.navigation.controllers.goal.frontiers import to_unvisited, where_to
 from ndtorch.navigation.controllers.goal.memory import passed_around, surroundings, visited_cells
 from ndtorch.navigation.controllers.goal.params import GoalParams
-from ndtorch.navigation.controllers.goal.planning import Planned, Surroundings, clearance, plan, to_place
-from ndtorch.navigation.controllers.goal.speeds import allowed_speeds
 from ndtorch.navigation.controllers.goal.state import LONGEST, GoalState
+from ndtorch.navigation.planning.costmap import LocalMap, clearance
+from ndtorch.navigation.planning.frontiers import cheapest_goal, frontier_costs
+from ndtorch.navigation.planning.path_tracking import SpeedLimits, speed_profile
+from ndtorch.navigation.planning.planner import Plan, goal_costs, plan
 
 
 def replan(state: GoalState, here: tuple[float, float, float], params: GoalParams, every: int) -> GoalState:
@@ -30,17 +31,17 @@ def replan(state: GoalState, here: tuple[float, float, float], params: GoalParam
     place = place_of_errand(state, p)
     if place is None:
         visited = visited_cells(state.visited.evidence, here[0], here[1], patch, p.places)
-        seed = to_unvisited(around, visited, clear, p.way)
+        seed = frontier_costs(around, visited, clear, p.planner)
     else:
-        seed = to_place(around, place, p.way)
+        seed = goal_costs(around, place, p.planner)
     at = min(int(state.at) + 1, max(0, int(state.places) - 1))
     curvature = float(state.way[at, 3]) if int(state.places) else 0.0
     through = place is not None
-    made: Planned = plan(around, clear, seed, here, curvature, float(state.direction), p.way, through)
+    made = plan(around, clear, seed, here, curvature, float(state.direction), p.planner, through)
     if not through:
         state = give_up(state, made, around, here, p)
-    way = made.way[:LONGEST]
-    speeds = allowed_speeds(way, around, made, p)
+    limits = SpeedLimits(p.speed, p.slow, p.creep, p.reactive.reverse_speed, p.braking)
+    way, speeds = made.path[:LONGEST], speed_profile(made, around, limits, p.planner)[:LONGEST]
     kept = np.zeros((LONGEST, 6), np.float32)
     kept[: len(way), :5], kept[: len(way), 5] = way, speeds
     return state._replace(
@@ -53,7 +54,7 @@ def replan(state: GoalState, here: tuple[float, float, float], params: GoalParam
 
 
 def give_up(
-    state: GoalState, made: Planned, around: Surroundings, here: tuple[float, float, float], params: GoalParams
+    state: GoalState, made: Plan, around: LocalMap, here: tuple[float, float, float], params: GoalParams
 ) -> GoalState:
     """The state of a car that explores. Where it has tried in vain for too long, the place counts as passed.
 
@@ -65,12 +66,12 @@ def give_up(
     newly = float(passed - state.passed) * patch.cell**2
     if math.isinf(made.cost):
         return state
-    if newly >= p.way.least_seen or made.cost < best - 0.1:
+    if newly >= p.planner.min_seen_frontier_m2 or made.cost < best - 0.1:
         return state._replace(best=new(state.best, made.cost), passed=passed, tried=none)
     # Another aim may be far away, and is no success: aims may change to and fro.
     if float(state.tried) < p.in_vain + made.cost / p.creep:
         return state
-    place = where_to(made.to_go, around, p.way.coarse, here[:2])
+    place = cheapest_goal(made.to_go, around, p.planner.costmap_cells, here[:2])
     evidence = passed_around(state.visited.evidence, *place, p.given_up, patch)
     visited = state.visited._replace(evidence=evidence)
     return state._replace(visited=visited, best=new(state.best, math.inf), passed=evidence.sum(), tried=none)

@@ -8,7 +8,6 @@ import pytest
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.kernels.find_way import find_way
 from ndtorch.navigation import (
     ARRIVED,
     CRUISE,
@@ -28,6 +27,7 @@ from ndtorch.navigation.controllers.goal.state import LONGEST
 from ndtorch.navigation.controllers.ranging.patch import PatchParams
 from ndtorch.navigation.localisation import Localiser
 from ndtorch.navigation.odometry import drive_step
+from ndtorch.navigation.planning._kernels import lattice_astar
 from ndtorch.navigation.proximity.stereo_match import Obstacles
 from ndtorch.navigation.ranging import Ranges
 
@@ -131,7 +131,7 @@ def test_what_is_ranged_in_the_way_is_driven_around():
 def test_it_is_ready_before_a_car_depends_on_it():
     control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL))
     control.warm_up()
-    assert find_way.run is find_way.dispatcher
+    assert lattice_astar.run is lattice_astar.dispatcher
 
 
 def test_what_cannot_be_asked_for_is_said():

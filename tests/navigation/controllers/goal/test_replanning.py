@@ -46,7 +46,7 @@ def test_as_much_is_kept_as_was_planned_with_the_speeds_that_are_allowed() -> No
     made = replan(known(-1.0), HERE, PARAMS, 7)
     places = int(made.places)
     # Arcs of 0.2 m for 1.7 m, after the place where the car is.
-    assert places == pytest.approx(1 + math.dist(HERE[:2], (2.0, 0.0)) / PARAMS.way.step, abs=1.5)
+    assert places == pytest.approx(1 + math.dist(HERE[:2], (2.0, 0.0)) / PARAMS.planner.step_m, abs=1.5)
     assert not made.way[places:].any()
     assert float(made.cost) == pytest.approx(math.dist(HERE[:2], (2.0, 0.0)), abs=0.15)
     speeds = made.way[:places, 5]
@@ -65,7 +65,7 @@ def test_floor_is_known_from_a_tenth_of_the_evidence_against_it_on_and_else_crep
 
 def test_what_is_blocked_is_driven_through_at_its_price_to_a_place_and_not_at_all_when_exploring() -> None:
     costs = [float(replan(known(evidence), HERE, PARAMS, 7).cost) for evidence in (0.999, 1.0)]
-    assert costs[0] < 4 < PARAMS.way.blocked_price < costs[1]
+    assert costs[0] < 4 < PARAMS.planner.obstacle_cost < costs[1]
     params = GoalParams(explore=True, reactive=SMALL)
     state = known(1.0, params)
     assert int(state.errand) == EXPLORE

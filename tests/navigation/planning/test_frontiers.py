@@ -8,12 +8,13 @@ import pytest
 import torch
 
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
-from ndtorch.navigation.controllers.goal.frontiers import large, opened, to_unvisited, where_to
 from ndtorch.navigation.controllers.goal.memory import visited_cells
-from ndtorch.navigation.controllers.goal.planning import Surroundings, clearance, let_out, plan
 from ndtorch.navigation.controllers.goal.replanning import give_up
+from ndtorch.navigation.planning.costmap import LocalMap, clear_footprint, clearance
+from ndtorch.navigation.planning.frontiers import cheapest_goal, frontier_costs, large_components, opening
+from ndtorch.navigation.planning.planner import plan
 from tests.navigation.controllers.goal.test_goal_control import DT, RIG, SMALL, floor, place
-from tests.navigation.controllers.goal.test_planning import CELL, PARAMS, SIDE, world
+from tests.navigation.planning.test_planner import CELL, PARAMS, SIDE, world
 
 AROUND = (-2.0, 0.0, 0.0)
 
@@ -25,7 +26,7 @@ def square(left, right, bottom, top):
 
 def explored(around, visited, pose=AROUND):
     clear = clearance(around.blocked, CELL)
-    seed = to_unvisited(around, visited, clear, PARAMS)
+    seed = frontier_costs(around, visited, clear, PARAMS)
     return plan(around, clear, seed, pose, 0.0, 1.0, PARAMS, through=False)
 
 
@@ -37,7 +38,7 @@ def test_exploring_ends_where_nothing_is_left_and_goes_through_no_wall():
     visited[:, : round(3.2 / CELL)] = True
     made = explored(world(wall), visited)
     assert math.isinf(made.cost)
-    assert len(made.way) == 1
+    assert len(made.path) == 1
     # Of a place that it was told it goes as near as it can.
     around = world(wall)
     to = np.full((SIDE // 2, SIDE // 2), np.inf, np.float32)
@@ -67,16 +68,16 @@ def test_half_a_metre_around_the_car_what_is_no_nearer_than_it_stands_is_let_out
     price = np.full((40, 40), np.inf, np.float32)
     price[20, 22] = 3.0
     near = np.repeat(np.linspace(0.0, 0.39, 40, dtype=np.float32)[:, None], 40, 1)
-    let_out(price, near, (20, 20), 0.1, PARAMS)
+    clear_footprint(price, near, (20, 20), 0.1, PARAMS)
     rows, columns = np.nonzero(np.isfinite(price))
     assert (rows.min(), rows.max(), columns.min(), columns.max()) == (15, 25, 15, 25)
     assert price[20, 22] == 3.0
-    assert price[20, 21] == 1.0 + PARAMS.tight_price + PARAMS.blocked_price
+    assert price[20, 21] == 1.0 + PARAMS.clearance_cost + PARAMS.obstacle_cost
     # Nearer than it stands, and in what is blocked, it does not get.
-    let_out(price := np.full((40, 40), np.inf, np.float32), near, (8, 39), 0.1, PARAMS)
+    clear_footprint(price := np.full((40, 40), np.inf, np.float32), near, (8, 39), 0.1, PARAMS)
     rows, columns = np.nonzero(np.isfinite(price))
     assert (rows.min(), rows.max(), columns.min(), columns.max()) == (3, 13, 34, 39)
-    let_out(price := np.full((40, 40), np.inf, np.float32), near, (2, 2), 0.1, PARAMS)
+    clear_footprint(price := np.full((40, 40), np.inf, np.float32), near, (2, 2), 0.1, PARAMS)
     rows, columns = np.nonzero(np.isfinite(price))
     assert (rows.min(), rows.max(), columns.min(), columns.max()) == (1, 7, 0, 7)
 
@@ -111,7 +112,7 @@ def test_a_patch_never_seen_is_an_aim_from_its_least_area_on(side, worth):
     around, visited = world(), np.ones((SIDE, SIDE), bool)
     patch = square(0.0, side, 0.0, side)
     around.free[patch] = visited[patch] = False
-    assert (side**2 > PARAMS.least_unseen) == worth
+    assert (side**2 > PARAMS.min_unknown_frontier_m2) == worth
     assert math.isfinite(explored(around, visited).cost) == worth
 
 
@@ -120,7 +121,7 @@ def test_what_was_never_seen_beside_the_way_comes_after_what_was_seen():
     around.free[square(-2.5, -1.0, 1.0, 2.5)] = False
     visited[square(-2.5, -1.0, 1.0, 2.5)] = False
     beside = explored(around, visited)
-    assert beside.cost == pytest.approx(1.0 + PARAMS.unseen_end, abs=0.4)
+    assert beside.cost == pytest.approx(1.0 + PARAMS.unknown_frontier_cost_m, abs=0.4)
     visited[square(1.0, 2.0, -0.5, 0.5)] = False
     both = explored(around, visited)
     assert both.cost == pytest.approx(3.0, abs=0.3)
@@ -133,15 +134,15 @@ def test_it_goes_over_nothing_unseen_where_the_cameras_see_no_floor(gap):
     unseen = square(-2.0 + gap, 4.0, -4.0, 4.0)
     around.free[unseen], visited[unseen] = False, False
     clear = clearance(around.blocked, CELL)
-    seed = to_unvisited(around, visited, clear, PARAMS)
-    bold = plan(around, clear, seed, AROUND, 0.0, 1.0, replace(PARAMS, blind=0.1), through=False)
+    seed = frontier_costs(around, visited, clear, PARAMS)
+    bold = plan(around, clear, seed, AROUND, 0.0, 1.0, replace(PARAMS, blind_distance_m=0.1), through=False)
     careful = plan(around, clear, seed, AROUND, 0.0, 1.0, PARAMS, through=False)
-    lead = PARAMS.discs[-1] + PARAMS.disc
-    near = [math.dist(place[:2], AROUND[:2]) <= PARAMS.blind + 0.01 for place in careful.way]
-    ahead = careful.way[:, 0] + lead * np.cos(careful.way[:, 2])
-    assert (ahead[near & (careful.way[:, 4] > 0)] <= -2.0 + gap + 2 * CELL).all()
-    if gap < lead + PARAMS.blind:
-        assert (bold.way[:3, 0] + lead).max() > -2.0 + gap + 2 * CELL
+    lead = PARAMS.footprint_centers_m[-1] + PARAMS.footprint_radius_m
+    near = [math.dist(place[:2], AROUND[:2]) <= PARAMS.blind_distance_m + 0.01 for place in careful.path]
+    ahead = careful.path[:, 0] + lead * np.cos(careful.path[:, 2])
+    assert (ahead[near & (careful.path[:, 4] > 0)] <= -2.0 + gap + 2 * CELL).all()
+    if gap < lead + PARAMS.blind_distance_m:
+        assert (bold.path[:3, 0] + lead).max() > -2.0 + gap + 2 * CELL
     else:
         assert ahead.max() > -2.0 + gap
 
@@ -151,7 +152,7 @@ def test_the_end_of_the_cheapest_way_is_found():
     visited[square(1.0, 2.0, -0.5, 0.5)] = False
     around = world()
     made = explored(around, visited)
-    x, y = where_to(made.to_go, around, PARAMS.coarse, (-2.0, 0.0))
+    x, y = cheapest_goal(made.to_go, around, PARAMS.costmap_cells, (-2.0, 0.0))
     assert x == pytest.approx(1.0, abs=0.15)
     assert abs(y) < 0.15
 
@@ -160,30 +161,30 @@ def test_the_end_of_the_cheapest_way_is_found():
 @pytest.mark.parametrize("begin", [(2, 3), (0, 0), (4, 6), (-3, 9), (9, -3)])
 def test_downhill_from_anywhere_to_the_only_end(end, begin):
     """Cells of .2 m from 1, -2 on; a place outside counts as the nearest cell."""
-    around = Surroundings(np.zeros((10, 14), bool), np.zeros((10, 14), bool), 1.0, -2.0, 0.1)
+    around = LocalMap(np.zeros((10, 14), bool), np.zeros((10, 14), bool), 1.0, -2.0, 0.1)
     rows, columns = np.indices((5, 7))
     cost = (0.2 * np.hypot(rows - end[0], columns - end[1])).astype(np.float32)
     here = (1.0 + 0.2 * (begin[1] + 0.5), -2.0 + 0.2 * (begin[0] + 0.5))
-    assert where_to(cost, around, 2, here) == pytest.approx((1.1 + 0.2 * end[1], -1.9 + 0.2 * end[0]))
+    assert cheapest_goal(cost, around, 2, here) == pytest.approx((1.1 + 0.2 * end[1], -1.9 + 0.2 * end[0]))
 
 
 def test_downhill_by_the_nearer_of_two_that_are_as_low_and_nowhere_from_where_nothing_leads():
-    around = Surroundings(np.zeros((6, 6), bool), np.zeros((6, 6), bool), 0.0, 0.0, 0.1)
+    around = LocalMap(np.zeros((6, 6), bool), np.zeros((6, 6), bool), 0.0, 0.0, 0.1)
     cost = np.array([[3, 9, 1.9], [9, 2, 9], [9, 1.9, 9]], np.float32)
     # From the middle to the one below it, not to the one in the corner.
-    assert where_to(cost, around, 2, (0.3, 0.3)) == pytest.approx((0.3, 0.5))
+    assert cheapest_goal(cost, around, 2, (0.3, 0.3)) == pytest.approx((0.3, 0.5))
     cost[0, 2] = 1.7
-    assert where_to(cost, around, 2, (0.3, 0.3)) == pytest.approx((0.5, 0.1))
+    assert cheapest_goal(cost, around, 2, (0.3, 0.3)) == pytest.approx((0.5, 0.1))
     cost[1, 1] = np.inf
-    assert where_to(cost, around, 2, (0.3, 0.3)) == pytest.approx((0.3, 0.3))
+    assert cheapest_goal(cost, around, 2, (0.3, 0.3)) == pytest.approx((0.3, 0.3))
 
 
 @pytest.mark.parametrize("turned", range(4))
 def test_no_way_leads_over_a_cell_that_it_cannot_pass(turned):
     cost = np.full((5, 5), np.inf, np.float32)
     cost[2, 2], cost[2, 0] = 2, 0
-    around = Surroundings(np.zeros((10, 10), bool), np.zeros((10, 10), bool), 0.0, 0.0, 0.1)
-    assert where_to(np.rot90(cost, turned), around, 2, (0.5, 0.5)) == pytest.approx((0.5, 0.5))
+    around = LocalMap(np.zeros((10, 10), bool), np.zeros((10, 10), bool), 0.0, 0.0, 0.1)
+    assert cheapest_goal(np.rot90(cost, turned), around, 2, (0.5, 0.5)) == pytest.approx((0.5, 0.5))
 
 
 def test_where_a_way_may_end():
@@ -195,14 +196,14 @@ def test_where_a_way_may_end():
     visited[square(-3.0, -2.0, -1.0, 1.0)] = False
     # Beyond the wall nothing was seen, and nothing borders on floor.
     wall.free[square(1.5, 4.0, -4.0, 4.0)] = False
-    seed = to_unvisited(wall, visited, clearance(wall.blocked, CELL), PARAMS)
-    assert set(np.unique(seed)) == {0.0, PARAMS.unseen_end, np.inf}
+    seed = frontier_costs(wall, visited, clearance(wall.blocked, CELL), PARAMS)
+    assert set(np.unique(seed)) == {0.0, PARAMS.unknown_frontier_cost_m, np.inf}
     x = -4.0 + 2 * CELL * (np.argwhere(seed == 0)[:, 1] + 0.5)
     y = -4.0 + 2 * CELL * (np.argwhere(seed == 0)[:, 0] + 0.5)
-    assert (x.min(), x.max()) == pytest.approx((-0.95, 1.0 - PARAMS.disc - PARAMS.margin), abs=0.06)
+    assert (x.min(), x.max()) == pytest.approx((-0.95, 1.0 - PARAMS.min_clearance_m), abs=0.06)
     assert (y.min(), y.max()) == pytest.approx((-3.95, 3.95), abs=0.06)
     # The border of the unseen square, two cells wide at most, and not its inside.
-    unseen = -4.0 + 2 * CELL * (np.argwhere(seed == PARAMS.unseen_end) + 0.5)
+    unseen = -4.0 + 2 * CELL * (np.argwhere(seed == PARAMS.unknown_frontier_cost_m) + 0.5)
     assert np.abs(unseen[:, 1] + 2.5).max() < 0.5
     assert np.abs(unseen[:, 0]).max() < 1.0
     deep = np.minimum(0.5 - np.abs(unseen[:, 1] + 2.5), 1.0 - np.abs(unseen[:, 0]))
@@ -252,8 +253,8 @@ def test_exploring_remembers_longer_than_going_to_a_place():
 def test_small_and_narrow_parts_are_left_out():
     cells = np.zeros((20, 20), bool)
     cells[2:8, 2:8] = cells[12:15, 2:5] = cells[5, 8:18] = True
-    wide = opened(cells, 3)
+    wide = opening(cells, 3)
     assert not wide[5, 9:].any()
     assert wide.sum() == 36 + 9
-    assert large(wide, 10).sum() == 36
-    assert large(wide, 40).sum() == 0
+    assert large_components(wide, 10).sum() == 36
+    assert large_components(wide, 40).sum() == 0

@@ -6,19 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ndtorch.navigation.controllers.goal.params import WayParams
-from ndtorch.navigation.controllers.goal.planning import (
-    Surroundings,
-    clearance,
-    coarser,
-    hidden_cells,
-    plan,
-    prices,
-    to_place,
-)
+from ndtorch.navigation.planning.costmap import LocalMap, clearance, costmap, downscale, unseen_cells
+from ndtorch.navigation.planning.params import PlannerParams
+from ndtorch.navigation.planning.planner import goal_costs, plan
 
 CELL, SIDE = 0.05, 160
-PARAMS = WayParams()
+PARAMS = PlannerParams()
 
 
 def world(*boxes, free=True):
@@ -27,19 +20,19 @@ def world(*boxes, free=True):
     for left, right, bottom, top in boxes:
         a, b, c, d = (round((v + 4) / CELL) for v in (left, right, bottom, top))
         blocked[c:d, a:b] = True
-    return Surroundings(blocked, ~blocked & free, -4.0, -4.0, CELL)
+    return LocalMap(blocked, ~blocked & free, -4.0, -4.0, CELL)
 
 
 def planned(around, goal, pose=(-2.0, 0.0, 0.0), direction=1.0):
     clear = clearance(around.blocked, CELL)
-    return plan(around, clear, to_place(around, goal, PARAMS), pose, 0.0, direction, PARAMS)
+    return plan(around, clear, goal_costs(around, goal, PARAMS), pose, 0.0, direction, PARAMS)
 
 
 def test_in_the_open_it_goes_straight():
     made = planned(world(), (2.0, 0.0))
     assert made.cost == pytest.approx(4.0, abs=0.15)
-    assert abs(made.way[:, 1]).max() < 0.02
-    assert made.way[-1, 0] >= -2.0 + PARAMS.horizon - 0.01
+    assert abs(made.path[:, 1]).max() < 0.02
+    assert made.path[-1, 0] >= -2.0 + PARAMS.horizon_m - 0.01
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -47,9 +40,9 @@ def test_it_goes_through_the_gap_and_no_part_of_the_body_is_in_the_wall(side):
     bottom, top = sorted((side * 0.4, side * 1.1))
     around = world((-0.5, -0.35, -4, bottom), (-0.5, -0.35, top, 4))
     made = planned(around, (2.0, 0.0))
-    x, y, heading, curvature, _ = made.way.T
-    assert made.way[-1, 0] > -0.3
-    assert abs(curvature).max() <= 1 / PARAMS.radius + 1e-6
+    x, y, heading, curvature, _ = made.path.T
+    assert made.path[-1, 0] > -0.3
+    assert abs(curvature).max() <= 1 / PARAMS.min_turn_radius_m + 1e-6
     for along in (-0.25, 0.0, 0.25):
         for aside in (-0.18, 0.18):
             px, py = x + along * np.cos(heading) - aside * np.sin(heading), y + along * np.sin(heading)
@@ -60,22 +53,22 @@ def test_it_goes_through_the_gap_and_no_part_of_the_body_is_in_the_wall(side):
 
 def test_a_gap_narrower_than_the_body_is_no_way():
     around = world((-0.5, -0.35, -4, -0.15), (-0.5, -0.35, 0.15, 4))
-    assert planned(around, (2.0, 0.0)).way[:, 0].max() < -0.6
+    assert planned(around, (2.0, 0.0)).path[:, 0].max() < -0.6
 
 
 def test_out_of_a_dead_end_it_backs_where_floor_was_seen_and_not_into_what_was_not():
     walls = ((-1.55, -1.4, -0.5, 0.5), (-2.4, -1.4, 0.35, 0.5), (-2.4, -1.4, -0.5, -0.35))
     seen = planned(world(*walls), (2.0, 0.0))
-    assert seen.way[1, 4] == -1
+    assert seen.path[1, 4] == -1
     around = world(*walls)
     unseen = around._replace(free=np.zeros_like(around.free))
-    assert (planned(unseen, (2.0, 0.0)).way[:, 4] == 1).all()
+    assert (planned(unseen, (2.0, 0.0)).path[:, 4] == 1).all()
 
 
 def covers_the_unseen(made, around):
     """How many places of the next metre have the front of the body over cells that were not seen free."""
     count = 0
-    for x, y, heading, _, direction in made.way[1:6]:
+    for x, y, heading, _, direction in made.path[1:6]:
         across = 0.15 * np.array([-np.sin(heading), np.cos(heading)])
         front = np.array([x, y]) + 0.2 * direction * np.array([np.cos(heading), np.sin(heading)])
         count += any(not around.free[around.cell_of(*(front + side * across))] for side in (-1, 0, 1))
@@ -86,8 +79,8 @@ def test_it_does_not_turn_round_a_corner_into_what_it_has_not_seen():
     around = world()
     a, b, c, d = (round((v + 4) / CELL) for v in (-1.5, -0.6, -1.5, -0.2))
     around.free[c:d, a:b] = False
-    clear, seed = clearance(around.blocked, CELL), to_place(around, (-0.9, -3.0), PARAMS)
-    bold = plan(around, clear, seed, (-2.0, 0.0, 0.0), 0.0, 1.0, replace(PARAMS, hidden_price=0.0))
+    clear, seed = clearance(around.blocked, CELL), goal_costs(around, (-0.9, -3.0), PARAMS)
+    bold = plan(around, clear, seed, (-2.0, 0.0, 0.0), 0.0, 1.0, replace(PARAMS, unseen_cost=0.0))
     careful = plan(around, clear, seed, (-2.0, 0.0, 0.0), 0.0, 1.0, PARAMS)
     assert covers_the_unseen(bold, around) > covers_the_unseen(careful, around) == 0
 
@@ -95,30 +88,30 @@ def test_it_does_not_turn_round_a_corner_into_what_it_has_not_seen():
 def test_single_cells_that_were_missed_hide_nothing():
     unknown = np.zeros((40, 40), bool)
     unknown[::4, ::4] = True
-    assert hidden_cells(unknown, CELL, PARAMS.disc).max() == 0
+    assert unseen_cells(unknown, CELL, PARAMS.footprint_radius_m).max() == 0
     unknown[10:14, 10:14] = True
-    hidden = hidden_cells(unknown, CELL, PARAMS.disc)
+    hidden = unseen_cells(unknown, CELL, PARAMS.footprint_radius_m)
     assert hidden[12, 16] == 1
     assert hidden[12, 20] == 0
 
 
 def test_a_goal_outside_is_approached_over_the_nearest_border():
     made = planned(world(), (20.0, 0.0))
-    assert made.way[-1, 0] > 0.5
+    assert made.path[-1, 0] > 0.5
     assert made.cost == pytest.approx(22.0, rel=0.03)
 
 
 def test_a_place_outside_is_driven_to_by_the_border_on_every_side():
     """What each cell of the border costs is how far its middle is from the place; no other cell is an end."""
-    around, side = world(), CELL * PARAMS.coarse
-    seed = to_place(around, (5.0, -1.0), PARAMS)
-    n = SIDE // PARAMS.coarse
+    around, side = world(), CELL * PARAMS.costmap_cells
+    seed = goal_costs(around, (5.0, -1.0), PARAMS)
+    n = SIDE // PARAMS.costmap_cells
     middle = -4.0 + (np.arange(n) + 0.5) * side
     far = np.hypot(middle[None, :] - 5.0, middle[:, None] + 1.0)
     for line in (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1]):
         np.testing.assert_allclose(seed[line], far[line], rtol=1e-5)
     assert np.isinf(seed[1:-1, 1:-1]).all()
-    inside = to_place(around, (3.999, -4.0), PARAMS)
+    inside = goal_costs(around, (3.999, -4.0), PARAMS)
     assert np.argwhere(np.isfinite(inside)).tolist() == [[0, n - 1]]
     assert inside[0, n - 1] == 0
 
@@ -126,7 +119,7 @@ def test_a_place_outside_is_driven_to_by_the_border_on_every_side():
 @pytest.mark.parametrize("corner", [(2.03, 2.03), (2.03, 0.5), (0.5, 2.03)])
 def test_a_car_in_the_last_cell_of_an_odd_number_plans_from_the_last_coarse_one(corner):
     blocked = np.zeros((41, 41), bool)
-    around = Surroundings(blocked, ~blocked, 0.0, 0.0, CELL)
+    around = LocalMap(blocked, ~blocked, 0.0, 0.0, CELL)
     assert 40 in around.cell_of(*corner)
     made = planned(around, (0.5, 0.5), (*corner, math.pi))
     assert made.to_go.shape == (20, 20)
@@ -134,29 +127,38 @@ def test_a_car_in_the_last_cell_of_an_odd_number_plans_from_the_last_coarse_one(
 
 
 def test_prices_rise_with_nearness_and_over_what_was_not_seen():
-    """1 a metre, `tight_price` more where the body just fits, and what is blocked only where there is no other way."""
-    p, inner = PARAMS, PARAMS.disc + PARAMS.margin
-    near = (p.soft, (p.soft + inner) / 2, inner, inner - 0.029, inner - 0.031, p.shut + 0.001, p.shut - 0.001, 0.0)
+    """1 a metre, `clearance_cost` more where the body just fits, and obstacles only if no other path leads on."""
+    p, inner = PARAMS, PARAMS.min_clearance_m
+    near = (
+        p.inflation_radius_m,
+        (p.inflation_radius_m + inner) / 2,
+        inner,
+        inner - 0.029,
+        inner - 0.031,
+        p.lethal_radius_m + 0.001,
+        p.lethal_radius_m - 0.001,
+        0.0,
+    )
     clear = np.repeat(np.repeat(np.array([near], np.float32), 2, 0), 2, 1)
     tight = (0.0, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
     dear = (0, 0, 0, 0, 1, 1, 1, 1)
     seen = np.zeros(clear.shape, bool)
-    wanted = [1 + p.tight_price * t + p.blocked_price * d for t, d in zip(tight, dear, strict=True)]
-    np.testing.assert_allclose(prices(clear, seen, p)[0], wanted, rtol=1e-5)
+    wanted = [1 + p.clearance_cost * t + p.obstacle_cost * d for t, d in zip(tight, dear, strict=True)]
+    np.testing.assert_allclose(costmap(clear, seen, p)[0], wanted, rtol=1e-5)
     shut = [*wanted[:6], np.inf, np.inf]
-    np.testing.assert_allclose(prices(clear, seen, p, through=False)[0], shut, rtol=1e-5)
-    np.testing.assert_allclose(prices(clear, ~seen, p)[0], np.array(wanted) + p.unknown_price, rtol=1e-5)
+    np.testing.assert_allclose(costmap(clear, seen, p, through=False)[0], shut, rtol=1e-5)
+    np.testing.assert_allclose(costmap(clear, ~seen, p)[0], np.array(wanted) + p.unknown_cost, rtol=1e-5)
     # A coarse cell was not seen where one of its cells was not.
     partly = seen.copy()
     partly[1, 3] = True
     one = np.arange(8) == 1
-    np.testing.assert_allclose(prices(clear, partly, p)[0], np.array(wanted) + p.unknown_price * one, rtol=1e-5)
+    np.testing.assert_allclose(costmap(clear, partly, p)[0], np.array(wanted) + p.unknown_cost * one, rtol=1e-5)
 
 
 def test_the_least_of_each_square_and_no_cell_twice():
     values = np.arange(35.0).reshape(5, 7)[::-1, ::-1]
-    assert coarser(values, 2).tolist() == [[26.0, 24.0, 22.0], [12.0, 10.0, 8.0]]
-    assert coarser(values, 3).tolist() == [[18.0, 15.0]]
+    assert downscale(values, 2).tolist() == [[26.0, 24.0, 22.0], [12.0, 10.0, 8.0]]
+    assert downscale(values, 3).tolist() == [[18.0, 15.0]]
 
 
 def test_clearance_is_the_distance_to_what_is_blocked():

@@ -1,0 +1,169 @@
+"""Driving along a way: which place is reached, where to aim, and the arc that leads there."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from ndtorch.navigation.planning.costmap import LocalMap
+from ndtorch.navigation.planning.params import PlannerParams
+from ndtorch.navigation.planning.path_tracking import SpeedLimits, pure_pursuit, speed_profile, speed_towards
+from ndtorch.navigation.planning.planner import Plan
+
+WAY = np.array(
+    [
+        [0.0, 0.0, 0.0, 0.0, 1.0],
+        [0.2, 0.0, 0.1, 0.5, 1.0],
+        [0.4, 0.03, 0.3, 1.0, 1.0],
+        [0.58, 0.12, 0.6, 1.5, 1.0],
+        [0.42, 0.02, 0.4, 1.0, -1.0],
+        [0.2, -0.04, 0.2, 1.0, -1.0],
+    ],
+    np.float32,
+)
+WIDE = 99.0
+"""A largest curvature that limits nothing."""
+
+
+def along(places: list[tuple[float, float]], length: float, heading: float, direction: float) -> tuple[float, float]:
+    """The place so far along a broken line, and straight on beyond its end."""
+    for (x, y), (to_x, to_y) in itertools.pairwise(places):
+        piece = math.hypot(to_x - x, to_y - y)
+        if length <= piece:
+            return x + length / piece * (to_x - x), y + length / piece * (to_y - y)
+        length -= piece
+    x, y = places[-1]
+    return x + length * direction * math.cos(heading), y + length * direction * math.sin(heading)
+
+
+def arc_to(pose: tuple[float, float, float], place: tuple[float, float]) -> float:
+    """Curvature of the circle that touches the heading and goes through a place: sine law, 2 sin(angle) / distance."""
+    dx, dy = place[0] - pose[0], place[1] - pose[1]
+    return 2 * math.sin(math.atan2(dy, dx) - pose[2]) / math.hypot(dx, dy)
+
+
+@pytest.mark.parametrize("ahead", [0.1, 0.3, 0.45, 0.8])
+@pytest.mark.parametrize("pose", [(0.01, 0.02, 0.1), (0.1, -0.05, -0.3), (0.3, 0.1, 0.2), (0.42, 0.0, 0.5)])
+def test_it_aims_at_the_place_so_far_ahead_along_the_way(pose: tuple[float, float, float], ahead: float) -> None:
+    aim = pure_pursuit(WAY, 0, pose, ahead, WIDE)
+    left = [(float(x), float(y)) for x, y in WAY[aim.at + 1 : 4, :2]]
+    aimed = along([pose[:2], *left], ahead, float(WAY[3, 2]), 1.0)
+    assert aim.direction == 1.0
+    assert aim.curvature == pytest.approx(arc_to(pose, aimed), abs=1e-4)
+    lengths = [math.dist(a, b) for a, b in zip([pose[:2], *left], left, strict=False)]
+    assert aim.left == pytest.approx(sum(lengths), abs=1e-6)
+
+
+@pytest.mark.parametrize("ahead", [0.1, 0.3, 0.8])
+@pytest.mark.parametrize("pose", [(0.57, 0.1, 0.5), (0.5, 0.1, 0.7), (0.3, 0.0, 0.3)])
+def test_going_back_it_aims_behind_itself(pose: tuple[float, float, float], ahead: float) -> None:
+    aim = pure_pursuit(WAY, 3, pose, ahead, WIDE)
+    left = [(float(x), float(y)) for x, y in WAY[aim.at + 1 :, :2]]
+    aimed = along([pose[:2], *left], ahead, float(WAY[5, 2]), -1.0)
+    assert aim.direction == -1.0
+    assert aim.curvature == pytest.approx(arc_to(pose, aimed), abs=1e-4)
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+@pytest.mark.parametrize(("before", "reached"), [(0.021, 0), (0.019, 1), (-0.1, 1)])
+def test_a_place_is_reached_2_cm_before_the_line_across_the_way(before: float, reached: int, direction: float) -> None:
+    """The line is at right angles to the heading there, wherever aside the car is."""
+    turned = 0.5
+    cos, sin = math.cos(turned), math.sin(turned)
+    way = np.array([[direction * 0.2 * n * cos, direction * 0.2 * n * sin, turned, 0, direction] for n in range(4)])
+    for aside in (0.3, -0.3):
+        x = direction * (0.2 - before)
+        pose = (x * cos - aside * sin, x * sin + aside * cos, turned)
+        assert pure_pursuit(way, 0, pose, 0.3, WIDE).at == reached
+
+
+@pytest.mark.parametrize("aside", [0.2, -0.2])
+def test_no_arc_is_tighter_than_the_tightest(aside: float) -> None:
+    assert pure_pursuit(WAY, 0, (0.0, aside, 0.0), 0.1, 2.0).curvature == math.copysign(2.0, -aside)
+
+
+def test_a_way_without_another_place_has_ended() -> None:
+    for way, at in ((WAY[:0], 0), (WAY[:1], 0), (WAY, 5), (WAY, 6)):
+        assert pure_pursuit(way, at, (0.0, 0.0, 0.0), 0.3, 2.0) == (0.0, 0.0, at, 0.0)
+
+
+def test_beyond_the_end_of_a_stretch_the_next_one_begins_and_beyond_the_last_none() -> None:
+    aim = pure_pursuit(WAY, 0, (0.6, 0.13, 0.6), 0.3, WIDE)
+    assert (aim.direction, aim.at) == (-1.0, 3)
+    assert pure_pursuit(WAY, 0, (0.1, -0.06, 0.2), 0.3, WIDE).direction == 1.0
+    done = pure_pursuit(WAY, 3, (0.1, -0.06, 0.2), 0.3, WIDE)
+    assert (done.direction, done.at, done.left) == (0.0, 5, 0.0)
+
+
+def test_following_steers_back_and_ends_with_the_stretch() -> None:
+    way = np.array([[0.2 * n, 0, 0, 0, 1] for n in range(6)] + [[0.8, 0, 0, 0, -1], [0.6, 0, 0, 0, -1]], np.float32)
+    aim = pure_pursuit(way, 0, (0.0, 0.1, 0.0), 0.3, 2.0)
+    assert aim.direction == 1
+    assert aim.curvature < -0.5
+    assert aim.left == pytest.approx(1.0, abs=0.03)
+    assert pure_pursuit(way, 0, (0.0, -0.1, 0.0), 0.3, 2.0).curvature == pytest.approx(-aim.curvature)
+    back = pure_pursuit(way, aim.at, (1.0, 0.0, 0.0), 0.3, 2.0)
+    assert back.direction == -1
+    assert back.left == pytest.approx(0.4, abs=0.03)
+    assert pure_pursuit(way, back.at, (0.6, 0.0, 0.0), 0.3, 2.0).direction == 0
+    # Driving backward the same error is steered back with the opposite curvature of the way that lies behind.
+    assert pure_pursuit(way, 5, (1.0, 0.1, 0.0), 0.3, 2.0).curvature * math.copysign(1, aim.curvature) > 0
+
+
+LIMITS = SpeedLimits(0.5, 0.35, 0.3, 0.2, 1.5)
+
+
+def test_the_speed_towards_the_next_place_falls_as_it_is_neared():
+    way = np.array([[0.0, 0.0, 0.0, 0.0, 1.0, 0.5], [0.3, 0.4, 0.0, 0.0, 1.0, 0.2], [0.3, 1.0, 0.0, 0.0, 1.0, 0.4]])
+    for x, y in ((0.0, 0.4), (0.3, 0.39), (0.2, 0.2)):
+        length = np.hypot(0.3 - x, 0.4 - y)
+        wanted = min(0.5, np.sqrt(0.2**2 + 2 * 0.1 * length))
+        assert speed_towards(way, 0, (x, y, 9.0), 0.1) == pytest.approx(wanted)
+    # It stands where it changes its direction, and at the end of all its speed is the last one's.
+    turned = way.copy()
+    turned[2, 4] = -1.0
+    assert speed_towards(turned, 0, (0.3, 0.39, 0.0), 0.1) == pytest.approx(0.08)
+    assert speed_towards(way, 2, (0.3, 0.9, 0.0), 0.1) == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(
+    ("clear", "share"), [(0.6, 1.0), (0.45, 1.0), (0.345, 0.5), (0.24 + 0.021, 0.1), (0.24, 0.0), (0.1, 0.0)]
+)
+def test_speed_falls_with_the_room_beside_the_way(clear, share):
+    """From the cruise speed where there is the inflation radius around the discs to the lowest where they just fit."""
+    limits, blocked = LIMITS, np.zeros((40, 40), bool)
+    around = LocalMap(blocked, ~blocked, -1.0, -1.0, 0.05)
+    way = np.array([[0.0, 0.0, 0.0, 0.0, 1.0], [0.2, 0.0, 0.0, 0.0, 1.0]], np.float32)
+    room, seen = np.full((40, 40), clear, np.float32), np.zeros((40, 40), np.float32)
+    speeds = speed_profile(Plan(way, 1.0, room, seen, seen), around, limits, PlannerParams())
+    wanted = limits.tight + (limits.cruise - limits.tight) * share
+    assert speeds.tolist() == pytest.approx([wanted] * 2, abs=1e-5)
+    # Into what was not seen it creeps, and backwards it is no faster than its other half.
+    unseen = speed_profile(Plan(way, 1.0, room, seen + 1, seen), around, limits, PlannerParams())
+    assert unseen.tolist() == pytest.approx([min(wanted, limits.unknown)] * 2, abs=1e-5)
+    back = way * np.array([-1.0, 1.0, 1.0, 1.0, -1.0], np.float32)
+    reverse = speed_profile(Plan(back, 1.0, room, seen, seen), around, limits, PlannerParams())
+    assert reverse.tolist() == pytest.approx([min(wanted, limits.reverse)] * 2, abs=1e-5)
+
+
+def test_the_speed_before_what_is_slow_is_what_can_be_braked_from():
+    """v^2 = v'^2 + 2 a s from place to place, and standing where the direction changes."""
+    limits, blocked = LIMITS._replace(deceleration=0.1), np.zeros((60, 60), bool)
+    around = LocalMap(blocked, ~blocked, -1.0, -1.0, 0.05)
+    x = [0.0, 0.2, 0.5, 0.6, 0.7]
+    way = np.array([[v, 0.0, 0.0, 0.0, 1.0] for v in x], np.float32)
+    seen = np.zeros((60, 60), np.float32)
+    unseen = seen.copy()
+    unseen[:, round((0.65 + 0.3 + 1) / 0.05) :] = 1  # what the bumper comes over at the last place
+    speeds = speed_profile(Plan(way, 1.0, seen + 9, unseen, seen), around, limits, PlannerParams())
+    wanted = [math.sqrt(limits.unknown**2 + 2 * 0.1 * (0.7 - v)) for v in x]
+    assert speeds.tolist() == pytest.approx(wanted, abs=1e-5)
+    assert wanted[0] < limits.cruise
+    way[3:, 4] = -1.0
+    speeds = speed_profile(Plan(way, 1.0, seen + 9, seen, seen), around, limits, PlannerParams())
+    back = limits.reverse
+    begun = [math.sqrt(0.2 * 0.5), math.sqrt(0.2 * 0.3), math.sqrt(back**2 + 0.2 * 0.1), back, back]
+    assert speeds.tolist() == pytest.approx(begun, abs=1e-5)
