@@ -9,13 +9,13 @@ filters of bars that pass each other overlap, and |a + b| is not |a| + |b|. Bars
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from ndtorch.scenes import SineShadow, three_bars
+from ndtorch.scenes import FrameSource, SineShadow, three_bars
 from ndtorch.scenes.bars import Bar, BarScene
 from ndtorch.vision import VisualFeatures
 
@@ -55,6 +55,18 @@ class LoneBar(NamedTuple):
         return torch.lerp(self.sums[left], self.sums[left + 1], share)
 
 
+def rendered_sums(scene: FrameSource, report: Callable[[float], None] | None = None) -> Tensor:
+    """The ten sums of every frame of a scene, `[T, 10]`; `report` gets the ratio that is done."""
+    features, state, sums = VisualFeatures(scene.size, 1 / scene.fps), None, list[Tensor]()
+    with torch.inference_mode():
+        for n, frames in enumerate(scene.chunks(8)):
+            out, state = features(frames, state)
+            sums.append(out)
+            if report is not None and n % 20 == 0:
+                report(8 * n / (scene.length or 1))
+    return torch.cat(sums)
+
+
 def film_alone(bar: Bar) -> LoneBar:
     """Film one bar in the sine shadow, 100 frames a second."""
     speed = bar.speed * math.cos(math.radians(bar.direction))
@@ -63,12 +75,8 @@ def film_alone(bar: Bar) -> LoneBar:
     # Two samples more than a period: one for rounding, one to interpolate to.
     seconds = SETTLED + PERIOD / abs(speed) + 3 * DT
     scene = BarScene([alone], seconds, SineShadow(PERIOD), (SIZE, SIZE))
-    features, state, sums = VisualFeatures(scene.size, DT), None, []
-    with torch.inference_mode():
-        for frames in scene.chunks(8):
-            out, state = features(frames, state)
-            sums.append(out)
-    return LoneBar(torch.cat(sums)[round(SETTLED / DT) :].clone(), start[0], speed)
+    sums = rendered_sums(scene)
+    return LoneBar(sums[round(SETTLED / DT) :].clone(), start[0], speed)
 
 
 class Bars(NamedTuple):

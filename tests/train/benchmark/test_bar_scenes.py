@@ -17,7 +17,7 @@ from ndtorch_train.benchmark.bar_scenes import (
     superposed,
     true_features,
 )
-from ndtorch_train.benchmark.scenes import rendered_sums
+from ndtorch_train.superposed import rendered_sums
 
 
 def test_splits_share_no_seed() -> None:

@@ -7,6 +7,7 @@ import pytest
 from ndtorch.errors import InputError
 from ndtorch.utils.packages import files_of
 from ndtorch_train.reproduce.claims import CLAIMS, chosen
+from ndtorch_train.reproduce.experiment import verdict_of, with_better
 
 
 def test_every_claim_of_the_list_is_there() -> None:
@@ -36,3 +37,13 @@ def test_claims_by_name() -> None:
     assert len(chosen([])) == len(CLAIMS)
     with pytest.raises(InputError, match=r"unknown claim 'B55'; claims are A1, .*; did you mean B5"):
         chosen(["B55"])
+
+
+def test_verdicts() -> None:
+    assert verdict_of(True, True) == "holds"
+    assert verdict_of(True, False) == "partly"
+    assert verdict_of(False, False) == "does not hold"
+
+
+def test_better_parts_stand_behind_what_they_better() -> None:
+    assert [claim.id for claim in with_better(chosen(["B5", "B7", "C9"]))] == ["B5", "B7", "B7+", "C9", "C9+"]

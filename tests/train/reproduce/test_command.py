@@ -13,7 +13,7 @@ import pytest
 from ndtorch.commands import main
 from ndtorch_train.reproduce.claims import CLAIMS, chosen
 from ndtorch_train.reproduce.command import looking_at
-from ndtorch_train.reproduce.context import ResultCache
+from ndtorch_train.reproduce.experiment import ResultCache
 from ndtorch_train.reproduce.page import BEGIN, END
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ndtorch_train.reproduce.claims import chosen
-from ndtorch_train.reproduce.outcome import Outcome
+from ndtorch_train.reproduce.experiment import Outcome
 from ndtorch_train.reproduce.page import BEGIN, END, Entry, as_json, markdown, not_run, page, put_table, tally
 
 

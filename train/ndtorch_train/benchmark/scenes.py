@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-import csv
 import functools
-import math
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from ndtorch.binding.feedback import settled
 from ndtorch.errors import InputError
-from ndtorch.scenes import Bar, BarScene, SineShadow, three_bars
-from ndtorch.scenes.bar_scenes import BLUE, GREEN, PERIOD, RED
 from ndtorch.utils.packages import MODELS
-from ndtorch.vision import FEATURES, VisualFeatures
 from ndtorch_train.benchmark import retinotopic
 from ndtorch_train.benchmark.bar_scenes import (
     FPS,
     LONGEST,
     SETTLE,
-    SPEED,
     RenderedBars,
     by_group,
     draw_scene,
@@ -40,9 +33,12 @@ from ndtorch_train.benchmark.scene_scores import COLUMNS, SceneScore, right_from
 from ndtorch_train.benchmark.separation import METHODS
 from ndtorch_train.plots import draw_scene_scores
 from ndtorch_train.rows import Row
+from ndtorch_train.superposed import Stimuli, film_bars, rendered_sums
 
 BATCH = 250
 """Scenes in memory at once."""
+PHASES = tuple(float(phase) for phase in range(0, 360, 20))
+BLUE_OFFSETS = (0.0, 10.0, 20.0, 30.0, 40.0)
 BAR_SECONDS = {"two bars": (15.0, 36.0, 96.0), "three bars": (15.0, 60.0)}
 
 SETS: Mapping[str, tuple[str, ...]] = {
@@ -167,92 +163,14 @@ def trials(
         yield Trial(sums, FPS, true_features(drawn, first_stage())), [min(seconds)]
 
 
-def rendered_sums(scene: RenderedBars | BarScene) -> Tensor:
-    """The ten sums of the frames of a scene, `[T, 10]`."""
-    features, state, parts = VisualFeatures(scene.size, 1 / scene.fps), None, []
-    with torch.inference_mode():
-        for frames in scene.chunks(8):
-            sums, state = features(frames, state)
-            parts.append(sums)
-    return torch.cat(parts)
-
-
-# The papers' two and three bars at every phase of their shadow, as superposed sums. [B §3.4.1-3.4.2]
-
-PHASES = tuple(range(0, 360, 20))
-BLUE_OFFSETS = (0.0, 10.0, 20.0, 30.0, 40.0)
-HARMONICS = 4
-BARS = {"red": (RED, -30.0), "green": (GREEN, 210.0), "blue": (BLUE, 180.0)}
-CYCLES = Path(__file__).with_name("cycles.csv")
-CANVAS = 350
-RENDERED_SECONDS = 4.0
-"""Seconds of every single bar that are rendered; the motion filters settle in the first half."""
-
-
-def single_bar_cycles() -> dict[str, Tensor]:
-    """The measured coefficients of all three bars, see `measure_cycle`."""
-    cycles = {name: torch.zeros(2 * HARMONICS + 1, 10, dtype=torch.float64) for name in BARS}
-    with CYCLES.open(encoding="utf-8") as file:
-        for name, term, *sums in list(csv.reader(file))[1:]:
-            cycles[name][int(term)] = torch.tensor([float(value) for value in sums], dtype=torch.float64)
-    return cycles
-
-
-def measure_cycle(name: str) -> Tensor:
-    """Fourier coefficients of the ten sums of one bar of `three_bars` alone, `[2 * HARMONICS + 1, 10]`.
-
-    The sums depend on time only through the bar's phase in the shadow, `sin(phase)` being its light. The coefficients
-    of `fourier_basis(phase)` come from rendered frames by least squares.
-    """
-    color, direction = BARS[name]
-    # A width of a whole number of shadow periods, so that the shadow closes at the edges.
-    start = (CANVAS / 2, CANVAS / 2)
-    bar = Bar(color, direction, start)
-    sums = rendered_sums(BarScene([bar], RENDERED_SECONDS, SineShadow(PERIOD), (CANVAS, CANVAS), FPS)).double()
-    times = torch.arange(len(sums), dtype=torch.float64) / FPS
-    phase = 2 * math.pi * (start[0] + SPEED * math.cos(math.radians(direction)) * times) / PERIOD
-    half = len(sums) // 2
-    coefficients: Tensor = torch.linalg.lstsq(fourier_basis(phase[half:]), sums[half:]).solution
-    return coefficients
-
-
-def fourier_basis(phase: Tensor) -> Tensor:
-    """1, sin and cos of the phase and its multiples, `[..., 2 * HARMONICS + 1]`."""
-    multiples = phase.unsqueeze(-1) * torch.arange(1, HARMONICS + 1, dtype=phase.dtype)
-    return torch.cat([torch.ones_like(phase).unsqueeze(-1), multiples.sin(), multiples.cos()], -1)
-
-
 def paper_bars(name: str, seconds: float) -> Trial:
-    """Two bars at 18 phases, or three bars at 90 combinations of phase and offset of the blue one."""
-    cycles = single_bar_cycles()
-    own = torch.stack([c[1:].square().sum(0).sqrt() for c in cycles.values()])
-    truth = present(by_group(own.float()) @ settled(first_stage()).T)
-    bars = 2 if name == "two bars" else 3
-    settings = [(float(phase), offset) for phase in PHASES for offset in (BLUE_OFFSETS if bars == 3 else (0.0,))]
-    times = torch.arange(round(seconds * FPS), dtype=torch.float64) / FPS
-    total = []
-    for lead, offset in settings:
-        # The same starts as `three_bars` in a 500 x 500 image.
-        places = three_bars(1.0, phase=lead, blue_offset=offset).bars
-        sums = torch.zeros(len(times), 10, dtype=torch.float64)
-        for color, bar in zip(BARS, places[:bars], strict=False):
-            assert isinstance(bar, Bar)
-            column = bar.start[0] + bar.speed * math.cos(math.radians(bar.direction)) * times
-            sums += fourier_basis(2 * math.pi * column / PERIOD) @ cycles[color]
-        total.append(sums.float())
-    return Trial(torch.stack(total), FPS, [truth[:bars]] * len(settings))
-
-
-def main() -> None:
-    """Measure the three bars and write `cycles.csv`."""
-    torch.set_num_threads(1)
-    with CYCLES.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["bar", "term", *FEATURES])
-        for name in BARS:
-            for term, sums in enumerate(measure_cycle(name).tolist()):
-                writer.writerow([name, term, *(f"{value:.5g}" for value in sums)])
-
-
-if __name__ == "__main__":
-    main()
+    """The papers' bars: two at 18 phases, or three at 90 combinations of phase and start of the blue one. [B §3.4.1]"""
+    bars = Stimuli(film_bars())
+    red, green = bars.red(seconds), bars.green(PHASES, seconds)
+    sums, own = red + green, [red, green[0]]
+    if name == "three bars":
+        blue = bars.blue(BLUE_OFFSETS, seconds)
+        sums, own = (sums[:, None] + blue).flatten(0, 1), [*own, blue[0]]
+    strength = torch.stack([one.std(0) for one in own])
+    truth = present(by_group(strength) @ settled(first_stage()).T)
+    return Trial(sums, FPS, [truth] * len(sums))

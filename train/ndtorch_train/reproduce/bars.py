@@ -23,8 +23,7 @@ from ndtorch_train.plots import (
     panels,
     weight_panel,
 )
-from ndtorch_train.reproduce.context import Context, judged
-from ndtorch_train.reproduce.outcome import Outcome
+from ndtorch_train.reproduce.experiment import Context, Outcome, judged
 from ndtorch_train.reproduce.signals import Run, learn, one_trial, owners, rendered, share_in, superposed
 
 PAIR = ["red", "green"]

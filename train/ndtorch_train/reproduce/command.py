@@ -16,7 +16,7 @@ from ndtorch.run.folder import place_for
 from ndtorch.utils.workers import Report, cores, run_tasks
 
 if TYPE_CHECKING:
-    from ndtorch_train.reproduce.outcome import Claim
+    from ndtorch_train.reproduce.experiment import Claim
     from ndtorch_train.reproduce.page import Entry
 
 
@@ -54,8 +54,7 @@ class Reproduce:
         """Do it; returns the exit code."""
         from ndtorch.report.page import NAME, open_in_browser
         from ndtorch_train.reproduce.claims import chosen
-        from ndtorch_train.reproduce.context import code_of
-        from ndtorch_train.reproduce.outcome import with_better
+        from ndtorch_train.reproduce.experiment import code_of, with_better
         from ndtorch_train.reproduce.page import markdown, publish, put_table, tally
 
         claims = chosen(self.ids)
@@ -102,8 +101,7 @@ class Reproduce:
     def collect(self, claims: Sequence[Claim], jobs: int, out: Path) -> tuple[list[Entry], dict[str, str]]:
         """Results of all claims, from the cache or computed now, and why some could not be had."""
         from ndtorch.utils.signals import parts_kept
-        from ndtorch_train.reproduce.context import ResultCache
-        from ndtorch_train.reproduce.outcome import with_better
+        from ndtorch_train.reproduce.experiment import ResultCache, with_better
         from ndtorch_train.reproduce.page import Entry, not_run
 
         store = ResultCache(out / "cache")
@@ -145,7 +143,7 @@ def compute(claims: Sequence[Claim], quick: bool, jobs: int, folder: Path) -> di
     if not claims:
         return {}
     from ndtorch.run.progress import progress_bar
-    from ndtorch_train.reproduce.context import code_of
+    from ndtorch_train.reproduce.experiment import code_of
 
     def cost(claim: Claim) -> float:
         return claim.seconds[1 if quick else 0]
@@ -177,7 +175,7 @@ def compute(claims: Sequence[Claim], quick: bool, jobs: int, folder: Path) -> di
 def _task(task: tuple[Claim, str], report: Report, *, quick: bool, folder: Path) -> None:
     """One experiment and the fingerprint of its code, in a process of its own."""
     from ndtorch.utils.tensors import tune_allocator
-    from ndtorch_train.reproduce.context import run_claim
+    from ndtorch_train.reproduce.experiment import run_claim
 
     tune_allocator()
     try:

@@ -1,4 +1,4 @@
-"""A4, A5 and A9: driving by the published saccades, and how fast it computes."""
+"""A4, A5 and A9: driving by the published saccades, and how fast it computes; simulated drives that others share."""
 
 from __future__ import annotations
 
@@ -12,10 +12,35 @@ from ndtorch.navigation import TURN, AvoidanceParams, Navigator, StereoRig
 from ndtorch.navigation.controllers.published import SaccadeAvoidance
 from ndtorch.navigation.controllers.subfields import SubfieldMotion
 from ndtorch_train.plots import BLACK, BLUE, GREEN, ORANGE, YELLOW, panels
-from ndtorch_train.recorded import RATE, Recorded
-from ndtorch_train.reproduce.context import Context, judged
-from ndtorch_train.reproduce.drives import recorded
-from ndtorch_train.reproduce.outcome import Outcome
+from ndtorch_train.recorded import RATE, Arrays, Recorded, from_arrays, record_drive
+from ndtorch_train.reproduce.experiment import Context, Outcome, judged
+
+DRIVES = ("ndtorch.vision", "ndtorch.navigation", "ndtorch_robot", "ndtorch_train.recorded")
+"""Code that a drive depends on."""
+
+PUBLISHED = {"controller": "published", "features": 5, "feature_position": "motion"}
+"""What is printed in place of the defaults of `ndtorch drive`."""
+
+
+def recorded(
+    context: Context, arena: str, seed: int, seconds: float, share: tuple[float, float] = (0.0, 1.0), **options: Any
+) -> Recorded:
+    """Drive with the published controller, or look up the drive.
+
+    Args:
+        share: where this drive begins and ends within the experiment, for the progress.
+        options: other fields of `robot.config.DriveConfig`.
+    """
+    key = {"arena": arena, "seed": seed, "seconds": seconds, **PUBLISHED, **options}
+
+    def report(made: int, total: int) -> None:
+        if made % 30 == 0:
+            context.report(share[0] + (share[1] - share[0]) * made / total)
+
+    def make() -> Arrays:
+        return record_drive(key, report)
+
+    return from_arrays(context.stored("drive", key, DRIVES, make), arena, seed)
 
 
 def plan_axes(axes: Any, arena: str, seed: int, faint: bool = False) -> None:

@@ -14,8 +14,7 @@ from ndtorch.report.plots.layout import STYLES
 from ndtorch.scenes import hsl_color, moving_bar, static_bar
 from ndtorch.vision import FEATURES, GROUPS, VisualFeatures
 from ndtorch_train.plots import letters, panels
-from ndtorch_train.reproduce.context import Context, judged
-from ndtorch_train.reproduce.outcome import Outcome
+from ndtorch_train.reproduce.experiment import Context, Outcome, judged
 
 
 def settled(weights: Tensor, inputs: Tensor) -> Tensor:

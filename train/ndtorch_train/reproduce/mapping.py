@@ -16,10 +16,8 @@ from ndtorch.navigation.prediction import PredictedFeatures
 from ndtorch.vision import NDMin
 from ndtorch_train.plots import BLUE, GREEN, ORANGE, PURPLE, letters, panels
 from ndtorch_train.recorded import RATE, Recorded, map_of, quality, ranges_of, score_of
-from ndtorch_train.reproduce.context import Context, judged
-from ndtorch_train.reproduce.drives import recorded
-from ndtorch_train.reproduce.driving import plan_axes
-from ndtorch_train.reproduce.outcome import Outcome
+from ndtorch_train.reproduce.driving import plan_axes, recorded
+from ndtorch_train.reproduce.experiment import Context, Outcome, judged
 
 TOP_THREE = ("#d55e00", "#009e73", "#0072b2")
 """Red, green and blue of the paper's marks, in tones the color-blind tell apart."""

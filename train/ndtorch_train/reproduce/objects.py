@@ -24,8 +24,7 @@ from ndtorch_train.plots import (
     output_panel,
     panels,
 )
-from ndtorch_train.reproduce.context import Context, judged
-from ndtorch_train.reproduce.outcome import Outcome
+from ndtorch_train.reproduce.experiment import Context, Outcome, judged
 from ndtorch_train.reproduce.signals import (
     SUMS,
     learn,

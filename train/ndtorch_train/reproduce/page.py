@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from ndtorch.report.page import NAME, render, versions
 from ndtorch.utils.files import write_text
-from ndtorch_train.reproduce.outcome import Claim, Outcome
+from ndtorch_train.reproduce.experiment import Claim, Outcome
 
 COLORS = {
     "holds": ("#0072b2", "✓"),

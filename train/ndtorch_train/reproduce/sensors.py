@@ -12,8 +12,7 @@ from ndtorch.navigation import StereoRig
 from ndtorch.scenes import FlickeringGrating, MovingGrating
 from ndtorch.vision import NDS, SPEED_SCALE, ChahlSrinivasan, NDMin, NDMinus, judge_speed_curve, speed_response
 from ndtorch_train.plots import BLACK, BLUE, GREEN, ORANGE, PURPLE, letters, panels
-from ndtorch_train.reproduce.context import Context, judged
-from ndtorch_train.reproduce.outcome import Outcome
+from ndtorch_train.reproduce.experiment import Context, Outcome, judged
 
 MEASURED = {"NDS": (1.49, 2.71), "ND-minus": (0.77, 0.62), "ND-min": (1.00, 1.30), "Chahl-Srinivasan": (1.00, 1.21)}
 """Responses at 1 and 2 pixels a step, as an independent implementation of the paper measured them."""

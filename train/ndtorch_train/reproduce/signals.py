@@ -13,12 +13,12 @@ import ndtorch
 from ndtorch.binding import PublishedModel, object_table
 from ndtorch.binding.models.published import second_stage
 from ndtorch.binding.models.whole_field import BindingState
-from ndtorch.scenes import SCENES, FrameSource, make_scene
+from ndtorch.scenes import SCENES, make_scene
 from ndtorch.utils.packages import MODELS
 from ndtorch.utils.tensors import mapped
-from ndtorch.vision import FEATURES, VisualFeatures
-from ndtorch_train.reproduce.context import Context
-from ndtorch_train.superposed import Bars, LoneBar, Stimuli, film_bars
+from ndtorch.vision import FEATURES
+from ndtorch_train.reproduce.experiment import Arrays, Context
+from ndtorch_train.superposed import Bars, LoneBar, Stimuli, film_bars, rendered_sums
 
 RED, GREEN, BLUE = (FEATURES.index(name) for name in ("red", "green", "blue"))
 SETTLE = 4.0
@@ -30,26 +30,15 @@ HOUSE = ("ndtorch_train.reproduce.signals", "ndtorch_train.plots")
 """Code that every experiment on binding shares."""
 
 
-def film(scene: FrameSource, context: Context, share: float = 1.0) -> Tensor:
-    """The ten sums of every frame of a scene, `[T, 10]`."""
-    features, state, sums = VisualFeatures(scene.size, 1 / scene.fps), None, list[Tensor]()
-    with torch.inference_mode():
-        for n, frames in enumerate(scene.chunks(8)):
-            out, state = features(frames, state)
-            sums.append(out)
-            if n % 20 == 0:
-                context.report(share * 8 * n / (scene.length or 1))
-    return torch.cat(sums)
-
-
 def rendered(context: Context, name: str, share: float = 1.0, **options: Any) -> Tensor:
     """Sums of a named scene, from full 500 x 500 frames; computed once for everybody."""
     assert name in SCENES
     key = {"scene": name, **options}
-    made = context.stored(
-        "sums", key, SUMS, lambda: {"sums": film(make_scene(name, **options), context, share).numpy()}
-    )
-    return torch.from_numpy(made["sums"])
+
+    def make() -> Arrays:
+        return {"sums": rendered_sums(make_scene(name, **options), lambda done: context.report(share * done)).numpy()}
+
+    return torch.from_numpy(context.stored("sums", key, SUMS, make)["sums"])
 
 
 def superposed(

@@ -14,8 +14,7 @@ from ndtorch.binding import object_table
 from ndtorch.scenes import FrameSource, RenderedScene, open_video
 from ndtorch.vision import FEATURES
 from ndtorch_train.plots import bare, feature_legend, letters, matrix_panel, output_panel, weight_panel
-from ndtorch_train.reproduce.context import Context, judged
-from ndtorch_train.reproduce.outcome import Outcome
+from ndtorch_train.reproduce.experiment import Context, Outcome, judged
 from ndtorch_train.reproduce.signals import owners
 
 ENTERS, LEAVES = 0.1, 3.2

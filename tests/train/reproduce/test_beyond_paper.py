@@ -9,14 +9,14 @@ import torch
 
 from ndtorch.binding import BoundObject
 from ndtorch.scenes import BarScene, FrameSource, SineShadow
-from ndtorch_train.reproduce import better
-from ndtorch_train.reproduce.context import Context
+from ndtorch_train.reproduce import beyond_paper
+from ndtorch_train.reproduce.experiment import Context
 from ndtorch_train.reproduce.video import ParkingLot
 
 
 def test_exactly_means_each_color_once() -> None:
     found = [["green", "red"], ["red"], ["red", "red"], ["red", "green", "blue"]]
-    assert better.exactly(found, ["red", "green"]) == [True, False, False, False]
+    assert beyond_paper.exactly(found, ["red", "green"]) == [True, False, False, False]
 
 
 def test_colors_at_are_those_of_the_moment() -> None:
@@ -26,7 +26,7 @@ def test_colors_at_are_those_of_the_moment() -> None:
     red = torch.tensor([0, 1.0, 0, 0, 1.0, 0.2, 0.2, 1.0, 0.1, 0.1])
     blue = torch.tensor([1.0, 0, 0, 0, 0.2, 1.0, 0.2, 0.1, 0.1, 1.0])
     sums = light[:, None] * torch.where(time[:, None] < 6, red, blue)
-    first, last = better.colors_at(sums[None], [600, 1200])
+    first, last = beyond_paper.colors_at(sums[None], [600, 1200])
     assert (first, last) == ([["red"]], [["blue"]])
 
 
@@ -45,8 +45,8 @@ def test_what_was_counted_decides_and_is_drawn(context: Context, monkeypatch: py
         number = 3 if isinstance(source.fluctuation, SineShadow) else 1
         return [BoundObject("green", 8, {"green": 1.0})] * number, [(0.0, 0), (1.0, number)], None
 
-    monkeypatch.setattr(better, "watched", watched)
-    outcome = better.equal_objects(context, 2.0, ["shadow", "distance"], 250)
+    monkeypatch.setattr(beyond_paper, "watched", watched)
+    outcome = beyond_paper.equal_objects(context, 2.0, ["shadow", "distance"], 250)
     assert outcome.verdict == "partly"
     assert outcome.ours == "shadow: 3; distance: 1"
     assert (context.folder / "C-equal-bars-retinotopic.svg").is_file()
@@ -57,8 +57,8 @@ def test_without_a_clip_the_road_is_left_out(context: Context, monkeypatch: pyte
         def __init__(self, settle: float, seconds: float, seed: int) -> None:
             super().__init__(settle, 0.2 - settle, seed)
 
-    monkeypatch.setattr(better, "ParkingLot", Still)
-    outcome = better.one_object(context, 0, "")
+    monkeypatch.setattr(beyond_paper, "ParkingLot", Still)
+    outcome = beyond_paper.one_object(context, 0, "")
     assert outcome.ours == "stand-in: 0 (none)"
     assert outcome.verdict == "does not hold"
     assert "No road clip given" in outcome.why

@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 from ndtorch.utils.files import hold
-from ndtorch_train.reproduce.context import Context, ResultCache, held, lock_folder, run_claim
-from ndtorch_train.reproduce.outcome import Claim, Outcome
+from ndtorch_train.reproduce.experiment import Claim, Context, Outcome, ResultCache, held, lock_folder, run_claim
 
 
 def test_what_killed_runs_left_is_removed_and_what_others_work_at_stays(tmp_path: Path) -> None:
@@ -55,7 +54,7 @@ def test_a_run_that_waits_for_another_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """What several experiments need is computed once: the second run takes what the first has made."""
-    monkeypatch.setattr("ndtorch_train.reproduce.context.hold", lambda file, tell: hold(file, tell, patience=0.0))
+    monkeypatch.setattr("ndtorch_train.reproduce.experiment.hold", lambda file, tell: hold(file, tell, patience=0.0))
     begun, done = threading.Event(), threading.Event()
 
     def slowly() -> dict[str, Any]:
