@@ -77,7 +77,7 @@ Case = tuple[str, Callable[[Any], Any], Callable[[], Tensor]]
 VISION: dict[str, Case] = {
     "LowPass": ("x", vision.LowPass(0.1, DT), frames),
     "HighPass": ("x", vision.HighPass(0.1, DT), frames),
-    "RecentMax": ("x", vision.RecentMax(0.2, DT), lambda: signals(4, 10)),
+    "RunningMax": ("x", vision.RunningMax(0.2, DT), lambda: signals(4, 10)),
     "NDMin": ("x", vision.NDMin(), frames),
     "NDMinus": ("x", vision.NDMinus(), frames),
     "NDS": ("x", vision.NDS(), frames),

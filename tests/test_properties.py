@@ -66,7 +66,7 @@ def steered(name: str) -> Part:
 PARTS: dict[str, Part] = {
     "LowPass": Part(lambda: vision.LowPass(0.1, DT), pictures),
     "HighPass": Part(lambda: vision.HighPass(0.1, DT), pictures),
-    "RecentMax": Part(lambda: vision.RecentMax(0.1, DT), signals),
+    "RunningMax": Part(lambda: vision.RunningMax(0.1, DT), signals),
     "NDMin": Part(lambda: vision.NDMin(), rows),
     "NDMinus": Part(lambda: vision.NDMinus(), rows),
     "NDS": Part(lambda: vision.NDS(tau_low=0.1), rows),

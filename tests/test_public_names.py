@@ -25,7 +25,7 @@ VISION = """
     ANGLES FEATURES GROUPS NDS SPEED_SCALE ChahlSrinivasan CoherentMotion
     CoherentParams CoherentState
     FilterState HassensteinReichardt HighPass LocalFeatures LowPass MotionState NDMin NDMinus NDSState OrientedDoG
-    RecentMax RecentMaxState ShiftState SpeedCurve VisualFeatures dog_spectrum field_weights judge_speed_curve
+    RunningMax RecentMaxState ShiftState SpeedCurve VisualFeatures dog_spectrum field_weights judge_speed_curve
     low_pass_step row_shift smoothing_factor spatial_maximum speed_response
 """
 BINDING = """

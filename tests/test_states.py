@@ -77,7 +77,7 @@ def test_what_a_filter_remembers_must_go_with_what_comes(name: str) -> None:
         part.run(given, spoiled(state, lambda x: torch.cat([x, x, x])))
 
 
-@pytest.mark.parametrize("name", ["RecentMax", "ChahlSrinivasan", "Resample"])
+@pytest.mark.parametrize("name", ["RunningMax", "ChahlSrinivasan", "Resample"])
 @pytest.mark.parametrize("change", [lambda x: x[:1], lambda x: torch.cat([x, x]), lambda x: x[..., :-1]])
 @torch.no_grad()
 def test_samples_that_are_kept_must_be_of_the_size_of_those_that_come(name: str, change: Any) -> None:

@@ -3,9 +3,9 @@
 These are the names people start with; the rest is in the files.
 """
 
-from ndtorch.binding.activations import ACTIVATIONS
 from ndtorch.binding.attention import Attention
 from ndtorch.binding.first_stage import FirstStage, train_first_stage
+from ndtorch.binding.learning import alternation, weight_change
 from ndtorch.binding.models.contract import BindingModel, Verdict
 from ndtorch.binding.models.published import PublishedModel
 from ndtorch.binding.models.retinotopic import RetinotopicModel
@@ -15,9 +15,8 @@ from ndtorch.binding.normalise import BindingInputs
 from ndtorch.binding.object_files import ObjectFiles
 from ndtorch.binding.objects import BoundObject, ObjectTable, bound_objects, describe
 from ndtorch.binding.readout.owners import object_table
-from ndtorch.binding.rules import LearningRule, learning_rule
+from ndtorch.binding.rules import ACTIVATIONS, LearningRule, learning_rule
 from ndtorch.binding.saving import load_state, save_state, to_device
-from ndtorch.binding.settling import alternation, weight_change
 from ndtorch.binding.spectrum import limit_spectral_radius, spectral_radius
 from ndtorch.binding.theory import separated, solutions
 from ndtorch.utils.lazy import lazy

@@ -1,4 +1,4 @@
-"""One step of the network: its outputs, and what it learns from them."""
+"""The step of an inhibitory network: feedback, learning, and whether it has converged."""
 
 from __future__ import annotations
 
@@ -10,10 +10,39 @@ from typing import Literal, NamedTuple
 import torch
 from torch import Tensor
 
-from ndtorch.binding.feedback import Feedback, inhibit, through
 from ndtorch.binding.rules import Rule
 from ndtorch.vision.blocks import BlockLowPass
 from ndtorch.vision.temporal import low_pass_step
+
+Feedback = Literal["delayed", "settled"]
+FEEDBACKS: tuple[Feedback, ...] = ("delayed", "settled")
+
+
+def inhibit(drive: Tensor, weights: Tensor, outputs: Tensor) -> Tensor:
+    """One step of delayed feedback, `o(t + dt) = i'(t) - W o(t)`: `[..., N]`, `[..., N, N]`, `[..., N]`. [B eq. 22]"""
+    if drive.ndim == 1 and weights.ndim == 2:
+        return torch.addmv(drive, weights, outputs, alpha=-1)
+    return drive - (weights @ outputs.unsqueeze(-1)).squeeze(-1)
+
+
+def settled(weights: Tensor) -> Tensor:
+    """The gain `(I + W)^-1`: what the network makes of a steady input, `[..., N, N]`. [C eq. 2]
+
+    It is what `o(t + dt) = i - W o(t)` comes to rest at, so it needs no short time step. It exists: the spectral
+    radius of |W| stays below 1, so -1 is no eigenvalue of W.
+    """
+    eye = torch.eye(weights.shape[-1], dtype=weights.dtype, device=weights.device)
+    inverse: Tensor = torch.linalg.inv_ex(eye + weights)[0]
+    return inverse
+
+
+def through(block: Tensor, weights: Tensor, shared: bool) -> Tensor:
+    """Settled outputs of a block of inputs `[..., E, N]`, or `[..., E, F, N]` of fields that share the weights."""
+    gain = settled(weights).mT
+    if not shared:
+        return block @ gain
+    return (block.flatten(-3, -2) @ gain).reshape(block.shape)
+
 
 WhenFull = Literal["rescale", "stop"]
 
@@ -196,3 +225,35 @@ def held(where: Tensor | None, new: Tensor, old: Tensor) -> Tensor:
     if where is None:
         return new
     return torch.where(where.reshape(where.shape + (1,) * (new.ndim - where.ndim)), new, old)
+
+
+def latest_changes(changes: Tensor, shifts: list[tuple[Tensor, Tensor | None]]) -> Tensor:
+    """The latest changes `[..., S]`, as many as before, after new ones `[...]`: those that are known, or turn out, to
+    come from whole blocks."""
+    if all(known is None for _, known in shifts):
+        return torch.cat([changes, *(shift.unsqueeze(-1) for shift, _ in shifts)], -1)[..., -changes.shape[-1] :]
+    for shift, known in shifts:
+        later = torch.cat([changes[..., 1:], shift.unsqueeze(-1)], -1)
+        changes = later if known is None else torch.where(known, later, changes)
+    return changes
+
+
+def weight_change(state: NetworkState) -> Tensor:
+    """Summed magnitude of the changes of all mean weights over the recent window, `[...]`. [C eq. 5]
+
+    As printed, the sum is over the weights themselves; but weights ripple with the fluctuations they are learned
+    from, the more the faster they learn, and it is their temporal mean that settles [B §3.4.1]. `tau_mean=0`
+    gives the printed sum.
+    """
+    return state.changes.sum(-1)
+
+
+def alternation(state: NetworkState) -> Tensor:
+    """How much of the outputs' recent power flips sign from sample to sample, `[...]`, 0 to 1.
+
+    For a pure alternation the squared difference of successive outputs is four times their power; for signals
+    that are slow against the time step it is near zero, and with settled feedback it is zero.
+    """
+    power, roughness = state.power, state.roughness
+    over = tuple(range(state.stopped.ndim, power.ndim))
+    return roughness.sum(over) / (4 * power.sum(over)).clamp_min(torch.finfo(power.dtype).tiny)

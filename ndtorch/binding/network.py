@@ -10,11 +10,20 @@ import torch
 from torch import Tensor, nn
 
 from ndtorch.arguments import check_batch, check_number, check_state, check_tensor, is_whole
-from ndtorch.binding.feedback import FEEDBACKS, Feedback, through
-from ndtorch.binding.learning import Constants, Moment, NetworkState, WhenFull, moments, network_step
+from ndtorch.binding.learning import (
+    FEEDBACKS,
+    Constants,
+    Feedback,
+    Moment,
+    NetworkState,
+    WhenFull,
+    latest_changes,
+    moments,
+    network_step,
+    through,
+)
 from ndtorch.binding.network_kernels import delayed_steps, shared_fits, shared_steps
 from ndtorch.binding.rules import Rule, ScaleFreeRule, learning_rule
-from ndtorch.binding.settling import latest_changes
 from ndtorch.errors import InputError
 from ndtorch.utils.backend import Backend, check_backend
 from ndtorch.vision.blocks import BlockLowPass, Stretch

@@ -6,9 +6,8 @@ import torch
 from torch import Tensor
 
 from ndtorch.binding._kernels import DelayedNumbers, RuleNumbers, delayed_network, shared_network
-from ndtorch.binding.activations import cube, linear, tanh_10, tanh_pi
 from ndtorch.binding.learning import Constants, NetworkState, network_step
-from ndtorch.binding.rules import LARGEST, LearningRule, ScaleFreeRule
+from ndtorch.binding.rules import LARGEST, LearningRule, ScaleFreeRule, cube, linear, tanh_10, tanh_pi
 from ndtorch.utils.backend import Backend, kernels_wanted
 
 FUNCTIONS = (linear, cube, tanh_pi, tanh_10)

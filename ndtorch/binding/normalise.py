@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from ndtorch.arguments import check_number, check_state, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.vision.features import GROUPS
-from ndtorch.vision.temporal import FilterState, HighPass, RecentMax, RecentMaxState, time_dim
+from ndtorch.vision.temporal import FilterState, HighPass, RecentMaxState, RunningMax, time_dim
 
 Order = Literal["filter-first", "printed"]
 ORDERS: tuple[Order, ...] = ("filter-first", "printed")
@@ -68,7 +68,7 @@ class BindingInputs(nn.Module):
         check_number("window", window, least=0, unit="seconds")
         self.order, self.floor = order, floor
         self.high_pass = HighPass(tau, dt, sample_dims=1)
-        self.recent_max = RecentMax(window, dt)
+        self.recent_max = RunningMax(window, dt)
 
     def forward(self, sums: Tensor, state: InputState | None = None) -> tuple[tuple[Tensor, Tensor], InputState]:
         check_state(state, InputState)

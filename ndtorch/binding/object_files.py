@@ -13,10 +13,9 @@ from ndtorch.arguments import check_batch, check_number, check_state, check_tens
 from ndtorch.binding.covariance import sample_step
 from ndtorch.config import Constants
 from ndtorch.errors import InputError
-from ndtorch.vision.alpha_beta import corrected, predicted
 from ndtorch.vision.features import GROUPS
 from ndtorch.vision.motion import Border, check_border
-from ndtorch.vision.roots import root
+from ndtorch.vision.temporal import corrected, predicted, safe_sqrt
 
 DIRECTIONS = ((0.0, -1.0), (0.0, 1.0), (1.0, 0.0), (-1.0, 0.0))
 """Rows and columns towards which the motion signals left, right, down and up point."""
@@ -224,7 +223,7 @@ def object_file_step(low: Tensor, state: ObjectFileState, windows: ObjectFiles) 
     signals = low.flatten(-3, -2)  # [..., F, 10]
     motion = signals[..., GROUPS["motion"]].clamp_min(0)
     # The detectors multiply brightness with brightness; the root is proportional to it again.
-    energy = root(motion.sum(-1))  # [..., F]
+    energy = safe_sqrt(motion.sum(-1))  # [..., F]
     peak = torch.maximum(state.peak * (1 - dt / p.tau_peak), energy.amax(-1))
     median = energy.median(-1).values  # objects fill few fields: what most show is noise
 
@@ -233,7 +232,7 @@ def object_file_step(low: Tensor, state: ObjectFileState, windows: ObjectFiles) 
     away = windows.offset(windows.centers - place.unsqueeze(-2))  # [..., K, F, 2]
     window = torch.exp(-away.square().sum(-1) / (2 * p.window**2)) * state.open.unsqueeze(-1)
     shared = window * window / (window.sum(-2, keepdim=True) + p.crowd)
-    own = root(own_direction(state, windows) @ motion.mT)  # [..., K, F]
+    own = safe_sqrt(own_direction(state, windows) @ motion.mT)  # [..., K, F]
     weight = shared * own
     seen = state.open & ((window * own).amax(-1) > torch.maximum(p.visible * peak, median).unsqueeze(-1))
     towards = (weight.unsqueeze(-1) * away).sum(-2) / weight.sum(-1, keepdim=True).clamp_min(tiny)

@@ -9,9 +9,9 @@ import torch
 from ndtorch.arguments import check_number, check_size
 from ndtorch.errors import InputError
 from ndtorch.scenes.bars import Bar, BarScene
+from ndtorch.scenes.base import PerScene, check_place, check_seed, pairs, per_scene
 from ndtorch.scenes.fluctuation import Distance, Fluctuation, NoFluctuation, RandomShadow, SineShadow
 from ndtorch.scenes.named import SECONDS
-from ndtorch.scenes.parameters import PerScene, check_place, check_seed, pairs, per_scene
 
 Color = tuple[float, float, float]
 RED: Color = (0.75, 0.1, 0.1)

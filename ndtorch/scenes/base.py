@@ -1,11 +1,16 @@
-"""What every source of frames offers: a rate, a size and chunks of frames in order."""
+"""What every source of frames offers, and the checks that scenes share."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
+import numpy as np
+import torch
 from torch import Tensor
+
+from ndtorch.arguments import is_finite, is_whole
+from ndtorch.errors import InputError
 
 
 class FrameSource(ABC):
@@ -30,3 +35,66 @@ class FrameSource(ABC):
         Values are in 0..1 (float) or 0..255 (uint8). Every yielded tensor is the caller's to keep.
         A few frames at a time are fastest on a CPU: 500x500 RGB frames leave the cache after one or two.
         """
+
+
+PerScene = float | Sequence[float] | Tensor
+"""One number, or B numbers for a batch of B scenes."""
+
+PerBar = float | Sequence[float] | Sequence[Sequence[float]] | Tensor
+"""One number for all, one a bar `[bars]`, or one a scene and bar `[B, bars]`."""
+
+
+def per_scene(name: str, value: PerScene) -> Tensor:
+    """`value` as a float64 tensor of shape [] or [B] on the CPU, or `InputError`."""
+    return _numbers(name, value, 1, "a finite number or a list of them")
+
+
+def per_bar(name: str, value: PerBar) -> Tensor:
+    """`value` as a float64 tensor of shape [bars] or [B, bars] on the CPU; one number becomes [1]."""
+    numbers = _numbers(name, value, 2, "finite: a number, [bars] or [B, bars]")
+    return numbers.reshape(1) if numbers.ndim == 0 else numbers
+
+
+def check_seed(seed: object) -> None:
+    """Raise `InputError` unless it is a whole number, or several."""
+    several = seed if isinstance(seed, tuple | list) else (seed,)
+    if not several or not all(is_whole(one) and abs(one) < 2**63 for one in several):
+        raise InputError(f"seed must be a whole number or several, got {repr(seed)[:40]}")
+
+
+def check_color(name: str, color: object) -> None:
+    """Raise `InputError` unless it is red, green and blue in 0..1."""
+    if not (isinstance(color, tuple | list) and len(color) == 3 and all(is_finite(x) and 0 <= x <= 1 for x in color)):
+        raise InputError(f"{name} must be red, green and blue in 0..1, got {repr(color)[:40]}")
+
+
+def check_place(name: str, place: object) -> None:
+    """Raise `InputError` unless it is a column and a row."""
+    if not (isinstance(place, tuple | list) and len(place) == 2 and all(map(is_finite, place))):
+        raise InputError(f"{name} must be a column and a row, got {repr(place)[:40]}")
+
+
+def pairs(
+    first_name: str, first: PerScene, second_name: str, second: PerScene
+) -> tuple[float, float] | list[tuple[float, float]]:
+    """The two values of one scene, or B of them; one number goes with every scene of the other's batch."""
+    a, b = per_scene(first_name, first).numpy(), per_scene(second_name, second).numpy()
+    try:
+        a, b = np.broadcast_arrays(a, b)
+    except ValueError as error:
+        raise InputError(
+            f"{first_name} and {second_name} must hold equally many values, got {len(a)} and {len(b)}"
+        ) from error
+    if a.ndim == 0:
+        return float(a), float(b)
+    return list(zip(a.tolist(), b.tolist(), strict=True))
+
+
+def _numbers(name: str, value: object, most_dims: int, wanted: str) -> Tensor:
+    try:
+        tensor = torch.as_tensor(value, dtype=torch.float64).cpu()
+    except (TypeError, ValueError, OverflowError, RuntimeError) as error:
+        raise InputError(f"{name} must be {wanted}, got {repr(value)[:40]}") from error
+    if tensor.ndim > most_dims or tensor.numel() == 0 or not bool(torch.isfinite(tensor).all()):
+        raise InputError(f"{name} must be {wanted}, got {tensor.tolist()}")
+    return tensor

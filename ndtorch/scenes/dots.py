@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ndtorch.arguments import check_number, is_finite
 from ndtorch.errors import InputError
-from ndtorch.scenes.parameters import check_seed
+from ndtorch.scenes.base import check_seed
 from ndtorch.scenes.rendered import RenderedScene
 
 Floats = npt.NDArray[np.float64]

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ndtorch.arguments import check_number
 from ndtorch.errors import InputError
-from ndtorch.scenes.parameters import PerBar, check_seed, per_bar
+from ndtorch.scenes.base import PerBar, check_seed, per_bar
 
 
 class Fluctuation:

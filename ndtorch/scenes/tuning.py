@@ -9,8 +9,8 @@ from ndtorch.arguments import check_number, check_size, check_tensor
 from ndtorch.errors import InputError
 from ndtorch.scenes.bar_scenes import Color
 from ndtorch.scenes.bars import Bar, BarScene
+from ndtorch.scenes.base import PerScene, check_place, pairs
 from ndtorch.scenes.fluctuation import Fluctuation
-from ndtorch.scenes.parameters import PerScene, check_place, pairs
 
 WHITE: Color = (1.0, 1.0, 1.0)
 

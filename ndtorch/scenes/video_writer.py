@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch.scenes.quiet import quiet_opencv
+from ndtorch.scenes.readers import quiet_opencv
 from ndtorch.scenes.rendered import check_size
 from ndtorch.utils.packages import need
 

@@ -5,18 +5,18 @@ from ndtorch.vision.chahl_srinivasan import ChahlSrinivasan, ShiftState, row_shi
 from ndtorch.vision.characterisation import SpeedCurve, judge_speed_curve, speed_response
 from ndtorch.vision.coherent import CoherentMotion, CoherentParams, CoherentState
 from ndtorch.vision.features import FEATURES, GROUPS, VisualFeatures
-from ndtorch.vision.fields import field_weights
-from ndtorch.vision.local import LocalFeatures
 from ndtorch.vision.motion import HassensteinReichardt, MotionState
 from ndtorch.vision.nondirectional import NDS, SPEED_SCALE, NDMin, NDMinus, NDSState, spatial_maximum
 from ndtorch.vision.orientation import ANGLES, OrientedDoG, dog_spectrum
-from ndtorch.vision.resample import Resample, ResampleState
+from ndtorch.vision.receptive_fields import LocalFeatures, field_weights
 from ndtorch.vision.temporal import (
     FilterState,
     HighPass,
     LowPass,
-    RecentMax,
     RecentMaxState,
+    Resample,
+    ResampleState,
+    RunningMax,
     low_pass_step,
     smoothing_factor,
 )
@@ -41,10 +41,10 @@ __all__ = [
     "NDMinus",
     "NDSState",
     "OrientedDoG",
-    "RecentMax",
     "RecentMaxState",
     "Resample",
     "ResampleState",
+    "RunningMax",
     "ShiftState",
     "SpeedCurve",
     "VisualFeatures",

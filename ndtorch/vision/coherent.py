@@ -13,8 +13,8 @@ from torch.nn import functional
 from ndtorch.arguments import check_batch, check_finite, check_fits, check_number, check_size, check_state
 from ndtorch.config import Constants
 from ndtorch.errors import InputError
-from ndtorch.vision.fields import pool
 from ndtorch.vision.frames import as_float, check_frames, grey
+from ndtorch.vision.receptive_fields import pool
 from ndtorch.vision.temporal import low_pass_step, smoothing_factor
 
 LEAST = 0.6

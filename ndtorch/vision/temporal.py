@@ -1,9 +1,12 @@
-"""First-order temporal filters and the recent maximum, as pure steps and as modules with explicit state."""
+"""Filters over time: low- and high-pass, running maximum, change of the sampling rate, the alpha-beta filter."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import NamedTuple, TypeVar
 
+import numpy as np
+import numpy.typing as npt
 import torch
 from torch import Tensor, nn
 
@@ -18,6 +21,16 @@ from ndtorch.arguments import (
     is_number,
 )
 from ndtorch.errors import InputError
+
+
+def safe_sqrt(x: Tensor) -> Tensor:
+    """Square root of what is positive, 0 elsewhere; there its gradient is 0, not infinite.
+
+    What is zero because nothing is seen stays so whatever is changed a little, and an infinite slope times the zero
+    slope of that would be no number.
+    """
+    positive = x > 0
+    return x.where(positive, 1.0).sqrt().where(positive, 0.0)
 
 
 def smoothing_factor(tau: float, dt: float, name: str = "tau") -> float:
@@ -118,18 +131,18 @@ class HighPass(nn.Module):
 
 
 class RecentMaxState(NamedTuple):
-    """State of `RecentMax`: the last `window - 1` samples, `[..., window - 1, N]`, oldest first."""
+    """State of `RunningMax`: the last `window - 1` samples, `[..., window - 1, N]`, oldest first."""
 
     history: Tensor
 
 
-class RecentMax(nn.Module):
+class RunningMax(nn.Module):
     """Largest value of each signal over the last `seconds`, the present sample included. [B §2.1.4]
 
     Shapes:
         x `[..., T, N]` -> `[..., T, N]`. `state=None` behaves as if the first sample had been there for ever.
 
-    >>> largest, state = RecentMax(seconds=2.0, dt=1.0)(torch.tensor([[3.0], [1.0], [0.0], [0.0]]))
+    >>> largest, state = RunningMax(seconds=2.0, dt=1.0)(torch.tensor([[3.0], [1.0], [0.0], [0.0]]))
     >>> largest.flatten()
     tensor([3., 3., 1., 0.])
     """
@@ -164,3 +177,92 @@ def time_dim(x: Tensor, sample_dims: int, name: str = "x") -> int:
     if x.shape[x.ndim - sample_dims - 1] == 0:
         raise InputError(f"{name} must hold at least one time step, got shape {tuple(x.shape)}")
     return x.ndim - sample_dims - 1
+
+
+class ResampleState(NamedTuple):
+    """Last sample `[..., N]`, samples taken and samples given so far (int64 scalars)."""
+
+    last: Tensor
+    taken: Tensor
+    given: Tensor
+
+
+class Resample(nn.Module):
+    """Linear interpolation of signals from one time step to another.
+
+    The networks' inhibition acts with a delay of one step, so a step as long as a frame of ordinary video
+    makes them oscillate; they keep their own, and signals are interpolated between frames. Output m lies at
+    time `m dt_out` and comes as soon as the inputs reach that far.
+
+    Args:
+        dt_in, dt_out: seconds between samples.
+
+    Shapes:
+        x `[..., T, N]` -> `[..., T', N]`; T' is about `T dt_in / dt_out` and can be 0. With equal steps the
+        input is returned as it is.
+
+    Raises:
+        InputError: steps out of range, or x that is not a dense floating point tensor of finite numbers.
+
+    >>> double, state = Resample(dt_in=0.04, dt_out=0.02)(torch.arange(4.0).unsqueeze(-1))
+    >>> double.shape
+    torch.Size([7, 1])
+    """
+
+    def __init__(self, dt_in: float, dt_out: float) -> None:
+        super().__init__()
+        for name, value in (("dt_in", dt_in), ("dt_out", dt_out)):
+            if not (is_finite(value) and value > 0):
+                raise InputError(f"{name} must be a positive number of seconds, got {repr(value)[:40]}")
+        self.ratio = dt_out / dt_in
+        self.identity = math.isclose(dt_in, dt_out, rel_tol=1e-9)
+
+    def forward(self, x: Tensor, state: ResampleState | None = None) -> tuple[Tensor, ResampleState]:
+        check_state(state, ResampleState)
+        time_dim(x, 1)
+        check_tensor("x", x)
+        if self.identity:
+            steps = counter(0) if state is None else state.taken
+            return x, ResampleState(x[..., -1, :], steps + x.shape[-2], steps + x.shape[-2])
+        taken = 0 if state is None else int(state.taken)
+        given = 0 if state is None else int(state.given)
+        last = x[..., 0, :] if state is None else state.last
+        check_alike("state.last", last, x[..., 0, :])
+        length = x.shape[-2]
+        end = taken + length
+        # A hair of slack: output times that coincide with a frame must not wait for the next one.
+        upto = math.floor((end - 1) / self.ratio + 1e-6) + 1
+        places = torch.arange(given, max(upto, given), dtype=torch.float64) * self.ratio - (taken - 1)
+        places = places.clamp(0, length)
+        left = places.floor().clamp_max(max(length - 1, 0)).long()
+        share = (places - left).to(dtype=x.dtype, device=x.device).unsqueeze(-1)
+        left = left.to(x.device)
+        samples = torch.cat([last.unsqueeze(-2), x], -2)
+        out = torch.lerp(samples.index_select(-2, left), samples.index_select(-2, left + 1), share)
+        return out, ResampleState(x[..., -1, :], counter(end), counter(max(upto, given)))
+
+
+def counter(n: int) -> Tensor:
+    return torch.tensor(n, dtype=torch.int64)
+
+
+Places = TypeVar("Places", Tensor, npt.NDArray[np.float64])
+
+
+def predicted(place: Places, velocity: Places, dt: float) -> Places:
+    """Where a thing is `dt` seconds later, `[..., 2]`."""
+    return place + velocity * dt
+
+
+def corrected(
+    place: Places, velocity: Places, residual: Places, alpha: float | Tensor, beta: float | Tensor, dt: float
+) -> tuple[Places, Places]:
+    """Place and velocity `[..., 2]` after the share `alpha` of the residual, and `beta` of it over `dt`.
+
+    Args:
+        place: predicted.
+        residual: observed place less the predicted one; zero where nothing was seen.
+        alpha, beta: shares, 0..1; numbers, or tensors that broadcast.
+        dt: seconds over which the residual came about.
+    """
+    return place + alpha * residual, velocity + beta * residual / dt

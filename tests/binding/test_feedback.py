@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from ndtorch.binding import InhibitoryNetwork, learning_rule, spectral_radius
-from ndtorch.binding.feedback import settled
+from ndtorch.binding.learning import settled
 from ndtorch.binding.normalise import FieldInputs
 from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.errors import InputError

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from ndtorch.binding import InhibitoryNetwork, alternation, learning_rule, weight_change
-from ndtorch.binding.feedback import inhibit
-from ndtorch.binding.learning import NetworkState, WhenFull
+from ndtorch.binding.learning import NetworkState, WhenFull, inhibit
 from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.binding.spectrum import SQUARING_FROM
 from tests.binding.plain_network import noise, reference, small

@@ -10,8 +10,7 @@ import torch
 from numpy.testing import assert_allclose
 
 from ndtorch.binding import ACTIVATIONS, InhibitoryNetwork, LearningRule, learning_rule
-from ndtorch.binding.activations import cube
-from ndtorch.binding.rules import RULES, ScaleFreeRule, learning_onset
+from ndtorch.binding.rules import RULES, ScaleFreeRule, cube, learning_onset
 from ndtorch.errors import InputError
 
 X = torch.tensor([-0.8, 0.1, 0.5], dtype=torch.float64)

@@ -17,7 +17,7 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.scenes import VideoWriter, open_video
-from ndtorch.scenes.file_checks import check_pixels
+from ndtorch.scenes.readers import check_pixels
 from tests.scenes.clips import SIZE, fake_capture, write
 
 

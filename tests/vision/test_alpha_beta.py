@@ -7,7 +7,7 @@ import pytest
 import torch
 from numpy.testing import assert_allclose
 
-from ndtorch.vision.alpha_beta import corrected, predicted
+from ndtorch.vision.temporal import corrected, predicted
 
 
 def test_one_step_by_hand() -> None:

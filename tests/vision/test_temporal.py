@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 
 from ndtorch.errors import InputError
-from ndtorch.vision import HighPass, LowPass, RecentMax, low_pass_step, smoothing_factor
+from ndtorch.vision import HighPass, LowPass, RunningMax, low_pass_step, smoothing_factor
 from tests.strategies import chunkings, in_chunks
 
 
@@ -142,7 +142,7 @@ def test_too_few_dimensions_are_refused(kind: type[torch.nn.Module]) -> None:
         kind(0.1, 0.01, 1)(torch.zeros(3))
 
 
-@pytest.mark.parametrize("module", [LowPass(0.1, 0.01, 1), HighPass(0.0, 0.01, 1), RecentMax(1.0, 0.1)])
+@pytest.mark.parametrize("module", [LowPass(0.1, 0.01, 1), HighPass(0.0, 0.01, 1), RunningMax(1.0, 0.1)])
 def test_no_time_step_is_refused(module: torch.nn.Module) -> None:
     with pytest.raises(InputError, match="at least one time step"):
         module(torch.zeros(2, 0, 4))
@@ -155,7 +155,7 @@ def recent_max(x: np.ndarray, window: int) -> np.ndarray:
 @pytest.mark.parametrize(("seconds", "window"), [(0.0, 1), (0.01, 1), (0.05, 5), (2.0, 200)])
 def test_recent_max_looks_back_over_its_window(seconds: float, window: int) -> None:
     x = noise(60, 3)
-    out, state = RecentMax(seconds, 0.01)(x)
+    out, state = RunningMax(seconds, 0.01)(x)
     assert_allclose(out, recent_max(x.numpy(), window))
     assert state.history.shape == (window - 1, 3)
 
@@ -163,12 +163,12 @@ def test_recent_max_looks_back_over_its_window(seconds: float, window: int) -> N
 def test_recent_max_forgets_after_its_window() -> None:
     x = torch.zeros(8, 1)
     x[1] = 5.0
-    out, _ = RecentMax(0.3, 0.1)(x)
+    out, _ = RunningMax(0.3, 0.1)(x)
     assert out[:, 0].tolist() == [0, 5, 5, 5, 0, 0, 0, 0]
 
 
 def test_recent_max_starts_as_if_the_first_sample_had_been_there_for_ever() -> None:
-    out, state = RecentMax(0.3, 0.1)(torch.tensor([[-1.0], [-2.0], [-3.0]]))
+    out, state = RunningMax(0.3, 0.1)(torch.tensor([[-1.0], [-2.0], [-3.0]]))
     assert out[:, 0].tolist() == [-1, -1, -1]
     assert state.history[:, 0].tolist() == [-2, -3]
 
@@ -176,7 +176,7 @@ def test_recent_max_starts_as_if_the_first_sample_had_been_there_for_ever() -> N
 @settings(max_examples=25, deadline=None)
 @given(seconds=st.sampled_from([0.0, 0.02, 0.07, 0.5]), lengths=chunkings(24))
 def test_recent_max_in_chunks(seconds: float, lengths: list[int]) -> None:
-    x, module = noise(2, 24, 3), RecentMax(seconds, 0.01)
+    x, module = noise(2, 24, 3), RunningMax(seconds, 0.01)
     whole, end = module(x)
     parts, part_end = in_chunks(module, x, lengths, -2)
     assert torch.equal(parts, whole)
@@ -184,11 +184,11 @@ def test_recent_max_in_chunks(seconds: float, lengths: list[int]) -> None:
 
 
 def test_recent_max_of_a_batch_is_each_trials_own() -> None:
-    x, module = noise(2, 3, 15, 4), RecentMax(0.05, 0.01)
+    x, module = noise(2, 3, 15, 4), RunningMax(0.05, 0.01)
     assert torch.equal(module(x)[0][1, 2], module(x[1, 2])[0])
 
 
 @pytest.mark.parametrize(("seconds", "dt"), [(-1.0, 0.1), (math.inf, 0.1), (math.nan, 0.1), (1.0, 0.0)])
 def test_recent_max_refuses_bad_windows(seconds: float, dt: float) -> None:
     with pytest.raises(InputError, match=r"seconds must be >= 0 and dt > 0"):
-        RecentMax(seconds, dt)
+        RunningMax(seconds, dt)

@@ -10,13 +10,12 @@ from pydantic import Field
 from torch import Tensor
 
 from ndtorch.binding.first_stage import FirstStage
-from ndtorch.binding.learning import NetworkState
+from ndtorch.binding.learning import NetworkState, alternation, weight_change
 from ndtorch.binding.models.whole_field import BindingState, WholeFieldConfig, WholeFieldModel
 from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.owners import object_table
 from ndtorch.binding.rules import RULES, Rule, learning_rule
-from ndtorch.binding.settling import alternation, weight_change
 from ndtorch.config import Constants
 from ndtorch.errors import InputError
 

@@ -9,8 +9,8 @@ from pydantic import Field
 from torch import Tensor
 
 from ndtorch.arguments import check_state
-from ndtorch.binding.feedback import settled
 from ndtorch.binding.first_stage import FirstStage, first_stage_weights
+from ndtorch.binding.learning import settled
 from ndtorch.binding.models.contract import BindingModel, Nested, Verdict, by_trial
 from ndtorch.binding.object_files import ObjectFileParams, ObjectFiles, ObjectFileState
 from ndtorch.binding.objects import BoundObject
@@ -18,8 +18,8 @@ from ndtorch.binding.readout.covariances import single_table, single_weights
 from ndtorch.config import Constants, Deviations, ModelConfig, Size
 from ndtorch.errors import InputError
 from ndtorch.vision.features import FEATURES, VisualFeatures
-from ndtorch.vision.local import LocalFeatures
 from ndtorch.vision.motion import Border, MotionState
+from ndtorch.vision.receptive_fields import LocalFeatures
 
 
 class LocalFields(Constants):

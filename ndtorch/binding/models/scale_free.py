@@ -10,9 +10,8 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from ndtorch.binding.covariance import CovarianceState
-from ndtorch.binding.feedback import settled
 from ndtorch.binding.first_stage import FirstStage
-from ndtorch.binding.learning import NetworkState
+from ndtorch.binding.learning import NetworkState, settled, weight_change
 from ndtorch.binding.models.whole_field import BindingState, WholeFieldConfig, WholeFieldModel
 from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.objects import ObjectTable
@@ -20,7 +19,6 @@ from ndtorch.binding.readout.joint_diagonalisation import DELAYS, plain_table
 from ndtorch.binding.readout.owners import OwnerCriteria, SourceCriteria, SumCriteria, owner_table, signal_statistics
 from ndtorch.binding.readout.sums import SumState, SumStatistics, sums_table
 from ndtorch.binding.rules import ScaleFreeRule
-from ndtorch.binding.settling import weight_change
 from ndtorch.config import Constants, Positive
 from ndtorch.vision.temporal import FilterState, LowPass
 

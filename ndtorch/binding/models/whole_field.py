@@ -18,7 +18,7 @@ from ndtorch.config import Constants, Deviations, ModelConfig, Size
 from ndtorch.errors import InputError
 from ndtorch.vision.features import VisualFeatures
 from ndtorch.vision.motion import Border, MotionState
-from ndtorch.vision.resample import Resample, ResampleState
+from ndtorch.vision.temporal import Resample, ResampleState
 
 
 class WholeField(Constants):

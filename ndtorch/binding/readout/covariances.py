@@ -10,12 +10,12 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ndtorch.binding.feedback import settled
+from ndtorch.binding.learning import settled
 from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.owners import features_by_group
 from ndtorch.vision.features import GROUPS
-from ndtorch.vision.roots import root
+from ndtorch.vision.temporal import safe_sqrt
 
 
 def columns(covariances: Tensor, first_stage: Tensor) -> tuple[Tensor, Tensor]:
@@ -32,7 +32,7 @@ def columns(covariances: Tensor, first_stage: Tensor) -> tuple[Tensor, Tensor]:
 
 def refined(covariances: Tensor, first_stage: Tensor) -> Tensor:
     """Covariances of the signals through the settled first stage, `[..., 10, 10]`, each group over its largest."""
-    deviation = root(covariances.diagonal(dim1=-2, dim2=-1))
+    deviation = safe_sqrt(covariances.diagonal(dim1=-2, dim2=-1))
     # Motion is in other units than color: each group counts by its largest fluctuation.
     scale = spread_groups(group_max(deviation))
     first = settled(first_stage).to(covariances.dtype)
@@ -59,7 +59,7 @@ def by_groups(covariances: Tensor, first_stage: Tensor, apart: Tensor, agrees: f
     for group in GROUPS.values():
         strongest = power[..., group].argmax(-1) + group.start
         both = power.gather(-1, owner.unsqueeze(-1)) * power.gather(-1, strongest.unsqueeze(-1))
-        other = column.gather(-1, strongest.unsqueeze(-1)) < agrees * root(both.clamp_min(0))
+        other = column.gather(-1, strongest.unsqueeze(-1)) < agrees * safe_sqrt(both.clamp_min(0))
         own = column_of(shared, strongest)[..., group]
         parts.append(torch.where(other & apart.unsqueeze(-1), own, column[..., group]))
     return owner, torch.cat(parts, -1)

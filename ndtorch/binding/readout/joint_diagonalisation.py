@@ -7,7 +7,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ndtorch.binding.feedback import settled
+from ndtorch.binding.learning import settled
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.owners import SourceCriteria, SumCriteria, features_by_group
 from ndtorch.binding.readout.source_count import LINEAR, crowded, empty, full, stands_out, unexplained

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from ndtorch.arguments import check_tensor
 from ndtorch.binding.covariance import CovarianceState, RunningCovariances
-from ndtorch.binding.feedback import settled
+from ndtorch.binding.learning import settled
 from ndtorch.binding.normalise import group_max, over_groups
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.config import Constants

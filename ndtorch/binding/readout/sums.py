@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_state
 from ndtorch.binding.covariance import Anew, CovarianceState, RunningCovariances
-from ndtorch.binding.feedback import settled
+from ndtorch.binding.learning import settled
 from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.joint_diagonalisation import (

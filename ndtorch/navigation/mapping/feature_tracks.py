@@ -14,7 +14,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation.mapping.grid_map import check_observations
 from ndtorch.navigation.odometry import Pose, to_world
 from ndtorch.navigation.ranging import Ranges
-from ndtorch.vision.alpha_beta import corrected, predicted
+from ndtorch.vision.temporal import corrected, predicted
 
 
 @dataclass(frozen=True)

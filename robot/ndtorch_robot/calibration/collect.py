@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ndtorch.errors import InputError
-from ndtorch.scenes.quiet import quiet_opencv
+from ndtorch.scenes.readers import quiet_opencv
 from ndtorch.utils.files import replacing
 from ndtorch_robot.calibration.board import Board, View, find_view
 from ndtorch_robot.cameras import CamerasSilent, FramesEnded, StereoCameras

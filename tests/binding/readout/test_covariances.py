@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ndtorch.binding.feedback import settled
+from ndtorch.binding.learning import settled
 from ndtorch.binding.readout.covariances import columns, single_table, single_weights
 from ndtorch.vision import FEATURES, GROUPS
 

@@ -20,7 +20,7 @@ import torch
 from torch import Tensor
 
 import ndtorch
-from ndtorch.binding.feedback import settled
+from ndtorch.binding.learning import settled
 from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.errors import InputError
 from ndtorch.scenes import Bar, BarScene

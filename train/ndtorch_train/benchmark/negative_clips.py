@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ndtorch.errors import InputError
-from ndtorch.scenes.quiet import quiet_opencv
+from ndtorch.scenes.readers import quiet_opencv
 from ndtorch_train.benchmark.base import Split
 from ndtorch_train.benchmark.mot import Pixels
 

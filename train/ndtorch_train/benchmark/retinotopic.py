@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.binding import ObjectFiles
-from ndtorch.binding.feedback import settled
+from ndtorch.binding.learning import settled
 from ndtorch.binding.object_files import ObjectFileParams, ObjectFileState
 from ndtorch.binding.readout.covariances import single_table
 from ndtorch.scenes import Bar, BarScene, FrameSource

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from ndtorch.binding.feedback import settled
+from ndtorch.binding.learning import settled
 from ndtorch.errors import InputError
 from ndtorch.utils.packages import MODELS
 from ndtorch_train.benchmark import retinotopic

@@ -18,7 +18,7 @@ from torch import Tensor
 
 import ndtorch
 from ndtorch.binding import BindingInputs, PublishedModel, ScaleFreeModel, alternation, object_table
-from ndtorch.binding.feedback import settled
+from ndtorch.binding.learning import settled
 from ndtorch.binding.models.whole_field import BindingState
 from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.readout.joint_diagonalisation import diagonalise

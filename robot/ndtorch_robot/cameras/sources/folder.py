@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ndtorch.scenes.quiet import quiet_opencv
-from ndtorch.scenes.readers import FolderReader
+from ndtorch.scenes.readers import FolderReader, quiet_opencv
 from ndtorch_robot.cameras.source import CameraSettings, Capture, Source, camera_source
 
 

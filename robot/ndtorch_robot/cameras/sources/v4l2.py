@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ndtorch.errors import InputError
-from ndtorch.scenes.quiet import quiet_opencv
+from ndtorch.scenes.readers import quiet_opencv
 from ndtorch_robot.cameras.source import CameraSettings, Capture, Source, camera_source
 
 CLASS = Path("/sys/class/video4linux")

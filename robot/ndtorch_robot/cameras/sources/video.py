@@ -7,7 +7,7 @@ import stat
 from pathlib import Path
 
 from ndtorch.errors import InputError
-from ndtorch.scenes.quiet import quiet_opencv
+from ndtorch.scenes.readers import quiet_opencv
 from ndtorch_robot.cameras.source import CameraSettings, Capture, Source, camera_source
 
 

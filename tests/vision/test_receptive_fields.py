@@ -9,7 +9,7 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.vision import field_weights
-from ndtorch.vision.fields import Edge, Shape, means, pool
+from ndtorch.vision.receptive_fields import Edge, Shape, means, pool
 
 
 def tents(length: int, fields: int) -> torch.Tensor:
