@@ -5,17 +5,31 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from ndtorch.errors import InputError, did_you_mean
 
 
 class Strict(BaseModel):
-    """A table of a file: unknown keys are errors, and so are NaN and infinity."""
+    """A table of a file: unknown keys are errors, and so are NaN and infinity.
+
+    Attributes:
+        renamed: keys of earlier versions, and their present names.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    renamed: ClassVar[Mapping[str, str]] = {}
+
+    @model_validator(mode="before")
+    @classmethod
+    def not_renamed(cls, values: Any) -> Any:
+        """Refuse a key of an earlier version in one line that names the present one."""
+        for key, now in cls.renamed.items():
+            if isinstance(values, Mapping) and key in values:
+                raise InputError(f"{key} is now {now}")
+        return values
 
 
 Table = TypeVar("Table", bound=BaseModel)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field, field_validator
 
@@ -16,39 +16,22 @@ RATE = 30.0
 
 
 class DriveConfig(NavigatorTable):
-    """A drive; beside these keys those of `NavigatorOptions`.
+    """The file of a simulated drive: these keys beside the options of `NavigatorOptions`."""
 
-    Args:
-        arena: name of an arena (`ndtorch arenas`) or a `.toml` file.
-        seed: of the building, its textures and the starting place.
-        seconds: simulated time, s.
-        odometry: `"true"` or `"noisy"` dead reckoning.
-        walls: `"textured"` or `"blank"`.
-        pedestrian: with a box of the size of a person that walks to and fro.
-        disturbance: what is wrong with cameras and car, names or `key=number` of `ndtorch_robot.sim.disturbances`.
-        full_frames: render full frames instead of the strips that are read.
-        rrd: file for a recording to look at with rerun.
-        view: open the rerun viewer and show the drive as it goes.
-        view_at: serve the same at this address, for viewers elsewhere.
-        out: folder for the results.
-        record: new folder for a recording, docs/file-formats.md.
-        record_format: frames of the recording, `"png"`, `"jpeg"` or `"raw"`.
-    """
-
-    arena: str = "hallway"
-    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
-    seconds: Annotated[float, Field(gt=0, le=86400)] = 60.0
-    odometry: Literal["true", "noisy"] = "true"
-    walls: Literal["textured", "blank"] = "textured"
-    pedestrian: bool = False
-    disturbance: str = ""
-    full_frames: bool = False
-    rrd: Path | None = None
-    view: bool = False
-    view_at: str | None = None
-    out: Path = Path("out/drive")
-    record: Path | None = None
-    record_format: Literal["png", "jpeg", "raw"] = "png"
+    arena: str = Field("hallway", description="The car drives in this arena, a name or a .toml file.")
+    seed: int = Field(0, ge=0, lt=2**31, description="Building, textures and start follow from this number.")
+    seconds: float = Field(60.0, gt=0, le=86400, description="The drive takes this simulated time, in s.")
+    odometry: Literal["true", "noisy"] = Field("true", description="Dead reckoning is exact (true), or drifts (noisy).")
+    walls: Literal["textured", "blank"] = Field("textured", description="Walls are textured or blank.")
+    pedestrian: bool = Field(False, description="A box of the size of a person walks to and fro.")
+    disturbance: str = Field("", description="These disturbances, names or key=number, act on cameras and car.")
+    full_frames: bool = Field(False, description="Full frames are rendered instead of the strips that are read.")
+    rrd: Path | None = Field(None, description="The drive is also recorded into this file for the rerun viewer.")
+    view: bool = Field(False, description="The rerun viewer shows the drive as it goes.")
+    view_at: str | None = Field(None, description="The drive is served to viewers at this ADDRESS or ADDRESS:PORT.")
+    out: Path = Field(Path("out/drive"), description="Results are written into this folder.")
+    record: Path | None = Field(None, description="The drive is recorded into this new folder for `ndtorch replay`.")
+    record_format: Literal["png", "jpeg", "raw"] = Field("png", description="Frames of the recording have this format.")
 
     @field_validator("disturbance")
     @classmethod

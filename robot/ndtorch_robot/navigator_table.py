@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import logging
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 from pydantic import ValidationInfo, field_validator, model_validator
 
@@ -15,19 +16,23 @@ from ndtorch.utils.toml import Strict
 from ndtorch_robot.navigator_options import GONE, RENAMED
 
 
+def key_of(flag: str) -> str:
+    """The key in a file for an option of the command line."""
+    return flag.removeprefix("--").replace("-", "_")
+
+
 class NavigatorTable(Strict, NavigatorOptions):
     """A table of a file with the options of a navigator among its keys; `NavigatorOptions` says what they are."""
+
+    renamed: ClassVar[Mapping[str, str]] = {key_of(old): key_of(now) for old, now in RENAMED.items()}
 
     @model_validator(mode="before")
     @classmethod
     def of_now(cls, values: Any) -> Any:
-        """No key of an earlier version."""
-        for flag, now in RENAMED.items():
-            if isinstance(values, dict) and flag.removeprefix("--") in values:
-                raise InputError(f"{flag.removeprefix('--')} is now {now.removeprefix('--').replace('-', '_')}")
+        """No key of version 0.1."""
         for flag, instead in GONE.items():
-            if isinstance(values, dict) and flag.removeprefix("--") in values:
-                raise InputError(f"{flag.removeprefix('--')} is gone: {instead}")
+            if isinstance(values, dict) and key_of(flag) in values:
+                raise InputError(f"{key_of(flag)} is gone: {instead}")
         return values
 
     @field_validator(*OPTION_NAMES)

@@ -1,22 +1,19 @@
-"""What a file for `ndtorch run` holds; every key carries its unit."""
+"""The file of a car for `ndtorch run`; every key carries its unit."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Any, ClassVar
 
 from pydantic import Field, model_validator
 
-from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
 from ndtorch.utils.toml import Strict
 from ndtorch_robot.camera_monitor.limits import CameraLimits
 from ndtorch_robot.link.registry import HOSTED_BOARD, SERIAL, check_link
 from ndtorch_robot.navigator_table import NavigatorTable
 from ndtorch_robot.safety import SafetyLimits
-
-Positive = Annotated[float, Field(gt=0)]
 
 OLD_LIMITS = {
     "row_contrast": "row_contrast_levels",
@@ -40,17 +37,21 @@ OLD_LIMITS = {
 
 
 class RigTable(Strict):
-    """`[rig]`: where the cameras are; see `ndtorch.navigation.StereoRig`."""
+    """`[rig]`: geometry of the cameras; see `ndtorch.navigation.StereoRig`."""
 
-    baseline_m: Positive = 0.30
-    focal_px: Positive = 430.0
-    width_px: Annotated[int, Field(ge=16, le=8192)] = 640
-    height_px: Annotated[int, Field(ge=16, le=8192)] = 480
-    camera_height_m: Positive = 0.20
-    forward_m: float = 0.15
-    pitch_deg: Annotated[float, Field(ge=-45, le=45)] = 0.0
-    cx_px: float | None = None
-    cy_px: float | None = None
+    baseline_m: float = Field(0.30, gt=0, description="The cameras are this far apart, in m.")
+    focal_px: float = Field(430.0, gt=0, description="The lenses have this focal length, in pixels.")
+    width_px: int = Field(640, ge=16, le=8192, description="Images have this width, in pixels.")
+    height_px: int = Field(480, ge=16, le=8192, description="Images have this height, in pixels.")
+    camera_height_m: float = Field(0.20, gt=0, description="The cameras are this high above the floor, in m.")
+    forward_m: float = Field(0.15, description="The cameras are this far in front of the middle of the car, in m.")
+    pitch_deg: float = Field(0.0, ge=-45, le=45, description="The cameras look up by this angle, in degrees.")
+    cx_px: float | None = Field(
+        None, description="The optical axis meets this column, in pixels; without a value the middle one."
+    )
+    cy_px: float | None = Field(
+        None, description="The optical axis meets this row, in pixels; without a value the middle one."
+    )
 
     def rig(self) -> StereoRig:
         """The camera pair."""
@@ -68,15 +69,22 @@ class RigTable(Strict):
 
 
 class LimitsTable(Strict):
-    """`[limits]`: what the safety layer lets through; see `robot.safety.SafetyLimits`."""
+    """`[limits]`: limits of the safety layer; see `ndtorch_robot.safety.SafetyLimits`."""
 
-    speed_m_per_s: Annotated[float, Field(gt=0, le=5)] = 0.6
-    curvature_per_m: Annotated[float, Field(gt=0, le=10)] = 2.2
-    acceleration_m_per_s2: Positive = 2.0
-    steering_per_m_per_s: Positive = 40.0
-    step_s: Annotated[float, Field(gt=0, le=0.12)] = 0.1
-    frame_age_s: Annotated[float, Field(gt=0, le=0.2)] = 0.1
-    recovery_s: Annotated[float, Field(gt=0, le=60)] = 1.0
+    speed_m_per_s: float = Field(0.6, gt=0, le=5, description="A command of a higher speed is a fault, in m/s.")
+    curvature_per_m: float = Field(2.2, gt=0, le=10, description="A command of a tighter curve is a fault, in 1/m.")
+    acceleration_m_per_s2: float = Field(2.0, gt=0, description="The speed increases no faster than this, in m/s^2.")
+    steering_per_m_per_s: float = Field(
+        40.0, gt=0, description="The curvature changes no faster than this, in 1/m a second."
+    )
+    step_s: float = Field(0.1, gt=0, le=0.12, description="A longer time between two commands is a fault, in s.")
+    frame_age_s: float = Field(0.1, gt=0, le=0.2, description="Frames older than this are a fault, in s.")
+    recovery_s: float = Field(
+        1.0,
+        gt=0,
+        le=60,
+        description="After a passing fault the car drives on once all has been well for this time, in s.",
+    )
 
     def limits(self) -> SafetyLimits:
         """For the safety layer."""
@@ -94,81 +102,54 @@ class LimitsTable(Strict):
 class CameraMonitorTable(CameraLimits):
     """`[camera_monitor]` of a car, which must stop soon."""
 
+    renamed: ClassVar[Mapping[str, str]] = OLD_LIMITS
+
     patience_s: float = Field(
         0.25, ge=0.05, le=0.4, description="Images must look wrong for this time, in s, before the car stops."
     )
 
-    @model_validator(mode="before")
-    @classmethod
-    def not_renamed(cls, values: Any) -> Any:
-        """Name the new key of one of version 0.2."""
-        for key in OLD_LIMITS.keys() & (values if isinstance(values, dict) else {}):
-            raise InputError(f"{key} is now {OLD_LIMITS[key]}")
-        return values
-
 
 class NavigationTable(NavigatorTable):
-    """`[navigation]`; beside this key those of `NavigatorOptions`.
+    """`[navigation]`: this key beside the options of `NavigatorOptions`."""
 
-    Args:
-        map_half_size_m: the map reaches so far from the start, m; 0 makes none.
-    """
-
-    map_half_size_m: Annotated[float, Field(ge=0, le=50)] = 0.0
+    map_half_size_m: float = Field(
+        0.0, ge=0, le=50, description="The map extends this far from the start to each side, in m; 0 makes no map."
+    )
 
 
 class SimulationTable(Strict):
     """`[simulation]`: a simulated world in place of cameras and car.
 
     The firmware drives it, in this process, or with `link.kind = "simulated-world"` nothing but the loop.
-
-    Args:
-        arena: name of an arena or a `.toml` file.
-        seed: of the building, its textures and the starting place.
-        disturbance: what is wrong with cameras and car, names or `key=number` of `ndtorch_robot.sim.disturbances`.
     """
 
-    arena: str = "curve"
-    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
-    disturbance: str = ""
+    renamed: ClassVar[Mapping[str, str]] = {"stress": "disturbance"}
 
-    @model_validator(mode="before")
-    @classmethod
-    def renamed(cls, values: Any) -> Any:
-        """Answer a key of version 0.2 with the present one."""
-        if isinstance(values, dict) and "stress" in values:
-            raise InputError("stress is now disturbance")
-        return values
+    arena: str = Field("curve", description="The car drives in this arena, a name or a .toml file.")
+    seed: int = Field(0, ge=0, lt=2**31, description="Building, textures and start follow from this number.")
+    disturbance: str = Field(
+        "", description="These disturbances, names or key=number, act on cameras and car; see `ndtorch drive --help`."
+    )
 
 
 class RunConfig(Strict):
-    """A car.
+    """The file of a car for `ndtorch run`."""
 
-    Args:
-        robot: name that the board must have.
-        rate_hz: steps, and frames, a second.
-        link: the table of the drive link: its `kind`, `"serial"` by default and in a simulated world
-            `"hosted-board"`, and what links of that kind have to say; see `ndtorch_robot/link/`.
-        cameras: the table of the camera pair; checked when the cameras are opened.
-    """
+    renamed: ClassVar[Mapping[str, str]] = {"sight": "camera_monitor"}
 
-    robot: Annotated[str, Field(min_length=1, max_length=8)]
-    rate_hz: Annotated[float, Field(gt=0, le=200)] = 30.0
-    link: Mapping[str, str | int | float | bool] = Field(default_factory=dict)
+    robot: str = Field(min_length=1, max_length=8, description="The board must have this name.")
+    rate_hz: float = Field(30.0, gt=0, le=200, description="The loop takes this number of steps a second, in Hz.")
+    link: Mapping[str, str | int | float | bool] = Field(
+        default_factory=dict,
+        description="The drive link is of this `kind` (serial by default, hosted-board in a simulated world), with the "
+        "keys of its kind; see `ndtorch_robot/link/`.",
+    )
     rig: RigTable = RigTable()
     limits: LimitsTable = LimitsTable()
     camera_monitor: CameraMonitorTable = CameraMonitorTable()
     navigation: NavigationTable = NavigationTable()
     cameras: dict[str, str | int | float] | None = None
     simulation: SimulationTable | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def not_renamed(cls, values: Any) -> Any:
-        """Name the new table of one of version 0.2."""
-        if isinstance(values, dict) and "sight" in values:
-            raise InputError("[sight] is now [camera_monitor]")
-        return values
 
     @model_validator(mode="after")
     def one_world(self) -> RunConfig:

@@ -11,7 +11,7 @@ class Arenas:
     """List the arenas."""
 
     json: bool = False
-    """Print them as one JSON object and nothing else."""
+    """The arenas are printed as one JSON object, and nothing else is."""
 
     def run(self) -> int:
         """Print name, size and description of every arena."""

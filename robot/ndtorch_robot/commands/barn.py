@@ -37,27 +37,27 @@ class Barn:
     """
 
     file: Annotated[Path, tyro.conf.Positional]
-    """The worlds: barn.json."""
+    """The worlds are read from this file, barn.json."""
     split: Literal["all", "tuning", "test"] = "all"
-    """All worlds, those for tuning, or those for reports: their numbers are multiples of 5."""
+    """The car drives in all worlds, in those for tuning, or in those for reports, whose numbers are multiples of 5."""
     worlds: tuple[int, ...] = ()
-    """Only these numbers."""
+    """The car drives only in the worlds of these numbers."""
     controller: str = "goal"
-    """What steers; only goal is told where the goal is."""
+    """The controller of this name steers; only `goal` knows where the goal is."""
     stereo: Literal["search", "features"] = "search"
-    """As for drive; matching features finds next to nothing between many like posts."""
+    """Ranges are found as with `ndtorch drive`; feature matching finds little between many similar posts."""
     speed: float = 0.6
-    """Speed where nothing is in the way, m/s."""
+    """The car drives at this speed where nothing is in its path, m/s."""
     seed: int = 0
-    """What the cylinders and the floor look like."""
+    """The textures of cylinders and floor follow from this number."""
     jobs: int = 0
-    """Worlds at a time (default one a core)."""
+    """This number of worlds is driven at a time (default: one a core)."""
     out: Path = Path("out/barn")
-    """Folder for the results; with other options or other code barn-2, and so on."""
+    """Results are written into this folder, and into barn-2, and so on, with other options or code."""
     force: bool = False
-    """Write into this folder whatever is in it."""
+    """Results are written into this folder whatever is in it."""
     json: bool = False
-    """Print the totals as JSON instead."""
+    """The totals are printed as one JSON object."""
 
     def run(self) -> int:
         """Drive, show the progress, write the results."""

@@ -29,33 +29,33 @@ class Calibrate:
     """
 
     left: Annotated[str, tyro.conf.Positional]
-    """Folder of the left camera's images, or the left camera: a device, a video file, or an address with ://."""
+    """The left images are read from this folder, or from this device, video file or address with ://."""
     right: Annotated[str, tyro.conf.Positional]
-    """Folder of the right camera's images, or the right camera."""
+    """The right images are read from here."""
     columns: int = 9
-    """Inner corners of the board along its longer side."""
+    """The board has this number of inner corners along its longer side."""
     rows: int = 6
-    """Inner corners of the board along its shorter side."""
+    """The board has this number of inner corners along its shorter side."""
     square_mm: float = 40.0
-    """Side of a square, mm, as measured on the print."""
+    """A square has this side on the print, in mm."""
     out: Path = Path("calibration.toml")
-    """File to write."""
+    """The calibration is written into this file."""
     force: bool = False
-    """Replace the file if it exists."""
+    """The file is replaced if it exists."""
     focal_px: float | None = None
-    """Focal length of the corrected pictures, pixels (default: as the cameras have it)."""
+    """The rectified images have this focal length, in pixels (default: that of the cameras)."""
     views: int = 20
-    """Live: views to take."""
+    """Live, this number of views is taken."""
     seconds: float = 300.0
-    """Live: longest time to take them, s."""
+    """Live, taking the views ends after this time, in s."""
     keep: Path | None = None
-    """Live: folder for the pictures used."""
+    """Live, the images of the views are kept in this folder."""
     width: int = 640
-    """Live: width of the pictures, pixels."""
+    """Live, the images have this width, in pixels."""
     height: int = 480
-    """Live: height of the pictures, pixels."""
+    """Live, the images have this height, in pixels."""
     json: bool = False
-    """Print the calibration as one JSON object and nothing else."""
+    """The calibration is printed as one JSON object, and nothing else is."""
 
     def run(self) -> int:
         """Find the boards, calibrate, judge, write."""

@@ -20,25 +20,25 @@ class Cameras:
     """
 
     left: Annotated[str | None, tyro.conf.Positional] = None
-    """The left camera."""
+    """The left camera is this device, number, video file, folder of images or address."""
     right: Annotated[str | None, tyro.conf.Positional] = None
-    """The right camera."""
+    """The right camera is named like the left one."""
     seconds: float = 5.0
-    """How long to measure, s."""
+    """Measuring takes this time, in s."""
     width: int | None = None
-    """Size to ask for, pixels (default 640; files: as they are)."""
+    """This width is requested, in pixels (default: 640, and that of files)."""
     height: int | None = None
-    """Size to ask for, pixels (default 480; files: as they are)."""
+    """This height is requested, in pixels (default: 480, and that of files)."""
     fps: float = 30.0
-    """Frames a second to ask for; folders play at it."""
+    """This number of frames a second is requested, and folders play at it."""
     fourcc: str = "MJPG"
-    """Pixel format to ask for."""
+    """This pixel format is requested."""
     exposure_ms: float | None = 10.0
-    """Fixed exposure, ms; 0 leaves it automatic."""
+    """The exposure is fixed to this time, in ms; with 0 it is automatic."""
     tolerance_ms: float = 16.0
-    """Largest difference in time of a pair, ms."""
+    """The two frames of a pair differ in time by at most this, in ms."""
     json: bool = False
-    """Print one JSON object and nothing else."""
+    """The result is printed as one JSON object, and nothing else is."""
 
     renamed: ClassVar[dict[str, str]] = {
         "--rate": "--fps",

@@ -41,11 +41,11 @@ class Check:
     """
 
     config: Annotated[Path, tyro.conf.Positional]
-    """TOML file of the car, or the name of one that comes along, such as maxstone8."""
+    """The car is described by this TOML file, or by one that comes along, such as maxstone8."""
     yes: bool = False
-    """Answer every question with yes, for a simulated board."""
+    """Every question is answered with yes, for a simulated board."""
     json: bool = False
-    """Print which points were right as one JSON object; all that is said besides goes to stderr."""
+    """The points that were right are printed as one JSON object; all other output goes to stderr."""
 
     def run(self) -> int:
         """Ask, move, ask."""

@@ -30,41 +30,41 @@ class Drive:
     """
 
     config: Annotated[Path | None, tyro.conf.Positional] = None
-    """TOML file with the options below as keys."""
+    """The options below may be keys of this TOML file."""
     arena: str | None = None
-    """Arena by name (see `ndtorch arenas`), or a .toml file (default hallway)."""
+    """The car drives in this arena, a name (see `ndtorch arenas`) or a .toml file (default: hallway)."""
     seed: int | None = None
-    """Building, textures and starting place (default 0)."""
+    """Building, textures and start follow from this number (default: 0)."""
     seconds: float | None = None
-    """Simulated time to drive, s (default 60)."""
+    """The drive takes this simulated time, in s (default: 60)."""
     odometry: Literal["true", "noisy"] | None = None
-    """Dead reckoning: exact (default), or 1 % too long and drifting by 0.05 degrees a second."""
+    """Dead reckoning is exact (default), or 1 % too long and drifts by 0.05 degrees a second."""
     walls: Literal["textured", "blank"] | None = None
-    """Walls with panels, doors and papers (default), or without any texture."""
+    """Walls have panels, doors and papers (default), or no texture at all."""
     pedestrian: bool = False
-    """With a person-sized box that walks to and fro."""
+    """A box of the size of a person walks to and fro."""
     disturbance: str | None = None
-    """What is wrong with cameras and car: names (noise, flicker, pitch-up, late, ...) or KEY=NUMBER, with commas."""
+    """These disturbances act on cameras and car: names (noise, flicker, pitch-up, ...) or KEY=NUMBER, with commas."""
     full_frames: bool = False
-    """Draw whole 640x480 frames although only strips of them are read (six times slower)."""
+    """Full 640x480 frames are rendered although only strips of them are read (six times slower)."""
     out: Path | None = None
-    """Folder for the results (default out/drive). If it holds any, the next free one is taken: out/drive-2."""
+    """Results are written into this folder (default: out/drive), or into the next free one: out/drive-2."""
     force: bool = False
-    """Take that folder even if results are there; files of the same names are replaced."""
+    """That folder is taken even if results are there; files of the same names are replaced."""
     rrd: Path | None = None
-    """Also record the drive into this file, to look at with rerun; draws whole frames."""
+    """The drive is also written into this file for the rerun viewer, with full frames."""
     view: bool = False
-    """Open the rerun viewer and show the drive as it goes; draws whole frames."""
+    """The rerun viewer shows the drive as it goes, with full frames."""
     view_at: str | None = None
-    """Serve the same at this ADDRESS or ADDRESS:PORT, for `rerun rerun+http://ADDRESS:9876/proxy` elsewhere."""
+    """The drive is served at this ADDRESS or ADDRESS:PORT, for `rerun rerun+http://ADDRESS:9876/proxy` elsewhere."""
     record: Path | None = None
-    """New folder for a recording that `ndtorch replay` drives again."""
+    """The drive is recorded into this new folder for `ndtorch replay`."""
     record_format: Literal["png", "jpeg", "raw"] | None = None
-    """Frames of the recording: png (default) and raw keep them to the bit, jpeg does not."""
+    """Frames of the recording have this format: png (default) and raw are lossless, jpeg is small."""
     open: bool = False
-    """Show report.html in the browser when the drive has ended."""
+    """The browser shows report.html when the drive has ended."""
     json: bool = False
-    """Print the summary as one JSON object and nothing else."""
+    """The summary is printed as one JSON object, and nothing else is."""
 
     def run(self) -> int:
         """Drive, show the progress, write the results and the summary."""

@@ -41,31 +41,31 @@ class Evaluate:
     """
 
     config: Annotated[Path | None, tyro.conf.Positional] = None
-    """TOML file as for `drive`: the options that all drives share."""
+    """The options that all drives share may be keys of this TOML file, as for `drive`."""
     arenas: tuple[str, ...] = ()
-    """Arenas by name, or .toml files; "buildings" (default), "tests" or "all" for whole groups of them."""
+    """The car drives in these arenas: names, .toml files, or the groups buildings (default), tests and all."""
     seeds: tuple[int, ...] = SEEDS
-    """Buildings, textures and starting places. Those below 1000 are for tuning, the others for reports alone."""
+    """Buildings, textures and starts follow from these numbers; those below 1000 are for tuning, others for reports."""
     seconds: float | None = None
-    """Simulated time of each drive, s (default 300)."""
+    """Each drive takes this simulated time, in s (default: 300)."""
     controllers: tuple[str, ...] = ()
-    """What steers (default every controller there is)."""
+    """The controllers of these names steer (default: all)."""
     walls: tuple[Literal["textured", "blank"], ...] = ("textured",)
-    """Walls with panels, doors and papers, without any texture, or both."""
+    """Walls have panels, doors and papers, no texture at all, or both in turn."""
     disturbance: tuple[str, ...] = ()
-    """What is wrong with cameras and car: names or KEY=NUMBER as of `drive`; "none", "all" for each by itself."""
+    """These disturbances act in turn: names or KEY=NUMBER as of `drive`, none, or all for each by itself."""
     pedestrian: bool = False
-    """With a person-sized box that walks to and fro."""
+    """A box of the size of a person walks to and fro."""
     jobs: int = 0
-    """Drives at a time (default one a core)."""
+    """This number of drives runs at a time (default: one a core)."""
     out: Path = Path("out/evaluate")
-    """Folder for the results."""
+    """Results are written into this folder."""
     force: bool = False
-    """Write into this folder whatever is in it."""
+    """Results are written into this folder whatever is in it."""
     open: bool = False
-    """Show report.html in the browser when it is written."""
+    """The browser shows report.html when it is written."""
     json: bool = False
-    """Print the rows of the table as JSON instead."""
+    """The rows of the table are printed as JSON."""
 
     def run(self) -> int:
         """Drive, show the progress, write the table."""

@@ -34,15 +34,15 @@ class Replay:
     """
 
     folder: Annotated[Path, tyro.conf.Positional]
-    """The recording."""
+    """The recording in this folder is replayed."""
     rrd: Path | None = None
-    """Also write what the replay sees and does into this file, to look at with rerun."""
+    """The replay is also written into this file for the rerun viewer."""
     view: bool = False
-    """Open the rerun viewer and show the same. It listens at 127.0.0.1 only."""
+    """The rerun viewer shows the replay; it listens at 127.0.0.1 only."""
     view_at: str | None = None
-    """Serve the same at this ADDRESS or ADDRESS:PORT until Ctrl-C, for `rerun rerun+http://ADDRESS:9876/proxy`."""
+    """The replay is served at this ADDRESS or ADDRESS:PORT until Ctrl-C, for `rerun rerun+http://ADDRESS:9876/proxy`."""
     json: bool = False
-    """Print one JSON object and nothing else."""
+    """The result is printed as one JSON object, and nothing else is."""
 
     def run(self) -> int:
         """Replay, compare, say so."""

@@ -32,27 +32,27 @@ class Run:
     renamed: ClassVar[dict[str, str]] = {"--stress": "--disturbance"}
 
     config: Annotated[Path, tyro.conf.Positional]
-    """TOML file of the car, or the name of one that comes along: maxstone8, or sim for one without any hardware."""
+    """This TOML file describes the car, or one that comes along: maxstone8, or sim for one without hardware."""
     seconds: float | None = None
-    """Drive so long, s; until it is told to end by default."""
+    """The drive ends after this time, in s (default: on SIGTERM)."""
     go: bool = False
-    """Drive off without waiting for the key."""
+    """The car drives off without waiting for the key."""
     disturbance: str = ""
-    """In a simulated world: what is wrong with cameras and car, names or KEY=NUMBER as of `ndtorch drive`."""
+    """In a simulated world, these disturbances act on cameras and car: names or KEY=NUMBER as of `ndtorch drive`."""
     record: Path | None = None
-    """New folder for a recording that `ndtorch replay` drives again."""
+    """The drive is recorded into this new folder for `ndtorch replay`."""
     record_format: Literal["png", "jpeg", "raw"] = "jpeg"
-    """Frames of the recording: png and raw keep them to the bit, jpeg is small and cheap."""
+    """Frames of the recording have this format: png and raw are lossless, jpeg is small."""
     save_map: Path | None = None
-    """Folder for map.npz, and map.pgm with map.yaml for ROS, at the end; takes a navigation.map_half_size_m > 0."""
+    """The map is written into this folder at the end, if navigation.map_half_size_m is above 0."""
     rrd: Path | None = None
-    """Also write what the car sees and does into this file, to look at with rerun."""
+    """The drive is also written into this file for the rerun viewer."""
     view: bool = False
-    """Open the rerun viewer and show the same as it goes. It listens at 127.0.0.1 only."""
+    """The rerun viewer shows the drive as it goes; it listens at 127.0.0.1 only."""
     view_at: str | None = None
-    """Serve the same at this ADDRESS or ADDRESS:PORT, for `rerun rerun+http://ADDRESS:9876/proxy` elsewhere."""
+    """The drive is served at this ADDRESS or ADDRESS:PORT, for `rerun rerun+http://ADDRESS:9876/proxy` elsewhere."""
     json: bool = False
-    """Print the summary as one JSON object and nothing else on stdout."""
+    """The summary is printed as one JSON object, and nothing else on stdout."""
 
     def run(self) -> int:
         """Drive; prints what happens to stderr and a summary at the end."""
