@@ -38,7 +38,7 @@ def modules() -> Iterator[ModuleType]:
             yield importlib.import_module(found.name)
 
 
-ENDLESS = {"RangingParams.grace", "PatchParams.lifetime", "TrackParams.patience", "SafetyLimits.recovery"}
+ENDLESS = {"RangingParams.grace", "PatchParams.lifetime", "FeatureTrackParams.max_lost_s", "SafetyLimits.recovery"}
 """What may last for ever, beside time constants and what is infinite unless somebody says otherwise."""
 
 
@@ -79,7 +79,7 @@ def endless(name: str, field: str, value: object) -> bool:
 
 def test_nan_is_refused_by_every_class_of_numbers_and_infinity_where_it_means_nothing() -> None:
     bad, all_of_them = [], classes()
-    assert {"PlannerParams", "TrackParams", "OwnerCriteria", "ScaleFreeRule", "SafetyLimits", "Grid"} <= {
+    assert {"PlannerParams", "FeatureTrackParams", "OwnerCriteria", "ScaleFreeRule", "SafetyLimits", "Grid"} <= {
         kind.__name__ for kind in all_of_them.values()
     }
     for name, kind in all_of_them.items():

@@ -18,32 +18,36 @@ from ndtorch.vision.temporal import corrected, predicted
 
 
 @dataclass(frozen=True)
-class TrackParams:
-    """The numbers of the alpha-beta filter and of what is dynamic.
+class FeatureTrackParams:
+    """Parameters of `AlphaBetaTracker`.
 
     Args:
-        alpha, beta: shares of the residual that correct place and velocity, 0..1.
-        gate: an observation belongs to a track when it is within this of its predicted place, m.
-        slots: number of tracks that are kept.
-        patience: a track that was not seen for longer than this is dropped, s.
-        min_age: a track must have been followed for this long before it can be dynamic, s.
-        min_speed: a track is dynamic when it moves faster than this through the world, m/s.
+        alpha: This share of the residual corrects the position of a track (0..1).
+        beta: This share of the residual, over the time step, corrects its velocity (0..1).
+        gate_m: An observation belongs to a track if it is within this distance of its predicted position.
+        slots: This many tracks are kept.
+        max_lost_s: A track that was not seen for longer than this is dropped.
+        min_age_s: A track must be older than this to be dynamic.
+        min_speed_m_per_s: A track is dynamic if it moves faster than this through the world.
+
+    Raises:
+        InputError: A number is out of range.
     """
 
     alpha: float = 0.3
     beta: float = 0.03
-    gate: float = 0.25
+    gate_m: float = 0.25
     slots: int = 16
-    patience: float = 0.5
-    min_age: float = 0.8
-    min_speed: float = 0.2
+    max_lost_s: float = 0.5
+    min_age_s: float = 0.8
+    min_speed_m_per_s: float = 0.2
 
     def __post_init__(self) -> None:
-        check_numbers(self, endless=["patience"])
-        if not (0 < self.alpha <= 1 and 0 < self.beta <= 1 and self.gate > 0 and self.slots > 0):
-            raise InputError(f"expected alpha and beta in 0..1, gate > 0 and slots > 0, got {self}")
-        if not (self.patience >= 0 and self.min_age >= 0 and self.min_speed >= 0):
-            raise InputError(f"expected patience, min_age and min_speed >= 0, got {self}")
+        check_numbers(self, endless=["max_lost_s"])
+        if not (0 < self.alpha <= 1 and 0 < self.beta <= 1 and self.gate_m > 0 and self.slots > 0):
+            raise InputError(f"expected alpha and beta in 0..1, gate_m > 0 and slots > 0, got {self}")
+        if not (self.max_lost_s >= 0 and self.min_age_s >= 0 and self.min_speed_m_per_s >= 0):
+            raise InputError(f"expected max_lost_s, min_age_s and min_speed_m_per_s >= 0, got {self}")
 
 
 class Tracks(NamedTuple):
@@ -63,7 +67,7 @@ class Tracks(NamedTuple):
     dynamic: Tensor
 
 
-def track_step(seen: Tensor, valid: Tensor, state: Tracks, params: TrackParams, dt: float) -> Tracks:
+def track_step(seen: Tensor, valid: Tensor, state: Tracks, params: FeatureTrackParams, dt: float) -> Tracks:
     """One step of all tracks. [A §3]
 
     Since places are in the world, the car's own motion is already taken out: the predicted velocity of
@@ -74,14 +78,14 @@ def track_step(seen: Tensor, valid: Tensor, state: Tracks, params: TrackParams, 
     Args:
         seen: observed places `[..., n, 2]` in the world; `valid` `[..., n]`.
     """
-    alive = state.unseen <= params.patience
+    alive = state.unseen <= params.max_lost_s
     unseen = torch.where(alive, state.unseen + dt, math.inf)
     place = predicted(state.place, state.velocity, dt)
     distance = torch.linalg.vector_norm(place.unsqueeze(-2) - seen.unsqueeze(-3), dim=-1)
     distance = torch.where(alive.unsqueeze(-1) & valid.unsqueeze(-2), distance, math.inf)
     nearest, index = distance.min(-1)
     mutual = distance.argmin(-2).gather(-1, index) == torch.arange(params.slots, device=seen.device)
-    hit = mutual & (nearest <= params.gate)
+    hit = mutual & (nearest <= params.gate_m)
 
     observed = seen.gather(-2, index.unsqueeze(-1).expand(*index.shape, 2))
     residual = torch.where(hit.unsqueeze(-1), observed - place, 0.0)
@@ -90,7 +94,7 @@ def track_step(seen: Tensor, valid: Tensor, state: Tracks, params: TrackParams, 
     age = state.age + dt
 
     # An observation begins a track unless it belongs to one, or lies so near one that it is the same thing.
-    fresh = valid & (distance.amin(-2) > params.gate)
+    fresh = valid & (distance.amin(-2) > params.gate_m)
     count = min(fresh.shape[-1], params.slots)
     slot = unseen.topk(count, dim=-1).indices  # the emptiest slots, one for each observation
     order = fresh.to(torch.int8).argsort(dim=-1, descending=True, stable=True)[..., :count]
@@ -103,8 +107,8 @@ def track_step(seen: Tensor, valid: Tensor, state: Tracks, params: TrackParams, 
     age = age.scatter(-1, slot, torch.where(begins, 0.0, age.gather(-1, slot)))
     unseen = unseen.scatter(-1, slot, torch.where(begins, 0.0, unseen.gather(-1, slot)))
 
-    fast = torch.linalg.vector_norm(velocity, dim=-1) > params.min_speed
-    dynamic = fast & (age >= params.min_age) & (unseen <= params.patience)
+    fast = torch.linalg.vector_norm(velocity, dim=-1) > params.min_speed_m_per_s
+    dynamic = fast & (age >= params.min_age_s) & (unseen <= params.max_lost_s)
     return Tracks(place, velocity, age, unseen, dynamic)
 
 
@@ -120,11 +124,11 @@ class AlphaBetaTracker(nn.Module):
         InputError: dt not positive, or ranges and poses that do not belong together.
     """
 
-    def __init__(self, dt: float, params: TrackParams | None = None) -> None:
+    def __init__(self, dt: float, params: FeatureTrackParams | None = None) -> None:
         super().__init__()
         if not (is_finite(dt) and dt > 0):
             raise InputError(f"dt must be a positive number of seconds, got {repr(dt)[:40]}")
-        self.dt, self.params = dt, params or TrackParams()
+        self.dt, self.params = dt, params or FeatureTrackParams()
 
     def forward(self, ranges: Ranges, pose: Pose, state: Tracks | None = None) -> tuple[Tracks, Tracks]:
         check_state(state, Tracks)

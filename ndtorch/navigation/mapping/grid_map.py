@@ -1,4 +1,4 @@
-"""The map as a grid: the certainties of all ranged features, summed where the car saw them."""
+"""Grid map: certainties or log-odds of all ranged features, summed in cells of the world."""
 
 from __future__ import annotations
 
@@ -64,11 +64,11 @@ class Grid:
         return math.ceil(round((self.right - self.left) / self.cell, 6))
 
     def inner(self, cells: Tensor) -> Tensor:
-        """The cells without what is around them in a map's state, a view `[..., rows, columns]`."""
+        """The cells of the state without their margin, a view `[..., rows, columns]`."""
         return cells.narrow(-2, 1, self.rows).narrow(-1, 1, self.columns)
 
     def find(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-        """Row and column of the cell that holds each point; 0, or one more than there are, is a margin outside."""
+        """Row and column of the cell that holds each point; 0 and the last one are the margin outside."""
         # Truncation is a floor here: the cells begin at 1, and what is below falls into the margin, 0.
         scale = 1 / self.cell
         column = ((x - (self.left - self.cell)) * scale).clamp(0, self.columns + 1).to(torch.int64)
@@ -82,27 +82,27 @@ class Grid:
 
 @dataclass(frozen=True)
 class LogOdds:
-    """Numbers of a map of log-odds, `log(p / (1 - p))` for the probability p that something is in a cell.
+    """Parameters of a map of log-odds, `log(p / (1 - p))` for the probability p that a cell is occupied.
 
     Args:
-        hit: what one observation adds in all, spread over its cells.
-        miss: what it takes from each cell on the line of sight.
-        clear: the line of sight counts as seen free up to this share of the range.
-        limit: log-odds stay within this, so that the map can change its mind.
+        hit: One observation adds this much in all, spread over its cells.
+        miss: One observation takes this much from each cell on the line of sight.
+        clear_ratio: The line of sight counts as free up to this share of the range.
+        limit: Log-odds stay within plus and minus this, so that the map can change.
 
     Raises:
-        InputError: a number out of range.
+        InputError: A number is out of range.
     """
 
     hit: float = 2.0
     miss: float = 0.1
-    clear: float = 0.85
+    clear_ratio: float = 0.85
     limit: float = 6.0
 
     def __post_init__(self) -> None:
         check_numbers(self)
-        if not (self.hit > 0 and self.miss >= 0 and 0 < self.clear < 1 and self.limit > 0):
-            raise InputError(f"expected hit > 0, miss >= 0, 0 < clear < 1 and limit > 0, got {self}")
+        if not (self.hit > 0 and self.miss >= 0 and 0 < self.clear_ratio < 1 and self.limit > 0):
+            raise InputError(f"expected hit > 0, miss >= 0, 0 < clear_ratio < 1 and limit > 0, got {self}")
 
 
 class GridMapState(NamedTuple):
@@ -129,10 +129,7 @@ class GridMap(nn.Module):
     With `certainty="beams"` it is the map of [A §2.3]: the value of a cell is the mean of `certainty` over its area,
     summed over all observations. `normalise` divides by the largest, which the paper does once at the end. With
     `"log-odds"` it is the Bayesian map that [A §2.3] leaves open: each observation adds log-odds where its feature
-    is certain to be, and takes some away on the line of sight before it, because what is seen is not hidden;
-    `cells` are log-odds and 0 is unknown. On drives of 40 s (seed 1) the beams have the larger share of their mass at
-    true edges, and log-odds find as many of the visible edges or more: precision 0.87 against 0.82 and recall 0.30
-    against 0.50 in the curve, 0.93 against 0.91 and 0.66 both in the hallway.
+    is certain to be, and takes some away on the line of sight before it; `cells` are log-odds and 0 is unknown.
 
     Called as `cells, state = grid_map(ranges, pose, state)`; row 0 of `cells` is at the smallest y. Only cells near
     the beams are touched, and `update` gives the state without putting all cells together. What is seen outside the
@@ -179,7 +176,7 @@ class GridMap(nn.Module):
         self.register_buffer("tangent", table.tangent, persistent=False)
         self.register_buffer("weight", table.weight, persistent=False)
         # One place a cell at the farthest range: nearer lines meet a cell more often than once, see `sight`.
-        line = torch.linspace(0.0, self.odds.clear, math.ceil(farthest / self.grid.cell))
+        line = torch.linspace(0.0, self.odds.clear_ratio, math.ceil(farthest / self.grid.cell))
         self.register_buffer("line", line, persistent=False)
         down, across = cell_tables(self.grid.rows + 2, self.grid.columns + 2)
         self.register_buffer("down", down, persistent=False)
@@ -211,13 +208,13 @@ class GridMap(nn.Module):
         return GridMapState(tiles, state and state.log)
 
     def warm_up(self) -> None:
-        """Have the kernels ready that it uses once something is ranged."""
+        """Compile or load the kernels."""
         one, still = torch.ones(1, 1), torch.zeros(1)
         right_ahead = Ranges(one, 0.1 * one, -0.1 * one, one, 0 * one, one > 0)
         self.update(right_ahead, Pose(still, still, still))
 
     def beams(self, ranges: Ranges, pose: Pose) -> tuple[Tensor, Tensor]:
-        """Numbers of cells and their weights, `[k]`, of one frame `[1, n]` by a kernel."""
+        """Indices of cells and their weights, `[k]`, of one frame `[1, n]` by a kernel."""
         kind, grid, rig = ranges.x.dtype, self.grid, self.rig
         most = ranges.x.numel() * len(self.weight)
         number, weight = torch.empty(most, dtype=torch.int64), torch.empty(most, dtype=kind)
@@ -234,18 +231,18 @@ class GridMap(nn.Module):
         return number[:count], weight[:count]
 
     def numbers(self, x: Tensor, y: Tensor) -> Tensor:
-        """Numbers of the cells that hold points of the world, as `add_at` wants them."""
+        """Indices of the cells that hold points of the world, for `add_at`."""
         row, column = self.grid.find(x, y)
         down, across = self.down.index_select(0, row.flatten()), self.across.index_select(0, column.flatten())
         return down.add_(across).view(row.shape)
 
     def sight(self, ranges: Ranges) -> tuple[Tensor, Tensor, Tensor]:
-        """Places of the features and of the lines of sight to them, and the change of log-odds there."""
+        """Points of the features and on the lines of sight to them, and the change of log-odds there."""
         x, y, weight = sample_certainty(ranges, self.rig, BeamTable(self.tangent, self.weight), math.inf)
         share = weight / weight.sum(-1, keepdim=True).clamp(min=torch.finfo(weight.dtype).tiny)
         seen = ranges.valid.unsqueeze(-1).to(share.dtype)
         ahead, aside = ranges.x.unsqueeze(-1) - self.rig.forward, ranges.y.unsqueeze(-1)
-        # So many places of the line fall into one cell: together they take `miss`, not each.
+        # Several points of the line may fall into one cell: together they take `miss`.
         length = torch.hypot(ahead, aside) * float(self.line[-1])
         crowding = (length / (len(self.line) * self.grid.cell)).clamp(max=1.0)
         line_x, line_y = self.rig.forward + ahead * self.line, aside * self.line
@@ -265,8 +262,7 @@ class GridMap(nn.Module):
 
 
 def check_observations(ranges: Ranges, pose: Pose) -> tuple[int, ...]:
-    """The batch shape of ranges `[..., T, n]` seen from poses `[..., T]`, which must go together."""
-    # Of a feature, a place that is not a number would stay in the map for good.
+    """The batch shape of ranges `[..., T, n]` and poses `[..., T]`, which must be finite and of one shape."""
     if torch.compiler.is_compiling() or not surely_finite((*pose, ranges.x, ranges.y)):
         for name, value in zip(Pose._fields, pose, strict=True):
             check_tensor(f"pose.{name}", value, half=False)

@@ -71,13 +71,13 @@ class ObservationList(nn.Module):
         weight = ranges.valid.to(ranges.x.dtype) * self.weight
         x, y = to_world(Pose(*(part.unsqueeze(-1) for part in pose)), ranges.x, ranges.y)
         for t in range(pose.x.shape[-1]):
-            state = self.forget(state)
+            state = self.decay(state)
             here = torch.stack([part[..., t] for part in pose], -1).unsqueeze(-2)
             state = self.add(state, x[..., t, :], y[..., t, :], weight[..., t, :], here)
         return state, state
 
-    def forget(self, state: Observations) -> Observations:
-        """One time step passes."""
+    def decay(self, state: Observations) -> Observations:
+        """Weights after one more time step."""
         return state._replace(weight=state.weight * torch.exp(-self.dt / state.lifetime))
 
     def add(

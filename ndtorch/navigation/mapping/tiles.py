@@ -1,4 +1,4 @@
-"""A large grid of cells in tiles, of which a step copies the few that it changes."""
+"""A large grid of cells in tiles; an update copies only the tiles that it changes."""
 
 from __future__ import annotations
 
@@ -21,9 +21,8 @@ SIDE = 1 << BITS
 class Tiles(NamedTuple):
     """A grid of cells, row after row of tiles `[..., SIDE, SIDE]`.
 
-    Nothing is ever changed in a tile: a step gives other tiles in the place of those it touches and shares the rest
-    with the grid it was given. So whoever keeps an old grid keeps it as it was. Tiles without anything in them are
-    one and the same tensor.
+    Tiles are never changed: an update replaces those it touches and shares the rest with the grid before. Empty tiles
+    are one and the same tensor.
     """
 
     rows: tuple[tuple[Tensor, ...], ...]
@@ -35,13 +34,13 @@ class Tiles(NamedTuple):
 
 
 def empty_tiles(batch: tuple[int, ...], rows: int, columns: int, like: Tensor) -> Tiles:
-    """Zeros for so many rows and columns of cells, and some more up to whole tiles."""
+    """Zeros for this many rows and columns of cells, rounded up to whole tiles."""
     blank = like.new_zeros(*batch, SIDE, SIDE)
     return Tiles(((blank,) * -(-columns // SIDE),) * -(-rows // SIDE))
 
 
 def check_tiles(name: str, tiles: Tiles, batch: tuple[int, ...], rows: int, columns: int) -> None:
-    """Raise `InputError` where tiles are not those of such a grid; of their numbers the first tile is looked at."""
+    """Raise `InputError` unless tiles belong to a grid of this batch and size; only the first tile is checked."""
     check_kind(name, tiles, Tiles)
     check_tensor(name, tiles.rows[0][0], half=False, finite=False)
     found = (*tiles.rows[0][0].shape[:-2], len(tiles.rows), len(tiles.rows[0]))
@@ -53,10 +52,10 @@ def check_tiles(name: str, tiles: Tiles, batch: tuple[int, ...], rows: int, colu
 
 
 def cell_table(count: int, inner: int, outer: int) -> Tensor:
-    """What a row or a column contributes to the number of a cell, `[count]`: numbers count tile after tile.
+    """What a row or a column adds to the index of a cell, `[count]`; indices count tile after tile.
 
     Args:
-        inner: distance in numbers between neighbours in a tile.
+        inner: difference of the indices of neighbours in a tile.
         outer: the same between tiles.
     """
     at = torch.arange(count)
@@ -64,17 +63,14 @@ def cell_table(count: int, inner: int, outer: int) -> Tensor:
 
 
 def cell_tables(rows: int, columns: int) -> tuple[Tensor, Tensor]:
-    """Tables of rows and columns: the number of a cell is the sum of both."""
+    """Tables of rows and columns: the index of a cell is the sum of both."""
     across = -(-columns // SIDE)
     return cell_table(rows, SIDE, across * SIDE * SIDE), cell_table(columns, 1, SIDE * SIDE)
 
 
 def add_at(tiles: Tiles, number: Tensor, weight: Tensor, limit: float | None = None) -> Tiles:
-    """Add weights `[..., k]` to the cells of those numbers, see `cell_tables`.
-
-    Args:
-        limit: then let no cell be larger than this, or less than minus this.
-    """
+    """Add weights `[..., k]` to cells of these indices, see `cell_tables`; cells are then clamped to plus and minus
+    `limit`."""
     across, batch = len(tiles.rows[0]), number.shape[:-1]
     if not batch and weight.dtype == tiles.rows[0][0].dtype and kernels_wanted(number, weight, tiles.rows[0][0]):
         return add_by_kernel(tiles, number, weight, limit)
@@ -112,7 +108,7 @@ def add_by_kernel(tiles: Tiles, number: Tensor, weight: Tensor, limit: float | N
 
 
 def replaced(tiles: Tiles, numbers: list[int], sums: Tensor) -> Tiles:
-    """Tiles with others, `[k, ..., SIDE, SIDE]`, in the place of those of k numbers."""
+    """Tiles with k of them replaced by `[k, ..., SIDE, SIDE]`."""
     across = len(tiles.rows[0])
     changed: dict[int, list[Tensor]] = {}
     for n, new in zip(numbers, sums.unbind(0), strict=True):

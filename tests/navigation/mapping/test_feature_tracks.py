@@ -7,7 +7,7 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import AlphaBetaTracker, DeadReckoning, Pose, Ranges
-from ndtorch.navigation.mapping.feature_tracks import TrackParams
+from ndtorch.navigation.mapping.feature_tracks import FeatureTrackParams
 from ndtorch.navigation.odometry import to_body
 
 DT = 1 / 30
@@ -61,7 +61,7 @@ def test_tracks_end_and_slots_are_reused():
     pose = Pose(*torch.zeros(3, 60))
     ranges = seen(walk([[1.0, 0.0]], [[0.0, 0.0]], 60), pose)
     gone = ranges._replace(valid=ranges.valid & (torch.arange(60) < 20).unsqueeze(-1))
-    tracker = AlphaBetaTracker(DT, TrackParams(slots=2, patience=0.5))
+    tracker = AlphaBetaTracker(DT, FeatureTrackParams(slots=2, max_lost_s=0.5))
     tracks, state = tracker(gone, pose)
     assert torch.isinf(tracks.unseen).all()
     tracks, _ = tracker(seen(walk([[2.0, 0.5]], [[0.0, 0.0]], 60), pose), pose, state)
@@ -100,9 +100,9 @@ def test_bad_input():
     with pytest.raises(InputError, match="dt"):
         AlphaBetaTracker(math.nan)
     with pytest.raises(InputError, match="alpha"):
-        TrackParams(alpha=0.0)
-    with pytest.raises(InputError, match="patience"):
-        TrackParams(patience=-1.0)
+        FeatureTrackParams(alpha=0.0)
+    with pytest.raises(InputError, match="max_lost_s"):
+        FeatureTrackParams(max_lost_s=-1.0)
     ranges = seen(walk(STILL, [[0.0, 0.0]] * 3, 2), Pose(*torch.zeros(3, 2)))
     with pytest.raises(InputError, match="poses"):
         AlphaBetaTracker(DT)(ranges, Pose(*torch.zeros(3, 3)))
