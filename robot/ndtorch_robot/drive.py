@@ -133,7 +133,7 @@ def drive(
             runner, simulation, SafeDrive(simulation, simulation, LIMITS, frame_check), steer=steer, max_steps=steps
         )
         record, respawn, path = Record(), Respawn(simulation, runner), WalkedPath()
-        view = show(config, plan, runner, simulation, record, stack) if shown(config) else None
+        view = show(config, plan, runner, simulation, stack) if shown(config) else None
         recorder = make_recorder(config, simulation.rig)
         if recorder is not None:
             stack.callback(recorder.close)
@@ -200,18 +200,17 @@ def show(
     plan: Plan,
     runner: NavigatorRunner,
     simulation: Simulation,
-    record: Record,
     stack: contextlib.ExitStack,
 ) -> Observer:
     """Record the drive for the viewer, or open it; closed with the stack."""
-    from ndtorch_robot.view import DriveView, Where
-    from ndtorch_robot.view.drawing import levels
+    from ndtorch_robot.view import ViewSteps, Where, layout, open_stream, plan_bounds, start_view
 
     name = f"{config.arena} seed {config.seed} {config.controller}"
     where = Where(config.rrd, config.view, config.view_at)
-    view = DriveView(plan, simulation.rig, simulation.cameras.fields, levels(runner.navigator), where, name)
-    stack.callback(view.close, record)
-    return view.observer(record, plan.grid())
+    stream = open_stream(name, where, layout(plan_bounds(plan)))
+    view = start_view(stream, runner, print_note, wait=True, plan=plan)
+    stack.callback(view.close)
+    return ViewSteps(view, truth=lambda: simulation.pose)
 
 
 def make_recorder(config: DriveConfig, rig: StereoRig) -> Recorder | None:

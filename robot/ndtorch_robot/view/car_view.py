@@ -1,4 +1,4 @@
-"""A real car in the rerun viewer: what it sees, does and believes. There is no plan and no true pose."""
+"""A car in the rerun viewer: what it sees, does and believes; of a simulated one also the plan and the true pose."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ import numpy as np
 from ndtorch.navigation import Grid, NavigatorState, Rect, StereoRig
 from ndtorch.report.recording import end_stream, import_rerun
 from ndtorch_robot.ports import DriveCommand, StereoFrames
-from ndtorch_robot.view.drawing import (
+from ndtorch_robot.sim.plan import Plan
+from ndtorch_robot.view.archetypes import (
+    BELIEVED,
     CAR,
     LEFT,
     OTHER,
@@ -22,29 +24,31 @@ from ndtorch_robot.view.drawing import (
     car_arrow,
     feature_points,
     field_box,
+    flipped,
+    frame_image,
     jpeg,
     map_points,
     panels,
-    picture,
     speed_lines,
 )
 
 BATCH = 15
 """Steps whose numbers are written at once: half a second."""
 
-STRIDE, PIECE = 0.03, 200
-"""Metres between two points of the path, and points in one piece of it: only the last piece is written anew."""
+STRIDE, CHUNK = 0.03, 200
+"""Metres between two points of a path, and points in one chunk of it: only the last chunk is written anew."""
 
 MAP_EVERY = 2.0
-"""Seconds between two pictures of the map."""
+"""Seconds between two updates of the map."""
 
+Pose = tuple[float, float, float]
 Bounds = tuple[float, float, float, float]
 """Left, right, upper and lower side of the floor that is shown, m, y down."""
 
 MARGIN, NEAR, MORE = 2.0, 0.5, 0.5
 """When the car is nearer than 0.5 m to the end of what is shown, half as much more is shown there, at least 2 m."""
 
-PALE = (200, 200, 200)
+PALE, WALL = (200, 200, 200), (150, 150, 150)
 THIN, FINE = -1.0, -1.2
 """Radii of lines and of cells of the map in points of the screen, so that they are seen in a large building too."""
 
@@ -63,7 +67,8 @@ class Seen(NamedTuple):
         board: what the board says of itself, `Telemetry.values`.
         lines: what happened since the last step, in words.
         notes: words to add to the panel that says how the car is.
-        carried: someone has put the car somewhere else.
+        carried: the car was moved to another place.
+        truth: the true pose, where it is known.
     """
 
     time: float
@@ -77,15 +82,48 @@ class Seen(NamedTuple):
     lines: tuple[str, ...] = ()
     notes: str = ""
     carried: bool = False
+    truth: Pose | None = None
+
+
+class PathLine:
+    """A path that grows: entity, color and width of the line, in m or minus points of the screen."""
+
+    def __init__(self, rr: Any, stream: Any, entity: str, color: tuple[int, int, int], width: float) -> None:
+        self.rr, self.stream, self.entity, self.color, self.width = rr, stream, entity, color, width
+        self.points: list[tuple[float, float]] = []
+        self.chunk = 0
+
+    def add(self, x: float, y: float) -> None:
+        """The car is there now."""
+        if self.points and math.dist(self.points[-1], (x, y)) < STRIDE:
+            return
+        self.points.append((x, y))
+        if len(self.points) % 10 == 0:
+            self.write()
+        if len(self.points) >= CHUNK:
+            self.points, self.chunk = [(x, y)], self.chunk + 1
+
+    def cut(self) -> None:
+        """Begin anew somewhere else."""
+        self.write()
+        self.points, self.chunk = [], self.chunk + 1
+
+    def write(self) -> None:
+        """The newest chunk."""
+        if len(self.points) > 1:
+            line = [(x, -y) for x, y in self.points]
+            strips = self.rr.LineStrips2D([line], colors=[self.color], radii=self.width)
+            self.stream.log(f"{self.entity}/{self.chunk}", strips)
 
 
 class CarView:
-    """Shows a car: both images with what is read of them, features, speeds, commands, battery, why it stands, its map.
+    """Shows a car: both images with what is read of them, features, speeds, commands, battery, faults, its map.
 
     Entities: `cameras/left` and `cameras/right` (JPEG, with `fields` and `features`; strips are drawn in their
     places), `speeds`, `command/speed` and `command/curvature` (wanted, sent, applied), `board/battery`, `car`
-    (text), `events`, and `floor` (y up: drawn at -y) with `start` (a square metre about it), `path`, `car` and
-    `map`, all by dead reckoning.
+    (text), `events`, and `floor` (y up: drawn at -y) with `start` (a square metre about it), `path`, `car` and `map`.
+    Where the true pose is known, `path` and `car` are the true ones and `believed` is the path by dead reckoning; else
+    they are by dead reckoning. `walls` are those of the plan.
 
     Args:
         stream: of `open_stream`, with `layout`.
@@ -93,17 +131,25 @@ class CarView:
         fields: subfields of the left and of the right image.
         levels: lines to draw beside the speeds, by name.
         grid: of the map, if there is one.
+        plan: of the building, if it is known.
     """
 
     def __init__(
-        self, stream: Any, rig: StereoRig, fields: tuple[Rect, Rect], levels: Mapping[str, float], grid: Grid | None
+        self,
+        stream: Any,
+        rig: StereoRig,
+        fields: tuple[Rect, Rect],
+        levels: Mapping[str, float],
+        grid: Grid | None,
+        plan: Plan | None = None,
     ) -> None:
         self.rr, self.stream = import_rerun(), stream
-        self.rig, self.fields, self.levels, self.grid = rig, fields, dict(levels), grid
+        self.rig, self.fields, self.levels, self.grid, self.plan = rig, fields, dict(levels), grid, plan
         self.next_map = 0.0
         self.waiting: list[tuple[float, list[float], list[float], list[float], float]] = []
-        self.path: list[tuple[float, float]] = []
-        self.piece = 0
+        self.path = PathLine(self.rr, stream, "floor/path", PATH, THIN)
+        self.believed = PathLine(self.rr, stream, "floor/believed", BELIEVED, THIN)
+        self.started = False
         self.words = ""
         self.shown: Bounds | None = None
         self.fixed()
@@ -111,24 +157,27 @@ class CarView:
     def fixed(self) -> None:
         """What never changes."""
         rr, log = self.rr, self.stream.log
-        for eye, field in zip(("left", "right"), self.fields, strict=True):
-            log(f"cameras/{eye}/fields", field_box(rr, field, eye), static=True)
+        for side, field in zip(("left", "right"), self.fields, strict=True):
+            log(f"cameras/{side}/fields", field_box(rr, field, side), static=True)
         log("speeds", speed_lines(rr, self.levels), static=True)
         names, colors = list(COMMAND_LINES), list(COMMAND_LINES.values())
         for entity in ("command/speed", "command/curvature"):
             log(entity, rr.SeriesLines(colors=colors, names=names, widths=[1.0, 2.0, 1.5]), static=True)
         log("board/battery", rr.SeriesLines(colors=[CAR], names=["battery, V"]), static=True)
+        if self.plan is not None:
+            walls = [flipped(np.concatenate((r.array, r.array[:1]))) for r in self.plan.rings]
+            log("floor/walls", rr.LineStrips2D(walls, colors=[WALL], radii=0.02), static=True)
 
     def show(self, seen: Seen) -> None:
         """Show a step."""
         self.stream.set_time(TIMELINE, duration=seen.time)
         for line in seen.lines:
             self.stream.log("events", self.rr.TextLog(line, level="WARN" if "stopped" in line else "INFO"))
-        self.say_how(seen)
+        self.describe(seen)
         if seen.frames is not None:
-            self.pictures(seen.frames, seen.state)
+            self.images(seen.frames, seen.state)
         if seen.state is not None:
-            self.place(seen.state, seen.carried)
+            self.place(seen.state, seen.carried, seen.truth)
             if self.grid is not None and seen.state.map is not None and seen.time >= self.next_map:
                 self.next_map = seen.time + MAP_EVERY
                 self.stream.log("floor/map", map_points(self.rr, self.grid, seen.state.map.cells, FINE))
@@ -144,42 +193,41 @@ class CarView:
     def close(self) -> None:
         """Write what is waiting and close the stream."""
         self.numbers()
-        if self.path:
-            self.draw_path()
+        self.path.write()
+        self.believed.write()
         end_stream(self.stream, patience=3.0)
 
-    def pictures(self, frames: StereoFrames, state: NavigatorState | None) -> None:
+    def images(self, frames: StereoFrames, state: NavigatorState | None) -> None:
         """Both images, and the features that were ranged in them."""
         rr = self.rr
-        for eye, frame, field in zip(("left", "right"), frames[:2], self.fields, strict=True):
-            self.stream.log(f"cameras/{eye}", jpeg(rr, picture(frame, field, self.rig)))
+        for side, frame, field in zip(("left", "right"), frames[:2], self.fields, strict=True):
+            self.stream.log(f"cameras/{side}", jpeg(rr, frame_image(frame, field, self.rig)))
         found = np.zeros((4, 0), np.float32)
         if state is not None:
             r = state.ranges
             parts = (r.left_range, r.left_angle, r.right_angle, r.valid)
             found = np.stack([part.numpy() for part in parts]).astype(np.float32)
-        for eye, points in zip(("left", "right"), feature_points(rr, found, self.rig), strict=True):
-            self.stream.log(f"cameras/{eye}/features", points)
+        for side, points in zip(("left", "right"), feature_points(rr, found, self.rig), strict=True):
+            self.stream.log(f"cameras/{side}/features", points)
 
-    def place(self, state: NavigatorState, carried: bool) -> None:
-        """The car and its path, where dead reckoning puts them."""
+    def place(self, state: NavigatorState, carried: bool, truth: Pose | None) -> None:
+        """The car and its path."""
         x, y, heading = (float(value) for value in state.pose)
-        self.stream.log("floor/car", car_arrow(self.rr, (x, y, heading)))
         if carried:
-            self.draw_path()
-            self.path, self.piece = [], self.piece + 1
-        self.widen(x, y)
-        if not self.path and not self.piece:
+            self.path.cut()
+            self.believed.cut()
+        if truth is not None:
+            self.believed.add(x, y)
+            x, y, heading = truth
+        self.stream.log("floor/car", car_arrow(self.rr, (x, y, heading)))
+        if self.plan is None:
+            self.widen(x, y)
+        if not self.started:
             # A square metre gives the scale, and the viewer something to show until there is more.
+            self.started = True
             square = self.rr.Boxes2D(centers=[(x, -y)], sizes=[(1.0, 1.0)], colors=[PALE], radii=THIN)
             self.stream.log("floor/start", square)
-        if self.path and math.dist(self.path[-1], (x, y)) < STRIDE:
-            return
-        self.path.append((x, y))
-        if len(self.path) % 10 == 0:
-            self.draw_path()
-        if len(self.path) >= PIECE:
-            self.path, self.piece = [(x, y)], self.piece + 1
+        self.path.add(x, y)
 
     def widen(self, x: float, y: float) -> None:
         """Show more of the floor when the car comes near the end of what is shown."""
@@ -192,14 +240,8 @@ class CarView:
             self.shown = (sides[0], sides[1], sides[2], sides[3])
             self.rr.send_blueprint(layout(self.shown), recording=self.stream)
 
-    def draw_path(self) -> None:
-        """The newest piece of the path."""
-        if len(self.path) > 1:
-            line = [(x, -y) for x, y in self.path]
-            self.stream.log(f"floor/path/{self.piece}", self.rr.LineStrips2D([line], colors=[PATH], radii=THIN))
-
-    def say_how(self, seen: Seen) -> None:
-        """How the car is, in words, when that has changed."""
+    def describe(self, seen: Seen) -> None:
+        """The state of the car in words, when it has changed."""
         board = seen.board
         head = f"# STANDS\n{seen.standing}" if seen.standing else "# DRIVES"
         lines = [head]
@@ -236,8 +278,14 @@ class CarView:
             self.stream.send_columns(entity, indexes=[index], columns=self.rr.Scalars.columns(scalars=values))
 
 
+def plan_bounds(plan: Plan) -> Bounds:
+    """The floor that is shown of a building."""
+    left, right, bottom, top = plan.bounds
+    return left - 0.6, right + 0.6, -top - 0.6, -bottom + 0.6
+
+
 def layout(shown: Bounds = (-MARGIN, MARGIN, -MARGIN, MARGIN)) -> Any:
-    """Cameras on top, the floor below them, and beside it how the car is, its speeds and commands."""
+    """Cameras on top, the floor below them, and the state of the car, its speeds and commands beside it."""
     import rerun.blueprint as rrb
 
     legend = rrb.PlotLegend(rrb.Corner2D.LeftTop)
@@ -246,10 +294,9 @@ def layout(shown: Bounds = (-MARGIN, MARGIN, -MARGIN, MARGIN)) -> Any:
         return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=legend)
 
     plain = rrb.archetypes.TextDocumentFormat(word_wrap=True)
-    cameras = [rrb.Spatial2DView(origin=f"cameras/{eye}", name=f"{eye} camera") for eye in ("left", "right")]
+    cameras = [rrb.Spatial2DView(origin=f"cameras/{side}", name=f"{side} camera") for side in ("left", "right")]
     bounds = rrb.VisualBounds2D(x_range=shown[:2], y_range=shown[2:])
-    name = "path and map by dead reckoning (m)"
-    floor = rrb.Spatial2DView(origin="floor", name=name, background=WHITE, visual_bounds=bounds)
+    floor = rrb.Spatial2DView(origin="floor", name="path and map (m)", background=WHITE, visual_bounds=bounds)
     words = rrb.Horizontal(
         rrb.TextDocumentView(origin="car", name="car", format_options=plain),
         rrb.TextLogView(origin="events", name="what happened"),

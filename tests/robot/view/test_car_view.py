@@ -10,15 +10,15 @@ import torch
 
 import ndtorch_robot.commands.replay
 import ndtorch_robot.view.car_view
-import ndtorch_robot.view.opening
+import ndtorch_robot.view.stream
 from ndtorch.commands import main
 from ndtorch.errors import InputError
 from ndtorch.navigation import Strips
 from ndtorch_robot.recording import Recorder, RecordSteps
 from ndtorch_robot.view import Background, CarView, Where, layout, open_stream, start_view
-from ndtorch_robot.view.drawing import THICK, UNREAD, picture
-from ndtorch_robot.view.opening import open_server
-from ndtorch_robot.view.steps import Rate, ViewSteps
+from ndtorch_robot.view.archetypes import THICK, UNREAD, frame_image
+from ndtorch_robot.view.observer import Rate, ViewSteps
+from ndtorch_robot.view.stream import open_server
 from tests.robot.support.bare_car import FAULTS, FilmCar, bare_loop
 from tests.robot.support.moving_world import RIG, moving_world
 from tests.robot.view.test_drive_view import chunks, column
@@ -89,7 +89,7 @@ def test_a_run_and_its_replay(tmp_path, capsys):
     view.close()
     assert (view.shown, view.dropped, view.failed) == (90, 0, "")
     check_contents(path, 90)
-    assert not {chunk.entity_path for chunk in RrdReader(path).stream().to_chunks()} & {"/plan/walls", "/plan/path"}
+    assert not {c.entity_path for c in RrdReader(path).stream().to_chunks()} & {"/floor/walls", "/floor/believed/0"}
     assert main(["replay", str(tmp_path / "r"), "--rrd", str(again), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["same"] == 90
     check_contents(again, 90)
@@ -118,13 +118,13 @@ def test_more_floor_is_shown_as_the_car_goes_on(monkeypatch):
 def test_strips_are_drawn_in_their_places():
     field = RIG.subfields()[0]
     inside = torch.full((1, 3, field.bottom - field.top, field.right - field.left), 200, dtype=torch.uint8)
-    drawn = picture(Strips(inside, torch.full((1, 1, 1, RIG.width), 0.5)), field, RIG)
+    drawn = frame_image(Strips(inside, torch.full((1, 1, 1, RIG.width), 0.5)), field, RIG)
     assert drawn.shape == (RIG.height, RIG.width, 3)
     assert (drawn[field.top : field.bottom, field.left : field.right] == 200).all()
     assert (drawn[RIG.row, : field.left] == 128).all()
     assert (drawn[RIG.row + THICK + 1, : field.left - 1] == UNREAD).all()
     whole = torch.randint(0, 256, (1, 3, RIG.height, RIG.width), dtype=torch.uint8)
-    assert (picture(whole, field, RIG) == whole[0].permute(1, 2, 0).numpy()).all()
+    assert (frame_image(whole, field, RIG) == whole[0].permute(1, 2, 0).numpy()).all()
 
 
 def test_a_loop_never_waits_for_a_view_that_hangs():
@@ -221,8 +221,8 @@ def test_a_port_in_use():
 def test_replay_that_is_served(tmp_path, capsys, monkeypatch):
     """The server listens at the address that was asked for, takes everything, and stays until Ctrl-C."""
     asked, held = [], []
-    monkeypatch.setattr(ndtorch_robot.view.opening, "start", lambda options, host, *rest: asked.append((host, options)))
-    monkeypatch.setattr(ndtorch_robot.view.opening.atexit, "register", lambda *call: None)
+    monkeypatch.setattr(ndtorch_robot.view.stream, "start", lambda options, host, *rest: asked.append((host, options)))
+    monkeypatch.setattr(ndtorch_robot.view.stream.atexit, "register", lambda *call: None)
 
     def interrupted():
         held.append(True)

@@ -7,19 +7,17 @@ import numpy as np
 import pytest
 import torch
 
-import ndtorch_robot.view.opening
+import ndtorch_robot.view.stream
 from ndtorch.commands import main
 from ndtorch.errors import InputError
-from ndtorch.navigation import Grid
+from ndtorch.navigation import Navigator
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import drive
-from ndtorch_robot.evaluation.record import Record
 from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.simulation import RIG
-from ndtorch_robot.view import DriveView, Where
-from ndtorch_robot.view.drive_view import pieces
-from ndtorch_robot.view.opening import open_viewer
+from ndtorch_robot.view import CarView, Seen, Where, layout, open_stream, plan_bounds
+from ndtorch_robot.view.stream import open_viewer
 
 rerun = pytest.importorskip("rerun")
 
@@ -34,34 +32,36 @@ def column(chunk, name):
     return chunk.to_record_batch().column(name).to_pylist()
 
 
-def made_up(path, steps=65):
-    """A short drive that nobody drove: along x, one feature straight ahead, one cell of the map."""
-    plan, grid, record = load_arena("room"), Grid(0, 4, 0, 4), Record()
-    view = DriveView(plan, RIG, RIG.subfields(), {"turn left": 0.15}, Where(path))
-    cells = torch.zeros(grid.rows + 2, grid.columns + 2)
-    cells[101, 201] = 1.0
+@pytest.fixture
+def made_up(tmp_path):
+    """A recording of a short drive along x that nobody drove: two steps a pair of frames, moved once."""
+    path, plan = tmp_path / "new" / "drive.rrd", load_arena("room")
+    stream = open_stream("made up", Where(path), layout(plan_bounds(plan)))
+    view = CarView(stream, RIG, RIG.subfields(), {"turn left": 0.15}, None, plan)
+    navigator = Navigator(RIG, dt=1 / 30)
     frame = torch.full((1, 3, 480, 640), 90, dtype=torch.uint8)
-    for k in range(steps):
-        record.time.append(k / 30)
-        record.pose.append((1 + 0.01 * k, 2.0, 0.0))
-        record.believed.append((1 + 0.0101 * k, 2.0, 0.0))
-        record.sides.append(np.array([0.3, 0.4]))
-        record.difference.append(0.1)
-        record.command.append(DriveCommand(0.5, 1.0))
-        record.ranges.append(np.array([[1.5, 0], [0.1, 0], [0.2, 0], [1, 0]], np.float32))
-        if k == 0:
-            record.placed.append(0)
-        view.frame(StereoFrames(frame, frame, k / 30), record, grid, cells)
-    view.close(record)
-    view.close(record)
+    _, state = navigator(frame, frame)
+    for k in range(65):
+        ranges = state.ranges._replace(
+            left_range=torch.tensor([1.5, 0]),
+            left_angle=torch.tensor([0.1, 0]),
+            right_angle=torch.tensor([0.2, 0]),
+            valid=torch.tensor([True, False]),
+        )
+        believed = state.pose._replace(x=torch.tensor(1 + 0.0101 * k), y=torch.tensor(2.0))
+        frames = StereoFrames(frame, frame, k / 30) if k % 2 == 0 else None
+        truth = (1 + 0.01 * k + 2 * (k > 40), 2.0, 0.0)
+        command = DriveCommand(0.5, 1.0)
+        seen = state._replace(ranges=ranges, pose=believed)
+        view.show(Seen(k / 30, frames, seen, command, command, command, None, {}, carried=k == 41, truth=truth))
+    view.close()
+    return path
 
 
-def test_everything_written_is_there(tmp_path):
+def test_everything_written_is_there(made_up):
     from rerun.chunk import RrdReader
 
-    path = tmp_path / "new" / "drive.rrd"
-    made_up(path)
-    reader = RrdReader(path)
+    reader = RrdReader(made_up)
     assert len(reader.recordings()) == 1
     assert len(reader.blueprints()) == 1
     rows, fixed = Counter(), set()
@@ -71,23 +71,19 @@ def test_everything_written_is_there(tmp_path):
         else:
             assert "time" in chunk.timeline_names
             rows[chunk.entity_path] += chunk.num_rows
-    assert fixed >= {"/plan/walls", "/cameras/left/fields", "/cameras/right/fields", "/speeds", "/command/curvature"}
-    assert rows["/speeds"] == rows["/command/curvature"] == 65
-    assert rows["/cameras/left"] == rows["/cameras/right"] == rows["/cameras/left/features"] == 22
-    assert rows["/plan/map"] == 3
-    assert rows["/plan/path"] == rows["/plan/believed"] == 4  # once a second, and the end
-
-    values = [v for c in chunks(path, "/speeds") if not c.is_static for v in column(c, "Scalars:scalars")]
-    assert values[0] == pytest.approx([0.3, 0.4, 0.1, 0.15])
-    (cell,) = column(chunks(path, "/plan/map")[0], "Points2D:positions")[0]
-    assert cell == pytest.approx([2.005, -1.005])  # the viewer's y points down
-    (feature,) = column(chunks(path, "/cameras/left/features")[0], "Points2D:positions")[0]
+    assert fixed >= {"/floor/walls", "/cameras/left/fields", "/cameras/right/fields", "/speeds", "/command/curvature"}
+    assert rows["/speeds"] == rows["/command/curvature"] == rows["/floor/car"] == 65
+    assert rows["/cameras/left"] == rows["/cameras/right"] == rows["/cameras/left/features"] == 33
+    (feature,) = column(chunks(made_up, "/cameras/left/features")[0], "Points2D:positions")[0]
     assert feature == pytest.approx([319.5 - 430 * np.tan(0.1) + 0.5, RIG.row + 0.5], abs=0.01)
 
 
-def test_paths_are_cut_where_the_car_was_carried():
-    line = np.array([[0, 0], [1, 0], [np.nan, np.nan], [5, 5], [6, 5], [7, 5], [np.nan, np.nan], [9, 9]])
-    assert [part.tolist() for part in pieces(line)] == [[[0, 0], [1, 0]], [[5, 5], [6, 5], [7, 5]]]
+def test_the_true_path_is_cut_where_the_car_was_moved(made_up):
+    lines = [column(chunks(made_up, f"/floor/path/{k}")[-1], "LineStrips2D:strips")[-1][0] for k in (0, 1)]
+    ends = [(line[0][0], line[-1][0]) for line in lines]
+    assert ends == [pytest.approx((1.0, 1.4), abs=0.03), pytest.approx((3.41, 3.64), abs=0.03)]
+    believed = column(chunks(made_up, "/floor/believed/1")[-1], "LineStrips2D:strips")[-1][0]
+    assert believed[0] == pytest.approx([1.414, -2.0], abs=0.01)  # the viewer's y axis points down
 
 
 @pytest.mark.slow
@@ -111,24 +107,25 @@ def test_where_a_recording_cannot_be_written(capsys, tmp_path):
 def test_viewer_listens_here_only(monkeypatch):
     import socket
 
-    asked = []
+    asked, doors = [], []
 
     class Viewer:
         def __init__(self, command, **options):
             asked.append(command)
-            self.door = socket.create_server(("127.0.0.1", int(command[command.index("--port") + 1])))
+            doors.append(socket.create_server(("127.0.0.1", int(command[command.index("--port") + 1]))))
 
         def poll(self):
             return None
 
-    monkeypatch.setattr(ndtorch_robot.view.opening.subprocess, "Popen", Viewer)
+    monkeypatch.setattr(ndtorch_robot.view.stream.subprocess, "Popen", Viewer)
     address = open_viewer()
+    doors[0].close()
     assert address.startswith("rerun+http://127.0.0.1:")
     assert asked[0][:3] == [sys.executable, "-m", "rerun"]
     assert asked[0][asked[0].index("--bind") + 1] == "127.0.0.1"
 
 
 def test_viewer_that_does_not_open(monkeypatch):
-    monkeypatch.setattr(ndtorch_robot.view.opening.sys, "executable", "/bin/false")
+    monkeypatch.setattr(ndtorch_robot.view.stream.sys, "executable", "/bin/false")
     with pytest.raises(InputError, match="use --rrd FILE instead of --view"):
         open_viewer()

@@ -16,16 +16,16 @@ from typing import Any, NamedTuple
 from ndtorch.errors import InputError
 from ndtorch.report.recording import import_rerun
 
-HERE = "127.0.0.1"
+LOCALHOST = "127.0.0.1"
 
 PORT = 9876
 """Of a server, unless another is given: the one that viewers try first."""
 
-SERVED = "256MB"
-"""What a server keeps for viewers that come later. Older things are dropped."""
+SERVER_MEMORY = "256MB"
+"""What a server keeps for viewers that connect later. The oldest data are dropped."""
 
-NOWHERE = 10.0
-"""Seconds to wait for the viewer."""
+START_TIMEOUT = 10.0
+"""Seconds to wait for the viewer or server."""
 
 
 class Where(NamedTuple):
@@ -80,11 +80,11 @@ def open_stream(name: str, where: Where, blueprint: Any) -> Any:
 def open_viewer() -> str:
     """Start the viewer, listening at 127.0.0.1 only; returns the address to send to."""
     with socket.socket() as free:
-        free.bind((HERE, 0))
+        free.bind((LOCALHOST, 0))
         port = free.getsockname()[1]
     failure = "the rerun viewer does not open (has this machine a screen?): use --rrd FILE instead of --view"
-    start(["--hide-welcome-screen"], HERE, port, failure)
-    return f"rerun+http://{HERE}:{port}/proxy"
+    start(["--hide-welcome-screen"], LOCALHOST, port, failure)
+    return f"rerun+http://{LOCALHOST}:{port}/proxy"
 
 
 def open_server(address: str) -> str:
@@ -102,7 +102,7 @@ def open_server(address: str) -> str:
             pass
     except OSError as error:
         raise InputError(f"--view-at {address}: cannot listen there ({error.strerror})") from None
-    options = ["--serve-grpc", "--server-memory-limit", SERVED]
+    options = ["--serve-grpc", "--server-memory-limit", SERVER_MEMORY]
     server = start(options, host, port, f"--view-at {address}: the rerun server does not start")
     atexit.register(end, server)
     return f"rerun+http://{near(host)}:{port}/proxy"
@@ -110,14 +110,14 @@ def open_server(address: str) -> str:
 
 def near(host: str) -> str:
     """Where a server that listens at `host` is reached from here."""
-    return HERE if host == "0.0.0.0" else host
+    return LOCALHOST if host == "0.0.0.0" else host
 
 
 def start(options: list[str], host: str, port: int, failure: str) -> subprocess.Popen[bytes]:
     """Start rerun in a process of its own and wait until it listens; raises `InputError` with `failure`."""
     command = [sys.executable, "-m", "rerun", "--bind", host, "--port", str(port), *options]
     viewer = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
-    until = time.monotonic() + NOWHERE
+    until = time.monotonic() + START_TIMEOUT
     while time.monotonic() < until and viewer.poll() is None:
         with socket.socket() as line:
             line.settimeout(0.2)

@@ -1,4 +1,4 @@
-"""What the views draw alike: pictures, features, the car, its path and the map."""
+"""Archetypes of rerun for what a view shows: frames, features, the car, its path and the map."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from ndtorch_robot.evaluation.record import range_columns
 
 TIMELINE = "time"
 
-PICTURES = 10
-"""Pairs of pictures a second: enough to look at, a third of the size."""
+FRAMES_PER_SECOND = 10
+"""Pairs of frames a second: enough to look at, at a third of the size."""
 
 JPEG_QUALITY = 75
 
@@ -47,18 +47,18 @@ THICK = 4
 """A row that is read alone is drawn with so many more rows above and below, to be seen at all."""
 
 
-def levels(navigator: Navigator) -> dict[str, float]:
-    """Lines to draw beside the speeds: the controller's thresholds."""
+def thresholds(navigator: Navigator) -> dict[str, float]:
+    """Lines to draw beside the speeds: the controller's thresholds, by name."""
     lines: dict[str, float] = navigator.controller.trace.lines()
     return lines
 
 
-def field_box(rr: Any, field: Rect, eye: str) -> Any:
+def field_box(rr: Any, field: Rect, side: str) -> Any:
     """The rectangle that is read of an image."""
     return rr.Boxes2D(
         mins=[(field.left, field.top)],
         sizes=[(field.right - field.left, field.bottom - field.top)],
-        colors=[LEFT if eye == "left" else RIGHT],
+        colors=[LEFT if side == "left" else RIGHT],
         labels=["read"],
         show_labels=False,
     )
@@ -80,15 +80,15 @@ def feature_points(rr: Any, ranges: npt.NDArray[np.float32], rig: StereoRig) -> 
     return both[0], both[1]
 
 
-def picture(eye: Tensor | Strips, field: Rect, rig: StereoRig) -> npt.NDArray[np.uint8]:
+def frame_image(frame: Tensor | Strips, field: Rect, rig: StereoRig) -> npt.NDArray[np.uint8]:
     """A frame `[1, C, H, W]` as `[H, W, 3]` uint8, or strips in their places, where the row is drawn thicker."""
-    if isinstance(eye, Tensor):
-        return pixels(eye)
+    if isinstance(frame, Tensor):
+        return pixels(frame)
     whole = np.full((rig.height, rig.width, 3), UNREAD, np.uint8)
-    row = pixels(eye.row)
+    row = pixels(frame.row)
     top, bottom = max(0, rig.row - THICK), min(rig.height, rig.row + THICK + 1)
     whole[top:bottom] = row
-    whole[field.top : field.bottom, field.left : field.right] = pixels(eye.field)
+    whole[field.top : field.bottom, field.left : field.right] = pixels(frame.field)
     return whole
 
 
@@ -99,7 +99,7 @@ def pixels(frame: Tensor) -> npt.NDArray[np.uint8]:
 
 
 def jpeg(rr: Any, image: npt.NDArray[np.uint8]) -> Any:
-    """A picture `[H, W, C]` for the viewer."""
+    """An image `[H, W, C]` for the viewer."""
     import cv2
 
     turned = np.ascontiguousarray(image[..., ::-1])
@@ -131,7 +131,7 @@ def map_points(rr: Any, grid: Grid, cells: Tensor, radius: float) -> Any:
 
 
 def flipped(points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Places as the viewer draws them: its y points down."""
+    """Points as the viewer draws them, whose y axis points down."""
     return points * (1.0, -1.0)
 
 
