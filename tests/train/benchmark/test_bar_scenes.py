@@ -7,11 +7,15 @@ import pytest
 from numpy.testing import assert_allclose
 
 from ndtorch_train.benchmark.bar_scenes import (
+    ALIKE,
+    RANDOM,
     RenderedBars,
     Restriction,
+    SceneSet,
     draw_scene,
     first_stage,
     measure_bar,
+    scenes_of,
     seeds,
     single_bars,
     superposed,
@@ -63,3 +67,15 @@ def test_truth_of_a_bar_has_a_feature_in_every_group() -> None:
     for truth in true_features([draw_scene(seed) for seed in range(12)], first_stage()):
         for group in (truth[:, :4], truth[:, 4:7], truth[:, 7:]):
             assert group.any(-1).all()
+
+
+@pytest.mark.parametrize("chosen", [RANDOM, *ALIKE], ids=lambda chosen: chosen.name)
+def test_scenes_are_drawn_as_the_set_says(chosen: SceneSet) -> None:
+    scenes = scenes_of(chosen, "tune", 6)
+    assert {len(scene.bars) for scene in scenes} == set(chosen.bars)
+    for scene in scenes:
+        if chosen.restriction.same_color:
+            assert len({bar.color for bar in scene.bars}) == 1
+        if chosen.restriction.same_direction:
+            assert len({(bar.direction, bar.orientation) for bar in scene.bars}) == 1
+    assert {scene.seed for scene in scenes}.isdisjoint(s.seed for s in scenes_of(chosen, "test", 6))

@@ -1,4 +1,4 @@
-"""Stress sets and hard sets are what they say."""
+"""Hard sets are what they say."""
 
 from __future__ import annotations
 
@@ -13,12 +13,10 @@ from ndtorch_train.benchmark.hard_scenes import (
     FIRST_SEED,
     HARD,
     HARD_SECONDS,
-    STRESS,
     apart,
     draw_bars,
     hard_scenes,
     hard_trial,
-    stressed,
 )
 
 SETS = {hard.name: hard for hard in HARD}
@@ -67,13 +65,3 @@ def test_hues_keep_apart() -> None:
     assert len(bars) == 5
     assert float(torch.pdist(colors).min()) > 0.1
     assert apart(np.array([10.0, 350.0])) == 20.0
-
-
-@pytest.mark.parametrize("name", ["static", "80 ms", "four bars"])
-def test_stress_sets_are_what_they_say(name: str) -> None:
-    stress = next(s for s in STRESS if s.name == name)
-    trial = stressed(stress, "tune", 2)
-    steps = -(-round(34 * FPS) // stress.every)
-    assert trial.sums.shape == (2, steps, 10)
-    assert [len(t) for t in trial.truth] == {"static": [0, 0], "80 ms": [1, 2], "four bars": [4, 4]}[name]
-    assert (trial.sums.std(1).max() < 1e-3) == (name == "static")

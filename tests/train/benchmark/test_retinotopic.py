@@ -105,18 +105,6 @@ def test_an_upright_bar_that_goes_right_is_seen_where_it_is() -> None:
     assert float(area[beyond].max()) == pytest.approx(0, abs=1e-3 * float(area.max()))
 
 
-@pytest.mark.parametrize("chosen", [local.RANDOM, *local.ALIKE], ids=lambda chosen: chosen.name)
-def test_scenes_are_drawn_as_the_set_says(chosen: local.LocalSet) -> None:
-    scenes = local.drawn(chosen, "tune", 6)
-    assert {len(scene.bars) for scene in scenes} == set(chosen.bars)
-    for scene in scenes:
-        if chosen.restriction.same_color:
-            assert len({bar.color for bar in scene.bars}) == 1
-        if chosen.restriction.same_direction:
-            assert len({(bar.direction, bar.orientation) for bar in scene.bars}) == 1
-    assert {scene.seed for scene in scenes}.isdisjoint(s.seed for s in local.drawn(chosen, "test", 6))
-
-
 def test_objects_are_read_after_the_samples_that_were_asked_for() -> None:
     """Two things a few fields apart: one goes right, upright and red; one up, lying and green."""
     t = torch.arange(140)
@@ -139,7 +127,7 @@ def test_rows_have_a_name_a_time_and_a_score_for_every_scene(tmp_path: Path, mon
     monkeypatch.setattr(local, "SETTLE", 0.3)
     monkeypatch.setattr(local, "local_bars", lambda folder: torch.zeros(()))
     monkeypatch.setattr(local, "local_sums", lambda part, seconds, table: iter([signals.expand(len(part), *[-1] * 4)]))
-    for group, name, times in (("random", "random", [0.2, 0.5]), ("positions", "four bars", [0.2])):
+    for group, name, times in (("random", "random", [0.2, 0.5]), ("alike", "four bars", [0.2])):
         rows = local.measure(group, name, "tune", 3, (0.5, 0.2), tmp_path)
         assert [(row["set"], row["seconds"]) for row in rows] == [(name, time) for time in times]
         assert {(row["scenes"], row["count"], row["ok"]) for row in rows} == {(3, 0, 0)}

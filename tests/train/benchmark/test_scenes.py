@@ -52,7 +52,7 @@ def test_the_command_writes_a_table(tmp_path: Path, capsys: pytest.CaptureFixtur
     ("options", "words"),
     [
         (["--methods", "oja"], "methods must be among published"),
-        (["--sets", "streß"], "did you mean stress?"),
+        (["--sets", "alice"], "did you mean alike?"),
         (["--seconds", "1000"], "seconds must lie between 0 and 100"),
         (["--scenes", "-1"], "scenes must be between 1 and 1000000, got -1"),
         (["--methods", "retinotopic", "--sets", "bars"], "no method of retinotopic takes the sets bars"),

@@ -193,6 +193,39 @@ def draw_scene(seed: int, restriction: Restriction | None = None) -> Scene:
     return Scene(seed, tuple(bars))
 
 
+@dataclass(frozen=True)
+class SceneSet:
+    """A set of scenes.
+
+    Attributes:
+        name: for tables.
+        restriction: what the bars of a scene have in common.
+        bars: numbers of bars, in turn with the seed.
+    """
+
+    name: str
+    restriction: Restriction
+    bars: tuple[int, ...]
+
+
+RANDOM = SceneSet("random", Restriction(), (1, 2, 3))
+ALIKE = (
+    SceneSet("four bars", Restriction(), (4,)),
+    SceneSet("same color", Restriction(same_color=True), (2, 3)),
+    SceneSet("same direction", Restriction(same_direction=True), (2, 3)),
+    SceneSet("equal bars", Restriction(same_color=True, same_direction=True), (2, 3)),
+)
+
+
+def scenes_of(chosen: SceneSet, split: Split, scenes: int) -> list[Scene]:
+    """The scenes of a set."""
+    r = chosen.restriction
+    return [
+        draw_scene(seed, Restriction(chosen.bars[seed % len(chosen.bars)], r.same_color, r.same_direction))
+        for seed in seeds(split, scenes)
+    ]
+
+
 def draw_hues(rng: np.random.Generator, count: int) -> Floats:
     """Hues in degrees, every two at least `HUE_GAP` apart."""
     while True:
@@ -258,38 +291,45 @@ def superposed(scenes: Sequence[Scene], seconds: float) -> Tensor:
 
 
 class RenderedBars(RenderedScene):
-    """The same scene as frames: bars on black, later ones over earlier ones, each times its own brightness."""
+    """The same scene as frames: bars on a ground, later ones over earlier ones, each times its own brightness.
 
-    def __init__(self, scene: Scene, seconds: float) -> None:
-        super().__init__(f"random-{scene.seed}", seconds, FPS, SIZE)
+    Args:
+        scene: the bars.
+        seconds: of the film.
+        fps: frames a second, of which `FPS` is a multiple.
+        speed, length, width: of the bars, pixels a second and pixels.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        seconds: float,
+        fps: float = FPS,
+        speed: float = SPEED,
+        length: float = LENGTH,
+        width: float = WIDTH,
+    ) -> None:
+        super().__init__(f"random-{scene.seed}", seconds, fps, SIZE)
         self.scene = scene
+        self.ground = torch.zeros(3, *SIZE)
+        self.light = [torch.from_numpy(bar.light[:: round(FPS / fps)].copy()) for bar in scene.bars]
         white = (1.0, 1.0, 1.0)
-        self.covers = [
-            BarScene(
-                [
-                    Bar(
-                        white,
-                        direction_degrees(b.direction),
-                        b.start,
-                        orientation_degrees(b.orientation),
-                        SPEED,
-                        LENGTH,
-                        WIDTH,
-                    )
-                ],
-                seconds,
-                size=SIZE,
-            )
-            for b in scene.bars
-        ]
+        self.covers = []
+        for b in scene.bars:
+            ways = direction_degrees(b.direction), b.start, orientation_degrees(b.orientation)
+            self.covers.append(BarScene([Bar(white, *ways, speed, length, width)], seconds, fps=fps, size=SIZE))
+
+    def moments(self, start: int, stop: int) -> Tensor:
+        """For how many frames the bars have moved at each frame, `[T]`."""
+        return torch.arange(start, stop)
 
     def frames(self, start: int, stop: int) -> Tensor:
         """Frames number `start` to `stop - 1`, `[T, 3, H, W]` float32 in 0..1."""
-        canvas = torch.zeros(stop - start, 3, *self.size)
-        for bar, cover in zip(self.scene.bars, self.covers, strict=True):
-            light = torch.from_numpy(bar.light[start:stop])[:, None, None, None]
-            color = torch.tensor(bar.color)[:, None, None]
-            canvas = torch.lerp(canvas, color * light, cover.frames(start, stop))
+        canvas, when = self.ground.expand(stop - start, 3, *self.size), self.moments(start, stop)
+        for bar, light, cover in zip(self.scene.bars, self.light, self.covers, strict=True):
+            color = torch.tensor(bar.color)[:, None, None] * light[start:stop, None, None, None]
+            shape = cover.frames(int(when[0]), int(when[-1]) + 1)[when - when[0]]
+            canvas = torch.lerp(canvas, color, shape)
         return canvas
 
 

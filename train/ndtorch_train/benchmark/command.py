@@ -59,15 +59,15 @@ class Seeded(Options):
 
 @dataclass(frozen=True)
 class Scenes(Seeded):
-    """Score binding methods on seeded random scenes of bars, stress sets and the papers' bars."""
+    """Score binding methods on seeded random scenes of bars and the papers' bars."""
 
     methods: tuple[str, ...] = (
         "published", "cooperative", "hebbian", "scale-free, owners", "scale-free", "greedy", "ica", "nmf",
     )  # fmt: skip
     """Methods to compare; picard, sobi, mm-ica, easi and retinotopic can be named too."""
     sets: tuple[str, ...] = ("random",)
-    """Groups of sets: random, stress, bars (the papers' bars), rendered (the random scenes as frames, about 10 s each),
-    positions and textured (for retinotopic)."""
+    """Groups of sets: random, alike (four bars, or bars of one color or direction), bars (the papers' bars), rendered
+    (the random scenes as frames, about 10 s each) and textured (for retinotopic)."""
     scenes: int = 300
     """Number of scenes of each set: 1, 2 and 3 bars in turn."""
     seconds: tuple[float, ...] = (15.0, 60.0)
@@ -75,11 +75,11 @@ class Scenes(Seeded):
 
     gone: ClassVar[Mapping[str, str]] = {
         "--rules": "it is called --methods now",
-        "--stress": "use --sets stress --scenes N",
+        "--stress": "use --sets alike, or ndtorch benchmark hard",
         "--hard": "use ndtorch benchmark hard",
         "--bars": "use --sets bars",
         "--rendered": "use --sets rendered --scenes N",
-        "--retinotopic": "use --methods retinotopic --sets random positions --scenes N",
+        "--retinotopic": "use --methods retinotopic --sets random alike --scenes N",
         "--retinotopic-rendered": "use --methods retinotopic --sets textured --scenes N",
     }
 

@@ -16,14 +16,15 @@ from ndtorch.binding.learning import settled
 from ndtorch.binding.object_files import ObjectFileParams, ObjectFileState
 from ndtorch.binding.readout.covariances import single_table
 from ndtorch.scenes import Bar, BarScene, FrameSource
-from ndtorch.scenes.rendered import RenderedScene
 from ndtorch.utils.files import hold, replacing
 from ndtorch.vision import GROUPS, LocalFeatures, VisualFeatures
 from ndtorch_train.benchmark.bar_scenes import (
+    ALIKE,
     DIRECTIONS,
     FPS,
     LENGTH,
     ORIENTATIONS,
+    RANDOM,
     SETTLE,
     SIZE,
     SPEED,
@@ -31,6 +32,7 @@ from ndtorch_train.benchmark.bar_scenes import (
     RenderedBars,
     Restriction,
     Scene,
+    SceneSet,
     by_group,
     direction_degrees,
     draw_scene,
@@ -39,6 +41,7 @@ from ndtorch_train.benchmark.bar_scenes import (
     moving,
     orientation_degrees,
     present,
+    scenes_of,
     seeds,
     true_features,
 )
@@ -160,39 +163,6 @@ def at_offsets(responses: Tensor, rows: Tensor, columns: Tensor, centers: Tensor
     return total
 
 
-@dataclass(frozen=True)
-class LocalSet:
-    """A set of scenes.
-
-    Attributes:
-        name: for tables.
-        restriction: what the bars of a scene have in common.
-        bars: numbers of bars, in turn with the seed.
-    """
-
-    name: str
-    restriction: Restriction
-    bars: tuple[int, ...]
-
-
-RANDOM = LocalSet("random", Restriction(), (1, 2, 3))
-ALIKE = (
-    LocalSet("four bars", Restriction(), (4,)),
-    LocalSet("same color", Restriction(same_color=True), (2, 3)),
-    LocalSet("same direction", Restriction(same_direction=True), (2, 3)),
-    LocalSet("equal bars", Restriction(same_color=True, same_direction=True), (2, 3)),
-)
-
-
-def drawn(chosen: LocalSet, split: Split, scenes: int) -> list[Scene]:
-    """The scenes of a set."""
-    r = chosen.restriction
-    return [
-        draw_scene(seed, Restriction(chosen.bars[seed % len(chosen.bars)], r.same_color, r.same_direction))
-        for seed in seeds(split, scenes)
-    ]
-
-
 def found(files: ObjectFiles, signals: Iterator[Tensor], moments: Sequence[int]) -> list[list[Tensor]]:
     """Features of the objects of every scene, `[objects, 10]` bool, after so many samples."""
     state, taken, readings = None, 0, []
@@ -265,29 +235,24 @@ def ground(seed: int, size: tuple[int, int] = SIZE) -> Tensor:
     return 0.1 + 0.4 * (smooth - smooth.amin()) / (smooth.amax() - smooth.amin())
 
 
-class OnGround(RenderedScene):
+class OnGround(RenderedBars):
     """The bars of a random scene over a ground, later ones over earlier ones."""
 
     def __init__(self, scene: Scene, kind: LocalScenes, seconds: float = RENDERED_SECONDS) -> None:
-        super().__init__(f"{kind.name}-{scene.seed}", seconds, RATE, SIZE)
-        self.scene, self.kind = scene, kind
-        self.ground = ground(scene.seed) if kind.texture else torch.zeros(3, *SIZE)
-        white = (1.0, 1.0, 1.0)
-        self.covers = []
-        for b in scene.bars:
-            ways = direction_degrees(b.direction), b.start, orientation_degrees(b.orientation)
-            bar = Bar(white, *ways, kind.speed, kind.length, kind.width)
-            self.covers.append(BarScene([bar], seconds, fps=RATE, size=SIZE))
+        super().__init__(scene, seconds, RATE, kind.speed, kind.length, kind.width)
+        self.kind = kind
+        if kind.texture:
+            self.ground = ground(scene.seed)
+        if kind.steady:
+            self.light = [torch.full_like(light, 0.6) for light in self.light]
+
+    def moments(self, start: int, stop: int) -> Tensor:
+        """For how many frames the bars have moved at each frame, `[T]`."""
+        return moved(torch.arange(start, stop), self.kind.stands)
 
     def frames(self, start: int, stop: int) -> Tensor:
         """Frames `start` to `stop - 1`, `[T, 3, H, W]` float32 in 0..1."""
-        canvas, every = self.ground.expand(stop - start, 3, *self.size), round(FPS / RATE)
-        for bar, cover in zip(self.scene.bars, self.covers, strict=True):
-            light = torch.from_numpy(bar.light[start * every : stop * every : every].copy())[:, None, None, None]
-            light = torch.full_like(light, 0.6) if self.kind.steady else light
-            when = moved(torch.arange(start, stop), self.kind.stands)
-            shape = cover.frames(int(when[0]), int(when[-1]) + 1)[when - when[0]]
-            canvas = torch.lerp(canvas, torch.tensor(bar.color)[:, None, None] * light, shape)
+        canvas = super().frames(start, stop)
         if self.kind.cross:
             canvas = canvas.clone()
             for side in (-1, -2):
@@ -324,7 +289,7 @@ def seen_in(source: FrameSource, params: ObjectFileParams | None = None, chunk: 
 
 
 def measure(group: str, name: str, split: Split, scenes: int, seconds: Sequence[float], folder: Path) -> list[Row]:
-    """Rows of one set of the group `random`, `positions`, `hard`, `rendered` or `textured`."""
+    """Rows of one set of the group `random`, `alike`, `hard`, `rendered` or `textured`."""
     if group == "hard":
         (hard,) = (one for one in HARD if one.name == name)
         return [scene_row(name, NAME, True, hard.seconds, hard_scores(hard, split, scenes, local_bars(folder)))]
@@ -332,10 +297,9 @@ def measure(group: str, name: str, split: Split, scenes: int, seconds: Sequence[
         (kind,) = (one for one in RENDERED if one.name == name)
         return [scene_row(name, NAME, True, RENDERED_SECONDS, textured_scores(kind, split, scenes))]
     if group == "rendered":
-        drawn_ = drawn(RANDOM, split, scenes)
-        truth = true_features(drawn_, first_stage())
-        end = min(seconds)
-        seen = [seen_in(RenderedBars(scene, SETTLE + end), chunk=8) for scene in drawn_]
+        every, end = scenes_of(RANDOM, split, scenes), min(seconds)
+        seen = [seen_in(RenderedBars(scene, SETTLE + end), chunk=8) for scene in every]
+        truth = true_features(every, first_stage())
         return [scene_row(name, NAME, True, end, [score_scene(f, t) for f, t in zip(seen, truth, strict=True)])]
     (chosen,) = (one for one in (RANDOM, *ALIKE) if one.name == name)
     times = sorted(seconds) if chosen is RANDOM else [min(seconds)]
@@ -344,11 +308,11 @@ def measure(group: str, name: str, split: Split, scenes: int, seconds: Sequence[
 
 
 def random_scores(
-    chosen: LocalSet, split: Split, scenes: int, times: Sequence[float], table: Tensor
+    chosen: SceneSet, split: Split, scenes: int, times: Sequence[float], table: Tensor
 ) -> list[list[SceneScore]]:
     """Scores of superposed scenes, by time and scene."""
     files = ObjectFiles((FIELDS, FIELDS), SPACING, EVERY / FPS)
-    every = drawn(chosen, split, scenes)
+    every = scenes_of(chosen, split, scenes)
     scores: list[list[SceneScore]] = [[] for _ in times]
     for n in range(0, scenes, BATCH):
         part = every[n : n + BATCH]

@@ -15,6 +15,7 @@ from ndtorch.errors import InputError
 from ndtorch.utils.packages import MODELS
 from ndtorch_train.benchmark import retinotopic
 from ndtorch_train.benchmark.bar_scenes import (
+    ALIKE,
     FPS,
     LONGEST,
     SETTLE,
@@ -23,12 +24,13 @@ from ndtorch_train.benchmark.bar_scenes import (
     draw_scene,
     first_stage,
     present,
+    scenes_of,
     seeds,
     superposed,
     true_features,
 )
 from ndtorch_train.benchmark.base import Benchmark, Split, Task, known
-from ndtorch_train.benchmark.hard_scenes import HARD, STRESS, STRESS_SECONDS, Trial, hard_trial, stressed
+from ndtorch_train.benchmark.hard_scenes import HARD, Trial, hard_trial
 from ndtorch_train.benchmark.scene_scores import COLUMNS, SceneScore, right_from, scene_row, score_scene
 from ndtorch_train.benchmark.separation import METHODS
 from ndtorch_train.plots import draw_scene_scores
@@ -43,16 +45,15 @@ BAR_SECONDS = {"two bars": (15.0, 36.0, 96.0), "three bars": (15.0, 60.0)}
 
 SETS: Mapping[str, tuple[str, ...]] = {
     "random": ("random",),
-    "stress": tuple(one.name for one in STRESS),
+    "alike": tuple(one.name for one in ALIKE),
     "bars": tuple(BAR_SECONDS),
     "rendered": ("rendered", "the same superposed"),
-    "positions": tuple(one.name for one in retinotopic.ALIKE),
     "textured": tuple(one.name for one in retinotopic.RENDERED),
     "hard": tuple(one.name for one in HARD),
 }
-"""Sets of scenes by group; `positions` and `textured` need a model with receptive fields."""
-WITH_FIELDS = ("random", "rendered", "positions", "textured", "hard")
-WITHOUT_FIELDS = ("random", "stress", "bars", "rendered", "hard")
+"""Sets of scenes by group; `textured` needs a model with receptive fields."""
+WITH_FIELDS = ("random", "alike", "rendered", "textured", "hard")
+WITHOUT_FIELDS = ("random", "alike", "bars", "rendered", "hard")
 
 USES = ("ndtorch.vision", "ndtorch.scenes", "ndtorch.binding", "ndtorch.loading", MODELS)
 
@@ -145,9 +146,11 @@ def trials(
         for n in range(0, scenes, BATCH):
             drawn = [draw_scene(seed) for seed in every[n : n + BATCH]]
             yield Trial(superposed(drawn, SETTLE + max(seconds)), FPS, true_features(drawn, first_stage())), seconds
-    elif group == "stress":
-        (stress,) = (one for one in STRESS if one.name == name)
-        yield stressed(stress, split, scenes), [STRESS_SECONDS]
+    elif group == "alike":
+        (chosen,) = (one for one in ALIKE if one.name == name)
+        drawn = scenes_of(chosen, split, scenes)
+        sums = superposed(drawn, SETTLE + min(seconds))
+        yield Trial(sums, FPS, true_features(drawn, first_stage())), [min(seconds)]
     elif group == "hard":
         (hard,) = (one for one in HARD if one.name == name)
         yield hard_trial(hard, split, scenes), [hard.seconds]
