@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
@@ -19,7 +18,7 @@ from ndtorch.utils.packages import toml_file
 
 if TYPE_CHECKING:
     from ndtorch.navigation import StereoRig
-    from ndtorch_robot.ports import Drive, Report, StereoFrames
+    from ndtorch_robot.ports import Clock, Drive, Report, StereoFrames
     from ndtorch_robot.run_config import RunConfig
     from ndtorch_robot.safety import SafeDrive
 
@@ -51,8 +50,9 @@ class Check:
         """Ask, move, ask."""
         from ndtorch.utils.toml import read_toml
         from ndtorch_robot.link import Opening, open_link
+        from ndtorch_robot.link.registry import MovesWorld
         from ndtorch_robot.loop import MonotonicClock
-        from ndtorch_robot.run import timed_report
+        from ndtorch_robot.run import make_simulation, timed_report
         from ndtorch_robot.run_config import RunConfig
         from ndtorch_robot.safety import SafeDrive
 
@@ -61,10 +61,12 @@ class Check:
         cameras, floor = self.cameras(config)
         found = {"cameras": cameras, "floor": floor}
         self.say("2. Link")
-        drive = open_link(config.link_table(), Opening(config.robot, lambda line: self.say(f"   {line}")))
+        simulation = make_simulation(config)
+        drive = open_link(config.link_table(), Opening(config.robot, lambda line: self.say(f"   {line}"), simulation))
+        clock: Clock = drive.sight()[1] if isinstance(drive, MovesWorld) else MonotonicClock()
         try:
-            found["link"] = self.link(drive)
-            safe = SafeDrive(drive, MonotonicClock(), config.limits.limits(), report=timed_report())
+            found["link"] = self.link(drive, clock)
+            safe = SafeDrive(drive, clock, config.limits.limits(), report=timed_report())
             self.say("3. Directions")
             if not self.ask("Are all wheels off the ground?"):
                 print("put the car on a block first", file=sys.stderr)
@@ -75,6 +77,8 @@ class Check:
             found |= {"directions": wrong == 0, "emergency_stop": stop == 0}
         finally:
             drive.close()
+            if simulation is not None:
+                simulation.close()
         bad = (not found["cameras"]) + (not found["floor"]) + (not found["link"]) + wrong + stop
         if self.json:
             print(json.dumps(found | {"not_right": bad}))
@@ -162,11 +166,11 @@ class Check:
             self.say(f"   {line}")
         return found.will_do
 
-    def link(self, drive: Drive) -> bool:
+    def link(self, drive: Drive, clock: Clock) -> bool:
         """A second of listening to what the drive says of itself."""
         import numpy as np
 
-        time.sleep(1.0)
+        clock.wait_until(clock.now() + 1.0)
         said, trips = drive.telemetry(), np.array(drive.round_trips()) * 1e3
         if len(trips):
             self.say(f"   round trip {np.median(trips):.1f} ms, 99 % below {np.percentile(trips, 99):.1f} ms")
@@ -201,10 +205,10 @@ class Check:
 
         hold(safe, DriveCommand(CRAWL, 0.0), 1.0, self.say, stop=False)
         safe.emergency("test of the emergency stop")
-        end = time.monotonic() + 0.5
-        while time.monotonic() < end:
+        end = safe.clock.now() + 0.5
+        while safe.clock.now() < end:
             safe.send(DriveCommand(CRAWL, 0.0))
-            time.sleep(0.03)
+            safe.clock.wait_until(safe.clock.now() + 0.03)
         said = safe.drive.telemetry()
         stands = not said.get("armed", False) and said.get("motor_us", NEUTRAL) == NEUTRAL
         self.say(f"   the board says it {'stands' if stands else 'drives'}")
@@ -218,10 +222,10 @@ def hold(safe: SafeDrive, command: object, seconds: float, report: Report, stop:
     assert isinstance(command, DriveCommand)
     safe.send(DriveCommand(0.0, 0.0))
     safe.resume()
-    sent, end = None, time.monotonic() + seconds
-    while time.monotonic() < end:
+    sent, end = None, safe.clock.now() + seconds
+    while safe.clock.now() < end:
         sent = safe.send(command)
-        time.sleep(0.03)
+        safe.clock.wait_until(safe.clock.now() + 0.03)
     if sent != command:
         report(f"   not right: {command} was wanted, {sent} was sent")
     if stop:

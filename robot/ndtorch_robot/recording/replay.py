@@ -10,7 +10,7 @@ from ndtorch.errors import InputError
 from ndtorch.navigation import Grid, StereoRig
 from ndtorch.navigation.options import options_of
 from ndtorch_robot.car import Car
-from ndtorch_robot.config import load_config
+from ndtorch_robot.config import DriveConfig, load_config
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import DriveCommand, Observer, Report, Step
 from ndtorch_robot.recording.reading import Recording
@@ -37,7 +37,7 @@ def make_runner(configuration: dict[str, Any], mapping: bool = False) -> Navigat
             options = options_of(configuration)
             grid = Grid(-half, half, -half, half) if mapping else None
         elif program == "drive":
-            config = load_config(None, configuration["drive"])
+            config = load_config(None, {DriveConfig.renamed.get(k, k): v for k, v in configuration["drive"].items()})
             options = config.options()
             grid = load_arena(config.arena, config.seed).grid() if mapping else None
         else:

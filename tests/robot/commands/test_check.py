@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -25,6 +26,7 @@ def drive(monkeypatch: pytest.MonkeyPatch) -> Closed:
     made = Closed()
     monkeypatch.setattr("ndtorch_robot.link.open_link", lambda *_: made)
     monkeypatch.setattr("ndtorch_robot.safety.SafeDrive", lambda *_, **__: None)
+    monkeypatch.setattr("ndtorch_robot.run.make_simulation", lambda config: None)
     monkeypatch.setattr(Check, "cameras", lambda *_: (True, True))
     monkeypatch.setattr(Check, "link", lambda *_: True)
     monkeypatch.setattr(Check, "directions", lambda *_: 2)
@@ -68,3 +70,11 @@ def test_the_floor_before_the_car_is_measured(
     config = RunConfig(robot="SIM", simulation=world)
     assert Check(Path("sim")).cameras(config) == (True, well)
     assert said in capsys.readouterr().out
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler (cc)")
+def test_the_firmware_passes(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """In simulated time: directions, speeds and the emergency stop of the board's own code."""
+    monkeypatch.setattr(Check, "cameras", lambda *_: (True, True))
+    assert main(["check", "sim", "--yes", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["not_right"] == 0

@@ -188,6 +188,14 @@ def test_bad_configurations(configuration, message):
         make_runner(configuration)
 
 
+def test_recordings_of_version_0_2_have_other_names():
+    old = {"controller": "goal", "ranging": "search", "cruise": 0.3, "to": "4,0"}
+    rig = {"width": 640, "height": 480}
+    for table in ({"program": "navigator", **old}, {"program": "drive", "drive": old | {"moving": True}}):
+        options = make_runner(table | {"rig": rig, "rate_hz": 30}).options
+        assert (options.stereo, options.speed, options.goal) == ("search", 0.3, "4,0")
+
+
 def test_a_car_that_was_blind_for_a_while(tmp_path):
     """As the loop of a car does: no frames, then frames that are not trusted, then a navigator that begins anew."""
     runner, still = NavigatorRunner(CHOICE, RIG, 30.0), DriveCommand(0.0, 0.0)
