@@ -149,7 +149,6 @@ class Car:
                 return None
 
     def note_start(self, when: float) -> None:
-        """A step begins."""
         if not self.starts:
             self.began = when
         self.starts.append(when)
@@ -174,7 +173,6 @@ class Car:
 
 
 def percentiles(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> dict[str, float]:
-    """Median, 99th percentile and largest."""
     if not len(values):
         return {}
     p50, p99, most = np.percentile(values, (50, 99, 100))

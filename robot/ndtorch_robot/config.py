@@ -36,13 +36,11 @@ class DriveConfig(NavigatorTable):
     @field_validator("disturbance")
     @classmethod
     def known_disturbance(cls, text: str) -> str:
-        """What can be read."""
         read_disturbances(text)
         return text
 
     @property
     def rate(self) -> float:
-        """Frames a second."""
         return read_disturbances(self.disturbance).car().fps or RATE
 
 

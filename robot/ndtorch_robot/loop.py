@@ -18,11 +18,9 @@ class MonotonicClock:
     """Real time."""
 
     def now(self) -> float:
-        """Seconds since some moment in the past."""
         return time.monotonic()
 
     def wait_until(self, time_: float) -> None:
-        """Sleep until then."""
         time.sleep(max(0.0, time_ - time.monotonic()))
 
 
@@ -40,11 +38,9 @@ class SimulatedClock:
         self.time = 0.0
 
     def now(self) -> float:
-        """Seconds since the start."""
         return self.time
 
     def wait_until(self, time_: float) -> None:
-        """It is that time now."""
         self.time = max(self.time, time_)
 
 
@@ -64,7 +60,6 @@ class StepTimer:
             self.add(name, time.perf_counter() - start)
 
     def add(self, name: str, seconds: float) -> None:
-        """So long a part took once."""
         self.seconds.setdefault(name, []).append(seconds)
 
     def forget(self, kept: int) -> None:

@@ -76,7 +76,6 @@ def navigator_options(*left_out: str) -> Callable[[Command], Command]:
 
 @cache
 def declared() -> tuple[Option, ...]:
-    """All options, in order."""
     tree = parsed(MODULE)
     made = next(node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == CLASS)
     words = described(ast.get_docstring(made) or "")
@@ -96,7 +95,6 @@ def described(text: str) -> dict[str, str]:
 
 
 def parsed(module: str) -> ast.Module:
-    """The source of a module."""
     return ast.parse(next(module_places(module)).read_text(encoding="utf-8"))
 
 

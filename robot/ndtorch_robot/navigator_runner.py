@@ -60,7 +60,6 @@ class NavigatorRunner:
         return configuration(self.options, self.rig, self.rate) | {"map_half_size_m": half}
 
     def warm_up(self) -> None:
-        """Have the navigator's kernels compiled or loaded."""
         self.navigator.warm_up()
 
     def step(

@@ -29,7 +29,6 @@ class NavigatorTable(Strict, NavigatorOptions):
     @model_validator(mode="before")
     @classmethod
     def of_now(cls, values: Any) -> Any:
-        """No key of version 0.1."""
         for flag, instead in GONE.items():
             if isinstance(values, dict) and key_of(flag) in values:
                 raise InputError(f"{key_of(flag)} is gone: {instead}")
@@ -38,12 +37,10 @@ class NavigatorTable(Strict, NavigatorOptions):
     @field_validator(*OPTION_NAMES)
     @classmethod
     def usable(cls, value: Any, info: ValidationInfo) -> Any:
-        """The same check as in Python."""
         check_option(str(info.field_name), value)
         return value
 
     def options(self) -> NavigatorOptions:
-        """The navigator's alone."""
         return options_of({name: getattr(self, name) for name in OPTION_NAMES})
 
 

@@ -54,7 +54,6 @@ class RigTable(Strict):
     )
 
     def rig(self) -> StereoRig:
-        """The camera pair."""
         return StereoRig(
             baseline=self.baseline_m,
             focal=self.focal_px,
@@ -87,7 +86,6 @@ class LimitsTable(Strict):
     )
 
     def limits(self) -> SafetyLimits:
-        """For the safety layer."""
         return SafetyLimits(
             self.speed_m_per_s,
             self.curvature_per_m,
@@ -162,6 +160,5 @@ class RunConfig(Strict):
         return self
 
     def link_table(self) -> dict[str, Any]:
-        """`[link]` with its kind."""
         simulated = self.simulation is not None and "device" not in self.link
         return {"kind": HOSTED_BOARD if simulated else SERIAL, **self.link}

@@ -95,7 +95,6 @@ def find_view(left: Image, right: Image, board: Board) -> View | None:
 
 
 def find_views(pairs: Iterable[tuple[Image, Image]], board: Board) -> Iterator[View | None]:
-    """`find_view` of many pairs."""
     return (find_view(left, right, board) for left, right in pairs)
 
 

@@ -36,7 +36,6 @@ class Lens(Strict):
 
     @property
     def matrix(self) -> Matrix:
-        """The 3 x 3 camera matrix."""
         return np.array([[self.fx_px, 0, self.cx_px], [0, self.fy_px, self.cy_px], [0, 0, 1]], np.float64)
 
     @property
@@ -104,7 +103,6 @@ class Calibration(Strict):
 
     @property
     def rotation(self) -> Matrix:
-        """R as a matrix."""
         import cv2
 
         return np.asarray(cv2.Rodrigues(np.array(self.rotation_rad))[0], np.float64)

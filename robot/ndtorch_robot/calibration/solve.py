@@ -136,7 +136,6 @@ class Single(NamedTuple):
 
 
 def one_camera(objects: list[Points], corners: Sequence[Points], size: tuple[int, int]) -> Single:
-    """Calibrate one camera."""
     import cv2
 
     # k3 is left out: it can hardly be told from k2 at these angles, and bends the corners of the picture.

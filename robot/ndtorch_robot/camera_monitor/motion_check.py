@@ -46,7 +46,6 @@ class View(NamedTuple):
 
 
 def is_unchanged(now: Snapshot, before: Snapshot, limits: CameraLimits) -> bool:
-    """Whether two images differ by noise alone."""
     return (
         change(now.field, before.field) < limits.field_change_levels
         and change(now.row, before.row) < limits.row_change_levels
@@ -115,7 +114,6 @@ class FlowDirectionCheck:
 
     @property
     def decided(self) -> bool:
-        """Whether there were enough turns."""
         return self.count >= self.limits.min_turns
 
     @property

@@ -89,7 +89,6 @@ class StereoConsistency:
         self.near_wall = False
 
     def warm_up(self) -> None:
-        """Compile or load the kernel."""
         blank = np.zeros(self.size, np.float32)
         floor_correlation(blank, blank, self.rects, self.rig, self.params)
 

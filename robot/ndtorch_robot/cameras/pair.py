@@ -159,7 +159,6 @@ class StereoCameras:
         return f"{name} opens but gives no frame ({self.readers[side].trouble or 'nothing for 5 s'})"
 
     def add(self, side: int, frame: Frame) -> None:
-        """A reader has a frame."""
         with self.changed:
             pair = self.pairing.add(side, frame)
             if pair is not None:
@@ -252,7 +251,6 @@ class StereoCameras:
             )
 
     def convert(self, pair: Pair) -> StereoFrames:
-        """Pictures to what navigation reads."""
         images = (pair.left.image, pair.right.image)
         if self.rectify is not None:
             left, right = self.rectify.strips(*images)
@@ -260,7 +258,6 @@ class StereoCameras:
         return StereoFrames(to_tensor(images[0]), to_tensor(images[1]), pair.time)
 
     def statistics(self) -> PairStatistics:
-        """What became of the frames so far."""
         with self.changed:
             return self.pairing.statistics.copy()
 

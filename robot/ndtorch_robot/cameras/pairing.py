@@ -60,7 +60,6 @@ class PairStatistics:
     skews: Any = None
 
     def copy(self) -> PairStatistics:
-        """As it is now."""
         return PairStatistics(list(self.frames), self.pairs, list(self.unpaired), self.unread, list(self.skews or ()))
 
     def skew_ms(self) -> dict[str, float]:

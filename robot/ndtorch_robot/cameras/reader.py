@@ -49,7 +49,6 @@ class CameraReader:
         self.thread = threading.Thread(target=self.run, name=f"camera {source.name}", daemon=True)
 
     def run(self) -> None:
-        """Read until closed or ended."""
         try:
             while not self.closed.is_set():
                 if not self.source.live:
@@ -68,7 +67,6 @@ class CameraReader:
             self.release()
 
     def step(self) -> bool:
-        """One frame; False when there is none."""
         capture = self.capture
         assert capture is not None
         if not capture.grab():
@@ -97,7 +95,6 @@ class CameraReader:
                 self.trouble = str(error)
 
     def release(self) -> None:
-        """Let go of the source."""
         if self.capture is not None:
             self.capture.release()
             self.capture = None

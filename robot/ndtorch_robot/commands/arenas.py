@@ -14,7 +14,6 @@ class Arenas:
     """The arenas are printed as one JSON object, and nothing else is."""
 
     def run(self) -> int:
-        """Print name, size and description of every arena."""
         from ndtorch_robot.sim.arenas import arenas
 
         found = {}

@@ -60,7 +60,6 @@ class Barn:
     """The totals are printed as one JSON object."""
 
     def run(self) -> int:
-        """Drive, show the progress, write the results."""
         from ndtorch.run.folder import place_for
         from ndtorch_robot.barn.attempts import AttemptCache
 
@@ -86,7 +85,6 @@ class Barn:
         return INTERRUPTED if interrupted else FAILED if troubles else 0
 
     def chosen(self) -> list[World]:
-        """The worlds to drive."""
         from ndtorch_robot.barn.worlds import read_worlds
 
         worlds = [w for w in read_worlds(self.file) if self.split == "all" or w.is_test == (self.split == "test")]
@@ -107,7 +105,6 @@ class Barn:
         return Entry(world, options_of(given), self.seed)
 
     def write(self, worlds: Sequence[World], made: Sequence[Attempt], out: Path) -> str:
-        """All files; returns what to print."""
         from ndtorch.report.plots.layout import save
         from ndtorch.utils.files import replacing, write_text
         from ndtorch_robot.barn.attempts import comma_separated, table, totals
@@ -127,7 +124,6 @@ class Barn:
 
 
 def drive_world(entry: Entry, note: Callable[[float], None]) -> Attempt:
-    """One world, in one thread."""
     import torch
 
     from ndtorch_robot.barn.attempts import attempt

@@ -58,7 +58,6 @@ class Calibrate:
     """The calibration is printed as one JSON object, and nothing else is."""
 
     def run(self) -> int:
-        """Find the boards, calibrate, judge, write."""
         from ndtorch.run.folder import new_file
         from ndtorch_robot.calibration import Board, calibrate, faults, write_calibration
 
@@ -110,7 +109,6 @@ class Calibrate:
 
 
 def describe(calibration: Calibration, looked: int) -> str:
-    """The calibration in words."""
     c, q = calibration, calibration.quality
     turn = [57.29578 * angle for angle in c.rotation_rad]
     return "\n".join(

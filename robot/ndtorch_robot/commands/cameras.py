@@ -47,7 +47,6 @@ class Cameras:
     }
 
     def run(self) -> int:
-        """List or measure."""
         if (self.left is None) != (self.right is None):
             raise InputError("give two cameras to measure, left and right, or none to list what is there")
         if not 0 < self.seconds <= 86400:
@@ -60,13 +59,11 @@ class Cameras:
         return 0
 
     def listed(self) -> dict[str, Any]:
-        """What there is."""
         from ndtorch_robot.cameras import list_devices
 
         return {"devices": [device._asdict() | {"usb": _usb(device.usb)} for device in list_devices()]}
 
     def measured(self) -> dict[str, Any]:
-        """Figures of a pair."""
         from ndtorch.utils.toml import check
         from ndtorch_robot.cameras import StereoCameras, find_source
         from ndtorch_robot.cameras.measure import measure
@@ -98,7 +95,6 @@ def _usb(place: Any) -> dict[str, Any] | None:
 
 
 def describe_devices(result: dict[str, Any]) -> str:
-    """The list in words."""
     if not result["devices"]:
         return (
             "no cameras: the kernel knows none (/sys/class/video4linux is empty or not there)\n"
@@ -116,7 +112,6 @@ def describe_devices(result: dict[str, Any]) -> str:
 
 
 def describe(result: dict[str, Any]) -> str:
-    """The figures in words."""
     lines = [f"{result['size'][0]}x{result['size'][1]}, {result['pairs']} pairs, unpaired {result['unpaired']}"]
     for name in ("left", "right"):
         part = result[name]

@@ -47,7 +47,6 @@ class Check:
     """The points that were right are printed as one JSON object; all other output goes to stderr."""
 
     def run(self) -> int:
-        """Ask, move, ask."""
         from ndtorch.utils.toml import read_toml
         from ndtorch_robot.link import Opening, open_link
         from ndtorch_robot.link.registry import MovesWorld
@@ -87,7 +86,6 @@ class Check:
         return 0 if bad == 0 else 1
 
     def say(self, words: str, end: str = "\n") -> None:
-        """Tell the one who sits before it."""
         print(words, end=end, file=sys.stderr if self.json else sys.stdout, flush=True)
 
     def ask(self, question: str) -> bool:

@@ -67,7 +67,6 @@ class Drive:
     """The summary is printed as one JSON object, and nothing else is."""
 
     def run(self) -> int:
-        """Drive, show the progress, write the results and the summary."""
         import torch
 
         from ndtorch.report.page import NAME, open_in_browser
@@ -138,7 +137,6 @@ def watched(config: DriveConfig, quiet: bool) -> Result:
 
 
 def write_results(result: Result, folder: Path) -> None:
-    """All files of a drive."""
     from ndtorch.navigation.mapping.map_files import save_map
     from ndtorch_robot.evaluation.plots import write_plots
     from ndtorch_robot.evaluation.report import write_drive_page
@@ -153,7 +151,6 @@ def write_results(result: Result, folder: Path) -> None:
 
 
 def describe(result: Result) -> str:
-    """The summary in words."""
     s, c = result.summary, result.config
     score, times = s["map"], s["step_ms"]
     assert isinstance(score, dict)

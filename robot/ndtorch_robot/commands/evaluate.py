@@ -68,7 +68,6 @@ class Evaluate:
     """The rows of the table are printed as JSON."""
 
     def run(self) -> int:
-        """Drive, show the progress, write the table."""
         from ndtorch.report.page import NAME, open_in_browser
         from ndtorch.run.folder import place_for
         from ndtorch_robot.evaluation.drives import DriveCache
@@ -127,7 +126,6 @@ class Evaluate:
         return drives
 
     def processes(self) -> int:
-        """How many drives at a time."""
         if self.jobs < 0:
             raise InputError(f"--jobs must be 1 or more, got {self.jobs}")
         return self.jobs or workers.cores()

@@ -45,7 +45,6 @@ class Replay:
     """The result is printed as one JSON object, and nothing else is."""
 
     def run(self) -> int:
-        """Replay, compare, say so."""
         import torch
 
         from ndtorch_robot.recording import open_recording
@@ -78,13 +77,11 @@ class Replay:
         return NOT_ALL if gaps or not recording.complete or not comparison.steps else 0
 
     def plain(self, recording: Recording) -> Comparison:
-        """Replay without showing anything."""
         from ndtorch_robot.recording import make_runner, replay
 
         return replay(recording, make_runner(recording.configuration))
 
     def shown(self, recording: Recording) -> Comparison:
-        """Replay and show it."""
         from ndtorch_robot.navigator_table import print_note
         from ndtorch_robot.recording import make_runner, replay
         from ndtorch_robot.view import ViewSteps, Where, layout, open_stream, start_view
@@ -108,7 +105,6 @@ class Replay:
 
 
 def describe(recording: Recording, r: dict[str, Any]) -> str:
-    """The comparison in words."""
     lines = [f"{r['steps']} steps of {recording.folder} replayed from {r['frames']} frames"]
     if not r["complete"]:
         lines.append("  the recording was cut short" + (f": {r['trouble']}" if r["trouble"] else ""))

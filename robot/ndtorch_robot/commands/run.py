@@ -55,7 +55,6 @@ class Run:
     """The summary is printed as one JSON object, and nothing else on stdout."""
 
     def run(self) -> int:
-        """Drive; prints what happens to stderr and a summary at the end."""
         import torch
 
         from ndtorch.utils.toml import read_toml

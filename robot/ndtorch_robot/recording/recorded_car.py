@@ -26,17 +26,14 @@ class RecordedWorld(Drive):
 
     @property
     def last(self) -> bool:
-        """Whether this is the last step."""
         return self.following is None
 
     @property
     def recorded(self) -> Step:
-        """The step as it was."""
         assert self.step is not None
         return self.step
 
     def now(self) -> float:
-        """The time of the step."""
         return self.recorded.time
 
     def wait_until(self, time: float) -> None:
@@ -45,17 +42,14 @@ class RecordedWorld(Drive):
             self.step, self.following = self.following, next(self.steps, None)
 
     def read(self) -> StereoFrames:
-        """What the cameras had seen."""
         if self.recorded.frames is None:
             raise InputError(self.recorded.standing or "the frames of this step were not recorded")
         return self.recorded.frames
 
     def driven(self) -> DriveCommand:
-        """What the wheels had said."""
         return self.recorded.driven
 
     def take_placed(self) -> Placed:
-        """Where the car had been put."""
         return self.recorded.placed
 
     def send(self, command: SafeCommand) -> DriveCommand:
@@ -64,15 +58,12 @@ class RecordedWorld(Drive):
         return self.recorded.sent
 
     def resume(self) -> bool:
-        """Whatever was wrong is over."""
         return True
 
     def trouble(self) -> str | None:
-        """Why the car stood."""
         return self.recorded.standing
 
     def telemetry(self) -> dict[str, Any]:
-        """What the drive had said of itself."""
         return dict(self.recorded.telemetry)
 
     def stop(self) -> None:
@@ -90,14 +81,12 @@ class RecordedSafety(SafeDrive):
         self.world = world
 
     def see(self, frames: StereoFrames, speed: float, curvature: float = 0.0) -> bool:
-        """Whether these frames were steered by then."""
         return self.world.recorded.used
 
     def blind(self, why: str, kind: FaultKind = FaultKind.MISSING) -> None:
         """The recording says by itself why the car stood."""
 
     def take_interruption(self) -> bool:
-        """Whether the navigator began anew then."""
         return self.world.recorded.restarted
 
     def send(self, command: DriveCommand) -> DriveCommand:

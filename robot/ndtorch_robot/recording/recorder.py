@@ -277,7 +277,6 @@ class Recorder:
             self.fail(error)
 
     def summary(self) -> dict[str, Any]:
-        """How it went."""
         sizes = sum(self.ends.values())
         return {
             "folder": str(self.folder),

@@ -72,7 +72,6 @@ class Comparison:
     skipped: int = 0
 
     def add(self, number: int, old: DriveCommand, new: DriveCommand) -> None:
-        """One step."""
         self.steps += 1
         if old == new:
             self.same += 1

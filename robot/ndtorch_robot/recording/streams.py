@@ -34,7 +34,6 @@ def is_intact(line: bytes) -> bool:
 
 
 def crc_of(values: dict[str, Any]) -> int:
-    """The CRC-32 of values, whatever their order."""
     return crc32(json.dumps(values, sort_keys=True).encode())
 
 

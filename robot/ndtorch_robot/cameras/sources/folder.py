@@ -26,12 +26,10 @@ class FolderCapture:
         self.files, self.rate, self.next = FolderReader(folder).files, rate, 0
 
     def grab(self) -> bool:
-        """Go to the next image."""
         self.next += 1
         return self.next <= len(self.files)
 
     def retrieve(self) -> tuple[bool, Any]:
-        """Read it."""
         import cv2
 
         with quiet_opencv():
@@ -45,7 +43,6 @@ class FolderCapture:
         return {cv2.CAP_PROP_FPS: self.rate, cv2.CAP_PROP_FRAME_COUNT: float(len(self.files))}.get(propId, 0.0)
 
     def set(self, propId: int, value: float) -> bool:
-        """Nothing can be set."""
         return False
 
     def release(self) -> None:

@@ -215,7 +215,6 @@ def holders(node: str, proc: Path = PROC) -> list[str]:
 
 
 def text(path: Path) -> str:
-    """Contents of a small file, or nothing."""
     try:
         return path.read_text().strip()
     except OSError:

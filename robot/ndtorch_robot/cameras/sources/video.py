@@ -28,7 +28,6 @@ def open_stream(camera: Source, settings: CameraSettings) -> Capture:
 
 @camera_source("file", video_path)
 def open_file(camera: Source, settings: CameraSettings) -> Capture:
-    """Open a video file."""
     if not os.access(camera.target, os.R_OK):
         raise InputError(f"camera {camera.name}: no permission to read this file")
     return open_video(camera, "a video")
