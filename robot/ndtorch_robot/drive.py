@@ -29,8 +29,7 @@ from ndtorch_robot.map_saving import WalkedPath, runner_ndt_cells
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.navigator_table import print_note
 from ndtorch_robot.ports import DriveCommand, Observer, Step
-from ndtorch_robot.recording.observe import RecordSteps
-from ndtorch_robot.recording.recorder import Recorder
+from ndtorch_robot.recording.recorder import Recorder, RecordSteps
 from ndtorch_robot.safety import SafeDrive, SafetyLimits
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.disturbances import read_disturbances

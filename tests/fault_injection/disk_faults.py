@@ -9,9 +9,8 @@ import time
 from pathlib import Path
 
 from ndtorch_robot.ports import Step
-from ndtorch_robot.recording.observe import RecordSteps
 from ndtorch_robot.recording.reading import open_recording
-from ndtorch_robot.recording.recorder import Recorder
+from ndtorch_robot.recording.recorder import Recorder, RecordSteps
 
 SLOW = 0.2
 """Seconds that each write takes on a slow disk."""

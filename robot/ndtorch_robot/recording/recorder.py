@@ -15,7 +15,7 @@ from zlib import crc32
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch_robot.ports import DriveCommand, Placed, Report, StereoFrames
+from ndtorch_robot.ports import DriveCommand, Placed, Report, Step, StereoFrames
 from ndtorch_robot.recording.streams import JPEG_QUALITY, SUFFIXES, Format, checked_line, crc_of, encode, pictures
 
 VERSION = 2
@@ -295,3 +295,26 @@ class Recorder:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+class RecordSteps:
+    """An observer that records every step, those without good frames included.
+
+    Where the navigator began anew, after it was not asked or while the car stood, is noted, and replayed.
+    """
+
+    def __init__(self, recorder: Recorder) -> None:
+        self.recorder = recorder
+
+    def __call__(self, step: Step) -> None:
+        self.recorder.record_step(
+            step.frames,
+            step.driven,
+            step.wanted,
+            {**step.telemetry, "standing": step.standing},
+            sent=step.sent,
+            placed=step.placed,
+            restarted=step.restarted,
+            used=step.used,
+            time=step.time,
+        )
