@@ -1,6 +1,6 @@
 """Models as programs that run without this package: torch.export, AOTInductor and ONNX, chunk by chunk.
 
-`torch.export` takes every model but `figures`, which finds regions outside torch. The ONNX exporter of torch 2.13
+`torch.export` takes every model but `foreground`, which finds blobs outside torch. The ONNX exporter of torch 2.13
 takes none as it is: it stops at `aten.alias` of a complex spectrum (orientation sums), for which it has no function,
 and says so itself.
 """

@@ -7,6 +7,7 @@ from typing import Any
 
 from ndtorch.binding.models.contract import BindingModel
 from ndtorch.binding.models.kinds import REMOVED, kind_of, load_folder, removed
+from ndtorch.binding.models.kinds import RENAMED as RENAMED_KINDS
 from ndtorch.errors import InputError, did_you_mean
 from ndtorch.utils.backend import set_backend
 
@@ -30,7 +31,7 @@ def model_names() -> list[str]:
     """Names of the models that come with the package.
 
     >>> model_names()
-    ['figures', 'published', 'retinotopic', 'scale-free']
+    ['foreground', 'published', 'retinotopic', 'scale-free']
     """
     return list(model_folders())
 
@@ -82,6 +83,7 @@ def model_kind(model: str | Path) -> str:
 def model_folder(model: str | Path) -> Path:
     """Where a model is described."""
     folders = model_folders()
+    model = RENAMED_KINDS.get(str(model), model)
     if str(model) in folders:
         return folders[str(model)]
     if Path(model).is_dir():

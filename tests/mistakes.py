@@ -53,9 +53,9 @@ CASES = {
         bind void
         bind camera:x
         bind two-bars --model publishd
-        bind two-bars --model figure
+        bind two-bars --model foregroun
         bind two-bars --model ./void
-        bind two-bars --model figures --rule hebbian
+        bind two-bars --model foreground --rule hebbian
         bind two-bars --rule hebian
         bind two-bars --mask
         bind two-bars --gamma -1

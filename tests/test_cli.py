@@ -226,7 +226,7 @@ def test_quiet_prints_errors_alone(clip: Path, tmp_path: Path, capsys: pytest.Ca
     assert capsys.readouterr() == ("", "")
     assert main([*asked, "-q", "--json"]) == 0
     out, err = capsys.readouterr()
-    assert json.loads(out)["model"] == "figures"
+    assert json.loads(out)["model"] == "foreground"
     assert err == ""
     refused(["bind", "four-bars", "-q", "--out", str(tmp_path)], capsys, "four-bars")
 
@@ -250,7 +250,7 @@ def test_a_recording_changes_nothing(clip: Path, tmp_path: Path, capsys: pytest.
     found = []
     for name, more in (("plain", []), ("recorded", ["--rrd", str(tmp_path / "run.rrd")])):
         assert main(["bind", str(clip), *more, "--out", str(tmp_path / name)]) == 0
-        assert capsys.readouterr().out.startswith("model  figures (default for files and cameras)\n")
+        assert capsys.readouterr().out.startswith("model  foreground (default for files and cameras)\n")
         folder = tmp_path / name / "bars"
         assert {path.name for path in folder.iterdir()} == TRACKED
         found.append(json.loads((folder / "objects.json").read_text(encoding="utf-8")))

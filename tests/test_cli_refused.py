@@ -15,7 +15,7 @@ def test_one_picture_cannot_show_motion(tmp_path: Path, capsys: pytest.CaptureFi
     folder = tmp_path / "frames"
     folder.mkdir()
     cv2.imwrite(str(folder / "1.png"), np.full((40, 60, 3), 90, dtype=np.uint8))
-    for model in ("figures", "published"):
+    for model in ("foreground", "published"):
         refused(
             ["bind", str(folder), "--model", model, "--json", "--out", str(tmp_path / "out")], capsys, "motion", "two"
         )
@@ -50,14 +50,14 @@ def test_unknown_scene_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["{clip}", "--gamma", "1"], ["--gamma is an option of published, scale-free; the model is figures"]),
-        (["{clip}", "--rule", "hebbian"], ["--rule is an option of published; the model is figures"]),
-        (["{clip}", "--fit", "stretch"], ["--fit", "published", "the model is figures"]),
+        (["{clip}", "--gamma", "1"], ["--gamma is an option of published, scale-free; the model is foreground"]),
+        (["{clip}", "--rule", "hebbian"], ["--rule is an option of published; the model is foreground"]),
+        (["{clip}", "--fit", "stretch"], ["--fit", "published", "the model is foreground"]),
         (["two-bars", "--model", "scale-free", "--order", "printed"], ["--order is an option of published"]),
-        (["{clip}", "--model", "video"], ["the model video is gone; figures does its job"]),
-        (["two-bars", "--model", "cubist"], ["model", "published", "figures", "cubist"]),
+        (["{clip}", "--model", "video"], ["the model video is gone; foreground does its job"]),
+        (["two-bars", "--model", "cubist"], ["model", "published", "foreground", "cubist"]),
         (["two-bars", "--rule", "scale-free"], ["--model scale-free"]),
-        (["{clip}", "--front-end", "on"], ["--model figures"]),
+        (["{clip}", "--front-end", "on"], ["--model foreground"]),
         (["{clip}", "--front-end", "off"], ["--model published"]),
     ],
 )

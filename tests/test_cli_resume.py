@@ -35,7 +35,7 @@ def test_resumed_run_equals_an_uninterrupted_one(tmp_path: Path, capsys: pytest.
         # One step a frame where the settled network needs no shorter one, and 100 a second where it does.
         ("published", ["--settle", "0.2"], 97),
         ("scale-free", ["--gamma", "0.3", "--settle", "0.1"], 25),
-        ("figures", [], 25),
+        ("foreground", [], 25),
     ],
 )
 def test_resumed_video_goes_on_bit_for_bit_with_its_model(
@@ -52,7 +52,7 @@ def test_resumed_video_goes_on_bit_for_bit_with_its_model(
     assert found[0]["objects"] == found[1]["objects"]
     assert found[0]["weights"] == found[1]["weights"]
     capsys.readouterr()
-    other = "published" if model != "published" else "figures"
+    other = "published" if model != "published" else "foreground"
     resumed = ["bind", "--resume", part, "--out", str(tmp_path)]
     refused([*resumed, "--model", other], capsys, model, other)
     if model != "published":

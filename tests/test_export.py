@@ -57,7 +57,7 @@ PROGRAMS = ["published", *(pytest.param(name, marks=pytest.mark.long) for name i
 
 
 def test_every_model_is_exported_here_or_refused() -> None:
-    others = {"published", "retinotopic", "scale-free", "figures"}
+    others = {"published", "retinotopic", "scale-free", "foreground"}
     assert set(ndtorch.model_names()) == others
 
 
@@ -74,8 +74,8 @@ def test_an_exported_program_gives_the_same(name: str, tmp_path: Path) -> None:
 def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"published makes 16\.\d* rows of 5 frames at 30 frames a second"):
         export(model("published", fps=30.0), tmp_path, frames=5)
-    with pytest.raises(InputError, match="figures cannot be exported"):
-        export(ndtorch.load("figures", size=SIZE), tmp_path)
+    with pytest.raises(InputError, match="foreground cannot be exported"):
+        export(ndtorch.load("foreground", size=SIZE), tmp_path)
     with pytest.raises(InputError, match="format must be one of pt2, aoti, onnx, got 'tflite'"):
         export(model("published"), tmp_path, "tflite")  # type: ignore[arg-type]
 

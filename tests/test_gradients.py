@@ -92,7 +92,7 @@ def test_gradients_of_whole_field_models_are_right(name: str) -> None:
 
 
 def test_figures_says_that_it_has_no_gradients() -> None:
-    model = ndtorch.load("figures", size=(32, 40), fps=25.0)
+    model = ndtorch.load("foreground", size=(32, 40), fps=25.0)
     with pytest.raises(InputError, match="no gradients"):
         model(film(3, (32, 40)).float())
     with torch.no_grad():

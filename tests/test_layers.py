@@ -19,7 +19,7 @@ PACKAGES = ("ndtorch", "ndtorch_robot", "ndtorch_train")
 
 FLOORS = (
     "arguments config errors utils",
-    "kernels scenes vision",
+    "foreground kernels scenes tracking vision",
     "binding navigation",
     "export loading",
     "__main__ cli command_run commands completion report run",

@@ -17,7 +17,7 @@ from ndtorch.utils.files import save_tensors
 from ndtorch.utils.tensors import leaves
 from ndtorch.vision import GROUPS
 
-NAMES = ("published", "scale-free", "retinotopic", "figures")
+NAMES = ("published", "scale-free", "retinotopic", "foreground")
 
 
 @pytest.fixture
@@ -73,19 +73,19 @@ def test_what_is_saved_loads_back_equal(tmp_path: Path, name: str) -> None:
     assert all(torch.equal(a, b) for a, b in zip(one, other, strict=True))
     assert all(torch.equal(a, b) for a, b in zip(leaves(end).values(), leaves(other_end).values(), strict=True))
     assert {path.name for path in (tmp_path / "mine").iterdir()} == {"config.toml", "README.md"} | (
-        set() if name == "figures" else {"weights.safetensors"}
+        set() if name == "foreground" else {"weights.safetensors"}
     )
 
 
 def test_a_model_that_is_there_is_replaced_only_when_told(tmp_path: Path) -> None:
     ndtorch.load("published", size=(32, 48)).save(tmp_path)
     (tmp_path / "README.md").write_text("mine")
-    other = ndtorch.load("figures", size=(32, 48))
+    other = ndtorch.load("foreground", size=(32, 48))
     with pytest.raises(InputError, match=r"holds a model; say overwrite=True to replace it"):
         other.save(tmp_path)
     assert ndtorch.load(tmp_path).name == "published"
     other.save(tmp_path, overwrite=True)
-    assert ndtorch.load(tmp_path).name == "figures"
+    assert ndtorch.load(tmp_path).name == "foreground"
     assert not (tmp_path / "weights.safetensors").exists()
     assert (tmp_path / "README.md").read_text() == "mine"
 
@@ -97,8 +97,8 @@ def test_a_trained_first_stage_takes_the_place_of_the_folders() -> None:
         weights = ndtorch.load(name, size=(16, 16), first_stage=stage).first_stage()
         assert weights is not None
         assert torch.equal(weights[GROUPS["color"], GROUPS["color"]], parts[2])
-    with pytest.raises(InputError, match="figures has no option first_stage; published, scale-free"):
-        ndtorch.load("figures", first_stage=stage)
+    with pytest.raises(InputError, match="foreground has no option first_stage; published, scale-free"):
+        ndtorch.load("foreground", first_stage=stage)
 
 
 def test_an_unknown_name_is_refused() -> None:
@@ -175,7 +175,7 @@ def test_weights_of_whole_numbers_or_without_a_checksum_are_refused(folder: Path
         ({"border": "black"}, "options: border = 'black'"),
         ({"size": (0, 10)}, "size must be"),
         ({"fps": -1}, "options: fps = -1"),
-        ({"tau_ground": 3.0}, "published has no option tau_ground; figures has it"),
+        ({"tau_background": 3.0}, "published has no option tau_background; foreground has it"),
         ({"readout": "owners"}, "published has no option readout; scale-free has it"),
     ],
 )
@@ -185,17 +185,17 @@ def test_options_that_do_not_fit_are_refused_by_name(folder: Path, options: dict
 
 
 def test_options_of_other_models_name_them() -> None:
-    with pytest.raises(InputError, match="figures has no option border; published, scale-free, retinotopic have it"):
-        ndtorch.load("figures", border="wrap")
+    with pytest.raises(InputError, match="foreground has no option border; published, scale-free, retinotopic have it"):
+        ndtorch.load("foreground", border="wrap")
     with pytest.raises(InputError, match="scale-free has no option rule; published has it"):
         ndtorch.load("scale-free", rule="hebbian")
 
 
 def test_the_model_video_is_gone(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"^the model video is gone; figures does its job$"):
+    with pytest.raises(InputError, match=r"^the model video is gone; foreground does its job$"):
         ndtorch.load("video", size=48)
     (tmp_path / "config.toml").write_text('model = "video"')
-    with pytest.raises(InputError, match=r"config\.toml: the model video is gone; figures does its job$"):
+    with pytest.raises(InputError, match=r"config\.toml: the model video is gone; foreground does its job$"):
         ndtorch.load(tmp_path)
     with pytest.raises(ImportError, match="VideoModel is gone"):
         from ndtorch.binding import VideoModel  # type: ignore[attr-defined]  # noqa: F401

@@ -168,7 +168,7 @@ def test_a_failure_that_is_not_of_the_state_stays_what_it_was(monkeypatch: pytes
 
 
 def test_states_of_films_must_be_as_many() -> None:
-    model, films = ndtorch.load("figures", size=(40, 48), fps=30.0), torch.zeros(2, 1, 3, 40, 48)
+    model, films = ndtorch.load("foreground", size=(40, 48), fps=30.0), torch.zeros(2, 1, 3, 40, 48)
     with torch.no_grad():
         _, states = model(films)
         assert len(states) == 2

@@ -7,6 +7,7 @@ from ndtorch.binding.attention import Attention
 from ndtorch.binding.first_stage import FirstStage, train_first_stage
 from ndtorch.binding.learning import alternation, weight_change
 from ndtorch.binding.models.contract import BindingModel, Verdict
+from ndtorch.binding.models.foreground import ForegroundModel
 from ndtorch.binding.models.published import PublishedModel
 from ndtorch.binding.models.retinotopic import RetinotopicModel
 from ndtorch.binding.models.scale_free import ScaleFreeModel
@@ -28,6 +29,7 @@ __all__ = [
     "BindingModel",
     "BoundObject",
     "FirstStage",
+    "ForegroundModel",
     "InhibitoryNetwork",
     "LearningRule",
     "ObjectFiles",
@@ -57,7 +59,7 @@ __getattr__ = lazy(
     {},
     moved={
         "Windows": "ObjectFiles",
-        "VideoModel": 'ndtorch.load("figures")',
+        "VideoModel": 'ndtorch.load("foreground")',
         "VisualBinding": 'ndtorch.load("published")',
         "RetinotopicBinding": "RetinotopicModel, or ObjectFiles",
         "BindingConfig": "ndtorch.binding.models.published.PublishedConfig",

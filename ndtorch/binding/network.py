@@ -155,7 +155,7 @@ class InhibitoryNetwork(nn.Module):
 
     @classmethod
     def of_fields(cls, neurons: int = 10, dt: float = 0.01, rule: Rule | None = None, **options: Any) -> Self:
-        """The network of the model figures: one for all fields, settled, its clock standing still in quiet times."""
+        """The network of the model foreground: one for all fields, settled; its clock stops in quiet times."""
         constants = {"tau_in": math.inf, "tau_out": 2.0, "settle": 0.0, "faint": 0.05, **options}
         return cls(neurons, dt, rule, "settled", shared=True, **constants)
 

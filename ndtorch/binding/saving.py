@@ -11,9 +11,9 @@ import torch
 from torch import Tensor
 
 from ndtorch.binding.models.contract import BindingModel
-from ndtorch.binding.tracking.figures import FigureTable
-from ndtorch.binding.tracking.many import Comings
 from ndtorch.errors import InputError
+from ndtorch.tracking.clutter import Births
+from ndtorch.tracking.track import TrackTable
 from ndtorch.utils.files import read_tensors, save_tensors
 from ndtorch.utils.tensors import leaves, mapped, parts
 
@@ -77,7 +77,7 @@ def example_state(model: BindingModel) -> Any:
 
 def rebuilt(example: Any, tensors: Mapping[str, Tensor], prefix: str) -> Any:
     """A tuple like the example, of the tensors whose names begin with the prefix."""
-    ragged, values = isinstance(example, FigureTable | Comings), list[Any]()
+    ragged, values = isinstance(example, TrackTable | Births), list[Any]()
     for name, part in parts(example):
         whole = prefix + name
         if isinstance(part, Tensor):

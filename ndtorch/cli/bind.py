@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from ndtorch.report.films import EnhancedVideo, MaskFilm, Overlay
     from ndtorch.run.opening import Prepared
 
-MOVED = {"on": "--model figures", "off": "--model published"}
+MOVED = {"on": "--model foreground", "off": "--model published"}
 """What took the place of --front-end."""
 
 
 @choices(
-    model=("figures", "published", "retinotopic", "scale-free", "FOLDER"),
+    model=("foreground", "published", "retinotopic", "scale-free", "FOLDER"),
     rule=("competitive", "cooperative", "hebbian"),
     order=("filter-first", "printed"),
     fit=("crop", "stretch"),
@@ -35,7 +35,7 @@ class Bind(BindJob):
 
     Prints the objects and what they are worth, and writes them, pictures, the learned state and report.html, which
     shows it all, into a folder.
-    The model figures, which is the default for files and cameras, finds objects over time: a timeline, boxes and an
+    The model foreground, which is the default for files and cameras, finds objects over time: a timeline, boxes and an
     overlay.
     """
 
@@ -52,9 +52,9 @@ class Bind(BindJob):
     rrd: Path | None = None
     """Also write a recording for the rerun viewer."""
     mask: bool = False
-    """Also write mask.mp4, white where an object is: of the model figures, frame by frame."""
+    """Also write mask.mp4, white where an object is: of the model foreground, frame by frame."""
     front_end: str | None = None
-    """What it was is now --model: figures (on) or published (off)."""
+    """What it was is now --model: foreground (on) or published (off)."""
 
     def run(self) -> int:
         """Do it; returns the exit code."""
@@ -77,8 +77,8 @@ class Bind(BindJob):
         torch.set_num_threads(1)
         tune_allocator()
         prepared = prepare(self)
-        if self.mask and prepared.model.name != "figures":
-            raise InputError(f"--mask is an option of figures; the model is {prepared.model.name}")
+        if self.mask and prepared.model.name != "foreground":
+            raise InputError(f"--mask is an option of foreground; the model is {prepared.model.name}")
         source = prepared.source
         if self.rrd is not None:
             new_file(self.rrd, self.force)
@@ -132,7 +132,7 @@ class Bind(BindJob):
         return INTERRUPTED if result.interrupted else 0 if trouble is None and half is None else INCOMPLETE
 
     def mask_film(self, prepared: Prepared, folder: Path) -> MaskFilm | None:
-        """What is written of the silhouettes, if that was asked for."""
+        """What is written of the masks, if that was asked for."""
         from ndtorch.report.films import MaskFilm
 
         if not self.mask:

@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from ndtorch.kernels.grey import grey_row
-from ndtorch.kernels.nth import nth_of
 from ndtorch.kernels.strips import Array
 from ndtorch.utils.jit import jit
+from ndtorch.utils.selection import quickselect
 
 
 @jit
@@ -63,7 +63,7 @@ def grey_gain(grey: Array, step: int, low: Array, blocks: int, limits: tuple[flo
         total += ratios[k]
     if not math.isfinite(total):
         return 1.0
-    gain: float = nth_of(ratios, ratios.shape[0], (ratios.shape[0] - 1) // 2)
+    gain: float = quickselect(ratios, ratios.shape[0], (ratios.shape[0] - 1) // 2)
     if abs(gain - 1) > limits[0] and 1 / limits[1] < gain < limits[1]:
         return gain
     return 1.0

@@ -76,7 +76,7 @@ class Overlay(Watcher):
 
 
 class MaskFilm(Watcher):
-    """mask.mp4: white where an object is, of models with silhouettes; a frame a time step."""
+    """mask.mp4: white where an object is, of models with masks; a frame a time step."""
 
     def __init__(self, path: Path, fps: float, size: tuple[int, int]) -> None:
         self.size = even(size)

@@ -30,9 +30,9 @@ from ndtorch.scenes import SCENES, FrameSource, make_scene
 from ndtorch.scenes.video import open_video
 
 STATE = "state.safetensors"
-CAMERA_MODELS = {"figures": 448}
+CAMERA_MODELS = {"foreground": 448}
 """Kinds of models for video of a camera, which get whole pictures, and the most rows of those, shrunk as soon as they
-are decoded: `figures` needs two for one of its own."""
+are decoded: `foreground` needs two for one of its own."""
 
 
 def is_number(value: Any, least: float, most: float) -> bool:
@@ -142,7 +142,7 @@ def identity(model: str) -> str:
 
 
 def chosen(job: BindJob, source: str, model: str, kind: str) -> str:
-    """The model as the first line of a run names it: "figures (default for files and cameras)"."""
+    """The model as the first line of a run names it: "foreground (default for files and cameras)"."""
     if job.resume is not None:
         return f"{model} (that of the run that goes on)"
     if job.model is not None:

@@ -21,8 +21,8 @@ class BindJob:
     source: str = DEFAULT_SOURCE
     """Scene, file, folder, camera or address."""
     model: str | None = None
-    """Name of a model (published, scale-free, retinotopic, figures) or a folder of your own. The default is
-    published for scenes and figures for files, folders, cameras and streams; no other option changes it."""
+    """Name of a model (published, scale-free, retinotopic, foreground) or a folder of your own. The default is
+    published for scenes and foreground for files, folders, cameras and streams; no other option changes it."""
     seconds: float | None = None
     """Seconds to learn from a scene (default 15, the settling time comes on top), or to take of a video (all)."""
     phase: float | None = None
@@ -46,7 +46,7 @@ class BindJob:
     stop: int | None = None
     """Videos: number of the frame to stop before."""
     fit: str | None = None
-    """Videos: crop to the middle square (default) or stretch. The model figures takes the whole picture."""
+    """Videos: crop to the middle square (default) or stretch. The model foreground takes the whole picture."""
     device: str = "cpu"
     """Torch device."""
     pictures: float = 5.0
@@ -85,8 +85,8 @@ def given(job: BindJob, names: tuple[str, ...]) -> dict[str, Any]:
 
 
 def default_model(source: str) -> str:
-    """The model for a source when none is asked for: published for scenes, figures for everything else."""
-    return "published" if source in SCENES else "figures"
+    """The model for a source when none is asked for: published for scenes, foreground for everything else."""
+    return "published" if source in SCENES else "foreground"
 
 
 def check_options(job: BindJob, kind: str) -> None:

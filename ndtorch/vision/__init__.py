@@ -58,7 +58,7 @@ __all__ = [
     "speed_response",
 ]
 
-VIDEO = 'ndtorch.load("figures"), which took the place of the model video'
+VIDEO = 'ndtorch.load("foreground"), which took the place of the model video'
 __getattr__ = lazy(
     __name__,
     {},

@@ -130,13 +130,13 @@ def model_rows(rounds: int = 7) -> list[Row]:
 
 
 def figures_row(rounds: int = 3) -> Row:
-    """The model figures on 60 uint8 frames of 768x432: two things that cross over noise."""
+    """The model foreground on 60 uint8 frames of 768x432: two things that cross over noise."""
     ground = torch.randint(60, 120, (3, 432, 768), dtype=torch.uint8)
     film = ground.repeat(60, 1, 1, 1)
     for n, frame in enumerate(film):
         frame[0, 100:180, 8 * n : 8 * n + 90] = 220
         frame[2, 240:320, 678 - 8 * n : 768 - 8 * n] = 220
-    model, found = ndtorch.load("figures", size=(432, 768), fps=30.0), []
+    model, found = ndtorch.load("foreground", size=(432, 768), fps=30.0), []
     with torch.inference_mode():
         for _ in range(rounds + 1):
             state, spent, one = None, 0.0, 0.0

@@ -1,4 +1,4 @@
-"""Time of `figures` beside MOG2 with its contours: `python -m tests.benchmarks.beside_mog2 FOLDER [FRAMES]`.
+"""Time of `foreground` beside MOG2 with its contours: `python -m tests.benchmarks.beside_mog2 FOLDER [FRAMES]`.
 
 Of each clip in FOLDER the first FRAMES (200) go through both in turn, 8 at a time, in one thread. Printed is the median
 over these pieces of the ratio of their times, twice, and the median time of a frame of each. The figures get frames of
@@ -22,10 +22,10 @@ PIECE = 8
 
 
 def pieces(clip: Video, count: int) -> list[tuple[float, float]]:
-    """Seconds of a frame of `figures` and of MOG2, piece by piece, without the first one."""
+    """Seconds of a frame of `foreground` and of MOG2, piece by piece, without the first one."""
     whole = list(clip.frames)[:count]
-    frames = list(scaled_frames(clip, min(clip.size[0], CAMERA_MODELS["figures"])))[:count]
-    model, state = ndtorch.load("figures", size=frames[0].shape[:2], fps=clip.fps), None
+    frames = list(scaled_frames(clip, min(clip.size[0], CAMERA_MODELS["foreground"])))[:count]
+    model, state = ndtorch.load("foreground", size=frames[0].shape[:2], fps=clip.fps), None
     peer, found = Subtraction("mog2"), []
     for start in range(0, len(frames) - PIECE + 1, PIECE):
         chunk = torch.from_numpy(np.stack([frame[..., ::-1] for frame in frames[start : start + PIECE]]))

@@ -62,7 +62,7 @@ class Drawn:
             yield np.ascontiguousarray(frame[..., ::-1])
 
 
-def main(first: int, last: int, most: int, model: str = "figures") -> None:
+def main(first: int, last: int, most: int, model: str = "foreground") -> None:
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     rows, checksum = [], 0

@@ -50,7 +50,7 @@ def test_a_state_comes_back_bit_for_bit(tmp_path: Path, batch: tuple[int, ...], 
     assert about == {"scene": "noise", "fps": str(fps)} == read_about(tmp_path / "state.safetensors")
 
 
-@pytest.mark.parametrize("name", [*NAMES, "figures"])
+@pytest.mark.parametrize("name", [*NAMES, "foreground"])
 def test_a_run_goes_on_at_frame_10_to_the_12_as_at_frame_10_to_the_6(name: str) -> None:
     """All clocks are whole numbers or of double precision; in single precision a step of .01 s is lost after 3 days."""
     module, frames, early, far = model(name, fps=100.0), noise(14, 3, 32, 33), 10**6, 10**12
@@ -60,7 +60,7 @@ def test_a_run_goes_on_at_frame_10_to_the_12_as_at_frame_10_to_the_6(name: str) 
     def at(frame: int) -> Any:
         clocks: dict[str, float] = dict.fromkeys(("taken", "given", "steps", "frames", "clock"), frame)
         clocks |= {"time": frame / 100, "scene": frame / 100}
-        if name == "figures":  # four frames make a step
+        if name == "foreground":  # four frames make a step
             clocks["steps"] = frame // 4
         return mapped(
             state, lambda part, value: value + clocks[end] if (end := part.split(".")[-1]) in clocks else value

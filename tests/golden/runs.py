@@ -33,7 +33,7 @@ Numbers = npt.NDArray[Any]
 Kept = dict[str, Any]
 Run = Callable[[Kept | None], Kept]
 
-FOREGROUND = "figures"
+FOREGROUND = "foreground"
 MODELS, SCENES = ("published", "scale-free", "retinotopic", FOREGROUND), ("two-bars", "three-bars")
 ARENAS, SEEDS = ("hallway", "loop", "room", "office", "chairs"), (0, 1)
 SECONDS = {"published": 30.0, "ranging": 30.0, "goal": 15.0}

@@ -1,4 +1,4 @@
-"""Boxes in MOT and COCO form, boxes in the timeline, and the film of masks, from a run of the model figures."""
+"""Boxes in MOT and COCO form, boxes in the timeline, and the film of masks, from a run of the model foreground."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 from ndtorch.commands import main
 from ndtorch.scenes.video_writer import VideoWriter
-from tests.vision.camera.passing_scenes import SIZE, passing
+from tests.foreground.passing_scenes import SIZE, passing
 
 
 def test_a_run_writes_boxes_for_other_programs_and_a_film_of_masks(tmp_path: Path) -> None:
@@ -20,7 +20,7 @@ def test_a_run_writes_boxes_for_other_programs_and_a_film_of_masks(tmp_path: Pat
         film.write((frame * 255).byte())
     film.close()
     out = tmp_path / "out"
-    command = ["bind", str(tmp_path / "square.mp4"), "--model", "figures", "--mask", "--out", str(out)]
+    command = ["bind", str(tmp_path / "square.mp4"), "--model", "foreground", "--mask", "--out", str(out)]
     assert main(command) == 0
     folder = out / "square"
     rows = np.loadtxt(folder / "mot.txt", delimiter=",")
@@ -47,4 +47,4 @@ def test_a_run_writes_boxes_for_other_programs_and_a_film_of_masks(tmp_path: Pat
 
 def test_masks_of_a_model_without_silhouettes_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bind", "two-bars", "--mask", "--out", str(tmp_path)]) == 2
-    assert "--mask is an option of figures" in capsys.readouterr().err
+    assert "--mask is an option of foreground" in capsys.readouterr().err

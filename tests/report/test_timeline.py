@@ -10,7 +10,7 @@ import pytest
 
 from ndtorch.commands import main
 from ndtorch.scenes.video_writer import VideoWriter
-from tests.vision.camera.passing_scenes import SIZE, passing
+from tests.foreground.passing_scenes import SIZE, passing
 
 CAR = Path(__file__).resolve().parents[3] / "shared" / "data" / "car-detection.mp4"
 FILES = {

@@ -34,11 +34,11 @@ VALUES: dict[str, Any] = {
 def test_the_default_model_is_that_of_the_kind_of_source() -> None:
     assert default_model("two-bars") == "published"
     for place in ("clip.mp4", "frames", "camera:0", "rtsp://10.0.0.1/stream"):
-        assert default_model(place) == "figures"
+        assert default_model(place) == "foreground"
 
 
 @pytest.mark.parametrize("option", sorted(KNOWN_BY))
-@pytest.mark.parametrize("model", ["published", "scale-free", "retinotopic", "figures"])
+@pytest.mark.parametrize("model", ["published", "scale-free", "retinotopic", "foreground"])
 def test_a_model_takes_its_own_options_and_names_the_models_of_others(option: str, model: str) -> None:
     job = BindJob(**{option: VALUES[option]})
     if model in KNOWN_BY[option]:
@@ -74,8 +74,8 @@ def test_numbers_out_of_reason_are_refused(options: dict[str, float], word: str)
 
 def test_a_resumed_run_keeps_its_model_its_source_and_its_making() -> None:
     job = BindJob(resume=Path("out/run"))
-    check_resume(job, "clip.mp4", None, "figures")
-    check_resume(dataclasses.replace(job, source="clip.mp4"), "clip.mp4", "figures", "figures")
+    check_resume(job, "clip.mp4", None, "foreground")
+    check_resume(dataclasses.replace(job, source="clip.mp4"), "clip.mp4", "foreground", "foreground")
     for options, asked, word in (
         ({"settle": 1.0}, None, "--settle"),
         ({"fit": "stretch"}, None, "--fit"),
@@ -83,4 +83,4 @@ def test_a_resumed_run_keeps_its_model_its_source_and_its_making() -> None:
         ({}, "published", "published"),
     ):
         with pytest.raises(InputError, match=word):
-            check_resume(dataclasses.replace(job, **options), "clip.mp4", asked, "figures")
+            check_resume(dataclasses.replace(job, **options), "clip.mp4", asked, "foreground")

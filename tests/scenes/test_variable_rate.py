@@ -14,7 +14,7 @@ import torch
 import ndtorch
 from ndtorch.run.run import run_model
 from ndtorch.scenes.video import open_video
-from tests.vision.camera.passing_scenes import SIZE, ground
+from tests.foreground.passing_scenes import SIZE, ground
 
 # Half of a second at 50 frames a second, then 25, then 8.
 TIMES = [n / 50 for n in range(25)] + [0.5 + n / 25 for n in range(75)] + [3.5 + n / 8 for n in range(20)]
@@ -52,7 +52,7 @@ def clip(path: Path, suffix: str) -> Path:
     return path / f"clip.{suffix}"
 
 
-@pytest.mark.parametrize(("suffix", "model"), [("mp4", "figures"), ("mkv", "figures")])
+@pytest.mark.parametrize(("suffix", "model"), [("mp4", "foreground"), ("mkv", "foreground")])
 def test_an_object_is_reported_when_it_is_there(tmp_path: Path, suffix: str, model: str) -> None:
     source = open_video(clip(tmp_path, suffix), SIZE)
     result = run_model(ndtorch.load(model, size=SIZE, fps=source.fps), source, pictures_per_second=0)

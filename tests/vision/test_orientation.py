@@ -7,12 +7,14 @@ import math
 import numpy as np
 import pytest
 import torch
+import torch.nn.functional as F
 from numpy.testing import assert_allclose
 from scipy.ndimage import gaussian_filter
 
 from ndtorch.errors import InputError
 from ndtorch.scenes import moving_bar
 from ndtorch.vision import ANGLES, OrientedDoG, dog_spectrum
+from ndtorch.vision._kernels_orientation import mirrored
 from ndtorch.vision.decimation import (
     halvings,
     inside_weights,
@@ -294,3 +296,10 @@ def test_inside_weights_cover_the_image_once(length: int, points: int, margin: i
     weights = inside_weights(length, points, margin, offset)
     assert weights.sum().item() * length / points == pytest.approx(length - 2 * margin)
     assert ((weights >= 0) & (weights <= 1)).all()
+
+
+def test_mirrored_margins_are_those_of_torch() -> None:
+    images = torch.rand(2, 7, 11, generator=torch.Generator().manual_seed(5))
+    padded = np.empty((2, 7 + 2 * 6, 11 + 2 * 4), np.float32)
+    mirrored(images.numpy(), 6, 4, padded)
+    assert np.array_equal(padded, F.pad(images, (4, 4, 6, 6), mode="reflect").numpy())

@@ -8,22 +8,25 @@ from typing import Any
 
 from ndtorch.binding.first_stage import FirstStage, first_stage_weights, read_first_stage
 from ndtorch.binding.models.contract import BindingModel
-from ndtorch.binding.models.figures import FiguresModel
+from ndtorch.binding.models.foreground import ForegroundModel
 from ndtorch.binding.models.published import PublishedModel
 from ndtorch.binding.models.retinotopic import RetinotopicModel
 from ndtorch.binding.models.scale_free import ScaleFreeModel
-from ndtorch.config import option_places, validated, with_options
+from ndtorch.config import old_keys, option_places, validated, with_options
 from ndtorch.errors import InputError
 from ndtorch.utils.toml import suggestion, toml_values
 from ndtorch.vision.features import FUSED
 
 KINDS: dict[str, type[BindingModel]] = {
-    kind.name: kind for kind in (PublishedModel, ScaleFreeModel, RetinotopicModel, FiguresModel)
+    kind.name: kind for kind in (PublishedModel, ScaleFreeModel, RetinotopicModel, ForegroundModel)
 }
 """Put a kind of your own in to load folders whose config.toml names it."""
 
-REMOVED = {"video": "figures"}
+REMOVED = {"video": "foreground"}
 """Kinds that are no more, and which does their job."""
+
+RENAMED = {"figures": "foreground"}
+"""Kinds under the names of version 0.2.0."""
 
 GONE = {"fused": FUSED}
 """Options of version 0.1 that are no more, and why."""
@@ -48,9 +51,9 @@ def load_folder(path: str | Path, options: Mapping[str, Any]) -> BindingModel:
         raise InputError(f"{name} has no option first_stage; {having('first_stage')} have it")
     known = option_places(kind.config_type)
     for option in rest:
-        if option not in known:
+        if option not in known and option not in old_keys(kind.config_type):
             raise InputError(unknown(option, name, list(known)))
-    config = with_options(validated(kind.config_type, data, str(where)), rest)
+    config = with_options(validated(kind.config_type, data | {"model": name}, str(where)), rest)
     if kind.trained:
         stage = read_first_stage(folder / "weights.safetensors") if stage is None else first_stage_weights(stage)
     return kind.build(config, stage)
@@ -64,6 +67,7 @@ def kind_of(folder: Path) -> str:
     name = toml_values(where).get("model")
     if name in REMOVED:
         raise InputError(f"{where}: {removed(str(name))}")
+    name = RENAMED.get(str(name), name)
     if name not in KINDS:
         given = "no key 'model'" if name is None else f"model = {name!r}"
         raise InputError(f"{where}: {given}; model must be one of {', '.join(KINDS)}")

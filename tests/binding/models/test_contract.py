@@ -70,7 +70,7 @@ def test_half_precision_is_refused_for_models_and_taken_for_frames(name: str) ->
 
 
 def test_a_number_is_a_square() -> None:
-    assert ndtorch.load("figures", size=48).size == (48, 48)
+    assert ndtorch.load("foreground", size=48).size == (48, 48)
     with pytest.raises(InputError, match="size"):
         ndtorch.load("published", size=(1, 2, 3))
 

@@ -16,7 +16,7 @@ def test_model_and_peers_are_in_one_table(kind: str, tmp_path: Path, capsys: pyt
     pytest.importorskip("norfair")
     pytest.importorskip("supervision")
     write_clip(tmp_path / "square", kind)
-    methods = ["figures", "mog2-norfair", "knn-bytetrack"]
+    methods = ["foreground", "mog2-norfair", "knn-bytetrack"]
     out = tmp_path / "out"
     words = ["benchmark", "foreground", str(tmp_path), "--jobs", "1", "--out", str(out), "--methods", *methods]
     assert main(words) == 0
@@ -25,14 +25,14 @@ def test_model_and_peers_are_in_one_table(kind: str, tmp_path: Path, capsys: pyt
     assert [row["method"] for row in rows] == methods
     assert {row["clip"] for row in rows} == {"square"}
     for row in rows:
-        assert float(row["f"]) > (0.5 if row["method"] != "figures" else -1)
+        assert float(row["f"]) > (0.5 if row["method"] != "foreground" else -1)
         assert (row["idf1"] == "") == (kind == "masks")
         assert float(row["ms_per_frame"]) > 0
     assert "square" in (out / "report.html").read_text(encoding="utf-8")
 
 
 def test_generated_clips_have_a_row_for_each_number_of_objects(tmp_path: Path) -> None:
-    words = ["--generated", "1", "--counts", "0", "1", "--fps", "12.5", "--methods", "figures", "--jobs", "1"]
+    words = ["--generated", "1", "--counts", "0", "1", "--fps", "12.5", "--methods", "foreground", "--jobs", "1"]
     assert main(["benchmark", "foreground", *words, "--out", str(tmp_path)]) == 0
     with (tmp_path / "foreground.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))

@@ -117,7 +117,7 @@ class Foreground(Seeded):
 
     folder: Annotated[Path | None, tyro.conf.Positional] = None
     """Folder of folders with clip.mp4, and gt.txt (MOT format) or masks.mkv; none to use generated clips only."""
-    methods: tuple[str, ...] = ("figures", "mog2-norfair", "mog2-bytetrack", "knn-norfair", "knn-bytetrack")
+    methods: tuple[str, ...] = ("foreground", "mog2-norfair", "mog2-bytetrack", "knn-norfair", "knn-bytetrack")
     """Methods to compare; folders of models too."""
     generated: int = 0
     """Number of generated clips for each number of objects and frame rate."""
@@ -156,7 +156,7 @@ class CommonFate(Seeded):
     """Score who finds patches of random dots that only their common motion shows."""
 
     methods: tuple[str, ...] = ()
-    """Methods to compare: coherent, retinotopic, figures, dis, farneback and mog2; none for all."""
+    """Methods to compare: coherent, retinotopic, foreground, dis, farneback and mog2; none for all."""
     conditions: tuple[str, ...] = ()
     """Which of coherence, density, lifetime, ground and patches are varied; none for all."""
     scenes: int = 6

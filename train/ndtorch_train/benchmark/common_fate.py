@@ -125,9 +125,9 @@ class Model:
     @staticmethod
     def mask(thing: Any, signals: Any, size: tuple[int, int]) -> Mask | None:
         """The silhouette of an object, of models that have them."""
-        if not hasattr(signals, "silhouettes") or not len(signals.silhouettes):
+        if not hasattr(signals, "labels") or not len(signals.labels):
             return None
-        image = (signals.silhouettes[-1].numpy() == (thing.track or 0) + 1).astype(np.uint8)
+        image = (signals.labels[-1].numpy() == (thing.track or 0) + 1).astype(np.uint8)
         return np.asarray(cv2.resize(image, size[::-1], interpolation=cv2.INTER_NEAREST)) > 0
 
 
@@ -205,7 +205,7 @@ def mog2(scene: CommonFate, moments: Sequence[int]) -> list[list[Found]]:
 METHODS: dict[str, Callable[[], Watching]] = {
     "coherent": lambda: coherent,
     "retinotopic": lambda: Model("retinotopic"),
-    "figures": lambda: Model("figures"),
+    "foreground": lambda: Model("foreground"),
     "dis": lambda: Flow("dis"),
     "farneback": lambda: Flow("farneback"),
     "mog2": lambda: mog2,

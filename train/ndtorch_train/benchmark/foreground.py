@@ -77,7 +77,7 @@ NOTE = (
     f"{platform.machine()}, torch {torch.__version__}."
 )
 
-METHODS = ("figures", "mog2-norfair", "mog2-bytetrack", "knn-norfair", "knn-bytetrack")
+METHODS = ("foreground", "mog2-norfair", "mog2-bytetrack", "knn-norfair", "knn-bytetrack")
 """The model for video, and background subtraction with a tracker of boxes."""
 
 USES = ("ndtorch.vision", "ndtorch.scenes", "ndtorch.binding", "ndtorch.loading", MODELS)
@@ -273,9 +273,9 @@ def run_model(name: str, clip: Video, rows: int) -> TrackerOutput:
             began = time.process_time()
             signals, state = model(torch.from_numpy(chunk).permute(0, 3, 1, 2), state)
             output.seconds += time.process_time() - began
-            if hasattr(signals, "silhouettes"):
-                shapes += [zlib.compress(one.numpy().tobytes(), 1) for one in signals.silhouettes]
-                form = tuple(signals.silhouettes.shape[1:])
+            if hasattr(signals, "labels"):
+                shapes += [zlib.compress(one.numpy().tobytes(), 1) for one in signals.labels]
+                form = tuple(signals.labels.shape[1:])
         objects = model.objects(state)
     across, down = clip.size[1] / width, clip.size[0] / height
     output.hypotheses = [[] for _ in frames]

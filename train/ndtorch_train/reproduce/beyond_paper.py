@@ -182,14 +182,14 @@ def equal_objects(context: Context, seconds: float, kinds: list[str], size: int)
 
 
 def one_object(context: Context, seed: int, clip: str) -> Outcome:
-    """B9 by the model `figures`: the stand-in, and the road where its clip is given."""
+    """B9 by the model `foreground`: the stand-in, and the road where its clip is given."""
     scenes: dict[str, tuple[FrameSource, float]] = {"stand-in": (ParkingLot(5.0, 3.4, seed), 0.6 if clip else 1.0)}
     if clip:
         scenes["road"] = (open_video(Path(clip), start=0, stop=125), 1.0)
     figure, axes = panels(1, len(scenes), 5.5 * len(scenes), 4.4)
     found, begin = {}, 0.0
     for one, (name, (source, end)) in zip(axes, scenes.items(), strict=True):
-        model = ndtorch.load("figures", fps=source.fps, size=source.size)
+        model = ndtorch.load("foreground", fps=source.fps, size=source.size)
         things, _, frame = watched(model, source, context, (begin, end))
         begin, found[name] = end, things
         bare(one, np.asarray(frame.permute(1, 2, 0).clamp(0, 1)), name)
@@ -198,8 +198,8 @@ def one_object(context: Context, seed: int, clip: str) -> Outcome:
             one.plot(path[:, 1], path[:, 2], color=GREEN, lw=2)
             one.plot(path[-1, 1], path[-1, 2], "o", color=ORANGE, ms=6)
     letters(axes)
-    words = "The path of every object that the model figures found, over a frame from the middle of the clip."
-    context.draw("B12-figures", figure, "after B fig. 12", words, seed=seed)
+    words = "The path of every object that the model foreground found, over a frame from the middle of the clip."
+    context.draw("B12-foreground", figure, "after B fig. 12", words, seed=seed)
     said = {name: [f"{thing.color}, {thing.direction}" for thing in things] for name, things in found.items()}
     parts = {f"{name}: one object": len(things) == 1 for name, things in found.items()}
     ours = "; ".join(f"{name}: {len(things)} ({'; '.join(said[name]) or 'none'})" for name, things in found.items())

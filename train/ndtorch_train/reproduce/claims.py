@@ -172,7 +172,7 @@ CLAIMS: tuple[Claim, ...] = (
         "B9", "B fig. 12", "a real video of one moving object: one column", "one column, left, 0.53",
         "one column above a tenth of the largest weight",
         video.one_object, {"seed": 0, "clip": ""}, None, (25, 0), BIND,
-        ("the model figures", beyond_paper.one_object, {}, (20, 0)),
+        ("the model foreground", beyond_paper.one_object, {}, (20, 0)),
     ),
     _claim(
         "B10", "B §3.4.1", "learning rates over 10 times larger learn stably as well", "data not shown",

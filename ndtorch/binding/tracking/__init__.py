@@ -1,1 +1,0 @@
-"""Objects over time: detections of one moment, tracks through many."""

@@ -1,0 +1,247 @@
+"""Compiled passes over an image and its background: foreground mask, its cleaning, and learning."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ndtorch.foreground.arrays import Array
+from ndtorch.foreground.morphology import closing, copy, majority_filter, opening, row_of
+from ndtorch.foreground.noise import MEAN_SIZE
+from ndtorch.foreground.shadow import LIGHT_OFFSET, NARROW_TINT, ShadowLimits, remove_shadow
+from ndtorch.utils.jit import jit
+
+
+class MaskLimits(NamedTuple):
+    """Constants of `foreground_candidates`."""
+
+    threshold_sigma: float
+    shadow_min_ratio: float
+    shadow_max_tint: float
+
+
+class MaskImages(NamedTuple):
+    """What `foreground_candidates` computes.
+
+    Attributes:
+        image: without its gain, `[3, h, w]`.
+        grey, light: mean of its colors, and of their ratios to the background, `[h, w]`.
+        candidates, shadow, narrow: 1 for foreground, shadow and narrow shadow candidates, `[h, w]` uint8.
+    """
+
+    image: Array
+    grey: Array
+    light: Array
+    candidates: Array
+    shadow: Array
+    narrow: Array
+
+
+class CleaningSides(NamedTuple):
+    """Sides of squares in `clean_mask`: gaps that are closed, smallest motion where the background is not known,
+    specks, and broad foreground (0: no narrow shadows are looked for)."""
+
+    closing: int
+    moving: int
+    speckle: int
+    broad: int
+
+
+class LearningRates(NamedTuple):
+    """Constants of `learn`: seconds without motion after which the background is known, seconds of a step, shares by
+    which background and noise follow, factor under an object, and largest outlier of the noise."""
+
+    needed: float
+    dt: float
+    background: float
+    noise: float
+    object_ratio: float
+    outlier_limit: float
+
+
+@jit
+def foreground_candidates(
+    raw: Array, gain: Array, noise: Array, background: Array, deviation: Array, limits: MaskLimits, out: MaskImages
+) -> None:
+    """Foreground and shadow candidates of an image.
+
+    Args:
+        raw, background, deviation: `[3, h, w]`.
+        gain, noise: of each color, `[3]`.
+        out: arrays that are filled.
+    """
+    kind = raw.dtype.type
+    image, grey, light = out.image, out.grey, out.light
+    r_gain, g_gain, b_gain = kind(1) / gain[0], kind(1) / gain[1], kind(1) / gain[2]
+    spread = kind(limits.threshold_sigma)
+    r_least, g_least, b_least = spread * noise[0], spread * noise[1], spread * noise[2]
+    third, own, small = kind(1 / 3), kind(limits.threshold_sigma / MEAN_SIZE), kind(LIGHT_OFFSET)
+    low, tint, narrow = kind(limits.shadow_min_ratio), kind(2 * limits.shadow_max_tint), kind(2 * NARROW_TINT)
+    one = kind(1)
+    for y in range(raw.shape[1]):
+        for x in range(raw.shape[2]):
+            red, green, blue = raw[0, y, x] * r_gain, raw[1, y, x] * g_gain, raw[2, y, x] * b_gain
+            r_mean, g_mean, b_mean = background[0, y, x], background[1, y, x], background[2, y, x]
+            image[0, y, x], image[1, y, x], image[2, y, x] = red, green, blue
+            grey[y, x] = (red + green + blue) * third
+            out.candidates[y, x] = (
+                (abs(red - r_mean) > max(r_least, own * deviation[0, y, x]))
+                | (abs(green - g_mean) > max(g_least, own * deviation[1, y, x]))
+                | (abs(blue - b_mean) > max(b_least, own * deviation[2, y, x]))
+            )
+            r = (red + small) / (r_mean + small)
+            g = (green + small) / (g_mean + small)
+            b = (blue + small) / (b_mean + small)
+            mean = (r + g + b) * third
+            light[y, x] = mean
+            spread_of, dimmed = max(r, g, b) - min(r, g, b), (mean < one) & (mean > low)
+            out.shadow[y, x] = dimmed & (spread_of <= tint * mean)
+            out.narrow[y, x] = dimmed & (spread_of <= narrow * mean)
+
+
+@jit
+def clean_mask(
+    found: MaskImages,
+    initialised: Array,
+    static_time: Array,
+    trail: float,
+    shadow_limits: ShadowLimits,
+    sides: CleaningSides,
+    mask: Array,
+    narrow: Array,
+) -> None:
+    """The foreground mask: candidates without shadows, gaps and specks, and broad motion where no background is known.
+
+    Args:
+        found: of `foreground_candidates`; candidates are removed where no background is known.
+        initialised: above 0 where the background is known; static_time: seconds without motion, `[h, w]`.
+        trail: what moved within so many seconds counts as moving.
+        mask: becomes 1 for foreground, and narrow: 1 where a narrow shadow may be, `[h, w]` uint8.
+    """
+    candidates, (height, width) = found.candidates, mask.shape
+    margin = max(max(sides.closing, sides.moving), max(sides.speckle, sides.broad))
+    shape, size = (height, width), (height + 2 * margin) * (width + 2 * margin)
+    marks, room = np.zeros(size, np.uint8), (np.empty(size, np.uint8), np.empty(size, np.uint8))
+    dark = young = 0
+    for y in range(height):
+        dark |= where_known(candidates[y], initialised[y], found.narrow[y], sides.broad, narrow[y])
+    remove_shadow(candidates, found.light, found.shadow, shadow_limits, mask)
+    # A dark coat looks like a shadow, but the rest of its wearer is around it.
+    for y in range(height):
+        copy(mask[y], row_of(marks, y, width, margin))
+    closing(marks, sides.closing, shape, margin, room)
+    for y in range(height):
+        intersect(row_of(marks, y, width, margin), candidates[y], mask[y])
+    # Where no background is known, motion counts if it is broad: edges of what is stationary tremble.
+    for y in range(height):
+        young |= mark_recent(static_time[y], initialised[y], trail, row_of(marks, y, width, margin))
+    if young:
+        opening(marks, sides.moving, shape, margin, room)
+        for y in range(height):
+            add(row_of(marks, y, width, margin), mask[y])
+    most = np.empty((height, width), np.uint8)
+    majority_filter(mask, most)
+    for y in range(height):
+        copy(most[y], row_of(marks, y, width, margin))
+    opening(marks, sides.speckle, shape, margin, room)
+    for y in range(height):
+        copy(row_of(marks, y, width, margin), mask[y])
+    if dark:
+        opening(marks, sides.broad, shape, margin, room)
+        for y in range(height):
+            remove(row_of(marks, y, width, margin), narrow[y])
+
+
+@jit
+def where_known(candidates: Array, initialised: Array, pale: Array, wanted: int, narrow: Array) -> int:
+    """Remove candidates of a row where no background is known; whether the row has narrow shadow candidates."""
+    dark, asked = np.uint8(0), np.uint8(wanted > 0)
+    for x in range(candidates.shape[0]):
+        known = np.uint8(initialised[x] > 0)
+        candidates[x] &= known
+        narrow[x] = pale[x] & known & asked
+        dark |= narrow[x]
+    return int(dark)
+
+
+@jit
+def intersect(marks: Array, candidates: Array, mask: Array) -> None:
+    for x in range(mask.shape[0]):
+        mask[x] = marks[x] & candidates[x]
+
+
+@jit
+def mark_recent(static_time: Array, initialised: Array, trail: float, marks: Array) -> int:
+    """Mark what moved lately where no background is known; whether anything did."""
+    lately, some = static_time.dtype.type(trail), np.uint8(0)
+    for x in range(marks.shape[0]):
+        marks[x] = (static_time[x] < lately) & (initialised[x] <= 0)
+        some |= marks[x]
+    return int(some)
+
+
+@jit
+def add(marks: Array, mask: Array) -> None:
+    for x in range(mask.shape[0]):
+        mask[x] |= marks[x]
+
+
+@jit
+def remove(marks: Array, narrow: Array) -> None:
+    for x in range(narrow.shape[0]):
+        narrow[x] &= ~marks[x]
+
+
+@jit
+def learn(
+    image: Array,
+    noise: Array,
+    kept: Array,
+    mean: Array,
+    deviation: Array,
+    static_time: Array,
+    initialised: Array,
+    rates: LearningRates,
+) -> None:
+    """See `ndtorch.foreground.background.update_background`; mean, deviation and initialised are updated."""
+    kind, width = image.dtype.type, image.shape[2]
+    pace, slow, fresh = np.empty(width, kind), np.empty(width, kind), np.empty(width, kind)
+    for y in range(image.shape[1]):
+        paces(kept[y], static_time[y], initialised[y], rates, pace, slow, fresh)
+        for c in range(3):
+            limits = (kind(noise[c]), kind(rates.outlier_limit))
+            follow(image[c, y], mean[c, y], deviation[c, y], limits, pace, slow, fresh)
+
+
+@jit
+def paces(
+    kept: Array, static_time: Array, initialised: Array, rates: LearningRates, pace: Array, slow: Array, fresh: Array
+) -> None:
+    """Paces of background and noise in a row, and 1 where the background becomes known, 0 elsewhere."""
+    kind = pace.dtype.type
+    step, share, noise_share = kind(rates.dt), kind(rates.background), kind(rates.noise)
+    held, one = kind(1 - rates.object_ratio), kind(1)
+    for x in range(pace.shape[0]):
+        free = one - held * kept[x]
+        before = initialised[x] > 0
+        settled = before | (static_time[x] >= rates.needed)
+        initialised[x] = settled
+        pace[x] = share * free if before else step / (static_time[x] + step)
+        slow[x] = noise_share * free if before else noise_share
+        fresh[x] = settled & (not before)
+
+
+@jit
+def follow(
+    image: Array, mean: Array, deviation: Array, limits: tuple[float, float], pace: Array, slow: Array, fresh: Array
+) -> None:
+    """Background and noise of one color of one row follow the image."""
+    kind = mean.dtype.type
+    least, most, usual = kind(limits[0]), kind(limits[1]), kind(MEAN_SIZE)
+    for x in range(mean.shape[0]):
+        before, own = mean[x], deviation[x]
+        difference = image[x] - before
+        own = own + slow[x] * (min(abs(difference), most * max(least, own)) - own)
+        deviation[x] = min(own, least * usual) if fresh[x] > 0 else own
+        mean[x] = before + pace[x] * difference

@@ -1,0 +1,204 @@
+"""Background model: mean and deviation of every pixel of a static camera, and where they are known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from ndtorch.config import Constants
+from ndtorch.foreground._kernels import LearningRates, learn
+from ndtorch.foreground.arrays import Floats, aligned, aligned_copy
+from ndtorch.vision.temporal import smoothing_factor as checked_smoothing_factor
+
+smoothing_factor = cache(checked_smoothing_factor)
+"""It checks its arguments, which are always the same here."""
+
+LEARNING_S = 2.0
+"""In the first seconds of a scene a pixel is known sooner: the time without motion that it needs grows until then."""
+MIN_MOVING_SIDE_RATIO = 0.06
+"""Where the background is not known, what moves is foreground if it is this broad (fraction of the height)."""
+MOTION_TRAIL_S = 0.1
+"""Where the background is not known, what moved within this time is foreground."""
+BLUR_PX = 3
+"""Frames are blurred by a square of this side before motion is measured."""
+SHADOW_CLOSING_RATIO = 0.04
+"""Shadow within this distance between foreground parts is foreground (fraction of the height): a dark coat."""
+
+FIXED = "settle broad trail penumbra around pure colored dark light offset patch soft speckle block other"
+"""Keys of version 0.2.0 that are constants in the code now."""
+
+
+class BackgroundParams(Constants):
+    """Constants of the background model; brightness is a fraction of full scale."""
+
+    old_keys: ClassVar = dict.fromkeys(FIXED.split(), "") | {
+        "height": "max_height_px",
+        "tau_ground": "tau_background",
+        "spread": "threshold_sigma",
+        "least_noise": "min_noise_ratio",
+        "moved": "min_motion_ratio",
+        "still": "static_after_s",
+        "hold": "object_learning_ratio",
+        "surprise": "outlier_limit",
+        "darkest": "shadow_min_ratio",
+        "tint": "shadow_max_tint_ratio",
+        "uneven": "shadow_max_variation_ratio",
+        "gain_limit": "max_gain_ratio",
+        "cut": "scene_cut_ratio",
+        "changed": "scene_cut_blocks_ratio",
+        "alike": "scene_cut_correlation",
+    }
+
+    max_height_px: int = Field(
+        224, ge=16, le=32_768, description="Frames are shrunk by a whole number to at most this many rows."
+    )
+    tau_background: float = Field(10.0, gt=0, description="The background follows with this time constant in seconds.")
+    tau_noise: float = Field(4.0, gt=0, description="The noise of a pixel follows with this time constant in seconds.")
+    threshold_sigma: float = Field(
+        3.0, gt=0, description="A pixel is foreground if it differs by more than this many standard deviations."
+    )
+    min_noise_ratio: float = Field(
+        0.006, gt=0, description="The noise is at least this standard deviation (fraction of full scale)."
+    )
+    min_motion_ratio: float = Field(
+        0.012, gt=0, description="A pixel moves if it changes by at least this from frame to frame (of full scale)."
+    )
+    static_after_s: float = Field(
+        0.5, ge=0, description="A pixel without motion for this many seconds is background, or a ghost in it."
+    )
+    object_learning_ratio: float = Field(
+        0.05, ge=0, description="The background under an object follows at this fraction of its pace."
+    )
+    outlier_limit: float = Field(
+        3.0, gt=0, description="One step teaches the noise at most this many times its present value."
+    )
+    shadow_min_ratio: float = Field(
+        0.3, ge=0, le=1, description="A shadow leaves at least this fraction of the background's light."
+    )
+    shadow_max_tint_ratio: float = Field(
+        0.12, ge=0, description="A shadow changes the colors' shares by at most this fraction."
+    )
+    shadow_max_variation_ratio: float = Field(
+        0.06, ge=0, description="The remaining light of a shadow varies by at most this among neighbours."
+    )
+    max_gain_ratio: float = Field(
+        4.0, ge=1, description="The exposure is corrected by at most this gain, or by one over it."
+    )
+    scene_cut_ratio: float = Field(
+        0.7, gt=0, le=1, description="A new scene begins if more than this fraction of the image is foreground."
+    )
+    scene_cut_blocks_ratio: float = Field(
+        0.6,
+        gt=0,
+        le=1,
+        description="A new scene begins if more than this fraction of the blocks changes and they are uncorrelated.",
+    )
+    scene_cut_correlation: float = Field(
+        0.25, ge=-1, le=1, description="Blocks are uncorrelated if they correlate by less than this with those before."
+    )
+
+
+class BackgroundState(NamedTuple):
+    """State of the background model; its parts are arrays, or tensors in the state of a model.
+
+    Attributes:
+        mean, deviation: background and mean deviation from it, `[3, h, w]`.
+        previous: the blurred frame before, `[3, h, w]`.
+        flicker: mean change from frame to frame, `[h, w]`.
+        static_time: seconds without motion, `[h, w]`.
+        initialised: 1 where the background is known, 0 elsewhere, `[h, w]`.
+        frames: frames seen since the scene began, int64 scalar.
+    """
+
+    mean: Any
+    deviation: Any
+    previous: Any
+    flicker: Any
+    static_time: Any
+    initialised: Any
+    frames: Any
+
+
+@dataclass
+class BackgroundModel:
+    """A `BackgroundState` in arrays of its own, which each step changes in place, with buffers for the images of a
+    step."""
+
+    mean: Floats
+    deviation: Floats
+    previous: Floats
+    flicker: Floats
+    static_time: Floats
+    initialised: Floats
+    frames: int
+
+    def __post_init__(self) -> None:
+        shape = self.mean.shape
+        self.image, self.blurred, (self.grey, self.light) = aligned(*shape), aligned(*shape), aligned(2, *shape[1:])
+        self.marks = np.empty((5, *shape[1:]), np.uint8)
+
+    @classmethod
+    def start(cls, image: Floats, p: BackgroundParams) -> BackgroundModel:
+        """Settled on one image `[3, h, w]`: no background is known."""
+        # Nothing has moved yet.
+        planes = aligned(3, *image.shape[1:])
+        planes[0], planes[1], planes[2] = p.min_noise_ratio, MOTION_TRAIL_S, 0
+        deviation, previous = aligned(*image.shape), aligned(*image.shape)
+        deviation[...] = p.min_noise_ratio
+        blur(image, previous)
+        return cls(aligned_copy(image), deviation, previous, planes[0], planes[1], planes[2], 0)
+
+    @classmethod
+    def of(cls, state: BackgroundState) -> BackgroundModel:
+        """A copy of a state."""
+        mean, deviation, previous, flicker, static_time, initialised = map(aligned_copy, state[:6])
+        return cls(mean, deviation, previous, flicker, static_time, initialised, int(state.frames))
+
+    def state(self) -> BackgroundState:
+        """The present state, which shares the memory."""
+        planes = (self.mean, self.deviation, self.previous, self.flicker, self.static_time, self.initialised)
+        return BackgroundState(*planes, np.array(self.frames, np.int64))
+
+
+def blur(image: Floats, blurred: Floats) -> None:
+    """Every color `[3, h, w]` blurred by a square, into such an array."""
+    import cv2
+
+    for plane, to in zip(image, blurred, strict=True):
+        cv2.blur(plane, (BLUR_PX, BLUR_PX), dst=to)
+
+
+def update_background(
+    model: BackgroundModel, image: Floats, noise: Floats, kept: Floats, dt: float, p: BackgroundParams
+) -> None:
+    """Let the background, its deviation and where it is known follow an image.
+
+    The background follows at its pace, and under an object at `object_learning_ratio` of it. Before it is known, it is
+    the mean of what was seen since something moved.
+
+    Args:
+        model: updated.
+        image: without its gain, `[3, h, w]`.
+        noise: of each color, `[3]`.
+        kept: 1 where tracked objects were up to the frame before, `[h, w]`.
+        dt: seconds of a step.
+    """
+    model.frames = seen = model.frames + 1
+    rates = LearningRates(
+        needed=p.static_after_s * LEARNING_S / max(LEARNING_S, seen * dt),
+        dt=dt,
+        background=smoothing_factor(p.tau_background, dt),
+        noise=noise_share(seen, dt, p),
+        object_ratio=p.object_learning_ratio,
+        outlier_limit=p.outlier_limit,
+    )
+    learn(image, noise, kept, model.mean, model.deviation, model.static_time, model.initialised, rates)
+
+
+def noise_share(frames: int, dt: float, p: BackgroundParams) -> float:
+    """Share by which the noise follows: that of the first frames is learned as their mean."""
+    return max(1 / (frames + 5), smoothing_factor(p.tau_noise, dt))

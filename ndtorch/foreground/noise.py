@@ -1,0 +1,169 @@
+"""Noise: of a whole image from a sample of its pixels, and flicker and motion of every pixel from frame to frame."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ndtorch.foreground.arrays import Array
+from ndtorch.foreground.morphology import majority_filter
+from ndtorch.utils.jit import jit
+from ndtorch.utils.selection import median
+
+MEAN_SIZE, MEDIAN_SIZE = 0.798, 0.6745
+"""Mean and median of the magnitude of a normal variable, in standard deviations."""
+BLOCK_PX = 8
+"""Scene cuts are detected by means of blocks of this side."""
+BLOCK_CHANGE = 0.02
+"""A block has changed if its mean differs by more than this from that of the frame before."""
+
+
+class MotionLimits(NamedTuple):
+    """Constants of `motion_and_noise`: seconds of a step, smallest change that is motion, threshold in deviations,
+    share by which the flicker follows, and its largest outlier in its own sizes."""
+
+    dt: float
+    min_motion: float
+    threshold_sigma: float
+    learning_share: float
+    outlier_limit: float
+
+
+@jit
+def subsample(image: Array) -> Array:
+    """About every sixteenth pixel of `[h, w]`, counted from all four corners, `[n]`.
+
+    The sample of a mirror image is the same, and so is everything estimated from it.
+    """
+    height, width = image.shape
+    down, across = ((height + 1) // 2 + 3) // 4, ((width + 1) // 2 + 3) // 4
+    some, n = np.empty(4 * down * across, image.dtype), 0
+    for y in range(0, (height + 1) // 2, 4):
+        for x in range(0, (width + 1) // 2, 4):
+            some[n], some[n + 1] = image[y, x], image[y, width - 1 - x]
+            some[n + 2], some[n + 3] = image[height - 1 - y, x], image[height - 1 - y, width - 1 - x]
+            n += 4
+    return some
+
+
+@jit
+def motion_and_noise(
+    blurred: Array,
+    previous: Array,
+    flicker: Array,
+    static_time: Array,
+    initialised: Array,
+    candidates: Array,
+    limits: MotionLimits,
+) -> float:
+    """Update the static time and the flicker of every pixel.
+
+    A pixel moves if it changes by more than the noise of the image and its own flicker, or, where the background is not
+    initialised, if it is a foreground candidate. Its neighbours move with it.
+
+    Args:
+        blurred, previous: this frame and the one before, `[3, h, w]`.
+        flicker, static_time: mean change from frame to frame, and seconds without motion, `[h, w]`; updated.
+        initialised: above 0 where the background is known, `[h, w]`.
+        candidates: 1 for foreground candidates, `[h, w]` uint8.
+
+    Returns:
+        Share of the blocks that changed (see `scene_cut`), -1 if blocks do not divide the image.
+    """
+    _, height, width = blurred.shape
+    kind = blurred.dtype.type
+    change, changed_blocks = np.empty((height, width), blurred.dtype), 0
+    across, whole = width // BLOCK_PX, height % BLOCK_PX == 0 and width % BLOCK_PX == 0
+    sums = np.zeros((3, width), kind)
+    least_sum, third = kind(BLOCK_CHANGE * BLOCK_PX * BLOCK_PX), kind(1 / 3)
+    for y in range(height):
+        for c in range(3):
+            add_change(blurred[c, y], previous[c, y], change[y], sums[c], c == 0)
+        for x in range(width):
+            change[y, x] *= third
+        if whole and y % BLOCK_PX == BLOCK_PX - 1:
+            for n in range(across):
+                largest = max(block_sum(sums[0], n), block_sum(sums[1], n), block_sum(sums[2], n))
+                changed_blocks += largest > least_sum
+    some = subsample(change)
+    noise = kind(median(some, some.shape[0]) / kind(MEDIAN_SIZE))
+    over, unknown = np.empty((height, width), np.uint8), 0
+    for y in range(height):
+        unknown += mark_motion(change[y], flicker[y], initialised[y], noise, limits, over[y])
+    moves = np.empty((height, width), np.uint8)
+    majority_filter(over, moves)
+    if unknown:
+        majority_filter(candidates, over)
+        for y in range(height):
+            add_unknown(over[y], initialised[y], moves[y])
+    near = np.zeros(width + 2, np.uint8)
+    for y in range(height):
+        join(moves[max(y - 1, 0)], moves[y], moves[min(y + 1, height - 1)], near)
+        count_time(near, kind(limits.dt), static_time[y])
+    return changed_blocks / (height // BLOCK_PX * across) if whole else -1.0
+
+
+@jit
+def add_change(row: Array, previous: Array, change: Array, sums: Array, first: bool) -> None:
+    """Add the change of one color of a row to `change` (begun at the first color), and its gain to `sums`."""
+    if first:
+        for x in range(change.shape[0]):
+            difference = row[x] - previous[x]
+            change[x] = abs(difference)
+            sums[x] += difference
+        return
+    for x in range(change.shape[0]):
+        difference = row[x] - previous[x]
+        change[x] += abs(difference)
+        sums[x] += difference
+
+
+@jit
+def block_sum(sums: Array, n: int) -> float:
+    """Magnitude of the sum over block n, which begins anew."""
+    total = sums.dtype.type(0)
+    for x in range(n * BLOCK_PX, (n + 1) * BLOCK_PX):
+        total += sums[x]
+        sums[x] = 0
+    return float(abs(total))
+
+
+@jit
+def mark_motion(
+    change: Array, flicker: Array, initialised: Array, noise: float, limits: MotionLimits, over: Array
+) -> int:
+    """Mark changes above the noise in a row and update its flicker; returns how many pixels are not initialised."""
+    kind = change.dtype.type
+    moved, spread, usual = kind(limits.min_motion), kind(limits.threshold_sigma), kind(1 / MEAN_SIZE)
+    outlier, share, lowest = kind(limits.outlier_limit), kind(limits.learning_share), kind(noise)
+    unknown = np.int32(0)
+    for x in range(over.shape[0]):
+        here, own = change[x], flicker[x]
+        least = max(lowest, own * usual)
+        over[x] = here > max(moved, spread * least)
+        flicker[x] = own + share * (min(here, outlier * least) - own)
+        unknown += np.int32(initialised[x] == 0)
+    return int(unknown)
+
+
+@jit
+def add_unknown(marks: Array, initialised: Array, moves: Array) -> None:
+    """Add marks where the background is not initialised."""
+    for x in range(moves.shape[0]):
+        moves[x] |= marks[x] & np.uint8(initialised[x] == 0)
+
+
+@jit
+def join(upper: Array, middle: Array, lower: Array, near: Array) -> None:
+    """Marks of three rows, from the second place on."""
+    for x in range(middle.shape[0]):
+        near[x + 1] = upper[x] | middle[x] | lower[x]
+
+
+@jit
+def count_time(near: Array, dt: float, static_time: Array) -> None:
+    """Seconds without motion begin anew where a neighbour is marked."""
+    none = static_time.dtype.type(0)
+    for x in range(static_time.shape[0]):
+        static_time[x] = none if near[x] | near[x + 1] | near[x + 2] else static_time[x] + dt

@@ -1,0 +1,175 @@
+"""Blobs: connected components of the foreground mask, split where they are narrow, without ghosts and fragments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ndtorch.foreground.arrays import Bools, Bytes, Floats, Labels
+from ndtorch.foreground.background import BackgroundModel, BackgroundParams
+from ndtorch.foreground.segmentation import Segmentation
+from ndtorch.tracking._kernels_blobs import label_components, split_components
+from ndtorch.tracking.params import TrackingParams
+from ndtorch.tracking.track import Track, is_small
+
+MIN_PART_RATIO = 0.2
+"""A blob is cut only if each part has at least this share of it."""
+
+
+class Blobs(NamedTuple):
+    """N blobs.
+
+    Attributes:
+        labels: number of the blob of every pixel from 1, 0 where none is, `[h, w]`.
+        boxes: top, left, bottom and right of each, pixels, `[N, 4]`.
+        areas: pixels of each, `[N]`.
+    """
+
+    labels: Labels
+    boxes: npt.NDArray[np.int64]
+    areas: npt.NDArray[np.int64]
+
+
+def detect_blobs(
+    seen: Segmentation,
+    background: BackgroundModel,
+    tracks: Sequence[Track],
+    labels: Labels,
+    moving: Bytes,
+    time: float,
+    learning: BackgroundParams,
+    p: TrackingParams,
+) -> tuple[Blobs, Bools | None]:
+    """Blobs of a foreground mask, and the ghosts that were removed from it, dilated, `[h, w]`; None without any.
+
+    Args:
+        tracks: followed so far.
+        labels: number of the track of every pixel plus one, a step ago, `[h, w]`.
+        moving: 1 for such numbers of objects that move: plain parts of them do not change, and are no ghosts.
+        learning: constants of the background model.
+    """
+    import cv2
+
+    mask, pixels = seen.mask, seen.mask.size
+    smallest = p.min_area_ratio * pixels
+    where = np.flatnonzero(mask)
+    static = background.static_time.ravel()[where] >= np.float32(learning.static_after_s)
+    few = int((static & (moving[labels.ravel()[where]] == 0)).sum())
+    ghost, wide = None, None
+    # Mostly next to nothing is static, and components are dear. So few pixels enclose no more.
+    if few * (few / 4 + 1) >= smallest:
+        free = mask & (moving[labels] == 0)
+        still = background.static_time >= learning.static_after_s
+        ghost = ghosts(free, still, seen.grey, seen.background, smallest)
+    if ghost is not None:
+        wide = np.asarray(cv2.dilate(ghost.astype(np.uint8), np.ones((3, 3), np.uint8))) > 0
+        mask = mask & ~ghost
+    found = connected_components(mask, min(p.min_area_isolated_ratio, p.min_area_ratio) * pixels, p.closing_px)
+    return drop_fragments(split_blobs(found, p.split_notch_ratio, smallest), tracks, time, p), wide
+
+
+def connected_components(mask: Bools, smallest: float, gap: int) -> Blobs:
+    """Connected components (8 neighbours) of at least `smallest` pixels.
+
+    Gaps of up to `gap` pixels are closed, and what a component encloses is filled.
+    """
+    import cv2
+
+    marks: Bytes = mask.view(np.uint8)
+    if not marks.any():
+        none = np.zeros(0, np.int64)
+        return Blobs(np.zeros(mask.shape, np.int32), none.reshape(0, 4), none)
+    if gap:
+        square = np.ones((gap + 1, gap + 1), np.uint8)
+        marks = np.asarray(cv2.morphologyEx(marks, cv2.MORPH_CLOSE, square), np.uint8)
+    labels = np.empty(marks.shape, np.int32)
+    found = np.empty((((len(marks) + 1) // 2) * ((marks.shape[1] + 1) // 2), 5), np.int64)
+    number = label_components(marks, float(smallest), labels, found)
+    return Blobs(labels, found[:number, :4].copy(), found[:number, 4].copy())
+
+
+def split_blobs(blobs: Blobs, notch: float, least: float) -> Blobs:
+    """Blobs cut where they are narrow: people or cars side by side that hang together by little.
+
+    The pixels of a blob are counted column by column, and smoothed over an eighth of its height. It is cut at the
+    smallest count between two peaks, if that is less than a fraction of the lower peak and both sides are large enough.
+    Rows are not looked at: people are narrow at the neck and at the waist.
+
+    Args:
+        notch: largest count between two peaks, as a fraction of the lower one.
+        least: pixels of the smallest part.
+    """
+    labels, boxes, areas = blobs
+    if not (areas >= 2 * least).any():
+        return blobs
+    labels, count = labels.copy(), len(areas)
+    room = np.empty((count + int(areas.sum() / max(least, 1)), 5), np.int64)
+    room[:count, :4], room[:count, 4] = boxes, areas
+    count = split_components(labels, room, count, notch, float(least), MIN_PART_RATIO)
+    return Blobs(labels, room[:count, :4].copy(), room[:count, 4].copy())
+
+
+def drop_fragments(blobs: Blobs, tracks: Sequence[Track], time: float, p: TrackingParams) -> Blobs:
+    """Blobs without those below `min_area_ratio` that are near a larger one, or where a larger track is expected."""
+    labels, boxes, areas = blobs
+    small, (height, width) = areas < p.min_area_ratio * labels.size, labels.shape
+    if not small.any():
+        return blobs
+    around = [track.box(time, p.max_prediction_s) for track in tracks if not is_small(track, width / height, p)]
+    large = np.concatenate([boxes[~small] / height, np.array(around).reshape(-1, 4)])
+    keep, mine = ~small, boxes[small, None] / height
+    # The larger gap of rows and columns, to the nearest of them.
+    gaps = np.maximum(mine[..., :2] - large[:, 2:], large[:, :2] - mine[..., 2:]).max(2).min(1, initial=np.inf)
+    keep[small] = gaps >= p.isolation_distance_ratio
+    if keep.all():
+        return blobs
+    number = np.zeros(len(areas) + 1, np.int32)
+    number[1:][keep] = np.arange(1, keep.sum() + 1)
+    return Blobs(number[labels], boxes[keep], areas[keep])
+
+
+def ghosts(mask: Bools, still: Bools, grey: Floats, background: Floats, smallest: float) -> Bools | None:
+    """Foreground that is a ghost, `[h, w]`: an object was there when the background was learned, and has left.
+
+    Nothing has moved there for a while, and the edge between it and the rest is in the background, not in the image.
+    None if there is none.
+
+    Args:
+        mask: foreground, `[h, w]`.
+        still: where nothing has moved for a while, `[h, w]`.
+        grey: the image in grey, `[h, w]`; background: `[3, h, w]`.
+        smallest: pixels of the smallest ghost.
+    """
+    import cv2
+
+    quiet = connected_components(mask & still, smallest, 0)
+    count = len(quiet.areas)
+    if not count:
+        return None
+    # Nothing beyond these components is looked at.
+    top, left = np.maximum(quiet.boxes[:, :2].min(0) - 3, 0)
+    bottom, right = quiet.boxes[:, 2:].max(0) + 3
+    window = (slice(top, bottom), slice(left, right))
+    names = quiet.labels[window]
+    inside = (names > 0).astype(np.uint8)
+    square = np.ones((3, 3), np.uint8)
+    rim = (inside > 0) & (cv2.erode(inside, square) == 0)
+    # The side towards what moves says nothing: that may be the object itself.
+    outer = rim & (cv2.erode(mask[window].astype(np.uint8), square) == 0)
+    which = names[outer]
+
+    def edges(part: Floats) -> npt.NDArray[np.float64]:
+        across, down = cv2.Sobel(part, cv2.CV_32F, 1, 0), cv2.Sobel(part, cv2.CV_32F, 0, 1)
+        size = cv2.dilate(np.abs(across) + np.abs(down), square)
+        sums = np.bincount(which, np.asarray(size, np.float64)[outer], minlength=count + 1)
+        return np.asarray(sums[1:], np.float64)
+
+    around = np.bincount(which, minlength=count + 1)[1:]
+    whole = np.bincount(names[rim], minlength=count + 1)[1:]
+    ghost = (2 * around > whole) & (edges(background[:, top:bottom, left:right].mean(0)) > edges(grey[window]))
+    if not ghost.any():
+        return None
+    return np.concatenate([[False], ghost])[quiet.labels]

@@ -1,0 +1,127 @@
+"""Confirmation: when a tentative track becomes an object, and when that is revoked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+from ndtorch.foreground.arrays import Floats, Numbers
+from ndtorch.tracking.clutter import CLUTTER_LEVEL, clutter_at, is_particle_clutter
+from ndtorch.tracking.params import TrackingParams
+from ndtorch.tracking.rigid_motion import (
+    has_contrast,
+    is_rigid_motion,
+    oscillates,
+    path_straightness,
+    revoke_confirmation,
+)
+from ndtorch.tracking.track import BOX, PIXELS, Track, TrackState, is_small
+
+MAX_SHADOW = 0.5
+"""A track of which this share, in the mean, may be a narrow shadow is one."""
+CONFIDENT_TRAVEL, CONFIDENT_STRAIGHTNESS = 2.0, 0.8
+"""A small track is confirmed after so many times the usual distance, on a path that is this straight."""
+PARENT_DISTANCE_SIZES, PARENT_VELOCITY_TOLERANCE = 1.0, 0.5
+"""A track within so many sizes of a larger one, whose velocity differs by less than this fraction, is a part of it."""
+
+
+def confirm(
+    tracks: Sequence[Track],
+    lost: Sequence[Track],
+    clutter: Floats,
+    births: Numbers,
+    light: Callable[[], float],
+    time: float,
+    seen_for: float,
+    dt: float,
+    width: float,
+    p: TrackingParams,
+) -> None:
+    """Confirm tentative tracks, and revoke confirmations; their states are changed.
+
+    Args:
+        tracks: those that go on; lost: those that ended at this step.
+        clutter, births: of `ndtorch.tracking.clutter`, a step ago.
+        light: gives the mean of the background: it is seldom asked for, and the same for all tracks.
+        seen_for: seconds since the scene began.
+        dt: seconds of a step.
+        width: of the image in heights.
+    """
+    cluttered = bool(clutter.any())
+    for one in tracks:
+        if one.last_seen != time:
+            continue
+        if one.is_object:
+            if revoke_confirmation(one, bool(cluttered and clutter_at(one, clutter)), time, dt, p):
+                one.state = TrackState.TENTATIVE
+        elif (
+            seen_for > p.learning_s - dt / 2
+            and travels_enough(one, clutter, dt, p)
+            and (not is_small(one, width, p) or is_confident(one, p))
+            and not is_shadow(one)
+            and is_object(one, light, p)
+            and not moves_with_larger_track(one, tracks, p)
+            and not is_particle_clutter(one, births, seen_for, width, p)
+        ):
+            one.state, one.confirmed_at = TrackState.CONFIRMED, time if one.confirmed_at < 0 else one.confirmed_at
+    for one in (*tracks, *lost):
+        # It may be that the other particles came later.
+        young = one.is_object and one.last_seen - one.confirmed_at < p.probation_s
+        if young and is_particle_clutter(one, births, seen_for, width, p):
+            one.state = TrackState.TENTATIVE
+
+
+def min_travel(track: Track, p: TrackingParams) -> float:
+    """Distance that a track has to move. Noise, leaves and a codec's blocks wander by more than their own size."""
+    if not p.min_travel_sizes:
+        return 0.0
+    return max(p.min_travel_sizes * track.size, p.min_travel_height_ratio)
+
+
+def travels_enough(track: Track, clutter: Floats, dt: float, p: TrackingParams) -> bool:
+    """Whether a track was in sight for long enough and most of that time, and moved far enough: further in clutter."""
+    enough, far = min_travel(track, p), track.net_travel
+    if far < enough or track.age < p.min_track_s or track.count * dt < p.min_visible_ratio * (track.age + dt):
+        return False
+    level = min(1.0, clutter_at(track, clutter) / CLUTTER_LEVEL)
+    further = enough if level < 1 else p.clutter_travel_factor * enough
+    return far >= further and (not level or path_straightness(track) >= p.min_straightness_ratio * level)
+
+
+def is_object(track: Track, light: Callable[[], float], p: TrackingParams) -> bool:
+    """Whether a track has contrast and does not oscillate, or moves rigidly and straight.
+
+    Everything is an object if `min_travel_sizes` is 0. After a revoked confirmation a track has to move straight, too.
+    """
+    if not p.min_travel_sizes or (has_contrast(track, p) and track.confirmed_at < 0 and not oscillates(track, p)):
+        return True
+    rigid = has_contrast(track, p) or is_rigid_motion(track, float(light()), p)
+    return rigid and path_straightness(track) >= p.min_straightness_ratio
+
+
+def is_confident(track: Track, p: TrackingParams) -> bool:
+    """Whether a small track has contrast and moved far and straight."""
+    straight = path_straightness(track) >= CONFIDENT_STRAIGHTNESS
+    return has_contrast(track, p) and straight and track.net_travel >= CONFIDENT_TRAVEL * min_travel(track, p)
+
+
+def is_shadow(track: Track) -> bool:
+    """Whether a track was, in all its detections together, hardly more than a narrow shadow."""
+    return track.shadow_sum >= MAX_SHADOW * track.count
+
+
+def moves_with_larger_track(track: Track, others: Sequence[Track], p: TrackingParams) -> bool:
+    """Whether a much larger track beside it moves as it does: common fate. So do shadows and fragments of an object."""
+    time, (top, left, bottom, right) = track.last_seen, track.last[BOX]
+    speed = math.hypot(*track.velocity)
+    for other in others:
+        if other is track or other.last_seen != time or other.last[PIXELS] < p.parent_area_ratio * track.last[PIXELS]:
+            continue
+        box = other.last[BOX]
+        gap = max(top - box[2], box[0] - bottom, left - box[3], box[1] - right)
+        if gap >= PARENT_DISTANCE_SIZES * other.size:
+            continue
+        largest = max(speed, math.hypot(*other.velocity))
+        if math.dist(track.velocity, other.velocity) < PARENT_VELOCITY_TOLERANCE * largest:
+            return True
+    return False

@@ -1,0 +1,140 @@
+"""Rigid motion: whether the appearance of a track moved with it and left its old place, and how straight its path is.
+
+Pieces that come and go side by side, leaves that sway, and blocks of a codec shift the middle of a blob, but what was
+there stays there. The squared differences of the kept appearance from what is at its old place later, and from what is
+at the new place, are summed over the track's life, so high contrast counts for more.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ndtorch.foreground.arrays import Floats
+from ndtorch.tracking._kernels_tracks import patch_distance
+from ndtorch.tracking.params import TrackingParams
+from ndtorch.tracking.track import BOX, PLACE, Track
+
+STRIDE_SIZES, MIN_STRIDE_PX = 0.35, 2.0
+"""The appearance is compared each time the track has moved this many sizes, and at least so many pixels."""
+RIGIDITY_NOISE = 0.25
+"""Differences of this fraction of the light are needed before an appearance says anything."""
+OSCILLATION_MARGIN = 0.3
+"""A track whose appearance fits its old places better by this ratio, on a path that is not straight, oscillates."""
+PATH_STEP_SIZES = 0.2
+"""Paths are measured in steps of this many sizes."""
+MIN_NET_TRAVEL_RATIO, MIN_GROWTH_SIZES = 0.35, 0.5
+"""In probation a track has to get this fraction of its path away from its start, and this many sizes."""
+
+
+def has_contrast(track: Track, p: TrackingParams) -> bool:
+    """Whether the mean contrast of all its detections says that it is no chance fragment of anything."""
+    return track.contrast_sum >= p.min_contrast_sigma * track.count
+
+
+def update_appearance_match(track: Track, image: Floats, background: Floats) -> None:
+    """Once a track has moved by a stride, compare both places with its kept appearance, and keep the new one.
+
+    Args:
+        track: detected in this image; updated.
+        image, background: `[3, h, w]`.
+    """
+    height = image.shape[1]
+    last, before = track.last[BOX], track.patch_box.tolist()
+    if not any(before):
+        new, _ = compare_patches([last], track.patch, image, background)
+        track.patch_box, track.patch = np.array(last), new
+        return
+    top, left, bottom, right = (now - then for now, then in zip(last, before, strict=True))
+    if math.hypot((top + bottom) / 2, (left + right) / 2) <= max(STRIDE_SIZES * track.size, MIN_STRIDE_PX / height):
+        return
+    # Arms, legs and shadows change the box: any of its corners may be what moved along.
+    shifts = [(row, column, row, column) for row in (top, bottom) for column in (left, right)]
+    there = [[side + by for side, by in zip(before, shift, strict=True)] for shift in shifts]
+    new, distances = compare_patches([last, *there, before], track.patch, image, background)
+    track.appearance_error = track.appearance_error + np.array((distances[-1], min(distances[:-1])))
+    track.patch_box, track.patch = np.array(last), new
+
+
+def compare_patches(
+    boxes: Sequence[Sequence[float]], patch: Floats, image: Floats, background: Floats
+) -> tuple[Floats, list[float]]:
+    """Appearance in the first of some boxes, `[3, PATCH, PATCH]`, and mean squared difference of each from a patch.
+
+    Args:
+        boxes: top, left, bottom and right of each, fractions of the height.
+        patch: what they are compared with, `[3, PATCH, PATCH]`.
+        image, background: `[3, h, w]`.
+    """
+    height = image.shape[1]
+    pixels = np.array([[round(side * height) for side in box] for box in boxes])
+    patches, distances = np.empty((len(boxes), *patch.shape), np.float32), np.empty(len(boxes))
+    patch_distance(image, background, pixels, patch, patches, distances)
+    return patches[0].copy(), distances.tolist()
+
+
+def is_rigid_motion(track: Track, light: float, p: TrackingParams) -> bool:
+    """Whether the appearance moved along, against a doubt that what is pale cannot settle soon.
+
+    Args:
+        light: of the scene, the mean of the background.
+    """
+    stayed, went = track.appearance_error.tolist()
+    doubt = (RIGIDITY_NOISE * light) ** 2
+    return bool(stayed - went - doubt >= p.min_rigidity_ratio * (stayed + went + doubt))
+
+
+def oscillates(track: Track, p: TrackingParams) -> bool:
+    """Whether its appearance stayed behind wherever it went, and its path is not straight: leaves in the wind.
+
+    The leg of somebody who walks stays behind as well, but its path is straight.
+    """
+    stayed, went = track.appearance_error.tolist()
+    behind = stayed - went < -OSCILLATION_MARGIN * (stayed + went)
+    return bool(behind) and path_straightness(track) < p.min_straightness_ratio
+
+
+def path_straightness(track: Track) -> float:
+    """Net displacement over the length of the path; 1 before the first step."""
+    path = path_lengths(track)
+    return path.net / path.length if path.length else 1.0
+
+
+def revoke_confirmation(track: Track, cluttered: bool, time: float, dt: float, p: TrackingParams) -> bool:
+    """Whether an object only oscillates: its path was long and it never was far from its start. Or it only grew.
+
+    That is asked every second for `probation_s` seconds after it was confirmed. Later it may pace up and down.
+
+    Args:
+        cluttered: whether tracks came and went where it is; only there objects oscillate.
+        dt: seconds of a step.
+    """
+    age = time - track.confirmed_at + dt / 2
+    if not p.min_travel_sizes or age > p.probation_s + dt or int(age) == int(age - dt) or age < 1:
+        return False
+    path = path_lengths(track)
+    short = path.furthest < MIN_GROWTH_SIZES * track.size
+    return short or (cluttered and path.furthest < MIN_NET_TRAVEL_RATIO * path.length)
+
+
+class PathLengths(NamedTuple):
+    """Net displacement of a path, its largest so far, and its length, in steps of `PATH_STEP_SIZES`."""
+
+    net: float
+    furthest: float
+    length: float
+
+
+def path_lengths(track: Track) -> PathLengths:
+    path = track.path[:, PLACE].tolist()
+    start = row, column = path[0]
+    length, furthest, least = 0.0, 0.0, PATH_STEP_SIZES * track.size
+    for down, across in path:
+        far = math.hypot(down - row, across - column)
+        if far > least:
+            length, row, column = length + far, down, across
+            furthest = max(furthest, math.hypot(down - start[0], across - start[1]))
+    return PathLengths(math.hypot(row - start[0], column - start[1]), furthest, length)

@@ -1,0 +1,152 @@
+"""Compiled passes over masks of tracks: their motion and color, and their ten signals."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+import numpy as np
+
+from ndtorch.foreground.arrays import Array
+from ndtorch.foreground.morphology import any_nonzero
+from ndtorch.utils.jit import jit
+
+
+@jit
+def sum_features(
+    image: Array,
+    background: Array,
+    labels: Array,
+    slow: Array,
+    delayed: Array,
+    shares: tuple[float, float],
+    strongest: Array,
+    sums: Array,
+) -> None:
+    """The first part of `ndtorch.vision.masked_features`, at half the height and width.
+
+    Args:
+        image, background: `[3, h, w]`.
+        labels: `[h, w]` int32.
+        slow, delayed: `MotionState`; become that after the step, `[3, h / 2, w / 2]`.
+        shares: of its high-pass and its delay filter.
+        strongest: becomes the largest difference from the background among the colors, `[h / 2, w / 2]`.
+        sums: becomes pixels, motion across and along, and red, green and blue of each field, `[fields, 6]`
+            float64: roots are taken of what is left of motion both ways.
+    """
+    kind = image.dtype.type
+    _, height, width = slow.shape
+    fields = sums.shape[0]
+    quarter = kind(0.25)
+    high, color = np.empty((3, height, width), image.dtype), np.empty(3, image.dtype)
+    upper, lower = np.empty(2 * width, image.dtype), np.empty(2 * width, image.dtype)
+    seen, some = np.empty(width, image.dtype), np.empty(height, np.bool_)
+    for n in range(fields):
+        for k in range(6):
+            sums[n, k] = 0
+    for y in range(height):
+        # Mostly no silhouette is there, and the filters only fade.
+        some[y] = any_nonzero(labels[2 * y]) or any_nonzero(labels[2 * y + 1])
+        for x in range(width):
+            strongest[y, x] = seen[x] = 0
+        for c in range(3):
+            if some[y]:
+                differ(image[c, 2 * y], background[c, 2 * y], labels[2 * y], upper)
+                differ(image[c, 2 * y + 1], background[c, 2 * y + 1], labels[2 * y + 1], lower)
+                halve(upper, lower, quarter, seen)
+            pass_high(seen, shares, slow[c, y], delayed[c, y], high[c, y], strongest[y])
+    for y in range(height):
+        for x in range(width if some[y] else 0):
+            top = max(labels[2 * y, 2 * x], labels[2 * y, 2 * x + 1])
+            name = max(top, max(labels[2 * y + 1, 2 * x], labels[2 * y + 1, 2 * x + 1]))
+            if name <= 0:
+                continue
+            n = (name - 1) % fields
+            across, along, grey = 0.0, 0.0, kind(0)
+            for c in range(3):
+                here, late = np.float64(high[c, y, x]), np.float64(delayed[c, y, x])
+                if x + 1 < width:
+                    across += high[c, y, x + 1] * late - here * delayed[c, y, x + 1]
+                if x:
+                    across += here * delayed[c, y, x - 1] - high[c, y, x - 1] * late
+                if y + 1 < height:
+                    along += high[c, y + 1, x] * late - here * delayed[c, y + 1, x]
+                if y:
+                    along += here * delayed[c, y - 1, x] - high[c, y - 1, x] * late
+                color[c] = quarter * (
+                    (image[c, 2 * y, 2 * x] + image[c, 2 * y, 2 * x + 1])
+                    + (image[c, 2 * y + 1, 2 * x] + image[c, 2 * y + 1, 2 * x + 1])
+                )
+                grey += color[c] / 3
+            sums[n, 0] += 1
+            # What two neighbors make of a motion belongs to both by half.
+            sums[n, 1] += 0.5 * across
+            sums[n, 2] += 0.5 * along
+            for c in range(3):
+                sums[n, 3 + c] += max(color[c] - grey, kind(0))
+
+
+@jit
+def differ(image: Array, background: Array, labels: Array, found: Array) -> None:
+    """How far labels differ from the background in one color of one row; 0 elsewhere."""
+    none = found.dtype.type(0)
+    for x in range(found.shape[0]):
+        apart_by = image[x] - background[x]
+        found[x] = apart_by if labels[x] > 0 else none
+
+
+@jit(exact=True)
+def halve(upper: Array, lower: Array, quarter: float, found: Array) -> None:
+    """Means of blocks of two by two pixels. Row by row: that of a mirror image is the same to the last digit."""
+    for x in range(found.shape[0]):
+        found[x] = ((upper[2 * x] + upper[2 * x + 1]) + (lower[2 * x] + lower[2 * x + 1])) * quarter
+
+
+@jit
+def pass_high(
+    seen: Array, shares: tuple[float, float], slow: Array, delayed: Array, high: Array, strongest: Array
+) -> None:
+    """High-pass and delay of one color of one row, and the largest value of the colors so far."""
+    kind = high.dtype.type
+    share, lag, tiny, none = kind(shares[0]), kind(shares[1]), kind(1e-30), kind(0)
+    for x in range(high.shape[0]):
+        here, before, ago = seen[x], slow[x], delayed[x]
+        mean = before + share * (here - before)
+        fast = here - mean
+        late = ago + lag * (fast - ago)
+        high[x] = fast
+        slow[x] = mean if abs(mean) > tiny else none
+        delayed[x] = late if abs(late) > tiny else none
+        strongest[x] = max(strongest[x], abs(here))
+
+
+@jit
+def signals_of_sums(images: Array, labels: Array, sums: Array, signals: Array) -> None:
+    """The last part of `ndtorch.vision.masked_features`.
+
+    Args:
+        images: responses at three orientations, `[3, h / 2, w / 2]`.
+        labels: `[h, w]` int32.
+        sums: of `sum_features`, `[fields, 6]`.
+        signals: become the ten of each field, `[fields, 10]`.
+    """
+    _, height, width = images.shape
+    fields = sums.shape[0]
+    tilted = np.zeros((fields, 3))
+    for y in range(height):
+        some = any_nonzero(labels[2 * y]) or any_nonzero(labels[2 * y + 1])
+        for x in range(width if some else 0):
+            top = max(labels[2 * y, 2 * x], labels[2 * y, 2 * x + 1])
+            name = max(top, max(labels[2 * y + 1, 2 * x], labels[2 * y + 1, 2 * x + 1]))
+            if name > 0:
+                n = (name - 1) % fields
+                for k in range(3):
+                    tilted[n, k] += abs(images[k, y, x])
+    for n in range(fields):
+        pixels = max(sums[n, 0], 1.0)
+        across, along = sums[n, 1] / pixels, sums[n, 2] / pixels
+        signals[n, 0], signals[n, 1] = sqrt(max(-across, 0.0)), sqrt(max(across, 0.0))
+        signals[n, 2], signals[n, 3] = sqrt(max(along, 0.0)), sqrt(max(-along, 0.0))
+        least = min(tilted[n, 0], tilted[n, 1], tilted[n, 2])
+        for k in range(3):
+            signals[n, 4 + k] = sqrt((tilted[n, k] - least) / pixels)
+            signals[n, 7 + k] = sqrt(sums[n, 3 + k] / pixels)

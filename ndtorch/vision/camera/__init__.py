@@ -1,1 +1,0 @@
-"""What ordinary video needs before: exposure, background, noise, the scale of motion."""

@@ -1,0 +1,101 @@
+"""The ten features of receptive fields that have the shape of tracked objects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+import torch
+from pydantic import Field
+from torch import Tensor, nn
+
+from ndtorch.config import Constants
+from ndtorch.foreground.arrays import Floats, Labels, Numbers, aligned, aligned_copy
+from ndtorch.vision._kernels_masked import signals_of_sums, sum_features
+from ndtorch.vision.motion import MotionState
+from ndtorch.vision.orientation import OrientedDoG
+from ndtorch.vision.temporal import smoothing_factor
+
+CENTER, SURROUND = (2.85, 0.9), (3.3, 1.35)
+"""Deviations of the orientation filters in half the image's pixels: those published for 500 pixels, brought to 56."""
+AT_ONCE = 2
+"""Images that are transformed at once: each alone takes longer, and more of them leave the cache."""
+
+
+class FeatureParams(Constants):
+    """Constants of the ten features."""
+
+    old_keys: ClassVar = {"most": "max_objects", "center": "", "surround": ""}
+
+    max_objects: int = Field(32, gt=0, description="There are receptive fields for this many objects at a time.")
+    tau_high: float = Field(
+        0.5, ge=0, description="The high-pass of the motion detectors has this time constant in seconds."
+    )
+    tau_low: float = Field(
+        0.05, ge=0, description="The delay filter of the motion detectors has this time constant in seconds."
+    )
+
+
+class FeatureState(NamedTuple):
+    """State of the motion detectors."""
+
+    motion: MotionState
+
+
+class Measured(NamedTuple):
+    """Of one step: the largest difference from the background among the colors, `[h / 2, w / 2]`, and pixels, motion
+    across and along, and red, green and blue of each field, `[max_objects, 6]` float64."""
+
+    strongest: Floats
+    sums: Numbers
+
+
+class MaskedFeatures(nn.Module):
+    """Ten signals of each mask: directed motion of what differs from the background, orientation, color.
+
+    They are computed on an image of half the height and width and averaged over the mask of every track: a receptive
+    field that forms where foreground is. Opponent motion is taken after averaging.
+
+    Args:
+        size: height and width of the image, multiples of 4.
+        dt: seconds between images.
+    """
+
+    def __init__(self, size: tuple[int, int], dt: float, params: FeatureParams | None = None) -> None:
+        super().__init__()
+        self.params = p = params or FeatureParams()
+        self.size = (size[0] // 2, size[1] // 2)
+        self.orientation = OrientedDoG(self.size, center=CENTER, surround=SURROUND, border="reflect", exact=True)
+        self.shares = smoothing_factor(p.tau_high, dt), smoothing_factor(p.tau_low, dt)
+
+    def start(self, image: Floats, background: Floats, labels: Labels) -> FeatureState:
+        """Settled on the first image, as arrays."""
+        apart = (image - background) * (labels > 0)
+        pairs = apart[..., ::2] + apart[..., 1::2]
+        halved = (pairs[:, ::2] + pairs[:, 1::2]) / 4
+        return FeatureState(MotionState(aligned_copy(halved), np.zeros_like(halved)))  # type: ignore[arg-type]
+
+    def measure(self, image: Floats, background: Floats, labels: Labels, state: FeatureState) -> Measured:
+        """The first part of a step, which goes on from the state before; the state's arrays are updated.
+
+        Args:
+            image, background: `[3, h, w]`.
+            labels: number of the track of every pixel plus one, 0 for none, `[h, w]`.
+        """
+        strongest, sums = aligned(*self.size), np.empty((self.params.max_objects, 6))
+        sum_features(image, background, labels, state.motion.slow, state.motion.delayed, self.shares, strongest, sums)
+        return Measured(strongest, sums)
+
+    def signals(self, measured: Sequence[Measured | None], labels: Sequence[Labels]) -> Tensor:
+        """The second part of T steps, `[T, max_objects, 10]`: of track n in row n % max_objects, zero elsewhere."""
+        signals = torch.zeros(len(measured), self.params.max_objects, 10)
+        some = [n for n, one in enumerate(measured) if one is not None and one.sums[:, 0].any()]
+        for start in range(0, len(some), AT_ONCE):
+            few = some[start : start + AT_ONCE]
+            shown = np.stack([one.strongest for n in few if (one := measured[n])])
+            images = self.orientation.images(torch.from_numpy(shown))
+            for n, image in zip(few, images, strict=True):
+                if one := measured[n]:
+                    signals_of_sums(image.detach().numpy(), labels[n], one.sums, signals[n].numpy())
+        return signals

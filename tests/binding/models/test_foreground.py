@@ -1,0 +1,301 @@
+"""The model foreground: masks and boxes of what moves, chunks of any length, states that come back, crossings."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file
+from torch import Tensor
+
+import ndtorch
+from ndtorch.binding import load_state, save_state
+from ndtorch.binding.models.foreground import ForegroundModel
+from ndtorch.errors import InputError
+from ndtorch.tracking.track import tracks_from_table
+from ndtorch.utils.files import save_tensors
+from ndtorch.utils.tensors import leaves
+from tests.foreground.passing_scenes import SIZE, ground, passing
+
+STEPS = 50
+FPS = 25.0
+
+
+@cache
+def film() -> Tensor:
+    return (passing(STEPS, 4.0, first=6) * 255).round().to(torch.uint8)
+
+
+def model(fps: float = FPS, **options: Any) -> ForegroundModel:
+    loaded = ndtorch.load("foreground", size=SIZE, fps=fps, **options)
+    assert isinstance(loaded, ForegroundModel)
+    return loaded
+
+
+def run(frames: Tensor, lengths: list[int] | None = None, **options: Any) -> tuple[list[Any], Any]:
+    module, state, signals = model(**options), None, []
+    with torch.inference_mode():
+        for part in frames.split(lengths or [len(frames)]):
+            out, state = module(part, state)
+            signals.append(out)
+    return signals, state
+
+
+@cache
+def whole() -> Any:
+    return run(film())
+
+
+def same(a: Any, b: Any) -> bool:
+    one, other = leaves(a), leaves(b)
+    return one.keys() == other.keys() and all(torch.equal(one[name], other[name]) for name in one)
+
+
+def squares(frames: int, *things: tuple[int, float, int, tuple[float, float, float]]) -> Tensor:
+    """Squares of 24 pixels, each with its first left edge, step a frame, top and color."""
+    video = ground().repeat(frames, 1, 1, 1)
+    for left, step, top, color in things:
+        for n in range(8, frames):
+            at = round(left + step * (n - 8))
+            first, last = max(0, at), min(SIZE[1], at + 24)
+            if first < last:
+                video[n, :, top : top + 24, first:last] = torch.tensor(color)[:, None, None]
+    return video
+
+
+@pytest.mark.slow
+def test_what_passes_has_a_box_and_a_silhouette_at_every_frame() -> None:
+    signals, state = whole()
+    (thing,) = model().objects(state)
+    assert (thing.color, thing.direction) == ("red", "right")
+    assert len(thing.path) == len(thing.boxes)
+    for (time, column, row), (left, top, right, bottom) in zip(thing.path, thing.boxes, strict=True):
+        true = 4.0 * (round(time * FPS) - 6)
+        # Before the ground is known, what it leaves behind is not yet told from it.
+        if time > 0.8 and 1 <= true <= SIZE[1] - 25:
+            assert (left, top, right, bottom) == pytest.approx((true, 44, true + 24, 68), abs=6)
+            assert true - 1 <= column <= true + 25
+            assert 44 <= row <= 68
+    assert thing.velocity == pytest.approx((100.0, 0.0), abs=25)
+    n = 30
+    shape = signals[0].labels[n] == thing.track + 1
+    true_shape = torch.zeros(SIZE, dtype=torch.bool)
+    true_shape[44:68, 96:120] = True
+    assert shape.shape == SIZE
+    both = (shape & true_shape).sum() / (shape | true_shape).sum()
+    assert float(both) > 0.75
+    assert signals[0].inputs[n, thing.track].max() > 0.1
+
+
+def test_the_ground_is_not_learned_under_what_is_followed() -> None:
+    """Nor a pixel beside it."""
+    _, state = run(film()[:30])
+    shape = (state.scene.tracker.labels > 0).numpy()
+    assert shape.sum() > 50
+    wide = np.pad(shape, 1)
+    wide = np.logical_or.reduce([np.roll(wide, (down, across), (0, 1)) for down in (-1, 0, 1) for across in (-1, 0, 1)])
+    assert np.array_equal(state.scene.kept.numpy() > 0, wide[1:-1, 1:-1])
+
+
+def test_what_is_no_object_yet_keeps_the_ground_for_so_long_and_no_longer() -> None:
+    """Of what came at 0.24 s, to the very step."""
+    options = {"tracking.tentative_max_s": 8 / FPS - 6 / FPS}
+    for frames, kept in ((8, True), (9, False)):
+        _, state = run(film()[:frames], **options)
+        assert [one.first_seen for one in tracks_from_table(state.scene.tracker.tracks)] == [6 / FPS]
+        assert bool(state.scene.kept.any()) == kept
+
+
+def test_a_state_that_was_given_stays_what_it_was() -> None:
+    """So a film may go on from it twice, and by another scene, too."""
+    with torch.inference_mode():
+        module = model()
+        _, state = module(film()[:20])
+        before = deepcopy(state)
+        once, other, twice = (module(part, state) for part in (film()[20:26], 255 - film()[20:26], film()[20:26]))
+    assert same(state, before)
+    assert same(once, twice)
+    assert other[0].cut.any()
+    assert not same(once[1], other[1])
+
+
+@pytest.mark.parametrize("lengths", [[1] * STEPS, [7, 30, 13]])
+def test_chunks_of_any_length_give_the_same_to_the_last_bit(lengths: list[int]) -> None:
+    signals, state = run(film(), lengths)
+    assert same(state, whole()[1])
+    assert torch.equal(torch.cat([part.labels for part in signals]), whole()[0][0].labels)
+
+
+@pytest.mark.parametrize("at", [1, 30])
+def test_a_state_is_saved_and_goes_on_bit_for_bit(tmp_path: Path, at: int) -> None:
+    module = model()
+    _, state = run(film()[:at])
+    before = {name: part.clone() for name, part in leaves(state).items()}
+    save_state(state, tmp_path / "state", {"source": "film"})
+    again, _ = load_state(tmp_path / "state", module)
+    assert same(again, state)
+    with torch.inference_mode():
+        assert same(module(film()[at:], again)[1], whole()[1])
+        module(film()[at:], state)
+    # A state that was used is as it was.
+    assert all(torch.equal(part, before[name]) for name, part in leaves(state).items())
+
+
+def test_a_state_before_the_first_time_step_too(tmp_path: Path) -> None:
+    module = model(fps=90.0)
+    signals, state = module(film()[:2])
+    assert len(signals.time) == 0
+    assert (module.objects(state), module.verdict(state)) == ([], "static")
+    save_state(state, tmp_path / "state")
+    again, _ = load_state(tmp_path / "state", module)
+    assert same(module(film()[2:], again)[1], module(film())[1])
+
+
+@pytest.mark.parametrize(("value", "name"), [(0.95, "white"), (0.03, "black")])
+def test_what_has_no_hue_is_white_or_black(value: float, name: str) -> None:
+    """On a film with tinted light."""
+    frames = squares(30, (0, 4.0, 44, (value, value, value))) * torch.tensor([1.0, 0.95, 0.85])[:, None, None]
+    (thing,) = model().objects(run((frames * 255).round().to(torch.uint8))[1])
+    assert (thing.color, thing.shade) == (name, name)
+    assert not {"red", "green", "blue"} & thing.features.keys()
+    assert thing.direction == "right"
+
+
+def test_two_that_cross_keep_who_they_are() -> None:
+    frames = squares(60, (0, 3.5, 40, (0.85, 0.2, 0.2)), (176, -3.5, 46, (0.2, 0.75, 0.2)))
+    _, state = run(frames)
+    things = model().objects(state)
+    assert sorted((thing.color, thing.direction) for thing in things) == [("green", "left"), ("red", "right")]
+    for thing in things:
+        assert abs(thing.path[-1][1] - thing.path[0][1]) > 100
+
+
+@pytest.mark.parametrize("colors_count", [True, False])
+def test_two_that_meet_and_turn_back_are_told_by_their_colors(colors_count: bool) -> None:
+    """Each covers the other, and goes back the way it came. By their places they would have gone on."""
+    coming = squares(37, (0, 3.0, 40, (0.85, 0.2, 0.2)), (176, -3.0, 40, (0.2, 0.75, 0.2)))
+    options = {} if colors_count else {"tracking.occlusion_color_cost": 0.0, "tracking.split_color_cost": 0.0}
+    _, state = run(torch.cat([coming, coming[8:].flip(0)]), **options)
+    ends = [(thing.path[0][1] < SIZE[1] / 2, thing.path[-1][1] < SIZE[1] / 2) for thing in model().objects(state)]
+    assert ends == ([(True, True), (False, False)] if colors_count else [(True, False), (False, True)])
+
+
+def test_two_that_come_as_one_and_part_are_two() -> None:
+    frames = squares(38, (64, -2.0, 40, (0.85, 0.2, 0.2)), (88, 2.0, 46, (0.2, 0.75, 0.2)))
+    _, state = run(frames)
+    assert sorted(thing.direction for thing in model().objects(state)) == ["left", "right"]
+    for thing in model().in_sight(state):
+        assert thing.box is not None
+        assert thing.box[2] - thing.box[0] == pytest.approx(24, abs=6)
+
+
+def test_one_in_view_from_the_first_frame_is_one_and_leaves_none_behind() -> None:
+    _, state = run(passing(40, 3.0, first=0))
+    (thing,) = model().objects(state)
+    assert thing.box is not None
+    assert (thing.box[0], thing.box[2]) == pytest.approx((117, 141), abs=6)
+
+
+def test_the_network_names_features_and_moves_no_place() -> None:
+    _, state = run(film(), learn=False)
+    (off,), (on,) = model().objects(state), model().objects(whole()[1])
+    assert (off.path, off.boxes) == (on.path, on.boxes)
+    assert not state.network.weights.any()
+    assert whole()[1].network.weights.any()
+
+
+def test_what_stops_stays_an_object_and_what_does_not_travel_is_none() -> None:
+    frames = squares(80, (0, 4.0, 44, (0.85, 0.2, 0.2)))
+    frames[40:] = frames[40]
+    # Something that appears and stays where it is.
+    frames[20:, :, 80:104, 150:170] = 0.9
+    _, state = run(frames)
+    (thing,) = model().objects(state)
+    assert thing.last_seen == pytest.approx(79 / FPS)
+    assert [other.track for other in model().in_sight(state)] == [thing.track]
+    _, state = run(frames, min_travel_sizes=0.0)
+    assert len(model().objects(state)) == 2
+
+
+def test_light_and_noise_are_no_objects() -> None:
+    generator = torch.Generator().manual_seed(4)
+    frames = ground().repeat(60, 1, 1, 1)
+    frames[20:] *= torch.linspace(1, 1.5, 40)[:, None, None, None]
+    frames = (frames + 0.03 * torch.randn(frames.shape, generator=generator)).clamp(0, 1)
+    _, state = run(frames)
+    assert model().objects(state) == []
+
+
+def test_batches_and_bad_frames() -> None:
+    module, films = model(), torch.stack([film(), film().flip(-1)])
+    with torch.inference_mode():
+        _, state = module(films)
+    assert same(state[0], whole()[1])
+    assert [[thing.direction for thing in trial] for trial in module.objects(state)] == [["right"], ["left"]]
+    assert module.weights(state).shape == (2, 10, 10)
+    with pytest.raises(InputError, match="finite"):
+        module(torch.full((2, 3, *SIZE), torch.nan))
+    with pytest.raises(InputError, match=r"\[T, C, H, W\]"):
+        module(torch.zeros(3, *SIZE))
+
+
+def test_a_piece_that_something_cuts_off_belongs_to_its_track() -> None:
+    film, plain = squares(40, (0, 4.0, 44, (0.8, 0.1, 0.1))), ground()
+    for n in range(30, 40):
+        left = 4 * (n - 8)
+        film[n, :, 44:68, left + 4 : left + 10] = plain[..., 44:68, left + 4 : left + 10]
+    (signals,), state = run((film * 255).round().to(torch.uint8))
+    (thing,) = model().objects(state)
+    shapes = signals.labels[-8:]
+    assert sorted(shapes.unique().tolist()) == [0, thing.track + 1]
+    for n, shape in enumerate(shapes, 32):
+        left = 4 * (n - 8)
+        assert float((shape[46:66, left : left + 3] > 0).float().mean()) > 0.5
+        assert float((shape[46:66, left + 6 : left + 8] > 0).float().mean()) < 0.5
+
+
+def test_it_is_static_until_something_stands_out_and_then_it_learns() -> None:
+    assert model().verdict(run((ground().repeat(12, 1, 1, 1) * 255).to(torch.uint8))[1]) == "static"
+    assert model().verdict(run(film()[:30])[1]) == "learning"
+
+
+def test_a_state_from_before_objects_could_be_taken_back_is_refused(tmp_path: Path) -> None:
+    path, module, (_, state) = tmp_path / "state", model(), whole()
+    save_state(state, path)
+    older = {name: part for name, part in load_file(path).items() if not name.endswith(".confirmed_at")}
+    save_tensors(older, path)
+    with pytest.raises(InputError, match=r"not a saved state of this model \(foreground\): \S+\.confirmed_at missing"):
+        load_state(path, module)
+
+
+def test_places_are_told_in_pixels_of_the_frames(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whose sides need not be as those of the small pictures."""
+    made, (_, state) = model(), run(film()[:30])
+    (one,) = tracks_from_table(state.scene.tracker.tracks)
+    monkeypatch.setattr(ForegroundModel, "size", (300, 500))
+    made.small = (30, 40)
+    thing = made._bound(one)
+    across = 300 * 500 / 300 / 40 * 30  # a share of the height, in columns of the frames
+    for at, (time, column, row), box in zip(one.path.tolist(), thing.path, thing.boxes, strict=True):
+        assert time == at[0]
+        assert (row, column) == pytest.approx((300 * at[1], across * at[2]))
+        assert box == pytest.approx((across * at[4], 300 * at[3], across * at[6], 300 * at[5]))
+        assert box[0] < column < box[2]
+        assert box[1] < row < box[3]
+
+
+@pytest.mark.parametrize("group", [2, 3])
+def test_of_a_quick_camera_so_many_pictures_are_one(group: int) -> None:
+    """Their mean is looked at when the last of them is in, whatever chunks they come in."""
+    quick = film()[:12].repeat_interleave(group, 0)
+    signals, state = run(quick, [5, 12 * group - 5], fps=group * FPS, max_fps=FPS)
+    assert sum(len(part.time) for part in signals) == 12
+    assert signals[-1].time[-1] == pytest.approx((12 * group - 1) / (group * FPS))
+    _, after = run(film()[:12], max_fps=FPS)
+    assert torch.equal(state.scene.tracker.labels, after.scene.tracker.labels)
+    torch.testing.assert_close(state.scene.background.mean, after.scene.background.mean)

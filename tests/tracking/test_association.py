@@ -1,0 +1,74 @@
+"""Tracks: where they are expected, which blobs they get, and which pixels are theirs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ndtorch.tracking.association import Association, assign_unmatched
+from ndtorch.tracking.blobs import Blobs
+from ndtorch.tracking.masks import share_pixels
+from ndtorch.tracking.params import TrackingParams
+from ndtorch.tracking.track import Track, TrackState, table_from_tracks, tracks_from_table
+
+
+def track(number: int, time: float, row: float, column: float, extent: float = 0.1, pixels: float = 0.01) -> Track:
+    """An object with one detection."""
+    one = Track.begin(number, time, np.array([row, column]))
+    one.state, one.extent = TrackState.CONFIRMED, np.full(2, extent)
+    one.new_detections.append((time, *[0.0] * 6, pixels, row, column))
+    return one
+
+
+@pytest.mark.parametrize(
+    ("lost_for", "away", "found"), [(0.1, 0.1, True), (0.1, 0.15, False), (1.5, 0.2, True), (1.5, 0.3, False)]
+)
+def test_what_was_lost_for_longer_is_looked_for_farther_away(lost_for: float, away: float, found: bool) -> None:
+    """A stationary object of a tenth of the height: as far as its own size, and as much again every second."""
+    params = TrackingParams(gate_sizes=1.0, gate_growth_per_s=1.0, color_cost=0.0)
+    labels = np.zeros((100, 160), np.int32)
+    left = round(100 * (0.3 + away)) - 5
+    labels[25:35, left : left + 10] = 1
+    blobs, met = Blobs(labels, np.array([[25, left, 35, left + 10]]), np.array([100])), Association({0: []}, {})
+    image = np.zeros((3, 100, 160), np.float32)
+    assign_unmatched([track(1, 5.0, 0.3, 0.3)], met, blobs, image, 5.0 + lost_for, params)
+    assert met.tracks == {0: [0] if found else []}
+
+
+def test_two_tracks_share_a_blob_in_its_middle() -> None:
+    """One is expected in the upper half, the other as far from the middle in the lower one: half of the pixels each."""
+    ones = [track(number, 0.0, row, 0.3, 0.2) for number, row in enumerate((0.2, 0.4))]
+    labels, masks = np.zeros((20, 20), np.int32), np.zeros((20, 20), np.int32)
+    labels[2:10, 4:8] = 1
+    box, image, params = np.array([2, 4, 10, 8]), np.zeros((3, 20, 20), np.float32), TrackingParams()
+    share_pixels(masks, labels, 0, box, ones, 0.0, image, params)
+    assert [int((masks[2:10] == name).sum()) for name in (1, 2)] == [16, 16]
+    assert (masks[2:6, 4:8] == 1).all()
+    # The lower one is red, and so is the image's upper half.
+    ones[1].color, image[0, :6] = np.array([0.8, 0, 0]), 0.8
+    share_pixels(masks, labels, 0, box, ones, 0.0, image, params)
+    assert (masks[2:5, 4:8] == 2).all()
+    assert (masks[7:10, 4:8] == 1).all()
+    share_pixels(masks, labels, 0, box, ones, 0.0, image, TrackingParams(occlusion_color_cost=0.0))
+    assert (masks[2:6, 4:8] == 1).all()
+
+
+def test_a_track_is_expected_where_it_should_be() -> None:
+    one = track(1, 2.0, 0.4, 0.7)
+    one.velocity, one.extent = np.array([0.1, -0.2]), np.array([0.3, 0.1])
+    assert one.expected(3.0, 5.0) == pytest.approx([0.5, 0.5])
+    assert one.box(3.0, 5.0) == pytest.approx([0.35, 0.45, 0.65, 0.55])
+    # The prediction ends.
+    assert one.box(9.0, 1.0) == pytest.approx([0.35, 0.45, 0.65, 0.55])
+    assert one.size == pytest.approx(0.2)
+
+
+def test_tracks_come_back_from_their_table() -> None:
+    ones = [track(3, 1.0, 0.2, 0.4), track(5, 2.0, 0.6, 0.8)]
+    ones[1].state = TrackState.STATIONARY
+    ones[1].new_detections.append((3.0, *ones[1].last[1:]))
+    for one, again in zip(ones, tracks_from_table(table_from_tracks(ones)), strict=True):
+        assert (again.number, again.state, again.count, again.last) == (one.number, one.state, one.count, one.last)
+        assert np.array_equal(again.path, one.path)
+        assert np.array_equal(again.extent, one.extent)
+    assert tracks_from_table(table_from_tracks([])) == []

@@ -1,0 +1,106 @@
+"""Which tracks are objects."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ndtorch.tracking.clutter import empty_clutter_map
+from ndtorch.tracking.confirmation import (
+    PARENT_DISTANCE_SIZES,
+    PARENT_VELOCITY_TOLERANCE,
+    moves_with_larger_track,
+    travels_enough,
+)
+from ndtorch.tracking.masks import Detection
+from ndtorch.tracking.params import TrackingParams
+from ndtorch.tracking.track import Track, TrackState, max_missed_time
+from ndtorch.tracking.tracker import EDGE, add_detection
+
+
+@pytest.mark.parametrize(
+    ("size", "gone", "params", "is_one"),
+    [
+        (0.2, 0.15, TrackingParams(), True),
+        (0.2, 0.13, TrackingParams(), False),
+        # Pieces of leaves and of noise wander by more than their own size.
+        (0.04, 0.045, TrackingParams(), False),
+        (0.04, 0.055, TrackingParams(), True),
+        (0.04, 0.045, TrackingParams(min_travel_height_ratio=0.0), True),
+        (0.2, 0.0, TrackingParams(min_travel_sizes=0.0), True),
+    ],
+)
+def test_an_object_has_gone_a_share_of_its_size_and_of_the_picture(
+    size: float, gone: float, params: TrackingParams, is_one: bool
+) -> None:
+    one = Track.begin(0, 0.0, np.array([0.5, 0.5]))
+    one.extent = np.array([size, size])
+    for n in range(26):
+        column = 0.5 + gone * n / 25
+        one.new_detections.append((n / 25, 0.5, column, 0.5, column, 0.5, column, 0.01, 0.5, column))
+    assert travels_enough(one, empty_clutter_map(112, 199), 0.04, params) is is_one
+
+
+@pytest.mark.parametrize(("dt", "waited"), [(0.04, 0.3), (0.32, 0.48)])
+def test_a_track_is_waited_for_until_the_next_picture(dt: float, waited: float) -> None:
+    """At 3 frames a second every track was over before it could be seen again."""
+    one = Track.begin(0, 0.0, np.array([0.5, 0.5]))
+    one.new_detections.append((0.0, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.01, 0.5, 0.5))
+    assert max_missed_time(one, dt, TrackingParams()) == pytest.approx(waited)
+
+
+PARTS = TrackingParams()
+SMALL, LARGE = 0.01, 0.01 * PARTS.parent_area_ratio
+NEAR = PARENT_DISTANCE_SIZES * 0.2
+
+
+@pytest.mark.parametrize(
+    ("gap", "pixels", "slower", "seen", "is_part"),
+    [
+        (0.9 * NEAR, LARGE, 0.9 * PARENT_VELOCITY_TOLERANCE, 1.0, True),
+        (1.1 * NEAR, LARGE, 0.9 * PARENT_VELOCITY_TOLERANCE, 1.0, False),
+        (0.9 * NEAR, 0.99 * LARGE, 0.9 * PARENT_VELOCITY_TOLERANCE, 1.0, False),
+        (0.9 * NEAR, LARGE, 1.1 * PARENT_VELOCITY_TOLERANCE, 1.0, False),
+        (0.9 * NEAR, LARGE, 0.9 * PARENT_VELOCITY_TOLERANCE, 0.9, False),
+    ],
+)
+@pytest.mark.parametrize("side", range(4))
+def test_what_moves_with_something_much_larger_beside_it_is_a_part_of_it(
+    side: int, gap: float, pixels: float, slower: float, seen: float, is_part: bool
+) -> None:
+    one, other = (Track.begin(n, 0.0, np.array([0.5, 0.5])) for n in range(2))
+    other.extent, one.extent = np.array([0.2, 0.2]), np.array([0.1, 0.1])
+    away = np.array([(0, 1), (0, -1), (1, 0), (-1, 0)][side]) * (gap + 0.15)
+    for each, time, (row, column), half, size in (
+        (one, 1.0, 0.5 + away, 0.05, SMALL),
+        (other, seen, (0.5, 0.5), 0.1, pixels),
+    ):
+        each.new_detections.append(
+            (time, row, column, row - half, column - half, row + half, column + half, size, row, column)
+        )
+    other.velocity, one.velocity = np.array([0.0, 1.0]), np.array([0.0, 1.0 - slower])
+    assert moves_with_larger_track(one, [one, other], PARTS) is is_part
+
+
+@pytest.mark.parametrize(
+    ("grows", "column", "known", "anew"),
+    [
+        (1.1 * PARTS.max_area_ratio, 0.5, False, True),
+        (0.9 * PARTS.max_area_ratio, 0.5, False, False),
+        (1.1 * PARTS.max_area_ratio, 0.5, True, False),
+        # What is coming in grows as well.
+        (1.1 * PARTS.max_area_ratio, 0.1 + 0.9 * EDGE, False, False),
+        (1.1 * PARTS.max_area_ratio, 1.5 - 0.9 * EDGE, False, False),
+    ],
+    ids=["at once", "by and by", "an object", "at the left edge", "at the right edge"],
+)
+def test_what_is_much_larger_at_once_begins_its_way_anew(grows: float, column: float, known: bool, anew: bool) -> None:
+    """The picture is 1.6 heights wide, and the track .2."""
+    one = Track.begin(0, 0.0, np.array([0.5, 0.4]))
+    one.state = TrackState(known)
+    for time, at, pixels in ((0.0, 0.4, 0.01), (0.04, column, 0.01 * grows)):
+        place = (0.5, at)
+        add_detection(
+            one, time, Detection(place, place, (0.2, 0.2), pixels, np.zeros(3), np.zeros(4), 0.0, False), 1.6, PARTS
+        )
+    assert one.start.tolist() == ([0.5, column] if anew else [0.5, 0.4])

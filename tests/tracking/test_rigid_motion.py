@@ -1,0 +1,260 @@
+"""What is pale is an object when it moves as a whole, and what stands out is one anyway."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+import ndtorch
+from ndtorch.binding import BoundObject
+from ndtorch.binding.models.foreground import ForegroundModel
+from ndtorch.foreground.segmentation import Segmentation
+from ndtorch.tracking.color_names import WhiteBalance
+from ndtorch.tracking.confirmation import is_object
+from ndtorch.tracking.masks import measure_detections
+from ndtorch.tracking.params import ColorParams, TrackingParams
+from ndtorch.tracking.rigid_motion import (
+    compare_patches,
+    has_contrast,
+    is_rigid_motion,
+    oscillates,
+    path_lengths,
+    path_straightness,
+    revoke_confirmation,
+    update_appearance_match,
+)
+from ndtorch.tracking.track import Track, TrackState
+from tests.foreground.passing_scenes import SIZE, ground
+
+P = TrackingParams()
+LIGHT = 0.4
+GROUND = np.full((3, 4, 4), LIGHT, np.float32)
+
+
+def textured(contrast: float, side: int) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+    chance = np.random.default_rng(0)
+    return (contrast * (1 + 0.3 * chance.standard_normal((3, side, side)))).astype(np.float32)
+
+
+def followed(lefts: list[int], shown: list[int], contrast: float) -> Track:
+    """A track whose box begins at these columns; the thing itself is at others."""
+    one, thing = Track.begin(0, 0.0, np.array([0.5, 0.2])), textured(contrast, 20)
+    one.extent, plain = np.full(2, 0.2), np.full((3, 100, 160), LIGHT, np.float32)
+    for n, (left, at) in enumerate(zip(lefts, shown, strict=True)):
+        picture = plain.copy()
+        picture[:, 40:60, at : at + 20] += thing
+        box = (0.4, left / 100, 0.6, left / 100 + 0.2)
+        one.new_detections.append((float(n), 0.5, left / 100 + 0.1, *box, 0.04, 0.5, left / 100 + 0.1))
+        update_appearance_match(one, picture, plain)
+    return one
+
+
+@pytest.mark.parametrize("contrast", [0.03, 0.2])
+def test_what_goes_along_with_its_box_moves_as_a_whole(contrast: float) -> None:
+    places = list(range(10, 90, 10))
+    one = followed(places, places, contrast)
+    stayed, went = one.appearance_error
+    assert went < 0.1 * stayed
+    assert is_rigid_motion(one, LIGHT, P) is (contrast > 0.1)
+    # What is pale needs more of that, and a darker scene has smaller differences.
+    assert is_rigid_motion(one, LIGHT / 4, P)
+
+
+def test_what_stays_while_its_box_goes_does_not_move() -> None:
+    """The box of pieces that come and go shifts by less than itself; what was in it is still there."""
+    one = followed([10, 18, 10, 18, 10, 18], [14] * 6, 0.2)
+    stayed, went = one.appearance_error
+    assert stayed == pytest.approx(0, abs=1e-9)
+    assert went > 0.001
+    assert not is_rigid_motion(one, LIGHT, P)
+
+
+def test_a_track_is_looked_at_again_after_a_share_of_its_size() -> None:
+    one = followed([10, 16], [10, 16], 0.2)
+    assert one.appearance_error.tolist() == [0, 0]
+    assert one.patch_box[1] == pytest.approx(0.1)
+    assert followed([10, 18], [10, 18], 0.2).patch_box[1] == pytest.approx(0.18)
+
+
+def patch_of(image: Any, background: Any, box: tuple[int, ...]) -> Any:
+    """The difference from the background in a box, by OpenCV; what lies outside the image is left out."""
+    height, width = image.shape[1:]
+    top, left = min(max(box[0], 0), height - 1), min(max(box[1], 0), width - 1)
+    bottom, right = min(max(box[2], top + 1), height), min(max(box[3], left + 1), width)
+    apart = image[:, top:bottom, left:right] - background[:, top:bottom, left:right]
+    how = cv2.INTER_AREA if min(apart.shape[1:]) > 12 else cv2.INTER_LINEAR
+    return np.stack([cv2.resize(plane, (12, 12), interpolation=how) for plane in apart])
+
+
+def test_patches_are_those_of_opencv() -> None:
+    """Shrunk, enlarged, both, and partly outside."""
+    chance = np.random.default_rng(6)
+    image, plain = (chance.random((3, 50, 80)).astype(np.float32) for _ in range(2))
+    patch = chance.random((3, 12, 12)).astype(np.float32)
+    sides = [
+        (0, 0, 24, 24),
+        (3, 5, 40, 22),
+        (10, 10, 14, 13),
+        (7, 9, 19, 60),
+        (-5, -9, 9, 30),
+        (44, 70, 60, 99),
+        (9, 9, 9, 9),
+    ]
+    boxes = [[side / 50 for side in box] for box in sides]
+    first, distances = compare_patches(boxes, patch, image, plain)
+    patches = [patch_of(image, plain, box) for box in sides]
+    assert np.allclose(first, patches[0], atol=1e-5)
+    assert distances == pytest.approx([float(((one - patch) ** 2).mean()) for one in patches], rel=1e-4)
+
+
+def test_a_clear_track_stands_out_by_many_deviations_of_its_own_pixels() -> None:
+    plain = np.full((3, 40, 60), LIGHT, np.float32)
+    silhouettes = np.zeros((40, 60), np.int32)
+    silhouettes[10:20, 10:30] = 1
+    picture = plain + np.float32(0.2) * (silhouettes > 0)
+    for deviation, is_clear in ((0.001, True), (0.02, False)):
+        one = Track.begin(0, 0.0, np.array([0.4, 0.5]))
+        one.new_detections.append((0.0, 0.4, 0.5, 0.25, 0.25, 0.5, 0.75, 0.1, 0.4, 0.5))
+        noise = np.full(3, 0.006, np.float32)
+        step = Segmentation(
+            picture,
+            plain[0],
+            plain,
+            np.full_like(plain, deviation),
+            noise,
+            silhouettes > 0,
+            np.zeros_like(silhouettes, np.uint8),
+            False,
+        )
+        (seen,) = measure_detections([one], silhouettes, step, WhiteBalance(picture, plain, ColorParams()), set())
+        assert seen is not None
+        one.contrast_sum = seen.contrast
+        assert one.contrast_sum == pytest.approx(0.2 / max(0.006, deviation / 0.798), rel=0.02)
+        assert has_contrast(one, P) is is_clear
+        # An object is one already, and what shares its region is not seen by itself.
+        one.state = TrackState(True)
+        (seen,) = measure_detections([one], silhouettes, step, WhiteBalance(picture, plain, ColorParams()), set())
+        assert seen is not None
+        assert seen.contrast == 0
+
+
+def walked(columns: list[float], dt: float = 0.1) -> Track:
+    """A track of size .2 that was at these columns, one after the other."""
+    one = Track.begin(0, 0.0, np.array([0.5, columns[0]]))
+    one.extent = np.full(2, 0.2)
+    for n, at in enumerate(columns):
+        one.new_detections.append((n * dt, 0.5, at, 0.4, at - 0.1, 0.6, at + 0.1, 0.04, 0.5, at))
+    return one
+
+
+TO_AND_FRO = [0.5, 0.6, 0.7, 0.6, 0.5]
+STRAIGHT = [0.5, 0.6, 0.7, 0.8, 0.9]
+
+
+def test_a_way_is_measured_in_steps_so_that_trembling_adds_nothing() -> None:
+    assert tuple(path_lengths(walked(TO_AND_FRO))) == pytest.approx((0, 0.2, 0.4))
+    assert tuple(path_lengths(walked(STRAIGHT))) == pytest.approx((0.4, 0.4, 0.4))
+    trembling = [at + d for at in STRAIGHT for d in (0, 0.03, -0.03)]
+    assert path_lengths(walked(trembling)).length == pytest.approx(0.4, abs=0.04)
+    assert path_straightness(walked([0.5, 0.53, 0.47])) == 1
+
+
+@pytest.mark.parametrize(
+    ("stayed", "columns", "swinging"), [(0.1, TO_AND_FRO, True), (0.1, STRAIGHT, False), (0.9, TO_AND_FRO, False)]
+)
+def test_what_stays_behind_on_a_way_to_and_fro_swings(stayed: float, columns: list[float], swinging: bool) -> None:
+    """`stayed` is the difference at the old places: small where the looks stayed there."""
+    one = walked(columns)
+    one.appearance_error, one.contrast_sum = np.array([stayed, 1 - stayed]), 99.0 * len(columns)
+    assert oscillates(one, P) is swinging
+    assert is_object(one, GROUND.mean, P) is not swinging
+    assert is_object(one, GROUND.mean, TrackingParams(min_travel_sizes=0.0))
+
+
+def test_what_was_taken_back_has_to_go_straight() -> None:
+    for columns in (TO_AND_FRO, STRAIGHT):
+        one = walked(columns)
+        one.appearance_error, one.contrast_sum = np.array([0.9, 0.1]), 99.0 * len(columns)
+        assert is_object(one, GROUND.mean, P)
+        one.confirmed_at = 0.0
+        assert is_object(one, GROUND.mean, P) is (columns is STRAIGHT)
+
+
+def test_an_object_that_only_went_to_and_fro_is_taken_back_within_its_trial() -> None:
+    swaying, walking = walked(TO_AND_FRO * 4), walked(STRAIGHT)
+    times = [n / 10 for n in range(1, 101)]
+    for one, most in ((swaying, P.probation_s), (walking, 0.0)):
+        one.confirmed_at = 0.0
+        back = [time for time in times if revoke_confirmation(one, True, time, 0.1, P)]
+        # Once a second, and not later than that.
+        assert back == [float(n) for n in range(1, int(most) + 1)]
+    assert not revoke_confirmation(swaying, True, 1.0, 0.1, TrackingParams(min_travel_sizes=0.0))
+    assert not revoke_confirmation(swaying, False, 1.0, 0.1, P)
+
+
+def test_an_object_that_got_less_far_than_half_of_its_size_only_grew() -> None:
+    one = walked([0.5, 0.6, 0.7])
+    for size, back in ((0.39, False), (0.41, True)):
+        one.extent, one.confirmed_at = np.full(2, size), 0.0
+        assert revoke_confirmation(one, False, 1.0, 0.1, P) is back
+
+
+def objects(video: Tensor, **options: float) -> list[BoundObject]:
+    """On a camera with some noise; `options` are of the tracking."""
+    generator = torch.Generator().manual_seed(3)
+    noisy = video + 0.004 * torch.randn(video.shape, generator=generator)
+    named = {f"tracking.{name}": value for name, value in options.items()}
+    model = ndtorch.load("foreground", size=SIZE, fps=25.0, **named)
+    assert isinstance(model, ForegroundModel)
+    with torch.inference_mode():
+        _, state = model((noisy.clamp(0, 1) * 255).round().to(torch.uint8))
+    found = model.objects(state)
+    assert isinstance(found, list)
+    return [one for one in found if isinstance(one, BoundObject)]
+
+
+def pale(kind: str) -> Tensor:
+    """A pale square of 24 pixels that goes to the right, or four of 12 side by side that come and go in turn."""
+    video = ground().repeat(75, 1, 1, 1)
+    for n in range(30, 75):
+        if kind == "goes":
+            video[n, :, 44:68, 4 * (n - 30) : 4 * (n - 30) + 24] += 0.05
+            continue
+        for k in range(4):
+            # Two neighbours at a time; the whole seems to go along.
+            if (n - 30) // 8 % 4 in (k, (k - 1) % 4):
+                video[n, :, 44:56, 60 + 12 * k : 72 + 12 * k] += 0.04
+    return video
+
+
+def test_pale_blocks_that_come_and_go_are_no_object_but_a_pale_thing_that_moves_is() -> None:
+    (thing,) = objects(pale("goes"))
+    assert thing.direction == "right"
+    assert objects(pale("blinks")) == []
+
+
+def cut_to(left: int) -> Tensor:
+    """A spot that shines, and from frame 45 on a screen of which it was a part; the screen begins at that column."""
+    video = ground().repeat(90, 1, 1, 1)
+    video[30:45, :, 44:54, 20:30] = 0.9
+    video[45:, :, 40:88, left : left + 60] = 0.9
+    return video
+
+
+def test_a_spot_that_becomes_a_screen_is_no_object() -> None:
+    """Its middle goes by more than its size, but nothing moves."""
+    assert objects(cut_to(20)) == []
+    assert len(objects(cut_to(20), max_area_ratio=1e9, probation_s=0.0)) == 1
+
+
+@pytest.mark.parametrize(("more", "whole"), [(1.01, False), (0.99, True)])
+def test_what_moves_as_a_whole_stayed_less_alike_by_a_share_of_all_that_changed(more: float, whole: bool) -> None:
+    """In the dark there is no doubt."""
+    one = walked(STRAIGHT)
+    one.appearance_error = np.array([1.0, more * (1 - P.min_rigidity_ratio) / (1 + P.min_rigidity_ratio)])
+    assert is_rigid_motion(one, 0.0, P) is whole
