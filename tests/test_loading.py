@@ -199,3 +199,26 @@ def test_the_model_video_is_gone(tmp_path: Path) -> None:
         ndtorch.load(tmp_path)
     with pytest.raises(ImportError, match="VideoModel is gone"):
         from ndtorch.binding import VideoModel  # type: ignore[attr-defined]  # noqa: F401
+
+
+def test_the_model_figures_is_foreground(tmp_path: Path) -> None:
+    assert ndtorch.load("figures", size=48).name == model_kind("figures") == "foreground"
+    (tmp_path / "config.toml").write_text('model = "figures"\n[tracking]\nmax_lost_s = 2.0')
+    assert ndtorch.load(tmp_path).config.tracking.max_lost_s == 2.0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"coast": 2.0}, r"^options: coast is called tracking\.max_lost_s now$"),
+        ({"tracking.coast": 2.0}, r"^options: tracking\.coast is called tracking\.max_lost_s now$"),
+        ({"tracking.swing": 0.3}, r"^options: tracking\.swing is gone: it is a constant in the code now$"),
+        ({"fastest": 30.0}, r"^options: fastest is called max_fps now$"),
+    ],
+)
+def test_old_keys_answer_with_the_new_ones(options: dict, message: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=message):
+        ndtorch.load("foreground", size=48, **options)
+    (tmp_path / "config.toml").write_text('model = "foreground"\n[tracking]\ncoast = 2.0')
+    with pytest.raises(InputError, match=r"config\.toml: .*coast is called max_lost_s now"):
+        ndtorch.load(tmp_path)

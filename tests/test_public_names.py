@@ -29,7 +29,8 @@ VISION = """
     low_pass_step row_shift smoothing_factor spatial_maximum speed_response
 """
 BINDING = """
-    ACTIVATIONS Attention BindingInputs BindingModel BoundObject FirstStage InhibitoryNetwork LearningRule ObjectTable
+    ACTIVATIONS Attention BindingInputs BindingModel BoundObject FirstStage ForegroundModel
+    InhibitoryNetwork LearningRule ObjectTable
     PublishedModel RetinotopicModel ScaleFreeModel Verdict ObjectFiles alternation bound_objects describe
     learning_rule limit_spectral_radius load_state object_table save_state separated solutions spectral_radius to_device
     train_first_stage weight_change
