@@ -14,6 +14,8 @@ from tests.fuzz import worker
 from tests.fuzz.make_corpus import BARN, MAKERS
 from tests.fuzz.targets import CORPUS, TARGETS, Target
 
+pytestmark = pytest.mark.filterwarnings("default")
+
 QUICK = sorted(set(TARGETS) - {"replay", "video"})
 
 

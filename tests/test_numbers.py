@@ -190,8 +190,6 @@ def test_what_is_positive_is_never_far_below_zero_and_only_signed_numbers_are_a_
 @pytest.mark.parametrize(
     ("name", "field", "value"),
     [
-        ("CameraParams", "center", (2.85, -1.0)),
-        ("CameraParams", "surround", (0.0, 1.35)),
         ("ShadeParams", "white", (0.7, 0.5)),
         ("ShadeParams", "black", (0.1, 1.5)),
         ("OwnerReadout", "delays", (0.1, 0.0)),

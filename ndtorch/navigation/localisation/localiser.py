@@ -7,7 +7,7 @@ import math
 import numpy as np
 from torch import Tensor, from_numpy
 
-from ndtorch.arguments import check_state
+from ndtorch.arguments import check_number, check_state
 from ndtorch.errors import InputError
 from ndtorch.navigation.localisation import pose_filter, wheel_odometry
 from ndtorch.navigation.localisation._kernels import Cells
@@ -83,12 +83,13 @@ class Localiser:
             a frame of its own until what it has mapped fits one place of the known map and no other.
 
     Raises:
-        InputError: several cars at once, or a known map of another size.
+        InputError: a time step that cannot be, several cars at once, or a known map of another size.
     """
 
     def __init__(
         self, rig: StereoRig, dt: float, params: LocaliserParams | None = None, known: Cells | None = None
     ) -> None:
+        check_number("dt", dt, above=0, unit="seconds")
         self.rig, self.dt, self.params = rig, dt, params or LocaliserParams()
         self.every = max(1, round(self.params.scan_interval_s / dt))
         self.settle = self.params.settle_s / dt

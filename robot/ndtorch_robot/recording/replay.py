@@ -57,7 +57,7 @@ def make_runner(configuration: dict[str, Any], mapping: bool = False) -> Navigat
             )
         rig = StereoRig(**configuration["rig"])
         return NavigatorRunner(options, rig, float(configuration["rate_hz"]), grid)
-    except (KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"the recording's configuration cannot be used: {type(error).__name__} {error}") from None

@@ -72,6 +72,8 @@ class GoalParams:
 
     def __post_init__(self) -> None:
         check_numbers(self)
+        if self.to is not None and not (isinstance(self.to, tuple | list) and len(self.to) == 2):
+            raise InputError(f"to must be x and y in metres, got {self.to!r}")
         for name, value in vars(self).items():
             if isinstance(value, float | int) and not isinstance(value, bool) and not value > 0:
                 raise InputError(f"{name} must be a number > 0, got {value}")
