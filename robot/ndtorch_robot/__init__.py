@@ -1,1 +1,1 @@
-"""The robot: control loop, simulated world, scoring and pictures; run from a checkout as `ndtorch`."""
+"""The robot: control loop, safety layer, cameras, drive links, simulation, recordings and views."""

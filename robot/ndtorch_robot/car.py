@@ -26,25 +26,25 @@ KEPT = 30_000
 """Steps whose times are kept for the summary, a quarter of an hour: 1 MB for each part that is timed."""
 
 LASTS = 0.2
-"""Seconds for which a reason to stand must hold before it is said. Just after the wheels came to rest the filters still
-hold motion, which is taken for noise for some frames."""
+"""Seconds for which the navigator's reason to stop must hold before it is reported: just after a stop the filters still
+contain motion, which looks like noise for some frames."""
 
 
 class Car:
     """The parts of a car and what passes between them.
 
     Args:
-        runner: who steers.
-        cameras: what is seen.
+        runner: the navigator and its state.
+        cameras: give the frames.
         safe: the safety layer, with the drive behind it and the clock of the loop.
-        observers: told every step.
-        go: True drives off as soon as there are good frames, unless somebody has stopped it before; False stands until
-            told to resume; None is for a world in which nobody has to be asked.
-        steer: changes what the navigator wants before it is sent: to compare with a blind or a wrong one.
-        max_steps: end after so many.
+        observers: called after every step.
+        go: True drives off at the first good frames, unless a person has stopped the car before; False waits for
+            `resume`; None is for a simulation without a person.
+        steer: changes the command of the navigator before it is sent, for comparisons.
+        max_steps: the drive ends after this number of steps.
 
     Attributes:
-        troubles: why the navigator stood, each reason once.
+        troubles: reasons for which the navigator stopped, each once.
         ended: set it, from any thread, to end the drive after the step.
     """
 
@@ -69,10 +69,10 @@ class Car:
         self.loop = Loop(runner.rate, safe.clock, max_steps)
 
     def run(self, seconds: float | None = None, warm_up: bool = True) -> int:
-        """Step until `ended` is set, so many seconds are over, or the steps are used up; returns how many were made.
+        """Step until `ended` is set, the time is over, or the steps are used up; returns the number of steps.
 
         Args:
-            warm_up: have the kernels of navigator and camera watch ready before, while the car stands.
+            warm_up: compile or load the kernels of navigator and camera monitor first.
         """
         if warm_up:
             self.runner.warm_up()
@@ -86,8 +86,7 @@ class Car:
             self.step(number, now)
             return not self.ended.is_set() and (end is None or now < end)
 
-        # What is there now is not looked at again by the garbage collector: a pass through all of torch's objects
-        # takes longer than a step.
+        # A pass of the garbage collector through all of torch's objects takes longer than a step.
         gc.collect()
         gc.freeze()
         try:
@@ -97,7 +96,7 @@ class Car:
             gc.unfreeze()
 
     def step(self, number: int, now: float) -> None:
-        """See, navigate, drive, tell."""
+        """Read frames, navigate, send the command, call the observers."""
         timer, clock = self.loop.timer, self.loop.clock
         driven, frames = self.drive.driven(), self.see()
         # A step that waits for its cameras begins when they have answered.
@@ -130,7 +129,7 @@ class Car:
         timer.forget(KEPT)
 
     def tell_trouble(self) -> None:
-        """Say why the navigator stands or goes slowly, once for each reason that lasts."""
+        """Report why the navigator stops or drives slowly, once for each reason that lasts."""
         trouble = self.runner.trouble() if self.runner.mode() == STOPPED else None
         reason, since = self.reason
         self.reason = (trouble, since + 1 if trouble == reason else 1)
@@ -140,7 +139,7 @@ class Car:
             self.safe.report(f"stands: {trouble}")
 
     def see(self) -> StereoFrames | None:
-        """The newest frames; None when the cameras give nothing, which the safety layer is told."""
+        """The newest frames; None when the cameras give none, which is a fault."""
         with self.loop.timer.part("cameras"):
             try:
                 return self.cameras.read()

@@ -1,4 +1,4 @@
-"""Who steers: the navigator, and when it begins anew. The same for a car, a simulated drive and a replay."""
+"""The navigator with its state, and when it restarts; the same for a car, a simulated drive and a replay."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from ndtorch_robot.navigator_table import configuration
 from ndtorch_robot.ports import DriveCommand, Placed, StereoFrames
 
 LONGEST = 4.0
-"""Periods: after more than these without frames the navigator is not told of a longer step; the safety layer stops."""
+"""Longest step of the navigator, periods; when frames are missing for longer, the safety layer stops the car."""
 
 
 class NavigatorRunner:
-    """The navigator with its state.
+    """Runs the navigator step by step.
 
-    What was seen before a gap cannot be compared with what is seen after it: motion across it would be believed. So
-    the filters begin anew after one, and also after the car stood. All else is kept: the map, what a controller that
-    knows its floor remembers of that and of its surroundings, and where the car believes to be, which goes on while it
-    rolls to a stand. Where somebody has carried the car, the navigator begins anew with its map, and is told the place.
+    After a gap in the frames, and after a stop, the temporal filters restart, because they would take the difference
+    across the gap for motion. All else is kept: the map, what the controller knows of floor and surroundings, and the
+    pose, which is updated while the car rolls out. Where a person has moved the car, the navigator restarts there with
+    its map.
 
     Args:
         options: of the navigator.
         rig: the cameras.
         rate: steps a second.
         grid: of a map to make, which changes no command.
-        near_check: look at what is right ahead before the car begins and after every fault.
+        near_check: check the space right ahead at the start and after every fault.
 
     Attributes:
-        navigator: what steers.
-        rig, fields: the cameras, and the rectangles that are looked at in each.
+        navigator: gives the commands.
+        rig, fields: the cameras, and the rectangles that are read of each.
         state: of the navigator after the last step.
     """
 
@@ -65,13 +65,13 @@ class NavigatorRunner:
     def step(
         self, frames: StereoFrames, driven: DriveCommand, placed: Placed = None, anew: bool = False
     ) -> DriveCommand:
-        """What the navigator wants.
+        """The command of the navigator.
 
         Args:
-            frames: what is seen now.
-            driven: what the car did since the step before.
-            placed: where somebody has put the car since then.
-            anew: the car stood, or saw nothing, since then.
+            frames: of the cameras.
+            driven: motion of the car since the step before.
+            placed: the place to which a person has moved the car since then.
+            anew: the car was stopped, or saw nothing, since then.
         """
         before, since = self.state, frames.time - self.time
         self.time = frames.time
@@ -96,17 +96,17 @@ class NavigatorRunner:
         return DriveCommand(float(command.speed[-1]), float(command.curvature[-1]))
 
     def roll(self, driven: DriveCommand) -> None:
-        """The car has driven for a step without having been steered: what it sees cannot be used."""
+        """Update the pose by a step without usable frames."""
         if self.state is not None and (driven.speed or driven.curvature):
             moved = (torch.tensor(driven.speed), torch.tensor(driven.curvature))
             self.state = self.state._replace(pose=self.navigator.reckoning.step(self.state.pose, *moved))
 
     def trouble(self) -> str | None:
-        """Why the controller stands or goes slowly, in words; None while it sees what it needs."""
+        """Why the controller stops or drives slowly, in words; None where it has no reason to."""
         return None if self.state is None else self.navigator.controller.trouble(self.state.control)
 
     def located(self, before: NavigatorState, state: NavigatorState, placed: Placed) -> LocaliserState | None:
-        """What the localiser knows after the navigator has begun anew: all that it knew, and where it was put."""
+        """State of the localiser after a restart: that of before, at the new place."""
         if before.located is None or self.navigator.localiser is None:
             return None
         return before.located if placed is None else self.navigator.localiser.reset_pose(before.located, state.pose)
@@ -122,6 +122,6 @@ class NavigatorRunner:
         return map_cells(self.navigator.grid_map, self.state)
 
     def mode(self) -> int:
-        """What the controller is doing, as it numbers it."""
+        """The mode of the controller, as it numbers them."""
         assert self.state is not None
         return int(self.navigator.mode(self.state))

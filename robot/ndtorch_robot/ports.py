@@ -1,4 +1,4 @@
-"""What the loop needs of a robot: a pair of cameras, a drive and a clock; and what it tells of every step."""
+"""Interfaces of the loop: camera pair, drive, clock and observers, and the record of a step."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from torch import Tensor
 from ndtorch.navigation import NavigatorState, Strips
 
 Placed = tuple[float, float, float] | None
-"""x, y, m, and heading, radians, at which somebody has put the car; None where nobody has."""
+"""x, y, m, and heading, radians, to which a person has moved the car; None where nobody has."""
 
 Report = Callable[[str], None]
-"""Told of whatever happens, one line each."""
+"""Called with one line for each event."""
 
 
 class DriveCommand(NamedTuple):
@@ -53,14 +53,14 @@ class CameraPair(Protocol):
 
 
 class SafeCommand:
-    """A command that the safety layer has let through: the only thing that a drive obeys.
+    """A command that has passed the safety layer; drives obey nothing else.
 
-    Nobody but `robot.safety` can make one: the type checker refuses a `DriveCommand` where a drive wants this, and
-    at run time both making one without the seal and sending anything else raise `TypeError`.
+    Only `ndtorch_robot.safety` can make one: the type checker refuses a `DriveCommand` in its place, and at run time
+    both making one without the seal and sending anything else raise `TypeError`.
 
     Attributes:
         speed, curvature: m/s and 1/m.
-        time: when it was let through, on the clock of the loop; a drive in real time refuses an old one.
+        time: at which it passed, on the clock of the loop; a drive in real time refuses an old one.
     """
 
     __slots__ = ("curvature", "speed", "time")
@@ -76,7 +76,7 @@ class SafeCommand:
     time: float
 
     def __setattr__(self, name: str, value: object) -> None:
-        """A command that was let through stays what it is."""
+        """Refused: a command that has passed does not change."""
         raise AttributeError(f"a SafeCommand cannot be changed, got {name}={value!r}")
 
 
@@ -84,17 +84,17 @@ _SEAL = object()
 
 
 def unseal(command: SafeCommand) -> DriveCommand:
-    """What a drive is to do; every drive begins its `send` with this. Raises `TypeError` for anything else."""
+    """The command; every drive begins its `send` with this. Raises `TypeError` for anything else."""
     if type(command) is not SafeCommand:
         raise TypeError(f"a drive obeys only a SafeCommand, got {type(command).__name__}: send through a SafeDrive")
     return DriveCommand(command.speed, command.curvature)
 
 
 class Drive(Protocol):
-    """Motors and steering: all that the loop needs of whatever moves the car.
+    """Motors and steering.
 
-    A class that inherits from this one needs only the four methods without a body; the others answer for a drive
-    that knows nothing more of itself.
+    A class that inherits from this one needs only the four methods without a body; the others are those of a drive
+    without further knowledge of itself.
     """
 
     def send(self, command: SafeCommand) -> DriveCommand:
@@ -102,7 +102,7 @@ class Drive(Protocol):
         ...
 
     def stop(self) -> None:
-        """Stand still as fast as the drive can. May be called at any time, from any thread, and more than once."""
+        """Stop as fast as the drive can; at any time, from any thread, also repeatedly."""
         ...
 
     def resume(self) -> bool:
@@ -110,23 +110,23 @@ class Drive(Protocol):
         ...
 
     def driven(self) -> DriveCommand:
-        """Mean speed and curvature since this was last asked, as the wheels say or as they were told."""
+        """Mean speed and curvature since the last call, as measured, or as commanded."""
         ...
 
     def take_placed(self) -> Placed:
-        """Where somebody has put the car since this was last asked; None for a car that only drives."""
+        """The place to which the car was moved by hand since the last call; None where it was not."""
         return None
 
     def trouble(self) -> str | None:
-        """Why the drive does not obey by itself: in words, or None when all is well."""
+        """Why the drive does not obey, in words; None when all is well."""
         return None
 
     def telemetry(self) -> dict[str, Any]:
-        """What the drive says of itself, for JSON, units in the keys: `battery_v`, `faults`, `armed` and the like."""
+        """State of the drive for JSON, with units in the keys: `battery_v`, `faults`, `armed` and the like."""
         return {}
 
     def round_trips(self) -> Sequence[float]:
-        """How long the line took to answer, s, the newest last."""
+        """Response times of the link, s, the newest last."""
         return ()
 
     def close(self) -> None:
@@ -147,19 +147,19 @@ class Clock(Protocol):
 
 
 class Step(NamedTuple):
-    """What one step of the loop saw and did, for observers; a recording keeps it, and gives it back without `state`.
+    """One step of the loop, for observers; a recording keeps all but `state`.
 
     Attributes:
         number, time: of the step; seconds on the clock of the loop.
-        frames: what was seen; None when the cameras gave nothing.
-        driven: what the drive did since the step before.
-        wanted, sent: by the navigator, and by the safety layer to the drive.
+        frames: of the cameras; None when they gave none.
+        driven: motion since the step before.
+        wanted, sent: command of the navigator, and of the safety layer to the drive.
         state: of the navigator after the step; None when it was not asked.
-        standing: why the car is kept standing, or None.
-        used: whether the navigator was asked.
-        restarted: the navigator began anew, because it had seen nothing, or nothing move, before.
-        placed: where somebody had put the car before this step, so that the navigator began anew there.
-        telemetry: what the drive says of itself.
+        standing: the reason for which the car is stopped, or None.
+        used: whether the navigator processed the frames.
+        restarted: the navigator was restarted, after it had seen nothing, or no motion.
+        placed: the place to which the car was moved before this step, where the navigator was restarted.
+        telemetry: of the drive.
     """
 
     number: int
@@ -177,9 +177,9 @@ class Step(NamedTuple):
 
 
 class Observer(Protocol):
-    """Whatever watches the loop: recordings, views, records, scores. It is told every step after it was made.
+    """Recordings, views and scores are observers: called after every step.
 
-    What it raises ends the drive, with the car stopped.
+    An exception ends the drive, with the car stopped.
     """
 
     def __call__(self, step: Step, /) -> None: ...

@@ -69,7 +69,7 @@ def make_car(
     """A car of these parts, with the navigator and the safety layer of a configuration.
 
     Args:
-        near_check: not for pictures in which there is no floor.
+        near_check: not for images in which there is no floor.
     """
     limits, half = config.limits.limits(), config.navigation.map_half_size_m
     grid = Grid(-half, half, -half, half) if half else None

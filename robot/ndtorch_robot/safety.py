@@ -1,4 +1,4 @@
-"""The layer between whatever steers and whatever drives: everything that moves the wheels passes through here."""
+"""The safety layer between navigator and drive: every command to the wheels passes through it."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from ndtorch_robot.faults import FaultKind, Stop
 from ndtorch_robot.ports import _SEAL, STAND, Clock, Drive, DriveCommand, Report, SafeCommand, StereoFrames
 
 WISH = 10.0
-"""Seconds for which a car that is told to go goes on trying when its drive cannot obey yet."""
+"""Seconds for which a resumed car keeps trying while its drive cannot obey yet."""
 
 AGAIN = 1.0
-"""Seconds between two such tries."""
+"""Seconds between two such attempts."""
 
 
 @dataclass(frozen=True)
 class SafetyLimits:
-    """What is let through.
+    """Limits of the safety layer.
 
-    The defaults let everything through that is a number, for drives in simulated time that have limits of their own.
+    The defaults limit nothing, for simulated drives, which have limits of their own.
 
     Args:
         speed: fastest, m/s. More is a fault.
@@ -32,7 +32,7 @@ class SafetyLimits:
         steering: 1/m a second; the curvature sent follows no faster.
         silence: longest time between two commands, s. More is a fault.
         age: oldest frames that may be steered by, s. Older is a fault.
-        recovery: seconds that all must be well before a car that stands by itself drives on.
+        recovery: time for which all must be well before the car drives on after a passing fault, s.
 
     Raises:
         InputError: a limit below 0, or one that is no number: it would let everything through.
@@ -54,27 +54,27 @@ class SafetyLimits:
 
 
 class SafeDrive:
-    """A drive with the safety layer around it: the only way to move one.
+    """A drive with the safety layer around it, the only means to move a car.
 
     Drives obey nothing but a `SafeCommand`, only `send` of this class makes those, and the loop accepts no other
-    drive. A fault that passes, such as late frames, lets the car stand until all has been well for
-    `limits.recovery` seconds. One that does not, such as a lost link, needs `resume`; see `FaultKind`.
+    drive. After a fault that passes, such as late frames, the car stops until all has been well for
+    `limits.recovery` seconds. After another one, such as a lost link, it needs `resume`; see `FaultKind`.
 
-    Being told to go is never lost: while the drive cannot obey, or fails again before the car has moved, it is told
-    again, until the car moves, somebody stops it, or the time for it is over, which is said.
+    A `resume` is not lost: while the drive cannot obey, or fails again before the car has moved, it is repeated until
+    the car moves, a person stops it, or its time is over, which is reported.
 
     Args:
-        drive: what moves.
+        drive: moves the car.
         clock: of the loop, monotonic.
-        limits: what is let through.
+        limits: see `SafetyLimits`.
         frame_check: judges frames; without good frames no command passes. None for a loop without cameras.
-        report: told of every fault and every resuming, one line each.
+        report: called with one line for every fault and every resumption.
 
     Attributes:
-        standing: why the car is kept standing, or None.
-        kind: of the fault that keeps it standing, or None.
+        standing: the reason for which the car is stopped, or None.
+        kind: of the fault that stops it, or None.
         faults: all stops so far.
-        by_hand: somebody has stopped the car since it was last told to go.
+        by_hand: a person has stopped the car since it was last resumed.
     """
 
     def __init__(
@@ -98,11 +98,11 @@ class SafeDrive:
         self.sent_at: float | None = None
         self.faults: list[Stop] = []
         self.interrupted, self.by_hand = False, False
-        self.wish_ends: float | None = None  # told to go, but has not moved yet
+        self.wish_ends: float | None = None  # resumed, but not moving yet
         self.tried = -math.inf
 
     def see(self, frames: StereoFrames, speed: float, curvature: float = 0.0) -> bool:
-        """Judge new frames; True when they may be steered by.
+        """Judge new frames; True when the car may be steered by them.
 
         Args:
             speed, curvature: of the car since the last ones, m/s and 1/m.
@@ -116,12 +116,11 @@ class SafeDrive:
         return True
 
     def blind(self, why: str, kind: FaultKind = FaultKind.MISSING) -> None:
-        """There are no frames to steer by."""
         self.blindness = why
         self.fault(why, kind)
 
     def fault(self, why: str, kind: FaultKind) -> None:
-        """The car stands, for this reason."""
+        """Stop the car for this reason."""
         with self.lock:
             self.well_since, self.interrupted = math.inf, True
             if self.standing is not None:
@@ -133,7 +132,7 @@ class SafeDrive:
         self.report(f"stopped: {why}")
 
     def take_interruption(self) -> bool:
-        """Whether the car stood, or saw nothing, since this was last asked, or stands now."""
+        """Whether the car was stopped, or saw nothing, since the last call, or is stopped now."""
         with self.lock:
             was, self.interrupted = self.interrupted or self.standing is not None, False
             return was
@@ -161,7 +160,7 @@ class SafeDrive:
             return self.sent
 
     def look_for_faults(self, command: DriveCommand, now: float) -> None:
-        """Everything that can be wrong when a command comes."""
+        """All faults that show when a command arrives."""
         limits = self.limits
         if not (math.isfinite(command.speed) and math.isfinite(command.curvature)):
             self.fault(f"the command is not finite: {command}", FaultKind.COMMAND)
@@ -181,7 +180,7 @@ class SafeDrive:
             self.blind(f"the frames are {now - self.seen:.3f} s old", FaultKind.AGE)
 
     def try_to_go_on(self, now: float) -> None:
-        """Drive on when all has been well for long enough and nobody needs to say so, or somebody has said so."""
+        """Drive on after a passing fault, or when a person has resumed the car."""
         if self.frame_check is not None and self.blindness is not None:
             self.well_since = math.inf
         elif self.auto_recover:
@@ -190,12 +189,12 @@ class SafeDrive:
                 self.go_on(now)
         elif self.wish_ends is not None and now >= self.wish_ends:
             self.wish_ends = None
-            self.report("not told to go any more: the drive did not obey; tell it again")
+            self.report("not resumed: the drive did not obey in time; resume it again")
         elif self.wish_ends is not None and now >= self.tried + AGAIN:
             self.go_on(now)
 
     def go_on(self, now: float) -> bool:
-        """Have the drive obey from the next command on; False when it cannot."""
+        """Make the drive obey from the next command on; False when it cannot."""
         self.tried = now
         if not self.drive.resume():
             return False
@@ -220,10 +219,10 @@ class SafeDrive:
         return DriveCommand(speed, curvature)
 
     def resume(self, patience: float | None = WISH) -> None:
-        """Told to go: drive again from the next command on, if nothing is wrong any more.
+        """Drive again from the next command on, if nothing is wrong any more.
 
         Args:
-            patience: seconds for which to go on trying while the drive cannot; None is until it can.
+            patience: seconds for which to keep trying while the drive cannot; None is until it can.
         """
         with self.lock:
             self.by_hand = False
@@ -232,18 +231,18 @@ class SafeDrive:
             now = self.clock.now()
             self.wish_ends = math.inf if patience is None else now + patience
             if self.standing is not None and not self.go_on(now):
-                self.report(f"told to go, which waits until the drive can: {self.drive.trouble() or self.standing}")
+                self.report(f"resuming waits until the drive can: {self.drive.trouble() or self.standing}")
 
     def emergency(self, why: str) -> None:
-        """Stand still now; from any thread. Only `resume` ends it."""
+        """Stop now; from any thread. Only `resume` ends it."""
         self.drive.stop()  # before waiting for anybody
         self.wish_ends, self.by_hand = None, True
         if self.standing is not None:
-            self.report(f"emergency stop: {why}; it stood already: {self.standing}")
+            self.report(f"emergency stop: {why}; it was stopped already: {self.standing}")
         self.fault(f"emergency stop: {why}", FaultKind.EMERGENCY)
 
     def stop(self) -> None:
-        """Stand still until `resume`. The end of every drive."""
+        """Stop until `resume`; the end of every drive."""
         self.drive.stop()
         with self.lock:
             self.wish_ends = None

@@ -99,7 +99,7 @@ def test_go_outlasts_a_link_that_drops_before_the_car_moves(takes_it):
     assert told[-1].standing is None
     assert told[-1].sent.speed > 0.3
     if not takes_it:
-        assert "told to go, which waits until the drive can: lost: unplugged" in lines
+        assert "resuming waits until the drive can: lost: unplugged" in lines
 
 
 class LateCameras(DroppingLink):
@@ -158,7 +158,7 @@ def test_a_key_that_cannot_be_obeyed_in_time_is_said_to_be_over():
         car.observers.append(lambda step: press(b"g") if step.number == 5 else None)
         car.run(358.5 / 30)
     assert {step.sent.speed for step in told} == {0.0}
-    assert lines[-1] == "not told to go any more: the drive did not obey; tell it again"
+    assert lines[-1] == "not resumed: the drive did not obey in time; resume it again"
 
 
 @pytest.mark.parametrize("key", [b" ", b"x"])

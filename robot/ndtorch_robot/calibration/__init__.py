@@ -1,4 +1,4 @@
-"""Two cameras measured with a chessboard, and their pictures made parallel."""
+"""Two cameras measured with a chessboard, and their images made parallel."""
 
 from ndtorch_robot.calibration.board import Board, View, find_corners, find_view, find_views, folder_pairs
 from ndtorch_robot.calibration.model import Calibration, Lens, Quality, read_calibration, write_calibration

@@ -1,4 +1,4 @@
-"""Finding a chessboard in both pictures of a pair."""
+"""Finding a chessboard in both images of a pair."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Board:
 
 
 class View(NamedTuple):
-    """Corners of one board in both pictures, `[n, 2]` pixels each."""
+    """Corners of one board in both images, `[n, 2]` pixels each."""
 
     left: Points
     right: Points
@@ -83,7 +83,7 @@ def find_corners(image: Image, board: Board) -> Points | None:
 
 
 def find_view(left: Image, right: Image, board: Board) -> View | None:
-    """The corners in both pictures in the same order, or None unless both show the whole board."""
+    """The corners in both images in the same order, or None unless both show the whole board."""
     first = find_corners(left, board)
     second = None if first is None else find_corners(right, board)
     if first is None or second is None:

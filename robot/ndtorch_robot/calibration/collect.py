@@ -1,4 +1,4 @@
-"""Pairs of pictures with a board: from live cameras, chosen so that each says something new."""
+"""Pairs of images with a board: from live cameras, chosen so that each says something new."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ndtorch_robot.cameras import CamerasSilent, FramesEnded, StereoCameras
 from ndtorch_robot.cameras.source import Image
 
 NEW = 0.06
-"""Shares of the picture's width by which the corners must have moved, on average, since every view kept."""
+"""Shares of the image's width by which the corners must have moved, on average, since every view kept."""
 
 SEEN = Callable[[int, View], None]
 
@@ -28,7 +28,7 @@ def collect(
 
     Args:
         seen: called with the number of views so far and the newest one.
-        keep: folder whose `left` and `right` get the pictures used.
+        keep: folder whose `left` and `right` get the images used.
 
     Returns:
         The views; fewer than wanted when the time was up or a file ended.
@@ -68,14 +68,14 @@ def save(folder: Path, number: int, left: Image, right: Image) -> None:
             with replacing(path) as beside:
                 beside.write_bytes(cv2.imencode(".png", image)[1].tobytes())
         except OSError as error:
-            raise InputError(f"{path}: cannot keep the picture ({error.strerror})") from None
+            raise InputError(f"{path}: cannot keep the image ({error.strerror})") from None
 
 
 def from_files(pairs: list[tuple[Path, Path]], board: Board, seen: SEEN) -> tuple[list[View], tuple[int, int]]:
-    """Views of pictures in files, and their size (width, height).
+    """Views of images in files, and their size (width, height).
 
     Raises:
-        InputError: pictures that cannot be read, or are not all of one size.
+        InputError: images that cannot be read, or are not all of one size.
     """
     import cv2
 
@@ -92,7 +92,7 @@ def from_files(pairs: list[tuple[Path, Path]], board: Board, seen: SEEN) -> tupl
             size = size or given
             if given != size:
                 raise InputError(
-                    f"all pictures must be of one size, {path} is {given[0]}x{given[1]} and others {size[0]}x{size[1]}"
+                    f"all images must be of one size, {path} is {given[0]}x{given[1]} and others {size[0]}x{size[1]}"
                 )
             images.append(np.asarray(image, np.uint8))
         view = find_view(images[0], images[1], board)

@@ -24,7 +24,7 @@ class Lens(Strict):
 
     Args:
         fx_px, fy_px: focal lengths in pixels.
-        cx_px, cy_px: where the optical axis meets the picture; pixel centers are at whole numbers.
+        cx_px, cy_px: where the optical axis meets the image; pixel centers are at whole numbers.
         distortion: k1, k2, p1, p2, k3, without unit.
     """
 
@@ -45,18 +45,18 @@ class Lens(Strict):
 
 
 class Quality(Strict):
-    """How well a calibration fits the pictures it was made from.
+    """How well a calibration fits the images it was made from.
 
     Args:
-        views: pairs of pictures used.
+        views: pairs of images used.
         left_px, right_px: root mean square distance of the corners from where each camera's model puts them.
         pair_px: the same with one common place of the board for both cameras.
-        row_px: root mean square difference of the rows of a corner in both rectified pictures.
+        row_px: root mean square difference of the rows of a corner in both rectified images.
         row_95_px: 95 % of these differences are smaller.
         focal_percent: standard deviation of the focal lengths, the larger of both cameras.
         square_percent: by how much squares measured with the rectified pair differ from their true size (mean).
         tilt_deg: angle between the two boards of most different direction.
-        covered_percent: share of the picture that the boards covered, the smaller of both cameras.
+        covered_percent: share of the image that the boards covered, the smaller of both cameras.
     """
 
     views: Annotated[int, Field(ge=1)]
@@ -78,7 +78,7 @@ class Calibration(Strict):
 
     Args:
         format: what the file is.
-        width_px, height_px: size of the pictures it is made from and for.
+        width_px, height_px: size of the images it is made from and for.
         left, right: the cameras.
         rotation_rad: R as a rotation vector, radians.
         translation_m: t, metres; about (-baseline, 0, 0).
@@ -126,7 +126,7 @@ class Calibration(Strict):
         return np.asarray(found[0], np.float64), np.asarray(found[1], np.float64)
 
     def camera_matrix(self) -> Matrix:
-        """The matrix of both rectified cameras: the axis in the middle of the picture, as `StereoRig` has it."""
+        """The matrix of both rectified cameras: the axis in the middle of the image, as `StereoRig` has it."""
         f, cx, cy = self.focal_px, (self.width_px - 1) / 2, (self.height_px - 1) / 2
         return np.array([[f, 0, cx], [0, f, cy], [0, 0, 1]], np.float64)
 

@@ -13,26 +13,26 @@ from ndtorch_robot.calibration.model import Calibration, Lens, Matrix
 from ndtorch_robot.cameras.source import Image
 
 LEAST_SEEN = 0.97
-"""Share of the pixels of a strip that the raw picture must hold."""
+"""Share of the pixels of a strip that the raw image must hold."""
 
 
 class Rectifier:
-    """Reads the horizon row and the subfield of both rectified pictures out of the raw ones.
+    """Reads the horizon row and the subfield of both rectified images out of the raw ones.
 
-    For each of these pixels it is worked out once where in the raw picture it lies; the rest of the picture is
+    For each of these pixels it is worked out once where in the raw image it lies; the rest of the image is
     never touched.
 
     Args:
         calibration: of the pair.
         rig: where the cameras are on the car; baseline, focal length and axis are taken from the calibration.
-        fields: the subfields of the rectified pictures; `rig.subfields()` by default.
+        fields: the subfields of the rectified images; `rig.subfields()` by default.
 
     Attributes:
         rig: the geometry of the rectified pair: what the navigator must be made with.
 
     Raises:
         InputError: a calibration of another size than the rig's frames, or cameras turned so far apart that the
-            strips leave the pictures.
+            strips leave the images.
     """
 
     def __init__(self, calibration: Calibration, rig: StereoRig, fields: tuple[Rect, Rect] | None = None) -> None:
@@ -55,7 +55,7 @@ class Rectifier:
             self.maps.append(maps)
 
     def check_size(self, width: int, height: int) -> None:
-        """Raise `InputError` when the calibration is for pictures of another size."""
+        """Raise `InputError` when the calibration is for images of another size."""
         c = self.calibration
         if (width, height) != (c.width_px, c.height_px):
             raise InputError(
@@ -64,7 +64,7 @@ class Rectifier:
             )
 
     def strips(self, left: Image, right: Image) -> tuple[Strips, Strips]:
-        """Strips `[1, C, h, w]` uint8, red, green, blue, of two raw pictures as OpenCV gives them."""
+        """Strips `[1, C, h, w]` uint8, red, green, blue, of two raw images as OpenCV gives them."""
         import cv2
 
         found = []
@@ -78,7 +78,7 @@ class Rectifier:
 
 
 def strip_map(lens: Lens, turn: Matrix, matrix: Matrix, rect: Rect) -> tuple[Matrix, Matrix]:
-    """Where in the raw picture the pixels of a rectangle of the rectified one lie: columns and rows."""
+    """Where in the raw image the pixels of a rectangle of the rectified one lie: columns and rows."""
     import cv2
 
     shifted = matrix.copy()
@@ -89,7 +89,7 @@ def strip_map(lens: Lens, turn: Matrix, matrix: Matrix, rect: Rect) -> tuple[Mat
 
 
 def inside(x: Matrix, y: Matrix, width: int, height: int) -> float:
-    """Share of the places that lie inside a picture."""
+    """Share of the places that lie inside an image."""
     return float(((x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)).mean())
 
 

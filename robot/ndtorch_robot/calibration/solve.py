@@ -35,7 +35,7 @@ OUTLIER = 2.0
 """Views with an error of more than this many medians are left out."""
 
 LEAST_COVERED = 35.0
-"""Smallest share of the picture, in percent, that the boards must have covered."""
+"""Smallest share of the image, in percent, that the boards must have covered."""
 
 
 def calibrate(views: Sequence[View], board: Board, size: tuple[int, int], focal: float | None = None) -> Calibration:
@@ -46,7 +46,7 @@ def calibrate(views: Sequence[View], board: Board, size: tuple[int, int], focal:
 
     Args:
         views: corners of the boards.
-        size: width and height of the pictures.
+        size: width and height of the images.
         focal: focal length of the rectified pair in pixels; the mean of both cameras otherwise.
 
     Raises:
@@ -138,7 +138,7 @@ class Single(NamedTuple):
 def one_camera(objects: list[Points], corners: Sequence[Points], size: tuple[int, int]) -> Single:
     import cv2
 
-    # k3 is left out: it can hardly be told from k2 at these angles, and bends the corners of the picture.
+    # k3 is left out: it can hardly be told from k2 at these angles, and bends the corners of the image.
     error, matrix, distortion, turns, _, spread, _, each = cv2.calibrateCameraExtended(
         objects, list(corners), size, np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K3
     )
@@ -167,7 +167,7 @@ def without_outliers(views: Sequence[View], board: Board, size: tuple[int, int])
 
 
 def rectified(points: Points, lens: Lens, rotation: Matrix, matrix: Matrix) -> Matrix:
-    """Pixels `[n, 2]` of a raw picture to those of the rectified one."""
+    """Pixels `[n, 2]` of a raw image to those of the rectified one."""
     import cv2
 
     moved = cv2.undistortPoints(
@@ -199,7 +199,7 @@ def alignment(calibration: Calibration, views: Sequence[View], board: Board) -> 
 
 
 def covered(points: Sequence[Points], size: tuple[int, int], cells: int = 8) -> float:
-    """Percent of the cells of an 8 x 8 grid over the picture in which a corner was seen."""
+    """Percent of the cells of an 8 x 8 grid over the image in which a corner was seen."""
     places = np.concatenate(list(points))
     seen = np.zeros((cells, cells), bool)
     column = np.clip((places[:, 0] * cells / size[0]).astype(int), 0, cells - 1)
@@ -214,8 +214,8 @@ def faults(quality: Quality) -> list[str]:
         "left_px": "the left camera's model misses its corners by {} px",
         "right_px": "the right camera's model misses its corners by {} px",
         "pair_px": "both cameras together miss the corners by {} px",
-        "row_px": "the rows of the rectified pictures differ by {} px",
-        "row_95_px": "5 % of the rows of the rectified pictures differ by more than {} px",
+        "row_px": "the rows of the rectified images differ by {} px",
+        "row_95_px": "5 % of the rows of the rectified images differ by more than {} px",
         "focal_percent": "the focal length is known to {} % only: tilt the board more",
         "square_percent": "squares are measured {} % wrong: is --square-mm right, and the board flat?",
     }
@@ -227,7 +227,5 @@ def faults(quality: Quality) -> list[str]:
     if quality.tilt_deg < LEAST_TILT:
         found.append(f"the boards lie within {quality.tilt_deg:.0f} degrees, {LEAST_TILT:g} are needed: tilt them more")
     if quality.covered_percent < LEAST_COVERED:
-        found.append(
-            f"the boards covered {quality.covered_percent:.0f} % of the picture, {LEAST_COVERED:g} % are needed"
-        )
+        found.append(f"the boards covered {quality.covered_percent:.0f} % of the image, {LEAST_COVERED:g} % are needed")
     return found

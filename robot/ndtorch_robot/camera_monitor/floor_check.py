@@ -28,7 +28,7 @@ class FloorFound(NamedTuple):
         share: of the view in which floor would be told from noise at full speed, 0..1.
         speed: share of its speed that the car would drive at, 0..1.
         noise: output of the motion detectors while the car stands.
-        noisy: this is more than the 256 levels of a picture make.
+        noisy: this is more than the 256 levels of an image make.
         ahead: both cameras see one floor right ahead.
         near: something stands right ahead, m from the middle of the car; None where nothing does.
     """
@@ -47,7 +47,7 @@ class FloorFound(NamedTuple):
 
     def words(self) -> list[str]:
         """What was found, a line each."""
-        why = "the pictures are noisy" if self.noisy else "the floor shows little, or it is dark"
+        why = "the images are noisy" if self.noisy else "the floor shows little, or it is dark"
         told = f"floor would be told from noise in {100 * self.share:.0f} % of the view"
         if self.share >= FULL:
             lines = [f"{told}: it will do"]
@@ -66,7 +66,7 @@ def measure_floor(read: Callable[[], StereoFrames], rig: StereoRig, rate: float,
     """Look at the floor before a car that stands.
 
     The noise is what the motion detectors of the ranging controller give while nothing moves. What floor would give is
-    found by moving the picture: the same frame some rows farther up stands for the one before, as if the car had
+    found by moving the image: the same frame some rows farther up stands for the one before, as if the car had
     driven. A detector that follows the floor for a while gives the same, since its filters forget within a frame.
 
     Args:

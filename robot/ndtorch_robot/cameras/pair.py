@@ -44,14 +44,14 @@ class FramesEnded(InputError):
 
 
 class Rectify(Protocol):
-    """Makes the strips that navigation reads out of two raw pictures."""
+    """Makes the strips that navigation reads out of two raw images."""
 
     def strips(self, left: Image, right: Image) -> tuple[Strips, Strips]:
         """`Strips` of `[1, C, h, w]` uint8 of both eyes."""
         ...
 
     def check_size(self, width: int, height: int) -> None:
-        """Raise `InputError` when it is made for pictures of another size."""
+        """Raise `InputError` when it is made for images of another size."""
         ...
 
 
@@ -178,7 +178,7 @@ class StereoCameras:
         return self.convert(self.read_pair())
 
     def read_pair(self) -> Pair:
-        """As `read`, but the two pictures as they came, with their times."""
+        """As `read`, but the two images as they came, with their times."""
         pair = self.next_images() if self.played else self.next_pair()
         for side, frame in enumerate(pair):
             self.check_image(side, frame.image)
@@ -282,7 +282,7 @@ class StereoCameras:
 def to_tensor(image: Image) -> Tensor:
     """`[H, W, 3]` blue, green, red to `[1, 3, H, W]` red, green, blue; grey `[H, W]` to `[1, 1, H, W]`.
 
-    The result is laid out as the picture was: turning the planes inside out would cost more than navigation.
+    The result is laid out as the image was: turning the planes inside out would cost more than navigation.
     """
     import cv2
 

@@ -11,7 +11,7 @@ from ndtorch_robot.cameras.source import Image
 
 
 class Frame(NamedTuple):
-    """One picture of one camera.
+    """One image of one camera.
 
     Attributes:
         image: as OpenCV gives it.

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ndtorch_robot.calibration import Board, Calibration, View
 
 REFUSED = 1
-"""Exit code for pictures that give no calibration worth driving with."""
+"""Exit code for images that give no calibration worth driving with."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Calibrate:
         return REFUSED if wrong else 0
 
     def look(self, board: Board) -> tuple[list[View], tuple[int, int], int]:
-        """The views, the size of the pictures, and how many pairs there were."""
+        """The views, the size of the images, and how many pairs there were."""
         from ndtorch_robot.calibration import folder_pairs
         from ndtorch_robot.calibration.collect import collect, from_files
 

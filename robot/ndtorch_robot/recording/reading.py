@@ -15,10 +15,10 @@ from torch import Tensor
 from ndtorch.errors import InputError
 from ndtorch_robot.ports import DriveCommand, Placed, Step, StereoFrames
 from ndtorch_robot.recording.recorder import HEADER, STEPS, VERSION
-from ndtorch_robot.recording.streams import SUFFIXES, Format, crc_of, decode, eyes, is_intact
+from ndtorch_robot.recording.streams import SUFFIXES, Format, crc_of, decode, frames_of, is_intact
 
 LARGEST = 2**28
-"""Bytes of the largest picture that is read: more is no picture of a camera."""
+"""Bytes of the largest image that is read: more is no image of a camera."""
 
 
 @dataclass
@@ -131,11 +131,11 @@ class Recording:
             data = self.bytes_of(name, place["at"], place["bytes"])
             if crc32(data) != place["crc"]:
                 return None
-            picture = decode(data, (channels, height, width), self.kind)
-            if picture is None:
+            image = decode(data, (channels, height, width), self.kind)
+            if image is None:
                 return None
-            found[name] = picture
-        return StereoFrames(*eyes(found), time)
+            found[name] = image
+        return StereoFrames(*frames_of(found), time)
 
     def bytes_of(self, stream: str, at: int, count: int) -> bytes:
         """A part of a stream's file; fewer bytes where it ends."""

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from ndtorch.errors import InputError
 from ndtorch_robot.ports import DriveCommand, Placed, Report, Step, StereoFrames
-from ndtorch_robot.recording.streams import JPEG_QUALITY, SUFFIXES, Format, checked_line, crc_of, encode, pictures
+from ndtorch_robot.recording.streams import JPEG_QUALITY, SUFFIXES, Format, checked_line, crc_of, encode, images_of
 
 VERSION = 2
 HEADER, STEPS = "recording.json", "steps.jsonl"
@@ -29,7 +29,7 @@ RESERVE = 100_000_000
 
 WAIT = 0.4
 """Seconds after which a step is written without its frames, and no more frames are let into the queue: what a kill may
-cost stays at this much and the time for one step's pictures."""
+cost stays at this much and the time for one step's images."""
 
 LINES = 20
 """So many times more steps may wait without their frames than with them."""
@@ -145,8 +145,8 @@ class Recorder:
         self.number += 1
         # A strip that is a view would keep its whole frame waiting with it.
         seen = {
-            name: picture.clone() if picture.untyped_storage().nbytes() > 2 * picture.numel() else picture
-            for name, picture in (pictures(frames.left, frames.right) if frames is not None else {}).items()
+            name: image.clone() if image.untyped_storage().nbytes() > 2 * image.numel() else image
+            for name, image in (images_of(frames.left, frames.right) if frames is not None else {}).items()
         }
         with self.changed:
             while self.when_full == "wait" and self.pending >= self.limit and not self.failed:
@@ -176,7 +176,7 @@ class Recorder:
                 step = self.waiting.popleft()
             pending = bool(step.frames)
             if self.when_full == "drop" and not self.closing and monotonic() - step.since > WAIT:
-                # The queue was short when this came in, but its pictures take longer than there is time.
+                # The queue was short when this came in, but its images take longer than there is time.
                 step = step._replace(frames=None)
             try:
                 self.write(step)
@@ -190,10 +190,10 @@ class Recorder:
     def write(self, step: Waiting) -> None:
         """One step: first the frames, then the line that says where they are, so that no line lies."""
         where: dict[str, Any] = {}
-        for name, picture in (step.frames or {}).items():
-            data = encode(picture, self.kind, self.quality)
+        for name, image in (step.frames or {}).items():
+            data = encode(image, self.kind, self.quality)
             file = f"{name}.{SUFFIXES[self.kind]}"
-            size, shape = len(data), list(picture.shape[1:])
+            size, shape = len(data), list(image.shape[1:])
             where[name] = {"at": self.ends.get(file, 0), "bytes": size, "shape": shape, "crc": crc32(data)}
             self.append(file, data)
         line = step.line | ({"frames": where} if where else {})

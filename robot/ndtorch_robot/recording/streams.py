@@ -1,4 +1,4 @@
-"""Frames as bytes: one file a picture stream, each picture written after the last."""
+"""Frames as bytes: one file an image stream, each image written after the last."""
 
 from __future__ import annotations
 
@@ -37,39 +37,39 @@ def crc_of(values: dict[str, Any]) -> int:
     return crc32(json.dumps(values, sort_keys=True).encode())
 
 
-def pictures(left: Tensor | Strips, right: Tensor | Strips) -> dict[str, Tensor]:
-    """The pictures of a step by the name of their stream: whole frames, or the strips of both eyes.
+def images_of(left: Tensor | Strips, right: Tensor | Strips) -> dict[str, Tensor]:
+    """The images of a step by the name of their stream: whole frames, or the strips of both eyes.
 
     Raises:
-        InputError: frames that are not one uint8 picture each, grey or in color.
+        InputError: frames that are not one uint8 image each, grey or in color.
     """
     found: dict[str, Tensor] = {}
-    for side, eye in (("left", left), ("right", right)):
-        if isinstance(eye, Strips):
-            found |= {f"{side}-field": eye.field, f"{side}-row": eye.row}
+    for side, frame in (("left", left), ("right", right)):
+        if isinstance(frame, Strips):
+            found |= {f"{side}-field": frame.field, f"{side}-row": frame.row}
         else:
-            found[side] = eye
-    for name, picture in found.items():
-        if picture.dtype != torch.uint8 or picture.ndim != 4 or picture.shape[:2] not in ((1, 1), (1, 3)):
+            found[side] = frame
+    for name, image in found.items():
+        if image.dtype != torch.uint8 or image.ndim != 4 or image.shape[:2] not in ((1, 1), (1, 3)):
             raise InputError(
                 f"only single uint8 frames [1, C, H, W] with C = 1 or 3 are recorded, "
-                f"got {picture.dtype} {tuple(picture.shape)} of {name}"
+                f"got {image.dtype} {tuple(image.shape)} of {name}"
             )
     return found
 
 
-def eyes(found: dict[str, Tensor]) -> tuple[Tensor | Strips, Tensor | Strips]:
-    """The reverse of `pictures`."""
+def frames_of(found: dict[str, Tensor]) -> tuple[Tensor | Strips, Tensor | Strips]:
+    """The reverse of `images_of`."""
     if "left" in found:
         return found["left"], found["right"]
     return tuple(Strips(found[f"{side}-field"], found[f"{side}-row"]) for side in ("left", "right"))  # type: ignore[return-value]
 
 
-def encode(picture: Tensor, kind: Format, quality: int = JPEG_QUALITY) -> bytes:
-    """A picture `[1, C, H, W]` as the bytes of a PNG or JPEG file, or as raw bytes row by row, red, green, blue."""
+def encode(frame: Tensor, kind: Format, quality: int = JPEG_QUALITY) -> bytes:
+    """An image `[1, C, H, W]` as the bytes of a PNG or JPEG file, or as raw bytes row by row, red, green, blue."""
     import cv2
 
-    image = np.ascontiguousarray(picture[0].permute(1, 2, 0).numpy())
+    image = np.ascontiguousarray(frame[0].permute(1, 2, 0).numpy())
     if kind == "raw":
         return image.tobytes()
     if image.shape[2] == 3:
@@ -84,7 +84,7 @@ def encode(picture: Tensor, kind: Format, quality: int = JPEG_QUALITY) -> bytes:
 
 
 def decode(data: bytes, shape: tuple[int, int, int], kind: Format) -> Tensor | None:
-    """The picture `[1, C, H, W]` of `shape` (C, H, W) again; None where the bytes are none."""
+    """The image `[1, C, H, W]` of `shape` (C, H, W) again; None where the bytes are none."""
     import cv2
 
     channels, height, width = shape

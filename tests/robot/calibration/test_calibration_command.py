@@ -61,7 +61,7 @@ def test_command_from_folders(tmp_path, capsys):
         (lambda f: [p.unlink() for p in (f / "right").iterdir()] + [(f / "right").rmdir()], "no such folder"),
         (
             lambda f: cv2.imwrite(str(f / "left" / "1.png"), np.zeros((9, 9), np.uint8)),
-            "all pictures must be of one size",
+            "all images must be of one size",
         ),
         (lambda f: None, "10 pairs that show the whole board are needed, got 0"),
     ],

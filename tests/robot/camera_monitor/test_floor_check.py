@@ -89,7 +89,7 @@ def test_what_is_said():
     assert well.words() == ["floor would be told from noise in 100 % of the view: it will do"]
     slow = FloorFound(0.5, 0.5, 0.1, True, True, None)
     assert not slow.will_do
-    assert "50 % of its speed; the pictures are noisy" in slow.words()[0]
+    assert "50 % of its speed; the images are noisy" in slow.words()[0]
     blocked = well._replace(near=0.5)
     assert not blocked.will_do
     assert blocked.words()[1] == "not right: something stands 0.50 m ahead of the middle of the car"

@@ -113,7 +113,7 @@ def test_devices_that_cannot_be_opened(monkeypatch, number, message):
 
 def test_a_device_that_is_none():
     assert group_of("/dev/video99") == "video"
-    with pytest.raises(InputError, match="camera /dev/full: no camera that gives pictures"):
+    with pytest.raises(InputError, match="camera /dev/full: no camera that gives images"):
         open_capture(find_source("/dev/full"), SETTINGS)
 
 

@@ -61,7 +61,7 @@ def test_the_end_of_the_input_is_a_no(
     ("world", "well", "said"),
     [
         (SimulationTable(arena="dead-end", seed=3), True, "it will do"),
-        (SimulationTable(arena="dead-end", seed=3, disturbance="noise"), False, "the pictures are noisy"),
+        (SimulationTable(arena="dead-end", seed=3, disturbance="noise"), False, "the images are noisy"),
     ],
 )
 def test_the_floor_before_the_car_is_measured(

@@ -47,7 +47,7 @@ def open_device(camera: Source, settings: CameraSettings) -> Capture:
     with quiet_opencv():
         capture = cv2.VideoCapture(os.path.realpath(camera.target), cv2.CAP_V4L2)
     if not capture.isOpened():
-        raise InputError(f"camera {camera.name}: {busy(camera.target) or 'no camera that gives pictures'}")
+        raise InputError(f"camera {camera.name}: {busy(camera.target) or 'no camera that gives images'}")
     try:
         set_up(capture, camera, settings)
     except InputError:
@@ -153,7 +153,7 @@ class Device(NamedTuple):
 
 
 def list_devices(classes: Path = CLASS, dev: Path = DEV) -> list[Device]:
-    """All nodes that give pictures. A USB camera has a second node for its metadata, which is left out."""
+    """All nodes that give images. A USB camera has a second node for its metadata, which is left out."""
     if not classes.is_dir():
         return []
     names = by_path(dev)
