@@ -107,7 +107,7 @@ def feature_legend(figure: Figure, columns: int = 10) -> None:
 
 
 def bare(axes: Axes, image: Any, title: str = "") -> None:
-    """A picture without ticks."""
+    """An image without ticks."""
     axes.imshow(np.asarray(image), interpolation="nearest")
     axes.set(xticks=[], yticks=[], title=title)
 

@@ -138,7 +138,7 @@ def from_arrays(arrays: Arrays, arena: str, seed: int) -> Recorded:
 def ranges_of(
     seen: Recorded, features: FeatureParams, matching: MatchParams | None = None, angle: str = "atan"
 ) -> Ranges:
-    """Ranges `[T', n]` computed anew from the recorded rows, which were rounded to whole grey levels."""
+    """Ranges `[T', n]` computed again from the recorded rows, which were rounded to whole grey levels."""
     left, right = torch.from_numpy(seen.rows).unbind(1)
     ranging = RowRanging(seen.rig, 1 / RATE, features, matching, angle)  # type: ignore[arg-type]
     found: Ranges

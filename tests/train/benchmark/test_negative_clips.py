@@ -52,7 +52,7 @@ def test_a_still_image_is_an_image_or_the_median_of_a_video(still: Pixels, tmp_p
     (tmp_path / "text").write_text("words")
     for path, message in (
         (tmp_path / "none", "no such file"),
-        (tmp_path / "text", "is no picture or video of 32 x 32"),
+        (tmp_path / "text", "is not an image or video of 32 x 32"),
     ):
         with pytest.raises(InputError, match=message):
             still_image(path)

@@ -316,8 +316,8 @@ class RenderedBars(RenderedScene):
         white = (1.0, 1.0, 1.0)
         self.covers = []
         for b in scene.bars:
-            ways = direction_degrees(b.direction), b.start, orientation_degrees(b.orientation)
-            self.covers.append(BarScene([Bar(white, *ways, speed, length, width)], seconds, fps=fps, size=SIZE))
+            pose = direction_degrees(b.direction), b.start, orientation_degrees(b.orientation)
+            self.covers.append(BarScene([Bar(white, *pose, speed, length, width)], seconds, fps=fps, size=SIZE))
 
     def moments(self, start: int, stop: int) -> Tensor:
         """For how many frames the bars have moved at each frame, `[T]`."""

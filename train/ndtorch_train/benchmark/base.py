@@ -69,7 +69,7 @@ class Benchmark:
         columns: of the table; the first two name the case and the method.
         tasks: in the order of the table.
         uses: modules whose code the rows depend on.
-        summary: rows that are computed from all others and stand below them.
+        summary: rows that are computed from all others and are shown below them.
         draw: writes images of the rows into a folder.
         pivot: keys of the values to show in a table with a row a case and a column a method; empty: a row each.
         settings: what the rows depend on besides the names of the tasks.

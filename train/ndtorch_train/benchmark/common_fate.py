@@ -37,7 +37,7 @@ MEMORY = 0.4
 STANDS_OUT = 10.0
 """Pixels a second by which averaged flow must differ from that of most pixels: a third of the dots' pace, not tuned."""
 SMOOTH = 4.0
-"""Deviation of the window in which it is averaged, pixels: that of our own closer look."""
+"""Deviation of the window in which it is averaged, pixels: that of our own closer search."""
 ONE_WAY = 12.0
 """Pixels a second within which flow is of one patch."""
 SMALLEST = 0.006
@@ -92,7 +92,7 @@ def pieces(scene: CommonFate, moments: Sequence[int]) -> Iterator[torch.Tensor]:
 
 
 def coherent(scene: CommonFate, moments: Sequence[int]) -> list[list[Found]]:
-    """Correlators of all directions, and the closer look at what stands out."""
+    """Correlators of all directions, and the closer search where motion differs."""
     motion, state, found = CoherentMotion(scene.size, 1 / scene.fps), None, []
     with torch.inference_mode():
         for frames in pieces(scene, moments):
@@ -123,11 +123,11 @@ class Model:
         return found
 
     @staticmethod
-    def mask(thing: Any, signals: Any, size: tuple[int, int]) -> Mask | None:
+    def mask(obj: Any, signals: Any, size: tuple[int, int]) -> Mask | None:
         """The silhouette of an object, of models that have them."""
         if not hasattr(signals, "labels") or not len(signals.labels):
             return None
-        image = (signals.labels[-1].numpy() == (thing.track or 0) + 1).astype(np.uint8)
+        image = (signals.labels[-1].numpy() == (obj.track or 0) + 1).astype(np.uint8)
         return np.asarray(cv2.resize(image, size[::-1], interpolation=cv2.INTER_NEAREST)) > 0
 
 

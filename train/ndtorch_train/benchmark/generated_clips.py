@@ -195,7 +195,7 @@ def draw_movers(
 
 
 def draw_mover(rng: Generator, hue: float, width: float, seconds: float) -> Mover:
-    """One object that crosses the picture within 30 degrees of a main direction in 2.5 to 6 seconds."""
+    """One object that crosses the image within 30 degrees of a main direction in 2.5 to 6 seconds."""
     direction = DIRECTIONS[rng.integers(4)]
     heading = math.radians(HEADING[direction] + rng.uniform(-30, 30))
     extent = width if direction in ("left", "right") else 1.0
@@ -230,7 +230,7 @@ def draw_mover(rng: Generator, hue: float, width: float, seconds: float) -> Move
 
 
 def shown(mover: Mover, time: float, width: float, occluders: tuple[tuple[float, float, float, float], ...]) -> float:
-    """Share of an object's bounding box that is inside the picture and not behind something."""
+    """Share of an object's bounding box that is inside the image and not behind something."""
     row, column = mover.position(time)
     rows = row + mover.size[0] * np.linspace(-0.45, 0.45, 7)
     columns = column + mover.size[1] * np.linspace(-0.45, 0.45, 7)
@@ -250,7 +250,7 @@ def sight(
 
 
 def apart(movers: tuple[Mover, ...], width: float, seconds: float) -> bool:
-    """Whether every two objects are a third of the picture's height apart for half of the time both are there."""
+    """Whether every two objects are a third of the image's height apart for half of the time both are there."""
     for i, one in enumerate(movers):
         for other in movers[:i]:
             both = set(sight(one, width, seconds, ())) & set(sight(other, width, seconds, ()))

@@ -251,7 +251,7 @@ def read_blobs(path: Path, size: tuple[int, int]) -> Iterator[TrueFrame]:
 
 @dataclass(frozen=True)
 class MotScore:
-    """Scores of one method on one clip; None where the truth cannot tell.
+    """Scores of one method on one clip; None where the truth does not know.
 
     Attributes:
         precision, recall, f: of places.
@@ -285,7 +285,7 @@ class Tally:
     """Sums over frames."""
 
     true: int = 0
-    said: int = 0
+    reported: int = 0
     right: int = 0
     switches: int = 0
     fragments: int = 0
@@ -319,7 +319,7 @@ def mot_score(output: TrackerOutput, truth: Iterable[TrueFrame], fps: float, mas
             break
         tally.frames += 1
         tally.true += len(frame.objects)
-        tally.said += len(hypotheses)
+        tally.reported += len(hypotheses)
         tally.away += abs(len(hypotheses) - len(frame.objects))
         pairs = match(frame.objects, hypotheses, lasting)
         tally.right += len(pairs)
@@ -345,16 +345,16 @@ def mot_score(output: TrackerOutput, truth: Iterable[TrueFrame], fps: float, mas
                 if obj.identity is not None and obj.holds(*hypothesis.place):
                     together[obj.identity, hypothesis.track] += 1
         if frame.moving is not None and frame.counted is not None and number < len(output.masks):
-            said = output.masks[number].mask() & frame.counted
-            pixels += [int((said & frame.moving).sum()), int(said.sum()), int(frame.moving.sum())]
+            reported = output.masks[number].mask() & frame.counted
+            pixels += [int((reported & frame.moving).sum()), int(reported.sum()), int(frame.moving.sum())]
     best = identities(together)
-    missed, false = tally.true - tally.right, tally.said - tally.right
+    missed, false = tally.true - tally.right, tally.reported - tally.right
     known = not masked and tally.true > 0
     return MotScore(
-        precision=tally.right / max(1, tally.said),
+        precision=tally.right / max(1, tally.reported),
         recall=tally.right / max(1, tally.true),
-        f=2 * tally.right / max(1, tally.said + tally.true),
-        idf1=2 * sum(together[pair] for pair in best.items()) / max(1, tally.said + tally.true) if known else None,
+        f=2 * tally.right / max(1, tally.reported + tally.true),
+        idf1=2 * sum(together[pair] for pair in best.items()) / max(1, tally.reported + tally.true) if known else None,
         mota=1 - (missed + false + tally.switches) / tally.true if known else None,
         switches=tally.switches if known else None,
         fragments=tally.fragments if known else None,
@@ -392,12 +392,12 @@ def directions(
     output: TrackerOutput, paths: dict[int, list[tuple[float, float]]], sizes: dict[int, float], best: dict[int, int]
 ) -> float | None:
     """Share of the true objects that travel whose track has the same main direction; None where none does."""
-    said: dict[int, list[tuple[float, float]]] = {}
+    reported: dict[int, list[tuple[float, float]]] = {}
     for hypotheses in output.hypotheses:
         for hypothesis in hypotheses:
-            said.setdefault(hypothesis.track, []).append(hypothesis.place)
+            reported.setdefault(hypothesis.track, []).append(hypothesis.place)
     right = [
-        name in best and direction(said[best[name]]) == direction(path)
+        name in best and direction(reported[best[name]]) == direction(path)
         for name, path in paths.items()
         if max(abs(path[-1][k] - path[0][k]) for k in (0, 1)) >= TRAVELLED * sizes[name]
     ]

@@ -32,15 +32,15 @@ PATCHES, SWAY = 6, 4.0
 FLAKES, FLAKE = 150, 4.0
 """Flakes of snow on 288 x 384 pixels, and by how many pixels the radius of the nearest is larger."""
 WATER, WAVES, RIPPLE, GLINT = 0.4, 8, 4.0, 0.5
-"""Share of the picture that is water, waves on it, by how many pixels they bend it, and how bright they glint."""
+"""Share of the image that is water, waves on it, by how many pixels they bend it, and how bright they glint."""
 NIGHT, NIGHT_NOISE = 0.12, 0.02
 """What is left of the light at night, and the deviation of the noise then."""
 NOISE = 0.05
 """Standard deviation of the noise of every pixel and color."""
 SHAKE = 3.0
-"""Most pixels by which a shaken camera moves the picture."""
+"""Most pixels by which a shaken camera moves the image."""
 SCREEN, SHOT_S = 0.28, 3.0
-"""Height of a screen in the picture as a share of it, and mean time from one cut on it to the next."""
+"""Height of a screen in the image as a share of it, and mean time from one cut on it to the next."""
 
 
 def noise(still: Floats, chance: Chance, count: int) -> Iterator[Floats]:
@@ -50,7 +50,7 @@ def noise(still: Floats, chance: Chance, count: int) -> Iterator[Floats]:
 
 
 def shake(still: Floats, chance: Chance, count: int) -> Iterator[Floats]:
-    """A camera on a mast in the wind: the picture moves by one to three pixels, in gusts."""
+    """A camera on a mast in the wind: the image moves by one to three pixels, in gusts."""
     height, width = still.shape[:2]
     most = SHAKE * height / TALL
     parts = [(chance.uniform(0.8, 6), chance.uniform(0, 7), chance.uniform(0, 7)) for _ in range(4)]
@@ -85,9 +85,9 @@ def screen(still: Floats, chance: Chance, count: int) -> Iterator[Floats]:
         start = np.array([tall / 2, wide / 2]) + pan * (t - began)
         at = np.rint(start.clip(0, (tall, wide))).astype(int)
         shown = shot[at[0] : at[0] + tall, at[1] : at[1] + wide].clip(0, 1)
-        picture = still + 0.15 * glow * shown.mean((0, 1)) * still
-        picture[top : top + tall, left : left + wide] = shown
-        yield np.asarray(picture, np.float32)
+        image = still + 0.15 * glow * shown.mean((0, 1)) * still
+        image[top : top + tall, left : left + wide] = shown
+        yield np.asarray(image, np.float32)
 
 
 def rain(still: Floats, chance: Chance, count: int) -> Iterator[Floats]:
@@ -129,15 +129,15 @@ def leaves(still: Floats, chance: Chance, count: int) -> Iterator[Floats]:
         cover = np.clip((1.2 - apart) / 0.4, 0, 1).astype(np.float32)
         kinds.append((cover, chance.uniform(0.4, 1.2), chance.uniform(0, 7), chance.uniform(0, math.pi)))
     for n in range(count):
-        picture, t = still.copy(), n / FPS
-        for cover, pace, phase, way in kinds:
+        image, t = still.copy(), n / FPS
+        for cover, pace, phase, heading in kinds:
             gust = 0.5 + 0.5 * math.sin(0.7 * t + phase)
             sway = scale * SWAY * gust * math.sin(2 * math.pi * pace * t + phase)
-            at = columns + np.float32(sway * math.cos(way)), rows + np.float32(sway * math.sin(way))
+            at = columns + np.float32(sway * math.cos(heading)), rows + np.float32(sway * math.sin(heading))
             moved = cv2.remap(green, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
             share = cv2.remap(cover, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)[..., None]
-            picture += share * (moved - picture)
-        yield picture
+            image += share * (moved - image)
+        yield image
 
 
 def snow(still: Floats, chance: Chance, count: int) -> Iterator[Floats]:
@@ -162,7 +162,7 @@ def snow(still: Floats, chance: Chance, count: int) -> Iterator[Floats]:
 
 
 def water(still: Floats, chance: Chance, count: int) -> Iterator[Floats]:
-    """The lower part of the picture mirrored in water whose waves bend it and glint."""
+    """The lower part of the image mirrored in water whose waves bend it and glint."""
     height, width = still.shape[:2]
     scale, shore = height / TALL, round(height * (1 - WATER))
     rows, columns = np.mgrid[0 : height - shore, 0:width].astype(np.float32)
@@ -170,10 +170,10 @@ def water(still: Floats, chance: Chance, count: int) -> Iterator[Floats]:
     deep = 1 / (0.35 + 0.65 * rows / max(1, height - shore))
     waves = []
     for _ in range(WAVES):
-        number, way = 2 * math.pi / (scale * chance.uniform(14, 60)), chance.uniform(0, math.pi)
+        number, heading = 2 * math.pi / (scale * chance.uniform(14, 60)), chance.uniform(0, math.pi)
         # Of waves on deep water short ones are slower: the pace goes with the root of the wave number.
         pace = 2 * math.pi * 0.9 * math.sqrt(number * scale * 30 / (2 * math.pi))
-        along = number * deep * (columns * np.float32(math.cos(way)) + 2.5 * rows * np.float32(math.sin(way)))
+        along = number * deep * (columns * np.float32(math.cos(heading)) + 2.5 * rows * np.float32(math.sin(heading)))
         waves.append((along, pace, chance.uniform(0, 2 * math.pi), number))
     least = min(number for *_, number in waves)
     mirrored = still[shore - 1 :: -1][: height - shore]
@@ -187,17 +187,17 @@ def water(still: Floats, chance: Chance, count: int) -> Iterator[Floats]:
         at = columns, rows + np.float32(scale * RIPPLE) * slope
         bent = cv2.remap(mirrored, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
         glint = np.clip((slope - 0.8) * 1.2, 0, 1)[..., None] * np.float32(GLINT)
-        picture = still.copy()
-        picture[shore:] = bent + 0.04 * slope[..., None] + glint * (1 - bent)
-        yield picture
+        image = still.copy()
+        image[shore:] = bent + 0.04 * slope[..., None] + glint * (1 - bent)
+        yield image
 
 
 def nightfall(still: Floats, chance: Chance, count: int) -> Iterator[Floats]:
-    """It gets dark and bluish, one side of the picture first, and the camera's noise grows as it amplifies."""
+    """The scene gets dark and bluish, one side of the image first, and the camera's noise grows as it amplifies."""
     height, width = still.shape[:2]
-    way = chance.uniform(0, 2 * math.pi)
+    heading = chance.uniform(0, 2 * math.pi)
     rows, columns = np.mgrid[-0.5 : 0.5 : height * 1j, -0.5 : 0.5 : width * 1j].astype(np.float32)
-    side = (rows * math.sin(way) + columns * math.cos(way))[..., None]
+    side = (rows * math.sin(heading) + columns * math.cos(heading))[..., None]
     for n in range(count):
         # Night is there after nine tenths of the clip.
         share = min(1.0, n / (0.9 * count))
@@ -211,7 +211,7 @@ def nightfall(still: Floats, chance: Chance, count: int) -> Iterator[Floats]:
 SEEDS: dict[Split, int] = {"tune": 0, "test": 1_000_000}
 
 SAMPLES = 25
-"""Frames of a video whose median is its still picture."""
+"""Frames of a video whose median is its still image."""
 
 KINDS: dict[str, Callable[[Floats, Chance, int], Iterator[Floats]]] = {
     "noise": noise,
@@ -244,7 +244,7 @@ class Drawn:
 
 
 def still_image(source: Path) -> Pixels:
-    """A picture, or the median of frames of a video, in which what passes is gone, blue, green, red.
+    """An image, or the median of frames of a video, in which what passes is gone, blue, green, red.
 
     Raises:
         InputError: neither.
@@ -252,12 +252,12 @@ def still_image(source: Path) -> Pixels:
     if not source.is_file():
         raise InputError(f"{source}: no such file")
     with quiet_opencv():
-        picture = cv2.imread(str(source))
-    if picture is None:
-        picture = median_frame(source)
-    if picture is None or min(picture.shape[:2]) < 32:
-        raise InputError(f"{source} is no picture or video of 32 x 32 pixels or more")
-    return np.asarray(picture, np.uint8)
+        image = cv2.imread(str(source))
+    if image is None:
+        image = median_frame(source)
+    if image is None or min(image.shape[:2]) < 32:
+        raise InputError(f"{source} is not an image or video of 32 x 32 pixels or more")
+    return np.asarray(image, np.uint8)
 
 
 def median_frame(path: Path) -> Pixels | None:

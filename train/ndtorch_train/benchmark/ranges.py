@@ -32,9 +32,9 @@ Disparity = npt.NDArray[np.float32]
 Floats = npt.NDArray[np.float64]
 
 KITTI = 256.0
-"""A pixel of disparity in files of 16 bits whose name tells no other scale."""
+"""A pixel of disparity in files of 16 bits whose name has no other scale."""
 EVERY, MARGIN = 3, 3
-"""Every so many rows of a picture are taken for the horizon row, but none so near its border."""
+"""Every so many rows of an image are taken for the horizon row, but none so near its border."""
 
 BLOCK = 5
 """Pixels across what `cv2.StereoSGBM` compares; its other numbers are those of OpenCV's example."""
@@ -129,8 +129,8 @@ def judge(found: Found, truth: Disparity) -> Row:
     """Ranges a row, those with truth, and the ratios of disparities right to 1 px, to 2 px, and of ranges to 10 %."""
     true = truth[found.row, found.column].astype(np.float64)
     there = true > 0
-    said, true = found.disparity[there], true[there]
-    off, far = np.abs(said - true), np.abs(true / said - 1)
+    measured, true = found.disparity[there], true[there]
+    off, far = np.abs(measured - true), np.abs(true / measured - 1)
     ratios = [float(np.mean(good)) if len(true) else None for good in (off <= 1, off <= 2, far <= 0.1)]
     counts = len(found.row) / max(found.rows, 1), len(true) / max(found.rows, 1)
     names = ("per_row", "known_per_row", "within_1", "within_2", "within_10")
@@ -230,7 +230,7 @@ def read(path: Path, color: bool) -> npt.NDArray[Any]:
 
 @dataclass(frozen=True)
 class Condition:
-    """What is done to a pair: noise of so many levels of 1, and the right picture so many times as bright."""
+    """What is done to a pair: noise of so many levels of 1, and the right image so many times as bright."""
 
     name: str
     noise: float = 0.0
@@ -242,7 +242,7 @@ class Condition:
         return [(self.one(pair.left, 1.0, rng), self.one(pair.right, self.exposure, rng)) for _ in range(frames)]
 
     def one(self, image: Image, factor: float, rng: np.random.Generator) -> Image:
-        """One picture."""
+        """One image."""
         values = image * np.float32(factor)
         if self.noise:
             values = values + rng.normal(0, 255 * self.noise, image.shape)
@@ -258,13 +258,13 @@ CONDITIONS = (
 
 
 class Found(NamedTuple):
-    """Disparities of a picture.
+    """Disparities of an image.
 
     Attributes:
         row, column: of the left pixels, `[n]`.
         disparity: `[n]`.
         rows: how many rows were looked at.
-        seconds: processor time of one row, or of the whole picture where that is done at once.
+        seconds: processor time of one row, or of the whole image where that is done at once.
     """
 
     row: npt.NDArray[np.int64]
@@ -274,13 +274,13 @@ class Found(NamedTuple):
     seconds: float
 
 
-def looked_at(height: int) -> range:
-    """The rows of a picture that are taken for the horizon row, one after the other."""
+def scanned_rows(height: int) -> range:
+    """The rows of an image that are taken for the horizon row, one after the other."""
     return range(MARGIN, height - MARGIN, EVERY)
 
 
 def ranging(width: int, height: int, disparities: tuple[int, int], search: bool) -> RowRanging:
-    """The navigator's ranging for pictures of a size; the rig's lengths do not matter for disparities."""
+    """The navigator's ranging for images of a size; the rig's lengths do not matter for disparities."""
     rig, (low, high) = StereoRig(width=width, height=height, focal=float(width)), disparities
     if search:
         return RowRanging(rig, 1 / 30, search=SearchParams(min_disparity=low, max_disparity=high))
@@ -297,7 +297,7 @@ def by_rows(module: RowRanging, views: list[tuple[Image, Image]]) -> Found:
     """
     around = module.row.bottom - module.row.top
     found: list[tuple[int, Floats, Floats]] = []
-    seconds, rows = [], looked_at(views[0][0].shape[0])
+    seconds, rows = [], scanned_rows(views[0][0].shape[0])
     with torch.inference_mode():
         for y in rows:
             before, now = (strips(view, y, around, moved) for view, moved in zip(views, (1, 0), strict=True))
@@ -323,7 +323,7 @@ def by_rows(module: RowRanging, views: list[tuple[Image, Image]]) -> Found:
 
 
 def strips(view: tuple[Image, Image], y: int, around: int, moved: int) -> Iterator[torch.Tensor]:
-    """Rows `[1, 1, around, W]` of both pictures, moved by so many pixels to the left."""
+    """Rows `[1, 1, around, W]` of both images, moved by so many pixels to the left."""
     for image in view:
         rows = np.roll(image[y - around // 2 : y + around // 2 + 1], -moved, 1)
         yield torch.from_numpy(np.ascontiguousarray(rows))[None, None]
@@ -336,14 +336,16 @@ class SemiGlobal(NamedTuple):
     seconds: float
 
     def at(self, found: Found) -> Found:
-        """What it says at the pixels that others found."""
-        said = self.disparity[found.row, found.column]
-        known = said > 0
-        return Found(found.row[known], found.column[known], said[known].astype(np.float64), found.rows, self.seconds)
+        """Its disparities at the pixels that others found."""
+        measured = self.disparity[found.row, found.column]
+        known = measured > 0
+        return Found(
+            found.row[known], found.column[known], measured[known].astype(np.float64), found.rows, self.seconds
+        )
 
 
 def semi_global(left: Image, right: Image, most: int) -> SemiGlobal:
-    """`cv2.StereoSGBM` on whole pictures, with a penalty and checks as in OpenCV's example."""
+    """`cv2.StereoSGBM` on whole images, with a penalty and checks as in OpenCV's example."""
     count, area = searched(most), BLOCK * BLOCK
     matcher = cv2.StereoSGBM.create(0, count, BLOCK, 8 * area, 32 * area, 1, 63, 10, 100, 2)
     began = time.process_time()
@@ -352,10 +354,10 @@ def semi_global(left: Image, right: Image, most: int) -> SemiGlobal:
 
 
 def searched(most: int) -> int:
-    """How many disparities `cv2.StereoSGBM` looks at for one of `most`: it takes multiples of 16 alone."""
+    """How many disparities `cv2.StereoSGBM` searches for one of `most`: it takes multiples of 16 alone."""
     return -(-(most + 1) // 16) * 16
 
 
 def least_columns(most: int) -> int:
-    """Columns that a picture must have for disparities up to `most`: half of them are seen by both eyes."""
+    """Columns that a image must have for disparities up to `most`: half of them are seen by both cameras."""
     return max(2 * most, searched(most) + BLOCK)

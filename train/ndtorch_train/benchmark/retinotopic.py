@@ -200,8 +200,8 @@ class LocalScenes:
         steady: the bars' brightness stays .6.
         speed: pixels a second.
         length, width: of the bars, pixels.
-        cross: a grey cross stands before them, with arms of so many pixels; 0: none.
-        stands: seconds for which the bars stand still after every 1.5 s of motion.
+        cross: width in pixels of the arms of a grey cross in front of them; 0: none.
+        stop_s: seconds for which the bars are stationary after every 1.5 s of motion.
     """
 
     name: str
@@ -211,7 +211,7 @@ class LocalScenes:
     length: float = LENGTH
     width: float = WIDTH
     cross: int = 0
-    stands: float = 0.0
+    stop_s: float = 0.0
 
 
 RENDERED = (
@@ -220,7 +220,7 @@ RENDERED = (
     LocalScenes("200 px/s", speed=200.0),
     LocalScenes("bars of 90 x 25", length=90.0, width=25.0),
     LocalScenes("behind an occluder", cross=60),
-    LocalScenes("stop-and-go", stands=0.5),
+    LocalScenes("stop-and-go", stop_s=0.5),
 )
 GOES = 1.5
 """Seconds of motion between stops."""
@@ -248,7 +248,7 @@ class OnGround(RenderedBars):
 
     def moments(self, start: int, stop: int) -> Tensor:
         """For how many frames the bars have moved at each frame, `[T]`."""
-        return moved(torch.arange(start, stop), self.kind.stands)
+        return moved(torch.arange(start, stop), self.kind.stop_s)
 
     def frames(self, start: int, stop: int) -> Tensor:
         """Frames `start` to `stop - 1`, `[T, 3, H, W]` float32 in 0..1."""
@@ -261,9 +261,9 @@ class OnGround(RenderedBars):
         return canvas
 
 
-def moved(frames: Tensor, stands: float) -> Tensor:
-    """For how many frames what goes `GOES` and stands `stands` seconds in turn has moved, at each frame `[T]`."""
-    goes, both = round(GOES * RATE), round((GOES + stands) * RATE)
+def moved(frames: Tensor, stop_s: float) -> Tensor:
+    """Frames of motion up to each frame `[T]` of a bar that moves `GOES` s and stops `stop_s` s in turn."""
+    goes, both = round(GOES * RATE), round((GOES + stop_s) * RATE)
     return frames // both * goes + (frames % both).clamp_max(goes)
 
 

@@ -17,9 +17,9 @@ import torch
 from torch import Tensor
 
 import ndtorch
-from ndtorch.binding import BindingInputs, PublishedModel, ScaleFreeModel, alternation, object_table
+from ndtorch.binding import BindingInputs, PublishedModel, alternation, object_table
 from ndtorch.binding.learning import settled
-from ndtorch.binding.models.whole_field import BindingState
+from ndtorch.binding.models.whole_field import BindingState, WholeFieldModel
 from ndtorch.binding.normalise import divide, group_max, spread_groups
 from ndtorch.binding.readout.joint_diagonalisation import diagonalise
 from ndtorch.utils.packages import need
@@ -39,7 +39,7 @@ EMPTY = 1e-9
 
 @dataclass(frozen=True)
 class Reading:
-    """What a method says of many scenes at one moment.
+    """What a method finds in many scenes at one moment.
 
     Attributes:
         found: features of the objects of every scene, `[objects, 10]` bool each.
@@ -51,7 +51,7 @@ class Reading:
 
 
 class Method(Protocol):
-    """Takes sums `[B, T, 10]` at `fps` and says what is in view at `times`, seconds from the first frame."""
+    """Takes sums `[B, T, 10]` at `fps` and gives the objects at `times`, seconds from the first frame."""
 
     online: bool
 
@@ -60,32 +60,42 @@ class Method(Protocol):
         ...
 
 
-class Learned:
-    """The published model with one of its rules, learning while it looks."""
+class Online:
+    """A model over the whole field that learns from the sums.
+
+    Args:
+        name: of the model; options: constants of it.
+    """
 
     online = True
 
-    def __init__(self, rule: str) -> None:
-        self.rule = rule
+    def __init__(self, name: str, **options: Any) -> None:
+        self.name, self.options = name, options
 
     def __call__(self, sums: Tensor, fps: float, times: Sequence[float]) -> list[Reading]:
-        model = ndtorch.load("published", fps=fps, rule=self.rule)
-        assert isinstance(model, PublishedModel)
+        model = ndtorch.load(self.name, fps=fps, **self.options)
+        assert isinstance(model, WholeFieldModel)
         readings, state, done = [], None, 0
         with torch.inference_mode():
             for time in times:
                 upto = round(time * fps)
                 _, state = model.from_sums(sums[:, done:upto], state)
-                readings.append(self.read(state, model.config.readout.alternating))
+                readings.append(self.read(model, state))
                 done = upto
         return readings
 
     @staticmethod
-    def read(state: BindingState, alternating: float) -> Reading:
-        """The published table [C §4.1], whatever the verdict on the weights would be."""
-        table = object_table(state.second.weights)
+    def read(model: WholeFieldModel, state: BindingState) -> Reading:
+        """The objects of the model's table; of the published one whatever its verdict on the weights would be."""
+        alternating = torch.zeros(len(state.second.weights), dtype=torch.bool)
+        if isinstance(model, PublishedModel):
+            table = object_table(state.second.weights)
+            alternating = ~(alternation(state.second) <= model.config.readout.alternating)
+        else:
+            # Outputs of a settled network are a fixed mixture of its inputs: they cannot alternate.
+            table = model.table(state)
         found = [rows[own] > 0 for rows, own in zip(table.rows, table.owners, strict=True)]
-        return Reading(found, ~(alternation(state.second) <= alternating))
+        return Reading(found, alternating)
 
 
 class Signals:
@@ -104,34 +114,6 @@ class Signals:
         self.states = (low, state)
         refined: Tensor = inputs @ self.refine
         return refined
-
-
-class ScaleFree:
-    """The scale-free model at the rate of the frames, with one of its read-outs.
-
-    Args:
-        readout: "owners" or "sums".
-    """
-
-    online = True
-
-    def __init__(self, readout: str) -> None:
-        self.readout = readout
-
-    def __call__(self, sums: Tensor, fps: float, times: Sequence[float]) -> list[Reading]:
-        model = ndtorch.load("scale-free", fps=fps, readout=self.readout)
-        assert isinstance(model, ScaleFreeModel)
-        readings, state, done = [], None, 0
-        with torch.inference_mode():
-            for time in times:
-                upto = round(time * fps)
-                _, state = model.from_sums(sums[:, done:upto], state)
-                table = model.table(state)
-                found = [rows[own] > 0 for rows, own in zip(table.rows, table.owners, strict=True)]
-                # Outputs of a settled network are a fixed mixture of its inputs: they cannot alternate.
-                readings.append(Reading(found, torch.zeros(len(sums), dtype=torch.bool)))
-                done = upto
-        return readings
 
 
 class Offline:
@@ -160,7 +142,7 @@ class Ica(Offline):
     """FastICA with as many components as the covariance has eigenvalues over a share of the largest."""
 
     def separate(self, signals: Tensor) -> Tensor:
-        fast_ica = decomposition().FastICA
+        fast_ica = need("sklearn.decomposition", "ica").FastICA
         centered = (signals - signals.mean(0)).double()
         values = torch.linalg.eigvalsh(centered.mT @ centered)
         if float(values[-1]) < EMPTY * len(centered):
@@ -176,9 +158,7 @@ class Ica(Offline):
                 # It does not converge to numbers: the count holds, and the principal components are its mixing.
                 vectors = torch.linalg.eigh(centered.mT @ centered)[1]
                 mixing = vectors[:, -rank:].mT.float()
-        # The sign of a component is free: its largest feature is positive.
-        largest = mixing.gather(-1, mixing.abs().argmax(-1, keepdim=True))
-        return mixing * largest.sign()
+        return upright(mixing)
 
 
 class Greedy(Offline):
@@ -208,7 +188,7 @@ class Greedy(Offline):
 
 
 class Nmf:
-    """Non-negative matrix factorisation of the raw sums, told how many bars there are."""
+    """Non-negative matrix factorisation of the raw sums, with the number of bars given."""
 
     online = False
 
@@ -233,7 +213,7 @@ class Nmf:
         """`count` factors `[count, 10]` of signals `[T, 10]`."""
         if count == 0:
             return torch.zeros(0, 10)
-        model = decomposition().NMF(count, init="nndsvda", random_state=0, max_iter=400)
+        model = need("sklearn.decomposition", "nmf").NMF(count, init="nndsvda", random_state=0, max_iter=400)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             model.fit(signals.clamp_min(0).double().numpy())
@@ -243,11 +223,6 @@ class Nmf:
 def by_scale(sums: Tensor) -> Tensor:
     """Sums `[T, 10]`, each group over its largest value."""
     return divide(sums, spread_groups(group_max(sums.amax(0))))
-
-
-def decomposition() -> Any:
-    """scikit-learn's decompositions, imported when they are wanted: that takes a second."""
-    return need("sklearn.decomposition", "ica and nmf")
 
 
 def upright(mixing: Tensor) -> Tensor:
@@ -302,14 +277,14 @@ class OnlineSeparation:
     """A separation that takes one sample after the other; scene by scene.
 
     The signals of a scene are projected on the directions of their running covariance that hold sources, as FastICA
-    counts them, and made white; once a second the directions are looked at anew.
+    counts them, and made white; once a second the directions are computed again.
     """
 
     online = True
 
     @abstractmethod
     def start(self, sources: int) -> None:
-        """Begin anew for so many sources."""
+        """Start again for that number of sources."""
 
     @abstractmethod
     def learn(self, sample: Array, unmixing: Array) -> Array:
@@ -333,7 +308,7 @@ class OnlineSeparation:
         readings: list[Array] = []
         for taken, at in enumerate(range(start, len(signals), stride), 1):
             while len(readings) < len(asked) and at >= asked[len(readings)]:
-                readings.append(mixing_of(color, unmixing))
+                readings.append((color @ np.linalg.pinv(unmixing)).T)
             mean += (signals[at] - mean) / taken
             high = signals[at] - mean
             total += np.outer(high, high)
@@ -350,18 +325,12 @@ class OnlineSeparation:
             if len(unmixing):
                 unmixing = self.learn(whiten @ high, unmixing)
         while len(readings) < len(asked):
-            readings.append(mixing_of(color, unmixing))
+            readings.append((color @ np.linalg.pinv(unmixing)).T)
         return readings
 
 
-def mixing_of(color: Array, unmixing: Array) -> Array:
-    """Mixing `[sources, 10]`."""
-    mixing: Array = (color @ np.linalg.pinv(unmixing)).T
-    return mixing
-
-
 class MmIca(OnlineSeparation):
-    """Majorisation-minimisation ICA, online (Ablin, Gramfort, Cardoso and Bach 2019), written anew from the paper.
+    """Majorisation-minimisation ICA, online (Ablin, Gramfort, Cardoso and Bach 2019), written from the paper.
 
     For every source i, `A_i` is a running mean of `u(y_i) x x^T`, u(y) = G'(y) / y, with G Huber's function for
     super-Gaussian sources. Row i of the unmixing then becomes `(W A_i W^T)^-1 e_i`, normalised, times W.
@@ -404,11 +373,11 @@ class Easi(OnlineSeparation):
 
 
 METHODS: Mapping[str, Callable[[Sequence[Tensor]], Method]] = {
-    "published": lambda truth: Learned("competitive"),
-    "cooperative": lambda truth: Learned("cooperative"),
-    "hebbian": lambda truth: Learned("hebbian"),
-    "scale-free, owners": lambda truth: ScaleFree("owners"),
-    "scale-free": lambda truth: ScaleFree("sums"),
+    "published": lambda truth: Online("published", rule="competitive"),
+    "cooperative": lambda truth: Online("published", rule="cooperative"),
+    "hebbian": lambda truth: Online("published", rule="hebbian"),
+    "scale-free, owners": lambda truth: Online("scale-free", readout="owners"),
+    "scale-free": lambda truth: Online("scale-free", readout="sums"),
     "greedy": lambda truth: Greedy(),
     "ica": lambda truth: Ica(),
     "nmf": lambda truth: Nmf([len(features) for features in truth]),
@@ -417,4 +386,4 @@ METHODS: Mapping[str, Callable[[Sequence[Tensor]], Method]] = {
     "mm-ica": lambda truth: MmIca(),
     "easi": lambda truth: Easi(),
 }
-"""Every method by its name, made with the true features of the scenes; only nmf looks at them, for the number."""
+"""Every method by its name, made with the true features of the scenes; only nmf uses them, for the number."""

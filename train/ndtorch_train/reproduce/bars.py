@@ -24,7 +24,7 @@ from ndtorch_train.plots import (
     weight_panel,
 )
 from ndtorch_train.reproduce.experiment import Context, Outcome, judged
-from ndtorch_train.reproduce.signals import Run, learn, one_trial, owners, rendered, share_in, superposed
+from ndtorch_train.reproduce.signals import Run, draw_runs, learn, one_trial, owners, rendered, share_in, superposed
 
 PAIR = ["red", "green"]
 RED, GREEN_ = FEATURES.index("red"), FEATURES.index("green")
@@ -75,17 +75,17 @@ def two_bars(context: Context, seconds: float, phase_step: int, rendered_phases:
     numbers: dict[str, Any] = {
         "owners at phases, from rendered frames": {f"{p:g}": owners(film) for p, film in films.items()},
         "largest weight": float(w.max()),
-        "owners": [thing.neuron for thing in found],
-        "features": {thing.neuron: thing.features for thing in found},
+        "owners": [obj.neuron for obj in found],
+        "features": {obj.neuron: obj.features for obj in found},
         "verdict": run.model.verdict(run.state),
         "phases": phases,
         "right at phase": right,
         "largest weight at phase": largest,
         f"right at phase after {later:g} s": still,
     }
-    parts = {"exactly red and green own objects": [thing.neuron for thing in found] == PAIR}
+    parts = {"exactly red and green own objects": [obj.neuron for obj in found] == PAIR}
     if parts["exactly red and green own objects"]:
-        a, b = (thing.features for thing in found)
+        a, b = (obj.features for obj in found)
         parts["red: right > down, 0° and 120°"] = a.get("right", 0) > a.get("down", 0) > 0 and features_of(
             w, "red"
         ) & set(FEATURES[GROUPS["orientation"]]) == {"0°", "120°"}
@@ -140,19 +140,15 @@ def number_of_bars(context: Context, seconds: float, phase_step: int, offset_ste
     """One, two and three bars; three at many phases and offsets, from superposed sums."""
     scenes = ("one-bar", "two-bars", "three-bars")
     wanted = (["red"], PAIR, ["red", "green", "blue"])
-    figure, axes = panels(3, 2, 13, 14, width_ratios=[1.5, 1])
-    found = []
-    for k, (name, _) in enumerate(zip(scenes, wanted, strict=True)):
-        run = learn(rendered(context, name, seconds=4.0 + seconds))
-        found.append(owners(run.final))
-        words = name.replace("-", " ")
-        output_panel(axes[2 * k], run.time, run.outputs, f"outputs, {words}", owners(run.final), 10.0, 0.0)
-        matrix_panel(axes[2 * k + 1], run.final, f"weights, {words}", simplified=True)
+    found, shown = [], []
+    for k, name in enumerate(scenes):
+        one = learn(rendered(context, name, seconds=4.0 + seconds))
+        found.append(owners(one.final))
+        shown.append((name.replace("-", " "), one, found[-1], 10.0))
         context.report(0.3 * (k + 1))
-    letters(axes)
-    feature_legend(figure)
     caption = "One, two and three bars: outputs of the second stage, and weights over their largest."
-    context.draw("B10-number-of-bars", figure, "B fig. 10", caption, phase=290, blue_offset=20, seconds=seconds)
+    made = {"phase": 290, "blue_offset": 20, "seconds": seconds}
+    draw_runs(context, shown, "B10-number-of-bars", "B fig. 10", caption, **made)
 
     phases = [float(p) for p in range(0, 360, phase_step)]
     offsets = [float(o) for o in range(0, 50, offset_step)]
@@ -204,28 +200,20 @@ def three_bars_grid(
 
 def fluctuations(context: Context, seconds: float, patterns: int, gamma: float) -> Outcome:
     """Shadow, distance and random shadow."""
-    figure, axes = panels(3, 2, 13, 14, width_ratios=[1.5, 1])
     right, runs = [], []
     for seed in range(patterns):
         sums = rendered(context, "two-bars-random", 1 / (patterns + 2), seed=seed, seconds=4.0 + seconds)
         runs.append(learn(sums, gamma=torch.tensor(gamma)))
         right.append(owners(runs[-1].final) == PAIR)
         context.report((seed + 1) / (patterns + 2))
-    shown = [
-        ("sine shadow", learn(rendered(context, "two-bars", seconds=4.0 + seconds))),
-        ("distance", learn(rendered(context, "two-bars-distance", seconds=4.0 + seconds))),
-        ("random shadow, pattern 0", runs[0]),
-    ]
-    for k, (name, run) in enumerate(shown):
-        until = 10.0 if k < 2 else None
-        output_panel(axes[2 * k], run.time, run.outputs, f"outputs, {name}", owners(run.final), until, 0.0)
-        matrix_panel(axes[2 * k + 1], run.final, f"weights, {name}", simplified=True)
-    letters(axes)
-    feature_legend(figure)
+    sine, distance = (learn(rendered(context, f"two-bars{k}", seconds=4.0 + seconds)) for k in ("", "-distance"))
+    each = (("sine shadow", sine, 10.0), ("distance", distance, 10.0), ("random shadow, pattern 0", runs[0], None))
+    shown = [(name, run, owners(run.final), until) for name, run, until in each]
     caption = f"What makes the bars fluctuate: shadow, distance, random shadow (learning rate {gamma:g})."
-    context.draw("B11-fluctuations", figure, "B fig. 11", caption, seconds=seconds, gamma=gamma, patterns=patterns)
+    made = {"seconds": seconds, "gamma": gamma, "patterns": patterns}
+    draw_runs(context, shown, "B11-fluctuations", "B fig. 11", caption, **made)
     numbers = {
-        "distance": owners(shown[1][1].final),
+        "distance": owners(distance.final),
         "random right at seed": right,
         "largest weights": [float(run.final.max()) for run in runs],
     }

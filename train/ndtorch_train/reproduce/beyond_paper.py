@@ -51,7 +51,7 @@ def colors_at(sums: Tensor, moments: Sequence[int], **options: Any) -> list[Colo
             for part in torch.split(sums[:, begin:end], 500, -2):
                 _, state = model.from_sums(part, state)
             assert state is not None
-            found.append([[thing.color for thing in trial] for trial in model.objects(state)])
+            found.append([[obj.color for obj in trial] for trial in model.objects(state)])
             begin = end
     return found
 
@@ -169,16 +169,16 @@ def equal_objects(context: Context, seconds: float, kinds: list[str], size: int)
     for k, kind in enumerate(kinds):
         model = ndtorch.load("retinotopic", size=(size, size))
         source = equal_bars(SETTLE + seconds, fluctuation=kind, size=(size, size))
-        things, number, _ = watched(model, source, context, (k / len(kinds), (k + 1) / len(kinds)))
-        found[kind], when[kind] = [(thing.color, thing.place) for thing in things], number
+        objects, number, _ = watched(model, source, context, (k / len(kinds), (k + 1) / len(kinds)))
+        found[kind], when[kind] = [(obj.color, obj.place) for obj in objects], number
         axes[k].step(*np.array(number).T, color=BLUE, lw=2, where="post")
         axes[k].set(title=kind, xlabel="time (s)", ylabel="objects", ylim=(0, 5))
     letters(axes)
     words = "Three bars alike in all features but their fluctuation, seen by 16 x 16 fields: objects over time."
     context.draw("C-equal-bars-retinotopic", figure, "C §5.5.2", words, seconds=seconds)
-    parts = {f"{kind}: three objects": len(things) == 3 for kind, things in found.items()}
-    ours = "; ".join(f"{kind}: {len(things)}" for kind, things in found.items())
-    return judged(context, ours, "Fields tell them apart by their places.", parts, {"objects": found, "number": when})
+    parts = {f"{kind}: three objects": len(objects) == 3 for kind, objects in found.items()}
+    ours = "; ".join(f"{kind}: {len(objects)}" for kind, objects in found.items())
+    return judged(context, ours, "Fields separate them by their places.", parts, {"objects": found, "number": when})
 
 
 def one_object(context: Context, seed: int, clip: str) -> Outcome:
@@ -190,18 +190,20 @@ def one_object(context: Context, seed: int, clip: str) -> Outcome:
     found, begin = {}, 0.0
     for one, (name, (source, end)) in zip(axes, scenes.items(), strict=True):
         model = ndtorch.load("foreground", fps=source.fps, size=source.size)
-        things, _, frame = watched(model, source, context, (begin, end))
-        begin, found[name] = end, things
+        objects, _, frame = watched(model, source, context, (begin, end))
+        begin, found[name] = end, objects
         bare(one, np.asarray(frame.permute(1, 2, 0).clamp(0, 1)), name)
-        for thing in things:
-            path = np.array(thing.path)
+        for obj in objects:
+            path = np.array(obj.path)
             one.plot(path[:, 1], path[:, 2], color=GREEN, lw=2)
             one.plot(path[-1, 1], path[-1, 2], "o", color=ORANGE, ms=6)
     letters(axes)
     words = "The path of every object that the model foreground found, over a frame from the middle of the clip."
     context.draw("B12-foreground", figure, "after B fig. 12", words, seed=seed)
-    said = {name: [f"{thing.color}, {thing.direction}" for thing in things] for name, things in found.items()}
-    parts = {f"{name}: one object": len(things) == 1 for name, things in found.items()}
-    ours = "; ".join(f"{name}: {len(things)} ({'; '.join(said[name]) or 'none'})" for name, things in found.items())
+    words_of = {name: [f"{obj.color}, {obj.direction}" for obj in objects] for name, objects in found.items()}
+    parts = {f"{name}: one object": len(objects) == 1 for name, objects in found.items()}
+    ours = "; ".join(
+        f"{name}: {len(objects)} ({'; '.join(words_of[name]) or 'none'})" for name, objects in found.items()
+    )
     why = "An object is a track here, not a column." + ("" if clip else " No road clip given: left out.")
-    return judged(context, ours, why, parts, {"objects": said})
+    return judged(context, ours, why, parts, {"objects": words_of})

@@ -42,7 +42,7 @@ class Reproduce:
     table: Path | None = None
     """Also put the table of claims into this Markdown file, between its marks."""
     clip: Path | None = None
-    """Video of a road camera that B9 looks at too."""
+    """Video of a road camera that B9 uses too."""
     fresh: bool = False
     """Use no result of an earlier run; write into a new folder."""
     open: bool = False
@@ -181,13 +181,13 @@ def _task(task: tuple[Claim, str], report: Report, *, quick: bool, folder: Path)
     try:
         run_claim(task[0], quick, folder, task[1], report)
     except (BrokenPipeError, ConnectionResetError):
-        raise  # nobody is listening any more
+        raise  # the reader is gone
     except OSError as error:
         raise InputError(f"{error.filename or folder} cannot be written: {error.strerror}") from None
 
 
 def looking_at(claim: Claim, clip: Path) -> Claim:
-    """A claim that looks at this clip too, if it is one that looks at clips."""
+    """The claim on this clip too, if it is one of video."""
     if "clip" not in claim.full:
         return claim
     better = None if claim.better is None else looking_at(claim.better, clip)

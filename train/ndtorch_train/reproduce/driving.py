@@ -98,7 +98,7 @@ def free_driving(
         better: the controller that drives instead of the published one.
     """
     tasks = [("curve", s, curve_seconds) for s in curve_seeds] + [(a, seed, other_seconds) for a in other]
-    # What stands beside the controller is published with it, or as the package has it.
+    # What belongs to the controller is published with it, or as the package has it.
     options: dict[str, Any] = {"controller": better, "features": 7, "feature_position": "edges"} if better else {}
     drives = []
     for n, (arena, s, seconds) in enumerate(tasks):
@@ -145,9 +145,9 @@ def saccades(context: Context, arena: str, seed: int, seconds: float, shown: flo
     limit = AvoidanceParams().turn_threshold
     turning = seen.mode == TURN
     starts = np.flatnonzero(turning & ~np.concatenate(([False], turning[:-1])))
-    ways = np.sign(seen.command[starts, 1])
+    sides = np.sign(seen.command[starts, 1])
     # The first two turns in a row that lead to different sides, or the first two.
-    pair = next((k for k in range(len(starts) - 1) if ways[k] != ways[k + 1]), 0)
+    pair = next((k for k in range(len(starts) - 1) if sides[k] != sides[k + 1]), 0)
     middle = seen.time[starts[pair]] if len(starts) else 0.0
     begin = max(0.0, middle - 1.0)
     end = max(begin + shown, seen.time[starts[pair + 1]] + 1.5 if len(starts) > pair + 1 else 0.0)
@@ -157,9 +157,9 @@ def saccades(context: Context, arena: str, seed: int, seconds: float, shown: flo
     for sign in (1, -1):
         one.axhline(sign * limit, color=BLACK, ls="--", lw=1)
     top = float(np.abs(seen.difference[within]).max()) if within.any() else 1.0
-    for k, way in zip(starts, ways, strict=True):
+    for k, side in zip(starts, sides, strict=True):
         if begin <= seen.time[k] <= end:
-            words = "left turn" if way > 0 else "right turn"
+            words = "left turn" if side > 0 else "right turn"
             one.annotate(words, (seen.time[k], seen.difference[k]), (seen.time[k], 1.15 * top), ha="center",
                          arrowprops={"arrowstyle": "->", "color": ORANGE}, color=ORANGE)  # fmt: skip
     one.set(xlabel="time (s)", ylabel="difference of speed estimates", ylim=(-1.1 * top, 1.4 * top), xlim=(begin, end))
@@ -171,13 +171,13 @@ def saccades(context: Context, arena: str, seed: int, seconds: float, shown: flo
     parts = {
         "at least two saccades": len(starts) >= 2,
         "each starts where |difference| > 0.15": bool((np.abs(cause) > limit).all()) and len(starts) > 0,
-        "each leads away from the faster side": bool((np.sign(cause) == ways).all()) and len(starts) > 0,
-        "a right and a left turn": len(set(ways.tolist())) == 2,
+        "each leads away from the faster side": bool((np.sign(cause) == sides).all()) and len(starts) > 0,
+        "a right and a left turn": len(set(sides.tolist())) == 2,
     }
-    numbers = {"times": seen.time[starts], "difference": cause, "ways": ways}
-    left, right = int((ways > 0).sum()), int((ways < 0).sum())
+    numbers = {"times": seen.time[starts], "difference": cause, "sides": sides}
+    left, right = int((sides > 0).sum()), int((sides < 0).sum())
     ours = f"{right} right, {left} left turns in {seconds:.0f} s"
-    why = "No turn the other way: the ring bends one way only." if min(left, right) == 0 else ""
+    why = "No turn to the other side: the ring bends one way only." if min(left, right) == 0 else ""
     return judged(context, ours, why, parts, numbers)
 
 

@@ -30,7 +30,7 @@ Arrays = dict[str, npt.NDArray[Any]]
 DPI = 110
 
 Verdict = Literal["holds", "partly", "does not hold", "not run in quick"]
-"""Whether a claim stood the test; the last is for claims that take too long for a quick look."""
+"""Whether a claim passed; the last is for claims that take too long for a quick look."""
 
 
 @dataclass(frozen=True)
@@ -193,11 +193,11 @@ def judged(context: Context, ours: str, why: str, parts: Mapping[str, bool], num
 def locked(path: Path) -> Iterator[None]:
     """Only one process at a time; a process that dies lets go."""
 
-    def tell() -> None:
+    def note() -> None:
         print(f"note: waits for another run, which holds {path}", file=sys.stderr, flush=True)
 
     with path.open("w") as file:
-        hold(file, tell)
+        hold(file, note)
         yield
 
 

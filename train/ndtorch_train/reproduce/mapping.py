@@ -20,7 +20,7 @@ from ndtorch_train.reproduce.driving import plan_axes, recorded
 from ndtorch_train.reproduce.experiment import Context, Outcome, judged
 
 TOP_THREE = ("#d55e00", "#009e73", "#0072b2")
-"""Red, green and blue of the paper's marks, in tones the color-blind tell apart."""
+"""Red, green and blue of the paper's marks, in color-blind safe tones."""
 
 
 def hops(features: Features) -> float:
@@ -35,12 +35,12 @@ def rows_and_beams(context: Context, arena: str, seed: int, seconds: float, begi
     seen = recorded(context, arena, seed, seconds)
     rows = torch.from_numpy(seen.rows).float() / 255
     with torch.inference_mode():
-        eyes = rows.transpose(0, 1)
-        outputs = NDMin()(eyes[:, :, None, None, :])[0].squeeze(-2).squeeze(-2)
+        cameras = rows.transpose(0, 1)
+        outputs = NDMin()(cameras[:, :, None, None, :])[0].squeeze(-2).squeeze(-2)
         motion = outputs.transpose(0, 1)
         three = FeatureParams(count=3)
-        plain = find_features(eyes, outputs, three)
-        predicted, _ = PredictedFeatures(three)(eyes, outputs)
+        plain = find_features(cameras, outputs, three)
+        predicted, _ = PredictedFeatures(three)(cameras, outputs)
     ranges = ranges_of(seen, FeatureParams())
     space_time(context, seen, rows)
     marked(context, seen, plain, "ch2-9-features", "chapter 2 fig. 9", "the three strongest")
@@ -114,22 +114,22 @@ def diagram(context: Context, seen: Recorded, rows: Tensor, motion: Tensor, rang
     with torch.inference_mode():
         found = find_features(rows.transpose(0, 1), motion.transpose(0, 1), FeatureParams())
     scatter = None
-    for k, eye in enumerate(("left", "right")):
+    for k, camera in enumerate(("left", "right")):
         axes[k].imshow(rows[part, k], cmap="gray", vmin=0, vmax=1, **options)
-        axes[k].set_title(f"image row, {eye}")
+        axes[k].set_title(f"image row, {camera}")
         axes[2 + k].imshow(motion[part, k].abs(), cmap="magma", vmin=0, vmax=float(motion[part].abs().quantile(0.999)),
                            **options)  # fmt: skip
-        axes[2 + k].set_title(f"|ND-min|, {eye}")
+        axes[2 + k].set_title(f"|ND-min|, {camera}")
         good = found.valid[k, part].numpy()
         place = found.column[k, part].numpy()[good]
         axes[4 + k].scatter(place, t[part][good], s=3, color=BLUE, lw=0, rasterized=True)
-        axes[4 + k].set_title(f"5 features, {eye}")
+        axes[4 + k].set_title(f"5 features, {camera}")
         matched = ranges.valid[part].numpy()
         column = 319.5 - seen.rig.focal * angles[k][part]
         scatter = axes[6 + k].scatter(
             column[matched], t[part][matched], s=6, c=ranges.left_range[part].numpy()[matched], cmap="viridis",
             vmin=0.65, vmax=2.3, lw=0, rasterized=True)  # fmt: skip
-        axes[6 + k].set_title(f"matched features, {eye}")
+        axes[6 + k].set_title(f"matched features, {camera}")
     for k, one in enumerate(axes):
         one.set(xlim=(0, 640), ylim=extent[2:])
         if k % 2 == 0:
@@ -161,11 +161,11 @@ def beams(context: Context, rig: StereoRig) -> tuple[float, float, float]:
     b = beam(gx, gy + half, right, wide, 3.0)
     figure, axes = panels(1, 2, 13, 4)
     for one, image, title in ((axes[0], a + b, "sum of the two beams"), (axes[1], a * b, "product of the two beams")):
-        picture = one.imshow(image, origin="lower", extent=(0.01, 2.6, -0.6, 0.6), cmap="magma", aspect="equal")
+        shown = one.imshow(image, origin="lower", extent=(0.01, 2.6, -0.6, 0.6), cmap="magma", aspect="equal")
         one.plot([0, 0], [half, -half], "o", color=GREEN, ms=6, clip_on=False)
         one.plot(float(x), float(y), "+", color="#56b4e9", ms=12, mew=2)
         one.set(title=title, xlabel="x, ahead (m)", ylabel="y, to the left (m)")
-        figure.colorbar(picture, ax=one, shrink=0.8, label="certainty")
+        figure.colorbar(shown, ax=one, shrink=0.8, label="certainty")
     letters(axes)
     words = "Certainty of a feature at the cross, seen by two cameras (dots); beams drawn ten times as wide as a pixel."
     context.draw("A11-beams", figure, "A fig. 11", words, feature=[1.5, 0.1], reach=3.0, spread="10 pixels")
@@ -228,7 +228,7 @@ def arenas(context: Context, seed: int) -> None:
         plan_axes(one, name, seed)
         one.set_title(name)
     letters(axes)
-    words = "The simulated buildings from above, doors brown; the paper's hallway stands in (a) with its door spacing."
+    words = "The simulated buildings from above, doors brown; the paper's hallway is in (a) with its door spacing."
     context.draw("A9-arenas", figure, "A fig. 9", words, seed=seed)
 
 
@@ -279,5 +279,5 @@ def feature_count(
     words = ", ".join(f"{c}: {m:.2f}" for c, m in zip(counts, mean[:, 2], strict=True))
     numbers = {"counts": counts, "mean precision, recall, both": mean, "best": best}
     ours = f"best at {best}; {min(inside):.2f}-{max(inside):.2f} at 3 to 7"
-    why = f"Harmonic mean of precision and recall: {words}. Chapter 2 says 3 to 12 of the same system."
+    why = f"Harmonic mean of precision and recall: {words}. Chapter 2 gives 3 to 12 of the same system."
     return judged(context, ours, why, parts, numbers)

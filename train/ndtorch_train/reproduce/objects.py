@@ -26,7 +26,7 @@ from ndtorch_train.plots import (
 )
 from ndtorch_train.reproduce.experiment import Context, Outcome, judged
 from ndtorch_train.reproduce.signals import (
-    SUMS,
+    draw_runs,
     learn,
     one_trial,
     owners,
@@ -81,12 +81,12 @@ def table(context: Context, seconds: float) -> Outcome:
     letters(axes)
     caption = "From the simplified weights to one row of features for every object."
     context.draw("C4-objects", figure, "C fig. 4", caption, phase=290, seconds=seconds)
-    found = [thing.features for thing in run.model.objects(run.state)]
+    found = [obj.features for obj in run.model.objects(run.state)]
     ours = f"r = {numbers_of}"
     return judged(context, ours, "", {"r = [8, 9]": numbers_of == [8, 9]}, {"r": numbers_of, "objects": found})
 
 
-class Look(NamedTuple):
+class Moment(NamedTuple):
     """What attention makes of one moment: time since learning began, winner, `[H, W, 3]` images, and f_j."""
 
     time: float
@@ -99,7 +99,7 @@ class Look(NamedTuple):
     after: float
 
 
-def watch(context: Context, seconds: float, since: float, shift: tuple[float, float], share: float) -> list[Look]:
+def watch(context: Context, seconds: float, since: float, shift: tuple[float, float], share: float) -> list[Moment]:
     """Enhanced images five times a second, from `since` seconds of learning on. [C eq. 11, fig. 5]"""
     model = ndtorch.load("published")
     assert isinstance(model, PublishedModel)
@@ -122,7 +122,7 @@ def watch(context: Context, seconds: float, since: float, shift: tuple[float, fl
                 # An enhanced image is shown in 8 bits, where the least step is 1/255.
                 ratio = float(peak[0].clamp_min(1 / 255) / peak[1].clamp_min(1 / 255))
                 a, b, c = (image.permute(1, 2, 0).clone() for image in (frames[-1], mask, enhanced))
-                found.append(Look(time, int(k), a, b, c, f, float(frame[0] / frame[1]), ratio))
+                found.append(Moment(time, int(k), a, b, c, f, float(frame[0] / frame[1]), ratio))
             if n % 5 == 0:
                 context.report(share * 20 * n / (source.length or 1))
     return found
@@ -132,27 +132,29 @@ def enhanced_image(context: Context, seconds: float, crossing: tuple[float, floa
     """Attention when the bars pass each other, and the ratio red to green over all moments of equal input."""
     passing = watch(context, crossing[1], crossing[0], (250.0, -85.0), 0.5 if medians else 1.0)
 
-    def even(look: Look) -> bool:
-        return 0.8 <= look.before <= 1.25 and look.winner in (RED, GREEN_)
+    def even(moment: Moment) -> bool:
+        return 0.8 <= moment.before <= 1.25 and moment.winner in (RED, GREEN_)
 
-    def gain(look: Look) -> float:
-        return look.after if look.winner == RED else 1 / look.after
+    def gain(moment: Moment) -> float:
+        return moment.after if moment.winner == RED else 1 / moment.after
 
     shown = []
     for k in (RED, GREEN_):
-        of_it = [look for look in passing if look.winner == k and even(look)]
+        of_it = [moment for moment in passing if moment.winner == k and even(moment)]
         if of_it:
             # The moment at which the bars are nearest, not the one with the best ratio.
             middle = (crossing[0] + crossing[1]) / 2
-            shown.append(min(of_it, key=lambda look: abs(look.time - middle)))
+            shown.append(min(of_it, key=lambda moment: abs(moment.time - middle)))
     if shown:
         enhanced_figures(context, shown)
-    looks = watch(context, seconds, 6.0, (0.0, 0.0), 1.0) if medians else passing
-    ratios = {FEATURES[k]: [gain(look) for look in looks if look.winner == k and even(look)] for k in (RED, GREEN_)}
+    moments = watch(context, seconds, 6.0, (0.0, 0.0), 1.0) if medians else passing
+    ratios = {
+        FEATURES[k]: [gain(moment) for moment in moments if moment.winner == k and even(moment)] for k in (RED, GREEN_)
+    }
     mids = {name: float(np.median(r)) if r else float("nan") for name, r in ratios.items()}
     least = min((min(r) for r in ratios.values() if r), default=float("nan"))
     numbers: dict[str, Any] = {
-        "shown": [{"time": look.time, "winner": FEATURES[look.winner], "ratio": gain(look)} for look in shown],
+        "shown": [{"time": moment.time, "winner": FEATURES[moment.winner], "ratio": gain(moment)} for moment in shown],
         "median": mids,
         "least": least,
         "moments": {name: len(r) for name, r in ratios.items()},
@@ -164,34 +166,38 @@ def enhanced_image(context: Context, seconds: float, crossing: tuple[float, floa
         "medians within 3 to 9": all(3 <= m <= 9 for m in mids.values()),
     }
     ours = f"medians {mids['red']:.1f} (red) and {mids['green']:.1f} (green)"
-    first = ", ".join(f"{FEATURES[look.winner]} {gain(look):.1f} at {look.time:.1f} s" for look in shown)
+    first = ", ".join(f"{FEATURES[moment.winner]} {gain(moment):.1f} at {moment.time:.1f} s" for moment in shown)
     why = f"The printed ones are two moments; ours when the bars pass each other: {first}. Least of all: {least:.1f}."
     return judged(context, ours, why, parts, numbers)
 
 
-def enhanced_figures(context: Context, shown: list[Look]) -> None:
+def enhanced_figures(context: Context, shown: list[Moment]) -> None:
     """The two moments, input beside enhanced image, and how an enhanced image comes about."""
 
     def crop(image: Tensor) -> Tensor:
         return image[170:330, 170:330].clamp(0, 1)
 
     figure, axes = panels(len(shown), 2, 7, 3.6 * len(shown))
-    for k, look in enumerate(shown):
-        words = f"{FEATURES[look.winner]} wins"
-        bare(axes[2 * k], crop(look.frame), f"input at {look.time:.1f} s")
-        bare(axes[2 * k + 1], crop(look.enhanced), f"enhanced: {words}, ratio {max(look.after, 1 / look.after):.1f}")
+    for k, moment in enumerate(shown):
+        words = f"{FEATURES[moment.winner]} wins"
+        bare(axes[2 * k], crop(moment.frame), f"input at {moment.time:.1f} s")
+        bare(
+            axes[2 * k + 1],
+            crop(moment.enhanced),
+            f"enhanced: {words}, ratio {max(moment.after, 1 / moment.after):.1f}",
+        )
     letters(axes)
     caption = "160 x 160 pixels from the middle of the image as the bars pass each other; input and enhanced image."
     context.draw("C6-enhanced", figure, "C fig. 6", caption, shift=(250, -85))
-    look = shown[0]
+    moment = shown[0]
     figure, axes = panels(1, 4, 14, 3.6, width_ratios=[1, 1.3, 1, 1])
-    bare(axes[0], crop(look.frame), "input")
-    share = look.weights / look.weights.max()
+    bare(axes[0], crop(moment.frame), "input")
+    share = moment.weights / moment.weights.max()
     axes[1].bar(range(10), share, color=BLUE)
     axes[1].set_xticks(range(10), FEATURES, rotation=45)
     axes[1].set(title="weights f", ylabel="share of the largest")
-    bare(axes[2], crop(look.mask).sqrt(), "mask (square root): sum of f |HP|")
-    bare(axes[3], crop(look.enhanced), "mask times input")
+    bare(axes[2], crop(moment.mask).sqrt(), "mask (square root): sum of f |HP|")
+    bare(axes[3], crop(moment.enhanced), "mask times input")
     letters(axes)
     caption = "How the enhanced image is made, at the first of the two moments."
     context.draw("C5-attention", figure, "C fig. 5", caption, shift=(250, -85))
@@ -199,18 +205,14 @@ def enhanced_figures(context: Context, shown: list[Look]) -> None:
 
 def equal_bars(context: Context, seconds: float, kinds: list[str]) -> Outcome:
     """Three bars alike in every feature that fluctuate differently."""
-    figure, axes = panels(len(kinds), 2, 13, 4.8 * len(kinds), width_ratios=[1.5, 1])
-    found = {}
+    found, shown = {}, []
     for k, kind in enumerate(kinds):
         run = learn(rendered(context, "equal-bars", 1 / len(kinds), fluctuation=kind, seconds=4.0 + seconds))
         found[kind] = owners(run.final)
-        output_panel(axes[2 * k], run.time, run.outputs, f"outputs, {kind}", found[kind], None, 0.0)
-        matrix_panel(axes[2 * k + 1], run.final, f"weights, {kind}", simplified=True)
+        shown.append((kind, run, found[kind], None))
         context.report((k + 1) / len(kinds))
-    letters(axes)
-    feature_legend(figure)
     caption = "Three green bars alike in all but their fluctuation; the paper claims three objects and shows none."
-    context.draw("C-equal-bars", figure, "C §5.5.2", caption, kinds=kinds, seconds=seconds)
+    draw_runs(context, shown, "C-equal-bars", "C §5.5.2", caption, kinds=kinds, seconds=seconds)
     parts = {f"{kind}: three objects": len(names) == 3 for kind, names in found.items()}
     ours = "; ".join(f"{kind}: {len(names)} ({', '.join(names)})" for kind, names in found.items())
     why = "Sums over the whole field add equal bars up before the network sees them: it has one mixture of three."
@@ -282,6 +284,3 @@ def scene_change(context: Context, before: float, after: float, phases: list[flo
     why += f" Scenes that stay for {before + after:g} s: red and green right in {kept} of {len(stays)},"
     why += f" green and blue in {alone} of {n}."
     return judged(context, ours, why, parts, numbers)
-
-
-__all__ = ["SUMS", "enhanced_image", "equal_bars", "rules", "scene_change", "table"]

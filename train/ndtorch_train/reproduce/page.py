@@ -19,7 +19,7 @@ COLORS = {
     "does not hold": ("#c0392b", "✗"),
     "not run in quick": ("#777777", "○"),
 }
-"""Color and mark of every verdict; the mark tells it without the color."""
+"""Color and mark of every verdict; the mark shows it without the color."""
 
 BEGIN, END = "<!-- claims: begin -->", "<!-- claims: end -->"
 
@@ -90,20 +90,20 @@ def as_json(entry: Entry) -> dict[str, Any]:
     }
 
 
-SAID = {
+WORDS = {
     "holds": ("holds", "hold"),
     "partly": ("holds in part", "hold in part"),
     "does not hold": ("does not hold", "do not hold"),
     "not run in quick": ("was not run in quick", "were not run in quick"),
 }
-"""What is said of one claim and of several."""
+"""Words for one claim and for several."""
 
 
 def tally(entries: Sequence[Entry]) -> str:
     """How many claims hold, as published and with the better parts."""
 
     def counted(verdicts: list[str]) -> str:
-        counts = [(verdicts.count(verdict), *said) for verdict, said in SAID.items()]
+        counts = [(verdicts.count(verdict), *words) for verdict, words in WORDS.items()]
         parts = [(n, one if n == 1 else many) for n, one, many in counts if n]
         return ", ".join(f"{n} {noun(n) if k == 0 else ''}{said}" for k, (n, said) in enumerate(parts))
 
@@ -122,7 +122,7 @@ def markdown(entries: Sequence[Entry], quick: bool, command: str) -> str:
     def cell(text: str) -> str:
         return text.replace("|", "\\|").replace("\n", " ")
 
-    def said(outcome: Outcome) -> str:
+    def shown(outcome: Outcome) -> str:
         return f"**{outcome.verdict}**" if outcome.verdict != "holds" else "holds"
 
     lines = [
@@ -134,12 +134,12 @@ def markdown(entries: Sequence[Entry], quick: bool, command: str) -> str:
     for entry in entries:
         claim, outcome = entry.claim, entry.outcome
         cells = [f"{claim.text} [{claim.source}]", claim.printed, outcome.ours, claim.tolerance]
-        cells += [said(outcome), outcome.why]
+        cells += [shown(outcome), outcome.why]
         if entry.better is None:
             cells.append("")
         else:
             parts, with_them = entry.better.claim.parts, entry.better.outcome
-            cells.append(f"{said(with_them)}, {parts}: {with_them.ours}. {with_them.why}")
+            cells.append(f"{shown(with_them)}, {parts}: {with_them.ours}. {with_them.why}")
         lines.append(f"| {claim.id} | {' | '.join(map(cell, cells))} |")
     return "\n".join(lines) + "\n"
 
@@ -165,13 +165,13 @@ def page(entries: Sequence[Entry], quick: bool, command: str) -> str:
         tally=tally(entries),
         quick=quick,
         colors=COLORS,
-        picture=picture,
+        data_address=data_address,
         command=command,
         facts=versions("ndtorch-robot", "ndtorch-train"),
     )
 
 
-def picture(entry: Entry, name: str) -> str:
+def data_address(entry: Entry, name: str) -> str:
     """A figure as a data address: the drawing, or the pixels where they are smaller."""
     assert entry.place is not None
     svg, png = ((entry.place / f"{name}.{kind}").read_bytes() for kind in ("svg", "png"))

@@ -17,6 +17,7 @@ from ndtorch.scenes import SCENES, make_scene
 from ndtorch.utils.packages import MODELS
 from ndtorch.utils.tensors import mapped
 from ndtorch.vision import FEATURES
+from ndtorch_train.plots import feature_legend, letters, matrix_panel, output_panel, panels
 from ndtorch_train.reproduce.experiment import Arrays, Context
 from ndtorch_train.superposed import Bars, LoneBar, Stimuli, film_bars, rendered_sums
 
@@ -128,3 +129,22 @@ def owners(weights: Tensor) -> list[str]:
 def share_in(weights: Tensor, columns: Sequence[int]) -> float:
     """Share of all weight that lies in those columns."""
     return float(weights[:, list(columns)].sum() / weights.sum())
+
+
+def draw_runs(
+    context: Context,
+    runs: Sequence[tuple[str, Run, list[str], float | None]],
+    name: str,
+    title: str,
+    caption: str,
+    height: float = 4.7,
+    **parameters: Any,
+) -> None:
+    """A row for each run: its outputs, some of them bold, until some second; and its simplified weights."""
+    figure, axes = panels(len(runs), 2, 13, height * len(runs), width_ratios=[1.5, 1])
+    for k, (words, run, bold, until) in enumerate(runs):
+        output_panel(axes[2 * k], run.time, run.outputs, f"outputs, {words}", bold, until, 0.0)
+        matrix_panel(axes[2 * k + 1], run.final, f"weights, {words}", simplified=True)
+    letters(axes)
+    feature_legend(figure)
+    context.draw(name, figure, title, caption, **parameters)

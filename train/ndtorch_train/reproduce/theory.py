@@ -258,16 +258,16 @@ def solutions_of_mixtures(context: Context, largest: int, mixtures: int, seed: i
     for at, (n, m) in enumerate(sizes):
         row: dict[str, Any] = {"neurons": n, "sources": m, "solutions": math.perm(n, m), "paper": count_solutions(n, m)}
         found = stable = separate = 0
-        looked_at: list[Tensor] = []
+        matrices: list[Tensor] = []
         for _ in range(mixtures):
             mixing = torch.rand(n, m, generator=generator, dtype=torch.float64) * 0.9 + 0.1
             all_of_it = solutions(mixing)
             found += len(all_of_it)
             stable += sum(s.stable for s in all_of_it)
             separate += sum(is_separated(separated(mixing, s.weights)) for s in all_of_it)
-            looked_at += [s.weights for s in all_of_it]
-        weights = torch.stack(looked_at)
-        radius = torch.stack([spectral_radius(w) for w in looked_at])
+            matrices += [s.weights for s in all_of_it]
+        weights = torch.stack(matrices)
+        radius = torch.stack([spectral_radius(w) for w in matrices])
         clear = (radius - 1).abs() > 0.02  # nearer ones take longer to show what they do
         tried = int(clear.sum())
         agree = int((stays_bounded_all(weights[clear]) == (radius[clear] < 1)).sum())

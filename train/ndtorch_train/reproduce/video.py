@@ -27,9 +27,9 @@ THRESHOLD = 0.1
 class ParkingLot(RenderedScene):
     """A red car that crosses from right to left in front of a still, textured lot with two trunks in its way.
 
-    The paper's own video is not public. This has what it tells of it: 500 x 500 pixels, 120 frames a second, nothing
-    but the background for 5 s, then a car that enters and leaves within 3.1 s, is hidden and shaded in parts, and is
-    small against the image; and noise of a camera, 0.5 % of full scale.
+    The paper's own video is not public. This scene has what the paper describes: 500 x 500 pixels, 120 frames a
+    second, nothing but the background for 5 s, then a car that enters and leaves within 3.1 s, is hidden and shaded in
+    parts, and is small against the image; and noise of a camera, 0.5 % of full scale.
     """
 
     def __init__(self, settle: float, seconds: float, seed: int) -> None:

@@ -145,7 +145,7 @@ def run_block(trials: Sequence[Trial], device: str = "cpu") -> list[dict[str, An
     for k, trial in enumerate(trials):
         scene = int(which[k])
         one = BindingState(None, resample, pick(inputs_state, scene), pick(stage, scene), pick(state, k))
-        names = [thing.neuron for thing in model.objects(one)]
+        names = [obj.neuron for obj in model.objects(one)]
         weights = state.weights[k]
         wanted = WANTED[: int(trial["bars"])]
         total = float(weights.sum())

@@ -48,9 +48,9 @@ class Sweep:
     cluster: tuple[str, ...] | None = None
     """Run on a Ray cluster: its address, or none to start one on this machine. Needs ndtorch-train[cluster]."""
     compare: int = 0
-    """Afterwards run so many of the trials one at a time, and tell how much faster together was."""
+    """Number of trials that are run one at a time afterwards, to print how much faster a batch is."""
     fresh: bool = False
-    """Begin anew in a new folder: use no earlier results."""
+    """Begin in a new folder: use no earlier results."""
     json: bool = False
     """Print what summary.json holds and nothing else."""
 
@@ -103,8 +103,8 @@ class Sweep:
             found = store.load()
             rows = [found[name][0] for name in map(trial_id, config.trials) if name in found]
             file = out / "summary.json"
-            # Where nothing was left to compute, what was told of the run that computed it stays.
-            before = {} if todo else told_before(file)
+            # Where nothing was left to compute, the summary of the run that computed it stays.
+            before = {} if todo else earlier_summary(file)
             report: dict[str, Any] = {"trials": len(rows), "computed now": len(todo), "seconds": round(seconds, 2)}
             if todo and not failed:
                 report["trials per second"] = round(len(todo) / seconds, 2)
@@ -164,7 +164,7 @@ class Sweep:
             yield from run_on_ray(function, blocks, self.cluster[0] if self.cluster else None, jobs)
 
 
-def told_before(file: Path) -> dict[str, Any]:
+def earlier_summary(file: Path) -> dict[str, Any]:
     """The summary of an earlier run; empty where there is none that can be read."""
     try:
         found = json.loads(file.read_text(encoding="utf-8"))

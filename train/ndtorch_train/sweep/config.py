@@ -41,7 +41,7 @@ class Span(Strict):
 
 
 class SweepFile(Strict):
-    """What the file of a sweep says."""
+    """The contents of the file of a sweep."""
 
     kind: Kind = "binding"
     method: Literal["grid", "random"] = "grid"
