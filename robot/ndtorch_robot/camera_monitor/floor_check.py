@@ -1,4 +1,4 @@
-"""Whether the floor before a standing car will do: measured before anything drives."""
+"""How well the floor ahead of a stationary car can be seen, measured before it drives."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from ndtorch.navigation.strips import Strips, grey_pair, strips
 from ndtorch_robot.ports import StereoFrames
 
 FRAMES = 15
-"""So many pairs are looked at; their noise is that of half a second."""
+"""Pairs of frames whose noise is measured: half a second."""
 
 
 class FloorFound(NamedTuple):
-    """What the ranging controller would make of a floor.
+    """How the ranging controller would see a floor.
 
     Attributes:
-        share: of the view in which floor would be told from noise at full speed, 0..1.
-        speed: share of its speed that the car would drive at, 0..1.
-        noise: output of the motion detectors while the car stands.
-        noisy: this is more than the 256 levels of an image make.
+        share: share of the view in which the floor differs from noise at full speed, 0..1.
+        speed: share of its speed at which the car would drive, 0..1.
+        noise: output of the motion detectors while the car is stationary.
+        noisy: whether this is more than the 256 levels of an image cause.
         ahead: both cameras see one floor right ahead.
-        near: something stands right ahead, m from the middle of the car; None where nothing does.
+        near: distance of the nearest obstacle from the middle of the car, m; None where there is none.
     """
 
     share: float
@@ -41,33 +41,33 @@ class FloorFound(NamedTuple):
     near: float | None
 
     @property
-    def will_do(self) -> bool:
-        """The car would begin here, and drive at full speed."""
+    def good(self) -> bool:
+        """Whether the car would start here, and drive at full speed."""
         return self.ahead and self.near is None and self.share >= FULL
 
     def words(self) -> list[str]:
-        """What was found, a line each."""
+        """The findings, a line each."""
         why = "the images are noisy" if self.noisy else "the floor shows little, or it is dark"
-        told = f"floor would be told from noise in {100 * self.share:.0f} % of the view"
+        seen = f"the floor differs from noise in {100 * self.share:.0f} % of the view"
         if self.share >= FULL:
-            lines = [f"{told}: it will do"]
+            lines = [f"{seen}: good"]
         elif self.speed > 0:
-            lines = [f"not right: {told}: the car would drive at {100 * self.speed:.0f} % of its speed; {why}"]
+            lines = [f"not right: {seen}: the car would drive at {100 * self.speed:.0f} % of its speed; {why}"]
         else:
-            lines = [f"not right: {told}: the car would stand; {why}"]
+            lines = [f"not right: {seen}: the car would not start; {why}"]
         if self.near is not None:
-            lines.append(f"not right: something stands {self.near:.2f} m ahead of the middle of the car")
+            lines.append(f"not right: an obstacle is {self.near:.2f} m ahead of the middle of the car")
         elif not self.ahead:
             lines.append("not right: both cameras together see no floor 0.8 to 1.15 m ahead of them")
         return lines
 
 
 def measure_floor(read: Callable[[], StereoFrames], rig: StereoRig, rate: float, speed: float = 0.5) -> FloorFound:
-    """Look at the floor before a car that stands.
+    """Measure the floor ahead of a stationary car.
 
-    The noise is what the motion detectors of the ranging controller give while nothing moves. What floor would give is
-    found by moving the image: the same frame some rows farther up stands for the one before, as if the car had
-    driven. A detector that follows the floor for a while gives the same, since its filters forget within a frame.
+    The noise is the output of the motion detectors of the ranging controller while nothing moves. The output of the
+    moving floor follows from shifted images: the same frame some rows farther up takes the place of the frame before.
+    Steady motion gives the same, since the filters of the detectors decay within a frame.
 
     Args:
         read: gives pairs of frames.

@@ -29,7 +29,7 @@ CRAWL = 0.2
 """Speed of the test drives with the wheels up, m/s."""
 
 NEUTRAL = 1500
-"""Pulse of a motor that stands, us."""
+"""Pulse of the motor at rest, us."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Check:
         print(words, end=end, file=sys.stderr if self.json else sys.stdout, flush=True)
 
     def ask(self, question: str) -> bool:
-        """A question with the answers yes and no; the end of the input is a no."""
+        """Ask a question of yes or no; the end of the input is a no."""
         if self.yes:
             self.say(f"   {question} yes")
             return True
@@ -101,7 +101,7 @@ class Check:
             return False
 
     def cameras(self, config: RunConfig) -> tuple[bool, bool]:
-        """Read some seconds of pairs: the rate, whether both show something, and the right way round; and the floor."""
+        """Check rate, images and mounting of the cameras, and measure the floor."""
         from ndtorch_robot.run import make_real_cameras, make_simulation
 
         if config.cameras is None:
@@ -128,7 +128,7 @@ class Check:
 
         monitor = CameraMonitor(rig, rate=config.rate_hz, limits=config.camera_monitor)
         try:
-            self.say("   let the car stand for a second where it is to drive: the floor ahead is measured")
+            self.say("   leave the car where it is to drive for a second: the floor ahead is measured")
             floor = self.floor(pair.read, rig, config)
         except InputError as error:
             pair.close()
@@ -151,7 +151,7 @@ class Check:
         return abs(rate / config.rate_hz - 1) < 0.1, floor
 
     def floor(self, read: Callable[[], StereoFrames], rig: StereoRig, config: RunConfig) -> bool:
-        """Measure the floor before the car that stands, and tell whether it will do."""
+        """Measure the floor ahead of the stationary car; returns whether it is good."""
         from ndtorch.navigation.controllers.registry import controller_class
         from ndtorch_robot.camera_monitor.floor_check import measure_floor
 
@@ -162,10 +162,10 @@ class Check:
         found = measure_floor(read, rig, config.rate_hz, speed)
         for line in found.words():
             self.say(f"   {line}")
-        return found.will_do
+        return found.good
 
     def link(self, drive: Drive, clock: Clock) -> bool:
-        """A second of listening to what the drive says of itself."""
+        """Receive the telemetry of the drive for a second."""
         import numpy as np
 
         clock.wait_until(clock.now() + 1.0)
@@ -178,11 +178,11 @@ class Check:
         volts = said.get("battery_v", 0.0)
         self.say(f"   battery {f'{volts:.1f} V' if volts > 1 else 'not measured'}")
         pulses = [f"{name[:-3]} {said[name]} us" for name in said if name.endswith("_us")]
-        self.say(f"   pulses {', '.join(pulses)}" if pulses else "   it tells of no pulses")
+        self.say(f"   pulses {', '.join(pulses)}" if pulses else "   it reports no pulses")
         return True
 
     def directions(self, safe: SafeDrive) -> int:
-        """Left, right, forward, backward, each for a second; returns how many were wrong."""
+        """Steer left, right, drive forward, backward; returns the number of wrong movements."""
         from ndtorch_robot.ports import DriveCommand
 
         moves = [
@@ -198,7 +198,7 @@ class Check:
         return wrong
 
     def emergency(self, safe: SafeDrive) -> int:
-        """Stop in the middle of driving; returns how many things were wrong."""
+        """Stop while driving; returns the number of faults."""
         from ndtorch_robot.ports import DriveCommand
 
         hold(safe, DriveCommand(CRAWL, 0.0), 1.0, self.say, stop=False)
@@ -208,9 +208,9 @@ class Check:
             safe.send(DriveCommand(CRAWL, 0.0))
             safe.clock.wait_until(safe.clock.now() + 0.03)
         said = safe.drive.telemetry()
-        stands = not said.get("armed", False) and said.get("motor_us", NEUTRAL) == NEUTRAL
-        self.say(f"   the board says it {'stands' if stands else 'drives'}")
-        return (not stands) + (not self.ask("Did the wheels stop at once?"))
+        stopped = not said.get("armed", False) and said.get("motor_us", NEUTRAL) == NEUTRAL
+        self.say(f"   the board reports that it {'is stopped' if stopped else 'drives'}")
+        return (not stopped) + (not self.ask("Did the wheels stop at once?"))
 
 
 def hold(safe: SafeDrive, command: object, seconds: float, report: Report, stop: bool = True) -> None:

@@ -54,7 +54,7 @@ def test_smooth_floor_will_not_do():
         found = measure_floor(reading(world), RIG, 30.0)
     finally:
         world.close()
-    assert not found.will_do
+    assert not found.good
     assert not found.ahead
     assert found.speed == 0
     assert "the floor shows little" in found.words()[0]
@@ -85,11 +85,11 @@ def test_the_level_is_that_of_the_nearest_two_fifths_of_the_bands(monkeypatch, b
 
 def test_what_is_said():
     well = FloorFound(1.0, 1.0, 0.0, False, True, None)
-    assert well.will_do
-    assert well.words() == ["floor would be told from noise in 100 % of the view: it will do"]
+    assert well.good
+    assert well.words() == ["the floor differs from noise in 100 % of the view: good"]
     slow = FloorFound(0.5, 0.5, 0.1, True, True, None)
-    assert not slow.will_do
+    assert not slow.good
     assert "50 % of its speed; the images are noisy" in slow.words()[0]
     blocked = well._replace(near=0.5)
-    assert not blocked.will_do
-    assert blocked.words()[1] == "not right: something stands 0.50 m ahead of the middle of the car"
+    assert not blocked.good
+    assert blocked.words()[1] == "not right: an obstacle is 0.50 m ahead of the middle of the car"

@@ -60,7 +60,7 @@ def test_the_end_of_the_input_is_a_no(
 @pytest.mark.parametrize(
     ("world", "well", "said"),
     [
-        (SimulationTable(arena="dead-end", seed=3), True, "it will do"),
+        (SimulationTable(arena="dead-end", seed=3), True, "of the view: good"),
         (SimulationTable(arena="dead-end", seed=3, disturbance="noise"), False, "the images are noisy"),
     ],
 )
