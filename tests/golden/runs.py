@@ -168,7 +168,7 @@ def coarse_map(result: Result) -> list[list[float]]:
 
 def goal_drive(golden: Kept | None) -> Kept:
     """To a place in a room of the office, and then wherever it was not yet."""
-    return driven(golden, arena="office", controller="goal", to="6.5,3", explore=True, seconds=40.0)
+    return driven(golden, arena="office", controller="goal", goal="6.5,3", explore=True, seconds=40.0)
 
 
 def localised(golden: Kept | None) -> Kept:
