@@ -132,7 +132,7 @@ def path(result: Result) -> Figure:
     carried = np.array(record.placed[1:], dtype=np.int64)
     walk = result.simulation.walk
     if walk is not None:
-        axes.plot(*zip(*walk, strict=True), ":", color=PURPLE, lw=2.5, zorder=2, label="path of the moving obstacle")
+        axes.plot(*zip(*walk, strict=True), ":", color=PURPLE, lw=2.5, zorder=2, label="path of the pedestrian")
     axes.plot(*line.T, color=PATH, lw=1.6, zorder=3, label="path")
     turning = np.where((mode == TURN)[:, None], line, np.nan)
     axes.plot(*turning.T, color=ORANGE, lw=3.2, zorder=4, label="turning")

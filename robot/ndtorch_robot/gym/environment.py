@@ -58,7 +58,8 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         controller: whose patch of floor is seen.
         seconds: of an episode.
         building: number of the only building, or None.
-        walls, moving: as of `Simulation`.
+        walls: as of `Simulation`.
+        moving: with a pedestrian.
         disturbance: what is wrong with cameras and car, in the words of `ndtorch drive --disturbance`.
         render_mode: None or `"rgb_array"`: `render` gives the left camera's frame.
 
@@ -129,8 +130,8 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
             load_arena(self.arena, building),
             building,
             walls=self.walls,
-            moving=self.moving,
-            whole=not self.strips or self.render_mode is not None,
+            pedestrian=self.moving,
+            full_frames=not self.strips or self.render_mode is not None,
             fields=self.fields,
             disturbances=self.disturbances,
             rate=self.rate,

@@ -51,7 +51,7 @@ class Cameras:
         model: the world.
         rig: the camera pair; its pitch must be 0.
         fields: the subfields of both images; `rig.subfields()` by default.
-        whole: render whole frames instead of strips.
+        full_frames: render whole frames instead of strips.
         errors: how the real cameras differ from `rig`.
 
     Raises:
@@ -63,12 +63,12 @@ class Cameras:
         model: mujoco.MjModel,
         rig: StereoRig,
         fields: tuple[Rect, Rect] | None = None,
-        whole: bool = False,
+        full_frames: bool = False,
         errors: CameraErrors | None = None,
     ) -> None:
         if rig.pitch != 0:
             raise InputError(f"the simulated cameras look straight ahead, got pitch={rig.pitch}")
-        self.rig, self.whole, self.errors = rig, whole, errors or CameraErrors()
+        self.rig, self.full_frames, self.errors = rig, full_frames, errors or CameraErrors()
         self.fields = fields or rig.subfields()
         self.row = row_rect(rig)
         self.strips = tuple((field, self.row) for field in self.fields)
@@ -91,8 +91,8 @@ class Cameras:
         pieces, frames = iter(drawn), list[Frame]()
         for side, rects in enumerate(self.strips):
             parts = [next(pieces) for _ in rects]
-            if self.whole:
-                frame = self.whole_frame(*pose, side)
+            if self.full_frames:
+                frame = self.full_frame(*pose, side)
                 for rect, part in zip(rects, parts, strict=True):
                     frame[:, rect.top : rect.bottom, rect.left : rect.right] = part
                 frames.append(tensor(frame))
@@ -123,7 +123,7 @@ class Cameras:
                 shots.append(shot)
         return self.renderer.strips(shots)
 
-    def whole_frame(self, x: float, y: float, heading: float, side: int) -> Image:
+    def full_frame(self, x: float, y: float, heading: float, side: int) -> Image:
         """One camera's frame `[3, H, W]`, rendered at once."""
         return self.renderer.frame(self.view(x, y, heading, side))
 

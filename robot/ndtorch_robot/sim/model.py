@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ndtorch_robot.sim.plan import Floats, Plan, Ring
+from ndtorch_robot.sim.plan import Floats, Plan
 from ndtorch_robot.sim.procedural_textures import (
     AtlasRect,
     Image,
@@ -30,8 +30,8 @@ THICKNESS = 0.04
 SKIRTING = (0.006, 0.08)
 """Depth and height of the skirting, m."""
 
-OBSTACLE_SIZE = (0.18, 0.25, 0.9)
-"""Half the sides of the moving obstacle, m."""
+PEDESTRIAN_SIZE = (0.18, 0.25, 0.9)
+"""Half the sides of the pedestrian, m."""
 
 
 class CarSize(NamedTuple):
@@ -46,7 +46,7 @@ class World(NamedTuple):
     """What `build` makes: the compiled model and, for the scorer, the profile of every wall.
 
     Attributes:
-        model: MuJoCo model; joints x, y, yaw of the car are `qpos[0:3]`, the moving obstacle is mocap body 0.
+        model: MuJoCo model; joints x, y, yaw of the car are `qpos[0:3]`, the pedestrian is mocap body 0.
         profiles: for each edge of each ring, its brightness `[columns]` at the height of the cameras.
     """
 
@@ -98,26 +98,29 @@ class Mesh:
             coordinates.reverse()
         self.quad(points, coordinates)
 
-    def add(self, spec: Any, name: str) -> None:
-        """Put the mesh into a model as one geom with the texture of the same name."""
+    def add(self, spec: Any, body: Any, name: str, rgba: list[float] | None = None) -> None:
+        """Add the mesh to a body as a geom with the material of the same name, or in one color."""
         import mujoco
 
         mesh = spec.add_mesh(name=name)
         mesh.uservert = np.array(self.points, np.float32).ravel()
         mesh.userface = np.array(self.faces, np.int32).ravel()
-        # Texture rows are stored from the top.
-        mesh.usertexcoord = (np.array(self.coordinates, np.float32) * [1, -1] + [0, 1]).astype(np.float32).ravel()
         mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
-        spec.worldbody.add_geom(
-            name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, material=name, contype=0, conaffinity=0
-        )
+        look: dict[str, Any] = {"rgba": rgba}
+        if rgba is None:
+            # Texture rows are stored from the top.
+            mesh.usertexcoord = (np.array(self.coordinates, np.float32) * [1, -1] + [0, 1]).astype(np.float32).ravel()
+            look = {"material": name}
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, contype=0, conaffinity=0, **look)
 
 
-def build(plan: Plan, seed: int = 0, walls: Walls = "textured", moving: bool = False, eye_height: float = 0.2) -> World:
+def build(
+    plan: Plan, seed: int = 0, walls: Walls = "textured", pedestrian: bool = False, eye_height: float = 0.2
+) -> World:
     """Paint and build a plan. The seed decides what it looks like.
 
     Args:
-        moving: with a moving obstacle, a person-sized box.
+        pedestrian: with a person-sized box that can be moved.
         eye_height: of the cameras, m.
     """
     import mujoco
@@ -150,11 +153,11 @@ def build(plan: Plan, seed: int = 0, walls: Walls = "textured", moving: bool = F
             add_lid(spec, solid.array, solid.height, solid.bottom)
     add_textures(spec, images)
     for name, mesh in (("walls", wall_mesh), ("floor", floor_mesh), ("ceiling", ceiling_mesh)):
-        mesh.add(spec, name)
+        mesh.add(spec, spec.worldbody, name)
     add_collisions(spec, plan)
     add_car(spec)
-    if moving:
-        add_obstacle(spec, images, rng)
+    if pedestrian:
+        add_pedestrian(spec, images, rng)
     model = spec.compile()
     for name, image in images.items():
         fill_texture(model, name, image)
@@ -187,9 +190,7 @@ def fill_texture(model: mujoco.MjModel, name: str, image: Image) -> None:
 
 
 def add_skirting(spec: Any, plan: Plan) -> None:
-    """A dark board along the foot of the walls, of its own: in the texture, the filter would blur it away."""
-    import mujoco
-
+    """A dark board along the foot of the walls, as a mesh: in the texture, the filter would blur it away."""
     kinds = [kind for shape in plan.rings for kind in shape.kinds]
     boards = Mesh()
     for ((ax, ay), (bx, by)), kind in zip(plan.segments, kinds, strict=True):
@@ -199,15 +200,8 @@ def add_skirting(spec: Any, plan: Plan) -> None:
             top = SKIRTING[1]
             corners = [(bx + x, by + y, 0.0), (ax + x, ay + y, 0.0), (ax + x, ay + y, top), (bx + x, by + y, top)]
             boards.quad(corners, [(0.0, 0.0)] * 4)
-    if not boards.points:
-        return
-    mesh = spec.add_mesh(name="skirting")
-    mesh.uservert = np.array(boards.points, np.float32).ravel()
-    mesh.userface = np.array(boards.faces, np.int32).ravel()
-    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
-    spec.worldbody.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_MESH, meshname="skirting", rgba=[0.2, 0.19, 0.18, 1], contype=0, conaffinity=0
-    )
+    if boards.points:
+        boards.add(spec, spec.worldbody, "skirting", [0.2, 0.19, 0.18, 1])
 
 
 def add_lid(spec: Any, corners: Floats, height: float, bottom: float = 0.0) -> None:
@@ -237,40 +231,29 @@ def add_collisions(spec: Any, plan: Plan) -> None:
     for shape in plan.rings:
         if not shape.stops:
             continue
-        top = min(shape.height or plan.height, plan.height)
+        low, high = shape.bottom, min(shape.height or plan.height, plan.height)
         if shape.radius:
-            middle, half = shape.array.mean(0), top / 2
-            spec.worldbody.add_geom(
-                type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-                pos=[middle[0], middle[1], half],
-                size=[shape.radius, half, 0],
-                contype=1,
-                conaffinity=0,
-                group=3,
-            )
+            x, y = shape.array.mean(0)
+            size = [shape.radius, high / 2, 0]
+            add_collision(spec.worldbody, mujoco.mjtGeom.mjGEOM_CYLINDER, [x, y, high / 2], size)
             continue
-        add_faces(spec, shape, top)
+        for (ax, ay), (bx, by) in zip(shape.array, np.roll(shape.array, -1, 0), strict=True):
+            length = math.hypot(bx - ax, by - ay)
+            nx, ny = -(by - ay) / length, (bx - ax) / length
+            angle = math.atan2(by - ay, bx - ax)
+            # Thin solids are thinner than two such boxes, which may overlap or stick out by a little.
+            add_collision(
+                spec.worldbody,
+                mujoco.mjtGeom.mjGEOM_BOX,
+                [(ax + bx) / 2 - nx * THICKNESS, (ay + by) / 2 - ny * THICKNESS, (low + high) / 2],
+                [length / 2, THICKNESS, (high - low) / 2],
+                quat=[math.cos(angle / 2), 0, 0, math.sin(angle / 2)],
+            )
 
 
-def add_faces(spec: Any, shape: Ring, high: float) -> None:
-    """A box behind the face of every wall of a ring, up to `high`."""
-    import mujoco
-
-    corners, low = shape.array, shape.bottom
-    for (ax, ay), (bx, by) in zip(corners, np.roll(corners, -1, 0), strict=True):
-        length = math.hypot(bx - ax, by - ay)
-        nx, ny = -(by - ay) / length, (bx - ax) / length
-        angle = math.atan2(by - ay, bx - ax)
-        # Thin solids are thinner than two such boxes, which may overlap or stick out by a little.
-        spec.worldbody.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=[(ax + bx) / 2 - nx * THICKNESS, (ay + by) / 2 - ny * THICKNESS, (low + high) / 2],
-            quat=[math.cos(angle / 2), 0, 0, math.sin(angle / 2)],
-            size=[length / 2, THICKNESS, (high - low) / 2],
-            contype=1,
-            conaffinity=0,
-            group=3,
-        )
+def add_collision(body: Any, kind: Any, pos: list[float], size: list[float], **more: Any) -> None:
+    """An invisible geom that only the car collides with."""
+    body.add_geom(type=kind, pos=pos, size=size, contype=1, conaffinity=0, group=3, **more)
 
 
 def add_car(spec: Any) -> None:
@@ -296,29 +279,21 @@ def add_car(spec: Any) -> None:
     )
 
 
-def add_obstacle(spec: Any, images: dict[str, Image], rng: np.random.Generator) -> None:
-    """A person-sized box in coarse checks that is moved about, to see and to bump into."""
+def add_pedestrian(spec: Any, images: dict[str, Image], rng: np.random.Generator) -> None:
+    """A person-sized box in coarse checks that can be moved, seen and bumped into."""
     import mujoco
 
-    checks = rng.uniform(0.1, 0.9, (6, 4, 3)).repeat(32, 0).repeat(32, 1)
-    images["obstacle"] = to_bytes(checks)
-    add_textures(spec, {"obstacle": images["obstacle"]})
-    body = spec.worldbody.add_body(name="obstacle", mocap=True)
-    x, y, z = OBSTACLE_SIZE
+    images["pedestrian"] = to_bytes(rng.uniform(0.1, 0.9, (6, 4, 3)).repeat(32, 0).repeat(32, 1))
+    add_textures(spec, {"pedestrian": images["pedestrian"]})
+    body = spec.worldbody.add_body(name="pedestrian", mocap=True)
+    x, y, z = PEDESTRIAN_SIZE
     mesh = Mesh()
     corners = [(-x, -y), (x, -y), (x, y), (-x, y)]
     for k in range(4):
         (ax, ay), (bx, by) = corners[k], corners[(k + 1) % 4]
         mesh.quad(
             [(ax, ay, 0.0), (bx, by, 0.0), (bx, by, 2 * z), (ax, ay, 2 * z)],
-            [(k / 4, 0.0), ((k + 1) / 4, 0.0), ((k + 1) / 4, 1.0), (k / 4, 1.0)],
+            [(k / 4, 1.0), ((k + 1) / 4, 1.0), ((k + 1) / 4, 0.0), (k / 4, 0.0)],
         )
-    made = spec.add_mesh(name="obstacle")
-    made.uservert = np.array(mesh.points, np.float32).ravel()
-    made.userface = np.array(mesh.faces, np.int32).ravel()
-    made.usertexcoord = np.array(mesh.coordinates, np.float32).ravel()
-    made.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
-    body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="obstacle", material="obstacle", contype=0, conaffinity=0)
-    body.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_BOX, pos=[0, 0, z], size=list(OBSTACLE_SIZE), contype=1, conaffinity=0, group=3
-    )
+    mesh.add(spec, body, "pedestrian")
+    add_collision(body, mujoco.mjtGeom.mjGEOM_BOX, [0, 0, z], list(PEDESTRIAN_SIZE))

@@ -29,7 +29,7 @@ SUBSTEPS = 120
 """Steps of physics a second: the car moves 4 mm in one."""
 
 WALK = 0.4
-"""Speed of the moving obstacle, m/s."""
+"""Speed of the pedestrian, m/s."""
 
 RIG = StereoRig(forward=0.15)
 """The cameras of the robot: the pair of [A], 15 cm ahead of the middle of the body."""
@@ -47,7 +47,7 @@ class Collision(NamedTuple):
     Attributes:
         time: s.
         x, y, heading: of the car, m and radians.
-        person: it was the walking obstacle.
+        person: it was the pedestrian.
         stationary: the car was stationary, so that the other one hit it.
     """
 
@@ -67,11 +67,11 @@ class Simulation(Drive):
 
     Args:
         plan: the building.
-        seed: what it looks like, where the car starts and the obstacle walks.
+        seed: what it looks like, where the car starts and the pedestrian walks.
         walls: `"textured"` or `"blank"`.
-        moving: with a moving obstacle.
+        pedestrian: a person-sized box walks to and fro.
         odometry: what `driven` returns, exact or `"noisy"`.
-        whole: render whole frames.
+        full_frames: render whole frames instead of strips.
         fields: the subfields to render; `rig.subfields()` by default.
         disturbances: of cameras and car.
         rate: frames a second of the cameras.
@@ -86,9 +86,9 @@ class Simulation(Drive):
         seed: int = 0,
         *,
         walls: Walls = "textured",
-        moving: bool = False,
+        pedestrian: bool = False,
         odometry: Odometry = "true",
-        whole: bool = False,
+        full_frames: bool = False,
         rig: StereoRig = RIG,
         fields: tuple[Rect, Rect] | None = None,
         disturbances: Disturbances = UNDISTURBED,
@@ -96,15 +96,15 @@ class Simulation(Drive):
     ) -> None:
         import mujoco
 
-        self.plan, self.rig, self.odometry, self.moving = plan, rig, odometry, moving
+        self.plan, self.rig, self.odometry, self.pedestrian = plan, rig, odometry, pedestrian
         self.disturbances, self.rate = disturbances, rate
-        self.world = build(plan, seed, walls, moving, rig.camera_height)
+        self.world = build(plan, seed, walls, pedestrian, rig.camera_height)
         self.data = mujoco.MjData(self.world.model)
         self.begin(seed)
-        self.cameras = Cameras(self.world.model, rig, fields, whole, disturbances.camera())
+        self.cameras = Cameras(self.world.model, rig, fields, full_frames, disturbances.camera())
 
     def begin(self, seed: int) -> None:
-        """Begin a drive anew in the same building: where the car starts, the obstacle walks and all chance, by seed."""
+        """Begin a drive in the same building. The seed draws the start, the path of the pedestrian and all chance."""
         rng = np.random.default_rng((seed, 200))
         errors = self.disturbances.car()
         self.effects = self.disturbances.start(np.random.default_rng((seed, 300)))
@@ -114,8 +114,8 @@ class Simulation(Drive):
         self.collisions: list[Collision] = []
         self.placed: Placed = None
         start = self.plan.start or self.spawn_points.random(rng)
-        self.walk = self.spawn_points.walk(rng, (start[0], start[1])) if self.moving else None
-        self.move_obstacle()
+        self.walk = self.spawn_points.walk(rng, (start[0], start[1])) if self.pedestrian else None
+        self.move_pedestrian()
         self.place(*start)
 
     @cached_property
@@ -129,8 +129,8 @@ class Simulation(Drive):
         return self.car.x, self.car.y, self.car.heading
 
     @property
-    def obstacle(self) -> tuple[float, float] | None:
-        """Where the moving obstacle is, m."""
+    def pedestrian_at(self) -> tuple[float, float] | None:
+        """Where the pedestrian is, m."""
         if self.walk is None:
             return None
         (ax, ay), (bx, by) = self.walk
@@ -151,15 +151,14 @@ class Simulation(Drive):
             if arrived is not None:
                 self.car.send(arrived)
             self.car.advance(1 / SUBSTEPS)
-            self.move_obstacle()
+            self.move_pedestrian()
             if self.touches():
                 stationary = abs(self.car.speed) < STATIONARY
-                self.collisions.append(Collision(self.now(), *self.pose, self.touches_person(), stationary))
+                self.collisions.append(Collision(self.now(), *self.pose, self.touches_pedestrian(), stationary))
                 self.respawn()
 
-    def move_obstacle(self) -> None:
-        """Put the obstacle where it is now."""
-        place = self.obstacle
+    def move_pedestrian(self) -> None:
+        place = self.pedestrian_at
         if place is not None:
             self.data.mocap_pos[0] = [*place, 0.0]
 
@@ -173,16 +172,16 @@ class Simulation(Drive):
         mujoco.mj_collision(self.world.model, self.data)
         return bool(self.data.ncon > 0)
 
-    def touches_person(self) -> bool:
-        """Whether it is the moving obstacle that the car was found in contact with."""
+    def touches_pedestrian(self) -> bool:
+        """Whether the car is in contact with the pedestrian."""
         bodies = self.world.model.geom_bodyid
         mocap = self.world.model.body_mocapid
         pairs = (self.data.contact.geom1[: self.data.ncon], self.data.contact.geom2[: self.data.ncon])
         return any(bool((mocap[bodies[geoms]] >= 0).any()) for geoms in pairs)
 
     def respawn(self) -> None:
-        """Move the car to the nearest free place, away from the moving obstacle, where it touches nothing."""
-        for place in self.spawn_points.by_distance(self.car.x, self.car.y, self.obstacle):
+        """Move the car to the nearest free place, away from the pedestrian, where it touches nothing."""
+        for place in self.spawn_points.by_distance(self.car.x, self.car.y, self.pedestrian_at):
             self.place(*place)
             if not self.touches():
                 return

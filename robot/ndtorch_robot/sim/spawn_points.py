@@ -77,5 +77,5 @@ class SpawnPoints:
             if length > 0 and (best is None or length > best[0]):
                 best = (length, (x, y), end)
         if best is None:
-            raise InputError(f"arena {self.plan.name} has no room for a moving obstacle")
+            raise InputError(f"arena {self.plan.name} has no room for a pedestrian")
         return best[1], best[2]

@@ -234,9 +234,9 @@ def test_ranges_of_a_misaligned_pair_become_right_again():
     """Two and a half seconds along the hallway, seen by the clumsy pair, with and without its calibration."""
     wide = StereoRig(forward=RIG.forward, width=800, height=590)
     plan = load_arena("hallway", 11)
-    simulation = Simulation(plan, 11, rig=wide, whole=True)
+    simulation = Simulation(plan, 11, rig=wide, full_frames=True)
     simulation.cameras.close()
-    simulation.cameras = Clumsy(simulation.world.model, wide, whole=True)
+    simulation.cameras = Clumsy(simulation.world.model, wide, full_frames=True)
     safe = SafeDrive(simulation, simulation)
     rectifier = Rectifier(measured(), RIG)
     # The pair looks square to the line between its cameras, which is turned since one sits behind the other.

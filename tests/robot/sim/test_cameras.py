@@ -19,7 +19,7 @@ POSES = [(0.6 + 0.9 * k, 0.05 * (-1) ** k, 0.1 * (k % 5 - 2)) for k in range(16)
 
 
 def looks(arena, whole, poses, **options):
-    simulation = Simulation(load_arena(arena, 1), 1, whole=whole, **options)
+    simulation = Simulation(load_arena(arena, 1), 1, full_frames=whole, **options)
     try:
         return [simulation.cameras.look(simulation.data, *pose) for pose in poses]
     finally:
@@ -28,8 +28,8 @@ def looks(arena, whole, poses, **options):
 
 @pytest.mark.parametrize("moving", [False, True])
 def test_strips_are_the_pixels_of_whole_frames(moving):
-    whole = looks("hallway", True, POSES, moving=moving)
-    strips = looks("hallway", False, POSES, moving=moving)
+    whole = looks("hallway", True, POSES, pedestrian=moving)
+    strips = looks("hallway", False, POSES, pedestrian=moving)
     fields = RIG.subfields()
     for frames, pieces in zip(whole, strips, strict=True):
         for frame, piece, field in zip(frames, pieces, fields, strict=True):
@@ -107,17 +107,17 @@ def test_collision_is_counted_and_the_car_respawns():
     simulation.close()
 
 
-def test_moving_obstacle_is_seen_and_hit():
-    simulation = Simulation(load_arena("room", 2), 2, moving=True)
-    first = simulation.obstacle
+def test_a_pedestrian_is_seen_and_hit():
+    simulation = Simulation(load_arena("room", 2), 2, pedestrian=True)
+    first = simulation.pedestrian_at
     simulation.wait_until(1.0)
-    assert math.dist(first, simulation.obstacle) == pytest.approx(0.4, abs=0.05)
-    x, y = simulation.obstacle
+    assert math.dist(first, simulation.pedestrian_at) == pytest.approx(0.4, abs=0.05)
+    x, y = simulation.pedestrian_at
     assert not simulation.collisions
     simulation.place(x, y, 0.0)
     simulation.wait_until(1.1)
     assert len(simulation.collisions) == 1
-    assert math.dist(simulation.pose[:2], simulation.obstacle) > 1.0
+    assert math.dist(simulation.pose[:2], simulation.pedestrian_at) > 1.0
     simulation.close()
 
 

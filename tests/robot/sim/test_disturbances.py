@@ -149,7 +149,7 @@ SMALL = Plan("small", ring([(0, 0), (2, 0), (2, 2), (0, 2)]))
 
 def test_a_disturbed_world():
     def looked(text="", whole=False):
-        simulation = Simulation(SMALL, 1, disturbances=read_disturbances(text), whole=whole)
+        simulation = Simulation(SMALL, 1, disturbances=read_disturbances(text), full_frames=whole)
         simulation.place(0.6, 1.0, 0.1)
         simulation.obey(DriveCommand(0.5, 1.0))
         simulation.wait_until(0.2)

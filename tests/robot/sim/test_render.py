@@ -142,7 +142,7 @@ def test_random_triangles_against_rays():
 
 def test_strips_of_a_frame_are_the_frame():
     """Strips and slices of them are the pixels of the whole frame, to the bit."""
-    simulation = Simulation(load_arena("office", 3), 3, whole=True, moving=True)
+    simulation = Simulation(load_arena("office", 3), 3, full_frames=True, pedestrian=True)
     renderer = simulation.cameras.renderer
     simulation.cameras.look(simulation.data, 1.0, 0.3, 0.4)
     view = simulation.cameras.view(1.0, 0.3, 0.4, 1)
@@ -163,11 +163,11 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("arena", "disturbance", "moving"), CASES)
-def test_the_rasteriser_draws_what_mujoco_draws(arena, disturbance, moving, monkeypatch):
+@pytest.mark.parametrize(("arena", "disturbance", "pedestrian"), CASES)
+def test_the_rasteriser_draws_what_mujoco_draws(arena, disturbance, pedestrian, monkeypatch):
     """At most one level of 256 off, but for fewer than one color in five hundred at the edges of objects."""
     wide = (Rect(302, 372, 80, 640), Rect(302, 372, 0, 560))
-    options = {"moving": moving, "disturbances": read_disturbances(disturbance), "fields": wide}
+    options = {"pedestrian": pedestrian, "disturbances": read_disturbances(disturbance), "fields": wide}
     ours = Simulation(load_arena(arena, 7), 7, **options)
     monkeypatch.setattr(cameras, "is_supported", lambda model: False)
     try:
