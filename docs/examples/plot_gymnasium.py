@@ -16,7 +16,7 @@ from matplotlib.collections import LineCollection
 
 from ndtorch.navigation import Navigator, RowRanging
 from ndtorch_robot.gym import register
-from ndtorch_robot.gym.environment import eyes_of
+from ndtorch_robot.gym.environment import strips_of
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.simulation import RIG
 
@@ -43,7 +43,7 @@ def away() -> Policy:
 
     def policy(seen: dict[str, np.ndarray]) -> tuple[float, float]:
         nonlocal state, near
-        left, right = eyes_of(seen)
+        left, right = strips_of(seen)
         ranges, state = ranging(left.row, right.row, state)
         x, y = ranges.x[ranges.valid].numpy(), ranges.y[ranges.valid].numpy()
         nearness = 1 / np.hypot(x, y)
@@ -63,7 +63,7 @@ def navigator() -> Policy:
 
     def policy(seen: dict[str, np.ndarray]) -> tuple[float, float]:
         nonlocal state
-        command, state = model(*eyes_of(seen), state)
+        command, state = model(*strips_of(seen), state)
         return float(command.speed[-1]), float(command.curvature[-1])
 
     return policy

@@ -46,7 +46,7 @@ def open_car(config: RunConfig, report: Report, go: bool = False, observers: Ite
         drive = open_link(config.link_table(), Opening(config.robot, report, simulation))
         stack.callback(drive.close)
         if isinstance(drive, MovesWorld):
-            cameras, clock = drive.sight()
+            cameras, clock = drive.cameras_and_clock()
             rig = config.rig.rig()
         else:
             cameras, rig, clock = make_real_cameras(config)

@@ -62,7 +62,7 @@ class Check:
         self.say("2. Link")
         simulation = make_simulation(config)
         drive = open_link(config.link_table(), Opening(config.robot, lambda line: self.say(f"   {line}"), simulation))
-        clock: Clock = drive.sight()[1] if isinstance(drive, MovesWorld) else MonotonicClock()
+        clock: Clock = drive.cameras_and_clock()[1] if isinstance(drive, MovesWorld) else MonotonicClock()
         try:
             found["link"] = self.link(drive, clock)
             safe = SafeDrive(drive, clock, config.limits.limits(), report=timed_report())

@@ -5,27 +5,27 @@ Since Gymnasium 1.0 no package is looked for: whoever has environments says so. 
 
 from __future__ import annotations
 
-ENVIRONMENTS = {
-    "Hallway": "hallway",
-    "Curve": "curve",
-    "Loop": "loop",
-    "Room": "room",
-    "Office": "office",
-    "Random": "random",
-    "Tiles": "tiles",
-    "Checker": "checker",
-    "Smooth": "smooth",
-    "Lines": "lines",
-    "Chairs": "chairs",
-    "Slalom": "slalom",
-    "Sofa": "sofa",
-    "DeadEnd": "dead-end",
-    "Door61": "door-61",
-    "Door81": "door-81",
-    "TJunction": "t-junction",
-}
-"""Arenas by the names of their environments, written out so that Gymnasium need not import the simulator to know them.
-`ndtorch/Drive-v0` takes any `arena`, and those of a `.toml` file too."""
+ARENAS = (
+    *(
+        "hallway",
+        "curve",
+        "loop",
+        "room",
+        "office",
+        "random",
+        "tiles",
+        "checker",
+        "smooth",
+        "lines",
+        "chairs",
+        "slalom",
+    ),
+    *("sofa", "dead-end", "door-61", "door-81", "t-junction"),
+)
+"""Arenas with an environment of their own, written out so that Gymnasium need not import the simulator to know them."""
+
+ENVIRONMENTS = {"".join(word.capitalize() for word in arena.split("-")): arena for arena in ARENAS}
+"""Arenas by the names of their environments; `ndtorch/Drive-v0` takes any `arena`, and those of a `.toml` file too."""
 
 
 def register() -> None:

@@ -37,8 +37,8 @@ COLLISION = 5.0
 class DriveEnv(gymnasium.Env[Observation, Action]):
     """The simulated car in a building, through the same cameras, car and safety layer as `ndtorch drive`.
 
-    - **Observation**: a dictionary of uint8 pictures, red, green, blue, channels first. `"strips"` are what navigation
-      reads, the patch of floor and the horizon row of each eye: `left_field`, `right_field` `[3, h, w]`, `left_row`,
+    - **Observation**: a dictionary of uint8 images, red, green, blue, channels first. `"strips"` are what navigation
+      reads, the patch of floor and the horizon row of each camera: `left_field`, `right_field` `[3, h, w]`, `left_row`,
       `right_row` `[3, 1, 640]`. `"frames"` are `left` and `right` `[3, 480, 640]`, ten times as slow.
     - **Action**: speed, m/s, backward where negative, and curvature, 1/m, positive to the left: what is asked for, from
       one frame to the next (30 a second). The car follows as fast as it can.
@@ -64,7 +64,7 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         render_mode: None or `"rgb_array"`: `render` gives the left camera's frame.
 
     Raises:
-        InputError: an unknown arena or word, or no OpenGL.
+        InputError: an unknown arena or disturbance.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012
@@ -98,10 +98,10 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         if not self.strips:
             sizes = [(RIG.height, RIG.width)] * 2
         names = PARTS if self.strips else ("left", "right")
-        pictures: dict[str, spaces.Space[Any]] = {
+        images: dict[str, spaces.Space[Any]] = {
             name: spaces.Box(0, 255, (3, *size), np.uint8) for name, size in zip(names, sizes, strict=True)
         }
-        self.observation_space: Any = spaces.Dict(pictures)
+        self.observation_space: Any = spaces.Dict(images)
         limits = CarLimits()
         most = np.array([limits.speed, limits.curvature], np.float32)
         self.action_space = spaces.Box(-most, most, dtype=np.float32)
@@ -154,19 +154,18 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         return self.seen(self.frames), reward, hit, over, self.info(simulation, driven)
 
     def seen(self, frames: StereoFrames) -> Observation:
-        """The observation of both eyes."""
-        eyes = (frames.left, frames.right)
+        both = (frames.left, frames.right)
         if not self.strips:
-            return {name: picture(eye) for name, eye in zip(("left", "right"), eyes, strict=True)}
+            return {name: pixels(frame) for name, frame in zip(("left", "right"), both, strict=True)}
         cut = [
-            eye if isinstance(eye, Strips) else cut_strips(eye, field, RIG)
-            for eye, field in zip(eyes, self.fields, strict=True)
+            frame if isinstance(frame, Strips) else cut_strips(frame, field, RIG)
+            for frame, field in zip(both, self.fields, strict=True)
         ]
-        parts = (*(eye.field for eye in cut), *(eye.row for eye in cut))
-        return {name: picture(part) for name, part in zip(PARTS, parts, strict=True)}
+        parts = (*(strips.field for strips in cut), *(strips.row for strips in cut))
+        return {name: pixels(part) for name, part in zip(PARTS, parts, strict=True)}
 
     def info(self, simulation: Simulation, driven: DriveCommand) -> dict[str, Any]:
-        """What nobody at the wheel may know."""
+        """The truth, which a policy may not use."""
         return {
             "pose": np.array(simulation.pose),
             "driven": np.array([driven.speed, driven.curvature]),
@@ -178,7 +177,7 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         """The left camera's frame `[480, 640, 3]`, uint8; None where no `render_mode` was asked for."""
         if self.render_mode is None or self.frames is None:
             return None
-        return np.ascontiguousarray(picture(self.frames.left).transpose(1, 2, 0))
+        return np.ascontiguousarray(pixels(self.frames.left).transpose(1, 2, 0))
 
     def close(self) -> None:
         """Give the simulation back."""
@@ -187,12 +186,12 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         self.simulation = self.safe = self.frames = None
 
 
-def picture(frames: Any) -> Pixels:
+def pixels(frames: Any) -> Pixels:
     """`[1, 3, h, w]` as an array `[3, h, w]`."""
     return np.array(frames[0].numpy(), np.uint8)
 
 
-def eyes_of(observation: Observation) -> tuple[Strips, Strips]:
-    """An observation of strips as what `Navigator` takes: the left and the right eye."""
+def strips_of(observation: Observation) -> tuple[Strips, Strips]:
+    """An observation of strips as `Navigator` takes it, of the left and of the right camera."""
     parts = {name: torch.from_numpy(observation[name])[None] for name in PARTS}
     return Strips(parts["left_field"], parts["left_row"]), Strips(parts["right_field"], parts["right_row"])

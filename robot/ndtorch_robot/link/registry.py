@@ -30,7 +30,7 @@ GONE = {"simulated-board": f"use {HOSTED_BOARD!r}, which runs the same firmware"
 class MovesWorld(Protocol):
     """A link that moves a simulated car: it also knows how that world is seen."""
 
-    def sight(self) -> tuple[CameraPair, Clock]:
+    def cameras_and_clock(self) -> tuple[CameraPair, Clock]:
         """The cameras in that world, and the clock of a loop in it."""
         ...
 

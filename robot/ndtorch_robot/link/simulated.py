@@ -30,7 +30,7 @@ class HostedDrive(LinkDrive):
         super().__init__(Line(self.world, self.world.now), self.world.now, robot, report)
         self.world.await_welcome()
 
-    def sight(self) -> tuple[CameraPair, Clock]:
+    def cameras_and_clock(self) -> tuple[CameraPair, Clock]:
         """Frames of the world that the pulses move, and its time."""
         return self.world, self.world
 

@@ -266,7 +266,7 @@ class Simulation(Drive):
             return DriveCommand(speed * (1 + SCALE_ERROR), (curvature + DRIFT / speed) / (1 + SCALE_ERROR))
         return driven
 
-    def sight(self) -> tuple[CameraPair, Clock]:
+    def cameras_and_clock(self) -> tuple[CameraPair, Clock]:
         """Its own cameras and its own time."""
         return self, self
 

@@ -191,7 +191,7 @@ class BoardDrive(SerialDrive):
         self.board, self.simulation = board, simulation
         super().__init__(board.device, robot=robot, report=report)
 
-    def sight(self) -> tuple[CameraPair, Clock]:
+    def cameras_and_clock(self) -> tuple[CameraPair, Clock]:
         """Pictures of the world that the pulses move, in real time."""
         if self.simulation is None:
             raise InputError("this simulated board was opened without a world")
