@@ -16,14 +16,15 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-import torch
-from torch import Tensor
 
 from ndtorch.errors import InputError
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 PART = "part-"
 """How the name of a file begins while it is written. It is not hidden: what a killed run leaves can be seen."""
@@ -145,6 +146,8 @@ CHECKSUM = "checksum"
 
 def checksum(flat: Mapping[str, Tensor], about: Mapping[str, str]) -> str:
     """SHA-256 over names, types, shapes, values and strings."""
+    import torch
+
     digest = hashlib.sha256(json.dumps(sorted(about.items())).encode())
     for name in sorted(flat):
         # A single number may have any stride, which `contiguous` leaves as it is and `view` refuses.

@@ -9,16 +9,18 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from ndtorch.errors import InputError, did_you_mean
-from ndtorch.report.page import NAME, Page, Shown, Table, command_line, versions
 from ndtorch.run.folder import place_for
 from ndtorch.utils.files import replacing, write_text
 from ndtorch.utils.packages import code_digest
 from ndtorch.utils.signals import parts_kept
 from ndtorch.utils.workers import Report, run_tasks
 from ndtorch_train.rows import Row, RowStore
+
+if TYPE_CHECKING:
+    from ndtorch.report.page import Shown
 
 Split = Literal["tune", "test"]
 """Choose constants on the one, report the other: their seeds have none in common."""
@@ -123,6 +125,8 @@ class Benchmark:
 
     def _write(self, rows: list[Row], folder: Path) -> str:
         """Write NAME.csv, NAME.md, images and report.html; returns the text to print."""
+        from ndtorch.report.page import Page, Table, command_line, versions
+
         every = [*rows, *self.summary(rows)]
         keys = [key for column in self.columns for key in (column.key, column.error) if key]
         with replacing(folder / f"{self.name}.csv") as path, path.open("w", encoding="utf-8", newline="") as file:
@@ -173,7 +177,7 @@ class Result(NamedTuple):
 
     def report(self, as_json: bool, show: bool) -> int:
         """Print; returns the exit code."""
-        from ndtorch.report.page import open_in_browser
+        from ndtorch.report.page import NAME, open_in_browser
 
         if as_json:
             print(json.dumps(self.rows))
