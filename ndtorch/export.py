@@ -17,7 +17,7 @@ from typing import Any, Literal
 import torch
 from torch import Tensor, nn
 
-from ndtorch.binding.models.contract import BindingModel
+from ndtorch.binding.models.base import BindingModel
 from ndtorch.errors import InputError, did_you_mean
 from ndtorch.utils.files import replacing
 from ndtorch.utils.tensors import leaves, mapped

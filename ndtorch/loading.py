@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ndtorch.binding.models.contract import BindingModel
-from ndtorch.binding.models.kinds import REMOVED, kind_of, load_folder, removed
-from ndtorch.binding.models.kinds import RENAMED as RENAMED_KINDS
+from ndtorch.binding.models.base import BindingModel
+from ndtorch.binding.models.registry import REMOVED, kind_of, load_folder, removed
+from ndtorch.binding.models.registry import RENAMED as RENAMED_KINDS
 from ndtorch.errors import InputError, did_you_mean
 from ndtorch.utils.backend import set_backend
 

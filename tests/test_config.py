@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from ndtorch.binding.models.kinds import KINDS
 from ndtorch.binding.models.published import PublishedConfig
+from ndtorch.binding.models.registry import KINDS
 from ndtorch.config import ModelConfig, config_text, option_places, validated, with_options
 from ndtorch.errors import InputError
 from ndtorch.loading import model_folders

@@ -29,6 +29,7 @@ def test_nothing_public_is_left_out() -> None:
 
 
 HELD_BY = {
+    "ForegroundModel": "tests/binding/models/test_foreground.py",
     "Localiser": "tests/navigation/localisation",
     "load_map": "tests/navigation/mapping",
     "save_map": "tests/navigation/mapping",

@@ -6,7 +6,7 @@ These are the names people start with; the rest is in the files.
 from ndtorch.binding.attention import Attention
 from ndtorch.binding.first_stage import FirstStage, train_first_stage
 from ndtorch.binding.learning import alternation, weight_change
-from ndtorch.binding.models.contract import BindingModel, Verdict
+from ndtorch.binding.models.base import BindingModel, Verdict
 from ndtorch.binding.models.foreground import ForegroundModel
 from ndtorch.binding.models.published import PublishedModel
 from ndtorch.binding.models.retinotopic import RetinotopicModel

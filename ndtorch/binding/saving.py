@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import torch
 from torch import Tensor
 
-from ndtorch.binding.models.contract import BindingModel
+from ndtorch.binding.models.base import BindingModel
 from ndtorch.errors import InputError
 from ndtorch.tracking.clutter import Births
 from ndtorch.tracking.track import TrackTable

@@ -86,7 +86,7 @@ class PictureMaker:
 
     def _tracked(self, glimpse: Glimpse) -> Picture:
         """The frame and the objects in sight."""
-        things = self.model.in_sight(glimpse.state)
+        things = self.model.visible_objects(glimpse.state)
         return Picture(glimpse.time, to_pixels(shown(glimpse.frame)), objects=tuple(things))
 
     def _enhanced(self, glimpse: Glimpse) -> Picture:

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import fcntl
+import logging
 import os
 import shutil
 import stat
 import time
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from ndtorch.utils.files import hold
 
+log = logging.getLogger("ndtorch.jit")
+
 STALE = 30 * 86400
 """Seconds after which a folder that nobody has used may go."""
-
-
-COMPILES = 60.0
-"""Seconds that a process may take to compile before another one that waits for it says so."""
 
 
 class UnusableFolder(Exception):
@@ -109,7 +107,5 @@ def locked(folder: Path | None, part: str | None = None) -> Iterator[None]:
         fcntl.flock(file, fcntl.LOCK_SH)
         path = folder / f"{part}.lock"
         with path.open("w") as own:
-            hold(
-                own, lambda: warnings.warn(f"waits for another process that compiles, which holds {path}", stacklevel=6)
-            )
+            hold(own, lambda: log.info("waits for another process that compiles, which holds %s", path))
             yield

@@ -46,7 +46,7 @@ class StubModel(nn.Module):
         seen = {"first_seen": 0.0, "last_seen": last / self.fps, "track": 0, "heading": (1.0, 0.0)}
         return [BoundObject("red", 7, {"red": 1.0}, (float(last), 4.0), (self.fps, 0.0), path=path, **seen)]  # type: ignore[arg-type]
 
-    def in_sight(self, state: StubState) -> list[BoundObject]:
+    def visible_objects(self, state: StubState) -> list[BoundObject]:
         return self.objects(state)
 
     def table(self, state: StubState) -> ObjectTable:

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ndtorch.arguments import check_dense, check_state
 from ndtorch.binding.learning import NetworkState
-from ndtorch.binding.models.contract import BindingModel, Nested, Verdict, states_of
+from ndtorch.binding.models.base import BindingModel, Nested, Verdict, states_of
 from ndtorch.binding.models.scale_free import RuleConstants
 from ndtorch.binding.network import InhibitoryNetwork
 from ndtorch.binding.normalise import FieldInputs
@@ -311,19 +311,18 @@ class ForegroundModel(BindingModel):
         stacked = ForegroundSignals(*(torch.stack(column) for column in columns))
         return stacked._replace(time=stacked.time[0]), tuple(own for _, own in parts)
 
-    def objects(self, state: Any) -> Nested:
+    def objects_batch(self, state: Any) -> Nested:
         """The objects so far, in the order in which they appeared."""
         if not isinstance(state, ForegroundState):
-            return [self.objects(own) for own in state]
+            return [self.objects_batch(own) for own in state]
         every = tracks_from_table(state.closed)
         if state.scene is not None:
             every += tracks_from_table(state.scene.tracker.tracks)
         return [self._bound(one) for one in sorted(every, key=lambda one: one.number) if one.is_object]
 
-    def in_sight(self, state: Any) -> Nested:
-        """The objects seen at the latest time step."""
+    def visible_objects(self, state: Any) -> list[BoundObject]:
         if not isinstance(state, ForegroundState):
-            return [self.in_sight(own) for own in state]
+            raise InputError("the state is that of a batch: use objects_batch(state)")
         if state.scene is None:
             return []
         now, tracks = float(state.time), tracks_from_table(state.scene.tracker.tracks)

@@ -11,7 +11,7 @@ from torch import Tensor
 from ndtorch.arguments import check_state
 from ndtorch.binding.first_stage import FirstStage, first_stage_weights
 from ndtorch.binding.learning import settled
-from ndtorch.binding.models.contract import BindingModel, Nested, Verdict, by_trial
+from ndtorch.binding.models.base import BindingModel, Nested, Verdict, by_trial
 from ndtorch.binding.object_files import ObjectFileParams, ObjectFiles, ObjectFileState
 from ndtorch.binding.objects import BoundObject
 from ndtorch.binding.readout.covariances import single_table, single_weights
@@ -143,7 +143,7 @@ class RetinotopicModel(BindingModel):
         motion = state.motion if state is not None else None
         return RetinotopicSignals(fields, outputs, number, time), RetinotopicState(motion, windows)
 
-    def objects(self, state: RetinotopicState) -> Nested:
+    def objects_batch(self, state: RetinotopicState) -> Nested:
         """The objects in view, those followed longest first; `track` is the number of the window."""
         w = state.windows
         there = self.windows.confirmed(w)

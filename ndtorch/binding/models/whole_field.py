@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ndtorch.arguments import check_state, check_tensor
 from ndtorch.binding.first_stage import FirstStage, first_stage_weights
-from ndtorch.binding.models.contract import BindingModel, Nested, Verdict, by_trial
+from ndtorch.binding.models.base import BindingModel, Nested, Verdict, by_trial
 from ndtorch.binding.normalise import BindingInputs, InputState, Order
 from ndtorch.binding.objects import ObjectTable, bound_objects
 from ndtorch.config import Constants, Deviations, ModelConfig, Size
@@ -173,7 +173,7 @@ class WholeFieldModel(BindingModel):
             words.append("static" if still else "alternating" if flips else "stable" if good else "learning")
         return by_trial(words, tuple(static.shape))
 
-    def objects(self, state: BindingState) -> Nested:
+    def objects_batch(self, state: BindingState) -> Nested:
         """The objects in view; none while the verdict is `static` or `alternating`."""
         table, batch = self.table(state), tuple(state.second.weights.shape[:-2])
         static = fluctuating_groups(state.inputs, self.config.normalise.floor) < 2

@@ -189,7 +189,7 @@ def test_two_that_come_as_one_and_part_are_two() -> None:
     frames = squares(38, (64, -2.0, 40, (0.85, 0.2, 0.2)), (88, 2.0, 46, (0.2, 0.75, 0.2)))
     _, state = run(frames)
     assert sorted(thing.direction for thing in model().objects(state)) == ["left", "right"]
-    for thing in model().in_sight(state):
+    for thing in model().visible_objects(state):
         assert thing.box is not None
         assert thing.box[2] - thing.box[0] == pytest.approx(24, abs=6)
 
@@ -217,7 +217,7 @@ def test_what_stops_stays_an_object_and_what_does_not_travel_is_none() -> None:
     _, state = run(frames)
     (thing,) = model().objects(state)
     assert thing.last_seen == pytest.approx(79 / FPS)
-    assert [other.track for other in model().in_sight(state)] == [thing.track]
+    assert [other.track for other in model().visible_objects(state)] == [thing.track]
     _, state = run(frames, min_travel_sizes=0.0)
     assert len(model().objects(state)) == 2
 
@@ -236,7 +236,7 @@ def test_batches_and_bad_frames() -> None:
     with torch.inference_mode():
         _, state = module(films)
     assert same(state[0], whole()[1])
-    assert [[thing.direction for thing in trial] for trial in module.objects(state)] == [["right"], ["left"]]
+    assert [[thing.direction for thing in trial] for trial in module.objects_batch(state)] == [["right"], ["left"]]
     assert module.weights(state).shape == (2, 10, 10)
     with pytest.raises(InputError, match="finite"):
         module(torch.full((2, 3, *SIZE), torch.nan))

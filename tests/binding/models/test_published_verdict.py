@@ -71,7 +71,7 @@ def test_a_batch_has_a_verdict_and_objects_a_trial() -> None:
     alone = [module.from_sums(trial)[1] for trial in sums]
     assert module.verdict(state) == [module.verdict(one) for one in alone]
     assert module.verdict(state)[1] == "static"
-    names = [[thing.neuron for thing in trial] for trial in module.objects(state)]
+    names = [[thing.neuron for thing in trial] for trial in module.objects_batch(state)]
     assert names == [[thing.neuron for thing in module.objects(one)] for one in alone]
     assert names[0] != names[1] == []
     _, nested = module.from_sums(sums.unsqueeze(1).expand(-1, 2, -1, -1))

@@ -56,7 +56,7 @@ def test_chunks_give_the_whole_and_a_state_comes_back_from_a_file(tmp_path: Path
 def test_a_batch_is_that_many_trials() -> None:
     module, frames = model(), noise(2, 6)
     _, state = module(frames)
-    assert module.objects(state) == [[], []]
+    assert module.objects_batch(state) == [[], []]
     assert module.verdict(state) == ["learning", "learning"]
     assert module.verdict(module(torch.zeros(2, 3, 3, *SIZE))[1]) == ["static", "static"]
 
@@ -99,7 +99,7 @@ def test_three_equal_bars_are_three_objects() -> None:
         assert thing.place is not None
         assert all(0 <= at <= 500 for at in thing.place)
         assert 0 <= thing.first_seen < 3 < 11 < thing.last_seen < 12
-    assert module.in_sight(state) != []
+    assert module.visible_objects(state) != []
 
 
 def test_windows_that_see_nothing_have_no_weights() -> None:

@@ -118,7 +118,7 @@ class Model:
         with torch.inference_mode():
             for frames in pieces(scene, moments):
                 signals, state = model(frames, state)
-                now = frames.shape[0] and model.in_sight(state)
+                now = frames.shape[0] and model.visible_objects(state)
                 found.append([Found(one.place, self.mask(one, signals, scene.size)) for one in now or [] if one.place])
         return found
 

@@ -17,7 +17,7 @@ from torch import Tensor
 
 import ndtorch
 from ndtorch.binding import BoundObject
-from ndtorch.binding.models.contract import BindingModel
+from ndtorch.binding.models.base import BindingModel
 from ndtorch.binding.models.whole_field import WholeFieldModel
 from ndtorch.scenes import FrameSource, equal_bars, open_video
 from ndtorch_train.plots import BLUE, GREEN, ORANGE, bare, letters, panels
@@ -51,7 +51,7 @@ def colors_at(sums: Tensor, moments: Sequence[int], **options: Any) -> list[Colo
             for part in torch.split(sums[:, begin:end], 500, -2):
                 _, state = model.from_sums(part, state)
             assert state is not None
-            found.append([[obj.color for obj in trial] for trial in model.objects(state)])
+            found.append([[obj.color for obj in trial] for trial in model.objects_batch(state)])
             begin = end
     return found
 

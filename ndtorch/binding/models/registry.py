@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ndtorch.binding.first_stage import FirstStage, first_stage_weights, read_first_stage
-from ndtorch.binding.models.contract import BindingModel
+from ndtorch.binding.models.base import BindingModel
 from ndtorch.binding.models.foreground import ForegroundModel
 from ndtorch.binding.models.published import PublishedModel
 from ndtorch.binding.models.retinotopic import RetinotopicModel

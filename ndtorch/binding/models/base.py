@@ -128,14 +128,27 @@ class BindingModel(nn.Module, ABC):
         """The part of `forward` that is tensors from end to end, and that `ndtorch.export` exports: all of it."""
         return self(frames, state)  # type: ignore[no-any-return]
 
-    @abstractmethod
-    def objects(self, state: Any) -> Nested:
-        """The objects at this moment, `list[BoundObject]`; of a batch nested lists, one a trial."""
+    def objects(self, state: Any) -> list[BoundObject]:
+        """The objects of one trial at this moment.
 
-    def in_sight(self, state: Any) -> Nested:
-        """The objects seen at the latest time step, of models with tracks."""
-        things = self.objects(state)
-        return latest(things) if self.tracks else things
+        Raises:
+            InputError: the state is that of a batch.
+        """
+        return single_trial(self.objects_batch(state), "objects_batch")
+
+    @abstractmethod
+    def objects_batch(self, state: Any) -> Nested:
+        """The objects of every trial, lists nested like the batch; of a single trial as `objects`."""
+
+    def visible_objects(self, state: Any) -> list[BoundObject]:
+        """The objects of one trial that were seen at the latest time step.
+
+        Raises:
+            InputError: the state is that of a batch.
+        """
+        found = self.objects(state)
+        last = max((one.last_seen or 0.0 for one in found), default=0.0)
+        return [one for one in found if one.last_seen == last] if self.tracks else found
 
     @abstractmethod
     def verdict(self, state: Any) -> Nested:
@@ -195,12 +208,11 @@ What it is for, how it was made and measured, where it fails: to be written by w
 """
 
 
-def latest(things: Nested) -> Nested:
-    """Of each trial the objects that were seen last."""
-    if things and isinstance(things[0], list):
-        return [latest(trial) for trial in things]
-    last = max((thing.last_seen for thing in things), default=0.0)
-    return [thing for thing in things if thing.last_seen == last]
+def single_trial(found: Nested, batch: str) -> list[Any]:
+    """The list of a single trial; `InputError` names the method for batches."""
+    if found and isinstance(found[0], list):
+        raise InputError(f"the state is that of a batch: use {batch}(state)")
+    return list(found)
 
 
 def by_trial(things: list[Any], batch: tuple[int, ...]) -> Nested:
