@@ -92,12 +92,12 @@ class Referee:
 def attempt(entry: Entry) -> Attempt:
     """Drive through a world once, by the loop and the safety layer of every other drive.
 
-    The car is told where the goal is, and knows where it starts; of the cylinders it knows what it sees.
+    The car knows the goal and its start; of the cylinders it knows what it sees.
     """
     world = entry.world
     x, y = world.goal
-    told = controller_class(entry.options.controller).has_goals
-    options = replace(entry.options, goal=f"{x},{y}") if told else entry.options
+    has_goals = controller_class(entry.options.controller).has_goals
+    options = replace(entry.options, goal=f"{x},{y}") if has_goals else entry.options
     runner = NavigatorRunner(options, RIG, RATE)
     simulation = Simulation(world.plan(), entry.seed, fields=runner.fields)
     try:

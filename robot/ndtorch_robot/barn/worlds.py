@@ -11,7 +11,7 @@ from ndtorch.errors import InputError
 from ndtorch_robot.sim.plan import Plan, Point, cylinder, ring
 
 AROUND = 1.2
-"""Metres between the cylinders or the goal and the walls of the hall that they stand in."""
+"""Metres between the cylinders or the goal and the walls of the hall around them."""
 
 TEST_EVERY = 5
 """Worlds whose number this divides are for reports; nothing is tuned on them."""

@@ -25,7 +25,7 @@ CODE = ("ndtorch", "ndtorch_robot")
 PACKAGES = ("torch", "mujoco", "numpy")
 """What else draws and counts in it."""
 
-TELL_EVERY = 0.5
+REPORT_EVERY = 0.5
 """Seconds between two reports of a worker."""
 
 Summary = dict[str, object]
@@ -93,19 +93,19 @@ class DriveCache(ResultCache[DriveConfig]):
 
 
 def drive_once(config: DriveConfig, report: Callable[[float], None]) -> Summary:
-    """Do one drive, in one thread; tells the simulated seconds driven so far."""
+    """Do one drive, in one thread; reports the simulated seconds driven so far."""
     import torch
 
     from ndtorch_robot.drive import drive
 
     torch.set_num_threads(1)
-    told = time.monotonic()
+    reported = time.monotonic()
 
     def tell(step: Step) -> None:
-        nonlocal told
+        nonlocal reported
         now, made = time.monotonic(), (step.number + 1) / config.rate
-        if now - told > TELL_EVERY or made >= config.seconds:
-            told = now
+        if now - reported > REPORT_EVERY or made >= config.seconds:
+            reported = now
             report(made)
 
     unseen = {"full_frames": False, "rrd": None, "view": False}

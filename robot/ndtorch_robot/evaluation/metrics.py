@@ -67,12 +67,12 @@ class Edges(NamedTuple):
     normals: Floats
 
 
-def true_edges(plan: Plan, profiles: list[Floats], eye: float = CAMERA_HEIGHT) -> Edges:
+def true_edges(plan: Plan, profiles: list[Floats], height: float = CAMERA_HEIGHT) -> Edges:
     """Where brightness jumps by `CONTRAST` along a wall or from wall to wall, and every convex corner.
 
     Args:
         profiles: brightness along every wall, `World.profiles`.
-        eye: height of the cameras, m; what does not reach there has no edges.
+        height: of the cameras, m; what does not reach there has no edges.
     """
     places: list[tuple[float, float]] = []
     faint: list[bool] = []
@@ -80,7 +80,7 @@ def true_edges(plan: Plan, profiles: list[Floats], eye: float = CAMERA_HEIGHT) -
     first = 0
     for shape in plan.rings:
         corners = shape.array
-        if not reaches(shape, plan, eye):
+        if not reaches(shape, plan, height):
             first += len(corners)
             continue
         along = np.roll(corners, -1, 0) - corners
@@ -123,14 +123,14 @@ def edge_columns(profile_: Floats, contrast: float, within: float = 0.02) -> Flo
     return np.sort(np.array(found))
 
 
-def reaches(shape: Ring, plan: Plan, eye: float) -> bool:
+def reaches(shape: Ring, plan: Plan, height: float) -> bool:
     """Whether a ring has a surface at that height."""
-    return shape.bottom < eye < (shape.height or plan.height)
+    return shape.bottom < height < (shape.height or plan.height)
 
 
-def surfaces_of(plan: Plan, eye: float = CAMERA_HEIGHT) -> Floats:
-    """What stands at the height of the cameras, `[S, 2, 2]`: from, to; x, y."""
-    corners = [shape.array for shape in plan.rings if reaches(shape, plan, eye)]
+def surfaces_of(plan: Plan, height: float = CAMERA_HEIGHT) -> Floats:
+    """The surfaces at the height of the cameras, `[S, 2, 2]`: from, to; x, y."""
+    corners = [shape.array for shape in plan.rings if reaches(shape, plan, height)]
     return np.concatenate([np.zeros((0, 2, 2)), *(np.stack((c, np.roll(c, -1, 0)), 1) for c in corners)])
 
 
@@ -146,12 +146,12 @@ def visible(plan: Plan, edges: Edges, poses: Floats, rig: StereoRig, times: int 
         depth = np.where(ahead > 0.1, ahead, np.inf)
         disparity = rig.focal * rig.baseline / depth
         outer = rig.focal * (np.abs(aside) + rig.baseline / 2) / depth
-        eye = np.array([x + rig.forward * math.cos(heading), y + rig.forward * math.sin(heading)])
-        seen = ((edges.normals * (eye - edges.places)[:, None]).sum(-1) > 0).all(1)
+        camera = np.array([x + rig.forward * math.cos(heading), y + rig.forward * math.sin(heading)])
+        seen = ((edges.normals * (camera - edges.places)[:, None]).sum(-1) > 0).all(1)
         good = (disparity > 60) & (disparity < 200) & (outer < rig.width / 2 - 1) & ~(edges.faint & seen)
         near = np.flatnonzero(good)
         if len(near):
-            count[near[plan.sees(eye, edges.places[near])]] += 1
+            count[near[plan.sees(camera, edges.places[near])]] += 1
     return np.asarray(count >= times)
 
 
@@ -244,8 +244,7 @@ def gates_passed(gates: Sequence[tuple[Point, Point]], path: Floats) -> list[boo
 
 def coverage(free: Floats, path: Floats, reach: float = 1.0) -> float:
     """Share of the free places `[N, 2]` that the car came within `reach` metres of."""
-    thinned = path[:: max(1, 10)]
-    return float((nearest(free, thinned) <= reach).mean())
+    return float((nearest(free, path[::10]) <= reach).mean())
 
 
 def collision_places(collisions: Sequence[Collision]) -> list[Point]:

@@ -219,7 +219,7 @@ def pose_plot(time: Floats, true: Floats, believed: Floats, located: Floats) -> 
 def speeds(result: Result) -> Figure:
     """Both speed estimates, what the controller weighs, its thresholds and its turns. [A fig. 7]
 
-    What it weighs, and from where on it acts, is said by the controller's `trace`.
+    The controller's `trace` has the quantity and its thresholds.
     """
     trace = result.trace
     figure = new_figure(13, 6.5)

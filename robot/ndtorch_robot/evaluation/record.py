@@ -14,7 +14,7 @@ from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.ports import DriveCommand, Observer, Step, StereoFrames
 
 KEPT_ROWS = 900
-"""Frames whose rows are kept for the space-time picture: the first half minute."""
+"""Frames whose rows are kept for the space-time plot: the first half minute."""
 
 Floats = npt.NDArray[np.float64]
 Pose = tuple[float, float, float]
@@ -32,11 +32,11 @@ class Record:
         lost: whether the localiser still looks for the car in a known map.
         command: speed and curvature sent.
         sides: speed estimates, left and right.
-        difference: what the controller weighed; its `trace` says what it is.
+        difference: what the controller weighed; see its `trace`.
         mode: of the controller.
         ranges: left range, left angle, right angle, valid, each `[n]`.
         rows: both grey rows, uint8 `[2, W]`, of the first `KEPT_ROWS` frames.
-        placed: numbers of the frames before which someone has put the car where it is; the first is the start.
+        placed: numbers of the frames before which the car was moved to another place; the first is the start.
     """
 
     time: list[float] = field(default_factory=list)
@@ -75,7 +75,7 @@ class Record:
         found = (r.left_range.numpy(), r.left_angle.numpy(), r.right_angle.numpy(), r.valid.numpy())
         self.ranges.append(np.stack(found).astype(np.float32))
         if len(self.rows) < KEPT_ROWS:
-            self.rows.append(np.stack([grey_row(eye, rig) for eye in (frames.left, frames.right)]))
+            self.rows.append(np.stack([grey_row(frame, rig) for frame in (frames.left, frames.right)]))
 
     def observer(self, runner: NavigatorRunner, pose: Callable[[], Pose]) -> Observer:
         """Keeps every step in which the navigator was asked.
@@ -125,9 +125,9 @@ def pose_error(poses: Floats, true: Floats) -> tuple[Floats, Floats]:
     return np.hypot(x, y), np.degrees(np.abs(np.angle(np.exp(1j * heading))))
 
 
-def grey_row(eye: Strips | object, rig: StereoRig) -> npt.NDArray[np.uint8]:
+def grey_row(frame: Strips | object, rig: StereoRig) -> npt.NDArray[np.uint8]:
     """The horizon row of one camera."""
-    row = eye.row if isinstance(eye, Strips) else eye[..., rig.row : rig.row + 1, :]  # type: ignore[index]
+    row = frame.row if isinstance(frame, Strips) else frame[..., rig.row : rig.row + 1, :]  # type: ignore[index]
     grey: npt.NDArray[np.uint8] = np.rint(row[0, :, 0].numpy().mean(0, dtype=np.float32)).astype(np.uint8)
     return grey
 

@@ -15,7 +15,7 @@ SHOWN = (
     (
         "path.png",
         "Where the car went",
-        "The true path over the true plan, with turns, reversing, collisions and stops. Only the picture knows them.",
+        "The true path over the true plan, with turns, reversing, collisions and stops. The car does not know them.",
     ),
     (
         "map.png",
@@ -39,13 +39,13 @@ SHOWN = (
     (
         "speeds.png",
         "Why it turned",
-        "Above: how fast the picture moves on both sides. Below: what the controller weighs, and where it acts.",
+        "Above: how fast the image moves on both sides. Below: what the controller weighs, and where it acts.",
     ),
 )
 
 
 def write_drive_page(result: Result, words: str, folder: Path) -> Path:
-    """Write report.html about a drive whose pictures are in `folder`; `words` is the summary."""
+    """Write report.html about a drive whose plots are in `folder`; `words` is the summary."""
     config = result.config
     first, *rest = words.splitlines()
     facts = {
@@ -62,16 +62,16 @@ def write_drive_page(result: Result, words: str, folder: Path) -> Path:
 
 
 def write_evaluation_page(rows: Sequence[Row], note: str, folder: Path) -> Path:
-    """Write report.html about an evaluation whose picture is in `folder`."""
+    """Write report.html about an evaluation whose plot is in `folder`."""
     drives = sum(len(row.drives) for row in rows)
     hours = sum(row.hours for row in rows)
     hits = round(sum(row.hours * row.collisions_h for row in rows))
     counted = f"{drives} {'drive' if drives == 1 else 'drives'}", f"{hits} {'collision' if hits == 1 else 'collisions'}"
     answer = [f"{counted[0]}, {hours:.2f} simulated hours, {counted[1]}.", note]
     table = Table("All drives together", *shown_cells(rows))
-    picture = Shown(
+    plot = Shown(
         folder / "table.png",
         "Collisions and area",
-        "Small signs are single drives, the line spans them, large signs are all drives together.",
+        "Small markers are single drives, the line spans them, large markers are all drives together.",
     )
-    return Page("Many drives", answer, command_line(), versions(*PACKAGES), [table], [picture]).write(folder)
+    return Page("Many drives", answer, command_line(), versions(*PACKAGES), [table], [plot]).write(folder)

@@ -1,6 +1,6 @@
 """The simulated drives as environments of Gymnasium: after `register()`, `gymnasium.make("ndtorch/Office-v0")`.
 
-Since Gymnasium 1.0 no package is looked for: whoever has environments says so. Only Gymnasium is imported for that.
+Since Gymnasium 1.0 environments are found only after such a call. It imports Gymnasium alone.
 """
 
 from __future__ import annotations

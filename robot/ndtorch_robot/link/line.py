@@ -79,12 +79,12 @@ class Line:
                     del self.beats[next(iter(self.beats))]
             try:
                 port.write(data)
-            except GONE:  # whoever reads will see it too, and say so
+            except GONE:  # the reading thread sees it too, and reports it
                 return False
         return True
 
     def echoed(self, sequence: int, now: float) -> None:
-        """The other end has heard a heartbeat."""
+        """A heartbeat has come back."""
         sent = self.beats.pop(sequence, None)
         if sent is not None:
             self.trips.append(now - sent)

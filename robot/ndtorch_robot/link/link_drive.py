@@ -1,4 +1,4 @@
-"""What is said to the board and what follows from its answers: the drive link without threads, on any clock."""
+"""The protocol with the board: what is sent, and what follows from its answers. No threads, any clock."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ NOT_YET = "not yet told to drive"
 class LinkDrive(Drive):
     """A drive at the other end of a line.
 
-    After opening, after any fault and after any reconnection the car stands until `resume`. Whoever has it calls
-    `handle` with what the board says, `greet` often while the board is not known, and `look_after` every `HEARTBEAT`
-    seconds: heartbeats go out only while the loop sends commands, and without heartbeats, or without commands, the
-    board stops by itself.
+    After opening, after any fault and after any reconnection the car is stopped until `resume`. Its owner calls
+    `handle` with the bytes from the board, `greet` often while the board is not known, and `look_after` every
+    `HEARTBEAT` seconds: heartbeats go out only while the loop sends commands, and without heartbeats, or without
+    commands, the board stops by itself.
 
     Args:
         line: where frames are written to.
         now: the time, s.
         robot: name the board must have; any by default.
-        report: told once of everything that happens, one line each.
+        report: called once for every event, with one line.
     """
 
     def __init__(self, line: Line, now: Callable[[], float], robot: str | None = None, report: Report = print) -> None:
@@ -64,7 +64,7 @@ class LinkDrive(Drive):
     # What the loop calls.
 
     def send(self, command: SafeCommand) -> DriveCommand:
-        """Drive like this from now on; returns what was sent, rounded as the line does, or standing when not armed.
+        """Drive like this from now on; returns what was sent, rounded as the line does, or a stop when not armed.
 
         Raises:
             TypeError: a command that did not come through the safety layer.
@@ -78,7 +78,7 @@ class LinkDrive(Drive):
         return sent if self.line.write(Type.COMMAND, command_body(sent)) else STAND
 
     def stop(self) -> None:
-        """Tell the board to stand; it does so at its next pulse, within 20 ms."""
+        """Stop the wheels; the board does so at its next pulse, within 20 ms."""
         with self.lock:
             self.standing, self.armed = True, False
         self.line.write(Type.STOP)
@@ -95,7 +95,7 @@ class LinkDrive(Drive):
         return self.line.write(Type.ARM)
 
     def trouble(self) -> str | None:
-        """Why the car stands whatever is sent, other than that it was told to stop."""
+        """Why the car does not obey, other than after `stop`; None when all is well."""
         return self.fault
 
     def driven(self) -> DriveCommand:
@@ -106,7 +106,7 @@ class LinkDrive(Drive):
         return self.receiver.applied if self.welcomed.is_set() else STAND
 
     def telemetry(self) -> dict[str, Any]:
-        """What the board says of itself; `link` is why it cannot be commanded, or None."""
+        """The telemetry of the board; `link` is why it cannot be commanded, or None."""
         return ({} if self.heard is None else self.heard.values()) | {"link": self.trouble()}
 
     def round_trips(self) -> Sequence[float]:
@@ -114,7 +114,7 @@ class LinkDrive(Drive):
         return self.line.trips
 
     def disarm(self, why: str, tell: bool) -> None:
-        """The car stands from now on."""
+        """Stop the car until `resume`."""
         with self.lock:
             news = self.fault in (None, NOT_YET)
             self.armed, self.standing = False, True
@@ -125,7 +125,7 @@ class LinkDrive(Drive):
         if news:
             self.report(f"link: {why}")
 
-    # What whoever has the link calls.
+    # What the owner of the link calls.
 
     def look_after(self) -> None:
         """A heartbeat while the loop lives; notices a silent loop and a silent board."""
@@ -190,7 +190,7 @@ class LinkDrive(Drive):
         if telemetry.armed:
             self.armed = True
         elif now - self.asked_to_arm <= 0.1:
-            return  # it may have said that before it was asked
+            return  # it may have been sent before the request
         elif self.armed:
             self.disarm(f"the board stands: {telemetry.why()}", tell=False)
         else:

@@ -1,4 +1,4 @@
-"""What is said on the drive link, and how it is put into frames; see docs/robot/protocol.md."""
+"""Messages of the drive link, and how they are put into frames; see docs/robot/protocol.md."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ BODY_SIZE = {
 
 
 class Fault(IntFlag):
-    """Why the board lets the wheels stand; with `BATTERY` it drives on, but slower."""
+    """Why the board has stopped the wheels; with `BATTERY` it drives on, but slower."""
 
     COMMAND = 1
     HEARTBEAT = 2
@@ -72,7 +72,7 @@ WORDS = {
 
 
 class Frame(NamedTuple):
-    """One message as it came: protocol version, type, sequence number and what it says."""
+    """One message: protocol version, type, sequence number and body."""
 
     version: int
     type: int
@@ -91,10 +91,10 @@ class Telemetry(NamedTuple):
     """What the board does.
 
     Attributes:
-        echo: sequence number of the last heartbeat it heard.
+        echo: sequence number of the last heartbeat received.
         armed: whether it obeys commands.
         faults: why it does not.
-        applied: speed, m/s, after the ramp, and curvature, 1/m, that the pulses stand for.
+        applied: speed, m/s, after the ramp, and curvature, 1/m, that the pulses mean.
         battery: V, 0 when it is not measured.
         motor, front, rear: pulse widths, us.
         rejected: frames refused since it was switched on.

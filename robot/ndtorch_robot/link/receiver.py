@@ -77,8 +77,8 @@ class Receiver:
         parser: finds the frames.
         quality: whether too many are refused.
         telemetry: the latest, None before any.
-        last: when the board was heard last, s.
-        applied: by the latest telemetry since the board was greeted; standing before any.
+        last: when the last frame arrived, s.
+        applied: by the latest telemetry since the board was greeted; a stop before any.
     """
 
     def __init__(self) -> None:
@@ -101,7 +101,7 @@ class Receiver:
         self.quality.count = 0
 
     def take(self, frame: Frame, now: float) -> Telemetry | None:
-        """What a frame of telemetry says; None if it was seen already, or is older than one that was."""
+        """Telemetry in a frame; None for a repeated frame, or one that is older than the last."""
         if self._sequence is not None and not 0 < (frame.sequence - self._sequence) & 0xFFFF < 0x8000:
             self.parser.refused += 1
             return None
@@ -113,7 +113,7 @@ class Receiver:
         return telemetry
 
     def other_version(self) -> str | None:
-        """What to do about another version of the protocol, if one was heard since this was last asked."""
+        """What to do about another version of the protocol, if one has arrived since the last call."""
         other, self.parser.other_version = self.parser.other_version, None
         if other is None:
             return None

@@ -41,7 +41,7 @@ class Opening:
 
     Attributes:
         robot: name of the car.
-        report: told of everything that happens.
+        report: called for every event.
         simulation: the world in which the car is to move, where it is a simulated one.
     """
 

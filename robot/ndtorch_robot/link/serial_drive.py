@@ -43,7 +43,7 @@ class SerialDrive(LinkDrive):
         device: the port, best by `/dev/serial/by-id`.
         baud: symbols a second.
         robot: name the board must have; any by default.
-        report: told once of everything that happens, one line each.
+        report: called once for every event, with one line.
         greeting: seconds to wait for the first welcome.
 
     Raises:

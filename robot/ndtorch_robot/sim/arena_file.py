@@ -92,7 +92,7 @@ class ArenaFile(Strict):
     @model_validator(mode="before")
     @classmethod
     def flat(cls, values: Any) -> Any:
-        """What cannot be built is told by name."""
+        """Reject what cannot be built."""
         if isinstance(values, dict) and "ramps" in values:
             raise InputError("ramps cannot be built: the simulated car stays level; a box up to 2 cm high is a sill")
         return values

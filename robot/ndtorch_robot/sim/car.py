@@ -49,7 +49,7 @@ class Car:
         self.place(0.0, 0.0, 0.0)
 
     def place(self, x: float, y: float, heading: float) -> None:
-        """Someone puts it there; it stands still."""
+        """Move the car there; it is stationary."""
         self.x, self.y, self.heading = x, y, heading
         self.speed = self.curvature = self.servo = 0.0
         self.wanted = DriveCommand(0.0, 0.0)

@@ -28,7 +28,7 @@ PERIOD_MS = 20
 """Period of the pulses of servos: what the board decides in between takes effect with the next."""
 
 SIGNAL_LOST = 0.1
-"""Seconds without pulses after which servos and motor controller of model cars stand still."""
+"""Seconds without pulses after which servos and motor controller of model cars stop."""
 
 
 class Pulse(NamedTuple):

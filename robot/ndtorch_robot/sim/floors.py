@@ -16,10 +16,10 @@ Floats = npt.NDArray[np.float32]
 Pattern = Literal["carpet", "tiles", "checker", "smooth", "lines"]
 
 SIZES: dict[str, float] = {"carpet": 1.0, "tiles": 0.3, "checker": 0.25, "smooth": 1.0, "lines": 2.5}
-"""Metres from joint to joint, check to check and line to line, where nothing else is said."""
+"""Metres from joint to joint, check to check and line to line, by default."""
 
 WIDTHS = {"tiles": 0.006, "lines": 0.03}
-"""Metres: how wide joints and lines are, where nothing else is said."""
+"""Metres: how wide joints and lines are, by default."""
 
 SPREADS: dict[str, float] = {"carpet": 0.03, "tiles": 0.01, "checker": 0.01, "smooth": 0.0015, "lines": 0.03}
 """Standard deviation of the brightness of the material itself; one level of 256 is 0.004."""

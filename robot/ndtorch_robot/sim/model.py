@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import mujoco
 
 THICKNESS = 0.04
-"""Half the depth of what stands behind the face of a wall, m: many times what the car drives in a step."""
+"""Half the depth of the collision box behind the face of a wall, m: many times the distance driven in a step."""
 
 SKIRTING = (0.006, 0.08)
 """Depth and height of the skirting, m."""

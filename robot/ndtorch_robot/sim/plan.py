@@ -39,7 +39,7 @@ class Ring:
         kinds: one of `KINDS` for the surface from each corner to the next.
         height: m; None is up to the ceiling.
         bottom: m; there is air below it.
-        radius: the ring stands for a cylinder of this radius about the middle of its corners, m; 0 is the polygon.
+        radius: the ring approximates a cylinder of this radius about the middle of its corners, m; 0 is the polygon.
     """
 
     points: tuple[Point, ...]
@@ -65,7 +65,7 @@ class Ring:
         return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) / 2)
 
     def flipped(self) -> Ring:
-        """The same polygon run through the other way."""
+        """The same polygon in reverse order."""
         points = tuple(reversed(self.points))
         kinds = tuple(reversed(self.kinds[:-1])) + self.kinds[-1:]
         return replace(self, points=points, kinds=kinds)
@@ -195,11 +195,11 @@ class Plan:
         best = away(points, self.in_the_way)
         return np.where(self.is_free(points), best, -best)
 
-    def cast(self, eye: Floats, angles: Floats) -> Floats:
-        """Distance from `eye` (x, y) to the first surface in world directions `[N]`, m; inf where there is none."""
+    def cast(self, origin: Floats, angles: Floats) -> Floats:
+        """Distance from `origin` (x, y) to the first surface in world directions `[N]`, m; inf where there is none."""
         a, along = self.in_the_way[:, 0], self.in_the_way[:, 1] - self.in_the_way[:, 0]
         ray = np.stack((np.cos(angles), np.sin(angles)), -1)[:, None]
-        to = a - eye
+        to = a - origin
         cross = ray[..., 0] * along[:, 1] - ray[..., 1] * along[:, 0]
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = (to[:, 0] * along[:, 1] - to[:, 1] * along[:, 0]) / cross
@@ -207,10 +207,10 @@ class Plan:
         hit = (distance > 1e-9) & (share >= -1e-9) & (share <= 1 + 1e-9)
         return np.asarray(np.where(hit, distance, np.inf).min(-1))
 
-    def sees(self, eye: Floats, targets: Floats, margin: float = 0.02) -> npt.NDArray[np.bool_]:
-        """Whether nothing lies between `eye` and targets `[N, 2]`, up to `margin` metres before them."""
-        offset = targets - eye
-        reach = self.cast(eye, np.arctan2(offset[:, 1], offset[:, 0]))
+    def sees(self, origin: Floats, targets: Floats, margin: float = 0.02) -> npt.NDArray[np.bool_]:
+        """Whether nothing lies between `origin` and targets `[N, 2]`, up to `margin` metres before them."""
+        offset = targets - origin
+        reach = self.cast(origin, np.arctan2(offset[:, 1], offset[:, 0]))
         return np.asarray(reach >= np.hypot(*offset.T) - margin)
 
 
@@ -237,7 +237,7 @@ def inside(shape: Ring, points: Floats) -> npt.NDArray[np.bool_]:
 
 
 def narrow_gaps(plan: Plan, car: float = 0.36) -> tuple[str, ...]:
-    """Remarks on gaps between what stands apart that look like passages and are narrower than the car."""
+    """Remarks on gaps between obstacles that look like passages and are narrower than the car."""
     rings, found = [shape for shape in plan.rings if shape.stops], []
     for k, one in enumerate(rings):
         for other in rings[k + 1 :]:

@@ -128,8 +128,7 @@ class RingStyle:
 def floor_texture(plan: Plan, rng: np.random.Generator) -> tuple[Image, tuple[float, ...]]:
     """The floor under the whole building, and its bounds (left, right, bottom, top) in m.
 
-    The brightness of its material varies on scales from 8 mm to half a metre; `Floor` says by how much, and what
-    is laid out with it.
+    The brightness of its material varies on scales from 8 mm to half a metre; `Floor` has its spread and its pattern.
     """
     import cv2
 

@@ -1,4 +1,4 @@
-"""A simulated car that has stopped for good is put back, as after a collision."""
+"""A simulated car that has stopped for good respawns, as after a collision."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.simulation import Simulation
 
 STOP_TIME = 2.0
-"""Seconds after which a car that has stopped for good is put back."""
+"""Seconds after which a car that has stopped for good respawns."""
 
 
 class AutoResume:
-    """An observer: puts a car back and tells it to go that stands because of its cameras; that is a stop for good.
+    """An observer that respawns and resumes a car that its cameras have stopped; this counts as a stop for good.
 
     Args:
         safe: the safety layer of the car.
@@ -37,7 +37,7 @@ class AutoResume:
 
 
 class Respawn:
-    """An observer: whom nobody carries in a corridor stands there for ever, here somebody does.
+    """An observer that respawns a car whose controller has stopped for 2 s. On hardware a person does this.
 
     Attributes:
         stops: times at which the controller stopped for good.
@@ -46,13 +46,13 @@ class Respawn:
     def __init__(self, simulation: Simulation, runner: NavigatorRunner) -> None:
         self.simulation, self.runner = simulation, runner
         self.stops: list[float] = []
-        self.standing = 0
+        self.stopped_steps = 0
 
     def __call__(self, step: Step) -> None:
         stopped = step.state is not None and self.runner.mode() == STOPPED
-        self.standing = self.standing + 1 if stopped else 0
-        if self.standing == 1 and step.frames is not None:
+        self.stopped_steps = self.stopped_steps + 1 if stopped else 0
+        if self.stopped_steps == 1 and step.frames is not None:
             self.stops.append(step.frames.time)
-        if self.standing >= STOP_TIME * self.runner.rate:
-            self.standing = 0
+        if self.stopped_steps >= STOP_TIME * self.runner.rate:
+            self.stopped_steps = 0
             self.simulation.respawn()

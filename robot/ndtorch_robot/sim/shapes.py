@@ -30,7 +30,7 @@ class Box(NamedTuple):
 
 
 def trace(rooms: list[Box], holes: list[Box] | None = None) -> tuple[Ring, tuple[Ring, ...]]:
-    """The outline of the union of `rooms` less `holes`, and the rings of what stands inside it.
+    """The outline of the union of `rooms` less `holes`, and the rings of all inside it.
 
     Later boxes decide what a wall looks like. In a box of kind "door", a niche, the longer walls are the door
     and the shorter ones jambs.
@@ -140,5 +140,5 @@ def chair_rings(x: float, y: float, turned: float) -> list[Ring]:
 def table_rings(box: Box, height: float, legs: float = LEG) -> list[Ring]:
     """Four legs and a top."""
     places = [(x, y) for x in (box.left + INSET, box.right - INSET) for y in (box.bottom + INSET, box.top - INSET)]
-    standing = [cylinder(*place, legs / 2, height - PLATE, 6) for place in places]
-    return [*standing, box_ring(box, height, height - PLATE)]
+    rings = [cylinder(*place, legs / 2, height - PLATE, 6) for place in places]
+    return [*rings, box_ring(box, height, height - PLATE)]

@@ -187,13 +187,13 @@ class Simulation(Drive):
                 return
 
     def place(self, x: float, y: float, heading: float) -> None:
-        """Put the car somewhere; `take_placed` tells once."""
+        """Put the car somewhere; `take_placed` returns the pose once."""
         self.car.place(x, y, heading)
         self.placed = (x, y, heading)
         self.touches()
 
     def take_placed(self) -> Placed:
-        """The pose at which the car was put since this was last asked: whoever carries it knows where to."""
+        """The pose to which the car was moved since the last call, or None."""
         placed, self.placed = self.placed, None
         return placed
 
@@ -239,7 +239,7 @@ class Simulation(Drive):
         return self.obey(unseal(command))
 
     def obey(self, command: DriveCommand) -> DriveCommand:
-        """Drive like this, as soon as the car does what it is told; returns what it will do."""
+        """Drive like this after the delay of the car; returns what it will do."""
         if not self.delay.seconds:
             return self.car.send(command)
         will_do = self.car.within(command)

@@ -60,8 +60,8 @@ class SpawnPoints:
         result = np.full(len(angles), np.inf)
         for k, angle in enumerate(angles):
             for aside in (-half_width, 0.0, half_width):
-                eye = np.array([x - aside * math.sin(angle), y + aside * math.cos(angle)])
-                result[k] = min(result[k], float(self.plan.cast(eye, np.array([angle]))[0]))
+                origin = np.array([x - aside * math.sin(angle), y + aside * math.cos(angle)])
+                result[k] = min(result[k], float(self.plan.cast(origin, np.array([angle]))[0]))
         return result
 
     def walk(self, rng: np.random.Generator, avoid: Point) -> tuple[Point, Point]:

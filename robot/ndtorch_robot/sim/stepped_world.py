@@ -75,14 +75,14 @@ class SteppedWorld:
         while self.simulation.steps < round(time_ * SUBSTEPS):
             now = (self.simulation.steps + 1) / SUBSTEPS
             sent, self.waiting = bytes(self.waiting), bytearray()
-            heard, pulses = self.board.run(now, self.up(sent, now))
+            answers, pulses = self.board.run(now, self.up(sent, now))
             for pulse in pulses:
                 self.electronics.apply(pulse)
                 self.pulsed(pulse)
             self.simulation.obey(self.electronics.target(now))
             self.simulation.wait_until(now)
             self.distance += abs(self.simulation.car.speed) / SUBSTEPS
-            self.drive.handle(self.down(heard, now))
+            self.drive.handle(self.down(answers, now))
             self.drive.greet()
             if now - self.beaten >= HEARTBEAT:
                 self.beaten = now

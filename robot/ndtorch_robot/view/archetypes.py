@@ -136,7 +136,7 @@ def flipped(points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 
 
 def panels() -> list[Any]:
-    """The viewer's own panels, out of the way; it follows the newest time."""
+    """The viewer's own panels, collapsed; it follows the newest time."""
     import rerun.blueprint as rrb
 
     return [

@@ -63,10 +63,10 @@ class Seen(NamedTuple):
         frames: what was seen; None where it is not to be shown, or was nothing.
         state: of the navigator; None where it was not asked.
         wanted, sent, driven: by the navigator, past the safety layer, and by the board since the last step.
-        standing: why the car is kept standing, or None.
-        board: what the board says of itself, `Telemetry.values`.
+        standing: why the car is stopped, or None.
+        board: telemetry of the board, `Telemetry.values`.
         lines: what happened since the last step, in words.
-        notes: words to add to the panel that says how the car is.
+        notes: words to add to the panel with the state of the car.
         carried: the car was moved to another place.
         truth: the true pose, where it is known.
     """

@@ -24,14 +24,14 @@ class Background(Generic[T]):
     """Calls `show` with every item in a thread of its own.
 
     `put` returns at once. When the queue is full the item is dropped and counted. When `show` raises, showing is
-    over, it is said once, and whoever gives items goes on.
+    over, which is reported once, and the caller goes on.
 
     Args:
         show: may be slow, may hang, may raise.
         finish: called after the last item, in the same thread.
         size: items that may wait.
-        report: told when showing ends before it should.
-        wait: wait for room instead, for whoever has time. Not for a loop.
+        report: called when showing ends before it should.
+        wait: wait for room in the queue instead. Not for a loop in real time.
 
     Attributes:
         shown, dropped: items so far.

@@ -49,7 +49,7 @@ def lines(seed: int) -> Plan:
 
 @arena("chairs", test=True)
 def chairs(seed: int) -> Plan:
-    """A room of 7 x 7 m with five chairs and a table, which stand on legs 3 cm wide."""
+    """A room of 7 x 7 m with five chairs and a table, on legs 3 cm wide."""
     rng = np.random.default_rng((seed, 10))
     side = 7.0
     outline, _ = trace([Box(0, 0, side, side)])
@@ -77,10 +77,10 @@ def sofa(seed: int) -> Plan:
     rng = np.random.default_rng((seed, 12))
     outline, _ = trace([Box(0, 0, 6.0, 5.0)])
     x, y = float(rng.uniform(1.5, 2.5)), float(rng.uniform(2.0, 2.4))
-    standing = box_ring(Box(x, y, x + 1.9, y + 0.85), 0.75, 0.12)
+    free = box_ring(Box(x, y, x + 1.9, y + 0.85), 0.75, 0.12)
     at = float(rng.uniform(0.8, 3.2))
-    leaning = box_ring(Box(at, 0.01, at + 1.9, 0.86), 0.75, 0.12)
-    return Plan("sofa", outline, (standing, leaning))
+    at_wall = box_ring(Box(at, 0.01, at + 1.9, 0.86), 0.75, 0.12)
+    return Plan("sofa", outline, (free, at_wall))
 
 
 @arena("dead-end", test=True)

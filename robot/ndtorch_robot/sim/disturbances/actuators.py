@@ -30,7 +30,7 @@ class Actuators(Disturbance):
 
 
 class Delay:
-    """Commands on their way to the wheels, which takes `seconds`."""
+    """Commands that reach the wheels after `seconds`."""
 
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds

@@ -1,4 +1,4 @@
-"""Optics and shutter: cameras that are not mounted as the car was told, motion blur and a rolling shutter."""
+"""Optics and shutter: cameras that differ from the rig that the car knows, motion blur and a rolling shutter."""
 
 from __future__ import annotations
 

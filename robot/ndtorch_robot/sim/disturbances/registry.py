@@ -158,7 +158,7 @@ class Disturbances:
         return not self.parts
 
     def value(self, key: str) -> float:
-        """The value of a key; 0 where nothing was said."""
+        """The value of a key; 0 where it is not given."""
         return float(next((getattr(part, key) for part in self.parts if key in type(part).model_fields), 0.0))
 
     @property

@@ -43,7 +43,7 @@ class Timing(Disturbance):
 
 
 class TimingEffect(Effect):
-    """Frames on their way from the cameras."""
+    """Frames that have been taken and not yet delivered."""
 
     def __init__(self, timing: Timing, rng: np.random.Generator) -> None:
         self.timing, self.rng = timing, rng
