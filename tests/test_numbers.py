@@ -163,8 +163,7 @@ def test_what_will_do_is_taken(field: str, value: object) -> None:
 
 
 SIGNED = {
-    *("TrackParams.same_color", "TrackParams.same_way", "TrackParams.alike", "TrackParams.along"),
-    *("OwnerCriteria.alike", "OwnerReadout.alike", "SingleReadout.agrees", "GroundParams.alike"),
+    *("OwnerCriteria.alike", "OwnerReadout.alike", "SingleReadout.agrees", "BackgroundParams.scene_cut_correlation"),
     *("Grid.right", "Grid.top", "FloorParams.outer"),
 }
 """Correlations, cosines and directions: positive as they are, but a little below 0 too."""
@@ -190,8 +189,8 @@ def test_what_is_positive_is_never_far_below_zero_and_only_signed_numbers_are_a_
 @pytest.mark.parametrize(
     ("name", "field", "value"),
     [
-        ("ShadeParams", "white", (0.7, 0.5)),
-        ("ShadeParams", "black", (0.1, 1.5)),
+        ("ColorParams", "white_ratio", (0.7, 0.5)),
+        ("ColorParams", "black_ratio", (0.1, 1.5)),
         ("OwnerReadout", "delays", (0.1, 0.0)),
         ("ScaleFreeRule", "lowest", 0.1),
         ("ScaleFreeRule", "tau_boost", 0.0),

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from ndtorch import binding, navigation, vision
+from ndtorch.binding.models.foreground import ForegroundConfig
 from ndtorch.binding.models.published import PublishedConfig
 from ndtorch.binding.models.retinotopic import RetinotopicConfig
 from ndtorch.binding.models.scale_free import ScaleFreeConfig
@@ -79,6 +80,12 @@ PARTS: dict[str, Part] = {
     "CoherentMotion": Part(
         lambda: vision.CoherentMotion((40, 48), DT, vision.CoherentParams(kept=0.3, fastest=9.0)),
         lambda draw: (draw(3, 40, 48),),
+    ),
+    "ForegroundModel": Part(
+        lambda: binding.ForegroundModel(ForegroundConfig(size=(40, 48), fps=30.0)),
+        lambda draw: (draw(3, 40, 48),),
+        batched=False,
+        double=False,
     ),
     "BindingInputs": Part(lambda: binding.BindingInputs(), signals),
     "InhibitoryNetwork": Part(lambda: binding.InhibitoryNetwork(settle=0.02), signals),

@@ -25,7 +25,7 @@ def label_components(mask: Array, smallest: float, labels: Array, boxes: Array) 
         How many there are. They are counted by where they begin, in pairs of rows and columns, as OpenCV does.
     """
     height, width = mask.shape
-    # Runs of equal pixels, row after row: row, begin, end, and 1 where they stand out. What lies outside the picture is
+    # Runs of equal pixels, row after row: row, begin, end, and 1 for foreground. What lies outside the image is
     # number 0. Each is owned by the first of those that it hangs together with.
     runs, owner = np.empty((height * width + 1, 4), np.int32), np.empty(height * width + 1, np.int32)
     owner[0], count, k = 0, 1, 1
@@ -108,7 +108,7 @@ def label_components(mask: Array, smallest: float, labels: Array, boxes: Array) 
 
 @jit
 def any_of_eight(row: Array, x: int) -> int:
-    """Whether one of eight pixels stands out."""
+    """Whether one of eight pixels is foreground."""
     first = row[x] | row[x + 1] | row[x + 2] | row[x + 3]
     return int(first | row[x + 4] | row[x + 5] | row[x + 6] | row[x + 7])
 

@@ -128,7 +128,7 @@ def drop_fragments(blobs: Blobs, tracks: Sequence[Track], time: float, p: Tracki
         return blobs
     number = np.zeros(len(areas) + 1, np.int32)
     number[1:][keep] = np.arange(1, keep.sum() + 1)
-    return Blobs(number[labels], boxes[keep], areas[keep])
+    return Blobs(np.take(number, labels), boxes[keep], areas[keep])
 
 
 def ghosts(mask: Bools, still: Bools, grey: Floats, background: Floats, smallest: float) -> Bools | None:

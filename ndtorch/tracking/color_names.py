@@ -2,16 +2,36 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import ClassVar
 
+import numpy as np
+from pydantic import Field
+
+from ndtorch.config import Constants, Shares
 from ndtorch.foreground.arrays import Floats, Numbers
 from ndtorch.tracking._kernels_tracks import WhiteBalanceNumbers, measure_white_balance
-from ndtorch.tracking.params import ColorParams
 
 SHADES = ("white", "grey", "black")
 """Colors without a hue, in the order used everywhere."""
 DIMMEST = 0.02
 """Smallest mean of a color from which the white balance is measured."""
+
+
+class ColorParams(Constants):
+    """Where hue, white and black begin and end; brightness is a fraction of the brightest patch in view."""
+
+    old_keys: ClassVar = {
+        "palest": "min_hue",
+        "pale": "min_hue_ratio",
+        "white": "white_ratio",
+        "black": "black_ratio",
+        "dimmest": "",
+    }
+
+    min_hue: float = Field(0.02, gt=0, description="A hue below this fraction of full scale is achromatic.")
+    min_hue_ratio: float = Field(0.12, ge=0, description="A hue below this fraction of the brightness is achromatic.")
+    white_ratio: Shares = Field((0.5, 0.7), description="White begins between these fractions of the brightest patch.")
+    black_ratio: Shares = Field((0.12, 0.25), description="Black ends between these fractions of the brightest patch.")
 
 
 class WhiteBalance:

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from ndtorch.config import Constants, Shares
+from ndtorch.config import Constants
 
 FIXED = (
     "certain unbent shadow piece follow grouped blurred room restless glimpse near shortly same_size among several "
@@ -166,20 +166,3 @@ class TrackingParams(Constants):
     tentative_max_s: float = Field(
         1.0, ge=0, description="A track that is not confirmed becomes background after this many seconds."
     )
-
-
-class ColorParams(Constants):
-    """Where hue, white and black begin and end; brightness is a fraction of the brightest patch in view."""
-
-    old_keys: ClassVar = {
-        "palest": "min_hue",
-        "pale": "min_hue_ratio",
-        "white": "white_ratio",
-        "black": "black_ratio",
-        "dimmest": "",
-    }
-
-    min_hue: float = Field(0.02, gt=0, description="A hue below this fraction of full scale is achromatic.")
-    min_hue_ratio: float = Field(0.12, ge=0, description="A hue below this fraction of the brightness is achromatic.")
-    white_ratio: Shares = Field((0.5, 0.7), description="White begins between these fractions of the brightest patch.")
-    black_ratio: Shares = Field((0.12, 0.25), description="Black ends between these fractions of the brightest patch.")

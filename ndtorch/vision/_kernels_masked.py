@@ -44,7 +44,7 @@ def sum_features(
         for k in range(6):
             sums[n, k] = 0
     for y in range(height):
-        # Mostly no silhouette is there, and the filters only fade.
+        # Mostly there is no mask, and the filters only fade.
         some[y] = any_nonzero(labels[2 * y]) or any_nonzero(labels[2 * y + 1])
         for x in range(width):
             strongest[y, x] = seen[x] = 0

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from ndtorch.foreground.segmentation import Segmentation
-from ndtorch.tracking.color_names import WhiteBalance, achromatic_name
+from ndtorch.tracking.color_names import ColorParams, WhiteBalance, achromatic_name
 from ndtorch.tracking.masks import measure_detections
-from ndtorch.tracking.params import ColorParams
 from ndtorch.tracking.track import Track
 
 

@@ -8,9 +8,8 @@ import pytest
 
 from ndtorch.foreground.noise import MEAN_SIZE
 from ndtorch.foreground.segmentation import Segmentation
-from ndtorch.tracking.color_names import WhiteBalance
+from ndtorch.tracking.color_names import ColorParams, WhiteBalance
 from ndtorch.tracking.masks import measure_detections, object_mask
-from ndtorch.tracking.params import ColorParams
 from ndtorch.tracking.track import Track, TrackState
 
 

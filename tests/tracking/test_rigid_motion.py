@@ -14,10 +14,10 @@ import ndtorch
 from ndtorch.binding import BoundObject
 from ndtorch.binding.models.foreground import ForegroundModel
 from ndtorch.foreground.segmentation import Segmentation
-from ndtorch.tracking.color_names import WhiteBalance
+from ndtorch.tracking.color_names import ColorParams, WhiteBalance
 from ndtorch.tracking.confirmation import is_object
 from ndtorch.tracking.masks import measure_detections
-from ndtorch.tracking.params import ColorParams, TrackingParams
+from ndtorch.tracking.params import TrackingParams
 from ndtorch.tracking.rigid_motion import (
     compare_patches,
     has_contrast,

@@ -26,8 +26,8 @@ from ndtorch.foreground.background import BackgroundModel, BackgroundParams, Bac
 from ndtorch.foreground.downscale import downscale
 from ndtorch.foreground.segmentation import segment
 from ndtorch.tracking.blobs import detect_blobs
-from ndtorch.tracking.color_names import WhiteBalance, achromatic_name
-from ndtorch.tracking.params import ColorParams, TrackingParams
+from ndtorch.tracking.color_names import ColorParams, WhiteBalance, achromatic_name
+from ndtorch.tracking.params import TrackingParams
 from ndtorch.tracking.track import Track, TrackTable, table_from_tracks, tracks_from_table
 from ndtorch.tracking.tracker import Tracker, TrackerState
 from ndtorch.utils.tensors import mapped
