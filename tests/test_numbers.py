@@ -16,6 +16,7 @@ import pytest
 from ndtorch.arguments import check_numbers
 from ndtorch.config import Constants
 from ndtorch.errors import InputError
+from ndtorch.utils.toml import Strict
 from ndtorch_robot.calibration.board import Board
 from ndtorch_robot.sim.car import CarLimits
 
@@ -59,9 +60,12 @@ def usual(kind: type) -> dict[str, Any]:
 
 
 def is_frozen(kind: type) -> bool:
-    """Whether it is of numbers that stay: a table of constants, or a frozen dataclass. Others gather results."""
-    if issubclass(kind, Constants):
-        return True
+    """Whether it is of numbers that stay: a table of constants, or a frozen dataclass. Others gather results.
+
+    Tables of files are checked by `ndtorch.utils.toml.check`.
+    """
+    if issubclass(kind, Constants | Strict):
+        return issubclass(kind, Constants)
     return dataclasses.is_dataclass(kind) and kind.__dataclass_params__.frozen  # type: ignore[attr-defined]
 
 
