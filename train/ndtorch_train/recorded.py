@@ -28,7 +28,7 @@ class Recorded(NamedTuple):
 
     Attributes:
         arena, seed: where.
-        summary: as `robot.drive` gives it.
+        summary: as `ndtorch_robot.drive` gives it.
         time: s. pose, believed: x, y, heading. command: speed, curvature. sides, difference: what the controller saw.
         mode: of the controller. rows: grey rows `[T', 2, W]` uint8 of the first half minute.
         cells: the map; bounds: left, right, bottom, top of it, m.
@@ -75,7 +75,7 @@ def record_drive(
     """Drive and keep the drive as arrays.
 
     Args:
-        options: fields of `robot.config.DriveConfig`.
+        options: fields of `ndtorch_robot.config.DriveConfig`.
         report: called with the steps made and to make.
         thresholds: fields of the controller's `Params`, in place of their defaults.
 

@@ -56,7 +56,7 @@ class Rectify(Protocol):
 
 
 class StereoCameras:
-    """Two cameras that run freely, one reader thread each; implements `robot.ports.CameraPair`.
+    """Two cameras that run freely, one reader thread each; implements `ndtorch_robot.ports.CameraPair`.
 
     Each reading gives the newest pair that has not been read yet, and waits for it when it must. The time of a
     pair is that of its older frame. Frames are whole ones `[1, C, H, W]` uint8, red, green, blue, or with
@@ -64,7 +64,7 @@ class StereoCameras:
 
     Args:
         settings: both sources, and what is wanted of them.
-        rectify: `robot.calibration.Rectifier`.
+        rectify: `ndtorch_robot.calibration.Rectifier`.
         opener: opens one source; for tests.
 
     Raises:

@@ -94,18 +94,20 @@ def slow_down(monkeypatch, seconds=0.05):
 
 
 def test_the_loop_never_waits(tmp_path, monkeypatch):
-    """The writer is a hundred times too slow: the loop notices nothing, and all that is missing is counted."""
-    slow_down(monkeypatch)
+    """The writer is stuck until the loop is over: the loop notices nothing, and all that is missing is counted."""
+    free = threading.Event()
+    monkeypatch.setattr(recorder_module, "encode", lambda *arguments: (free.wait(120), encode(*arguments))[1])
     recorder = Recorder(tmp_path / "r", {}, queue=3)
     frames, worst = step(0), 0.0
     for _ in range(200):
         began = time.thread_time()
         recorder.record_step(frames, STILL, STILL)
         worst = max(worst, time.thread_time() - began)
+    free.set()
     recorder.close()
     assert worst < 0.02
     assert recorder.steps + recorder.dropped == 200
-    assert 3 <= recorder.steps - recorder.without_frames <= 10
+    assert 1 <= recorder.steps - recorder.without_frames <= 4
     assert recorder.dropped >= 120
     recording = open_recording(tmp_path / "r")
     found = list(recording.steps())
@@ -121,14 +123,14 @@ def test_late_frames_are_left_out_of_a_queue_with_room(tmp_path, monkeypatch):
 
     def held(*arguments):
         entered.set()
-        free.wait(5)
+        free.wait(120)
         return encode(*arguments)
 
     monkeypatch.setattr(recorder_module, "encode", held)
     monkeypatch.setattr(recorder_module, "monotonic", lambda: now[0])
     recorder = Recorder(tmp_path / "r", {}, queue=60)
     assert recorder.record_step(step(0), STILL, STILL)
-    entered.wait(5)  # the first is being written, the others wait
+    entered.wait(120)  # the first is being written, the others wait
     let_in = []
     for n, now[0] in enumerate((0.0, 0.3, 0.39, 0.5), 1):
         let_in.append(recorder.record_step(step(n), STILL, STILL))

@@ -29,7 +29,7 @@ def recorded(
 
     Args:
         share: where this drive begins and ends within the experiment, for the progress.
-        options: other fields of `robot.config.DriveConfig`.
+        options: other fields of `ndtorch_robot.config.DriveConfig`.
     """
     key = {"arena": arena, "seed": seed, "seconds": seconds, **PUBLISHED, **options}
 
