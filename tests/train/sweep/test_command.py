@@ -170,7 +170,7 @@ def test_a_full_disk_is_one_line(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("ndtorch_train.sweep.results.write_text", full)
+    monkeypatch.setattr("ndtorch_train.sweep.command.write_text", full)
     file = write_sweep(tmp_path / "s.toml", [0.5])
     assert main(["sweep", str(file), "--out", str(tmp_path / "out"), "--jobs", "1"]) == 2
     assert capsys.readouterr().err.splitlines()[-1].endswith("cannot be written: No space left on device")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import json
 import shutil
 import sys
@@ -16,11 +17,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from ndtorch.errors import InputError
-from ndtorch.utils.files import write_text
+from ndtorch.utils.files import replacing, write_text
 from ndtorch.utils.workers import Event, Report, cores, run_tasks
 
 if TYPE_CHECKING:
-    from ndtorch_train.rows import RowStore
+    from ndtorch_train.rows import Row, RowStore
     from ndtorch_train.sweep.config import SweepConfig
     from ndtorch_train.sweep.parameters import Trial
 
@@ -62,7 +63,6 @@ class Sweep:
         from ndtorch_train.rows import RowStore
         from ndtorch_train.sweep.config import read_sweep, results_of
         from ndtorch_train.sweep.parameters import trial_id
-        from ndtorch_train.sweep.results import write_results
 
         if self.cluster is not None and len(self.cluster) > 1:
             raise InputError(f"--cluster takes one address, got {' '.join(self.cluster)}")
@@ -162,6 +162,47 @@ class Sweep:
 
             function = functools.partial(any_block, kind=config.kind, device=config.device)
             yield from run_on_ray(function, blocks, self.cluster[0] if self.cluster else None, jobs)
+
+
+def write_results(config: SweepConfig, rows: Sequence[Row], results: Sequence[str], folder: Path) -> None:
+    """Write results.parquet (a row a trial), summary.md, and the heat maps as SVG and PNG."""
+    import pyarrow
+    import pyarrow.parquet
+
+    from ndtorch_train.plots import draw_heat_map
+
+    with replacing(folder / "results.parquet") as beside:
+        pyarrow.parquet.write_table(pyarrow.Table.from_pylist(list(rows)), beside)
+    write_text(folder / "summary.md", summary(config, rows, results))
+    for value in config.show[3] if rows else ():
+        for kind in ("svg", "png"):
+            draw_heat_map(list(rows), config.show[:3], value, config.name, folder / f"heatmap-{value}.{kind}")
+
+
+def summary(config: SweepConfig, rows: Sequence[Row], results: Sequence[str]) -> str:
+    """A Markdown table: means of every result for every value of every parameter that varies, of few values."""
+    import numpy as np
+
+    from ndtorch_train.plots import short
+
+    lines = [f"# {config.name}", "", f"{len(rows)} trials; means over all other parameters.", ""]
+    lines += [f"| | | trials | {' | '.join(results)} |", f"|---|---|---|{'---|' * len(results)}"]
+    for key in config.varied:
+        values = sorted({row[key] for row in rows})
+        if len(values) > 32:  # of a random sweep: by tenths
+            edges = np.quantile([row[key] for row in rows], np.linspace(0, 1, 11))
+            groups = [
+                (f"{a:.3g}..{b:.3g}", [r for r in rows if a <= r[key] <= b]) for a, b in itertools.pairwise(edges)
+            ]
+        else:
+            groups = [(short(value), [r for r in rows if r[key] == value]) for value in values]
+        for name, group in groups:
+            cells = []
+            for result in results:
+                known = [float(r[result]) for r in group if r[result] is not None]
+                cells.append(f"{np.mean(known):.3g}" if known else "-")
+            lines.append(f"| {key} | {name} | {len(group)} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
 
 
 def earlier_summary(file: Path) -> dict[str, Any]:
