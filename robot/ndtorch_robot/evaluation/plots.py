@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ndtorch.navigation import REVERSE, TURN
+from ndtorch.navigation import REVERSE, TURN, Grid
 from ndtorch.report.plots.layout import DPI, save
 from ndtorch_robot.drive import Result
 from ndtorch_robot.evaluation.record import Floats, pose_error, range_columns
@@ -91,13 +91,9 @@ def headline(result: Result) -> str:
     return f"{c.arena}, seed {c.seed}, {c.controller}: {s['distance_m']:.0f} m in {s['simulated_seconds']:.0f} s"
 
 
-def plan_axes(plan: Plan, title: str, faint: bool = False) -> tuple[Figure, Axes]:
-    """Axes in metres with the plan drawn to scale."""
+def draw_plan(axes: Axes, plan: Plan, faint: bool = False) -> None:
+    """The building from above, to scale, in metres."""
     left, right, bottom, top = plan.bounds
-    wide, high = right - left + 1.0, top - bottom + 1.0
-    scale = min(13.0 / wide, 9.0 / high)
-    figure = new_figure(max(wide * scale, 6.0) + 1.0, max(high * scale, 2.2) + 1.6)
-    axes = figure.subplots()
     axes.set_facecolor("0.85")
     axes.fill(*plan.outline.array.T, color="white", zorder=0)
     for shape in plan.rings:
@@ -111,6 +107,27 @@ def plan_axes(plan: Plan, title: str, faint: bool = False) -> tuple[Figure, Axes
             axes.plot(*zip(a, b, strict=True), color=color, lw=width, zorder=1, solid_capstyle="round")
     axes.set(aspect="equal", xlim=(left - 0.5, right + 0.5), ylim=(bottom - 0.5, top + 0.5))
     axes.set(xlabel="x (m)", ylabel="y (m)")
+
+
+def draw_cells(axes: Axes, cells: Floats, grid: Grid, step: int) -> None:
+    """A map in red, the darker the more certain; a pixel shows the largest of `step` x `step` cells."""
+    # Small peaks must not vanish.
+    rows_, columns = cells.shape[0] // step, cells.shape[1] // step
+    shown = cells[: rows_ * step, : columns * step].reshape(rows_, step, columns, step).max((1, 3))
+    image = np.zeros((*shown.shape, 4))
+    image[..., 0], image[..., 3] = 0.8, np.clip(shown / 0.15, 0, 1) ** 0.5
+    extent = (grid.left, grid.left + columns * step * grid.cell, grid.bottom, grid.bottom + rows_ * step * grid.cell)
+    axes.imshow(image, origin="lower", extent=extent, zorder=2, interpolation="nearest", aspect="equal")
+
+
+def plan_axes(plan: Plan, title: str, faint: bool = False) -> tuple[Figure, Axes]:
+    """Axes in metres with the plan drawn to scale."""
+    left, right, bottom, top = plan.bounds
+    wide, high = right - left + 1.0, top - bottom + 1.0
+    scale = min(13.0 / wide, 9.0 / high)
+    figure = new_figure(max(wide * scale, 6.0) + 1.0, max(high * scale, 2.2) + 1.6)
+    axes = figure.subplots()
+    draw_plan(axes, plan, faint)
     axes.set_title(textwrap.fill(title, int(10 * figure.get_figwidth())), fontsize=11)
     kinds = {kind for shape in plan.rings for kind in shape.kinds}
     for kind in ("door", "furniture", "pillar"):
@@ -166,16 +183,7 @@ def map_(result: Result) -> Figure:
         result.plan, "Map: " + (", ".join(w for w in words if w) or "nothing seen to compare"), faint=True
     )
     cells = result.cells.numpy()
-    # What a pixel shows is the largest of its cells: small peaks must not vanish.
-    step = max(1, round(max(cells.shape) / 1400))
-    rows_, columns = cells.shape[0] // step, cells.shape[1] // step
-    shown = cells[: rows_ * step, : columns * step].reshape(rows_, step, columns, step).max((1, 3))
-    strength = np.clip(shown / 0.15, 0, 1) ** 0.5
-    image = np.zeros((*shown.shape, 4))
-    image[..., 0], image[..., 3] = 0.8, strength
-    g = result.grid
-    extent = (g.left, g.left + columns * step * g.cell, g.bottom, g.bottom + rows_ * step * g.cell)
-    axes.imshow(image, origin="lower", extent=extent, zorder=2, interpolation="nearest")
+    draw_cells(axes, cells, result.grid, max(1, round(max(cells.shape) / 1400)))
     believed, located = result.record.array("believed"), result.record.array("located")
     if len(believed):
         # The map has the corrections known at the end, and so has the path.

@@ -11,6 +11,8 @@ import torch
 from ndtorch.navigation import TURN, AvoidanceParams, Navigator, StereoRig
 from ndtorch.navigation.controllers.published import SaccadeAvoidance
 from ndtorch.navigation.controllers.subfields import SubfieldMotion
+from ndtorch_robot.evaluation.plots import draw_plan
+from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_train.plots import BLACK, BLUE, GREEN, ORANGE, YELLOW, panels
 from ndtorch_train.recorded import RATE, Arrays, Recorded, from_arrays, record_drive
 from ndtorch_train.reproduce.experiment import Context, Outcome, judged
@@ -43,29 +45,9 @@ def recorded(
     return from_arrays(context.stored("drive", key, DRIVES, make), arena, seed)
 
 
-def plan_axes(axes: Any, arena: str, seed: int, faint: bool = False) -> None:
-    """The building from above, to scale."""
-    from ndtorch_robot.sim.arenas import load_arena
-
-    plan = load_arena(arena, seed)
-    axes.set_facecolor("0.88")
-    axes.fill(*plan.outline.array.T, color="white", zorder=0)
-    for shape in plan.rings:
-        corners = shape.array
-        if shape is not plan.outline:
-            axes.fill(*corners.T, color="0.88", zorder=0.5)
-        for k, kind in enumerate(shape.kinds):
-            ends = corners[[k, (k + 1) % len(corners)]]
-            color = "#a05a2c" if kind == "door" else "0.25"
-            axes.plot(*ends.T, color=color, lw=(0.8 if faint else 1.6) * (2 if kind == "door" else 1), zorder=1)
-    left, right, bottom, top = plan.bounds
-    axes.set(aspect="equal", xlim=(left - 0.3, right + 0.3), ylim=(bottom - 0.3, top + 0.3))
-    axes.set(xlabel="x (m)", ylabel="y (m)")
-
-
 def path_panel(axes: Any, seen: Recorded) -> None:
     """The true path over the plan, with turns, collisions and stops."""
-    plan_axes(axes, seen.arena, seen.seed)
+    draw_plan(axes, load_arena(seen.arena, seen.seed))
     line = seen.line()
     axes.plot(*line.T, color=BLUE, lw=1.2, zorder=3, label="path")
     turning = np.where((seen.mode == TURN)[:, None], line, np.nan)

@@ -14,9 +14,11 @@ from ndtorch.navigation.mapping.certainty import beam, certainty
 from ndtorch.navigation.options import EDGE_REACH
 from ndtorch.navigation.prediction import PredictedFeatures
 from ndtorch.vision import NDMin
+from ndtorch_robot.evaluation.plots import draw_cells, draw_plan
+from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_train.plots import BLUE, GREEN, ORANGE, PURPLE, letters, panels
 from ndtorch_train.recorded import RATE, Recorded, map_of, quality, ranges_of, score_of
-from ndtorch_train.reproduce.driving import plan_axes, recorded
+from ndtorch_train.reproduce.driving import recorded
 from ndtorch_train.reproduce.experiment import Context, Outcome, judged
 
 TOP_THREE = ("#d55e00", "#009e73", "#0072b2")
@@ -185,8 +187,8 @@ def hallway_map(context: Context, seeds: list[int], seconds: float, noisy: bool)
         drives[odometry].append(recorded(context, "hallway", seed, seconds, share, odometry=odometry))
     seen = drives["true"][0]
     figure, (one,) = panels(1, 1, 14, 3.6)
-    plan_axes(one, seen.arena, seen.seed, faint=True)
-    show_map(one, seen)
+    draw_plan(one, load_arena(seen.arena, seen.seed), faint=True)
+    draw_cells(one, seen.cells.astype(np.float64), seen.grid, 2)
     one.plot(*seen.line().T, color=BLUE, lw=1, label="path")
     one.plot([0.5, 1.5, 1.5, 0.5, 0.5], [-0.5, -0.5, 0.5, 0.5, -0.5], color=PURPLE, lw=1.5, label="one square metre")
     figure.legend(*one.get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False, fontsize=9)
@@ -225,23 +227,11 @@ def arenas(context: Context, seed: int) -> None:
 
     figure, axes = panels(2, 3, 14, 8.5)
     for one, name in zip(axes, arenas(test=False), strict=True):
-        plan_axes(one, name, seed)
+        draw_plan(one, load_arena(name, seed))
         one.set_title(name)
     letters(axes)
     words = "The simulated buildings from above, doors brown; the paper's hallway is in (a) with its door spacing."
     context.draw("A9-arenas", figure, "A fig. 9", words, seed=seed)
-
-
-def show_map(axes: Any, seen: Recorded) -> None:
-    """The map in red, the darker the more certain; a pixel shows the largest of its cells."""
-    step = 2
-    rows, columns = seen.cells.shape[0] // step, seen.cells.shape[1] // step
-    cells = seen.cells[: rows * step, : columns * step].reshape(rows, step, columns, step).max((1, 3))
-    image = np.zeros((*cells.shape, 4))
-    image[..., 0], image[..., 3] = 0.8, np.clip(cells / 0.15, 0, 1) ** 0.5
-    g = seen.grid
-    extent = (g.left, g.left + columns * step * g.cell, g.bottom, g.bottom + rows * step * g.cell)
-    axes.imshow(image, origin="lower", extent=extent, zorder=2, interpolation="nearest", aspect="equal")
 
 
 def feature_count(
