@@ -34,7 +34,7 @@ def test_a_clip_is_the_same_every_time_and_changes_with_time(still: Pixels, kind
 
 
 def test_what_is_reported_there_is_false(still: Pixels, tmp_path: Path) -> None:
-    (row,) = measure("foreground", "rain", lambda: negative_clip("rain", still, 2.0, "tune"), 0, tmp_path)
+    (row,) = measure("foreground", "rain", lambda out: negative_clip("rain", still, 2.0, "tune"), 0, tmp_path)
     assert (row["recall"], row["idf1"], row["mask_f"]) == (0, None, None)
     assert row["false_per_minute"] >= 0
 

@@ -126,7 +126,7 @@ class Foreground(Seeded):
     fps: tuple[float, ...] = (12.5, 25.0, 30.0, 60.0, 120.0)
     """Frames a second of generated clips."""
     keep: Path | None = None
-    """Folder in which generated clips are kept, and looked for."""
+    """Folder in which generated clips are kept, and looked for (default: clips in the folder of the benchmark)."""
     negative: Path | None = None
     """An image, or a video whose median is taken: weather, light and shake are drawn over it."""
     negative_seconds: float = 60.0

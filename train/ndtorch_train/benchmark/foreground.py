@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import platform
-import tempfile
 import time
 import warnings
 import zlib
@@ -116,11 +115,11 @@ def foreground_benchmark(
     known("methods", [name for name in methods if not Path(name).is_dir()] or METHODS, METHODS)
     if rows != 0 and rows < 32:
         raise InputError(f"rows must be 0 or at least 32, got {rows}")
-    clips: dict[str, Callable[[], LabelledClip]] = {}
+    clips: dict[str, Callable[[Path], LabelledClip]] = {}
     if folder is not None:
         for place in clip_folders(folder):
             read_clip(place)
-            clips[place.name] = functools.partial(read_clip, place)
+            clips[place.name] = functools.partial(labelled_clip, place)
     if generated is not None:
         check_generated(generated)
         for number, fps, count in product(range(generated.clips), generated.fps, generated.counts):
@@ -158,26 +157,28 @@ def check_generated(options: Generated) -> None:
         raise InputError(f"fps must lie between 1 and 240 frames a second, got {options.fps}")
 
 
-def generated_clip(split: Split, number: int, count: int, fps: float, keep: Path | None) -> LabelledClip:
-    """A generated clip as an encoded file; without `keep` in a temporary folder that lives as long as the clip."""
-    clip = draw_clip(split, number, count, fps)
-    scratch = None if keep is not None else tempfile.TemporaryDirectory()
-    folder = Path(scratch.name) if scratch is not None else keep
-    assert folder is not None
+def labelled_clip(place: Path, out: Path) -> LabelledClip:
+    """The clip of a folder."""
+    return read_clip(place)
+
+
+def generated_clip(split: Split, number: int, count: int, fps: float, keep: Path | None, out: Path) -> LabelledClip:
+    """A generated clip as an encoded file in the folder `keep`, or in `clips` of the benchmark's folder."""
+    clip, folder = draw_clip(split, number, count, fps), keep or out / "clips"
     folder.mkdir(parents=True, exist_ok=True)
-    frames = VideoFrames(clip_file(clip, folder), scratch)
+    frames = VideoFrames(clip_file(clip, folder))
     return LabelledClip(Video(clip.name, frames, fps, clip.size), functools.partial(boxes_of, clip))
 
 
-def negative_clip(kind: str, still: Pixels, seconds: float, split: Split) -> LabelledClip:
+def negative_clip(kind: str, still: Pixels, seconds: float, split: Split, out: Path | None = None) -> LabelledClip:
     """A clip of one kind of disturbance over a still image."""
     frames = Drawn(kind, still, SEEDS[split], round(seconds * FPS))
     return LabelledClip(Video(kind, frames, FPS, still.shape[:2]), nothing)
 
 
-def measure(method: str, name: str, make: Callable[[], LabelledClip], rows: int, folder: Path) -> list[Row]:
+def measure(method: str, name: str, make: Callable[[Path], LabelledClip], rows: int, folder: Path) -> list[Row]:
     """The row of one method on one clip."""
-    labelled = make()
+    labelled = make(folder)
     output = run_method(method, labelled.clip, rows)
     score = mot_score(output, labelled.truth(), labelled.clip.fps, labelled.masked)
     ratio = output.seconds / max(mog2_seconds(labelled.clip, rows), 1e-9)

@@ -157,10 +157,10 @@ def nothing() -> Iterator[TrueFrame]:
 
 
 class VideoFrames:
-    """The frames of a file; every loop over them reads it again. It keeps alive what holds the file."""
+    """The frames of a file; every loop over them reads it again."""
 
-    def __init__(self, path: Path, holder: Any = None) -> None:
-        self.path, self.holder = path, holder
+    def __init__(self, path: Path) -> None:
+        self.path = path
 
     def __iter__(self) -> Iterator[Pixels]:
         capture = cv2.VideoCapture(str(self.path))

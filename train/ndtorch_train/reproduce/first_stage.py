@@ -44,7 +44,7 @@ def weights(context: Context, gamma: float, radius: float) -> Outcome:
     figure, axes = panels(1, 4, 14, 3.6)
     for (name, w), one in zip(found.items(), axes, strict=False):
         labels = FEATURES[GROUPS[name]]
-        one.imshow(w, cmap="Blues", vmin=0, vmax=0.6)
+        one.imshow(w.numpy(), cmap="Blues", vmin=0, vmax=0.6)
         for n, k in torch.cartesian_prod(torch.arange(len(w)), torch.arange(len(w))).tolist():
             one.text(k, n, f"{w[n, k]:.2f}", ha="center", va="center", color="w" if w[n, k] > 0.33 else "k")
         one.set_xticks(range(len(w)), labels)
@@ -226,7 +226,7 @@ def color_tuning(context: Context, saturation: float, hues: int, lights: int) ->
 
     figure, axes = panels(1, 3, 14, 4)
     for one, image, title in ((axes[0], colors, "input colors"), (axes[1], (outputs / top).clamp(0, 1), "outputs")):
-        one.imshow(image, origin="lower", aspect="auto", extent=(0, 360, 0, 1))
+        one.imshow(image.numpy(), origin="lower", aspect="auto", extent=(0, 360, 0, 1))
         one.set(title=title, xlabel="hue (degrees)", ylabel="lightness", xticks=range(0, 361, 60))
     inputs = hsl_color(hue, torch.tensor(saturation), torch.tensor(0.5))
     for j, name in enumerate(FEATURES[GROUPS["color"]]):

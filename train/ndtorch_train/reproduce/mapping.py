@@ -79,7 +79,9 @@ def space_time(context: Context, seen: Recorded, rows: Tensor) -> None:
     figure, axes = panels(1, 2, 12, 7.5, sharey=True)
     end = len(rows) / RATE
     for k, (one, name) in enumerate(zip(axes, ("left camera", "right camera"), strict=True)):
-        one.imshow(rows[:, k], cmap="gray", origin="lower", aspect="auto", extent=(0, 640, 0, end), vmin=0, vmax=1)
+        one.imshow(
+            rows[:, k].numpy(), cmap="gray", origin="lower", aspect="auto", extent=(0, 640, 0, end), vmin=0, vmax=1
+        )
         one.set(title=name, xlabel="column (px)")
     axes[0].set_ylabel("time (s)")
     letters(axes)
@@ -117,9 +119,9 @@ def diagram(context: Context, seen: Recorded, rows: Tensor, motion: Tensor, rang
         found = find_features(rows.transpose(0, 1), motion.transpose(0, 1), FeatureParams())
     scatter = None
     for k, camera in enumerate(("left", "right")):
-        axes[k].imshow(rows[part, k], cmap="gray", vmin=0, vmax=1, **options)
+        axes[k].imshow(rows[part, k].numpy(), cmap="gray", vmin=0, vmax=1, **options)
         axes[k].set_title(f"image row, {camera}")
-        axes[2 + k].imshow(motion[part, k].abs(), cmap="magma", vmin=0, vmax=float(motion[part].abs().quantile(0.999)),
+        axes[2 + k].imshow(motion[part, k].abs().numpy(), cmap="magma", vmin=0, vmax=float(motion[part].abs().quantile(0.999)),
                            **options)  # fmt: skip
         axes[2 + k].set_title(f"|ND-min|, {camera}")
         good = found.valid[k, part].numpy()
@@ -163,7 +165,7 @@ def beams(context: Context, rig: StereoRig) -> tuple[float, float, float]:
     b = beam(gx, gy + half, right, wide, 3.0)
     figure, axes = panels(1, 2, 13, 4)
     for one, image, title in ((axes[0], a + b, "sum of the two beams"), (axes[1], a * b, "product of the two beams")):
-        shown = one.imshow(image, origin="lower", extent=(0.01, 2.6, -0.6, 0.6), cmap="magma", aspect="equal")
+        shown = one.imshow(image.numpy(), origin="lower", extent=(0.01, 2.6, -0.6, 0.6), cmap="magma", aspect="equal")
         one.plot([0, 0], [half, -half], "o", color=GREEN, ms=6, clip_on=False)
         one.plot(float(x), float(y), "+", color="#56b4e9", ms=12, mew=2)
         one.set(title=title, xlabel="x, ahead (m)", ylabel="y, to the left (m)")

@@ -70,7 +70,7 @@ def table(context: Context, seconds: float) -> Outcome:
     rows = read.rows[read.owners]
     figure, axes = panels(1, 2, 13, 5.4, width_ratios=[1, 1.15])
     matrix_panel(axes[0], run.final, "simplified weights", simplified=True)
-    axes[1].imshow(rows if len(rows) else torch.zeros(1, 10), cmap="Blues", vmin=0, vmax=1)
+    axes[1].imshow((rows if len(rows) else torch.zeros(1, 10)).numpy(), cmap="Blues", vmin=0, vmax=1)
     for i, j in np.ndindex(tuple(rows.shape)):
         if rows[i, j] > 0:
             ink = "w" if rows[i, j] > 0.55 else "k"

@@ -112,7 +112,7 @@ def time_constants(context: Context, taus: list[float | str], phases: int) -> Ou
     names = [f"{tau * 1000:g}" for tau in values]
     figure, axes = panels(1, 2, 12, 5)
     for one, data, title in ((axes[0], reach, "increases up to (px/step)"), (axes[1], straight, "straightness, 0..1")):
-        shown = one.imshow(data, cmap="Blues", vmin=0, origin="lower")
+        shown = one.imshow(data.numpy(), cmap="Blues", vmin=0, origin="lower")
         one.plot(j, i, "o", mfc="none", mec=ORANGE, mew=2.5, ms=14)
         one.set_xticks(range(len(names)), names, rotation=45)
         one.set_yticks(range(len(names)), names)

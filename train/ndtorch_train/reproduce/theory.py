@@ -290,7 +290,7 @@ def solutions_of_mixtures(context: Context, largest: int, mixtures: int, seed: i
     weights = torch.zeros(31, 31, 2, 2, dtype=torch.float64)
     weights[..., 0, 1], weights[..., 1, 0] = grid[None, :], grid[:, None]
     bounded = stays_bounded_all(weights.reshape(-1, 2, 2)).reshape(31, 31)
-    axes[1].pcolormesh(grid, grid, bounded, cmap="Blues", vmin=0, vmax=2, shading="nearest")
+    axes[1].pcolormesh(grid.numpy(), grid.numpy(), bounded.numpy(), cmap="Blues", vmin=0, vmax=2, shading="nearest")
     curve = torch.linspace(0.67, 1.5, 100)
     axes[1].plot(curve, 1 / curve, color=ORANGE, lw=2.5, label="T12 T21 = 1")
     axes[1].set(title="blue: outputs stay bounded", xlabel="T12", ylabel="T21", xlim=(0, 1.5), ylim=(0, 1.5))
