@@ -121,8 +121,8 @@ def diagram(context: Context, seen: Recorded, rows: Tensor, motion: Tensor, rang
     for k, camera in enumerate(("left", "right")):
         axes[k].imshow(rows[part, k].numpy(), cmap="gray", vmin=0, vmax=1, **options)
         axes[k].set_title(f"image row, {camera}")
-        axes[2 + k].imshow(motion[part, k].abs().numpy(), cmap="magma", vmin=0, vmax=float(motion[part].abs().quantile(0.999)),
-                           **options)  # fmt: skip
+        highest = float(motion[part].abs().quantile(0.999))
+        axes[2 + k].imshow(motion[part, k].abs().numpy(), cmap="magma", vmin=0, vmax=highest, **options)
         axes[2 + k].set_title(f"|ND-min|, {camera}")
         good = found.valid[k, part].numpy()
         place = found.column[k, part].numpy()[good]
