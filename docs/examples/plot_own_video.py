@@ -29,7 +29,7 @@ with VideoWriter(clip, 25, (500, 500)) as film:
 # ``mask`` is 1 at the pixels of confirmed objects.
 state = None
 with open_video(clip, size=(224, 224), fit="reduce") as video, torch.inference_mode():
-    model = ndtorch.load("figures", size=video.size, fps=video.fps)
+    model = ndtorch.load("foreground", size=video.size, fps=video.fps)
     for frames in video.chunks(4):
         signals, state = model(frames, state)
 for found in model.objects(state):

@@ -27,7 +27,7 @@ print(sums.shape)
 model = ndtorch.load("published")
 with torch.inference_mode():
     signals, state = model.from_sums(sums)
-print([len(found) for found in model.objects(state)])
+print([len(found) for found in model.objects_batch(state)])
 
 # %%
 # How many objects were found, and which. Two bars have two owners, red and green, at most phases.

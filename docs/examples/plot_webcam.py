@@ -24,7 +24,7 @@ except InputError as error:
 
 # %%
 # Frames go through the model as they come; a live source gives each of them once.
-model = ndtorch.load("figures", size=source.size, fps=source.fps)
+model = ndtorch.load("foreground", size=source.size, fps=source.fps)
 state, count = None, 0
 with torch.inference_mode():
     for frames in source.chunks(4):
