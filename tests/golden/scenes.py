@@ -80,6 +80,13 @@ def leaving(image: Image, n: int) -> None:
     square(image, HEIGHT - 3 * (n - 30), 110, BLUE)
 
 
+def occluded(image: Image, n: int) -> None:
+    """Red passes behind a pillar and comes out as the same object; green swings to and fro above."""
+    square(image, 60, -SIDE + 3 * (n - 20), RED)
+    image[:, 36:, 80:134] = 60
+    square(image, 4, 40 + abs((2 * n) % 120 - 60), GREEN)
+
+
 def relit(image: Image, n: int) -> None:
     """Green passes while the light falls by a third from one frame to the next, and then slowly comes back."""
     square(image, 40, -SIDE + 2 * (n - 25), GREEN)
@@ -92,5 +99,6 @@ CLIPS = {
     "stopping": Clip(10.0, 750, stopping),
     "shadowed": Clip(25.0, 120, shadowed),
     "leaving": Clip(25.0, 160, leaving),
+    "occluded": Clip(25.0, 130, occluded),
     "relit": Clip(25.0, 150, relit),
 }
