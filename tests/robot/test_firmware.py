@@ -262,7 +262,7 @@ def test_bring_up(capsys, tmp_path):
     finally:
         ordinary_priority()
     said = capsys.readouterr().out
-    assert "the board says it stands" in said
+    assert "the board reports that it is stopped" in said
     assert "all well" in said
 
 
