@@ -192,6 +192,6 @@ class LinkDrive(Drive):
         elif now - self.asked_to_arm <= 0.1:
             return  # it may have been sent before the request
         elif self.armed:
-            self.disarm(f"the board stands: {telemetry.why()}", tell=False)
+            self.disarm(f"the board has stopped: {telemetry.why()}", tell=False)
         else:
             self.disarm("the board does not resume", tell=True)

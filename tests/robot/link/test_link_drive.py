@@ -132,7 +132,7 @@ def test_a_board_that_stands_is_believed_once_it_must_know_that_it_may_drive():
     car = Known()
     car.time = 10.2
     car.tell(armed=False, faults=Fault.NOISE)
-    assert car.drive.trouble() == "the board stands: too many refused frames"
+    assert car.drive.trouble() == "the board has stopped: too many refused frames"
     assert car.line.said() == []
     assert car.line.echoes == [(7, 10.0), (7, 10.2)]
 
