@@ -72,7 +72,7 @@ def segment(raw: Floats, model: BackgroundModel, dt: float, p: BackgroundParams)
     changed = update_motion(model, found, dt, p)
     cut = other_scene or (changed > p.scene_cut_blocks_ratio and is_uncorrelated(m.previous, m.blurred, p))
     mask, narrow = m.marks[3], m.marks[4]
-    if cut or np.count_nonzero(found.candidates) > p.scene_cut_ratio * found.candidates.size:
+    if cut or np.count_nonzero(found.candidates.view(np.bool_)) > p.scene_cut_ratio * found.candidates.size:
         mask[:], narrow[:] = 0, 0
         return Segmentation(raw, raw.mean(0), raw, m.deviation, noise, mask.view(np.bool_), narrow, True)
     height = len(mask)

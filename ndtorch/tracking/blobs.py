@@ -79,7 +79,7 @@ def connected_components(mask: Bools, smallest: float, gap: int) -> Blobs:
     import cv2
 
     marks: Bytes = mask.view(np.uint8)
-    if not marks.any():
+    if not mask.any():
         none = np.zeros(0, np.int64)
         return Blobs(np.zeros(mask.shape, np.int32), none.reshape(0, 4), none)
     if gap:
