@@ -75,28 +75,36 @@ class JitFunction(Generic[R]):
         return numba.njit(nogil=True, error_model="numpy", fastmath=fastmath, **options)(self.function)
 
     def first_call(self, *args: Any) -> R:
-        """One process compiles, the others wait for it. Files that are damaged are deleted and made anew."""
-        name = self.function.__qualname__
-        with locked(self.folder, name):
-            kept = self.files()
-            if not kept:
-                announce()
-                log.debug("compiling %s", name)
-            try:
-                if not all(map(is_intact, kept)):
-                    raise ValueError("damaged")
-                out: R = self.dispatcher(*args)
-            except Exception:
-                if not kept:
-                    raise
-                for file in kept:
-                    file.unlink(missing_ok=True)
-                self.__dict__.pop("dispatcher", None)
-                out = self.dispatcher(*args)
-                warnings.warn(f"the compiled code of {name} in {self.folder} was damaged and is replaced", stacklevel=3)
-            for file in self.files():
-                seal(file)
+        """One process compiles, the others wait for it. Where nothing can be written, nothing is kept."""
+        try:
+            with locked(self.folder, self.function.__qualname__):
+                out = self.load_or_compile(args)
+        except OSError:
+            self.dispatcher = self.compiler()
+            out = self.dispatcher(*args)
         self.run = self.dispatcher
+        return out
+
+    def load_or_compile(self, args: tuple[Any, ...]) -> R:
+        """Files that are damaged are deleted and made anew."""
+        kept, name = self.files(), self.function.__qualname__
+        if not kept:
+            announce()
+            log.debug("compiling %s", name)
+        try:
+            if not all(map(is_intact, kept)):
+                raise ValueError("damaged")
+            out: R = self.dispatcher(*args)
+        except Exception as error:
+            if not kept or isinstance(error, OSError):
+                raise
+            for file in kept:
+                file.unlink(missing_ok=True)
+            self.__dict__.pop("dispatcher", None)
+            out = self.dispatcher(*args)
+            warnings.warn(f"the compiled code of {name} in {self.folder} was damaged and is replaced", stacklevel=4)
+        for file in self.files():
+            seal(file)
         return out
 
     def files(self) -> list[Path]:
