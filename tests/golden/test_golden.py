@@ -101,8 +101,8 @@ def poses_alike(found: Kept, wanted: Kept, until: float) -> None:
 
 
 def test_localise() -> None:
-    """Rounding grows in ten minutes: a point of a scan that just counts moves the car by .1 mm, and a minute later
-    another loop closure is accepted. Of these one in seven may be missing, and a map is right to a tenth.
+    """Ten minutes amplify a patch that visual odometry just matches, or not: it moves the car .1 mm; a minute later
+    another loop closure is accepted. So of these one in seven may be missing, and the map is right to a tenth.
     """
     wanted, found = GOLDEN["localise/office"], RUNS["localise/office"](GOLDEN["localise/office"])
     localises_alike(found, wanted)
