@@ -117,8 +117,8 @@ NAVIGATION: dict[str, Case] = {
     "Navigator right": ("right|frames", lambda x: steer(right=x), eyes),
     "Navigator speed": ("driven.speed", lambda x: steer(driven=navigation.Command(x, still())), still),
     "Navigator curvature": ("driven.curvature", lambda x: steer(driven=navigation.Command(still(), x)), still),
-    "RowRanging left": ("left|frames", lambda x: navigation.RowRanging(RIG, DT)(x, eyes()), eyes),
-    "RowRanging right": ("right|frames", lambda x: navigation.RowRanging(RIG, DT)(eyes(), x), eyes),
+    "StereoRanging left": ("left|frames", lambda x: navigation.StereoRanging(RIG, DT)(x, eyes()), eyes),
+    "StereoRanging right": ("right|frames", lambda x: navigation.StereoRanging(RIG, DT)(eyes(), x), eyes),
     "DeadReckoning speed": ("speed", lambda x: navigation.DeadReckoning(DT)(x, torch.zeros(2)), lambda: signals(2)),
     "DeadReckoning curvature": (
         "curvature",

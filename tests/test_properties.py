@@ -106,7 +106,7 @@ PARTS: dict[str, Part] = {
     "DeadReckoning": Part(lambda: navigation.DeadReckoning(DT), lambda draw: (draw() - 0.3, draw() - 0.5)),
     "GridMap": Part(lambda: navigation.GridMap(RIG, navigation.Grid(cell=0.5)), seen, final=True),
     "ObservationList": Part(lambda: navigation.ObservationList(DT, capacity=12), seen, final=True),
-    "RowRanging": Part(lambda: navigation.RowRanging(RIG, DT), eyes),
+    "StereoRanging": Part(lambda: navigation.StereoRanging(RIG, DT), eyes),
     "Navigator": steered("ranging"),
     "Controller": steered("published"),
 }

@@ -194,7 +194,7 @@ def strips_are_cut_out(seed: int, n: int) -> None:
 def an_avoider_stays_within_its_speeds_and_goes_on_where_it_was(seed: int, count: int) -> None:
     chance = np.random.default_rng(seed)
     frames = chance.integers(0, 256, (count + 2, 2, RIG.height, RIG.width, 3), dtype=np.uint8)
-    one, other = navigation.Avoider(RIG, DT), navigation.Avoider(RIG, DT)
+    one, other = navigation.SaccadeController(RIG, DT), navigation.SaccadeController(RIG, DT)
     state = again = None
     for left, right in frames:
         (speed, curvature), state = one(left, right, state)
@@ -205,7 +205,7 @@ def an_avoider_stays_within_its_speeds_and_goes_on_where_it_was(seed: int, count
 
 
 FUNCTIONS: dict[str, Callable[[int, int], None]] = {
-    "Avoider": an_avoider_stays_within_its_speeds_and_goes_on_where_it_was,
+    "SaccadeController": an_avoider_stays_within_its_speeds_and_goes_on_where_it_was,
     "dog_spectrum": a_dog_spectrum_is_even_and_sums_to_zero,
     "field_weights": fields_add_up_to_one,
     "judge_speed_curve": a_speed_curve_is_judged_the_same_in_any_unit,

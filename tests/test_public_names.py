@@ -36,10 +36,10 @@ BINDING = """
     train_first_stage weight_change
 """
 NAVIGATION = """
-    ARRIVED CRUISE REVERSE STOPPED SUPPRESSED TURN AlphaBetaTracker AvoidanceParams Avoider Command Controller
+    ARRIVED CRUISE REVERSE STOPPED SUPPRESSED TURN AlphaBetaTracker AvoidanceParams Command Controller
     DeadReckoning FeatureParams GoalParams Grid GridMap Localiser LocaliserParams MatchParams Navigator
-    NavigatorOptions NavigatorState ObservationList Pose
-    Ranges RangingParams Rect RowRanging StereoRig Strips controller_names cut_strips load_map make_controller save_map
+    NavigatorOptions NavigatorState ObservationList Pose Ranges RangingParams Rect SaccadeController SearchParams
+    StereoRanging StereoRig Strips Task controller_names cut_strips load_map make_controller save_map
 """
 MODULES = [ndtorch, ndtorch.vision, ndtorch.scenes, ndtorch.binding, ndtorch.navigation]
 NAMES = [(module, name) for module in MODULES for name in module.__all__]
@@ -106,7 +106,9 @@ def test_there_is_a_version() -> None:
         (ndtorch, "VisualBinding", r'ndtorch\.load\("published"\)'),
         (ndtorch, "objects", r"model\.objects\(state\)"),
         (ndtorch.binding, "RetinotopicBinding", "RetinotopicModel"),
-        (ndtorch.navigation, "CompiledNavigator", "Navigator, whose steps are compiled where Numba is installed"),
+        (ndtorch.navigation, "CompiledNavigator", "Navigator, whose steps are compiled"),
+        (ndtorch.navigation, "StereoRanging", "StereoRanging"),
+        (ndtorch.navigation, "Avoider", "SaccadeController"),
     ],
 )
 def test_a_name_that_is_gone_says_what_took_its_place(module: ModuleType, name: str, instead: str) -> None:

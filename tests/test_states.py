@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
@@ -20,9 +21,13 @@ WITH_STATE = [name for name, part in PARTS.items() if part.state]
 
 
 def spoiled(state: Any, change: Callable[[Tensor], Any]) -> Any:
-    """The same, with every tensor changed."""
+    """The same, with every tensor and array changed."""
     if isinstance(state, Tensor):
         return change(state)
+    if isinstance(state, np.ndarray):
+        changed = change(torch.from_numpy(state))
+        usual = isinstance(changed, Tensor) and changed.layout == torch.strided and not changed.is_meta
+        return changed.numpy() if usual else changed
     if isinstance(state, tuple):
         parts = [spoiled(part, change) for part in state]
         return type(state)(*parts) if hasattr(state, "_fields") else tuple(parts)
@@ -152,7 +157,7 @@ def test_what_is_remembered_must_be_finite(name: str, field: str) -> None:
 @torch.no_grad()
 def test_a_failure_that_is_not_of_the_state_stays_what_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
     navigator, part = navigation.Navigator(RIG, DT), PARTS["Navigator"]
-    given = streams(part)
+    given = [eyes[0] for eyes in streams(part)]
     _, state = navigator(*given)
 
     steps = navigator.controller.step

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from matplotlib.collections import LineCollection
 
-from ndtorch.navigation import Navigator, RowRanging
+from ndtorch.navigation import Navigator, StereoRanging
 from ndtorch_robot.gym import register
 from ndtorch_robot.gym.environment import strips_of
 from ndtorch_robot.sim.arenas import load_arena
@@ -39,7 +39,7 @@ def straight() -> Policy:
 
 def away() -> Policy:
     """Away from the nearer side."""
-    ranging, state, near = RowRanging(RIG, dt=1 / 30), None, np.zeros(2)
+    ranging, state, near = StereoRanging(RIG, dt=1 / 30), None, np.zeros(2)
 
     def policy(seen: dict[str, np.ndarray]) -> tuple[float, float]:
         nonlocal state, near

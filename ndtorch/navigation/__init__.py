@@ -3,7 +3,6 @@
 Here are the names that people start with; the rest comes from its file.
 """
 
-from ndtorch.navigation.avoider import Avoider
 from ndtorch.navigation.controllers import (
     ARRIVED,
     CRUISE,
@@ -13,14 +12,13 @@ from ndtorch.navigation.controllers import (
     TURN,
     Command,
     Controller,
+    Task,
     controller_names,
     make_controller,
 )
 from ndtorch.navigation.controllers.goal import GoalParams
-from ndtorch.navigation.controllers.published import AvoidanceParams
+from ndtorch.navigation.controllers.published import AvoidanceParams, SaccadeController
 from ndtorch.navigation.controllers.ranging import RangingParams
-from ndtorch.navigation.correspondence import MatchParams
-from ndtorch.navigation.features import FeatureParams
 from ndtorch.navigation.localisation import Localiser, LocaliserParams
 from ndtorch.navigation.mapping import (
     AlphaBetaTracker,
@@ -33,11 +31,13 @@ from ndtorch.navigation.mapping import (
 from ndtorch.navigation.model import Navigator
 from ndtorch.navigation.odometry import DeadReckoning, Pose
 from ndtorch.navigation.options import NavigatorOptions
-from ndtorch.navigation.ranging import Ranges
-from ndtorch.navigation.rig import Rect, StereoRig
-from ndtorch.navigation.row_ranging import RowRanging
 from ndtorch.navigation.state import NavigatorState
-from ndtorch.navigation.strips import Strips, cut_strips
+from ndtorch.navigation.stereo.correspondence import MatchParams
+from ndtorch.navigation.stereo.features import FeatureParams
+from ndtorch.navigation.stereo.ranging import Ranges, StereoRanging
+from ndtorch.navigation.stereo.rig import Rect, StereoRig
+from ndtorch.navigation.stereo.search import SearchParams
+from ndtorch.navigation.stereo.strips import Strips, cut_strips
 from ndtorch.utils.lazy import lazy
 
 __all__ = [
@@ -49,7 +49,6 @@ __all__ = [
     "TURN",
     "AlphaBetaTracker",
     "AvoidanceParams",
-    "Avoider",
     "Command",
     "Controller",
     "DeadReckoning",
@@ -68,9 +67,12 @@ __all__ = [
     "Ranges",
     "RangingParams",
     "Rect",
-    "RowRanging",
+    "SaccadeController",
+    "SearchParams",
+    "StereoRanging",
     "StereoRig",
     "Strips",
+    "Task",
     "controller_names",
     "cut_strips",
     "load_map",
@@ -81,5 +83,9 @@ __all__ = [
 __getattr__ = lazy(
     __name__,
     {},
-    moved={"CompiledNavigator": "Navigator, whose steps are compiled where Numba is installed"},
+    moved={
+        "Avoider": "SaccadeController",
+        "CompiledNavigator": "Navigator, whose steps are compiled",
+        "StereoRanging": "StereoRanging",
+    },
 )

@@ -1,9 +1,12 @@
-"""The whole of navigation: two cameras in, speed and curvature out, and a map on the way."""
+"""The whole of navigation: two cameras in, speed and curvature out, and a map beside it."""
 
 from __future__ import annotations
 
-import operator
+import math
+from collections.abc import Sequence
+from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -11,27 +14,22 @@ from ndtorch.arguments import check_kind
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.contract import Command, Controller
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, make_controller
-from ndtorch.navigation.correspondence import MatchParams
-from ndtorch.navigation.features import FeatureParams
 from ndtorch.navigation.localisation.localiser import Localiser
-from ndtorch.navigation.localisation.state import frame_pose
+from ndtorch.navigation.localisation.state import LocaliserState, frame_pose
 from ndtorch.navigation.mapping import GridMap
 from ndtorch.navigation.mapping.feature_tracks import AlphaBetaTracker
 from ndtorch.navigation.mapping.map_rendering import log_ranges
 from ndtorch.navigation.mapping.observations import ObservationList
-from ndtorch.navigation.mapping.range_log import FramePose
 from ndtorch.navigation.odometry import DeadReckoning, Pose
-from ndtorch.navigation.one_frame import in_frames, take_over
 from ndtorch.navigation.proximity.check import ProximityCheck
 from ndtorch.navigation.proximity.schedule import ProximitySchedule
-from ndtorch.navigation.ranging import Ranges
-from ndtorch.navigation.rig import AngleModel, StereoRig
-from ndtorch.navigation.row_ranging import RowRanging
-from ndtorch.navigation.row_search import SearchParams
-from ndtorch.navigation.state import NavigatorState, StepState, check_like, check_motion
-from ndtorch.navigation.steering import Steering
-from ndtorch.navigation.strips import Strips, row_rect, strips
-from ndtorch.navigation.whole_step import Parts, Stepped, WholeStep
+from ndtorch.navigation.state import NavigatorState, all_cars, check_cars, check_like, check_motion, one_car, place_of
+from ndtorch.navigation.stereo.correspondence import MatchParams
+from ndtorch.navigation.stereo.features import FeatureParams
+from ndtorch.navigation.stereo.ranging import Ranges, StereoRanging, StereoRangingState
+from ndtorch.navigation.stereo.rig import AngleModel, StereoRig
+from ndtorch.navigation.stereo.search import SearchParams
+from ndtorch.navigation.stereo.strips import Strips, as_frames, check_eyes, grey_pair, row_rect, strips
 
 
 class Navigator(nn.Module):
@@ -39,8 +37,11 @@ class Navigator(nn.Module):
 
     Any `Controller` can sit at its wheel: `"ranging"`, which drives where it has seen floor, `"published"`, the
     saccades of [A], or one of your own. Only two rectangles, which the controller chooses, and the two horizon
-    rows are read. At the first frame the car is at the origin and stands still. In torch nearly all the time of a step
-    goes into calling it, not into sums. Under `torch.inference_mode()` on a CPU kernels make the steps of one car.
+    rows are read. At the first frame the car is at the origin and stands still.
+
+    Compiled steps (`backend="numba"`) take frames on the CPU and go through the cars of a batch one after the other;
+    their state holds arrays and numbers. `backend="torch"` steps whole batches on any device, with gradients: only the
+    controller `"published"` and your own have it.
 
     Shapes:
         left, right: frames `[..., T, C, H, W]` of the two cameras, uint8 or float in 0..1, C = 3 (RGB) or 1,
@@ -60,14 +61,15 @@ class Navigator(nn.Module):
             than the published default.
         angles: `"atan"` (exact) or `"linear"` (as published).
         grid_map, observations, tracker: parts to fill with the ranges; none by default.
-        near_check: while one car stands, at the start or boxed in, look at what is right ahead with both cameras, and
-            tell the controller; while it drives, search the right row for what stands wherever the controller wants it.
+        backend: `"numba"`, `"torch"`, or `"auto"`: the first of them that the controller has.
+        near_check: with compiled steps, while the car stands, at the start or boxed in, look at what is right ahead
+            with both cameras, and tell the controller; while it drives, search the right row where it requests that.
         localiser: corrects the poses at which these parts are filled, and tells the controller where the car is, so
             that it finds its goals; it steers by dead reckoning, which never jumps. None by default.
 
     Raises:
-        InputError: an unknown controller, or parameters of the other one; frames that cannot be used: two sizes,
-            grey beside color, NaN or infinity; what was driven, or a start, that is not finite.
+        InputError: an unknown controller, one without this backend, or parameters of another one; frames that cannot be
+            used: two sizes, grey beside color, NaN or infinity; what was driven, or a start, that is not finite.
 
     >>> from ndtorch.navigation import StereoRig
     >>> navigator = Navigator(StereoRig(), dt=1 / 30)
@@ -91,24 +93,32 @@ class Navigator(nn.Module):
         grid_map: GridMap | None = None,
         observations: ObservationList | None = None,
         tracker: AlphaBetaTracker | None = None,
+        backend: str = "auto",
         near_check: bool = False,
         localiser: Localiser | None = None,
     ) -> None:
         super().__init__()
         if isinstance(controller, str):
-            controller = make_controller(controller, rig, dt, params)
+            controller = make_controller(controller, rig, dt, params, backend)
         elif params is not None:
             raise InputError("params belong to a controller that is named; this one was made already")
+        if backend not in ("auto", controller.backend):
+            raise InputError(f"this controller has the backend {controller.backend!r}, got backend={backend!r}")
         self.controller: Controller = controller
-        self.ranging = RowRanging(rig, dt, features, matching, angles, search=search)
+        self.backend = controller.backend
+        self.ranging = StereoRanging(rig, dt, features, matching, angles, search=search)
         self.reckoning = DeadReckoning(dt)
         self.grid_map, self.observations, self.tracker, self.localiser = grid_map, observations, tracker, localiser
+        self.has_memory = not (grid_map is None and observations is None and tracker is None)
         self.row = row_rect(rig)
-        self.whole: WholeStep | None = None
         # Where the ranging itself searches, the controller is told at every frame.
-        looks = near_check and self.controller.looks_near
-        searching = RowRanging(rig, dt, angles=angles, search=SearchParams(rows=1)) if search is None else None
+        looks = near_check and self.backend == "numba" and self.controller.checks_near
+        searching = StereoRanging(rig, dt, angles=angles, search=SearchParams(rows=1)) if search is None else None
         self.near = ProximitySchedule(ProximityCheck(rig, self.controller.fields), searching) if looks else None
+
+    def extra_repr(self) -> str:
+        """The backend."""
+        return f"backend={self.backend!r}"
 
     def forward(
         self,
@@ -121,116 +131,151 @@ class Navigator(nn.Module):
         check_kind("state", state, NavigatorState)
         check_kind("driven", driven, Command)
         check_kind("start", start, Pose)
+        ours, theirs = strips(left), strips(right)
+        shape = frames_shape(ours, theirs)
+        if driven is not None or start is not None:
+            check_motion(driven, start, shape)
         try:
-            return self.advance(left, right, state, driven, start)
+            return self.frame_by_frame(ours, theirs, state, driven, start, shape)
         except InputError:
             raise
-        except (RuntimeError, TypeError, ValueError, IndexError):
+        except Exception:
             # Looked at once it has failed: at every step that would take as long as some of what is computed.
             if state is not None:
-                check_like(state, self.advance(left, right, None, None, None)[1])
+                check_like(state, self.frame_by_frame(ours, theirs, None, None, None, shape)[1])
             raise
 
-    def advance(
+    def frame_by_frame(
         self,
-        left: Tensor | Strips,
-        right: Tensor | Strips,
+        left: Strips,
+        right: Strips,
         state: NavigatorState | None,
         driven: Command | None,
         start: Pose | None,
+        shape: tuple[int, ...],
     ) -> tuple[Command, NavigatorState]:
-        """`forward` with a state that is taken as it is."""
-        ours, theirs = strips(left), strips(right)
-        whole = self.whole_step()
-        beginning = self.near.beginning(self.controller, ours, theirs) if self.near is not None else None
-        step = whole(ours, theirs, state, driven, start, beginning)
-        if step is not None:
-            return self.after(step, ours, theirs, state)
-        command, state, ranges, poses, frames = self.see_and_steer(left, right, state, driven, start)
-        return command, self.remember(state, ranges, poses, frames)
+        """Frame by frame, because what is done at one frame is what was driven on the path to the next."""
+        if self.backend == "numba":
+            if state is not None:
+                check_cars(state, shape[:-1])
+            if len(shape) > 1:
+                return self.car_by_car(left, right, state, driven, start, shape)
+            start = None if start is None else Pose(*map(float, start))
+        commands = []
+        for ours, theirs, moved in self.frames(left, right, driven, shape[-1]):
+            state = self.step(ours, theirs, state, moved, start)
+            commands.append(state.command)
+        assert state is not None
+        speed, curvature = zip(*commands, strict=True)
+        made = as_tensor if self.backend == "numba" else in_time
+        return Command(made(speed), made(curvature)), state
 
-    def whole_step(self) -> WholeStep:
-        """Steps of the parts that there are now."""
-        parts = Parts(self.controller, self.ranging, self.reckoning)
-        if self.whole is None or not all(map(operator.is_, self.whole.parts, parts)):
-            self.whole = WholeStep(parts)
-        return self.whole
+    def frames(
+        self, left: Strips, right: Strips, driven: Command | None, count: int
+    ) -> list[tuple[Strips, Strips, Command | None]]:
+        """The frames one after the other, `[C, H, W]` or `[..., 1, C, H, W]`, and what was driven to each."""
+        if self.backend == "torch":
+            eyes = ([Strips(*(part.narrow(-4, t, 1) for part in eye)) for t in range(count)] for eye in (left, right))
+            moved = [None if driven is None else Command(*(part[..., t] for part in driven)) for t in range(count)]
+            return list(zip(*eyes, moved, strict=True))
+        one = count == 1
+        ours, theirs = ((eye.field[0],) if one else eye.field.unbind(0) for eye in (left, right))
+        whole = left.row is left.field and right.row is right.field
+        rows = (ours, theirs) if whole else (left.row.unbind(0), right.row.unbind(0))
+        told = [None] * count if driven is None else list(map(Command, *(part.tolist() for part in driven)))
+        return list(zip(map(Strips, ours, rows[0]), map(Strips, theirs, rows[1]), told, strict=True))
 
-    def steering(self) -> Steering:
-        """What steers frame by frame, of the parts that there are now."""
-        size = (self.ranging.rig.height, self.ranging.rig.width)
-        return Steering(self.controller, self.reckoning, self.near, self.localiser, self.row, size)
-
-    def after(
-        self, step: Stepped, left: Strips, right: Strips, state: NavigatorState | None
-    ) -> tuple[Command, NavigatorState]:
-        """Command and state after a step that one kernel made: what the controller is to be careful of, and memory."""
-        new, packed, command, careful = step
-        whole = True
-        if careful:
-            ahead, control = self.controller.caution(new.command, new.control, new.pose)
-            if ahead is not new.command:
-                new, whole = new._replace(command=ahead, control=control), False
-                command = Command(ahead.speed.unsqueeze(0), ahead.curvature.unsqueeze(0))
-        if self.near is not None and not new.pose.x.ndim:
-            told = self.near.while_driving(self.controller, new.control, new.pose, (left.row[0], right.row[0]))
-            if told is not new.control and whole and self.controller.quick is not None:
-                # Nobody else has this state yet: so what the next step goes on from stays in one piece.
-                take_over(self.controller.quick.take(new.control), self.controller.quick.take(told))
-            elif told is not new.control:
-                new, whole = new._replace(control=told), False
-        if self.localiser is not None:
-            before = state.located if state else None
-            new = new._replace(located=self.steering().locate(left.row, right.row, new.pose, before))
-        if self.grid_map or self.observations or self.tracker:
-            frames = None if new.located is None else [frame_pose(new.located)]
-            new = self.remember(new, *in_frames(new.ranges, new.place), frames)
-        if whole:
-            new = StepState(*new)
-            new.packed = packed
-        return command, new
-
-    def see_and_steer(
+    def car_by_car(
         self,
-        left: Tensor | Strips,
-        right: Tensor | Strips,
-        state: NavigatorState | None = None,
-        driven: Command | None = None,
-        start: Pose | None = None,
-    ) -> tuple[Command, NavigatorState, Ranges, Pose, list[FramePose | None] | None]:
-        """All but the memory: command, state, and the ranges, places and frame poses of every frame for `remember`."""
-        check_motion(driven, start)
-        left_field, left_row = strips(left)
-        right_field, right_row = strips(right)
-        seen, fields = self.controller.see(left_field, right_field, state.fields if state else None)
-        ranges, rows = self.ranging(left_row, right_row, state.rows if state else None)
-        if seen.shape[: ranges.x.ndim - 1] != ranges.x.shape[:-1]:
-            raise InputError(
-                f"subfields and rows must be of the same frames, "
-                f"got {tuple(left_field.shape)} and {tuple(left_row.shape)}"
+        left: Strips,
+        right: Strips,
+        state: NavigatorState | None,
+        driven: Command | None,
+        start: Pose | None,
+        shape: tuple[int, ...],
+    ) -> tuple[Command, NavigatorState]:
+        """The compiled steps of a batch."""
+        batch, dims, made = shape[:-1], len(shape) - 1, []
+        for n in range(math.prod(batch)):
+            ours, theirs, before, moved, begun = (
+                one_car(part, n, dims) for part in (left, right, state, driven, start)
             )
-        eyes = (left_field, right_field), (left_row, right_row)
-        command, control, poses, pose, located, frames = self.steering().steer(seen, ranges, state, driven, start, eyes)
-        sides, difference = self.controller.sides(seen), self.controller.difference(control)
-        last = Command(command.speed[..., -1], command.curvature[..., -1])
-        now = Ranges(*(part[..., -1, :] for part in ranges))
-        memory = (state.map, state.observations, state.tracks) if state else (None, None, None)
-        state = NavigatorState(fields, rows, control, last, pose, sides[..., -1, :], difference, now, *memory, located)
-        return command, state, ranges, poses, frames
+            made.append(self.frame_by_frame(ours, theirs, before, moved, begun, shape[-1:]))
+        commands, states = zip(*made, strict=True)
+        return all_cars(list(commands), batch), all_cars(list(states), batch)
 
-    def remember(
-        self, state: NavigatorState, ranges: Ranges, poses: Pose, frames: list[FramePose | None] | None = None
+    def step(
+        self, left: Strips, right: Strips, state: NavigatorState | None, driven: Command | None, start: Pose | None
     ) -> NavigatorState:
-        """Fill the map, the observation list and the tracks, as far as there are any.
+        """One frame of each camera: see, range, correct the pose; remember, decide and limit; fill the map."""
+        # Looked up once: `nn.Module` takes a microsecond for each.
+        modules: Any = self._modules
+        controller, reckoning, near = modules["controller"], modules["reckoning"], self.near
+        fields, rows = self.read(left, right)
+        seen, field_filters = controller.see(fields, None if state is None else state.fields)
+        ranges, row_filters = self.range(rows, None if state is None else state.rows)
+        begins, before = state is None or state.fields is None, state or self.begin(seen, ranges, start)
+        last = before.command if driven is None else driven
+        pose, control, located = reckoning.step(before.pose, *last), before.control, before.located
+        if near is not None:
+            control = near.before_step(controller, control, last, pose, left, right, begins)
+        if self.localiser is not None:
+            located, control = self.locate(left.row, right.row, pose, located, control)
+        command, control = controller.step(seen, ranges, pose, last, control)
+        if near is not None:
+            control = near.while_driving(controller, control, pose, (left.row, right.row))
+        sides, difference = controller.sides(seen), controller.difference(control)
+        memory = (before.map, before.observations, before.tracks, located)
+        now = (field_filters, row_filters, control, command, pose, sides, difference, ranges)
+        return self.fill_map(NavigatorState(*now, *memory))
 
-        Args:
-            frames: poses of the frames in frames of the map that the localiser moves; None without a localiser.
-        """
+    def read(self, left: Strips, right: Strips) -> tuple[Any, Any]:
+        """Fields and rows of both cameras, as the backend takes them."""
+        if self.backend == "torch":
+            return (left.field, right.field), (left.row, right.row)
+        fields = as_frames(left.field, right.field)
+        return fields, fields if left.row is left.field else as_frames(left.row, right.row)
+
+    def range(self, rows: Any, state: StereoRangingState | None) -> tuple[Ranges, StereoRangingState]:
+        """Ranges of one frame."""
+        ranging: Any = self._modules["ranging"]
+        if self.backend == "numba":
+            found: tuple[Ranges, StereoRangingState] = ranging.step(rows, state)
+            return found
+        ranges, state = ranging(*rows, state)
+        return Ranges(*(part[..., 0, :] for part in ranges)), state
+
+    def begin(self, seen: Any, ranges: Ranges, start: Pose | None) -> NavigatorState:
+        """The state before the first frame: the car stands."""
+        still = torch.zeros_like(ranges.x[..., 0]) if self.backend == "torch" else 0.0
+        pose = Pose(still, still, still) if start is None else start
+        control = self.controller.start(seen, pose)
+        return NavigatorState(None, None, control, Command(still, still), pose, None, still, ranges, None, None, None)
+
+    def locate(
+        self, left: Tensor, right: Tensor, pose: Pose, located: LocaliserState | None, control: Any
+    ) -> tuple[LocaliserState | None, Any]:
+        """The localiser's state with the corrected pose of a frame, and that of the controller that is told it."""
+        assert self.localiser is not None
+        rows = None
+        if self.localiser.due(located):
+            size = (self.ranging.rig.height, self.ranging.rig.width)
+            ours, theirs = (row if row.ndim == 4 else row.unsqueeze(0) for row in (left, right))
+            rows = grey_pair(ours, theirs, self.row, self.row, size).squeeze(-2)[0]
+        located = self.localiser(rows, pose, located)
+        place = place_of(pose, located) if located.relocalisation is None else None
+        return located, self.controller.on_pose(control, pose, place)
+
+    def fill_map(self, state: NavigatorState) -> NavigatorState:
+        """Fill the map, the observation list and the tracks, as far as there are any."""
+        if not self.has_memory:
+            return state
+        ranges, poses = in_tensors(state.ranges, state.place)
         grid, seen, tracks = state.map, state.observations, state.tracks
         if self.grid_map is not None:
             grid = self.grid_map.update(ranges, poses, grid)
-            if frames is not None:
-                grid = log_ranges(grid, ranges, frames)
+            if state.located is not None:
+                grid = log_ranges(grid, ranges, [frame_pose(state.located)])
         if self.observations is not None:
             _, seen = self.observations(ranges, poses, seen)
         if self.tracker is not None:
@@ -238,27 +283,70 @@ class Navigator(nn.Module):
         return state._replace(map=grid, observations=seen, tracks=tracks)
 
     def warm_up(self, frame: Tensor | None = None) -> None:
-        """Have the kernels ready that steps under `torch.inference_mode()` use, before a car depends on them.
+        """Compile the steps, or load what was compiled before, before a car depends on them.
 
-        The first time they are compiled, which takes some seconds; later they are loaded.
+        The first time takes up to half a minute.
 
         Args:
-            frame: one like those that will come, `[1, C, H, W]`; kernels differ with its dtype and its layout. By
-                default a color picture as OpenCV has it, uint8, the colors of a pixel beside each other.
+            frame: one like those that will come, `[1, C, H, W]`; compiled steps differ with its dtype and its layout.
+                By default a color image as OpenCV has it, uint8, the colors of a pixel beside each other.
         """
+        if self.backend == "torch":
+            return
         if frame is None:
             height, width = self.ranging.rig.height, self.ranging.rig.width
             frame = torch.zeros(1, height, width, 3, dtype=torch.uint8).permute(0, 3, 1, 2)
-        with torch.inference_mode():
-            _, state = self(frame, frame)
-            self(frame, frame, state)
-            if self.near is not None:
-                self.near.warm_up(self.controller, frame, state)
-            self.controller.warm_up()
-            for memory in (self.grid_map, self.localiser):
-                if memory is not None:
-                    memory.warm_up()
+        _, state = self(frame, frame)
+        self(frame, frame, state)
+        if self.near is not None:
+            self.near.warm_up(frame[0])
+        self.controller.warm_up()
+        for memory in (self.grid_map, self.localiser):
+            if memory is not None:
+                memory.warm_up()
 
-    def mode(self, state: NavigatorState) -> Tensor:
+    def mode(self, state: NavigatorState) -> Any:
         """What the controller is doing, `[...]`: one of its `modes`, `CRUISE`, `TURN`, ..."""
-        return self.controller.mode(state.control)
+        if self.backend == "torch" or isinstance(state.pose.x, float):
+            return self.controller.mode(state.control)
+        cars = state.pose.x.shape
+        modes = [self.controller.mode(one_car(state.control, n, len(cars))) for n in range(state.pose.x.size)]
+        return all_cars(modes, cars)
+
+
+def frames_shape(left: Strips, right: Strips) -> tuple[int, ...]:
+    """Leading dimensions `[..., T]` of the frames.
+
+    Raises:
+        InputError: strips of different frames, or none.
+    """
+    eyes = (left.field, right.field) if left.row is left.field and right.row is right.field else (*left, *right)
+    if not all(isinstance(part, Tensor) for part in eyes):
+        check_eyes(left.field, right.field)
+        check_eyes(left.row, right.row)
+    shape = eyes[0].shape
+    if len(shape) < 4 or not shape[-4]:
+        raise InputError(f"expected frames [..., T, C, H, W] with T >= 1, got {tuple(shape)}")
+    lead = shape[:-3]
+    for part in eyes[1:]:
+        if part.shape != shape and part.shape[:-3] != lead:
+            raise InputError(
+                f"subfields and rows must be of the same frames, got {tuple(shape)} and {tuple(part.shape)}"
+            )
+    return lead
+
+
+def as_tensor(values: Sequence[float]) -> Tensor:
+    return torch.from_numpy(np.array(values, np.float32))
+
+
+def in_time(values: Sequence[Tensor]) -> Tensor:
+    """Values `[...]` of frame after frame as `[..., T]`."""
+    return torch.stack(list(values), -1)
+
+
+def in_tensors(ranges: Ranges, pose: Pose) -> tuple[Ranges, Pose]:
+    """Ranges `[..., 1, n]` and poses `[..., 1]` of one frame, for the maps."""
+    if isinstance(ranges.x, Tensor):
+        return Ranges(*(part.unsqueeze(-2) for part in ranges)), Pose(*(part.unsqueeze(-1) for part in pose))
+    return Ranges(*(torch.from_numpy(part).unsqueeze(0) for part in ranges)), Pose(*(torch.tensor([v]) for v in pose))

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
 
 from ndtorch.arguments import check_fits, check_number, check_state, check_tensor
 from ndtorch.errors import InputError
-from ndtorch.kernels.arc import arc
-from ndtorch.kernels.switch import kernels_wanted
 
 
 class Pose(NamedTuple):
-    """Place `x`, `y` in m and `heading` in radians (counter-clockwise from x), all of one shape `[...]`."""
+    """`x`, `y` in m and `heading` in radians, counter-clockwise from x: tensors of one shape `[...]`, or numbers."""
 
-    x: Tensor
-    y: Tensor
-    heading: Tensor
+    x: Any
+    y: Any
+    heading: Any
 
 
 def drive_step(pose: Pose, speed: Tensor, curvature: Tensor, dt: float) -> Pose:
@@ -28,14 +26,20 @@ def drive_step(pose: Pose, speed: Tensor, curvature: Tensor, dt: float) -> Pose:
     Front and rear wheels counter-steer by equal angles, so the middle of the body moves the way the body
     points and the arc is that of its middle: chord `2 sin(k s / 2) / k` in the direction half way through.
     """
-    if not pose.x.ndim and kernels_wanted(*pose, speed, curvature):
-        driven = arc(float(pose.x), float(pose.y), float(pose.heading), float(speed), float(curvature), dt)
-        return Pose(*pose.x.new_tensor(driven).unbind(0))
     length = speed * dt
     half = curvature * length / 2
     chord = length * torch.sinc(half / math.pi)
     direction = pose.heading + half
     return Pose(pose.x + chord * direction.cos(), pose.y + chord * direction.sin(), direction + half)
+
+
+def arc(pose: Pose, speed: float, curvature: float, dt: float) -> Pose:
+    """`drive_step` in plain numbers."""
+    length = speed * dt
+    half = curvature * length / 2
+    chord = length * (math.sin(half) / half if half else 1.0)
+    direction = pose.heading + half
+    return Pose(pose.x + chord * math.cos(direction), pose.y + chord * math.sin(direction), direction + half)
 
 
 class DeadReckoning(nn.Module):
@@ -87,9 +91,12 @@ class DeadReckoning(nn.Module):
         x, y, heading = (torch.stack(parts, -1) for parts in zip(*poses, strict=True))
         return Pose(x, y, heading), pose
 
-    def step(self, pose: Pose, speed: Tensor, curvature: Tensor) -> Pose:
-        """One time step: `drive_step` with the errors."""
-        pose = drive_step(pose, speed * (1 + self.scale_error) if self.scale_error else speed, curvature, self.dt)
+    def step(self, pose: Pose, speed: Any, curvature: Any) -> Pose:
+        """One time step with the errors: tensors for a pose of tensors, numbers for one of numbers."""
+        if isinstance(pose.x, Tensor):
+            pose = drive_step(pose, speed * (1 + self.scale_error) if self.scale_error else speed, curvature, self.dt)
+        else:
+            pose = arc(pose, float(speed) * (1 + self.scale_error), float(curvature), self.dt)
         return pose._replace(heading=pose.heading + self.drift * self.dt) if self.drift else pose
 
 

@@ -12,15 +12,15 @@ from typing import Any, Literal
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.contract import Controller, Task
 from ndtorch.navigation.controllers.registry import DEFAULT_CONTROLLER, controller_class, make_controller
-from ndtorch.navigation.features import FeatureParams
 from ndtorch.navigation.localisation.localiser import Localiser
 from ndtorch.navigation.localisation.ndt import from_sparse
 from ndtorch.navigation.localisation.params import LocaliserParams
 from ndtorch.navigation.mapping.grid_map import Certainty, Grid, GridMap
 from ndtorch.navigation.mapping.map_files import load_map
 from ndtorch.navigation.model import Navigator
-from ndtorch.navigation.rig import AngleModel, Rect, StereoRig
-from ndtorch.navigation.row_search import SearchParams
+from ndtorch.navigation.stereo.features import FeatureParams
+from ndtorch.navigation.stereo.rig import AngleModel, Rect, StereoRig
+from ndtorch.navigation.stereo.search import SearchParams
 
 EDGE_REACH, FOLLOW = 4, 3
 """Pixels within which a feature's edge is looked for, and within which it is followed to the next frame."""

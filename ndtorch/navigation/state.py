@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
+import torch
 from torch import Tensor
 
 from ndtorch.arguments import check_dense, check_tensor
@@ -14,18 +16,16 @@ from ndtorch.navigation.mapping import GridMapState
 from ndtorch.navigation.mapping.feature_tracks import Tracks
 from ndtorch.navigation.mapping.observations import Observations
 from ndtorch.navigation.odometry import Pose
-from ndtorch.navigation.ranging import Ranges
-from ndtorch.navigation.row_ranging import RowRangingState
+from ndtorch.navigation.stereo.ranging import Ranges, StereoRangingState
 from ndtorch.utils.tensors import leaves
-from ndtorch.vision.temporal import FilterState
 
 
 class NavigatorState(NamedTuple):
-    """State of `Navigator`, and what it last saw.
+    """State of `Navigator`, and what it last saw: tensors, or arrays and numbers where the backend is `"numba"`.
 
     Attributes:
         fields, rows: states of what reads the subfields and the horizon rows; None has them settle on the next frame.
-        control: the controller's own state, a NamedTuple of tensors.
+        control: the controller's own state, a NamedTuple.
         command: the last command, `[...]`, driven until the next frame.
         pose: where the car was at the last frame by dead reckoning, `[...]`; `place` is the corrected one.
         sides: speed estimates of the last frame, `[..., 2]`.
@@ -34,13 +34,13 @@ class NavigatorState(NamedTuple):
         map, observations, tracks, located: states of those parts, None where the navigator has none.
     """
 
-    fields: FilterState | None
-    rows: RowRangingState | None
+    fields: Any
+    rows: StereoRangingState | None
     control: Any
     command: Command
     pose: Pose
-    sides: Tensor
-    difference: Tensor
+    sides: Any
+    difference: Any
     ranges: Ranges
     map: GridMapState | None
     observations: Observations | None
@@ -55,29 +55,11 @@ class NavigatorState(NamedTuple):
 
 def place_of(pose: Pose, located: LocaliserState | None) -> Pose:
     """Where a car is whose dead reckoning has led to `pose`: corrected where there is a localiser."""
-    return pose if located is None else Pose(*pose.x.new_tensor(located.pose).unbind())
-
-
-class Packed(NamedTuple):
-    """What the tensors of a state are views of, as kernels take it; `look_around` says what is where."""
-
-    large: Any
-    small: Any
-
-
-class StepState(NavigatorState):
-    """A state that the kernel of a whole step made: the next one need not gather its numbers.
-
-    What is made of it, by `_replace`, by copying or by loading, is a plain state again, or one without `packed`.
-
-    Attributes:
-        packed: None where something of it was replaced.
-    """
-
-    packed: Packed | None = None
-
-    def __reduce__(self) -> tuple[type[NavigatorState], tuple[Any, ...]]:
-        return NavigatorState, tuple(self)
+    if located is None:
+        return pose
+    if isinstance(pose.x, Tensor):
+        return Pose(*pose.x.new_tensor(located.pose).unbind())
+    return Pose(*located.pose.tolist())
 
 
 def check_like(state: NavigatorState, fresh: NavigatorState) -> None:
@@ -97,14 +79,50 @@ def check_like(state: NavigatorState, fresh: NavigatorState) -> None:
             raise InputError(f"state.{name} must be {wanted.dtype}, got {value.dtype}")
 
 
-def check_motion(driven: Command | None, start: Pose | None) -> None:
-    """Raise `InputError` for what was driven, or a start, that is not finite: it would stay in the pose for good."""
-    for name, given, kind in (("driven", driven, Command), ("start", start, Pose)):
-        if given is None:
-            continue
-        if not isinstance(given, kind):
-            raise InputError(f"{name} must be a {kind.__name__}, got {type(given).__name__}")
-        for part, value in zip(kind._fields, given, strict=True):
+def check_motion(driven: Command | None, start: Pose | None, frames: tuple[int, ...]) -> None:
+    """Raise `InputError` for what was driven, or a start, that is not finite: it would stay in the pose for good.
+
+    Args:
+        frames: shape `[..., T]` of the frames.
+    """
+    for name, given, shape in (("driven", driven, frames), ("start", start, frames[:-1])):
+        for part, value in zip(given._fields, given, strict=True) if given is not None else ():
+            value = torch.tensor(value) if isinstance(value, float) else value
             check_tensor(f"{name}.{part}", value)
-            if name == "driven" and value.ndim < 1:
-                raise InputError(f"{name}.{part} must be [..., T], got a single number")
+            if value.shape != shape:
+                raise InputError(f"{name}.{part} must be {list(shape)}, got {list(value.shape)}")
+
+
+def check_cars(state: NavigatorState, batch: tuple[int, ...]) -> None:
+    """Raise `InputError` unless the state of compiled steps is of so many cars."""
+    for name, value in zip(Pose._fields, state.pose, strict=True):
+        if np.shape(value) != batch or not (isinstance(value, float) or getattr(value, "dtype", None) == np.float64):
+            kind = getattr(value, "dtype", type(value).__name__)
+            raise InputError(f"state.pose.{name} must be {list(batch)} of float64, got {kind} {list(np.shape(value))}")
+
+
+def one_car(tree: Any, n: int, dims: int) -> Any:
+    """The state of one of a batch whose `dims` leading dimensions count cars."""
+    if tree is None:
+        return None
+    if isinstance(tree, Tensor):
+        return tree.flatten(0, dims - 1)[n]
+    if isinstance(tree, np.ndarray):
+        part = tree.reshape(-1, *tree.shape[dims:])[n]
+        return part if part.ndim else part.item()
+    parts = [one_car(part, n, dims) for part in tree]
+    return type(tree)(*parts) if hasattr(tree, "_fields") else type(tree)(parts)
+
+
+def all_cars(trees: list[Any], batch: tuple[int, ...]) -> Any:
+    """The opposite of `one_car`: the states of all cars as one, every part `[*batch, ...]`."""
+    first = trees[0]
+    if first is None:
+        return None
+    if isinstance(first, Tensor):
+        return torch.stack(trees).reshape(*batch, *first.shape)
+    if not isinstance(first, tuple):
+        stacked = np.stack([np.asarray(tree) for tree in trees])
+        return stacked.reshape(*batch, *stacked.shape[1:])
+    parts = [all_cars(list(part), batch) for part in zip(*trees, strict=True)]
+    return type(first)(*parts) if hasattr(first, "_fields") else type(first)(parts)

@@ -6,6 +6,7 @@ import ctypes
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -13,12 +14,14 @@ Tree = TypeVar("Tree")
 
 
 def leaves(tree: Any, prefix: str = "") -> dict[str, Tensor]:
-    """All tensors of a nested tuple by dotted names, `"second.weights"`; parts that are None are left out.
+    """All tensors, arrays and numbers of a nested tuple by dotted names, `"second.weights"`; None is left out.
 
     The parts of a plain tuple are called by their numbers.
     """
     if isinstance(tree, Tensor):
         return {prefix: tree}
+    if isinstance(tree, np.ndarray | np.generic | int | float):
+        return {prefix: torch.as_tensor(tree)}
     if tree is None:
         return {}
     flat: dict[str, Tensor] = {}

@@ -75,13 +75,13 @@ class NavigatorRunner:
         """
         before, since = self.state, frames.time - self.time
         self.time = frames.time
-        lost = anew and before is not None and not self.navigator.controller.settled(before.control)
+        lost = anew and before is not None and not self.navigator.controller.can_resume(before.control)
         if before is None or placed is not None or lost:
             if lost:
                 self.roll(driven)
             at = self.state.pose if self.state is not None else None
             if placed is not None:
-                at = Pose(*(torch.tensor(float(value)) for value in placed))
+                at = Pose(*map(float, placed))
             command, state = self.navigator(frames.left, frames.right, start=at)
             if before is not None:
                 state = state._replace(map=before.map, located=self.located(before, state, placed))
@@ -98,12 +98,12 @@ class NavigatorRunner:
     def roll(self, driven: DriveCommand) -> None:
         """Update the pose by a step without usable frames."""
         if self.state is not None and (driven.speed or driven.curvature):
-            moved = (torch.tensor(driven.speed), torch.tensor(driven.curvature))
-            self.state = self.state._replace(pose=self.navigator.reckoning.step(self.state.pose, *moved))
+            pose = self.navigator.reckoning.step(self.state.pose, driven.speed, driven.curvature)
+            self.state = self.state._replace(pose=pose)
 
     def trouble(self) -> str | None:
         """Why the controller stops or drives slowly, in words; None where it has no reason to."""
-        return None if self.state is None else self.navigator.controller.trouble(self.state.control)
+        return None if self.state is None else self.navigator.controller.status_message(self.state.control)
 
     def located(self, before: NavigatorState, state: NavigatorState, placed: Placed) -> LocaliserState | None:
         """State of the localiser after a restart: that of before, at the new place."""

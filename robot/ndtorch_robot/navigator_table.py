@@ -11,7 +11,7 @@ from pydantic import ValidationInfo, field_validator, model_validator
 
 from ndtorch.errors import InputError
 from ndtorch.navigation.options import OPTION_NAMES, NavigatorOptions, check_option, options_of
-from ndtorch.navigation.rig import StereoRig
+from ndtorch.navigation.stereo.rig import StereoRig
 from ndtorch.utils.toml import Strict
 from ndtorch_robot.navigator_options import GONE, RENAMED
 

@@ -15,7 +15,7 @@ import torch
 
 from ndtorch.navigation import Strips
 from ndtorch.navigation.options import NavigatorOptions
-from ndtorch.navigation.strips import cut_strips
+from ndtorch.navigation.stereo.strips import cut_strips
 from ndtorch_robot.calibration import Calibration, Rectifier
 from ndtorch_robot.cameras import CameraSettings, FramesEnded, StereoCameras
 from ndtorch_robot.cameras.pair import to_tensor

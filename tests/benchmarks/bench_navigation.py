@@ -22,7 +22,7 @@ from ndtorch.navigation import (
     Navigator,
     ObservationList,
     Pose,
-    RowRanging,
+    StereoRanging,
     StereoRig,
     Strips,
     cut_strips,
@@ -117,7 +117,7 @@ def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
     motion, avoidance, ranging, grid = (
         SubfieldMotion(rig, DT),
         SaccadeAvoidance(DT),
-        RowRanging(rig, DT),
+        StereoRanging(rig, DT),
         GridMap(rig),
     )
     sides, fields = motion(left, right)

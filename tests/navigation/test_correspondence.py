@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ndtorch.navigation import MatchParams
-from ndtorch.navigation.correspondence import match_features
-from ndtorch.navigation.features import Features, find_features
+from ndtorch.navigation.stereo.correspondence import match_features
+from ndtorch.navigation.stereo.features import Features, find_features
 from tests.navigation.test_row_features import rows
 
 

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 import torch
 
@@ -16,18 +17,12 @@ from ndtorch.navigation import (
     Navigator,
     ObservationList,
     Rect,
-    RowRanging,
+    StereoRanging,
     StereoRig,
     Strips,
-    controller_names,
     cut_strips,
 )
-from ndtorch.navigation.controllers.published import SaccadeAvoidance
-from ndtorch.navigation.controllers.subfields import SubfieldMotion
-from ndtorch.navigation.state import StepState
-from ndtorch.navigation.strips import strips
-from ndtorch.navigation.whole_step import WholeStep
-from ndtorch.utils import tensors
+from ndtorch.navigation.controllers.published import SaccadeAvoidance, SubfieldMotion
 from ndtorch.vision.nondirectional import NDMin, spatial_maximum
 from tests.compilers import compiles
 
@@ -45,12 +40,13 @@ def frames(seed, *batch, steps=8, channels=3, shift=3):
     return left, right
 
 
-def full_navigator(controller="published", **options):
+def full_navigator(controller="published", backend="torch", **options):
     grid = GridMap(RIG, Grid(-1.0, 3.0, -2.0, 2.0, cell=0.02))
     return Navigator(
         RIG,
         DT,
         controller=controller,
+        backend=backend,
         grid_map=grid,
         observations=ObservationList(DT, 32),
         tracker=AlphaBetaTracker(DT),
@@ -62,6 +58,8 @@ def leaves(state):
     """All tensors of a nested state, in order."""
     if isinstance(state, torch.Tensor):
         return [state.clone()]
+    if isinstance(state, np.ndarray | float | int):
+        return [torch.as_tensor(state)]
     return [] if state is None else [leaf for part in state for leaf in leaves(part)]
 
 
@@ -80,7 +78,7 @@ def test_subfield_motion_against_its_definition():
 def test_row_ranging_finds_the_shift():
     """Everything is 90 pixels of disparity away: 0.3 * 215 / 90 m ahead."""
     matching = navigation.MatchParams(min_disparity=30, max_disparity=100)
-    ranges, _ = RowRanging(RIG, DT, matching=matching)(*frames(2, steps=20))
+    ranges, _ = StereoRanging(RIG, DT, matching=matching)(*frames(2, steps=20))
     assert int(ranges.valid.sum()) > 10
     wanted = 0.3 * 215 / 90
     depth = ranges.x[ranges.valid]
@@ -92,7 +90,7 @@ def test_only_what_both_cameras_can_see():
     """With `shared`, no feature lies where a partner at the smallest disparity is outside the other row."""
     left, right = frames(2, steps=6)
     matching = navigation.MatchParams(min_disparity=60, max_disparity=100)
-    sensor = RowRanging(RIG, DT, FeatureParams(count=20, shared=True), matching)
+    sensor = StereoRanging(RIG, DT, FeatureParams(count=20, shared=True), matching)
     seen = []
     find = sensor.find
     sensor.find = lambda rows, motion, state: seen.append(find(rows, motion, state)) or seen[-1]
@@ -146,7 +144,7 @@ def test_uint8_float_grey_and_strips_agree():
         *(x.double().mean(-3, keepdim=True) / 255 for x in (left, right))
     )
     torch.testing.assert_close(grey.curvature.float(), bytes_.curvature)
-    torch.testing.assert_close(grey_state.sides.float(), state.sides, atol=1e-5, rtol=1e-5)
+    np.testing.assert_allclose(grey_state.sides, state.sides, atol=1e-5, rtol=1e-4)
     pieces = [cut_strips(x, rect, RIG) for x, rect in zip((left, right), FIELDS, strict=True)]
     assert pieces[0].row.shape == (12, 3, 1, 320)
     cut, cut_state = Navigator(RIG, DT, controller="published")(
@@ -196,9 +194,8 @@ def test_pieces_alone_give_what_the_whole_gives():
     assert torch.equal(alone.curvature, command.curvature)
 
 
-@pytest.mark.parametrize("controller", controller_names())
-def test_double_precision(controller):
-    navigator = Navigator(RIG, DT, controller=controller).double()
+def test_double_precision():
+    navigator = Navigator(RIG, DT, controller="published", backend="torch").double()
     state = None
     left, right = (eye.double() for eye in frames(3, 2))
     for k in range(3):
@@ -211,7 +208,7 @@ def test_double_precision(controller):
 def test_compiles():
     torch._dynamo.reset()
     left, right = ((255 * x).to(torch.uint8) for x in frames(3, steps=2))
-    navigator = Navigator(RIG, DT, controller="published", observations=ObservationList(DT, 16))
+    navigator = Navigator(RIG, DT, controller="published", backend="torch", observations=ObservationList(DT, 16))
     compiled = torch.compile(navigator, backend="eager", fullgraph=True)
     for a, b in zip(leaves(compiled(left, right)), leaves(navigator(left, right)), strict=True):
         torch.testing.assert_close(a, b)
@@ -228,27 +225,6 @@ def test_cuda():
         torch.testing.assert_close(a, b.cpu(), atol=1e-4, rtol=1e-4)
 
 
-def test_a_step_that_caution_slowed_goes_on_from_the_slower_one(monkeypatch):
-    """Its numbers are no more those that the kernel left: the next step gathers them anew."""
-    pytest.importorskip("numba")
-    navigator = Navigator(RIG, DT, controller="published")
-    left, right = ((255 * eye).to(torch.uint8) for eye in frames(4))
-    with torch.inference_mode():
-        whole, eyes = navigator.whole_step(), [strips(eye[:1]) for eye in (left, right)]
-        step = whole(*eyes, None, None, None)
-        command, state = navigator.after(step._replace(careful=False), *eyes, None)
-        assert state.packed is step.packed
-        assert float(command.speed) == float(state.command.speed) > 0
-        monkeypatch.setattr(
-            navigator.controller, "caution", lambda given, control, pose: (Command(*(0.5 * v for v in given)), control)
-        )
-        slower, changed = navigator.after(step._replace(careful=True), *eyes, None)
-        assert not isinstance(changed, StepState)
-        assert float(slower.speed) == float(changed.command.speed) == 0.5 * float(command.speed)
-        _, went = navigator(left[1:2], right[1:2], changed)
-    assert float(went.pose.x) == pytest.approx(0.5 * float(navigator(left[1:2], right[1:2], state)[1].pose.x))
-
-
 def test_a_navigator_that_was_warmed_up_answers_as_any_other():
     """Without a frame to warm up with, it takes one of its cameras' size."""
     left, right = frames(5, 1)
@@ -259,30 +235,15 @@ def test_a_navigator_that_was_warmed_up_answers_as_any_other():
 
 
 @pytest.mark.parametrize("controller", ["published", "ranging"])
-def test_filters_that_begin_anew_change_nothing_but_the_way_to_compute(controller, monkeypatch):
-    """After a fault: one kernel and the parts give the same state, two steps on."""
-    pytest.importorskip("numba")
+def test_filters_that_begin_anew_see_no_motion_in_their_first_frame(controller):
+    """After a fault: all else goes on."""
     left, right = ((255 * eye).to(torch.uint8) for eye in frames(3, 1, steps=10))
-
-    def driven():
-        navigator = Navigator(RIG, DT, controller=controller)
-        state = None
-        with torch.inference_mode():
-            for n in range(10):
-                if n == 8 and state is not None:
-                    state = state._replace(fields=None, rows=None)
-                moved = Command(torch.tensor([0.2]), torch.tensor([0.1]))
-                _, state = navigator(left[0, n : n + 1], right[0, n : n + 1], state, moved)
-            return state
-
-    steps, run = [], WholeStep.run
-    monkeypatch.setattr(WholeStep, "run", lambda *given: steps.append(1) or run(*given))
-    by_kernel = driven()
-    assert len(steps) == 10
-    monkeypatch.setattr(WholeStep, "__call__", lambda *given: None)
-    by_parts = driven()
-    assert len(steps) == 10
-    for name, one in tensors.leaves(by_kernel).items():
-        torch.testing.assert_close(
-            one, tensors.leaves(by_parts)[name], atol=1e-4, rtol=1e-4, msg=lambda m, k=name: f"{k}: {m}"
-        )
+    navigator, moved = Navigator(RIG, DT, controller=controller), Command(torch.full((8,), 0.2), torch.full((8,), 0.1))
+    _, state = navigator(left[0, :8], right[0, :8], None, moved)
+    now = Command(torch.tensor([0.2]), torch.tensor([0.1]))
+    _, usual = navigator(left[0, 8:9], right[0, 8:9], state, now)
+    _, anew = navigator(left[0, 8:9], right[0, 8:9], state._replace(fields=None, rows=None), now)
+    assert (anew.sides == 0).all()
+    assert not anew.ranges.valid.any()
+    assert (usual.sides > 0).all()
+    assert anew.pose == usual.pose

@@ -5,8 +5,8 @@ import math
 import pytest
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Navigator, Rect, RowRanging, cut_strips
-from ndtorch.navigation.controllers.subfields import SubfieldMotion
+from ndtorch.navigation import Navigator, Rect, StereoRanging, cut_strips
+from ndtorch.navigation.controllers.published import SubfieldMotion
 from tests.navigation.test_navigator import DT, FIELDS, RIG, frames
 
 
@@ -23,7 +23,7 @@ def test_bad_input():
         navigator(left[..., :-2, :], right[..., :-2, :])
     with pytest.raises(InputError, match="C = 1 or 3"):
         navigator(left[..., :2, :, :], right[..., :2, :, :])
-    with pytest.raises(InputError, match="shape"):
+    with pytest.raises(InputError, match=r"frames \[\.\.\., T, C, H, W\]"):
         navigator(left[0], right[0])
     with pytest.raises(InputError, match="uint8 or floating"):
         navigator(left.long(), right.long())
@@ -32,7 +32,7 @@ def test_bad_input():
     with pytest.raises(InputError, match="one size"):
         SubfieldMotion(RIG, DT, (Rect(0, 10, 0, 10), Rect(0, 10, 0, 12)))
     with pytest.raises(InputError, match="angles"):
-        RowRanging(RIG, DT, angles="cubic")
+        StereoRanging(RIG, DT, angles="cubic")
     strips = [cut_strips(x, rect, RIG) for x, rect in zip((left, right), FIELDS, strict=True)]
     with pytest.raises(InputError, match="same frames"):
         navigator(*(s._replace(row=s.row[:1]) for s in strips))

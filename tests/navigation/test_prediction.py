@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ndtorch.navigation import FeatureParams
-from ndtorch.navigation.features import find_features
-from ndtorch.navigation.prediction import PredictedFeatures
+from ndtorch.navigation.stereo.features import find_features
+from ndtorch.navigation.stereo.prediction import PredictedFeatures
 from tests.navigation.test_row_features import rows
 
 

@@ -10,9 +10,9 @@ from torch.autograd import gradcheck
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Ranges, StereoRig
-from ndtorch.navigation.correspondence import Matches
 from ndtorch.navigation.mapping.certainty import beam, beam_table, certainty, sample_certainty
-from ndtorch.navigation.ranging import triangulate
+from ndtorch.navigation.stereo.correspondence import Matches
+from ndtorch.navigation.stereo.ranging import triangulate
 
 
 def matches(left, right, valid=None):

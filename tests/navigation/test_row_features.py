@@ -8,9 +8,9 @@ from torch.autograd import gradcheck
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import FeatureParams, MatchParams
-from ndtorch.navigation.correspondence import match_features
-from ndtorch.navigation.features import Features, edge_places, find_features, patch_error, sample
-from ndtorch.navigation.prediction import PredictedFeatures
+from ndtorch.navigation.stereo.correspondence import match_features
+from ndtorch.navigation.stereo.features import Features, edge_places, find_features, patch_error, sample
+from ndtorch.navigation.stereo.prediction import PredictedFeatures
 
 
 def rows(seed, *shape, scale=0.2):

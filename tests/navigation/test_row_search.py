@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import RowRanging, StereoRig
-from ndtorch.navigation.row_search import SearchParams, search_rows
+from ndtorch.navigation import StereoRanging, StereoRig
+from ndtorch.navigation.stereo.search import SearchParams, search_rows
 
 RIG = StereoRig()
 
@@ -42,7 +42,7 @@ def test_batches_and_single_rows_agree_and_a_standing_car_is_given_ranges():
     both = search_rows(torch.stack((rows, rows.flip(0))), SearchParams())
     torch.testing.assert_close(both.right[0], search_rows(rows, SearchParams()).right)
     left, right = (row.expand(4, 1, 1, 640) for row in rows)
-    ranges, _ = RowRanging(RIG, 1 / 30, search=SearchParams())(left, right)
+    ranges, _ = StereoRanging(RIG, 1 / 30, search=SearchParams())(left, right)
     assert ranges.valid[-1].any()
     depth = ranges.x[-1][ranges.valid[-1]]
     torch.testing.assert_close(depth, torch.full_like(depth, RIG.focal * RIG.baseline / 100), rtol=5e-3, atol=0)
@@ -115,7 +115,7 @@ def test_kernels_and_torch_find_the_same(kind):
     rows = torch.stack([texture(seed=seed) for seed in (1, 2, 3)])
     frames = (torch.stack((rows[:, :640], rows[:, 70:710] * 1.02)) * 250).round()
     frames = frames.to(kind) if kind == torch.uint8 else frames.to(kind) / 255
-    module = RowRanging(RIG, 1 / 30, search=SearchParams(ahead=4))
+    module = StereoRanging(RIG, 1 / 30, search=SearchParams(ahead=4))
     left, right = frames[0][None, None], frames[1][None, None]
     wanted, state = module(left, right)
     with torch.inference_mode():
@@ -143,4 +143,4 @@ def test_numbers_out_of_range_are_refused():
         with pytest.raises(InputError, match="rows"):
             search_rows(torch.zeros(shape), SearchParams())
     with pytest.raises(InputError, match="horizon"):
-        RowRanging(StereoRig(cy=0.0), 1 / 30, search=SearchParams())
+        StereoRanging(StereoRig(cy=0.0), 1 / 30, search=SearchParams())

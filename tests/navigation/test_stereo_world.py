@@ -15,7 +15,7 @@ from ndtorch.navigation import (
     GridMap,
     MatchParams,
     Pose,
-    RowRanging,
+    StereoRanging,
     StereoRig,
 )
 from tests.navigation import planar_world
@@ -49,7 +49,7 @@ def measure(world, curvature=0.0, steps=300, noise=0.0, **options):
     rng = np.random.default_rng(0)
     left, right = (rows + noise * rng.standard_normal(rows.shape) for rows in (left, right))
     rows = (torch.tensor(side, dtype=torch.float32)[:, None, None] for side in (left, right))
-    ranges, _ = RowRanging(RIG, DT, **options)(*rows)
+    ranges, _ = StereoRanging(RIG, DT, **options)(*rows)
     valid = ranges.valid.numpy()
     angle = ranges.left_angle.double().numpy()
     if options.get("angles") == "linear":

@@ -8,7 +8,7 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import STOPPED
-from ndtorch.navigation.strips import Strips
+from ndtorch.navigation.stereo.strips import Strips
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import drive
 from ndtorch_robot.evaluation.record import range_columns

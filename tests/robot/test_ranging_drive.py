@@ -1,17 +1,12 @@
 """The ranging controller in closed loop: no collision where it drives, and collisions where its turns are mirrored."""
 
-import copy
-
 import numpy as np
 import pytest
-import torch
 
 from ndtorch.navigation import CRUISE, SUPPRESSED, TURN
-from ndtorch.navigation.controllers.ranging.modes import REVERSE
 from ndtorch_robot.config import DriveConfig
-from ndtorch_robot.drive import drive, drive_runner
+from ndtorch_robot.drive import drive
 from ndtorch_robot.ports import DriveCommand
-from ndtorch_robot.sim.arenas import load_arena
 
 SEED = 21
 """Of the short drives below; taken before anything was driven with it, and not one that anything was tuned on."""
@@ -63,29 +58,3 @@ def test_same_seed_same_drive_and_restart():
         assert np.array_equal(first.record.array(name), second.record.array(name))
     begun = first.record.placed[1]
     assert int(first.record.mode[begun]) == SUPPRESSED
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("arena", ["dead-end", "sofa"])
-def test_every_step_of_a_drive_is_the_same_by_torch_and_by_kernels(arena):
-    """From the same state, so that one rounding that tips a decision does not change all that follows."""
-    pytest.importorskip("numba")
-    config, seen = DriveConfig(arena=arena, seed=SEED, seconds=14), []
-    navigator = drive_runner(config, load_arena(arena, SEED)).navigator
-    drive(config, [lambda step: seen.append(copy.deepcopy((step.frames.left, step.frames.right)))])
-    state, modes, apart, stands = None, set(), [], 0
-    for eyes in seen:
-        with torch.inference_mode():
-            found, after = navigator(*eyes, state)
-        with torch.no_grad():
-            wanted, state = navigator(*eyes, state)
-        modes.add(int(state.control.mode))
-        same = torch.tensor([*found, after.control.mode]), torch.tensor([*wanted, state.control.mode])
-        cells = sum(
-            int(((a - b).abs() > 1e-3).sum()) for a, b in zip(after.control.patch, state.control.patch, strict=True)
-        )
-        apart.append(not torch.allclose(*same, atol=1e-3) or cells > 16)
-        stands += int((state.control.patch.upright >= 1.9).sum())
-    assert {CRUISE, TURN, REVERSE} <= modes
-    assert stands > 0
-    assert sum(apart) <= 0.02 * len(apart)

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import FeatureParams, Grid, GridMap, MatchParams, Pose, Ranges, RowRanging, StereoRig
+from ndtorch.navigation import FeatureParams, Grid, GridMap, MatchParams, Pose, Ranges, StereoRanging, StereoRig
 from ndtorch.navigation.controllers.registry import controller_class
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ def ranges_of(
 ) -> Ranges:
     """Ranges `[T', n]` computed again from the recorded rows, which were rounded to whole grey levels."""
     left, right = torch.from_numpy(seen.rows).unbind(1)
-    ranging = RowRanging(seen.rig, 1 / RATE, features, matching, angle)  # type: ignore[arg-type]
+    ranging = StereoRanging(seen.rig, 1 / RATE, features, matching, angle)  # type: ignore[arg-type]
     found: Ranges
     with torch.inference_mode():
         found, _ = ranging(left[:, None, None, :], right[:, None, None, :])

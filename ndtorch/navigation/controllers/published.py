@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_numbers, check_tensor
+from ndtorch.arguments import check_kind, check_numbers, check_tensor
 from ndtorch.errors import InputError
-from ndtorch.kernels.avoidance import avoidance
-from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.navigation.controllers.contract import (
     CRUISE,
     STOPPED,
@@ -21,15 +20,23 @@ from ndtorch.navigation.controllers.contract import (
     Command,
     Controller,
     Trace,
-    stack_commands,
 )
-from ndtorch.navigation.controllers.published_quick import QuickSaccades
 from ndtorch.navigation.controllers.registry import register
-from ndtorch.navigation.controllers.subfields import SubfieldMotion
 from ndtorch.navigation.odometry import Pose
-from ndtorch.navigation.ranging import Ranges
-from ndtorch.navigation.rig import Rect, StereoRig
-from ndtorch.vision.temporal import low_pass_step, smoothing_factor, time_dim
+from ndtorch.navigation.stereo._kernels import Frames, subfield_maxima
+from ndtorch.navigation.stereo.ranging import Ranges
+from ndtorch.navigation.stereo.rig import Rect, StereoRig
+from ndtorch.navigation.stereo.strips import (
+    array_frames,
+    at_rects,
+    check_eyes,
+    check_peak,
+    check_unit_range,
+    checked,
+    grey_pair,
+)
+from ndtorch.vision.nondirectional import SPEED_SCALE, NDMin, spatial_maximum
+from ndtorch.vision.temporal import FilterState, low_pass_step, smoothing_factor, time_dim
 
 
 @dataclass(frozen=True)
@@ -73,7 +80,7 @@ class AvoidanceParams:
 
 
 class AvoidanceState(NamedTuple):
-    """State of `SaccadeAvoidance`, every part `[...]`.
+    """State of `SaccadeAvoidance`, every part `[...]`; numbers in `SaccadeController`.
 
     Attributes:
         difference: right minus left, low-passed: positive where the car should rather turn left.
@@ -81,9 +88,9 @@ class AvoidanceState(NamedTuple):
         curvature: what is being driven, 1/m, to the left positive.
     """
 
-    difference: Tensor
-    age: Tensor
-    curvature: Tensor
+    difference: Any
+    age: Any
+    curvature: Any
 
 
 class AvoidanceConstants(NamedTuple):
@@ -121,8 +128,6 @@ def avoidance_step(
         sides: speed estimates `[..., 2]` of the left and the right side, scaled.
         state, constants: where the machine is, and its numbers.
     """
-    if sides.ndim == 1 and kernels_wanted(sides, *state):
-        return avoidance_of_one(sides, state, constants)
     c = constants
     left, right = sides.unbind(-1)
     now = right - left
@@ -141,20 +146,48 @@ def avoidance_step(
     return Command(speed, curvature), AvoidanceState(difference, age, curvature)
 
 
-def avoidance_of_one(
-    sides: Tensor, state: AvoidanceState, constants: AvoidanceConstants
-) -> tuple[Command, AvoidanceState]:
-    """`avoidance_step` of one car, in plain numbers."""
-    ours, theirs = sides.tolist()
-    now = (float(state.difference), float(state.age), float(state.curvature))
-    speed, bend, after = avoidance(ours, theirs, now, plain(constants))
-    found = sides.new_tensor((speed, bend, *after)).unbind(0)
-    return Command(found[0], found[1]), AvoidanceState(*found[2:])
+class SubfieldMotion(nn.Module):
+    """Speed of the image beside the path: the largest |ND-min| of a subfield of each camera. [A fig. 5]
 
+    Shapes:
+        left, right: frames `[..., T, C, H, W]`, or cut to the subfields, uint8 or float in 0..1, C = 1 or 3
+            -> `[..., T, 2]`: left and right estimates in the units of the thresholds of [A], raw output x 20.
+        State: the subfields, `[..., 2, h, w]`; `None` settles on the first frame.
 
-def plain(constants: AvoidanceConstants) -> tuple[float, ...]:
-    """The constants as the kernel takes them, rounded as the tensors are."""
-    return (constants.smoothing, *(part.item() for part in constants[1:]))
+    Args:
+        rig: the camera pair.
+        dt: time step, s.
+        fields: the subfields, of one size; `rig.subfields()` by default.
+        tau_high: time constant of the high-pass, s.
+
+    Raises:
+        InputError: frames that cannot be used (see `grey_pair`), or NaN, infinity or values far beyond 1 in
+            them; subfields of two sizes or outside the frame.
+    """
+
+    def __init__(
+        self,
+        rig: StereoRig,
+        dt: float,
+        fields: tuple[Rect, Rect] | None = None,
+        tau_high: float = 0.005,
+    ) -> None:
+        super().__init__()
+        self.fields = fields or rig.subfields()
+        self.size = (rig.height, rig.width)
+        self.nd_min = NDMin(tau_high, dt)
+        sizes = {(r.bottom - r.top, r.right - r.left) for r in self.fields}
+        inside = all(0 <= r.top < r.bottom <= rig.height and 0 <= r.left < r.right <= rig.width for r in self.fields)
+        if len(sizes) != 1 or not inside:
+            raise InputError(f"subfields must be of one size and inside {self.size}, got {self.fields}")
+
+    def forward(self, left: Tensor, right: Tensor, state: FilterState | None = None) -> tuple[Tensor, FilterState]:
+        check_eyes(left, right)
+        pair = grey_pair(left, right, *self.fields, self.size)
+        motion, state = self.nd_min.scan(pair, state, pair.ndim - 4)
+        sides = spatial_maximum(motion)
+        check_unit_range(sides, left)
+        return sides * SPEED_SCALE, state
 
 
 class SaccadeAvoidance(nn.Module):
@@ -183,7 +216,6 @@ class SaccadeAvoidance(nn.Module):
         values = [p.turn_threshold, p.high_threshold, p.low_threshold, 1 / p.turn_radius, 1 / p.tight_radius]
         values += [turn, self.watching, p.speed, 1.0, 0.0, -math.inf]
         self.constants = AvoidanceConstants(share, *map(torch.tensor, map(float, values)))
-        self.numbers = plain(self.constants)
 
     def forward(self, sides: Tensor, state: AvoidanceState | None = None) -> tuple[Command, AvoidanceState]:
         dim = time_dim(sides, 1, "sides")
@@ -196,7 +228,8 @@ class SaccadeAvoidance(nn.Module):
         for sample in sides.unbind(dim):
             command, state = avoidance_step(sample, state, self.constants)
             commands.append(command)
-        return stack_commands(commands), state
+        speed, curvature = (torch.stack(parts, -1) for parts in zip(*commands, strict=True))
+        return Command(speed, curvature), state
 
     def start(self, sides: Tensor) -> AvoidanceState:
         """The state before the first sample `sides` `[..., 2]`."""
@@ -216,7 +249,8 @@ class SaccadeAvoidance(nn.Module):
 class PublishedControl(Controller):
     """The published controller: the largest motion beside the path on either side, and saccades away from it.
 
-    Ranges and poses do not matter to it. What is seen is `[..., T, 2]`, see `SubfieldMotion`.
+    Ranges and poses do not matter to it. What is seen is `[..., 2]`, see `SubfieldMotion`. This one is differentiable
+    and steps any batch; `SaccadeController` is the same for one car, compiled.
 
     Args:
         rig, dt: as `Controller`.
@@ -235,9 +269,6 @@ class PublishedControl(Controller):
     ) -> None:
         super().__init__(rig, dt, params)
         self.look, self.rule = SubfieldMotion(rig, dt, fields), SaccadeAvoidance(dt, self.params)
-        rect = self.look.fields[0]
-        shape = (2, rect.bottom - rect.top, rect.right - rect.left)
-        self.quick = QuickSaccades(shape, self.look.nd_min.a, self.rule.numbers, AvoidanceState)
 
     @property
     def trace(self) -> Trace:
@@ -263,6 +294,142 @@ class PublishedControl(Controller):
         """As `SaccadeAvoidance.mode`."""
         return self.rule.mode(state)
 
-    def difference(self, state: AvoidanceState) -> Tensor:
+    def difference(self, state: AvoidanceState) -> Any:
         """Right minus left, low-passed."""
         return state.difference
+
+
+class SaccadeNumbers(NamedTuple):
+    """`AvoidanceParams` for one time step: radii are curvatures, times are steps."""
+
+    smoothing: float
+    turn_threshold: float
+    high_threshold: float
+    low_threshold: float
+    normal: float
+    tight: float
+    turn_steps: float
+    watching: float
+    speed: float
+
+
+def avoidance(left: float, right: float, state: AvoidanceState, p: SaccadeNumbers) -> tuple[Command, AvoidanceState]:
+    """`avoidance_step` of one car in plain numbers."""
+    now = right - left
+    difference = state.difference + p.smoothing * (now - state.difference)
+    age, curvature = state.age + 1, state.curvature
+    cruising, high = age >= p.watching, min(left, right) > p.high_threshold
+    stop = cruising and max(left, right) < p.low_threshold
+    if cruising and not stop and (high or abs(difference) > p.turn_threshold):
+        curvature = math.copysign(p.tight, now) if high else math.copysign(p.normal, difference)
+        age = 0.0
+    elif age >= p.turn_steps:
+        curvature = 0.0
+    if stop:
+        age = -math.inf
+    return Command(p.speed if age > -math.inf else 0.0, curvature), AvoidanceState(difference, age, curvature)
+
+
+class SaccadeState(NamedTuple):
+    """State of `SaccadeController` called by itself.
+
+    Attributes:
+        low: of the high-pass of both subfields, `[2, h, w]` float32.
+        machine: of the state machine.
+    """
+
+    low: Any
+    machine: AvoidanceState
+
+
+@register
+class SaccadeController(Controller):
+    """`PublishedControl` for one car, compiled: [A fig. 5].
+
+    It can be called by itself, in loops that want nothing else, tens of thousands of steps a second.
+
+    Shapes:
+        left, right: uint8 arrays `[H, W, 3]`, `[H, W, 1]` or `[3, H, W]` of the two cameras, both of one kind -> speed
+            in m/s and curvature in 1/m. `state=None` begins with this frame.
+
+    Args:
+        rig, dt, params, fields: as `PublishedControl`.
+
+    Raises:
+        InputError: frames of another size, type or number of colors.
+    """
+
+    name, Params, modes = "published", AvoidanceParams, (CRUISE, TURN, SUPPRESSED, STOPPED)
+    backend = "numba"
+
+    def __init__(
+        self,
+        rig: StereoRig,
+        dt: float,
+        params: AvoidanceParams | None = None,
+        fields: tuple[Rect, Rect] | None = None,
+    ) -> None:
+        super().__init__(rig, dt, params)
+        look, rule = SubfieldMotion(rig, dt, fields), SaccadeAvoidance(dt, self.params)
+        self.rects, self.size, self.a = look.fields, look.size, look.nd_min.a
+        self.begun = float(rule.watching - 1 - round(self.params.start_time / dt))
+        self.numbers = SaccadeNumbers(*(float(part) for part in rule.constants[:9]))
+        rect = self.rects[0]
+        self.shape = (2, rect.bottom - rect.top, rect.right - rect.left)
+
+    @property
+    def fields(self) -> tuple[Rect, Rect]:
+        """As `Controller.fields`."""
+        return self.rects
+
+    def forward(self, left: Any, right: Any, state: SaccadeState | None = None) -> tuple[Command, SaccadeState]:
+        check_kind("state", state, SaccadeState)
+        sides, low = self.see(array_frames(left, right, self.size), state and state.low)
+        left_speed, right_speed = sides.tolist()
+        before = self.begin(left_speed, right_speed) if state is None else state.machine
+        command, machine = avoidance(left_speed, right_speed, before, self.numbers)
+        return command, SaccadeState(low, machine)
+
+    @property
+    def trace(self) -> Trace:
+        """As of `PublishedControl`."""
+        return Trace("right - left, low-passed", turn=self.params.turn_threshold, stop=self.params.low_threshold)
+
+    def see(self, frames: Frames, state: Any = None) -> tuple[Any, Any]:
+        """Image speeds `[2]`, and the state of the filters."""
+        cells, low = np.empty((2, 1, 1), np.float32), np.empty(self.shape, np.float32)
+        before = low if state is None else checked(state, self.shape)
+        check_peak(subfield_maxima(at_rects(frames, self.rects, self.size), state is None, before, self.a, low, cells))
+        return cells.ravel() * SPEED_SCALE, low
+
+    def sides(self, seen: Any) -> Any:
+        """What is seen are the speeds."""
+        return seen
+
+    def begin(self, left: float, right: float) -> AvoidanceState:
+        """Settled on the first sample, suppressed."""
+        return AvoidanceState(right - left, self.begun, 0.0)
+
+    def start(self, seen: Any, pose: Pose) -> AvoidanceState:
+        """As `SaccadeAvoidance.start`."""
+        return self.begin(*seen.tolist())
+
+    def step(
+        self, seen: Any, ranges: Ranges, pose: Pose, driven: Command, state: AvoidanceState
+    ) -> tuple[Command, AvoidanceState]:
+        """One time step of the state machine."""
+        left, right = seen.tolist()
+        return avoidance(left, right, state, self.numbers)
+
+    def mode(self, state: AvoidanceState) -> int:
+        """As `SaccadeAvoidance.mode`."""
+        if state.age == -math.inf:
+            return STOPPED
+        if state.curvature:
+            return TURN
+        return SUPPRESSED if state.age < self.numbers.watching else CRUISE
+
+    def difference(self, state: AvoidanceState) -> float:
+        """Right minus left, low-passed."""
+        difference: float = state.difference
+        return difference

@@ -41,9 +41,9 @@ from ndtorch.navigation.localisation.submap import (
 from ndtorch.navigation.localisation.visual_odometry import Rows, estimate_motion, keyframe
 from ndtorch.navigation.localisation.wheel_odometry import calibrated_pose, is_calibrated, moved_to, uncalibrated
 from ndtorch.navigation.odometry import Pose
-from ndtorch.navigation.ranging import triangulate
-from ndtorch.navigation.rig import StereoRig
-from ndtorch.navigation.row_search import search_rows
+from ndtorch.navigation.stereo.ranging import triangulate
+from ndtorch.navigation.stereo.rig import StereoRig
+from ndtorch.navigation.stereo.search import search_rows
 
 MAX_CALIBRATION = np.array((0.2, 0.2, math.radians(2.0)))
 """Scale, bend and drift, radians/s, stay within these limits."""
@@ -117,8 +117,8 @@ class Localiser:
 
     def __call__(self, rows: Tensor | None, reckoned: Pose, state: LocaliserState | None = None) -> LocaliserState:
         check_state(state, LocaliserState)
-        if reckoned.x.ndim or (rows is not None and rows.ndim != 2):
-            raise InputError(f"localise knows one car at a time, got poses {tuple(reckoned.x.shape)}")
+        if np.ndim(reckoned.x) or (rows is not None and rows.ndim != 2):
+            raise InputError(f"localise knows one car at a time, got poses {np.shape(reckoned.x)}")
         pose, due = as_array(reckoned), self.due(state)
         if due and rows is None:
             raise InputError("this step looks at the rows, see `due`, but there are none")

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from ndtorch.arguments import check_numbers, check_signs
 from ndtorch.errors import InputError
-from ndtorch.navigation.row_search import SearchParams
+from ndtorch.navigation.stereo.search import SearchParams
 
 
 class Positive:

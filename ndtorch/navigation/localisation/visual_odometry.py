@@ -15,7 +15,7 @@ import numpy.typing as npt
 from ndtorch.navigation.localisation._kernels import Stereo, row_visual_odometry
 from ndtorch.navigation.localisation.ndt import Scan
 from ndtorch.navigation.localisation.pose_graph import Floats
-from ndtorch.navigation.rig import StereoRig
+from ndtorch.navigation.stereo.rig import StereoRig
 
 MAX_ERROR = 0.8
 """Mean squared error of the inliers, in standard deviations, at most."""

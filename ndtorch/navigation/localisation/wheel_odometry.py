@@ -14,7 +14,7 @@ import numpy as np
 from ndtorch.navigation.localisation.params import OdometryParams
 from ndtorch.navigation.localisation.pose_graph import Floats
 from ndtorch.navigation.localisation.visual_odometry import Keyframe, Motion, Rows, estimate_motion
-from ndtorch.navigation.rig import StereoRig
+from ndtorch.navigation.stereo.rig import StereoRig
 
 WALK_SIGMA = np.array((0.01, 2e-4, math.radians(0.001)))
 """Standard deviations by which scale, bend and drift change from scan to scan."""

@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch.navigation.ranging import Ranges
-from ndtorch.navigation.rig import StereoRig
+from ndtorch.navigation.stereo.ranging import Ranges
+from ndtorch.navigation.stereo.rig import StereoRig
 
 REACH = 3.0
 """Space constant R_b in metres. [A] gives none; in simulation 2-4 m map best, 1 m works and 0.5 m fails."""
@@ -45,7 +45,8 @@ def certainty(x: Tensor, y: Tensor, ranges: Ranges, rig: StereoRig, reach: float
     half = rig.baseline / 2
     left = beam(x - rig.forward, y - half, ranges.left_angle, rig.pixel_angle, reach)
     right = beam(x - rig.forward, y + half, ranges.right_angle, rig.pixel_angle, reach)
-    return left * right * ranges.valid
+    valid: Tensor = ranges.valid
+    return left * right * valid
 
 
 BEYOND_SIGHT = 100.0

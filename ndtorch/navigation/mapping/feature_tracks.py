@@ -13,7 +13,7 @@ from ndtorch.arguments import check_batch, check_finite, check_numbers, check_st
 from ndtorch.errors import InputError
 from ndtorch.navigation.mapping.grid_map import check_observations
 from ndtorch.navigation.odometry import Pose, to_world
-from ndtorch.navigation.ranging import Ranges
+from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch.vision.temporal import corrected, predicted
 
 

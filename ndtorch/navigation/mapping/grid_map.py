@@ -17,8 +17,8 @@ from ndtorch.navigation.mapping.certainty import REACH, BeamTable, beam_table, s
 from ndtorch.navigation.mapping.range_log import RangeLog
 from ndtorch.navigation.mapping.tiles import Tiles, add_at, cell_tables, check_tiles, empty_tiles
 from ndtorch.navigation.odometry import Pose, to_world
-from ndtorch.navigation.ranging import Ranges
-from ndtorch.navigation.rig import StereoRig
+from ndtorch.navigation.stereo.ranging import Ranges
+from ndtorch.navigation.stereo.rig import StereoRig
 
 Certainty = Literal["beams", "log-odds"]
 

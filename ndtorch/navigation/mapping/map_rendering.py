@@ -15,8 +15,8 @@ from ndtorch.navigation.localisation.state import map_frames
 from ndtorch.navigation.mapping.grid_map import GridMap, GridMapState
 from ndtorch.navigation.mapping.range_log import FramePose, Frames, RangeLog, add_ranges, empty_log, in_world
 from ndtorch.navigation.odometry import Pose, to_world
-from ndtorch.navigation.ranging import Ranges
 from ndtorch.navigation.state import NavigatorState
+from ndtorch.navigation.stereo.ranging import Ranges
 
 CHUNK = 256
 """Ranges that are rendered at once: with all their samples they fit into the cache."""

@@ -12,7 +12,7 @@ from ndtorch.arguments import check_batch, check_number, check_state
 from ndtorch.errors import InputError
 from ndtorch.navigation.mapping.grid_map import check_observations
 from ndtorch.navigation.odometry import Pose, to_body, to_world
-from ndtorch.navigation.ranging import Ranges
+from ndtorch.navigation.stereo.ranging import Ranges
 
 
 class Observations(NamedTuple):

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.navigation.odometry import Pose
-from ndtorch.navigation.ranging import Ranges
+from ndtorch.navigation.stereo.ranging import Ranges
 
 COLUMNS = 8
 """Numbers of a logged range: five of `Ranges`, all but `valid`, and the pose in its frame."""

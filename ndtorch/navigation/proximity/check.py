@@ -9,8 +9,8 @@ from ndtorch.navigation.proximity.floor_consistency import reject_unoccluded
 from ndtorch.navigation.proximity.floor_plane import floor_correlation
 from ndtorch.navigation.proximity.params import ProximityParams
 from ndtorch.navigation.proximity.stereo_match import Obstacles, detect_obstacles, reject_mismatches
-from ndtorch.navigation.rig import Rect, StereoRig
-from ndtorch.navigation.strips import grey_pair, row_rect
+from ndtorch.navigation.stereo.rig import Rect, StereoRig
+from ndtorch.navigation.stereo.strips import grey_pair, row_rect
 
 
 class ProximityCheck:

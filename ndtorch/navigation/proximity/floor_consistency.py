@@ -15,7 +15,7 @@ from ndtorch.navigation.proximity._kernels import Floats
 from ndtorch.navigation.proximity.floor_plane import MIN_SIGMA
 from ndtorch.navigation.proximity.params import ProximityParams
 from ndtorch.navigation.proximity.stereo_match import Obstacles
-from ndtorch.navigation.rig import Rect, StereoRig
+from ndtorch.navigation.stereo.rig import Rect, StereoRig
 
 BEHIND = 1.1
 """Floor is compared from this many times the depth of an obstacle on, and from this depth on, m."""

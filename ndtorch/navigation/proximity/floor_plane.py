@@ -8,7 +8,7 @@ import numpy as np
 
 from ndtorch.navigation.proximity._kernels import Floats, FloorGeometry, floor_correlation_of
 from ndtorch.navigation.proximity.params import ProximityParams
-from ndtorch.navigation.rig import Rect, StereoRig
+from ndtorch.navigation.stereo.rig import Rect, StereoRig
 
 MIN_COLUMNS, MIN_PIXELS = 5, 150
 """Rows with fewer columns in both images are left out; with fewer pixels in all the correlation is 0."""

@@ -6,13 +6,11 @@ from typing import Any
 
 from torch import Tensor, nn
 
-from ndtorch.navigation.controllers.contract import STOPPED, SUPPRESSED, Command, Controller, ranges_at
+from ndtorch.navigation.controllers.contract import STOPPED, SUPPRESSED, Command, Controller
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.proximity.check import ProximityCheck
-from ndtorch.navigation.row_ranging import RowRanging
-from ndtorch.navigation.state import NavigatorState
-from ndtorch.navigation.strips import Strips
-from ndtorch.navigation.whole_step import Beginning
+from ndtorch.navigation.stereo.ranging import StereoRanging
+from ndtorch.navigation.stereo.strips import Strips, as_frames
 
 STATIONARY = 0.05
 """A slower car is stationary, m/s."""
@@ -28,44 +26,45 @@ class ProximitySchedule(nn.Module):
         searching: searches the right row for ranges ahead; None if the ranging itself does so.
     """
 
-    def __init__(self, check: ProximityCheck, searching: RowRanging | None) -> None:
+    def __init__(self, check: ProximityCheck, searching: StereoRanging | None) -> None:
         super().__init__()
         self.check = check
         self.searching = searching
 
     def due(self, controller: Controller, last: Command, control: Any, begins: bool) -> bool:
-        """Whether to check: one stationary car, at the start or because it is blocked."""
-        if last.speed.ndim or abs(float(last.speed)) > STATIONARY:
+        """Whether to check: a stationary car, at the start or because it is blocked."""
+        if abs(last.speed) > STATIONARY:
             return False
-        return begins or int(controller.mode(control)) in (SUPPRESSED, STOPPED)
+        return begins or controller.mode(control) in (SUPPRESSED, STOPPED)
 
-    def report(self, controller: Controller, control: Any, pose: Pose, fields: Pair, rows: Pair) -> Any:
-        """The controller's state after a check."""
-        obstacles, floor_seen = self.check(fields, rows)
-        return controller.told_near(control, pose, obstacles, self.check.across, floor_seen)
+    def before_step(
+        self, controller: Controller, control: Any, last: Command, pose: Pose, left: Strips, right: Strips, begins: bool
+    ) -> Any:
+        """The controller's state after the check that precedes a step, if one is due.
 
-    def beginning(self, controller: Controller, left: Strips, right: Strips) -> Beginning:
-        """What precedes a step of frames `[1, C, H, W]` of a stationary car."""
-
-        def before(last: Command, control: Any, pose: Pose, begins: bool) -> Any:
-            if not self.due(controller, last, control, begins):
-                return control
-            return self.report(controller, control, pose, (left.field[0], right.field[0]), (left.row[0], right.row[0]))
-
-        return before
+        Args:
+            last: driven on the path to the pose.
+            left, right: frames `[C, H, W]`.
+            begins: this is the first frame, or the first one after a fault.
+        """
+        if not self.due(controller, last, control, begins):
+            return control
+        obstacles, floor_seen = self.check((left.field, right.field), (left.row, right.row))
+        return controller.on_near_obstacles(control, pose, obstacles, self.check.across, floor_seen)
 
     def while_driving(self, controller: Controller, control: Any, pose: Pose, rows: Pair) -> Any:
-        """The controller's state after what it asks for while driving."""
-        ahead, near = controller.glances(control)
+        """The controller's state after what it requests while driving; rows are `[C, H, W]`."""
+        ahead, near = controller.sensing_requests(control)
         if not (ahead or near):
             return control
         ranges = None
         if ahead and self.searching is not None:
-            ranges = ranges_at(self.searching(rows[0].unsqueeze(0), rows[1].unsqueeze(0))[0], 0)
-        return controller.told_more(control, pose, ranges, self.check.obstacles(rows) if near else None)
+            ranges, _ = self.searching.step(as_frames(*rows), None)
+        return controller.on_extra_ranges(control, pose, ranges, self.check.obstacles(rows) if near else None)
 
-    def warm_up(self, controller: Controller, frame: Tensor, state: NavigatorState) -> None:
-        """Compile or load the kernel of the search, see `Navigator.warm_up`."""
+    def warm_up(self, frame: Tensor) -> None:
+        """Compile or load the check and the search; see `Navigator.warm_up`."""
+        rows = (frame, frame)
+        self.check(rows, rows)
         if self.searching is not None:
-            ranges, _ = self.searching(frame, frame)
-            controller.told_more(state.control, state.pose, ranges_at(ranges, 0), None)
+            self.searching.step(as_frames(*rows), None)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ndtorch.navigation.proximity._kernels import Floats, Indices, match_rows
 from ndtorch.navigation.proximity.params import ProximityParams
-from ndtorch.navigation.rig import StereoRig
+from ndtorch.navigation.stereo.rig import StereoRig
 
 PATCH_HALF = 8
 """Columns of a halved row that are compared to either side of a place."""

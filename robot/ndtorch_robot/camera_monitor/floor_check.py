@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
 import torch
-from torch import Tensor
 
 from ndtorch.navigation import StereoRig
-from ndtorch.navigation.controllers.ranging.caution import FULL, known_share, speed_share
+from ndtorch.navigation.controllers.ranging._kernels_floor import (
+    FULL_SHARE,
+    FloorState,
+    known_share,
+    lower_median,
+    speed_share,
+)
 from ndtorch.navigation.controllers.ranging.control import RangingControl
-from ndtorch.navigation.controllers.ranging.floor import FloorState
 from ndtorch.navigation.proximity.check import ProximityCheck
-from ndtorch.navigation.strips import Strips, grey_pair, strips
+from ndtorch.navigation.stereo.strips import Strips, as_frames, grey_pair, strips
 from ndtorch_robot.ports import StereoFrames
 
 FRAMES = 15
@@ -43,13 +48,13 @@ class FloorFound(NamedTuple):
     @property
     def good(self) -> bool:
         """Whether the car would start here, and drive at full speed."""
-        return self.ahead and self.near is None and self.share >= FULL
+        return self.ahead and self.near is None and self.share >= FULL_SHARE
 
     def words(self) -> list[str]:
         """The findings, a line each."""
         why = "the images are noisy" if self.noisy else "the floor shows little, or it is dark"
         seen = f"the floor differs from noise in {100 * self.share:.0f} % of the view"
-        if self.share >= FULL:
+        if self.share >= FULL_SHARE:
             lines = [f"{seen}: good"]
         elif self.speed > 0:
             lines = [f"not right: {seen}: the car would drive at {100 * self.speed:.0f} % of its speed; {why}"]
@@ -76,20 +81,18 @@ def measure_floor(read: Callable[[], StereoFrames], rig: StereoRig, rate: float,
         speed: at which the car is to drive, m/s.
     """
     control = RangingControl(rig, 1 / rate)
-    control.full_flow = control.full_flow * (speed / control.params.speed)
+    control.at_speed(speed)
     with torch.inference_mode():
         state, noise, frames = None, [], read()
         for _ in range(FRAMES):
             left, right = strips(frames.left), strips(frames.right)
-            cells, state = control.look(left.field, right.field, state)
-            noise.append(float(cells[0, :2].median()))
+            cells, state = control.see(as_frames(left.field[0], right.field[0]), state)
+            noise.append(float(lower_median(cells[:2].ravel())))
             frames = read()
         still = sum(noise[1:]) / max(1, len(noise) - 1)
         ours, theirs = strips(frames.left), strips(frames.right)
         level = moved_level(control, ours, theirs, rig)
-        known = torch.tensor(math.inf)
-        floor = FloorState(level, torch.tensor(still), known)
-        share = known_share(floor, control.full_flow, control.params.least_noise, control.floor)
+        share = known_share(FloorState(level, still, 2**31), control.tables.floor)
         fields, rows = (ours.field[0], theirs.field[0]), (ours.row[0], theirs.row[0])
         things, ahead = ProximityCheck(rig, control.fields)(fields, rows)
     near = float(things.x.min()) if len(things.x) else None
@@ -97,21 +100,17 @@ def measure_floor(read: Callable[[], StereoFrames], rig: StereoRig, rate: float,
     return FloorFound(float(share), float(speed_share(share)), still, noisy, ahead, near)
 
 
-def moved_level(control: RangingControl, left: Strips, right: Strips, rig: StereoRig) -> Tensor:
+def moved_level(control: RangingControl, left: Strips, right: Strips, rig: StereoRig) -> Any:
     """The level that the controller would learn from this floor, `[bands]`: see `floor_step`."""
-    c, bands = control.floor, control.params.floor.bands
-    size = (rig.height, rig.width)
-    pair = grey_pair(left.field, right.field, *control.fields, size)
-    near = max(1, bands * 2 // 5)
+    p, bands = control.tables.floor, control.params.floor.bands
+    pair = grey_pair(left.field, right.field, *control.fields, (rig.height, rig.width))
+    ours, theirs = pair[0].unsqueeze(1)
     steady = []
-    for band in range(near):
-        rows = max(1, round(float(control.full_flow[band])))
+    for band in range(max(1, bands * 2 // 5)):
+        rows = max(1, round(-math.log1p(-float(p.full[band])) / -p.saturation))
         # The car goes ahead: what is seen now was so many rows farther up before.
-        before = pair.roll(-rows, -2)
-        eyes = [eye.unsqueeze(-3) for eye in before.unbind(-3)]
-        _, state = control.look(eyes[0], eyes[1])
-        now = [eye.unsqueeze(-3) for eye in pair.unbind(-3)]
-        cells, _ = control.look(now[0], now[1], state)
-        shape = -math.expm1(rows * float(c.saturation))
-        steady.append(cells[0, :2, band] / shape)
-    return torch.stack(steady).median() * c.profile
+        _, state = control.see(as_frames(*(eye.roll(-rows, -2) for eye in (ours, theirs))))
+        cells, _ = control.see(as_frames(ours, theirs), state)
+        steady.append(cells[:2, band] / -math.expm1(rows * p.saturation))
+    level: Any = lower_median(np.stack(steady).ravel()) * p.profile
+    return level

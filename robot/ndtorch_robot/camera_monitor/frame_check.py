@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ndtorch.navigation import StereoRig
-from ndtorch.navigation.rig import Rect
+from ndtorch.navigation.stereo.rig import Rect
 from ndtorch_robot.camera_monitor.limits import CameraLimits
 from ndtorch_robot.camera_monitor.monitor import CameraMonitor
 from ndtorch_robot.faults import CameraError, Fault, FaultKind

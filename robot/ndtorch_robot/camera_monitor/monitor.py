@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.navigation import StereoRig, Strips, cut_strips
-from ndtorch.navigation.rig import Rect
+from ndtorch.navigation.stereo.rig import Rect
 from ndtorch_robot.camera_monitor._kernels import BLOCK
 from ndtorch_robot.camera_monitor.image_quality import Snapshot, change, check_image, correlation, measure
 from ndtorch_robot.camera_monitor.limits import CameraLimits

@@ -10,7 +10,7 @@ import numpy as np
 from ndtorch.navigation import Strips
 from ndtorch.navigation.proximity.floor_plane import floor_correlation
 from ndtorch.navigation.proximity.params import ProximityParams
-from ndtorch.navigation.rig import Rect, StereoRig
+from ndtorch.navigation.stereo.rig import Rect, StereoRig
 from ndtorch_robot.camera_monitor.image_quality import Floats, one_color
 from ndtorch_robot.camera_monitor.mounting_check import EVERY, MAX_DISPARITY, Position, is_new_view
 

@@ -155,7 +155,7 @@ class Check:
         from ndtorch.navigation.controllers.registry import controller_class
         from ndtorch_robot.camera_monitor.floor_check import measure_floor
 
-        if not controller_class(config.navigation.controller).looks_near:
+        if not controller_class(config.navigation.controller).checks_near:
             self.say(f"   the controller {config.navigation.controller} does not ask for the floor")
             return True
         speed = min(config.navigation.speed, config.limits.speed_m_per_s)

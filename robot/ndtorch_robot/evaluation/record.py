@@ -68,11 +68,11 @@ class Record:
             poses.append((float(pose_.x), float(pose_.y), float(pose_.heading)))
         self.lost.append(state.located is not None and state.located.relocalisation is not None)
         self.command.append(command)
-        self.sides.append(state.sides.numpy().astype(np.float64))
+        self.sides.append(np.asarray(state.sides, np.float64))
         self.difference.append(float(state.difference))
         self.mode.append(mode)
         r = state.ranges
-        found = (r.left_range.numpy(), r.left_angle.numpy(), r.right_angle.numpy(), r.valid.numpy())
+        found = (r.left_range, r.left_angle, r.right_angle, r.valid)
         self.ranges.append(np.stack(found).astype(np.float32))
         if len(self.rows) < KEPT_ROWS:
             self.rows.append(np.stack([grey_row(frame, rig) for frame in (frames.left, frames.right)]))

@@ -11,7 +11,7 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Rect, StereoRig, Strips
-from ndtorch.navigation.strips import row_rect
+from ndtorch.navigation.stereo.strips import row_rect
 from ndtorch_robot.sim.disturbances.registry import CameraErrors
 from ndtorch_robot.sim.procedural_textures import Image
 from ndtorch_robot.sim.render.opengl import OpenGLRenderer

@@ -206,7 +206,7 @@ class CarView:
         if state is not None:
             r = state.ranges
             parts = (r.left_range, r.left_angle, r.right_angle, r.valid)
-            found = np.stack([part.numpy() for part in parts]).astype(np.float32)
+            found = np.stack([np.asarray(part) for part in parts]).astype(np.float32)
         for side, points in zip(("left", "right"), feature_points(rr, found, self.rig), strict=True):
             self.stream.log(f"cameras/{side}/features", points)
 

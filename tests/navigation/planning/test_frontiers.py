@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
 from ndtorch.navigation.controllers.goal.memory import visited_cells
@@ -218,24 +217,24 @@ def test_what_was_tried_in_vain_counts_as_passed():
     visited[square(1.0, 2.0, -0.5, 0.5)] = False
     around = world()
     made = explored(around, visited)
-    state = give_up(state, made, around, AROUND, params)._replace(cost=torch.tensor(made.cost))
+    state = give_up(state, made, around, AROUND, params)._replace(cost=made.cost)
     assert float(state.best) == pytest.approx(made.cost)
     for tried in (0.0, params.in_vain + made.cost / params.creep - 0.1):
-        state = give_up(state._replace(tried=torch.tensor(tried)), made, around, AROUND, params)
+        state = give_up(state._replace(tried=tried), made, around, AROUND, params)
         assert not state.visited.evidence.any()
     nearer = give_up(state, made._replace(cost=made.cost - 0.2), around, AROUND, params)
     assert float(nearer.tried) == 0
     assert give_up(state, made._replace(cost=math.inf), around, AROUND, params) is state
     # Aims that change to and fro are no success, and a far one is given the time that it takes.
-    tried = torch.tensor(params.in_vain + made.cost / params.creep + 0.1)
+    tried = params.in_vain + made.cost / params.creep + 0.1
     far = give_up(state._replace(tried=tried), made._replace(cost=made.cost + 2.0), around, AROUND, params)
     assert not far.visited.evidence.any()
     assert float(far.tried) == pytest.approx(float(tried))
     assert float(far.best) == pytest.approx(made.cost)
     state = give_up(state._replace(tried=tried), made, around, AROUND, params)
-    cells = visited_cells(state.visited.evidence, 0.0, 0.0, SMALL.patch, params.places)
+    cells = visited_cells(state.visited.evidence, 0.0, 0.0, SMALL.grid, params.places)
     row, column = np.argwhere(cells).mean(0)
-    left = (-SMALL.patch.size // 2 + 1) * CELL
+    left = (-SMALL.grid.size // 2 + 1) * CELL
     assert left + (column + 0.5) * CELL == pytest.approx(1.0, abs=0.15)
     assert left + (row + 0.5) * CELL == pytest.approx(0.0, abs=0.15)
     assert cells.sum() * CELL**2 == pytest.approx(math.pi * params.given_up**2, rel=0.25)
@@ -243,10 +242,10 @@ def test_what_was_tried_in_vain_counts_as_passed():
 
 
 def test_exploring_remembers_longer_than_going_to_a_place():
-    patch = GoalControl(RIG, DT, GoalParams(explore=True)).params.reactive.patch
-    assert patch.lifetime == GoalParams().lifetime > GoalParams().reactive.patch.lifetime
-    going = GoalControl(RIG, DT, GoalParams(to=(1.0, 0.0))).params.reactive.patch
-    assert going == GoalParams().reactive.patch
+    patch = GoalControl(RIG, DT, GoalParams(explore=True)).params.reactive.grid
+    assert patch.lifetime == GoalParams().lifetime > GoalParams().reactive.grid.lifetime
+    going = GoalControl(RIG, DT, GoalParams(to=(1.0, 0.0))).params.reactive.grid
+    assert going == GoalParams().reactive.grid
     assert replace(patch, lifetime=going.lifetime) == going
 
 

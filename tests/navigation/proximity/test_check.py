@@ -7,17 +7,19 @@ import pytest
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Command, Navigator, Pose, StereoRig
+from ndtorch.navigation import CRUISE, Command, Navigator, Pose, Ranges, StereoRig
+from ndtorch.navigation.controllers.ranging._kernels import limit
 from ndtorch.navigation.proximity import floor_plane
 from ndtorch.navigation.proximity._kernels import NEIGHBOURS, NO_MATCH, match_rows
 from ndtorch.navigation.proximity.floor_plane import floor_correlation
 from ndtorch.navigation.proximity.params import ProximityParams
 from ndtorch.navigation.proximity.stereo_match import Obstacles, detect_obstacles, reject_mismatches
-from ndtorch.navigation.rig import Rect
+from ndtorch.navigation.stereo.rig import Rect
 from ndtorch.utils.tensors import leaves
 
 RIG = StereoRig(forward=0.15)
 DT = 1 / 30
+NOWHERE = Ranges(*np.zeros((5, 1), np.float32), np.zeros(1, bool))
 
 
 def texture(u, v, seed, contrast):
@@ -139,7 +141,7 @@ def test_a_car_begins_only_where_floor_is_seen(wall, begins):
         for _ in range(6):
             command, state = navigator(left, right, state, Command(torch.zeros(1), torch.zeros(1)))
     assert (float(command.speed) > 0) == begins
-    trouble = navigator.controller.trouble(state.control)
+    trouble = navigator.controller.status_message(state.control)
     assert (trouble is None) == begins
     assert begins or "it cannot begin" in trouble
     if not begins:  # what was in the way is taken away
@@ -158,13 +160,11 @@ def test_memory_outlives_a_fault():
     with torch.inference_mode():
         for _ in range(3):
             _, state = navigator(left, right, state, Command(torch.zeros(1), torch.zeros(1)))
-        known = state.control.floor._replace(level=torch.ones_like(state.control.floor.level), age=torch.tensor(500.0))
-        state = state._replace(
-            control=state.control._replace(floor=known, mode=torch.tensor(0.0)), fields=None, rows=None
-        )
+        known = state.control.floor._replace(level=np.ones_like(state.control.floor.level), age=500)
+        state = state._replace(control=state.control._replace(floor=known, mode=CRUISE), fields=None, rows=None)
         near, far = (navigator(*pair(d), state, Command(torch.zeros(1), torch.zeros(1))) for d in (0.5, 3.0))
     for _, after in (near, far):
-        assert torch.equal(after.control.floor.level, known.level)
+        assert np.array_equal(after.control.floor.level, known.level)
         assert float(after.pose.x) == float(state.pose.x)
     assert float(far[0].curvature) == 0
     assert float(far[0].speed) == pytest.approx(0.5)
@@ -187,18 +187,13 @@ def test_a_step_goes_on_from_the_state_that_it_is_given():
 
 
 def test_slower_on_floor_that_is_told_worse_from_noise():
-    controller = Navigator(RIG, DT).controller
-    seen = torch.zeros(2, 14, 8)
-    origin = torch.zeros(())
-    state = controller.start(seen, Pose(origin, origin, origin))
-    level = torch.linspace(0.2, 2.0, 14)
+    controller, origin = Navigator(RIG, DT).controller, Pose(0.0, 0.0, 0.0)
+    state = controller.start(None, origin)
     speeds = {}
     for noise in (0.0, 0.2, 5.0):
-        floor = state.floor._replace(level=level, noise=torch.tensor(noise), age=torch.tensor(500.0))
-        command, after = controller.caution(
-            Command(torch.tensor(0.5), origin), state._replace(floor=floor), Pose(origin, origin, origin)
-        )
-        speeds[noise] = float(command.speed), controller.trouble(after)
+        floor = state.floor._replace(level=np.linspace(0.2, 2.0, 14, dtype=np.float32), noise=noise, age=500)
+        speed, _, after = limit(0.5, 0.0, state._replace(floor=floor), 9.0, noise, controller.tables)
+        speeds[noise] = speed, controller.status_message(after)
     assert speeds[0.0] == (0.5, None)
     assert 0 < speeds[0.2][0] < 0.5
     assert speeds[5.0][0] == 0
@@ -208,17 +203,17 @@ def test_slower_on_floor_that_is_told_worse_from_noise():
 @pytest.mark.parametrize(("age", "ahead", "goes"), [(0, 0.6, False), (0, 0.85, True), (9, 0.6, True), (9, 0.3, False)])
 def test_who_has_begun_goes_on_nearer_to_what_is_ahead_than_who_stands(age, ahead, goes):
     """Else a car with 0.8 m free would begin, come nearer, and stand for good."""
-    controller, origin = Navigator(RIG, DT).controller, torch.zeros(())
-    pose = Pose(origin, origin, origin)
-    state = controller.start(torch.zeros(2, 14, 8), pose)
+    controller, origin = Navigator(RIG, DT).controller, Pose(0.0, 0.0, 0.0)
+    state = controller.start(None, origin)
     body, none = controller.params.body, np.zeros(0, np.float32)
     y = np.linspace(-0.2, 0.2, 12, dtype=np.float32)
     things = Obstacles(np.full_like(y, body.length + body.room + ahead), y)
-    state = controller.told_near(state, pose, things, Obstacles(none, none), True)
-    floor = state.floor._replace(age=controller.floor.standing + 1 + age)
-    command, after = controller.caution(Command(torch.tensor(0.5), origin), state._replace(floor=floor), pose)
-    assert (float(command.speed) > 0) == goes
-    assert (controller.trouble(after) is None) == goes
+    state = controller.on_near_obstacles(state, origin, things, Obstacles(none, none), True)
+    # A step that moves nothing and sees nothing.
+    state = state._replace(floor=state.floor._replace(age=controller.tables.floor.standing + age))
+    command, after = controller.step(np.zeros((2, 14, 8), np.float32), NOWHERE, origin, Command(0.0, 0.0), state)
+    assert (command.speed > 0) == goes
+    assert (controller.status_message(after) is None) == goes
 
 
 def correlate_plainly(left, right, rows, tilt, horizon, rects, rig, half_width):
@@ -263,13 +258,6 @@ def test_the_correlation_of_the_floor_against_plain_loops(tilt, monkeypatch):
 
 @pytest.mark.parametrize("driven", [None, 0.5])
 def test_the_first_step_looks_near_where_the_car_stands(driven):
-    """Whether a kernel makes the step or not; who is told nothing stands."""
     told = None if driven is None else Command(torch.full((1,), driven), torch.zeros(1))
-    navigator, eyes = Navigator(RIG, DT, near_check=True), pair(0.5)
-    with torch.inference_mode():
-        _, quick = navigator(*eyes, None, told)
-    with torch.no_grad():
-        _, plain = navigator(*eyes, None, told)
-    for state in (quick, plain):
-        assert bool((state.control.patch.evidence > 0).any()) is (driven is None)
-    torch.testing.assert_close(quick.control.patch.evidence, plain.control.patch.evidence)
+    _, state = Navigator(RIG, DT, near_check=True)(*pair(0.5), None, told)
+    assert bool((state.control.grid.evidence > 0).any()) is (driven is None)

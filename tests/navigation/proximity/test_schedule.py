@@ -5,7 +5,7 @@ import torch
 
 from ndtorch.navigation import Command, Navigator, StereoRig
 from ndtorch.navigation.controllers.contract import STOPPED, SUPPRESSED
-from ndtorch.navigation.row_search import SearchParams
+from ndtorch.navigation.stereo.search import SearchParams
 
 RIG = StereoRig()
 
@@ -20,7 +20,7 @@ def started(car):
 
 
 def driven(speed):
-    return Command(torch.tensor(speed), torch.tensor(0.0))
+    return Command(speed, 0.0)
 
 
 @pytest.mark.parametrize(("speed", "begins", "due"), [(0.0, True, True), (0.04, True, True), (0.06, True, False)])
@@ -32,19 +32,13 @@ def test_a_car_that_begins_looks_while_it_stands(speed, begins, due):
 def test_a_car_that_stands_looks_again_only_where_its_controller_holds_it():
     car = navigator()
     control = started(car).control
-    held = (control._replace(mode=torch.tensor(float(mode))) for mode in car.controller.modes)
+    held = (control._replace(mode=mode) for mode in car.controller.modes)
     looks = [
         mode
         for mode, state in zip(car.controller.modes, held, strict=True)
         if car.near.due(car.controller, driven(0.0), state, False)
     ]
     assert looks == [SUPPRESSED, STOPPED]
-
-
-def test_many_cars_do_not_look():
-    car = navigator()
-    many = Command(torch.zeros(3), torch.zeros(3))
-    assert not car.near.due(car.controller, many, started(car).control, True)
 
 
 def test_it_searches_only_where_the_ranging_does_not():

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from ndtorch.navigation.options import NavigatorOptions
-from ndtorch.navigation.strips import strips
+from ndtorch.navigation.stereo.strips import strips
 from ndtorch_robot.camera_monitor import floor_check
 from ndtorch_robot.camera_monitor.floor_check import FloorFound, measure_floor, moved_level
 from ndtorch_robot.camera_monitor.frame_check import FrameCheck

@@ -270,7 +270,7 @@ cameras = StereoCameras(settings, opener=lambda source, settings: FilmCapture(pi
 runner, driven = NavigatorRunner(CHOICE, RIG, 30.0), DriveCommand(0.0, 0.0)
 fields = RIG.subfields()
 from ndtorch.navigation import Strips
-from ndtorch.navigation.strips import cut_strips
+from ndtorch.navigation.stereo.strips import cut_strips
 with Recorder(folder, configuration(CHOICE, RIG, 30.0), format="raw", when_full="wait") as recorder:
     with torch.inference_mode():
         for n in range(steps):

@@ -20,8 +20,8 @@ import numpy.typing as npt
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import FeatureParams, MatchParams, RowRanging, StereoRig
-from ndtorch.navigation.row_search import SearchParams
+from ndtorch.navigation import FeatureParams, MatchParams, StereoRanging, StereoRig
+from ndtorch.navigation.stereo.search import SearchParams
 from ndtorch.report.page import Shown
 from ndtorch_train.benchmark.base import Benchmark, Column, Task
 from ndtorch_train.plots import draw_ranges
@@ -279,15 +279,15 @@ def scanned_rows(height: int) -> range:
     return range(MARGIN, height - MARGIN, EVERY)
 
 
-def ranging(width: int, height: int, disparities: tuple[int, int], search: bool) -> RowRanging:
+def ranging(width: int, height: int, disparities: tuple[int, int], search: bool) -> StereoRanging:
     """The navigator's ranging for images of a size; the rig's lengths do not matter for disparities."""
     rig, (low, high) = StereoRig(width=width, height=height, focal=float(width)), disparities
     if search:
-        return RowRanging(rig, 1 / 30, search=SearchParams(min_disparity=low, max_disparity=high))
-    return RowRanging(rig, 1 / 30, FeatureParams(), MatchParams(low, high))
+        return StereoRanging(rig, 1 / 30, search=SearchParams(min_disparity=low, max_disparity=high))
+    return StereoRanging(rig, 1 / 30, FeatureParams(), MatchParams(low, high))
 
 
-def by_rows(module: RowRanging, views: list[tuple[Image, Image]]) -> Found:
+def by_rows(module: StereoRanging, views: list[tuple[Image, Image]]) -> Found:
     """Range every few rows.
 
     Args:

@@ -28,7 +28,7 @@ from ndtorch_train.reproduce.driving import DRIVES
 from ndtorch_train.reproduce.experiment import Claim
 from ndtorch_train.reproduce.signals import BINDING, HOUSE
 
-VISION = ("ndtorch.vision", "ndtorch.scenes", "ndtorch.navigation.rig", "ndtorch_train.plots")
+VISION = ("ndtorch.vision", "ndtorch.scenes", "ndtorch.navigation.stereo.rig", "ndtorch_train.plots")
 MAPS = (*DRIVES, *(f"ndtorch_train.{name}" for name in ("reproduce.driving", "plots")))
 BIND = (*BINDING, *HOUSE)
 SEEDS = [0, 1, 2]

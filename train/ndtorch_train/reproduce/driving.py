@@ -9,8 +9,7 @@ import numpy as np
 import torch
 
 from ndtorch.navigation import TURN, AvoidanceParams, Navigator, StereoRig
-from ndtorch.navigation.controllers.published import SaccadeAvoidance
-from ndtorch.navigation.controllers.subfields import SubfieldMotion
+from ndtorch.navigation.controllers.published import SaccadeAvoidance, SubfieldMotion
 from ndtorch_robot.evaluation.plots import draw_plan
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_train.plots import BLACK, BLUE, GREEN, ORANGE, YELLOW, panels

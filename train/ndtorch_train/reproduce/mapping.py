@@ -9,10 +9,10 @@ import torch
 from torch import Tensor
 
 from ndtorch.navigation import FeatureParams, Ranges, StereoRig
-from ndtorch.navigation.features import Features, find_features
 from ndtorch.navigation.mapping.certainty import beam, certainty
 from ndtorch.navigation.options import EDGE_REACH
-from ndtorch.navigation.prediction import PredictedFeatures
+from ndtorch.navigation.stereo.features import Features, find_features
+from ndtorch.navigation.stereo.prediction import PredictedFeatures
 from ndtorch.vision import NDMin
 from ndtorch_robot.evaluation.plots import draw_cells, draw_plan
 from ndtorch_robot.sim.arenas import load_arena

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import math
 
-import torch
-from torch import Tensor
-
 from ndtorch.navigation.controllers.goal.params import GoalParams
 from ndtorch.navigation.controllers.goal.state import GoalState
 from ndtorch.navigation.odometry import Pose
@@ -24,45 +21,42 @@ def asked(params: GoalParams) -> list[int]:
 
 def place_of_errand(state: GoalState, params: GoalParams) -> tuple[float, float] | None:
     """Where the errand ends as dead reckoning counts, if that is one place."""
-    errand = int(state.errand)
+    errand = state.errand
     if errand == TO and params.to is not None:
         return reckoned(state.frame, *params.to)
-    return reckoned(state.frame, float(state.home[0]), float(state.home[1])) if errand == BACK else None
+    return reckoned(state.frame, *state.home) if errand == BACK else None
 
 
-def reckoned(frame: Tensor, x: float, y: float) -> tuple[float, float]:
+def reckoned(frame: tuple[float, float, float], x: float, y: float) -> tuple[float, float]:
     """A place of a frame as dead reckoning counts, m."""
-    left, bottom, turned = (float(part) for part in frame)
+    left, bottom, turned = frame
     cos, sin = math.cos(turned), math.sin(turned)
     return left + cos * x - sin * y, bottom + sin * x + cos * y
 
 
-def frame_of(pose: Pose, place: Pose) -> Tensor:
-    """The frame in which the car is at `place`, where dead reckoning has it at `pose`, `[3]`."""
-    x, y, heading, there = (float(part) for part in (*place[:2], pose.heading, place.heading))
-    turned = heading - there
-    ahead, aside = reckoned(torch.tensor((0.0, 0.0, turned), dtype=torch.float64), x, y)
-    return pose.x.new_tensor((float(pose.x) - ahead, float(pose.y) - aside, turned))
+def frame_of(pose: Pose, place: Pose) -> tuple[float, float, float]:
+    """The frame in which the car is at `place`, where dead reckoning has it at `pose`."""
+    turned = pose.heading - place.heading
+    ahead, aside = reckoned((0.0, 0.0, turned), place.x, place.y)
+    return pose.x - ahead, pose.y - aside, turned
 
 
-def told_place(state: GoalState, pose: Pose, place: Pose | None) -> GoalState:
-    """The state of a car that is told where it is, or that it does not know; see `Controller.told_place`.
+def with_pose(state: GoalState, pose: Pose, place: Pose | None) -> GoalState:
+    """The state of a car that is told where it is, or that it does not know; see `Controller.on_pose`.
 
     Home was kept where dead reckoning had it, and is from now on where the car was told.
     """
     if place is None:
-        return state._replace(told=torch.full_like(state.told, -1.0))
+        return state._replace(told=-1)
     frame, home = frame_of(pose, place), state.home
-    if int(state.told) != 1:
-        dx, dy = (float(there - here) for there, here in zip(home, frame, strict=False))
-        turn_back = torch.stack((frame[0] * 0, frame[1] * 0, -frame[2]))
-        home = home.new_tensor(reckoned(turn_back, dx, dy))
-    return state._replace(frame=frame, home=home, told=torch.ones_like(state.told))
+    if state.told != 1:
+        home = reckoned((0.0, 0.0, -frame[2]), home[0] - frame[0], home[1] - frame[1])
+    return state._replace(frame=frame, home=home, told=1)
 
 
 def finds_nothing(state: GoalState) -> bool:
     """Exploring, the last plan has found no way to anywhere new."""
-    return int(state.errand) == EXPLORE and math.isinf(float(state.cost))
+    return state.errand == EXPLORE and math.isinf(state.cost)
 
 
 def next_errand(
@@ -73,15 +67,14 @@ def next_errand(
     Exploring is done when for some time no way to anywhere new was found. Once is not enough: at the start no floor
     was seen yet, and beyond a corner that the reactive controller turns around there is more.
     """
-    errand, place = int(state.errand), place_of_errand(state, params)
+    errand, place = state.errand, place_of_errand(state, params)
     if errand == DONE:
         return state
-    if int(state.told) < 0:
+    if state.told < 0:
         return state
     arrived = place is not None and math.hypot(place[0] - here[0], place[1] - here[1]) <= params.arrived
-    given_up = errand == EXPLORE and float(state.fruitless) >= params.patience
+    given_up = errand == EXPLORE and state.fruitless >= params.patience
     if not (arrived or given_up):
         return state
     after = errands[errands.index(errand) + 1]
-    none = torch.zeros_like(state.due)
-    return state._replace(errand=torch.full_like(state.errand, after), due=none, cost=none, fruitless=none)
+    return state._replace(errand=after, due=0, cost=0.0, fruitless=0.0)

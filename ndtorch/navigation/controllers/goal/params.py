@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 
 from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
-from ndtorch.navigation.controllers.ranging.arcs import Body
 from ndtorch.navigation.controllers.ranging.params import RangingParams
-from ndtorch.navigation.controllers.ranging.patch import PatchParams
+from ndtorch.navigation.local_grid.grid import LocalGridParams
+from ndtorch.navigation.local_grid.motion_primitives import Body
 from ndtorch.navigation.planning.params import PlannerParams
 
 
@@ -16,8 +16,8 @@ def reactive_params() -> RangingParams:
     """The reactive controller's numbers where a planner leads it: a large memory that lasts, and less room."""
     return RangingParams(
         body=Body(room=0.03),
-        patch=PatchParams(cell=0.05, size=512, lifetime=120.0),
-        least=0.15,
+        grid=LocalGridParams(cell=0.05, size=512, lifetime=120.0),
+        min_free_m=0.15,
         overhangs=False,
     )
 
@@ -61,7 +61,7 @@ class GoalParams:
     tightest: float = 2.15
     ahead: float = 0.3
     passed: float = 0.9
-    places: PatchParams = field(default_factory=lambda: PatchParams(cell=0.1, size=512))
+    places: LocalGridParams = field(default_factory=lambda: LocalGridParams(cell=0.1, size=512))
     patience: float = 10.0
     in_vain: float = 12.0
     given_up: float = 0.5
@@ -81,5 +81,5 @@ class GoalParams:
 
 def remembering(params: GoalParams, lifetime: float) -> GoalParams:
     """The same numbers, with another time for which is remembered what was seen, s."""
-    patch = replace(params.reactive.patch, lifetime=lifetime)
-    return replace(params, reactive=replace(params.reactive, patch=patch))
+    grid = replace(params.reactive.grid, lifetime=lifetime)
+    return replace(params, reactive=replace(params.reactive, grid=grid))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import torch
 
 from ndtorch.navigation.controllers.goal.errands import place_of_errand
 from ndtorch.navigation.controllers.goal.memory import passed_around, surroundings, visited_cells
@@ -24,9 +23,9 @@ def replan(state: GoalState, here: tuple[float, float, float], params: GoalParam
         here: x, y, m, and heading, radians.
         every: time steps until the next plan.
     """
-    p, patch = params, params.reactive.patch
+    p, patch = params, params.reactive.grid
     blocked = p.reactive.blocked
-    around = surroundings(state.reactive.patch.evidence, here[0], here[1], patch, blocked, -0.1 * blocked)
+    around = surroundings(state.reactive.grid.evidence, here[0], here[1], patch, blocked, -0.1 * blocked)
     clear = clearance(around.blocked, around.cell)
     place = place_of_errand(state, p)
     if place is None:
@@ -34,8 +33,8 @@ def replan(state: GoalState, here: tuple[float, float, float], params: GoalParam
         seed = frontier_costs(around, visited, clear, p.planner)
     else:
         seed = goal_costs(around, place, p.planner)
-    at = min(int(state.at) + 1, max(0, int(state.places) - 1))
-    curvature = float(state.way[at, 3]) if int(state.places) else 0.0
+    at = min(state.at + 1, max(0, state.places - 1))
+    curvature = float(state.way[at, 3]) if state.places else 0.0
     through = place is not None
     made = plan(around, clear, seed, here, curvature, float(state.direction), p.planner, through)
     if not through:
@@ -45,11 +44,11 @@ def replan(state: GoalState, here: tuple[float, float, float], params: GoalParam
     kept = np.zeros((LONGEST, 6), np.float32)
     kept[: len(way), :5], kept[: len(way), 5] = way, speeds
     return state._replace(
-        way=torch.from_numpy(kept).to(state.way.dtype),
-        places=torch.full_like(state.places, len(way) if len(way) > 1 else 0),
-        at=state.at * 0,
-        due=torch.full_like(state.due, every),
-        cost=torch.full_like(state.cost, made.cost),
+        way=kept,
+        places=len(way) if len(way) > 1 else 0,
+        at=0,
+        due=every,
+        cost=float(made.cost),
     )
 
 
@@ -61,17 +60,17 @@ def give_up(
     Args:
         made: the new plan.
     """
-    p, patch, new = params, params.places, torch.full_like
-    passed, best, none = state.visited.evidence.sum(), float(state.best), state.tried * 0
-    newly = float(passed - state.passed) * patch.cell**2
+    p, patch = params, params.places
+    passed, best = float(state.visited.evidence.sum()), state.best
+    newly = (passed - state.passed) * patch.cell**2
     if math.isinf(made.cost):
         return state
     if newly >= p.planner.min_seen_frontier_m2 or made.cost < best - 0.1:
-        return state._replace(best=new(state.best, made.cost), passed=passed, tried=none)
+        return state._replace(best=float(made.cost), passed=passed, tried=0.0)
     # Another aim may be far away, and is no success: aims may change to and fro.
-    if float(state.tried) < p.in_vain + made.cost / p.creep:
+    if state.tried < p.in_vain + made.cost / p.creep:
         return state
     place = cheapest_goal(made.to_go, around, p.planner.costmap_cells, here[:2])
     evidence = passed_around(state.visited.evidence, *place, p.given_up, patch)
     visited = state.visited._replace(evidence=evidence)
-    return state._replace(visited=visited, best=new(state.best, math.inf), passed=evidence.sum(), tried=none)
+    return state._replace(visited=visited, best=math.inf, passed=float(evidence.sum()), tried=0.0)

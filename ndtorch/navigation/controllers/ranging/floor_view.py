@@ -6,12 +6,16 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
-from ndtorch.navigation.rig import Rect, StereoRig
+from ndtorch.navigation.controllers.ranging._kernels_floor import ViewNumbers
+from ndtorch.navigation.stereo.rig import Rect, StereoRig
+from ndtorch.vision.nondirectional import SPEED_SCALE
+from ndtorch.vision.temporal import smoothing_factor
 
 
 @dataclass(frozen=True)
@@ -146,4 +150,43 @@ def floor_view(rig: StereoRig, params: FloorParams) -> FloorView:
         torch.stack((x, x)).to(dtype),
         torch.stack((aside, -aside)).to(dtype),
         sweep.to(dtype),
+    )
+
+
+ROWS = 2
+"""Only every second row is compared with the other camera's."""
+
+MIN_CHANGE, MAX_GAIN, DARK = 0.01, 2.0, 0.01
+"""Illumination: changes up to the first share are left alone, as much comes from texture that moves past; no lamp
+changes by more than the second factor from one frame to the next; means below the third say nothing of the light."""
+
+
+def view_numbers(
+    rig: StereoRig, params: FloorParams, view: FloorView, dt: float, tau_high: float = 0.005
+) -> ViewNumbers:
+    """What `see_floor` looks at."""
+    (ours, theirs), cells = view.rects, view.cells
+    rows = np.arange(0, ours.bottom - ours.top, ROWS)
+    down = (ours.top + rows - rig.center[1]) / rig.focal
+    # Depth along the axis of the floor in a row, as in `floor_view`.
+    along = rig.camera_height / (math.sin(rig.pitch) + down * math.cos(rig.pitch))
+    disparity = rig.focal * rig.baseline / along
+    return ViewNumbers(
+        rows=rows,
+        shift=np.round((ours.left - theirs.left - disparity) / EVERY).astype(np.int64),
+        first_left=(cells[0].left - ours.left) // EVERY,
+        first_right=(cells[1].left - theirs.left) // EVERY,
+        columns=(ours.right - ours.left) // EVERY,
+        wide=(cells[0].right - cells[0].left) // EVERY // params.blocks,
+        tall=(cells[0].bottom - cells[0].top) // params.bands,
+        bands=params.bands,
+        blocks=params.blocks,
+        every=EVERY,
+        a=smoothing_factor(tau_high, dt),
+        scale=float(SPEED_SCALE),
+        min_correlation=float(params.alike),
+        min_texture=float(params.texture**2),
+        min_change=MIN_CHANGE,
+        max_gain=MAX_GAIN,
+        dark=DARK,
     )

@@ -1,16 +1,11 @@
-"""What the ranging controller does next: its states and their transitions, as one readable function."""
+"""What the ranging controller does next: its modes and their transitions, as one readable function."""
 
 from __future__ import annotations
 
-import itertools
 from typing import NamedTuple
 
-import torch
-from torch import Tensor
-
 from ndtorch.navigation.controllers.contract import CRUISE, REVERSE, STOPPED, SUPPRESSED, TURN
-
-MODES = 5
+from ndtorch.utils.jit import jit
 
 
 class Facts(NamedTuple):
@@ -18,45 +13,35 @@ class Facts(NamedTuple):
 
     Attributes:
         learning: the car has not learned yet what floor looks like.
-        near: less is free straight ahead than a turn wants.
+        blocked_ahead: less is free straight ahead than a turn wants.
         clear: enough is free straight ahead, and the turn has lasted its shortest time.
-        hemmed: neither arc to the side of the turn leaves enough to drive on.
-        backed: reversed as far as intended, or nothing is left behind the car.
-        room: reversed a little, and an arc ahead is long again.
-        cornered: nothing is left behind the car either.
+        blocked_sides: neither arc to the side of the turn leaves enough to drive on.
+        reverse_done: reversed as far as intended, or nothing is left behind the car.
+        space_ahead: reversed a little, and an arc ahead is long again.
+        blocked_rear: nothing is left behind the car either.
     """
 
     learning: bool
-    near: bool
+    blocked_ahead: bool
     clear: bool
-    hemmed: bool
-    backed: bool
-    room: bool
-    cornered: bool
+    blocked_sides: bool
+    reverse_done: bool
+    space_ahead: bool
+    blocked_rear: bool
 
 
+@jit
 def next_mode(mode: int, facts: Facts) -> int:
     """The transitions."""
     f = facts
     if mode == SUPPRESSED and f.learning:
         return SUPPRESSED
-    if mode in (SUPPRESSED, CRUISE) and not f.near:
+    if mode in (SUPPRESSED, CRUISE) and not f.blocked_ahead:
         return CRUISE
     if mode == TURN and f.clear:
         return CRUISE
-    if mode == REVERSE and not (f.backed or f.room):
+    if mode == REVERSE and not (f.reverse_done or f.space_ahead):
         return REVERSE
-    if f.hemmed and mode != REVERSE:
-        return STOPPED if f.cornered else REVERSE
+    if f.blocked_sides and mode != REVERSE:
+        return STOPPED if f.blocked_rear else REVERSE
     return TURN
-
-
-def transition_table() -> Tensor:
-    """`next_mode` for all modes and facts, `[MODES * 2^7]`: a look-up serves whole batches.
-
-    The number of an entry is `mode * 2^7` plus 1, 2, 4, ... for the facts in their order.
-    """
-    count = len(Facts._fields)
-    flags = itertools.product((False, True), repeat=count)
-    facts = [Facts(*reversed(values)) for values in flags]
-    return torch.tensor([next_mode(mode, f) for mode in range(MODES) for f in facts])

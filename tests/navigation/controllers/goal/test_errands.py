@@ -2,8 +2,8 @@
 
 import math
 
+import numpy as np
 import pytest
-import torch
 
 from ndtorch.navigation import ARRIVED
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
@@ -16,7 +16,7 @@ from ndtorch.navigation.controllers.goal.errands import (
     finds_nothing,
     next_errand,
     place_of_errand,
-    told_place,
+    with_pose,
 )
 from tests.navigation.controllers.goal.test_goal_control import DT, RIG, SMALL, drive, floor, nothing, place
 
@@ -37,10 +37,10 @@ def test_a_place_is_reached_and_exploring_is_given_up_only_after_a_while():
     state = next_errand(state, HERE, control.errands, params)
     assert int(state.errand) == EXPLORE
     assert not finds_nothing(state)
-    state = state._replace(cost=torch.tensor(float("inf")), fruitless=torch.tensor(params.patience - 0.1))
+    state = state._replace(cost=math.inf, fruitless=params.patience - 0.1)
     assert finds_nothing(state)
     assert int(next_errand(state, HERE, control.errands, params).errand) == EXPLORE
-    state = next_errand(state._replace(fruitless=torch.tensor(params.patience)), HERE, control.errands, params)
+    state = next_errand(state._replace(fruitless=params.patience), HERE, control.errands, params)
     assert int(state.errand) == DONE
     assert float(state.fruitless) == 0
 
@@ -63,7 +63,7 @@ def test_goals_are_where_the_car_is_told_that_it_is():
     control = GoalControl(RIG, DT, params)
     state = control.start(floor(), place(*HERE))
     reckons, is_at = place(1.1, 0.0, math.pi / 2), place(1.0, 0.0, 0.0)
-    told = control.told_place(state, reckons, is_at)
+    told = control.on_pose(state, reckons, is_at)
     # One metre ahead and one to the left, seen from the car, however it counts.
     assert place_of_errand(told, params) == pytest.approx((0.1, 1.0), abs=1e-5)
     assert int(next_errand(told, (2.0, 1.0, 0.0), control.errands, params).errand) == TO
@@ -75,23 +75,23 @@ def test_while_the_car_looks_for_itself_in_a_known_map_no_goal_is_reached_and_ho
     params = GoalParams(to=(0.0, 0.0), back=True, reactive=SMALL)
     control = GoalControl(RIG, DT, params)
     pose, _, _ = drive(control, 20, place(*HERE))
-    state = told_place(control.start(floor(), place(*HERE)), pose, None)
+    state = with_pose(control.start(floor(), place(*HERE)), pose, None)
     assert int(next_errand(state, HERE, control.errands, params).errand) == TO
     _, after, _ = drive(control, 20, pose, state)
     assert int(after.places) == 0
     # Found: the car is at 5, 5 and heads along y. Where it began lies behind it.
-    found = told_place(state, place(1.0, 0.0, 0.0), place(5.0, 5.0, math.pi / 2))
-    assert found.home.tolist() == pytest.approx([5.0, 4.0], abs=1e-5)
-    assert place_of_errand(found._replace(errand=torch.tensor(float(BACK))), params) == pytest.approx((0, 0), abs=1e-5)
+    found = with_pose(state, place(1.0, 0.0, 0.0), place(5.0, 5.0, math.pi / 2))
+    assert found.home == pytest.approx([5.0, 4.0], abs=1e-5)
+    assert place_of_errand(found._replace(errand=BACK), params) == pytest.approx((0, 0), abs=1e-5)
     # Later corrections move it with the building.
-    later = told_place(found, place(1.0, 0.0, 0.0), place(5.0, 5.5, math.pi / 2))
-    assert later.home.tolist() == pytest.approx([5.0, 4.0], abs=1e-5)
+    later = with_pose(found, place(1.0, 0.0, 0.0), place(5.0, 5.5, math.pi / 2))
+    assert later.home == pytest.approx([5.0, 4.0], abs=1e-5)
 
 
 def blind(state):
     """Nothing is known of the surroundings."""
-    patch = state.reactive.patch
-    reactive = state.reactive._replace(patch=patch._replace(evidence=torch.zeros_like(patch.evidence)))
+    grid = state.reactive.grid
+    reactive = state.reactive._replace(grid=grid._replace(evidence=np.zeros_like(grid.evidence)))
     return state._replace(reactive=reactive)
 
 
@@ -99,9 +99,9 @@ def test_only_exploring_is_given_up():
     """A car on its way to a place, or back, goes on however long nothing new was found."""
     params = GoalParams(to=(0.2, 0.0), back=True, reactive=SMALL)
     control = GoalControl(RIG, DT, params)
-    state = control.start(floor(), place(*HERE))._replace(fruitless=torch.tensor(2 * params.patience))
+    state = control.start(floor(), place(*HERE))._replace(fruitless=2 * params.patience)
     assert int(next_errand(state, (2.0, 0.0, 0.0), control.errands, params).errand) == TO
     back = next_errand(state, HERE, control.errands, params)
     assert int(back.errand) == BACK
-    back = back._replace(fruitless=torch.tensor(2 * params.patience))
+    back = back._replace(fruitless=2 * params.patience)
     assert int(next_errand(back, (2.0, 0.0, 0.0), control.errands, params).errand) == BACK

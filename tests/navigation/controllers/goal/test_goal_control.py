@@ -1,5 +1,6 @@
 """The goal controller: what it is asked to do, and that its state is all it has."""
 
+import copy
 import math
 from dataclasses import replace
 
@@ -24,42 +25,39 @@ from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
 from ndtorch.navigation.controllers.goal.errands import EXPLORE, TO
 from ndtorch.navigation.controllers.goal.params import reactive_params
 from ndtorch.navigation.controllers.goal.state import LONGEST
-from ndtorch.navigation.controllers.ranging.patch import PatchParams
+from ndtorch.navigation.local_grid.grid import LocalGridParams, cells_at
 from ndtorch.navigation.localisation import Localiser
-from ndtorch.navigation.odometry import drive_step
+from ndtorch.navigation.odometry import arc
 from ndtorch.navigation.planning._kernels import lattice_astar
 from ndtorch.navigation.proximity.stereo_match import Obstacles
-from ndtorch.navigation.ranging import Ranges
+from ndtorch.navigation.stereo.ranging import Ranges
 
 RIG, DT = StereoRig(forward=0.15), 1 / 30
-SMALL = replace(reactive_params(), patch=PatchParams(cell=0.05, size=128))
+SMALL = replace(reactive_params(), grid=LocalGridParams(cell=0.05, size=128))
 
 
-def nothing(*batch):
-    blank = torch.zeros(*batch, 4)
-    return Ranges(blank, blank, blank, blank, blank, blank.bool())
+def nothing():
+    blank = np.zeros(4, np.float32)
+    return Ranges(blank, blank, blank, blank, blank, blank > 0)
 
 
-def floor(*batch, moves=True):
+def floor(moves=True):
     """What open floor gives while the car moves at a steady speed, roughly; nothing while it stands."""
-    return torch.full((*batch, 2, 14, 8), 0.5 if moves else 0.0)
+    return np.full((2, 14, 8), 0.5 if moves else 0.0, np.float32)
 
 
 def drive(control, steps, pose, state=None):
     """Through open floor: the commands are obeyed at once."""
-    command = Command(torch.zeros_like(pose.x), torch.zeros_like(pose.x))
-    batch = pose.x.shape
+    command = Command(0.0, 0.0)
+    state = control.start(floor(), pose) if state is None else state
     for _ in range(steps):
-        if state is None:
-            state = control.start(floor(*batch), pose)
-        moves = bool((command.speed != 0).all())
-        command, state = control.step(floor(*batch, moves=moves), nothing(*batch), pose, command, state)
-        pose = drive_step(pose, command.speed, command.curvature, DT)
+        command, state = control.step(floor(moves=command.speed != 0), nothing(), pose, command, state)
+        pose = arc(pose, *command, DT)
     return pose, state, command
 
 
 def place(x, y, heading):
-    return Pose(torch.tensor(x), torch.tensor(y), torch.tensor(heading))
+    return Pose(x, y, heading)
 
 
 def test_it_goes_to_the_place_and_back_and_stands():
@@ -67,17 +65,17 @@ def test_it_goes_to_the_place_and_back_and_stands():
     state, pose, nearest = None, place(0.0, 0.0, 0.0), 9.0
     for _ in range(60):
         pose, state, command = drive(control, 10, pose, state)
-        nearest = min(nearest, float(torch.hypot(pose.x - 1.5, pose.y - 0.5)))
+        nearest = min(nearest, math.hypot(pose.x - 1.5, pose.y - 0.5))
         if int(control.mode(state)) == ARRIVED:
             break
     assert nearest < 0.5
-    assert float(torch.hypot(pose.x, pose.y)) < 0.35
+    assert math.hypot(pose.x, pose.y) < 0.35
     assert float(command.speed) == 0
 
 
 def test_it_goes_to_a_place_farther_away_than_it_remembers():
     """The memory is a square around the car that comes along: 1.6 m to each side here."""
-    near = replace(SMALL, patch=PatchParams(cell=0.05, size=64))
+    near = replace(SMALL, grid=LocalGridParams(cell=0.05, size=64))
     control = GoalControl(RIG, DT, GoalParams(to=(4.5, 0.0), reactive=near))
     state, pose = None, place(0.0, 0.0, 0.0)
     for _ in range(90):
@@ -85,47 +83,38 @@ def test_it_goes_to_a_place_farther_away_than_it_remembers():
         if int(control.mode(state)) == ARRIVED:
             break
     assert int(control.mode(state)) == ARRIVED
-    assert float(torch.hypot(pose.x - 4.5, pose.y)) < 0.35
+    assert math.hypot(pose.x - 4.5, pose.y) < 0.35
 
 
 def test_the_same_state_gives_the_same_step_and_stays_as_it_was():
     control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL))
     pose, state, command = drive(control, 30, place(0.0, 0.0, 0.0))
-    kept = [part.clone() for part in state if isinstance(part, torch.Tensor)]
-    patch = state.reactive.patch.evidence.clone()
+    kept = copy.deepcopy(state)
     one, two = (control.step(floor(), nothing(), pose, command, state) for _ in range(2))
-    assert torch.equal(torch.stack(one[0]), torch.stack(two[0]))
-    assert torch.equal(one[1].way, two[1].way)
-    assert all(torch.equal(a, b) for a, b in zip(kept, (p for p in state if isinstance(p, torch.Tensor)), strict=True))
-    assert torch.equal(patch, state.reactive.patch.evidence)
-
-
-def test_a_batch_is_as_many_cars():
-    control = GoalControl(RIG, DT, GoalParams(to=(2.0, 1.0), reactive=SMALL))
-    poses = [place(0.0, 0.0, 0.0), place(1.0, -1.0, 1.0)]
-    both = Pose(*(torch.stack(parts) for parts in zip(*poses, strict=True)))
-    _, together, command = drive(control, 25, both)
-    for n, pose in enumerate(poses):
-        _, alone, single = drive(control, 25, pose)
-        assert float(single.curvature) == pytest.approx(float(command.curvature[n]))
-        torch.testing.assert_close(together.way[n], alone.way)
+    assert one[0] == two[0]
+    assert np.array_equal(one[1].way, two[1].way)
+    assert np.array_equal(kept.reactive.grid.evidence, state.reactive.grid.evidence)
+    assert np.array_equal(kept.way, state.way)
+    assert [part for part in kept[2:] if not isinstance(part, np.ndarray)] == [
+        part for part in state[2:] if not isinstance(part, np.ndarray)
+    ]
 
 
 def test_what_is_ranged_in_the_way_is_driven_around():
     control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL))
     pose, state, command = drive(control, 20, place(0.0, 0.0, 0.0))
     assert int(control.mode(state)) == CRUISE
-    straight = state.way[: int(state.places)]
-    assert float(straight[:, 1].abs().max()) < 0.05
+    straight = state.way[: state.places]
+    assert np.abs(straight[:, 1]).max() < 0.05
     x = 1.6 - pose.x
-    across = torch.tensor([-0.1, -0.03, 0.03, 0.1]) - pose.y
-    wall = Ranges(x.expand(4), across * 0, across * 0, x.expand(4), across, torch.ones(4, dtype=torch.bool))
+    across = (np.array([-0.1, -0.03, 0.03, 0.1]) - pose.y).astype(np.float32)
+    wall = Ranges(across * 0, across * 0, across * 0, np.full(4, x, np.float32), across, np.ones(4, bool))
     for _ in range(10):
         command, state = control.step(floor(), wall, pose, command, state)
     way = state.way[: int(state.places)]
-    beside = way[(way[:, 0] - 1.6).abs() < 0.2]
+    beside = way[np.abs(way[:, 0] - 1.6) < 0.2]
     assert len(beside)
-    assert float(beside[:, 1].abs().min()) > 0.3
+    assert np.abs(beside[:, 1]).min() > 0.3
 
 
 def test_it_is_ready_before_a_car_depends_on_it():
@@ -168,63 +157,62 @@ def test_the_navigator_tells_it_where_it_is_at_every_frame():
     navigator = Navigator(RIG, DT, controller="goal", params=params, localiser=Shifted(RIG, DT))
     eyes = torch.zeros(3, 1, 480, 640, dtype=torch.uint8)
     command, state = navigator(eyes, eyes)
-    assert state.control.frame.tolist() == pytest.approx([-1.2, 0.0, 0.0])
+    assert state.control.frame == pytest.approx([-1.2, 0.0, 0.0])
     assert float(state.place.x) == pytest.approx(float(state.pose.x) + 1.2)
     one = None
     for t in range(3):
         single, one = navigator(eyes[t : t + 1], eyes[t : t + 1], one)
         assert float(single.speed) == float(command.speed[t])
-    assert torch.equal(one.control.frame, state.control.frame)
+    assert one.control.frame == state.control.frame
 
 
 def test_it_does_not_begin_with_something_near_and_says_so():
     control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL))
-    here, still = place(0.0, 0.0, 0.0), Command(torch.tensor(0.0), torch.tensor(0.0))
+    here, still = place(0.0, 0.0, 0.0), Command(0.0, 0.0)
     across = Obstacles(np.full(9, 0.4, np.float32), np.linspace(-0.3, 0.3, 9, dtype=np.float32))
     nobody = Obstacles(np.zeros(0, np.float32), np.zeros(0, np.float32))
     state, command = control.start(floor(), here), still
     for _ in range(8):
-        state = control.told_near(state, here, nobody, across, False)
+        state = control.on_near_obstacles(state, here, nobody, across, False)
         command, state = control.step(floor(moves=False), nothing(), here, still, state)
     assert float(command.speed) == 0
     assert int(control.mode(state)) == STOPPED
-    assert "it cannot begin" in control.trouble(state)
+    assert "it cannot begin" in control.status_message(state)
     for _ in range(8):
-        state = control.told_near(state, here, nobody, across, True)
+        state = control.on_near_obstacles(state, here, nobody, across, True)
         command, state = control.step(floor(moves=False), nothing(), here, still, state)
     assert float(command.speed) > 0
 
 
 def test_a_line_of_sight_was_free_from_the_camera_to_just_before_what_is_seen():
-    control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL))
-    x, y = torch.tensor([RIG.forward + 2.0, RIG.forward + 0.3]), torch.tensor([0.5, 0.0])
-    seen = Ranges(x, x * 0, x * 0, x, y, torch.tensor([True, True]))
-    places, taken = control.rays(seen)
-    lines = places.view(2, 2, -1)
-    share = torch.linspace(0.15, 0.88, lines.shape[-1])
-    torch.testing.assert_close(lines[0, 0], RIG.forward + 2.0 * share)
-    torch.testing.assert_close(lines[1, 0], 0.5 * share)
-    torch.testing.assert_close(lines[0, 1], RIG.forward + 0.3 * share)
-    # Places that are apart by more than a cell take all of `miss`, the others together as much for each cell.
-    taken = taken.view(2, -1)
-    assert taken[0].tolist() == pytest.approx([-control.params.miss] * lines.shape[-1])
-    apart = 0.3 * float(share[1] - share[0]) / SMALL.patch.cell
-    assert taken[1].tolist() == pytest.approx([-control.params.miss * apart] * lines.shape[-1])
-    assert not control.rays(seen._replace(valid=torch.tensor([False, False])))[1].any()
+    """Each of its cells loses `miss`, places of a line that share one together; the range itself counts."""
+    control, p = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL)), SMALL.grid
+    here = place(0.0, 0.0, 0.0)
+    x, y = np.array([RIG.forward + 2.0], np.float32), np.array([0.5], np.float32)
+    seen = Ranges(x * 0, x * 0, x * 0, x, y, np.array([True]))
+    _, state = control.step(floor(moves=False), seen, here, Command(0.0, 0.0), control.start(None, here))
+    evidence = state.reactive.grid.evidence.ravel()
+    share = np.linspace(0.15, 0.88, 24)
+    line = cells_at(tuple(here), RIG.forward + 2.0 * share, 0.5 * share, p)
+    # Those below the car lose more.
+    assert evidence[np.unique(line[8:])] == pytest.approx(-control.params.miss, abs=1e-6)
+    assert evidence[cells_at(tuple(here), x, y, p)] == pytest.approx(SMALL.range_weight)
 
 
 def test_it_begins_knowing_nothing_and_about_its_first_errand():
     pose = place(1.0, 2.0, 0.5)
-    for params, errand, cells in ((GoalParams(to=(3.0, 0.0)), TO, 0), (GoalParams(), EXPLORE, 512 * 512)):
+    for params, errand, cells in ((GoalParams(to=(3.0, 0.0)), TO, 0), (GoalParams(), EXPLORE, 512)):
         state = GoalControl(RIG, DT, params).start(floor(), pose)
-        values = {name: part.tolist() for name, part in state._asdict().items() if isinstance(part, torch.Tensor)}
-        assert values.pop("home") == [1.0, 2.0]
-        assert values.pop("frame") == [0.0, 0.0, 0.0]
-        assert values.pop("way") == [[0.0] * 6] * LONGEST
+        values = state._asdict()
+        assert values.pop("home") == (1.0, 2.0)
+        assert values.pop("frame") == (0.0, 0.0, 0.0)
+        assert values.pop("way").tolist() == [[0.0] * 6] * LONGEST
+        assert values.pop("reactive").mode == SUPPRESSED
+        visited = values.pop("visited").evidence
+        assert visited.shape == (cells, cells)
+        assert not visited.any()
         given = {"errand": errand, "direction": 1, "best": math.inf, "mode": SUPPRESSED}
         assert values == dict.fromkeys(values, 0) | given
-        assert state.visited.evidence.shape == (cells,)
-        assert not state.visited.evidence.any()
 
 
 def test_the_places_around_the_car_count_as_visited_and_those_before_stay():
@@ -233,7 +221,7 @@ def test_the_places_around_the_car_count_as_visited_and_those_before_stay():
     once = control.visit(control.start(floor(), pose).visited, pose)
     assert float(once.evidence.sum()) == control.disc.shape[1]
     assert float(once.evidence.sum()) * p.places.cell**2 == pytest.approx(math.pi * p.passed**2, rel=0.05)
-    assert torch.equal(control.visit(once, pose).evidence, once.evidence)
+    assert np.array_equal(control.visit(once, pose).evidence, once.evidence)
     both = control.visit(once, place(3.0, 0.0, 0.0))
     assert float(both.evidence.sum()) == 2 * control.disc.shape[1]
 

@@ -6,32 +6,25 @@ import math
 
 import numpy as np
 import pytest
-import torch
 
-from ndtorch.navigation import Pose
 from ndtorch.navigation.controllers.goal.memory import disc_cells, surroundings, visited_cells
-from ndtorch.navigation.controllers.ranging.patch import (
-    PatchParams,
-    add_evidence,
-    cell_numbers,
-    empty_patch,
-    move_patch,
-)
+from ndtorch.navigation.local_grid._kernels import LocalGrid, move_grid
+from ndtorch.navigation.local_grid.grid import LocalGridParams, cells_at, empty_grid
 
-PARAMS = PatchParams(cell=0.05, size=16)
+PARAMS = LocalGridParams(cell=0.05, size=16)
 
 
-def at(x: float, y: float) -> Pose:
-    return Pose(torch.tensor(x), torch.tensor(y), torch.tensor(0.0))
+def marked(car: tuple[float, float], x: list[float], y: list[float], weight: float, p: LocalGridParams) -> LocalGrid:
+    grid = empty_grid(*car, p)
+    grid.evidence.reshape(-1)[cells_at((*car, 0.0), x, y, p)] = weight
+    return grid
 
 
 @pytest.mark.parametrize("car", [(0.0, 0.0), (0.42, 3.17), (-1.33, 0.38), (2.51, -4.04)])
 def test_what_is_seen_lies_where_it_is_in_the_world(car: tuple[float, float]) -> None:
-    pose = at(*car)
     ahead, aside = 0.21, -0.13
-    number = cell_numbers(torch.tensor([[ahead], [aside]]), pose, PARAMS)
-    patch = add_evidence(empty_patch(pose, PARAMS), number, torch.tensor([3.0]), PARAMS)
-    around = surroundings(patch.evidence, *car, PARAMS, blocked=2.0, known=-0.5)
+    grid = marked(car, [ahead], [aside], 3.0, PARAMS)
+    around = surroundings(grid.evidence, *car, PARAMS, blocked=2.0, known=-0.5)
     assert around.blocked.shape == (16, 16)
     ((row, column),) = np.argwhere(around.blocked)
     assert 0 <= car[0] + ahead - (around.left + column * PARAMS.cell) < PARAMS.cell
@@ -40,37 +33,35 @@ def test_what_is_seen_lies_where_it_is_in_the_world(car: tuple[float, float]) ->
     assert abs(around.left + 8 * PARAMS.cell - car[0]) <= PARAMS.cell
     assert abs(around.bottom + 8 * PARAMS.cell - car[1]) <= PARAMS.cell
     assert not around.free.any()
-    assert (visited_cells(patch.evidence, *car, PARAMS, PARAMS) == around.blocked).all()
+    assert (visited_cells(grid.evidence, *car, PARAMS, PARAMS) == around.blocked).all()
 
 
 @pytest.mark.parametrize("car", [(0.0, 0.0), (0.42, 3.17), (-1.33, 0.38), (2.51, -4.04)])
 def test_what_was_visited_may_lie_in_larger_cells_that_reach_farther(car: tuple[float, float]) -> None:
-    places = PatchParams(cell=0.1, size=32)
-    pose = at(*car)
-    number = cell_numbers(torch.tensor([[0.21, 1.2], [-0.13, 0.0]]), pose, places)
-    patch = add_evidence(empty_patch(pose, places), number, torch.tensor([1.0, 1.0]), places)
-    cells = visited_cells(patch.evidence, *car, PARAMS, places)
+    places = LocalGridParams(cell=0.1, size=32)
+    grid = marked(car, [0.21, 1.2], [-0.13, 0.0], 1.0, places)
+    cells = visited_cells(grid.evidence, *car, PARAMS, places)
     assert cells.shape == (16, 16)
     rows, columns = np.nonzero(cells)
     assert len(rows) == 4
-    around = surroundings(patch.evidence.new_zeros(256), *car, PARAMS, blocked=2.0, known=-0.5)
+    around = surroundings(np.zeros((16, 16), np.float32), *car, PARAMS, blocked=2.0, known=-0.5)
     x, y = around.left + (columns + 0.5) * PARAMS.cell, around.bottom + (rows + 0.5) * PARAMS.cell
     assert np.abs(x - (car[0] + 0.21)).max() < places.cell
     assert np.abs(y - (car[1] - 0.13)).max() < places.cell
     # After a way of more than the small square, and back, they are there still.
-    away = move_patch(patch, at(car[0] + 0.9, car[1]), torch.arange(32.0), torch.tensor(1.0), places)
+    away = move_grid(grid, (car[0] + 0.9, car[1], 0.0), places.cell, 1.0)
     assert float(away.evidence.sum()) == 2
 
 
 def test_a_disc_is_round_and_full() -> None:
     places = disc_cells(0.22, PARAMS)
-    radius = places.norm(dim=0)
+    radius = np.hypot(*places)
     assert float(radius.max()) == pytest.approx(math.hypot(3, 3) * PARAMS.cell)
     assert places.shape[1] == 61
     assert float(places.sum()) == pytest.approx(0, abs=1e-6)
 
 
 def test_a_disc_holds_its_rim():
-    x, y = disc_cells(0.5, PatchParams(cell=0.25))
+    x, y = disc_cells(0.5, LocalGridParams(cell=0.25))
     assert len(x) == 13
-    assert (x.square() + y.square()).max() == 0.25
+    assert (x * x + y * y).max() == 0.25

@@ -2,10 +2,10 @@
 
 import math
 
+import numpy as np
 import pytest
-import torch
 
-from ndtorch.navigation import ARRIVED, CRUISE, STOPPED, TURN, Command
+from ndtorch.navigation import CRUISE, TURN, Command
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
 from tests.navigation.controllers.goal.test_goal_control import DT, RIG, SMALL, drive, place
 
@@ -14,110 +14,94 @@ def on_the_way():
     """A controller that drives straight ahead, to a place 3 m away."""
     control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL))
     pose, state, _ = drive(control, 20, place(0.0, 0.0, 0.0))
-    reaction = Command(torch.tensor(-0.1), torch.tensor(1.5))
+    reaction = Command(-0.1, 1.5)
     return control, pose, state, reaction
 
 
 def test_a_way_that_is_refused_for_a_second_is_left_to_the_reactive_controller_for_a_second():
     control, pose, state, reaction = on_the_way()
-    room = torch.zeros(2, len(control.reactive.arcs.curvature))
+    room = np.zeros((2, len(control.tables.arcs.curvature)), np.float32)
     second = round(1 / DT)
     for refused in range(1, second):
-        command, state = control.drive_one(room, pose, reaction, state, False)
+        command, state = control.drive(room, pose, reaction, state, False)
         assert (float(command.speed), int(state.vetoed), int(state.lost)) == (0.0, refused, 0)
         assert int(state.due) == 0  # another way is looked for at once
         assert int(control.mode(state)) == CRUISE
-    _, state = control.drive_one(room, pose, reaction, state, False)
+    _, state = control.drive(room, pose, reaction, state, False)
     assert (int(state.vetoed), int(state.lost)) == (0, second)
     for left in reversed(range(second)):
-        command, state = control.drive_one(room, pose, reaction, state, False)
+        command, state = control.drive(room, pose, reaction, state, False)
         assert (command, int(state.lost)) == (reaction, left)
-    command, state = control.drive_one(room + 2.0, pose, reaction, state, False)
+    command, state = control.drive(room + 2.0, pose, reaction, state, False)
     assert float(command.speed) > 0.3
     assert (int(state.vetoed), int(state.lost)) == (0, 0)
 
 
 def test_refusals_that_are_apart_are_not_added_up():
     control, pose, state, reaction = on_the_way()
-    room = torch.zeros(2, len(control.reactive.arcs.curvature))
+    room = np.zeros((2, len(control.tables.arcs.curvature)), np.float32)
     for free in (0.0, 0.0, 2.0, 0.0):
-        _, state = control.drive_one(room + free, pose, reaction, state, False)
+        _, state = control.drive(room + free, pose, reaction, state, False)
     assert int(state.vetoed) == 1
 
 
 def test_speed_is_what_can_be_braked_from_in_the_room_there_is():
     """v^2 = 2 a (s - lag), where the way itself allows more; nothing where that is less than 0.1 m/s."""
     control, pose, state, reaction = on_the_way()
-    p, arcs = control.params, len(control.reactive.arcs.curvature)
+    p, arcs = control.params, len(control.tables.arcs.curvature)
     for room in (0.125, 0.12, p.lag + 0.0034, p.lag + 0.0033, p.lag, 0.05):
-        command, _ = control.drive_one(torch.full((2, arcs), room), pose, reaction, state, False)
+        command, _ = control.drive(np.full((2, arcs), room, np.float32), pose, reaction, state, False)
         safe = (2 * p.braking * max(0.0, room - p.lag)) ** 0.5
         assert float(command.speed) == pytest.approx(safe if safe >= 0.1 else 0.0, rel=1e-4)
 
 
 def test_where_the_way_has_ended_it_stands_and_lets_the_other_drive_after_a_while():
     control, pose, state, reaction = on_the_way()
-    room = torch.full((2, len(control.reactive.arcs.curvature)), 2.0)
-    ended = state._replace(at=state.places, due=torch.tensor(5.0))
+    room = np.full((2, len(control.tables.arcs.curvature)), 2.0, np.float32)
+    ended = state._replace(at=state.places, due=5)
     for count in range(2 * control.every):
-        command, after = control.drive_one(room, pose, reaction, ended._replace(vetoed=torch.tensor(count)), False)
+        command, after = control.drive(room, pose, reaction, ended._replace(vetoed=count), False)
         assert (float(command.speed), float(command.curvature)) == (0.0, 0.0)
         assert (int(after.due), int(after.vetoed), int(after.lost), int(control.mode(after))) == (0, count + 1, 0, TURN)
-    _, after = control.drive_one(room, pose, reaction, ended._replace(vetoed=torch.tensor(2 * control.every)), False)
+    _, after = control.drive(room, pose, reaction, ended._replace(vetoed=2 * control.every), False)
     assert (int(after.vetoed), float(after.lost)) == (0, pytest.approx(1 / DT))
 
 
 def test_exploring_counts_how_long_it_tries_and_how_long_it_finds_nothing():
     control = GoalControl(RIG, DT, GoalParams(explore=True, reactive=SMALL))
     pose, state, _ = drive(control, 20, place(0.0, 0.0, 0.0))
-    room = torch.full((2, len(control.reactive.arcs.curvature)), 2.0)
-    reaction = Command(torch.tensor(-0.1), torch.tensor(1.5))
-    found = state._replace(cost=torch.tensor(1.0), due=torch.tensor(5.0), tried=torch.tensor(3.0), lost=state.lost * 0)
-    nothing = found._replace(cost=torch.tensor(math.inf), fruitless=torch.tensor(2.0))
-    _, after = control.drive_one(room, pose, reaction, found._replace(fruitless=torch.tensor(2.0)), False)
+    room = np.full((2, len(control.tables.arcs.curvature)), 2.0, np.float32)
+    reaction = Command(-0.1, 1.5)
+    found = state._replace(cost=1.0, due=5, tried=3.0, lost=0)
+    nothing = found._replace(cost=math.inf, fruitless=2.0)
+    _, after = control.drive(room, pose, reaction, found._replace(fruitless=2.0), False)
     assert (float(after.tried), float(after.fruitless), float(after.lost)) == (pytest.approx(3 + DT), 0.0, 0.0)
-    command, after = control.drive_one(room, pose, reaction, nothing, False)
+    command, after = control.drive(room, pose, reaction, nothing, False)
     assert command == reaction
     assert (float(after.fruitless), float(after.lost)) == pytest.approx((2 + DT, 1 / DT - 1))
     # The time for which the other drives is not begun anew at every step.
-    _, after = control.drive_one(room, pose, reaction, nothing._replace(lost=torch.tensor(4.0)), False)
+    _, after = control.drive(room, pose, reaction, nothing._replace(lost=4), False)
     assert (float(after.fruitless), float(after.lost)) == pytest.approx((2 + DT, 3.0))
 
 
 def test_while_it_looks_for_itself_the_other_drives_and_nothing_is_planned():
     control, pose, state, reaction = on_the_way()
-    room = torch.full((2, len(control.reactive.arcs.curvature)), 2.0)
-    state = state._replace(told=torch.tensor(-1.0), due=torch.tensor(5.0), tried=torch.tensor(1.0))
-    state = state._replace(reactive=state.reactive._replace(mode=torch.tensor(float(TURN))))
-    command, after = control.drive_one(room, pose, reaction, state, False)
+    room = np.full((2, len(control.tables.arcs.curvature)), 2.0, np.float32)
+    state = state._replace(told=-1, due=5, tried=1.0)
+    state = state._replace(reactive=state.reactive._replace(mode=TURN))
+    command, after = control.drive(room, pose, reaction, state, False)
     assert command == reaction
     assert (float(after.due), int(control.mode(after)), float(after.tried)) == (0.0, TURN, 1.0)
     # While it learns the floor nothing else is counted either.
-    assert control.drive_one(room, pose, reaction, state, True) == (reaction, state)
-
-
-@pytest.mark.parametrize("asked", [STOPPED, CRUISE])
-@pytest.mark.parametrize("drives", [STOPPED, CRUISE])
-@pytest.mark.parametrize("mode", [ARRIVED, CRUISE])
-def test_it_stands_where_caution_stops_the_other_unless_it_has_arrived(monkeypatch, asked, drives, mode):
-    control, pose, state, reaction = on_the_way()
-    still = Command(torch.tensor(0.0), torch.tensor(0.0))
-    state = state._replace(mode=torch.tensor(float(mode)))
-    state = state._replace(reactive=state.reactive._replace(mode=torch.tensor(float(drives))))
-    careful = state.reactive._replace(mode=torch.tensor(float(asked)))
-    monkeypatch.setattr(control.reactive, "caution", lambda *_: (still, careful))
-    command, after = control.caution(reaction, state, pose)
-    assert (command, after.reactive) == (still, careful)
-    stops = asked == STOPPED and drives != STOPPED and mode != ARRIVED
-    assert int(control.mode(after)) == (STOPPED if stops else mode)
+    assert control.drive(room, pose, reaction, state, True) == (reaction, state)
 
 
 def test_room_is_that_of_the_longer_of_the_two_arcs_beside_what_is_wanted():
     control = on_the_way()[0]
-    arcs = control.reactive.arcs
-    lengths = torch.stack((torch.tensor([0.7, 0.3, 0.9, 0.2, 0.6, 0.4, 0.8, 0.5]), torch.zeros(8)))
+    arcs = control.tables.arcs
+    lengths = np.stack(([0.7, 0.3, 0.9, 0.2, 0.6, 0.4, 0.8, 0.5], np.zeros(8)))
     for direction in (1.0, -1.0):
-        own = (arcs.forward == direction).nonzero().flatten()
+        own = np.flatnonzero(arcs.forward == direction)
         for curvature in (-3.0, -1.3, -0.4, 0.1, 0.9, 1.7):
-            near = own[(arcs.curvature[own] - curvature).abs().argsort()[:2]]
+            near = own[np.abs(arcs.curvature[own] - curvature).argsort()[:2]]
             assert control.free_ahead(lengths, direction, curvature) == float(lengths[0, near].max())

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
-import torch
 
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
 from ndtorch.navigation.controllers.goal.errands import EXPLORE
@@ -21,21 +21,21 @@ PARAMS = GoalParams(to=(2.0, 0.0), reactive=SMALL)
 def known(evidence: float, params: GoalParams = PARAMS) -> GoalState:
     """All that is around the car was seen so far, in shares of what counts as blocked."""
     state = GoalControl(RIG, DT, params).start(floor(), place(*HERE))
-    patch = state.reactive.patch
-    patch = patch._replace(evidence=torch.full_like(patch.evidence, evidence * params.reactive.blocked))
-    return state._replace(reactive=state.reactive._replace(patch=patch))
+    grid = state.reactive.grid
+    grid = grid._replace(evidence=np.full_like(grid.evidence, evidence * params.reactive.blocked))
+    return state._replace(reactive=state.reactive._replace(grid=grid))
 
 
 def test_the_way_begins_where_the_car_is_and_with_what_it_drives() -> None:
     state = known(-1.0)
-    before = torch.arange(float(LONGEST * 6)).view(LONGEST, 6) / 100
+    before = np.arange(LONGEST * 6, dtype=np.float32).reshape(LONGEST, 6) / 100
     for places, at, wanted in ((0, 0, 0.0), (5, 2, float(before[3, 3])), (5, 4, float(before[4, 3]))):
         for direction in (1.0, -1.0):
             told = state._replace(
                 way=before,
-                places=torch.tensor(float(places)),
-                at=torch.tensor(float(at)),
-                direction=torch.tensor(direction),
+                places=places,
+                at=at,
+                direction=direction,
             )
             made = replan(told, HERE, PARAMS, 7)
             assert made.way[0, :5].tolist() == pytest.approx([*HERE, wanted, direction], abs=1e-6)

@@ -1,0 +1,107 @@
+"""The rolling grid of evidence around a car: what is blocked, what was seen free; and the path that it has driven."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ndtorch.arguments import check_numbers
+from ndtorch.errors import InputError
+from ndtorch.navigation.local_grid._kernels import POSES, DrivenPath, LocalGrid, cell_index, tags
+
+Floats = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class LocalGridParams:
+    """A square of square cells that moves with the car.
+
+    Args:
+        cell: side of a cell, m.
+        size: cells along a side, a power of two; beyond it everything is forgotten.
+        lifetime: time in which evidence falls to 1/e, s.
+        most, least: evidence stays between `-least` and `most`. What was seen free shall be believed blocked
+            within four frames, what is blocked shall not be freed by a few cells that look like floor.
+    """
+
+    cell: float = 0.08
+    size: int = 64
+    lifetime: float = 10.0
+    most: float = 5.0
+    least: float = 2.0
+
+    def __post_init__(self) -> None:
+        check_numbers(self, endless=["lifetime"])
+        if not (self.cell > 0 and self.size >= 2 and self.size & (self.size - 1) == 0):
+            raise InputError(f"expected cell > 0 and size a power of two, got cell={self.cell}, size={self.size}")
+        if not (self.lifetime > 0 and self.most > 0 and self.least > 0):
+            raise InputError(f"expected lifetime, most and least > 0, got {self}")
+
+    @property
+    def reach(self) -> float:
+        """Places nearer than this along either axis are inside, m."""
+        return (self.size // 2 - 1) * self.cell
+
+
+def empty_grid(x: float, y: float, params: LocalGridParams, raised: bool = False) -> LocalGrid:
+    """Nothing is known around a car at x, y, m; what is raised is kept apart, or is not."""
+    size = params.size
+    above = np.zeros((size, size) if raised else (0, 0), np.float32)
+    return LocalGrid(np.zeros((size, size), np.float32), tags(float(x), float(y), params.cell, size), above)
+
+
+def empty_path() -> DrivenPath:
+    """Of a car that has not driven yet."""
+    return DrivenPath(np.zeros((POSES, 3), np.float32), 0)
+
+
+def mark_obstacles(
+    grid: LocalGrid, pose: tuple[float, float, float], x: Floats, y: Floats, weight: float, params: LocalGridParams
+) -> LocalGrid:
+    """The grid with a range's evidence of raised obstacles in each of the cells that hold places of the body frame.
+
+    What was seen free before there was any measurement that near says nothing.
+    """
+    if not len(x) or not grid.raised.size:
+        return grid
+    at = cells_at(pose, x, y, params)
+    raised = grid.raised.copy()
+    cells = raised.reshape(-1)
+    cells[at] = np.minimum(np.maximum(cells[at], 0) + np.float32(weight), np.float32(params.most))
+    return grid._replace(raised=raised)
+
+
+def mark_stop(
+    grid: LocalGrid,
+    pose: tuple[float, float, float],
+    obstacles: tuple[Floats, Floats],
+    across: tuple[Floats, Floats],
+    floor_seen: bool,
+    blocked: float,
+    params: LocalGridParams,
+) -> LocalGrid:
+    """The grid after a proximity check of a standing car: obstacles block at once, and so does a line across the path
+    where no floor is seen.
+
+    Args:
+        obstacles, across: x and y of places, body frame, m.
+        blocked: evidence from which a cell blocks.
+    """
+    evidence = grid.evidence.copy()
+    cells, full = evidence.reshape(-1), np.float32(blocked + 0.1)
+    ahead = cells_at(pose, *across, params)
+    cells[ahead] = np.minimum(cells[ahead], 0) if floor_seen else np.maximum(cells[ahead], full)
+    if len(obstacles[0]):
+        found = cells_at(pose, *obstacles, params)
+        cells[found] = np.maximum(cells[found], full)
+    return grid._replace(evidence=evidence)
+
+
+def cells_at(pose: tuple[float, float, float], x: Floats, y: Floats, params: LocalGridParams) -> npt.NDArray[np.int32]:
+    """Numbers of the cells that hold places of the body frame, m."""
+    places = (np.ascontiguousarray(part, np.float32) for part in (x, y))
+    at: npt.NDArray[np.int32] = cell_index(*places, pose, params.cell, params.size)
+    return at

@@ -1,0 +1,189 @@
+"""Compiled: pixels of both cameras to grey, the high-pass of ND-min, and its largest output in each cell."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ndtorch.utils.jit import jit
+
+Array = Any
+"""A NumPy array."""
+
+
+class Frames(NamedTuple):
+    """One frame of each camera, and where in them the rectangles begin that are read.
+
+    Attributes:
+        left, right: uint8 or floating point, `[C, H, W]`, or `[H, W, C]` where colors are `interleaved`; contiguous.
+        scale: grey is the sum of three colors times this; one color counts three times.
+        tops, lefts: first row and column of the rectangle in the left and in the right frame.
+    """
+
+    left: Array
+    right: Array
+    interleaved: bool
+    scale: float
+    tops: tuple[int, int]
+    lefts: tuple[int, int]
+
+
+@jit
+def grey_row(frame: Array, interleaved: bool, y: int, left: int, every: int, scale: float, grey: Array) -> None:
+    """Grey of every so many pixels of row `y` from column `left` on, as many as `grey` `[n]` holds."""
+    pixels, unit = frame.reshape(-1), np.float32(scale)
+    if interleaved:
+        _, width, colors = frame.shape
+        start, step, plane = (y * width + left) * colors, colors, 1
+    else:
+        colors, height, width = frame.shape
+        start, step, plane = y * width + left, 1, height * width
+    quick = colors == 3 and pixels.itemsize == 1 and every <= 2
+    if quick and interleaved:
+        if every == 1:
+            grey_of_triples(pixels[start:], unit, grey)
+        else:
+            grey_of_other_triples(pixels[start:], unit, grey)
+    elif quick:
+        red, green, blue = pixels[start:], pixels[start + plane :], pixels[start + 2 * plane :]
+        if every == 1:
+            grey_of_planes(red, green, blue, unit, grey)
+        else:
+            grey_of_other_planes(red, green, blue, unit, grey)
+    else:
+        grey_of_numbers(pixels, start, every * step, colors // 2 * plane, (colors - 1) * plane, unit, grey)
+
+
+# Each loop has one literal step, so that it becomes vector instructions; bytes are added exactly as whole numbers.
+
+
+@jit
+def grey_of_triples(row: Array, unit: float, grey: Array) -> None:
+    """All pixels, colors interleaved."""
+    for x in range(grey.shape[0]):
+        k = np.uintp(3 * x)
+        total = np.uint16(row[k]) + np.uint16(row[k + np.uintp(1)]) + np.uint16(row[k + np.uintp(2)])
+        grey[np.uintp(x)] = np.float32(np.uint16(total)) * unit
+
+
+@jit
+def grey_of_other_triples(row: Array, unit: float, grey: Array) -> None:
+    """Every other pixel, colors interleaved."""
+    for x in range(grey.shape[0]):
+        k = np.uintp(6 * x)
+        total = np.uint16(row[k]) + np.uint16(row[k + np.uintp(1)]) + np.uint16(row[k + np.uintp(2)])
+        grey[np.uintp(x)] = np.float32(np.uint16(total)) * unit
+
+
+@jit
+def grey_of_planes(red: Array, green: Array, blue: Array, unit: float, grey: Array) -> None:
+    """All pixels, colors in planes."""
+    for x in range(grey.shape[0]):
+        k = np.uintp(x)
+        grey[k] = np.float32(np.uint16(np.uint16(red[k]) + np.uint16(green[k]) + np.uint16(blue[k]))) * unit
+
+
+@jit
+def grey_of_other_planes(red: Array, green: Array, blue: Array, unit: float, grey: Array) -> None:
+    """Every other pixel, colors in planes."""
+    for x in range(grey.shape[0]):
+        k = np.uintp(2 * x)
+        total = np.uint16(red[k]) + np.uint16(green[k]) + np.uint16(blue[k])
+        grey[np.uintp(x)] = np.float32(np.uint16(total)) * unit
+
+
+@jit
+def grey_of_numbers(pixels: Array, start: int, step: int, middle: int, last: int, unit: float, grey: Array) -> None:
+    """Numbers of any type, `step` places apart; their other colors are `middle` and `last` places on."""
+    for x in range(grey.shape[0]):
+        k = np.uintp(start + step * x)
+        total = np.float32(pixels[k]) + np.float32(pixels[k + np.uintp(middle)])
+        grey[x] = (total + np.float32(pixels[k + np.uintp(last)])) * unit
+
+
+@jit
+def high_pass(grey: Array, low: Array, start: int, settle: bool, a: float, new_low: Array, peaks: Array) -> None:
+    """One step of `NDMin` of a row of pixels.
+
+    Args:
+        grey, low, new_low: pixels, the state before and after, `[n]`; the row begins at `start`.
+        settle: the filter starts at rest on these pixels.
+        a: share of the low-pass.
+        peaks: becomes the magnitude of the output in each column where that is larger.
+    """
+    end = start + peaks.shape[0]
+    now, before, after = grey[start:end], low[start:end], new_low[start:end]
+    if settle:
+        for x in range(peaks.shape[0]):
+            after[x] = now[x]
+    # As `torch.lerp` rounds it: from the nearer end.
+    elif a < 0.5:
+        blend(before, now, np.float32(a), after)
+    else:
+        blend(now, before, np.float32(1 - a), after)
+    for x in range(peaks.shape[0]):
+        size = abs(now[x] - after[x])
+        peaks[x] = size if size > peaks[x] else peaks[x]
+
+
+@jit
+def blend(one: Array, other: Array, share: float, out: Array) -> None:
+    for x in range(out.shape[0]):
+        out[x] = one[x] + share * (other[x] - one[x])
+
+
+@jit
+def is_finite(values: Array) -> bool:
+    """Whether all numbers of an array without gaps are."""
+    flat, total = values.reshape(-1), np.float32(0)
+    for x in range(flat.shape[0]):
+        total += flat[x] * np.float32(0)
+    return bool(total == 0)
+
+
+@jit
+def cell_maxima(grey: Array, settle: bool, low: Array, gain: float, a: float, new_low: Array, cells: Array) -> float:
+    """`NDMin` of both rectangles `[2, h, w]` and its largest magnitude in each cell; returns the largest of all.
+
+    Args:
+        gain: factor by which the state is made brighter before.
+        cells: becomes the maxima, `[2, bands, blocks]`, top row and leftmost column first.
+    """
+    _, height, width = low.shape
+    _, bands, blocks = cells.shape
+    tall, wide = height // bands, width // blocks
+    peaks, highest = np.empty(width, low.dtype), low.dtype.type(0)
+    now, before, after = grey.reshape(-1), low.reshape(-1), new_low.reshape(-1)
+    bright = low.dtype.type(gain)
+    if bright != low.dtype.type(1) and not settle:
+        lit = np.empty(before.size, low.dtype)
+        for k in range(before.size):
+            lit[k] = before[k] * bright
+        before = lit
+    for eye in range(2):
+        for band in range(bands):
+            for x in range(width):
+                peaks[x] = 0
+            for y in range(tall):
+                start = ((eye * bands + band) * tall + y) * width
+                high_pass(now, before, start, settle, a, after, peaks)
+            for block in range(blocks):
+                most = low.dtype.type(0)
+                for x in range(block * wide, (block + 1) * wide):
+                    most = max(most, peaks[x])
+                cells[eye, band, block] = most
+                highest = max(highest, most)
+    return float(highest)
+
+
+@jit
+def subfield_maxima(frames: Frames, settle: bool, low: Array, a: float, new_low: Array, cells: Array) -> float:
+    """`SubfieldMotion` of one frame: the largest |ND-min| of each rectangle into `cells` `[2, 1, 1]`."""
+    grey = np.empty(new_low.shape, new_low.dtype)
+    for y in range(grey.shape[1]):
+        top, left = frames.tops, frames.lefts
+        grey_row(frames.left, frames.interleaved, top[0] + y, left[0], 1, frames.scale, grey[0, y])
+        grey_row(frames.right, frames.interleaved, top[1] + y, left[1], 1, frames.scale, grey[1, y])
+    peak = cell_maxima(grey, settle, low, 1.0, a, new_low, cells)
+    return peak if frames.left.itemsize == 1 or is_finite(grey) else np.nan

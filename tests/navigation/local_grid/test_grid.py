@@ -1,0 +1,169 @@
+"""The local grid against a dictionary of world cells; free distances along arcs against moved rectangles."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ndtorch.errors import InputError
+from ndtorch.navigation import Pose
+from ndtorch.navigation.local_grid._kernels import bound, cell_index, free_distances, move_grid
+from ndtorch.navigation.local_grid.grid import LocalGridParams, cells_at, empty_grid
+from ndtorch.navigation.local_grid.motion_primitives import Body, motion_primitives
+
+PARAMS = LocalGridParams(cell=0.1, size=32)
+
+
+def world(place, here):
+    """A place of the body frame in the world, by complex numbers."""
+    at = complex(here.x, here.y) + complex(*place) * complex(math.cos(here.heading), math.sin(here.heading))
+    return at.real, at.imag
+
+
+@given(st.lists(st.tuples(*[st.floats(-0.9, 0.9)] * 3, st.floats(-1.4, 1.4), st.floats(-1.4, 1.4)), max_size=25))
+@settings(max_examples=60, deadline=None)
+def test_remembers_what_a_dictionary_would(moves):
+    """Drive about, add evidence, and compare all that is near the car with a dictionary of world cells."""
+    here = Pose(0.05, 0.05, 0.0)
+    grid, truth = empty_grid(here.x, here.y, PARAMS), {}
+    for dx, dy, turn, bx, by in moves:
+        here = Pose(here.x + dx, here.y + dy, here.heading + turn)
+        border = [abs(v / 0.1 - round(v / 0.1)) < 1e-4 for v in here[:2]]
+        if any(border):
+            continue  # on the border of two cells rounding decides
+        grid = move_grid(grid, tuple(here), PARAMS.cell, 0.9)
+        middle = math.floor(here.x / 0.1), math.floor(here.y / 0.1)
+        inside = lambda c, m=middle: all(-16 < c[k] - m[k] <= 16 for k in (0, 1))  # noqa: E731
+        truth = {cell: 0.9 * value for cell, value in truth.items() if inside(cell)}
+        wx, wy = world((bx * 0.7, by * 0.7), here)
+        if not any(abs(v / 0.1 - round(v / 0.1)) < 1e-4 for v in (wx, wy)):
+            grid.evidence.reshape(-1)[cells_at(tuple(here), [bx * 0.7], [by * 0.7], PARAMS)] += 1
+            cell = math.floor(wx / 0.1), math.floor(wy / 0.1)
+            truth[cell] = truth.get(cell, 0.0) + 1.0
+        for (cx, cy), value in truth.items():
+            if all(abs(c - m) <= 14 for c, m in zip((cx, cy), middle, strict=True)):
+                assert grid.evidence[cx % 32, cy % 32] == pytest.approx(value, abs=1e-5)
+
+
+def test_forgets_what_it_has_left_behind():
+    grid = empty_grid(0.0, 0.0, PARAMS)
+    grid.evidence.reshape(-1)[cells_at((0.0, 0.0, 0.0), [0.55], [0.0], PARAMS)] = 1
+    for x, left in ((-0.8, 1), (-1.5, 0), (0.0, 0)):
+        grid = move_grid(grid, (x, 0.0, 0.0), PARAMS.cell, 1.0)
+        assert int((grid.evidence > 0).sum()) == left
+
+
+def test_evidence_is_limited():
+    grid = empty_grid(0.0, 0.0, PARAMS)
+    grid.evidence[0, 5], grid.evidence[0, 7] = 8, -9
+    bound(grid.evidence, -PARAMS.least, PARAMS.most)
+    assert grid.evidence[0, [5, 7]].tolist() == [5.0, -2.0]
+
+
+BODY = Body(length=0.25, width=0.18, room=0.07)
+ARCS = [(0.0, 1), (1.0, 1), (-2.0, 1), (0.0, -1), (2.0, -1)]
+TABLE = motion_primitives(ARCS, BODY, 1.6, 0.08)
+
+
+def touched(curvature, direction, travel, x, y):
+    """Whether the car with its room, having gone so far along an arc, covers a place: by its pose there."""
+    s = direction * travel
+    heading = curvature * s
+    cx, cy = (math.sin(heading) / curvature, (1 - math.cos(heading)) / curvature) if curvature else (s, 0.0)
+    along = (x - cx) * math.cos(heading) + (y - cy) * math.sin(heading)
+    across = -(x - cx) * math.sin(heading) + (y - cy) * math.cos(heading)
+    return abs(along) <= 0.32 and abs(across) <= 0.25
+
+
+def first_touch(curvature, direction, x, y):
+    """Metres until the place is covered, by driving 5 mm at a time."""
+    return next((n / 200 for n in range(321) if touched(curvature, direction, n / 200, x, y)), 1.6)
+
+
+def free(evidence, blocked=1.0, unknown=-0.1):
+    """`free_distances` of evidence at each place of the table."""
+    return free_distances(
+        evidence.astype(np.float32)[None], np.arange(len(TABLE.x), dtype=np.int32), TABLE, blocked, unknown
+    )
+
+
+def travel(x, y, around=(0.0,)):
+    """The free distance with blocked cells of 8 cm: that of one place, or of those so far around it."""
+    params, here = LocalGridParams(cell=0.08, size=64), (0.013, -0.02, 0.3)
+    grid = empty_grid(here[0], here[1], params)
+    blocked = np.array([(x + dx, y + dy) for dx in around for dy in around]).T
+    grid.evidence.reshape(-1)[cells_at(here, *blocked, params)] = 3
+    at = cell_index(TABLE.x, TABLE.y, here, params.cell, params.size)
+    return free_distances(grid.evidence, at, TABLE, 2.0, 2.0)[0]
+
+
+@given(st.floats(-1.4, 1.6), st.floats(-1.3, 1.3))
+@settings(max_examples=60, deadline=None)
+def test_free_travel_against_moved_rectangles(x, y):
+    """Up to a step and the diagonal of a cell, 8 cm each; what the car covers at the start is left out.
+
+    Four cells are blocked. A cell by itself can lie between the places that the table of arcs looks at: 8 of 6500
+    single cells are missed.
+    """
+    if abs(x) < 0.55 and abs(y) < 0.45:
+        return
+    found = travel(x, y, (-0.04, 0.04))
+    for k, (curvature, direction) in enumerate(ARCS):
+        # A cell is blocked as a whole: all places within its diagonal may be what stops the car.
+        offsets = (-0.155, -0.08, 0.0, 0.08, 0.155)
+        lengths = [first_touch(curvature, direction, x + dx, y + dy) for dx in offsets for dy in offsets]
+        assert min(lengths) - 0.081 <= float(found[k]) <= max(lengths) + 0.081
+
+
+def test_free_travel_of_a_wall_ahead():
+    found = travel(1.0, 0.0)
+    # Bumper and room reach 0.32 m ahead.
+    assert float(found[0]) == pytest.approx(0.68, abs=0.12)
+    assert found[3:].tolist() == pytest.approx([1.6, 1.6])
+
+
+def test_what_was_not_seen_free_stops_the_bumper_only():
+    nothing = np.full(len(TABLE.x), -1.0)
+    assert free(nothing).ravel().tolist() == pytest.approx([1.6] * 10)
+    # Nothing is known 0.8 m and more ahead of the middle: the bumper and its room get there after 0.48 m.
+    all_free, seen = free(np.where(TABLE.x >= 0.8, 0.0, -1.0))
+    assert all_free.tolist() == pytest.approx([1.6] * 5)
+    assert float(seen[0]) == pytest.approx(0.4)
+    assert seen[3:].tolist() == pytest.approx([1.6, 1.6])
+    # Beside the flanks nothing need be known.
+    assert float(free(np.where(np.abs(TABLE.x) < 0.3, 0.0, -1.0))[1, 0]) == pytest.approx(1.6)
+
+
+def test_bad_parameters():
+    with pytest.raises(InputError, match="power of two"):
+        LocalGridParams(size=48)
+    with pytest.raises(InputError, match="cell"):
+        LocalGridParams(cell=0.0)
+    with pytest.raises(InputError, match="lifetime"):
+        LocalGridParams(lifetime=0.0)
+    with pytest.raises(InputError, match="width"):
+        Body(width=0.0)
+    with pytest.raises(InputError, match="longest"):
+        motion_primitives(ARCS, BODY, 0.05, 0.08)
+
+
+def test_arcs_are_followed_by_a_step_of_a_cell_where_none_is_named() -> None:
+    """A step longer than a cell of the patch could miss one."""
+    table = motion_primitives(ARCS, BODY, 1.6)
+    assert table.step <= LocalGridParams().cell
+    assert np.array_equal(table.x, TABLE.x)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_places_of_the_outline_are_at_most_a_step_apart_ahead_and_two_at_the_sides(direction: int) -> None:
+    """What goes along a flank is looked at at every step of the way, so two steps are near enough there."""
+    table = motion_primitives([(0.0, direction)], BODY, 1.6, 0.08)
+    x, y = table.x.reshape(table.steps, -1)[0], table.y.reshape(table.steps, -1)[0]
+    ahead, wide = BODY.length + BODY.room, BODY.width + BODY.room
+    assert x[: table.leading].tolist() == pytest.approx([direction * (0.08 + ahead)] * table.leading)
+    assert y[: table.leading].tolist() == pytest.approx(np.linspace(-wide, wide, 8).tolist(), abs=1e-6)
+    for flank, side in zip(x[table.leading :].reshape(2, -1), (wide, -wide), strict=True):
+        assert (direction * flank - 0.08).tolist() == pytest.approx([-ahead, -ahead / 2, 0.0, ahead / 2], abs=1e-6)
+        assert bool((np.abs(y[table.leading :].reshape(2, -1) - side) < 1e-6).all(-1).any())

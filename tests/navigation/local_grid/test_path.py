@@ -1,0 +1,142 @@
+"""The driven path: what is kept of it, and backing out on it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ndtorch.navigation import Pose
+from ndtorch.navigation.local_grid._kernels import POSES, SPACING, DrivenPath, pure_pursuit_back, record
+from ndtorch.navigation.local_grid.grid import empty_path
+from ndtorch.navigation.odometry import arc
+
+DT, TIGHT = 1 / 30, 2.0
+
+
+def drive(path, pose, moves):
+    """Drive (speed, curvature, steps) after each other; returns path and pose."""
+    for speed, curvature, steps in moves:
+        for _ in range(steps):
+            pose = arc(pose, speed, curvature, DT)
+            path = record(path, tuple(pose), speed)
+    return path, pose
+
+
+def started(x=0.0, y=0.0, heading=0.0):
+    return record(empty_path(), (x, y, heading), 0.0), Pose(x, y, heading)
+
+
+def test_it_is_as_long_as_the_way_up_to_its_end():
+    path, pose = drive(*started(), [(0.5, 0.0, 60)])
+    length, bend = pure_pursuit_back(path, tuple(pose), TIGHT)
+    # 1 m, in whole spacings, which a step of 1.7 cm makes up to that much longer.
+    assert 1.0 - 17 * 0.017 < length <= 1.0
+    assert bend == pytest.approx(0.0, abs=1e-6)
+    path, pose = drive(path, pose, [(0.5, 0.0, 600)])
+    assert pure_pursuit_back(path, tuple(pose), TIGHT)[0] == pytest.approx((POSES - 1) * SPACING)
+
+
+@pytest.mark.parametrize("bend", [2.0, -1.0])
+def test_a_car_goes_back_the_way_it_came(bend):
+    """An arc after a straight, back to where it began: soon beside the path by little, at the end as it stood."""
+    path, pose = drive(*started(1.0, -2.0, 0.7), [(0.5, 0.0, 60), (0.4, bend, 45)])
+    away = []
+    for _ in range(300):
+        length, follow = pure_pursuit_back(path, tuple(pose), TIGHT)
+        if length < 0.1:
+            break
+        pose = arc(pose, -0.3, follow, DT)
+        path = record(path, tuple(pose), -0.3)
+        ahead = (pose.x - 1.0) * math.cos(0.7) + (pose.y + 2.0) * math.sin(0.7)
+        if ahead < 0.9:
+            away.append(abs((pose.y + 2.0) * math.cos(0.7) - (pose.x - 1.0) * math.sin(0.7)))
+    assert len(away) > 60
+    assert max(away) < 0.06
+    assert away[-1] < 0.015
+    assert pose.heading == pytest.approx(0.7, abs=0.05)
+
+
+def test_who_backs_beside_it_has_left_it():
+    path, pose = drive(*started(), [(0.5, 0.0, 60), (-0.3, 2.0, 40)])
+    assert pure_pursuit_back(path, tuple(pose), TIGHT)[0] < 0.2
+    assert pose.heading < -0.7
+
+
+def behind(count, heading=0.0):
+    """So many poses along x, 5 cm apart, the newest at the origin."""
+    poses = np.zeros((POSES, 3), np.float32)
+    poses[:, 0], poses[:, 2] = -SPACING * np.arange(POSES), heading
+    return DrivenPath(poses, count)
+
+
+def at(x=0.0, y=0.0, heading=0.0):
+    return x, y, heading
+
+
+@pytest.mark.parametrize(
+    ("pose", "speed", "shift"),
+    [
+        (at(0.051), 0.5, 1),
+        (at(0.049), 0.5, 0),
+        (at(0.036, -0.036), 0.5, 1),  # however it came there
+        (at(-0.03, 0.041), 0.5, 1),
+        (at(0.051), 0.0, 0),  # who stands does not drive on
+        (at(-0.05), 0.0, -1),
+        (at(0.009), -0.3, -1),
+        (at(-0.01), -0.3, -1),
+        (at(0.011), -0.3, 0),  # not there yet
+        (at(-0.2, 0.059), -0.3, -1),
+        (at(-0.2, -0.059), -0.3, -1),
+        (at(-0.2, 0.0, 0.249), -0.3, -1),
+        (at(-0.2, 0.0, -0.249), -0.3, -1),
+    ],
+)
+def test_it_grows_by_what_is_far_enough_and_loses_what_is_passed(pose, speed, shift):
+    path = behind(10)
+    after = record(path, pose, speed)
+    assert after.size == 10 + shift
+    if shift == 1:
+        assert after.poses[0] == pytest.approx(pose, abs=1e-6)
+        assert np.array_equal(after.poses[1:], path.poses[:-1])
+    else:
+        moved = -shift
+        assert np.array_equal(after.poses[: POSES - moved], path.poses[moved:])
+
+
+@pytest.mark.parametrize("pose", [at(0.0, 0.061), at(0.0, -0.061), at(0.0, 0.0, 0.251), at(-0.2, 0.0, -0.251)])
+def test_who_backs_beside_it_or_turned_against_it_begins_another_one(pose):
+    after = record(behind(10), pose, -0.0011)
+    assert after.size == 1
+    assert after.poses[0] == pytest.approx(pose, abs=1e-6)
+    # Rolling back by less than a millimetre a second is no going back, and going on is none.
+    assert record(behind(10), pose, -0.0009).size in (9, 10)
+    assert record(behind(10), pose, 0.3).size == 10 + (math.hypot(*pose[:2]) >= SPACING)
+
+
+def test_it_begins_where_the_car_is_and_is_never_longer_than_its_memory():
+    for speed in (0.0, 0.5, -0.3):
+        assert record(behind(0), at(1.0, 2.0, 0.5), speed).size == 1
+        assert record(behind(0), at(1.0, 2.0, 0.5), speed).poses[0] == pytest.approx([1.0, 2.0, 0.5])
+    full = record(behind(POSES), at(0.06), 0.5)
+    assert full.size == POSES
+    assert np.array_equal(full.poses[1:], behind(POSES).poses[:-1])
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("count", [0, 1, 2, 4, 5, 6, 40])
+def test_it_steers_back_by_the_arc_to_the_fifth_pose_or_to_the_last_one(count, side):
+    pose, tightest = at(0.01, side * 0.03, side * 0.02), 9.0
+    length, bend = pure_pursuit_back(behind(count), pose, tightest)
+    poses = max(count - 1, 0)
+    assert length == pytest.approx(poses * SPACING)
+    dx, dy = -SPACING * min(poses, 4) - 0.01, -side * 0.03
+    angle = math.atan2(dy, dx) - side * 0.02
+    square = max(dx * dx + dy * dy, 0.01)  # nearer than 10 cm as if it were that far
+    wanted = 2 * math.hypot(dx, dy) * math.sin(angle) / square
+    assert bend == pytest.approx(wanted if poses else 0.0, abs=1e-5)
+    assert abs(pure_pursuit_back(behind(count), pose, 0.25)[1]) <= 0.25
+
+
+@pytest.mark.parametrize(("x", "steers"), [(0.021, True), (0.019, False)])
+def test_nothing_is_steered_to_that_is_no_more_than_2_cm_behind(x, steers):
+    assert (pure_pursuit_back(behind(1), at(x, 0.05, 0.0), TIGHT)[1] != 0) == steers
