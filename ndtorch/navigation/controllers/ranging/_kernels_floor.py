@@ -340,7 +340,8 @@ def floor_step(
                     mistaken = mistaken or (eyes == 4 and not floor[b, k] and cells[eye + 2, b, k] > 0)
         beside = bands
         for k in range(blocks - 1, -1, -1):
-            reached, end = True, bands
+            reached: Any = True
+            end = bands
             # As `stands`; of these cells only the nearest matters, since nothing behind it is reached.
             foot, none, b = bands, 0, bands - 1
             while trusted and b >= 0 and cells[eye + 2, b, k] <= 0:
