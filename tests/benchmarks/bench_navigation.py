@@ -15,23 +15,22 @@ import numpy as np
 import torch
 
 from ndtorch.navigation import (
-    Avoider,
     Command,
     FeatureParams,
     GridMap,
     Navigator,
     ObservationList,
     Pose,
+    SaccadeController,
     StereoRanging,
     StereoRig,
     Strips,
     cut_strips,
 )
-from ndtorch.navigation.controllers.published import SaccadeAvoidance
+from ndtorch.navigation.controllers.published import SaccadeAvoidance, SubfieldMotion
 from ndtorch.navigation.controllers.ranging.control import RangingControl
-from ndtorch.navigation.controllers.ranging.floor_motion import FloorMotion
-from ndtorch.navigation.controllers.subfields import SubfieldMotion
 from ndtorch.navigation.proximity.check import ProximityCheck
+from ndtorch.navigation.stereo.strips import as_frames
 from tests.benchmarks.timing import Row, reference, table
 
 DT = 1 / 30
@@ -134,10 +133,9 @@ def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
         return grid(ranging(next_left, next_right, rows_state)[0], here, cells)
 
     found = int(ranges.valid.sum())
-    look, control = FloorMotion(rig, DT), RangingControl(rig, DT)
-    _, floor = look(left, right)
-    start = control.start(torch.zeros(0), Pose(*torch.zeros(3)))
-    moved = Command(torch.full((1,), 0.5), torch.zeros(1))
+    control, origin = RangingControl(rig, DT), Pose(0.0, 0.0, 0.0)
+    _, floor = control.see(as_frames(left[0], right[0]))
+    start, found_now = control.start(None, origin), StereoRanging(rig, DT).step(as_frames(left[0], right[0]), None)[0]
 
     check = ProximityCheck(rig, control.fields)
     eyes = ((left[0], right[0]), (left[0], right[0]))
@@ -146,7 +144,8 @@ def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
         return check(*eyes)
 
     def drive() -> object:
-        return control(look(next_left, next_right, floor)[0], ranges, here, moved, start)
+        seen, _ = control.see(as_frames(next_left[0], next_right[0]), floor)
+        return control.step(seen, found_now, origin, Command(0.5, 0.0), start)
 
     result = [
         Timed("ranging controller", *median_time(drive), "floor cells, patch, free arcs, state machine"),
@@ -172,8 +171,6 @@ def navigation_rows(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:
         call = lambda n=navigator, s=state: n(next_left, next_right, s)  # noqa: E731
         result.append(Timed(name, *median_time(call), "two 640x480 RGB frames, uint8"))
         if name in (WHOLE, "whole step, ranging controller"):
-            apart = lambda n=navigator, s=state: n.see_and_steer(next_left, next_right, s)  # noqa: E731
-            result.append(Timed(f"{name}, part by part", *median_time(apart), "as before one kernel did it"))
             eyes = [beside(frame) for frame in (next_left, next_right)]
             of_camera = lambda n=navigator, s=state, e=eyes: n(*e, s)  # noqa: E731
             result.append(Timed(f"{name}, frames of OpenCV", *median_time(of_camera), "colors beside each other"))
@@ -187,9 +184,9 @@ def beside(frame: torch.Tensor) -> torch.Tensor:
 
 def avoider_row() -> Timed:
     """Avoidance on plain arrays."""
-    avoider, eyes = Avoider(StereoRig(), DT), [stereo_pair(step) for step in range(2)]
+    avoider, eyes = SaccadeController(StereoRig(), DT), [stereo_pair(step) for step in range(2)]
     _, state = avoider(*eyes[0])
-    return Timed("avoidance alone", *median_time(lambda: avoider(*eyes[1], state)), "`Avoider`, uint8 arrays")
+    return Timed("avoidance alone", *median_time(lambda: avoider(*eyes[1], state)), "`SaccadeController`, uint8 arrays")
 
 
 def many_cars(tensors: list[tuple[torch.Tensor, ...]]) -> list[Timed]:

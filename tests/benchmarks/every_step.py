@@ -43,14 +43,14 @@ def main(arena: str = "sofa", seed: int = 103, seconds: float = 8.0) -> list[Row
     }
     found: dict[str, list[float]] = {kind: [] for kind in kinds.values()}
     every: dict[str, list[float]] = {"with": [], "without": []}
-    asked = usual.controller.glances
+    asked = usual.controller.sensing_requests
     looks: list[tuple[bool, bool]] = []
 
     def noted(state: object) -> tuple[bool, bool]:
         looks.append(asked(state))
         return looks[-1]
 
-    usual.controller.glances = noted
+    usual.controller.sensing_requests = noted
     with torch.inference_mode():
         for turn in range(ROUNDS):
             for name, navigator in (("with", usual), ("without", plain)):
