@@ -219,7 +219,7 @@ class Drive:
     def see(self, left, right, pose):
         _, self.state = self.navigator(left, right, self.state)
         r = self.state.ranges
-        self.ranges.append(np.stack([p.numpy() for p in (r.left_range, r.left_angle, r.right_angle, r.valid)]))
+        self.ranges.append(np.stack((r.left_range, r.left_angle, r.right_angle, r.valid)))
         self.pose.append((*pose[:2], pose[2] + self.turned))
 
     def error(self):

@@ -1,15 +1,12 @@
 """What is said of a floor before anything drives, beside what a drive learns of it."""
 
-import math
 from itertools import count
-from types import SimpleNamespace
 
+import numpy as np
 import pytest
-import torch
 
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch.navigation.stereo.strips import strips
-from ndtorch_robot.camera_monitor import floor_check
 from ndtorch_robot.camera_monitor.floor_check import FloorFound, measure_floor, moved_level
 from ndtorch_robot.camera_monitor.frame_check import FrameCheck
 from ndtorch_robot.car import Car
@@ -42,7 +39,7 @@ def test_the_level_is_the_one_that_driving_teaches():
         check = FrameCheck(RIG, 30.0, LIMITS.age, joint_freeze=False)
         Car(runner, world, SafeDrive(world, world, LIMITS, check)).run(0.8, warm_up=False)
         learned = runner.state.control.floor.level
-        assert (told[:6] / learned[:6]).log().abs().max() < 0.4
+        assert np.abs(np.log(told[:6] / learned[:6])).max() < 0.4
     finally:
         world.close()
 
@@ -58,29 +55,6 @@ def test_smooth_floor_will_not_do():
     assert not found.ahead
     assert found.speed == 0
     assert "the floor shows little" in found.words()[0]
-
-
-@pytest.mark.parametrize(("bands", "near"), [(2, 1), (5, 2), (10, 4)])
-def test_the_level_is_that_of_the_nearest_two_fifths_of_the_bands(monkeypatch, bands, near):
-    """Of each with the picture moved by as many rows as the floor flows there."""
-    picture = torch.arange(40.0).view(1, 1, 40, 1).expand(1, 2, 40, 3)
-    monkeypatch.setattr(floor_check, "grey_pair", lambda *_: picture)
-    moved, flow = [], torch.linspace(9.2, 0.4, bands)
-
-    def look(left, right, state=None):
-        if state is None:
-            moved.append(int(left[..., 0, 0]))
-            assert torch.equal(left, right)
-        return torch.arange(bands).square().float().expand(1, 2, bands), 1
-
-    floor = SimpleNamespace(saturation=torch.tensor(-0.1), profile=torch.ones(bands))
-    params = SimpleNamespace(floor=SimpleNamespace(bands=bands))
-    control = SimpleNamespace(floor=floor, params=params, full_flow=flow, fields=(0, 0), look=look)
-    level = moved_level(control, SimpleNamespace(field=0), SimpleNamespace(field=0), RIG)
-    rows = [round(float(f)) for f in flow[:near]]
-    assert moved == rows
-    wanted = torch.tensor([band**2 / (1 - math.exp(-0.1 * row)) for band, row in enumerate(rows)]).median()
-    torch.testing.assert_close(level, wanted.expand(bands))
 
 
 def test_what_is_said():
