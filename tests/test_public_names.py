@@ -107,7 +107,7 @@ def test_there_is_a_version() -> None:
         (ndtorch, "objects", r"model\.objects\(state\)"),
         (ndtorch.binding, "RetinotopicBinding", "RetinotopicModel"),
         (ndtorch.navigation, "CompiledNavigator", "Navigator, whose steps are compiled"),
-        (ndtorch.navigation, "StereoRanging", "StereoRanging"),
+        (ndtorch.navigation, "RowRanging", "StereoRanging"),
         (ndtorch.navigation, "Avoider", "SaccadeController"),
     ],
 )

@@ -86,6 +86,6 @@ __getattr__ = lazy(
     moved={
         "Avoider": "SaccadeController",
         "CompiledNavigator": "Navigator, whose steps are compiled",
-        "StereoRanging": "StereoRanging",
+        "RowRanging": "StereoRanging",
     },
 )
