@@ -12,6 +12,7 @@ from pathlib import Path
 
 import cv2
 import matplotlib.pyplot as plt
+import numpy as np
 import torch
 
 from ndtorch.navigation import Navigator
