@@ -42,7 +42,7 @@ def surroundings(
 def disc_cells(radius: float, params: LocalGridParams) -> Array:
     """Places of the body frame that fill a disc, a cell apart, `[2, n]`, m."""
     reach = math.floor(radius / params.cell)
-    line = (np.arange(-reach, reach + 1) * params.cell).astype(np.float32)
+    line = np.arange(-reach, reach + 1, dtype=np.float32) * np.float32(params.cell)
     x, y = np.meshgrid(line, line, indexing="ij")
     inside = x * x + y * y <= radius**2
     return np.stack((x[inside], y[inside]))
