@@ -42,26 +42,26 @@ class Task:
     """What a controller is asked to do.
 
     Args:
-        to: a place to go to, x, y in m; None for none.
-        explore: drive wherever it was not yet.
-        back: then go back to where the drive began.
-        cruise: speed where nothing is in the way, m/s.
+        goal: The car drives to this place, x and y in m; None for none.
+        explore: The car then drives wherever it was not yet.
+        return_home: The car then drives back to where it began.
+        speed: The car drives at this speed, m/s, where there is room.
     """
 
-    to: tuple[float, float] | None = None
+    goal: tuple[float, float] | None = None
     explore: bool = False
-    back: bool = False
-    cruise: float = 0.5
+    return_home: bool = False
+    speed: float = 0.5
 
     def __post_init__(self) -> None:
         check_numbers(self)
-        if self.cruise < 0:
-            raise InputError(f"cruise must be a speed >= 0, got {self.cruise}")
+        if self.speed < 0:
+            raise InputError(f"speed must be >= 0, got {self.speed}")
 
     @property
     def has_goal(self) -> bool:
         """Whether it says where to go."""
-        return self.to is not None or self.explore or self.back
+        return self.goal is not None or self.explore or self.return_home
 
 
 @dataclass(frozen=True)
@@ -146,11 +146,11 @@ class Controller(nn.Module, ABC):
         if task.has_goal and not cls.has_goals:
             raise InputError(f"the {cls.name} controller has no goals: to, explore and back belong to controller goal")
         params = cls.Params()
-        if task.cruise == Task.cruise:
+        if task.speed == Task.speed:
             return params
         if not hasattr(params, "speed"):
             raise InputError(f"the {cls.name} controller has no cruise speed to choose")
-        return replace(params, speed=task.cruise)
+        return replace(params, speed=task.speed)
 
     @property
     def fields(self) -> tuple[Rect, Rect]:

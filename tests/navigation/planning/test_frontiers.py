@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
-from ndtorch.navigation.controllers.goal.memory import visited_cells
-from ndtorch.navigation.controllers.goal.replanning import give_up
+from ndtorch.navigation.controllers.goal.replanning import check_progress, visited_cells
 from ndtorch.navigation.planning.costmap import LocalMap, clear_footprint, clearance
 from ndtorch.navigation.planning.frontiers import cheapest_goal, frontier_costs, large_components, opening
 from ndtorch.navigation.planning.planner import plan
@@ -217,34 +216,35 @@ def test_what_was_tried_in_vain_counts_as_passed():
     visited[square(1.0, 2.0, -0.5, 0.5)] = False
     around = world()
     made = explored(around, visited)
-    state = give_up(state, made, around, AROUND, params)._replace(cost=made.cost)
-    assert float(state.best) == pytest.approx(made.cost)
-    for tried in (0.0, params.in_vain + made.cost / params.creep - 0.1):
-        state = give_up(state._replace(tried=tried), made, around, AROUND, params)
+    state = check_progress(state, made, around, AROUND, params)._replace(cost=made.cost)
+    assert float(state.best_cost) == pytest.approx(made.cost)
+    for tried in (0.0, params.no_progress_s + made.cost / params.unknown_speed_m_per_s - 0.1):
+        state = check_progress(state._replace(no_progress_s=tried), made, around, AROUND, params)
         assert not state.visited.evidence.any()
-    nearer = give_up(state, made._replace(cost=made.cost - 0.2), around, AROUND, params)
-    assert float(nearer.tried) == 0
-    assert give_up(state, made._replace(cost=math.inf), around, AROUND, params) is state
+    nearer = check_progress(state, made._replace(cost=made.cost - 0.2), around, AROUND, params)
+    assert float(nearer.no_progress_s) == 0
+    assert check_progress(state, made._replace(cost=math.inf), around, AROUND, params) is state
     # Aims that change to and fro are no success, and a far one is given the time that it takes.
-    tried = params.in_vain + made.cost / params.creep + 0.1
-    far = give_up(state._replace(tried=tried), made._replace(cost=made.cost + 2.0), around, AROUND, params)
+    tried = params.no_progress_s + made.cost / params.unknown_speed_m_per_s + 0.1
+    dear = made._replace(cost=made.cost + 2.0)
+    far = check_progress(state._replace(no_progress_s=tried), dear, around, AROUND, params)
     assert not far.visited.evidence.any()
-    assert float(far.tried) == pytest.approx(float(tried))
-    assert float(far.best) == pytest.approx(made.cost)
-    state = give_up(state._replace(tried=tried), made, around, AROUND, params)
-    cells = visited_cells(state.visited.evidence, 0.0, 0.0, SMALL.grid, params.places)
+    assert float(far.no_progress_s) == pytest.approx(float(tried))
+    assert float(far.best_cost) == pytest.approx(made.cost)
+    state = check_progress(state._replace(no_progress_s=tried), made, around, AROUND, params)
+    cells = visited_cells(state.visited.evidence, 0.0, 0.0, SMALL.grid, params.visited_grid)
     row, column = np.argwhere(cells).mean(0)
     left = (-SMALL.grid.size // 2 + 1) * CELL
     assert left + (column + 0.5) * CELL == pytest.approx(1.0, abs=0.15)
     assert left + (row + 0.5) * CELL == pytest.approx(0.0, abs=0.15)
-    assert cells.sum() * CELL**2 == pytest.approx(math.pi * params.given_up**2, rel=0.25)
-    assert math.isinf(float(state.best))
+    assert cells.sum() * CELL**2 == pytest.approx(math.pi * params.blacklist_radius_m**2, rel=0.25)
+    assert math.isinf(float(state.best_cost))
 
 
 def test_exploring_remembers_longer_than_going_to_a_place():
     patch = GoalControl(RIG, DT, GoalParams(explore=True)).params.reactive.grid
-    assert patch.lifetime == GoalParams().lifetime > GoalParams().reactive.grid.lifetime
-    going = GoalControl(RIG, DT, GoalParams(to=(1.0, 0.0))).params.reactive.grid
+    assert patch.lifetime == GoalParams().exploration_memory_s > GoalParams().reactive.grid.lifetime
+    going = GoalControl(RIG, DT, GoalParams(goal=(1.0, 0.0))).params.reactive.grid
     assert going == GoalParams().reactive.grid
     assert replace(patch, lifetime=going.lifetime) == going
 

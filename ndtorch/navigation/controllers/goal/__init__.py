@@ -1,4 +1,4 @@
-"""The controller that is told where to go: it plans on what it has seen, and `ranging` keeps the last word."""
+"""The controller that plans paths to goals and through unexplored space; `ranging` may stop it."""
 
 from ndtorch.navigation.controllers.goal.control import GoalControl
 from ndtorch.navigation.controllers.goal.params import GoalParams

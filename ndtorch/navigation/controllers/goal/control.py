@@ -1,4 +1,4 @@
-"""The controller that is told where to go."""
+"""The controller that drives to goals and explores, by paths planned in its local grid."""
 
 from __future__ import annotations
 
@@ -20,11 +20,10 @@ from ndtorch.navigation.controllers.contract import (
     Task,
     Trace,
 )
-from ndtorch.navigation.controllers.goal.errands import DONE, EXPLORE, asked, finds_nothing, next_errand, with_pose
-from ndtorch.navigation.controllers.goal.memory import disc_cells, surroundings
-from ndtorch.navigation.controllers.goal.params import GoalParams, remembering
-from ndtorch.navigation.controllers.goal.replanning import replan
-from ndtorch.navigation.controllers.goal.state import LONGEST, GoalState
+from ndtorch.navigation.controllers.goal.params import GoalParams, with_memory
+from ndtorch.navigation.controllers.goal.replanning import disc_cells, local_map, replan
+from ndtorch.navigation.controllers.goal.state import MAX_POINTS, GoalState
+from ndtorch.navigation.controllers.goal.tasks import DONE, EXPLORE, is_fruitless, next_task, requested_tasks, with_pose
 from ndtorch.navigation.controllers.ranging._kernels import Array, awake, decide, limit, remember
 from ndtorch.navigation.controllers.ranging.control import RangingControl, check_sizes
 from ndtorch.navigation.controllers.ranging.tables import ranging_tables
@@ -43,12 +42,11 @@ from ndtorch.navigation.stereo.rig import Rect, StereoRig
 
 @register
 class GoalControl(Controller):
-    """Drives to a place, explores, and comes back, by ways planned on what it has seen.
+    """Drives to a goal, explores, and returns home, by paths planned in its local grid.
 
-    What was seen free or blocked stays in a square of cells around the car, the memory of `RangingControl` with
-    other numbers. A few times a second the way to the goal is planned there, ahead and backward, with arcs that the
-    car can drive and an outline that fits (`planning`). In between it is followed. Where the arcs of the
-    reactive controller are blocked it stops the car, and after a while drives by itself.
+    A few times a second a path is planned, ahead and backward, with arcs that the car can drive and its footprint
+    (`planning`). In between it is tracked by pure pursuit. If the arcs of the reactive controller are blocked, the car
+    stops, and after a while the reactive controller drives alone.
 
     Args:
         rig, dt, params: as `Controller`.
@@ -64,27 +62,33 @@ class GoalControl(Controller):
     def __init__(self, rig: StereoRig, dt: float, params: GoalParams | None = None) -> None:
         super().__init__(rig, dt, params)
         p: GoalParams = self.params
-        self.errands = asked(p)
-        self.explores = EXPLORE in self.errands
-        self.params = p = remembering(p, p.lifetime) if self.explores else p
+        self.tasks = requested_tasks(p)
+        self.explores = EXPLORE in self.tasks
+        self.params = p = with_memory(p, p.exploration_memory_s) if self.explores else p
         self.reactive = RangingControl(rig, dt, p.reactive)
-        tables = ranging_tables(rig, p.reactive, self.reactive.view, dt, p.miss)
+        tables = ranging_tables(rig, p.reactive, self.reactive.view, dt, p.miss_evidence)
         self.tables = tables._replace(grid=tables.grid._replace(beam_left=0.0))
         self.reactive.tables = self.tables
         self.dt = dt
         self.every = max(1, round(p.planner.plan_interval_s / dt))
-        self.disc = disc_cells(p.passed, p.places)
+        self.disc = disc_cells(p.visited_radius_m, p.visited_grid)
 
     @classmethod
     def params_for(cls, task: Task) -> GoalParams:
         """As `Controller.params_for`."""
         d = GoalParams()
-        slow, creep = min(d.slow, task.cruise), min(d.creep, task.cruise)
+        slow, unknown = (min(v, task.speed) for v in (d.tight_speed_m_per_s, d.unknown_speed_m_per_s))
         r = d.reactive
-        tight, back = min(r.tight_speed, 0.8 * task.cruise), min(r.reverse_speed, task.cruise)
-        reactive = replace(r, speed=min(r.speed, task.cruise), tight_speed=tight, reverse_speed=back)
+        tight, back = min(r.tight_speed, 0.8 * task.speed), min(r.reverse_speed, task.speed)
+        reactive = replace(r, speed=min(r.speed, task.speed), tight_speed=tight, reverse_speed=back)
         return GoalParams(
-            task.to, task.explore, task.back, speed=task.cruise, slow=slow, creep=creep, reactive=reactive
+            task.goal,
+            task.explore,
+            task.return_home,
+            speed_m_per_s=task.speed,
+            tight_speed_m_per_s=slow,
+            unknown_speed_m_per_s=unknown,
+            reactive=reactive,
         )
 
     @property
@@ -108,26 +112,26 @@ class GoalControl(Controller):
     def start(self, seen: Any, pose: Pose) -> GoalState:
         """The state of a car that stands at a pose, its home, and knows nothing."""
         none = np.zeros((0, 0), np.float32)
-        visited = empty_grid(pose.x, pose.y, self.params.places) if self.explores else LocalGrid(none, none, none)
+        visited = empty_grid(pose.x, pose.y, self.params.visited_grid) if self.explores else LocalGrid(none, none, none)
         return GoalState(
             reactive=self.reactive.start(seen, pose),
             visited=visited,
             home=(pose.x, pose.y),
             frame=(0.0, 0.0, 0.0),
-            told=0,
-            errand=self.errands[0],
-            way=np.zeros((LONGEST, 6), np.float32),
-            places=0,
+            localised=0,
+            task=self.tasks[0],
+            path=np.zeros((MAX_POINTS, 6), np.float32),
+            points=0,
             at=0,
             due=0,
             direction=1.0,
             vetoed=0,
-            lost=0,
+            reactive_steps=0,
             cost=0.0,
-            fruitless=0.0,
-            best=math.inf,
-            passed=0.0,
-            tried=0.0,
+            fruitless_s=0.0,
+            best_cost=math.inf,
+            visited_before=0.0,
+            no_progress_s=0.0,
             mode=SUPPRESSED,
         )
 
@@ -175,13 +179,13 @@ class GoalControl(Controller):
         replan(state, (0.0, 0.0, 0.0), self.params, self.every)
         # Where nothing is seen there is nowhere to go.
         grid, p = self.params.reactive.grid, self.params.planner
-        around = surroundings(state.reactive.grid.evidence, 0.0, 0.0, grid, 1.0, 1.0)
+        around = local_map(state.reactive.grid.evidence, 0.0, 0.0, grid, 1.0, 1.0)
         ahead = goal_costs(around, (1.0, 0.0), p)
         plan(around, clearance(around.blocked, around.cell), ahead, (0.0, 0.0, 0.0), 0.0, 1.0, p)
 
     def visit(self, visited: LocalGrid, pose: tuple[float, float, float]) -> LocalGrid:
         """The cells around the car are visited."""
-        p = self.params.places
+        p = self.params.visited_grid
         kept = move_grid(visited, pose, p.cell, 1.0)
         ahead, left = self.disc
         kept.evidence.reshape(-1)[cells_at(pose, ahead, left, p)] = 1.0
@@ -200,32 +204,33 @@ class GoalControl(Controller):
         here, second = (pose.x, pose.y, pose.heading), round(1 / self.dt)
         if learning:
             return reaction, state
-        state = next_errand(state, here, self.errands, self.params)
-        if state.errand == DONE:
+        state = next_task(state, here, self.tasks, self.params)
+        if state.task == DONE:
             return Command(0.0, 0.0), state._replace(mode=ARRIVED)
-        if state.told < 0:
+        if state.localised < 0:
             # A place in a known map means nothing before the car has found itself there.
             return reaction, state._replace(due=0, mode=state.reactive.mode)
-        if state.lost <= 0 and state.due <= 0:
+        if state.reactive_steps <= 0 and state.due <= 0:
             state = replan(state, here, self.params, self.every)
-        nothing = finds_nothing(state)
-        state = state._replace(tried=state.tried + self.dt, fruitless=state.fruitless + self.dt if nothing else 0.0)
-        if nothing and state.lost <= 0:
+        nothing = is_fruitless(state)
+        fruitless = state.fruitless_s + self.dt if nothing else 0.0
+        state = state._replace(no_progress_s=state.no_progress_s + self.dt, fruitless_s=fruitless)
+        if nothing and state.reactive_steps <= 0:
             # What was not seen yet is found by driving.
-            state = state._replace(lost=second)
-        if state.lost > 0:
-            return reaction, state._replace(lost=state.lost - 1, due=0, mode=state.reactive.mode)
-        way = state.way[: state.places]
+            state = state._replace(reactive_steps=second)
+        if state.reactive_steps > 0:
+            return reaction, state._replace(reactive_steps=state.reactive_steps - 1, due=0, mode=state.reactive.mode)
+        path = state.path[: state.points]
         p = self.params
-        aim = pure_pursuit(way, state.at, here, p.ahead, p.tightest)
+        aim = pure_pursuit(path, state.at, here, p.lookahead_m, p.max_curvature_per_m)
         if aim.direction == 0:
-            # The way has ended, or there is none: plan again at the next frame, and let the other drive if that fails.
+            # The path has ended, or there is none: plan again at the next frame, and let the other drive if that fails.
             tired = state.vetoed >= 2 * self.every
             vetoed, lost = (0, second) if tired else (state.vetoed + 1, 0)
-            return Command(0.0, 0.0), state._replace(due=0, vetoed=vetoed, lost=lost, mode=TURN)
-        wanted = speed_towards(way, aim.at, here, p.braking)
+            return Command(0.0, 0.0), state._replace(due=0, vetoed=vetoed, reactive_steps=lost, mode=TURN)
+        wanted = speed_towards(path, aim.at, here, p.deceleration_m_per_s2)
         free = self.free_ahead(lengths, aim.direction, aim.curvature)
-        safe = math.sqrt(2 * p.braking * max(0.0, free - p.lag))
+        safe = math.sqrt(2 * p.deceleration_m_per_s2 * max(0.0, free - p.reaction_distance_m))
         speed = min(wanted, safe)
         blocked = safe < 0.1
         refused = state.vetoed + 1 if blocked else 0
@@ -235,7 +240,7 @@ class GoalControl(Controller):
             due=0 if blocked else state.due - 1,
             direction=aim.direction,
             vetoed=0 if weary else refused,
-            lost=second if weary else 0,
+            reactive_steps=second if weary else 0,
             # What the other was about does not matter while it does not drive.
             reactive=state.reactive._replace(mode=CRUISE, age=0, has_reversed=0),
             mode=CRUISE if aim.direction > 0 else REVERSE,

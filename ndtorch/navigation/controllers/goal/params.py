@@ -1,4 +1,4 @@
-"""All numbers of the goal controller."""
+"""Parameters of the goal controller."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ndtorch.navigation.planning.params import PlannerParams
 
 
 def reactive_params() -> RangingParams:
-    """The reactive controller's numbers where a planner leads it: a large memory that lasts, and less room."""
+    """Parameters of the reactive controller under a planner: a large memory that lasts, and less room."""
     return RangingParams(
         body=Body(room=0.03),
         grid=LocalGridParams(cell=0.05, size=512, lifetime=120.0),
@@ -24,62 +24,66 @@ def reactive_params() -> RangingParams:
 
 @dataclass(frozen=True)
 class GoalParams:
-    """The numbers of the goal controller.
+    """Parameters of the goal controller.
 
     Args:
-        to: the goal, x, y in m, where dead reckoning has its own origin; None for no goal.
-        explore: then drive wherever it was not yet; the errand where no other is given.
-        back: then go back to where the drive began.
-        arrived: a goal is reached this near to it, m.
-        speed: cruise speed, m/s.
-        slow, creep: m/s where it is tight, and into what was not seen yet.
-        braking: deceleration that is counted on, m/s^2.
-        lag: distance that is driven before anything is done, m.
-        tightest: largest curvature, 1/m, to come back to a way whose arcs are a little wider.
-        ahead: the way is followed by aiming so far ahead, m.
-        passed: exploring, places within this of the way driven count as done, m.
-        places: the memory of them; it reaches farther than that of what was seen.
-        patience: exploring ends when for so long no way to anywhere new was found, s.
-        in_vain: a place to explore is given up when the car has come no nearer and passed nothing new for so long,
-            s, and for as long as creeping there takes.
-        given_up: with all that is within this of it, m.
-        lifetime: of what is remembered when exploring, s.
-        miss: evidence that a range takes away from each cell before it.
-        reactive: numbers of the controller that keeps the last word.
-        planner: parameters of the planner.
+        goal: The car drives to this place, x and y in m in the frame of dead reckoning; None for no goal.
+        explore: The car then drives wherever it was not yet; it does so without any other task, too.
+        return_home: The car then drives back to where it began.
+        goal_tolerance_m: A goal is reached within this distance.
+        speed_m_per_s: The car drives at this speed where there is room.
+        tight_speed_m_per_s: The car drives at this speed where it is tight.
+        unknown_speed_m_per_s: The car drives no faster than this into unknown cells.
+        deceleration_m_per_s2: The car can brake with this deceleration.
+        reaction_distance_m: The car drives this far before it begins to brake.
+        max_curvature_per_m: No commanded curvature exceeds this, which is above that of the planned arcs.
+        lookahead_m: Pure pursuit aims this far ahead along the path.
+        visited_radius_m: Exploring, everything within this distance of the car is visited.
+        visited_grid: This local grid remembers what is visited.
+        exploration_timeout_s: Exploration ends if no path to a frontier was found for this long.
+        no_progress_s: A frontier is given up if the car has come no nearer and visited nothing new for this long, and
+            for the time that the path to it takes at the speed into unknown cells.
+        blacklist_radius_m: A frontier is given up with everything within this distance.
+        exploration_memory_s: Exploring, obstacles and floor are remembered for this long.
+        miss_evidence: A range takes this much evidence from each cell on its line of sight.
+        reactive: These parameters belong to the reactive controller.
+        planner: These parameters belong to the planner.
+
+    Raises:
+        InputError: A number is not positive.
     """
 
-    to: tuple[float, float] | None = None
+    goal: tuple[float, float] | None = None
     explore: bool = False
-    back: bool = False
-    arrived: float = 0.3
-    speed: float = 0.5
-    slow: float = 0.35
-    creep: float = 0.3
-    braking: float = 1.5
-    lag: float = 0.1
-    tightest: float = 2.15
-    ahead: float = 0.3
-    passed: float = 0.9
-    places: LocalGridParams = field(default_factory=lambda: LocalGridParams(cell=0.1, size=512))
-    patience: float = 10.0
-    in_vain: float = 12.0
-    given_up: float = 0.5
-    lifetime: float = 600.0
-    miss: float = 0.15
+    return_home: bool = False
+    goal_tolerance_m: float = 0.3
+    speed_m_per_s: float = 0.5
+    tight_speed_m_per_s: float = 0.35
+    unknown_speed_m_per_s: float = 0.3
+    deceleration_m_per_s2: float = 1.5
+    reaction_distance_m: float = 0.1
+    max_curvature_per_m: float = 2.15
+    lookahead_m: float = 0.3
+    visited_radius_m: float = 0.9
+    visited_grid: LocalGridParams = field(default_factory=lambda: LocalGridParams(cell=0.1, size=512))
+    exploration_timeout_s: float = 10.0
+    no_progress_s: float = 12.0
+    blacklist_radius_m: float = 0.5
+    exploration_memory_s: float = 600.0
+    miss_evidence: float = 0.15
     reactive: RangingParams = field(default_factory=reactive_params)
     planner: PlannerParams = field(default_factory=PlannerParams)
 
     def __post_init__(self) -> None:
         check_numbers(self)
-        if self.to is not None and not (isinstance(self.to, tuple | list) and len(self.to) == 2):
-            raise InputError(f"to must be x and y in metres, got {self.to!r}")
+        if self.goal is not None and not (isinstance(self.goal, tuple | list) and len(self.goal) == 2):
+            raise InputError(f"goal must be x and y in metres, got {self.goal!r}")
         for name, value in vars(self).items():
             if isinstance(value, float | int) and not isinstance(value, bool) and not value > 0:
                 raise InputError(f"{name} must be a number > 0, got {value}")
 
 
-def remembering(params: GoalParams, lifetime: float) -> GoalParams:
-    """The same numbers, with another time for which is remembered what was seen, s."""
+def with_memory(params: GoalParams, lifetime: float) -> GoalParams:
+    """The same parameters with another lifetime of the evidence of obstacles and floor, s."""
     grid = replace(params.reactive.grid, lifetime=lifetime)
     return replace(params, reactive=replace(params.reactive, grid=grid))

@@ -1,4 +1,4 @@
-"""A new way from where the car is, for what it is about."""
+"""A new path from where the car is: the local map and the visited cells around it, a plan, and its speeds."""
 
 from __future__ import annotations
 
@@ -6,71 +6,130 @@ import math
 
 import numpy as np
 
-from ndtorch.navigation.controllers.goal.errands import place_of_errand
-from ndtorch.navigation.controllers.goal.memory import passed_around, surroundings, visited_cells
 from ndtorch.navigation.controllers.goal.params import GoalParams
-from ndtorch.navigation.controllers.goal.state import LONGEST, GoalState
-from ndtorch.navigation.planning.costmap import LocalMap, clearance
+from ndtorch.navigation.controllers.goal.state import MAX_POINTS, GoalState
+from ndtorch.navigation.controllers.goal.tasks import task_goal
+from ndtorch.navigation.local_grid._kernels import Array
+from ndtorch.navigation.local_grid.grid import LocalGridParams, cells_at
+from ndtorch.navigation.planning._kernels import Floats
+from ndtorch.navigation.planning.costmap import Bools, LocalMap, clearance
 from ndtorch.navigation.planning.frontiers import cheapest_goal, frontier_costs
 from ndtorch.navigation.planning.path_tracking import SpeedLimits, speed_profile
 from ndtorch.navigation.planning.planner import Plan, goal_costs, plan
 
+FREE_RATIO = 0.1
+"""Cells with less evidence than minus this share of a blocked cell's are free."""
+
+PROGRESS_M = 0.1
+"""A path to a frontier that costs this much less than before is progress."""
+
 
 def replan(state: GoalState, here: tuple[float, float, float], params: GoalParams, every: int) -> GoalState:
-    """The state with a new way.
+    """The state with a new path.
 
     Args:
         here: x, y, m, and heading, radians.
         every: time steps until the next plan.
     """
-    p, patch = params, params.reactive.grid
-    blocked = p.reactive.blocked
-    around = surroundings(state.reactive.grid.evidence, here[0], here[1], patch, blocked, -0.1 * blocked)
-    clear = clearance(around.blocked, around.cell)
-    place = place_of_errand(state, p)
-    if place is None:
-        visited = visited_cells(state.visited.evidence, here[0], here[1], patch, p.places)
-        seed = frontier_costs(around, visited, clear, p.planner)
+    p, grid, blocked = params, params.reactive.grid, params.reactive.blocked
+    around = local_map(state.reactive.grid.evidence, here[0], here[1], grid, blocked, -FREE_RATIO * blocked)
+    clear, goal = clearance(around.blocked, around.cell), task_goal(state, p)
+    if goal is None:
+        visited = visited_cells(state.visited.evidence, here[0], here[1], grid, p.visited_grid)
+        goals = frontier_costs(around, visited, clear, p.planner)
     else:
-        seed = goal_costs(around, place, p.planner)
-    at = min(state.at + 1, max(0, state.places - 1))
-    curvature = float(state.way[at, 3]) if state.places else 0.0
-    through = place is not None
-    made = plan(around, clear, seed, here, curvature, float(state.direction), p.planner, through)
-    if not through:
-        state = give_up(state, made, around, here, p)
-    limits = SpeedLimits(p.speed, p.slow, p.creep, p.reactive.reverse_speed, p.braking)
-    way, speeds = made.path[:LONGEST], speed_profile(made, around, limits, p.planner)[:LONGEST]
-    kept = np.zeros((LONGEST, 6), np.float32)
-    kept[: len(way), :5], kept[: len(way), 5] = way, speeds
+        goals = goal_costs(around, goal, p.planner)
+    at = min(state.at + 1, max(0, state.points - 1))
+    curvature = float(state.path[at, 3]) if state.points else 0.0
+    made = plan(around, clear, goals, here, curvature, float(state.direction), p.planner, through=goal is not None)
+    if goal is None:
+        state = check_progress(state, made, around, here, p)
+    limits = SpeedLimits(
+        p.speed_m_per_s,
+        p.tight_speed_m_per_s,
+        p.unknown_speed_m_per_s,
+        p.reactive.reverse_speed,
+        p.deceleration_m_per_s2,
+    )
+    points = min(len(made.path), MAX_POINTS)
+    path = np.zeros((MAX_POINTS, 6), np.float32)
+    path[:points, :5] = made.path[:points]
+    path[:points, 5] = speed_profile(made, around, limits, p.planner)[:points]
+    return state._replace(path=path, points=points if points > 1 else 0, at=0, due=every, cost=float(made.cost))
+
+
+def check_progress(
+    state: GoalState, made: Plan, around: LocalMap, here: tuple[float, float, float], params: GoalParams
+) -> GoalState:
+    """The state of an exploring car after a plan; a frontier without progress for too long counts as visited."""
+    p, grid = params, params.visited_grid
+    if math.isinf(made.cost):
+        return state
+    visited = float(state.visited.evidence.sum())
+    newly = (visited - state.visited_before) * grid.cell**2
+    if newly >= p.planner.min_seen_frontier_m2 or made.cost < state.best_cost - PROGRESS_M:
+        return state._replace(best_cost=float(made.cost), visited_before=visited, no_progress_s=0.0)
+    # Another frontier may be far away and is no progress: goals may alternate.
+    if state.no_progress_s < p.no_progress_s + made.cost / p.unknown_speed_m_per_s:
+        return state
+    frontier = cheapest_goal(made.to_go, around, p.planner.costmap_cells, here[:2])
+    evidence = mark_visited(state.visited.evidence, *frontier, p.blacklist_radius_m, grid)
     return state._replace(
-        way=kept,
-        places=len(way) if len(way) > 1 else 0,
-        at=0,
-        due=every,
-        cost=float(made.cost),
+        visited=state.visited._replace(evidence=evidence),
+        best_cost=math.inf,
+        visited_before=float(evidence.sum()),
+        no_progress_s=0.0,
     )
 
 
-def give_up(
-    state: GoalState, made: Plan, around: LocalMap, here: tuple[float, float, float], params: GoalParams
-) -> GoalState:
-    """The state of a car that explores. Where it has tried in vain for too long, the place counts as passed.
+def first_cell(x: float, y: float, params: LocalGridParams) -> tuple[int, int]:
+    """Indices of the cell at the lower left corner of a grid around a place."""
+    half = params.size // 2
+    return math.floor(x / params.cell) - half + 1, math.floor(y / params.cell) - half + 1
+
+
+def unrolled(evidence: Array, x: float, y: float, params: LocalGridParams) -> Floats:
+    """Evidence `[size, size]` as rows of y and columns of x around a place, both growing."""
+    size, (left, bottom) = params.size, first_cell(x, y, params)
+    return np.ascontiguousarray(np.roll(evidence, (-left % size, -bottom % size), (0, 1)).T)
+
+
+def local_map(evidence: Array, x: float, y: float, params: LocalGridParams, blocked: float, free: float) -> LocalMap:
+    """The local map around a car.
 
     Args:
-        made: the new plan.
+        evidence: `[size, size]` of a `LocalGrid`.
+        x, y: the car.
+        blocked, free: evidence from which a cell is blocked, and below which it is free.
     """
-    p, patch = params, params.places
-    passed, best = float(state.visited.evidence.sum()), state.best
-    newly = (passed - state.passed) * patch.cell**2
-    if math.isinf(made.cost):
-        return state
-    if newly >= p.planner.min_seen_frontier_m2 or made.cost < best - 0.1:
-        return state._replace(best=float(made.cost), passed=passed, tried=0.0)
-    # Another aim may be far away, and is no success: aims may change to and fro.
-    if state.tried < p.in_vain + made.cost / p.creep:
-        return state
-    place = cheapest_goal(made.to_go, around, p.planner.costmap_cells, here[:2])
-    evidence = passed_around(state.visited.evidence, *place, p.given_up, patch)
-    visited = state.visited._replace(evidence=evidence)
-    return state._replace(visited=visited, best=math.inf, passed=float(evidence.sum()), tried=0.0)
+    cells = unrolled(evidence, x, y, params)
+    left, bottom = first_cell(x, y, params)
+    return LocalMap(cells >= blocked, cells < free, left * params.cell, bottom * params.cell, params.cell)
+
+
+def visited_cells(visited: Array, x: float, y: float, params: LocalGridParams, grid: LocalGridParams) -> Bools:
+    """Which cells are visited, laid out as `local_map` with these params; `grid` are those of `visited`."""
+    wide = unrolled(visited, x, y, grid) > 0.5
+    index = []
+    for near, far in zip(first_cell(x, y, params), first_cell(x, y, grid), strict=True):
+        middle = (np.arange(params.size) + near + 0.5) * params.cell
+        index.append(np.clip(np.floor(middle / grid.cell).astype(int) - far, 0, grid.size - 1))
+    columns, rows = index
+    return np.ascontiguousarray(wide[np.ix_(rows, columns)])
+
+
+def disc_cells(radius: float, params: LocalGridParams) -> Array:
+    """Points of the body frame that fill a disc, a cell apart, `[2, n]`, m."""
+    reach = math.floor(radius / params.cell)
+    line = np.arange(-reach, reach + 1, dtype=np.float32) * np.float32(params.cell)
+    x, y = np.meshgrid(line, line, indexing="ij")
+    inside = x * x + y * y <= radius**2
+    return np.stack((x[inside], y[inside]))
+
+
+def mark_visited(visited: Array, x: float, y: float, radius: float, params: LocalGridParams) -> Array:
+    """The visited cells with everything within a radius of a place, m."""
+    marked = visited.copy()
+    ahead, left = disc_cells(radius, params)
+    marked.reshape(-1)[cells_at((x, y, 0.0), ahead, left, params)] = 1.0
+    return marked

@@ -1,4 +1,4 @@
-"""What the goal controller remembers."""
+"""State of the goal controller."""
 
 from __future__ import annotations
 
@@ -7,32 +7,30 @@ from typing import NamedTuple
 from ndtorch.navigation.controllers.ranging._kernels import Array, RangingState
 from ndtorch.navigation.local_grid._kernels import LocalGrid
 
-LONGEST = 40
-"""Places of a way that are kept: more than its horizon has arcs."""
+MAX_POINTS = 40
+"""Points of a path that are kept: more than its horizon has arcs."""
 
 
 class GoalState(NamedTuple):
-    """State of `GoalControl`, of one car.
+    """State of `GoalControl`.
 
     Attributes:
-        reactive: of the controller that keeps the last word, with all that is remembered of the surroundings.
-        visited: 1 in cells that were passed; no cells where nothing is to be explored.
-        home: x, y where the drive began, m, where goals are counted from.
-        frame: that frame in dead reckoning's: x, y, m, and heading, radians. It changes as the error of
-            dead reckoning becomes known.
-        told: 1 once the car was told where it is, -1 while it looks for itself in a known map; 0 is dead reckoning.
-        errand: `TO`, `EXPLORE`, `BACK` or `DONE`.
-        way: the way that is followed, `[LONGEST, 6]`: x, y, heading, curvature, direction, and the speed that
-            is allowed there, m/s; the first `places` of it count.
-        places, at: how many places the way has, and the one reached.
+        reactive: state of the reactive controller, with its local grid.
+        visited: 1 in visited cells; no cells without exploration.
+        home: x, y where the drive began, m, in the frame of goals.
+        frame: that frame in the frame of dead reckoning: x, y, m, and heading, radians.
+        localised: 1 once the pose was corrected, -1 during relocalisation, 0 with dead reckoning alone.
+        task: `GOAL`, `EXPLORE`, `HOME` or `DONE`.
+        path: `[MAX_POINTS, 6]`: x, y, heading, curvature, direction, and speed, m/s.
+        points, at: number of its points, and index of the one reached.
         due: time steps until the next plan.
         direction: +1 ahead, -1 backward.
-        vetoed: time steps in a row in which the reactive controller saw no room for what was planned.
-        lost: time steps for which the reactive controller drives alone.
-        cost: of the way to the end of the errand, as last planned; inf where there is none.
-        fruitless: seconds for which exploring has found no way to anywhere new.
-        best, passed, tried: exploring, the least cost since the car last came nearer to something new, how many cells
-            it had passed then, and seconds since.
+        vetoed: consecutive time steps in which the reactive controller saw no room for the planned path.
+        reactive_steps: time steps for which the reactive controller drives alone.
+        cost: of the path to the end of the task; inf if there is none.
+        fruitless_s: time for which exploration has found no path to a frontier.
+        best_cost, visited_before, no_progress_s: exploring, the least cost since the last progress, the number of
+            visited cells then, and the time since.
         mode: what the car is doing.
     """
 
@@ -40,18 +38,18 @@ class GoalState(NamedTuple):
     visited: LocalGrid
     home: tuple[float, float]
     frame: tuple[float, float, float]
-    told: int
-    errand: int
-    way: Array
-    places: int
+    localised: int
+    task: int
+    path: Array
+    points: int
     at: int
     due: int
     direction: float
     vetoed: int
-    lost: int
+    reactive_steps: int
     cost: float
-    fruitless: float
-    best: float
-    passed: float
-    tried: float
+    fruitless_s: float
+    best_cost: float
+    visited_before: float
+    no_progress_s: float
     mode: int

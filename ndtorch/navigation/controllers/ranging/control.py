@@ -75,8 +75,8 @@ class RangingControl(Controller):
     def params_for(cls, task: Task) -> RangingParams:
         """As `Controller.params_for`; tight turns and reversing are never faster than the rest."""
         params: RangingParams = super().params_for(task)
-        tight = min(params.tight_speed, 0.8 * task.cruise)
-        back = min(params.reverse_speed, task.cruise)
+        tight = min(params.tight_speed, 0.8 * task.speed)
+        back = min(params.reverse_speed, task.speed)
         return replace(params, tight_speed=tight, reverse_speed=back)
 
     @property

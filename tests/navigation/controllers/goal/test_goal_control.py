@@ -22,9 +22,9 @@ from ndtorch.navigation import (
 )
 from ndtorch.navigation.controllers.contract import Task
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
-from ndtorch.navigation.controllers.goal.errands import EXPLORE, TO
 from ndtorch.navigation.controllers.goal.params import reactive_params
-from ndtorch.navigation.controllers.goal.state import LONGEST
+from ndtorch.navigation.controllers.goal.state import MAX_POINTS
+from ndtorch.navigation.controllers.goal.tasks import EXPLORE, GOAL
 from ndtorch.navigation.local_grid.grid import LocalGridParams, cells_at
 from ndtorch.navigation.localisation import Localiser
 from ndtorch.navigation.odometry import arc
@@ -61,7 +61,7 @@ def place(x, y, heading):
 
 
 def test_it_goes_to_the_place_and_back_and_stands():
-    control = GoalControl(RIG, DT, GoalParams(to=(1.5, 0.5), back=True, reactive=SMALL))
+    control = GoalControl(RIG, DT, GoalParams(goal=(1.5, 0.5), return_home=True, reactive=SMALL))
     state, pose, nearest = None, place(0.0, 0.0, 0.0), 9.0
     for _ in range(60):
         pose, state, command = drive(control, 10, pose, state)
@@ -76,7 +76,7 @@ def test_it_goes_to_the_place_and_back_and_stands():
 def test_it_goes_to_a_place_farther_away_than_it_remembers():
     """The memory is a square around the car that comes along: 1.6 m to each side here."""
     near = replace(SMALL, grid=LocalGridParams(cell=0.05, size=64))
-    control = GoalControl(RIG, DT, GoalParams(to=(4.5, 0.0), reactive=near))
+    control = GoalControl(RIG, DT, GoalParams(goal=(4.5, 0.0), reactive=near))
     state, pose = None, place(0.0, 0.0, 0.0)
     for _ in range(90):
         pose, state, _ = drive(control, 10, pose, state)
@@ -87,38 +87,38 @@ def test_it_goes_to_a_place_farther_away_than_it_remembers():
 
 
 def test_the_same_state_gives_the_same_step_and_stays_as_it_was():
-    control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL))
+    control = GoalControl(RIG, DT, GoalParams(goal=(3.0, 0.0), reactive=SMALL))
     pose, state, command = drive(control, 30, place(0.0, 0.0, 0.0))
     kept = copy.deepcopy(state)
     one, two = (control.step(floor(), nothing(), pose, command, state) for _ in range(2))
     assert one[0] == two[0]
-    assert np.array_equal(one[1].way, two[1].way)
+    assert np.array_equal(one[1].path, two[1].path)
     assert np.array_equal(kept.reactive.grid.evidence, state.reactive.grid.evidence)
-    assert np.array_equal(kept.way, state.way)
+    assert np.array_equal(kept.path, state.path)
     assert [part for part in kept[2:] if not isinstance(part, np.ndarray)] == [
         part for part in state[2:] if not isinstance(part, np.ndarray)
     ]
 
 
 def test_what_is_ranged_in_the_way_is_driven_around():
-    control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL))
+    control = GoalControl(RIG, DT, GoalParams(goal=(3.0, 0.0), reactive=SMALL))
     pose, state, command = drive(control, 20, place(0.0, 0.0, 0.0))
     assert int(control.mode(state)) == CRUISE
-    straight = state.way[: state.places]
+    straight = state.path[: state.points]
     assert np.abs(straight[:, 1]).max() < 0.05
     x = 1.6 - pose.x
     across = (np.array([-0.1, -0.03, 0.03, 0.1]) - pose.y).astype(np.float32)
     wall = Ranges(across * 0, across * 0, across * 0, np.full(4, x, np.float32), across, np.ones(4, bool))
     for _ in range(10):
         command, state = control.step(floor(), wall, pose, command, state)
-    way = state.way[: int(state.places)]
+    way = state.path[: int(state.points)]
     beside = way[np.abs(way[:, 0] - 1.6) < 0.2]
     assert len(beside)
     assert np.abs(beside[:, 1]).min() > 0.3
 
 
 def test_it_is_ready_before_a_car_depends_on_it():
-    control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL))
+    control = GoalControl(RIG, DT, GoalParams(goal=(3.0, 0.0), reactive=SMALL))
     control.warm_up()
     assert lattice_astar.run is lattice_astar.dispatcher
 
@@ -136,9 +136,9 @@ def test_what_cannot_be_asked_for_is_said():
 @pytest.mark.parametrize("name", ["ranging", "published", "goal"])
 def test_no_controller_is_told_to_go_faster_than_its_cruise_speed(name):
     params = NavigatorOptions(name, speed=0.25).make(RIG, DT).params
-    assert params.speed == 0.25
+    assert getattr(params, "speed_m_per_s" if name == "goal" else "speed") == 0.25
     reactive = getattr(params, "reactive", params)
-    for key in ("tight_speed", "reverse_speed", "slow", "creep"):
+    for key in ("tight_speed", "reverse_speed", "tight_speed_m_per_s", "unknown_speed_m_per_s"):
         assert getattr(params, key, 0) <= 0.25
         assert getattr(reactive, key, 0) <= 0.25
 
@@ -146,14 +146,14 @@ def test_no_controller_is_told_to_go_faster_than_its_cruise_speed(name):
 class Shifted(Localiser):
     """The car is a metre farther ahead than dead reckoning says, and ever more."""
 
-    def __call__(self, rows, reckoned, state=None):
-        pose = np.array([float(part) for part in reckoned])
+    def __call__(self, rows, in_odometry, state=None):
+        pose = np.array([float(part) for part in in_odometry])
         state = self.start(pose) if state is None else state
         return state._replace(pose=pose + np.array((1 + 0.1 * state.age, 0, 0)), age=state.age + 1)
 
 
 def test_the_navigator_tells_it_where_it_is_at_every_frame():
-    params = GoalParams(to=(3.0, 0.0), reactive=SMALL)
+    params = GoalParams(goal=(3.0, 0.0), reactive=SMALL)
     navigator = Navigator(RIG, DT, controller="goal", params=params, localiser=Shifted(RIG, DT))
     eyes = torch.zeros(3, 1, 480, 640, dtype=torch.uint8)
     command, state = navigator(eyes, eyes)
@@ -167,7 +167,7 @@ def test_the_navigator_tells_it_where_it_is_at_every_frame():
 
 
 def test_it_does_not_begin_with_something_near_and_says_so():
-    control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL))
+    control = GoalControl(RIG, DT, GoalParams(goal=(3.0, 0.0), reactive=SMALL))
     here, still = place(0.0, 0.0, 0.0), Command(0.0, 0.0)
     across = Obstacles(np.full(9, 0.4, np.float32), np.linspace(-0.3, 0.3, 9, dtype=np.float32))
     nobody = Obstacles(np.zeros(0, np.float32), np.zeros(0, np.float32))
@@ -186,7 +186,7 @@ def test_it_does_not_begin_with_something_near_and_says_so():
 
 def test_a_line_of_sight_was_free_from_the_camera_to_just_before_what_is_seen():
     """Each of its cells loses `miss`, places of a line that share one together; the range itself counts."""
-    control, p = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL)), SMALL.grid
+    control, p = GoalControl(RIG, DT, GoalParams(goal=(3.0, 0.0), reactive=SMALL)), SMALL.grid
     here = place(0.0, 0.0, 0.0)
     x, y = np.array([RIG.forward + 2.0], np.float32), np.array([0.5], np.float32)
     seen = Ranges(x * 0, x * 0, x * 0, x, y, np.array([True]))
@@ -195,23 +195,23 @@ def test_a_line_of_sight_was_free_from_the_camera_to_just_before_what_is_seen():
     share = np.linspace(0.15, 0.88, 24)
     line = cells_at(tuple(here), RIG.forward + 2.0 * share, 0.5 * share, p)
     # Those below the car lose more.
-    assert evidence[np.unique(line[8:])] == pytest.approx(-control.params.miss, abs=1e-6)
+    assert evidence[np.unique(line[8:])] == pytest.approx(-control.params.miss_evidence, abs=1e-6)
     assert evidence[cells_at(tuple(here), x, y, p)] == pytest.approx(SMALL.range_weight)
 
 
 def test_it_begins_knowing_nothing_and_about_its_first_errand():
     pose = place(1.0, 2.0, 0.5)
-    for params, errand, cells in ((GoalParams(to=(3.0, 0.0)), TO, 0), (GoalParams(), EXPLORE, 512)):
+    for params, errand, cells in ((GoalParams(goal=(3.0, 0.0)), GOAL, 0), (GoalParams(), EXPLORE, 512)):
         state = GoalControl(RIG, DT, params).start(floor(), pose)
         values = state._asdict()
         assert values.pop("home") == (1.0, 2.0)
         assert values.pop("frame") == (0.0, 0.0, 0.0)
-        assert values.pop("way").tolist() == [[0.0] * 6] * LONGEST
+        assert values.pop("path").tolist() == [[0.0] * 6] * MAX_POINTS
         assert values.pop("reactive").mode == SUPPRESSED
         visited = values.pop("visited").evidence
         assert visited.shape == (cells, cells)
         assert not visited.any()
-        given = {"errand": errand, "direction": 1, "best": math.inf, "mode": SUPPRESSED}
+        given = {"task": errand, "direction": 1, "best_cost": math.inf, "mode": SUPPRESSED}
         assert values == dict.fromkeys(values, 0) | given
 
 
@@ -220,7 +220,8 @@ def test_the_places_around_the_car_count_as_visited_and_those_before_stay():
     p, pose = control.params, place(0.0, 0.0, 0.0)
     once = control.visit(control.start(floor(), pose).visited, pose)
     assert float(once.evidence.sum()) == control.disc.shape[1]
-    assert float(once.evidence.sum()) * p.places.cell**2 == pytest.approx(math.pi * p.passed**2, rel=0.05)
+    area = float(once.evidence.sum()) * p.visited_grid.cell**2
+    assert area == pytest.approx(math.pi * p.visited_radius_m**2, rel=0.05)
     assert np.array_equal(control.visit(once, pose).evidence, once.evidence)
     both = control.visit(once, place(3.0, 0.0, 0.0))
     assert float(both.evidence.sum()) == 2 * control.disc.shape[1]
@@ -228,12 +229,12 @@ def test_the_places_around_the_car_count_as_visited_and_those_before_stay():
 
 def test_a_task_sets_the_speeds_and_leaves_the_rest():
     usual = GoalParams()
-    asked = GoalControl.params_for(Task(to=(1.0, 2.0), explore=True, back=True, cruise=0.5))
-    assert asked == replace(usual, to=(1.0, 2.0), explore=True, back=True, reactive=asked.reactive)
+    asked = GoalControl.params_for(Task(goal=(1.0, 2.0), explore=True, return_home=True, speed=0.5))
+    assert asked == replace(usual, goal=(1.0, 2.0), explore=True, return_home=True, reactive=asked.reactive)
     assert asked.reactive == usual.reactive
-    slow = GoalControl.params_for(Task(cruise=0.2))
-    assert (slow.to, slow.explore, slow.back) == (None, False, False)
-    assert (slow.speed, slow.slow, slow.creep) == (0.2, 0.2, 0.2)
+    slow = GoalControl.params_for(Task(speed=0.2))
+    assert (slow.goal, slow.explore, slow.return_home) == (None, False, False)
+    assert (slow.speed_m_per_s, slow.tight_speed_m_per_s, slow.unknown_speed_m_per_s) == (0.2, 0.2, 0.2)
     r = slow.reactive
     assert (r.speed, r.tight_speed, r.reverse_speed) == pytest.approx((0.2, 0.16, 0.2))
     assert replace(r, speed=0.5, tight_speed=usual.reactive.tight_speed, reverse_speed=0.3) == usual.reactive

@@ -12,7 +12,7 @@ from tests.navigation.controllers.goal.test_goal_control import DT, RIG, SMALL, 
 
 def on_the_way():
     """A controller that drives straight ahead, to a place 3 m away."""
-    control = GoalControl(RIG, DT, GoalParams(to=(3.0, 0.0), reactive=SMALL))
+    control = GoalControl(RIG, DT, GoalParams(goal=(3.0, 0.0), reactive=SMALL))
     pose, state, _ = drive(control, 20, place(0.0, 0.0, 0.0))
     reaction = Command(-0.1, 1.5)
     return control, pose, state, reaction
@@ -24,17 +24,17 @@ def test_a_way_that_is_refused_for_a_second_is_left_to_the_reactive_controller_f
     second = round(1 / DT)
     for refused in range(1, second):
         command, state = control.drive(room, pose, reaction, state, False)
-        assert (float(command.speed), int(state.vetoed), int(state.lost)) == (0.0, refused, 0)
+        assert (float(command.speed), int(state.vetoed), int(state.reactive_steps)) == (0.0, refused, 0)
         assert int(state.due) == 0  # another way is looked for at once
         assert int(control.mode(state)) == CRUISE
     _, state = control.drive(room, pose, reaction, state, False)
-    assert (int(state.vetoed), int(state.lost)) == (0, second)
+    assert (int(state.vetoed), int(state.reactive_steps)) == (0, second)
     for left in reversed(range(second)):
         command, state = control.drive(room, pose, reaction, state, False)
-        assert (command, int(state.lost)) == (reaction, left)
+        assert (command, int(state.reactive_steps)) == (reaction, left)
     command, state = control.drive(room + 2.0, pose, reaction, state, False)
     assert float(command.speed) > 0.3
-    assert (int(state.vetoed), int(state.lost)) == (0, 0)
+    assert (int(state.vetoed), int(state.reactive_steps)) == (0, 0)
 
 
 def test_refusals_that_are_apart_are_not_added_up():
@@ -49,22 +49,24 @@ def test_speed_is_what_can_be_braked_from_in_the_room_there_is():
     """v^2 = 2 a (s - lag), where the way itself allows more; nothing where that is less than 0.1 m/s."""
     control, pose, state, reaction = on_the_way()
     p, arcs = control.params, len(control.tables.arcs.curvature)
-    for room in (0.125, 0.12, p.lag + 0.0034, p.lag + 0.0033, p.lag, 0.05):
+    lag = p.reaction_distance_m
+    for room in (0.125, 0.12, lag + 0.0034, lag + 0.0033, lag, 0.05):
         command, _ = control.drive(np.full((2, arcs), room, np.float32), pose, reaction, state, False)
-        safe = (2 * p.braking * max(0.0, room - p.lag)) ** 0.5
+        safe = (2 * p.deceleration_m_per_s2 * max(0.0, room - lag)) ** 0.5
         assert float(command.speed) == pytest.approx(safe if safe >= 0.1 else 0.0, rel=1e-4)
 
 
 def test_where_the_way_has_ended_it_stands_and_lets_the_other_drive_after_a_while():
     control, pose, state, reaction = on_the_way()
     room = np.full((2, len(control.tables.arcs.curvature)), 2.0, np.float32)
-    ended = state._replace(at=state.places, due=5)
+    ended = state._replace(at=state.points, due=5)
     for count in range(2 * control.every):
         command, after = control.drive(room, pose, reaction, ended._replace(vetoed=count), False)
         assert (float(command.speed), float(command.curvature)) == (0.0, 0.0)
-        assert (int(after.due), int(after.vetoed), int(after.lost), int(control.mode(after))) == (0, count + 1, 0, TURN)
+        assert (after.due, after.vetoed, after.reactive_steps) == (0, count + 1, 0)
+        assert control.mode(after) == TURN
     _, after = control.drive(room, pose, reaction, ended._replace(vetoed=2 * control.every), False)
-    assert (int(after.vetoed), float(after.lost)) == (0, pytest.approx(1 / DT))
+    assert (int(after.vetoed), float(after.reactive_steps)) == (0, pytest.approx(1 / DT))
 
 
 def test_exploring_counts_how_long_it_tries_and_how_long_it_finds_nothing():
@@ -72,26 +74,26 @@ def test_exploring_counts_how_long_it_tries_and_how_long_it_finds_nothing():
     pose, state, _ = drive(control, 20, place(0.0, 0.0, 0.0))
     room = np.full((2, len(control.tables.arcs.curvature)), 2.0, np.float32)
     reaction = Command(-0.1, 1.5)
-    found = state._replace(cost=1.0, due=5, tried=3.0, lost=0)
-    nothing = found._replace(cost=math.inf, fruitless=2.0)
-    _, after = control.drive(room, pose, reaction, found._replace(fruitless=2.0), False)
-    assert (float(after.tried), float(after.fruitless), float(after.lost)) == (pytest.approx(3 + DT), 0.0, 0.0)
+    found = state._replace(cost=1.0, due=5, no_progress_s=3.0, reactive_steps=0)
+    nothing = found._replace(cost=math.inf, fruitless_s=2.0)
+    _, after = control.drive(room, pose, reaction, found._replace(fruitless_s=2.0), False)
+    assert (after.no_progress_s, after.fruitless_s, after.reactive_steps) == (pytest.approx(3 + DT), 0.0, 0)
     command, after = control.drive(room, pose, reaction, nothing, False)
     assert command == reaction
-    assert (float(after.fruitless), float(after.lost)) == pytest.approx((2 + DT, 1 / DT - 1))
+    assert (float(after.fruitless_s), float(after.reactive_steps)) == pytest.approx((2 + DT, 1 / DT - 1))
     # The time for which the other drives is not begun anew at every step.
-    _, after = control.drive(room, pose, reaction, nothing._replace(lost=4), False)
-    assert (float(after.fruitless), float(after.lost)) == pytest.approx((2 + DT, 3.0))
+    _, after = control.drive(room, pose, reaction, nothing._replace(reactive_steps=4), False)
+    assert (float(after.fruitless_s), float(after.reactive_steps)) == pytest.approx((2 + DT, 3.0))
 
 
 def test_while_it_looks_for_itself_the_other_drives_and_nothing_is_planned():
     control, pose, state, reaction = on_the_way()
     room = np.full((2, len(control.tables.arcs.curvature)), 2.0, np.float32)
-    state = state._replace(told=-1, due=5, tried=1.0)
+    state = state._replace(localised=-1, due=5, no_progress_s=1.0)
     state = state._replace(reactive=state.reactive._replace(mode=TURN))
     command, after = control.drive(room, pose, reaction, state, False)
     assert command == reaction
-    assert (float(after.due), int(control.mode(after)), float(after.tried)) == (0.0, TURN, 1.0)
+    assert (float(after.due), int(control.mode(after)), float(after.no_progress_s)) == (0.0, TURN, 1.0)
     # While it learns the floor nothing else is counted either.
     assert control.drive(room, pose, reaction, state, True) == (reaction, state)
 

@@ -1,4 +1,4 @@
-"""What the goal controller is about, and when that is done."""
+"""The tasks of the goal controller, and when they are done."""
 
 import math
 
@@ -7,15 +7,15 @@ import pytest
 
 from ndtorch.navigation import ARRIVED
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
-from ndtorch.navigation.controllers.goal.errands import (
-    BACK,
+from ndtorch.navigation.controllers.goal.tasks import (
     DONE,
     EXPLORE,
-    TO,
-    asked,
-    finds_nothing,
-    next_errand,
-    place_of_errand,
+    GOAL,
+    HOME,
+    is_fruitless,
+    next_task,
+    requested_tasks,
+    task_goal,
     with_pose,
 )
 from tests.navigation.controllers.goal.test_goal_control import DT, RIG, SMALL, drive, floor, nothing, place
@@ -24,29 +24,29 @@ HERE = (0.0, 0.0, 0.0)
 
 
 def test_only_what_was_asked_for_and_exploring_where_nothing_was():
-    assert asked(GoalParams()) == [EXPLORE, DONE]
-    assert asked(GoalParams(to=(1.0, 0.0), back=True)) == [TO, BACK, DONE]
-    assert asked(GoalParams(to=(0.0, 0.0), explore=True)) == [TO, EXPLORE, DONE]
+    assert requested_tasks(GoalParams()) == [EXPLORE, DONE]
+    assert requested_tasks(GoalParams(goal=(1.0, 0.0), return_home=True)) == [GOAL, HOME, DONE]
+    assert requested_tasks(GoalParams(goal=(0.0, 0.0), explore=True)) == [GOAL, EXPLORE, DONE]
 
 
 def test_a_place_is_reached_and_exploring_is_given_up_only_after_a_while():
-    params = GoalParams(to=(0.2, 0.0), explore=True, reactive=SMALL)
+    params = GoalParams(goal=(0.2, 0.0), explore=True, reactive=SMALL)
     control = GoalControl(RIG, DT, params)
     state = control.start(floor(), place(*HERE))
-    assert int(next_errand(state, (2.0, 0.0, 0.0), control.errands, params).errand) == TO
-    state = next_errand(state, HERE, control.errands, params)
-    assert int(state.errand) == EXPLORE
-    assert not finds_nothing(state)
-    state = state._replace(cost=math.inf, fruitless=params.patience - 0.1)
-    assert finds_nothing(state)
-    assert int(next_errand(state, HERE, control.errands, params).errand) == EXPLORE
-    state = next_errand(state._replace(fruitless=params.patience), HERE, control.errands, params)
-    assert int(state.errand) == DONE
-    assert float(state.fruitless) == 0
+    assert int(next_task(state, (2.0, 0.0, 0.0), control.tasks, params).task) == GOAL
+    state = next_task(state, HERE, control.tasks, params)
+    assert int(state.task) == EXPLORE
+    assert not is_fruitless(state)
+    state = state._replace(cost=math.inf, fruitless_s=params.exploration_timeout_s - 0.1)
+    assert is_fruitless(state)
+    assert int(next_task(state, HERE, control.tasks, params).task) == EXPLORE
+    state = next_task(state._replace(fruitless_s=params.exploration_timeout_s), HERE, control.tasks, params)
+    assert int(state.task) == DONE
+    assert float(state.fruitless_s) == 0
 
 
 def test_where_no_floor_was_seen_yet_the_reactive_controller_drives_before_exploring_is_given_up():
-    control = GoalControl(RIG, DT, GoalParams(explore=True, patience=1.0, reactive=SMALL))
+    control = GoalControl(RIG, DT, GoalParams(explore=True, exploration_timeout_s=1.0, reactive=SMALL))
     pose, state, command = drive(control, 16, place(*HERE))  # standing and learning
     moved, steps = False, 0
     while int(control.mode(state)) != ARRIVED and steps < 60:
@@ -59,30 +59,30 @@ def test_where_no_floor_was_seen_yet_the_reactive_controller_drives_before_explo
 
 def test_goals_are_where_the_car_is_told_that_it_is():
     """Dead reckoning believes to have driven 10 % farther and has turned by a quarter too much."""
-    params = GoalParams(to=(2.0, 1.0), back=True, reactive=SMALL)
+    params = GoalParams(goal=(2.0, 1.0), return_home=True, reactive=SMALL)
     control = GoalControl(RIG, DT, params)
     state = control.start(floor(), place(*HERE))
     reckons, is_at = place(1.1, 0.0, math.pi / 2), place(1.0, 0.0, 0.0)
     told = control.on_pose(state, reckons, is_at)
     # One metre ahead and one to the left, seen from the car, however it counts.
-    assert place_of_errand(told, params) == pytest.approx((0.1, 1.0), abs=1e-5)
-    assert int(next_errand(told, (2.0, 1.0, 0.0), control.errands, params).errand) == TO
-    assert int(next_errand(told, (0.1, 1.0, 0.0), control.errands, params).errand) == BACK
+    assert task_goal(told, params) == pytest.approx((0.1, 1.0), abs=1e-5)
+    assert int(next_task(told, (2.0, 1.0, 0.0), control.tasks, params).task) == GOAL
+    assert int(next_task(told, (0.1, 1.0, 0.0), control.tasks, params).task) == HOME
 
 
 @pytest.mark.slow
 def test_while_the_car_looks_for_itself_in_a_known_map_no_goal_is_reached_and_home_stays_where_it_was():
-    params = GoalParams(to=(0.0, 0.0), back=True, reactive=SMALL)
+    params = GoalParams(goal=(0.0, 0.0), return_home=True, reactive=SMALL)
     control = GoalControl(RIG, DT, params)
     pose, _, _ = drive(control, 20, place(*HERE))
     state = with_pose(control.start(floor(), place(*HERE)), pose, None)
-    assert int(next_errand(state, HERE, control.errands, params).errand) == TO
+    assert int(next_task(state, HERE, control.tasks, params).task) == GOAL
     _, after, _ = drive(control, 20, pose, state)
-    assert int(after.places) == 0
+    assert int(after.points) == 0
     # Found: the car is at 5, 5 and heads along y. Where it began lies behind it.
     found = with_pose(state, place(1.0, 0.0, 0.0), place(5.0, 5.0, math.pi / 2))
     assert found.home == pytest.approx([5.0, 4.0], abs=1e-5)
-    assert place_of_errand(found._replace(errand=BACK), params) == pytest.approx((0, 0), abs=1e-5)
+    assert task_goal(found._replace(task=HOME), params) == pytest.approx((0, 0), abs=1e-5)
     # Later corrections move it with the building.
     later = with_pose(found, place(1.0, 0.0, 0.0), place(5.0, 5.5, math.pi / 2))
     assert later.home == pytest.approx([5.0, 4.0], abs=1e-5)
@@ -97,11 +97,11 @@ def blind(state):
 
 def test_only_exploring_is_given_up():
     """A car on its way to a place, or back, goes on however long nothing new was found."""
-    params = GoalParams(to=(0.2, 0.0), back=True, reactive=SMALL)
+    params = GoalParams(goal=(0.2, 0.0), return_home=True, reactive=SMALL)
     control = GoalControl(RIG, DT, params)
-    state = control.start(floor(), place(*HERE))._replace(fruitless=2 * params.patience)
-    assert int(next_errand(state, (2.0, 0.0, 0.0), control.errands, params).errand) == TO
-    back = next_errand(state, HERE, control.errands, params)
-    assert int(back.errand) == BACK
-    back = back._replace(fruitless=2 * params.patience)
-    assert int(next_errand(back, (2.0, 0.0, 0.0), control.errands, params).errand) == BACK
+    state = control.start(floor(), place(*HERE))._replace(fruitless_s=2 * params.exploration_timeout_s)
+    assert int(next_task(state, (2.0, 0.0, 0.0), control.tasks, params).task) == GOAL
+    back = next_task(state, HERE, control.tasks, params)
+    assert int(back.task) == HOME
+    back = back._replace(fruitless_s=2 * params.exploration_timeout_s)
+    assert int(next_task(back, (2.0, 0.0, 0.0), control.tasks, params).task) == HOME

@@ -1,4 +1,4 @@
-"""What is remembered lies where it was seen, wherever the car has gone since."""
+"""The local map and the visited cells lie where they were seen, wherever the car has gone since."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from ndtorch.navigation.controllers.goal.memory import disc_cells, surroundings, visited_cells
+from ndtorch.navigation.controllers.goal.replanning import disc_cells, local_map, visited_cells
 from ndtorch.navigation.local_grid._kernels import LocalGrid, move_grid
 from ndtorch.navigation.local_grid.grid import LocalGridParams, cells_at, empty_grid
 
@@ -24,7 +24,7 @@ def marked(car: tuple[float, float], x: list[float], y: list[float], weight: flo
 def test_what_is_seen_lies_where_it_is_in_the_world(car: tuple[float, float]) -> None:
     ahead, aside = 0.21, -0.13
     grid = marked(car, [ahead], [aside], 3.0, PARAMS)
-    around = surroundings(grid.evidence, *car, PARAMS, blocked=2.0, known=-0.5)
+    around = local_map(grid.evidence, *car, PARAMS, blocked=2.0, free=-0.5)
     assert around.blocked.shape == (16, 16)
     ((row, column),) = np.argwhere(around.blocked)
     assert 0 <= car[0] + ahead - (around.left + column * PARAMS.cell) < PARAMS.cell
@@ -44,7 +44,7 @@ def test_what_was_visited_may_lie_in_larger_cells_that_reach_farther(car: tuple[
     assert cells.shape == (16, 16)
     rows, columns = np.nonzero(cells)
     assert len(rows) == 4
-    around = surroundings(np.zeros((16, 16), np.float32), *car, PARAMS, blocked=2.0, known=-0.5)
+    around = local_map(np.zeros((16, 16), np.float32), *car, PARAMS, blocked=2.0, free=-0.5)
     x, y = around.left + (columns + 0.5) * PARAMS.cell, around.bottom + (rows + 0.5) * PARAMS.cell
     assert np.abs(x - (car[0] + 0.21)).max() < places.cell
     assert np.abs(y - (car[1] - 0.13)).max() < places.cell
