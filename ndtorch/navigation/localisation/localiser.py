@@ -9,37 +9,18 @@ from torch import Tensor, from_numpy
 
 from ndtorch.arguments import check_number, check_state
 from ndtorch.errors import InputError
-from ndtorch.navigation.localisation import pose_filter, wheel_odometry
+from ndtorch.navigation.localisation import pose_filter, relocalisation, scan_log, submap, wheel_odometry
 from ndtorch.navigation.localisation._kernels import Cells
 from ndtorch.navigation.localisation.loop_closure import accept_and_optimise, match_submaps
 from ndtorch.navigation.localisation.ndt import Scan, add_scan, empty_map, match_scan
 from ndtorch.navigation.localisation.odometry_edge import integrate
 from ndtorch.navigation.localisation.params import LocaliserParams
 from ndtorch.navigation.localisation.pose_graph import Floats, compose_poses, relative_pose
-from ndtorch.navigation.localisation.relocalisation import (
-    Relocalisation,
-    best_pose,
-    likelihood_field,
-    no_search,
-    pose_now,
-    refine,
-    score_rotation,
-    start_search,
-)
-from ndtorch.navigation.localisation.scan_log import ScanLog, add_entry, drive, finish_replay, is_due
+from ndtorch.navigation.localisation.relocalisation import Relocalisation, no_search
+from ndtorch.navigation.localisation.scan_log import ScanLog
 from ndtorch.navigation.localisation.state import LocaliserState, add_variance, calibration_of, since_scan
-from ndtorch.navigation.localisation.submap import (
-    SubmapGraph,
-    add_scan_frame,
-    add_to_submap,
-    empty_graph,
-    finish_submap,
-    is_complete,
-    render_map,
-    restart_at,
-)
+from ndtorch.navigation.localisation.submap import SubmapGraph
 from ndtorch.navigation.localisation.visual_odometry import Rows, estimate_motion, keyframe
-from ndtorch.navigation.localisation.wheel_odometry import calibrated_pose, is_calibrated, moved_to, uncalibrated
 from ndtorch.navigation.odometry import Pose
 from ndtorch.navigation.stereo.ranging import triangulate
 from ndtorch.navigation.stereo.rig import StereoRig
@@ -97,7 +78,7 @@ class Localiser:
         if known is not None and known.shape != (size, size, 6):
             raise InputError(f"a known map must be [{size}, {size}, 6], got {tuple(known.shape)}")
         self.known = known
-        self.field = None if known is None else likelihood_field(known, self.params.cell_m)
+        self.field = None if known is None else relocalisation.likelihood_field(known, self.params.cell_m)
 
     def warm_up(self) -> None:
         """Compile or load all kernels."""
@@ -106,10 +87,11 @@ class Localiser:
         match_scan(add_scan(empty_map(p.map_cells), scan, here, p.cell_m), scan, here, (0.1, 0.1), p.cell_m)
         before = keyframe(np.zeros((2, self.rig.width), np.float32), scan)
         estimate_motion(before, before.rows, (0.0, 0.0), self.rig, p.odometry.min_matches)
-        render_map(add_to_submap(empty_graph(here, p), scan, here, p.cell_m), self.dt, p)
+        submap.render_map(submap.add_to_submap(submap.empty_graph(here, p), scan, here, p.cell_m), self.dt, p)
         if self.field is not None:
             pattern = np.stack((scan.x, scan.y), -1)
-            score_rotation(no_search()._replace(pattern=pattern, rotation=0), self.field, p.relocalisation)
+            search = no_search()._replace(pattern=pattern, rotation=0)
+            relocalisation.score_rotation(search, self.field, p.relocalisation)
 
     def due(self, state: LocaliserState | None) -> bool:
         """Whether the next step takes a scan."""
@@ -124,7 +106,7 @@ class Localiser:
             raise InputError("this step looks at the rows, see `due`, but there are none")
         state = self.start(pose) if state is None else state
         state = state._replace(wheels=wheel_odometry.predict(state.wheels, pose, self.dt))
-        state = self.move(state, calibrated_pose(state.wheels), self.dt)
+        state = self.move(state, wheel_odometry.calibrated_pose(state.wheels), self.dt)
         if due and rows is not None:
             state = self.process_scan(rows.detach().cpu().float().contiguous().numpy(), state)
         if state.relocalisation is not None:
@@ -147,18 +129,19 @@ class Localiser:
             distance=0.0,
             heading_travelled=0.0,
             variance=np.zeros(2),
-            wheels=uncalibrated(pose, p.odometry),
+            wheels=wheel_odometry.uncalibrated(pose, p.odometry),
             calibration=np.zeros(3),
             covariance=covariance,
             relocalisation=no_search() if known else None,
-            graph=None if known else empty_graph(pose, p),
+            graph=None if known else submap.empty_graph(pose, p),
             log=ScanLog() if not known and p.replay.after_m else None,
         )
 
     def reset_pose(self, state: LocaliserState, at: Pose) -> LocaliserState:
         """The state of a car that was carried to a known pose."""
         pose = as_array(at)
-        graph, wheels = state.graph and restart_at(state.graph, pose, state.age), moved_to(state.wheels, pose)
+        graph = state.graph and submap.restart_at(state.graph, pose, state.age)
+        wheels = wheel_odometry.moved_to(state.wheels, pose)
         return since_scan(state._replace(pose=pose, odometry=pose, wheels=wheels, graph=graph, log=None))
 
     def move(
@@ -195,13 +178,13 @@ class Localiser:
             heading_travelled=state.heading_travelled + true_turn,
             relocalisation=search,
             graph=graph,
-            log=None if log is None else drive(log, length, seconds),
+            log=None if log is None else scan_log.drive(log, length, seconds),
         )
 
     def process_scan(self, rows: Rows, state: LocaliserState) -> LocaliserState:
         """Fuse odometry, log the scan of both rows, match it with the map and add it."""
         wheels, variance = wheel_odometry.update(state.wheels, rows, self.rig, self.params.odometry)
-        state = self.move(state, calibrated_pose(wheels), 0.0, variance)
+        state = self.move(state, wheel_odometry.calibrated_pose(wheels), 0.0, variance)
         scan, log = self.scan(rows), state.log
         state = state._replace(wheels=wheels._replace(keyframe=keyframe(rows, scan)))
         scan = Scan(*(part[scan.weight > 0] for part in scan))
@@ -209,7 +192,7 @@ class Localiser:
             return state  # a standing car sees the same again
         keep = log is not None and (log.seconds > 0 or state.age < self.settle)
         if log is not None and keep:
-            state = state._replace(log=add_entry(log, scan, state.age, state.odometry, variance))
+            state = state._replace(log=scan_log.add_entry(log, scan, state.age, state.odometry, variance))
         return self.integrate_scan(state, scan, keep)
 
     def scan(self, rows: Rows) -> Scan:
@@ -221,16 +204,16 @@ class Localiser:
         if len(scan.x) < 3:
             if not keep or state.graph is None:
                 return state
-            return state._replace(graph=add_scan_frame(state.graph, state.pose, state.age))
+            return state._replace(graph=submap.add_scan_frame(state.graph, state.pose, state.age))
         p = self.params
         if state.age >= self.settle:
             state = self.correct(state, scan)
         pose, graph = state.pose, state.graph
         if graph is not None:
-            graph = add_to_submap(graph, scan, pose, p.cell_m)
-            graph = add_scan_frame(graph, pose, state.age) if keep else graph
-            if is_complete(graph, p.submaps) and not len(graph.candidates):
-                graph = finish_submap(graph, pose, state.age, self.dt, calibration_of(state), p)
+            graph = submap.add_to_submap(graph, scan, pose, p.cell_m)
+            graph = submap.add_scan_frame(graph, pose, state.age) if keep else graph
+            if submap.is_complete(graph, p.submaps) and not len(graph.candidates):
+                graph = submap.finish_submap(graph, pose, state.age, self.dt, calibration_of(state), p)
         return since_scan(state._replace(ndt_map=add_scan(state.ndt_map, scan, pose, p.cell_m), graph=graph))
 
     def correct(self, state: LocaliserState, scan: Scan) -> LocaliserState:
@@ -238,7 +221,9 @@ class Localiser:
         p = self.params
         seconds = self.every * self.dt if state.distance > 1e-3 else 0.0
         driven = (state.distance, state.heading_travelled, state.variance, seconds, float(state.pose[2]))
-        covariance = pose_filter.predict(state.covariance, *driven, p, is_calibrated(state.wheels, p.odometry))
+        covariance = pose_filter.predict(
+            state.covariance, *driven, p, wheel_odometry.is_calibrated(state.wheels, p.odometry)
+        )
         place = SEARCH_SIGMAS * np.sqrt(covariance[[0, 1], [0, 1]].max()) + p.min_sigma_m
         angle = SEARCH_SIGMAS * np.sqrt(covariance[2, 2]) + p.min_sigma_rad
         match = match_scan(state.ndt_map, scan, state.pose, (place, angle), p.cell_m)
@@ -262,13 +247,15 @@ class Localiser:
         pose = compose_poses(graph.poses[-1], relative_pose(before, state.pose))
         # Headings keep their full turns.
         pose[2] += 2 * math.pi * round((state.pose[2] - pose[2]) / (2 * math.pi))
-        return state._replace(graph=graph, pose=pose, ndt_map=render_map(graph, self.dt, self.params))
+        return state._replace(graph=graph, pose=pose, ndt_map=submap.render_map(graph, self.dt, self.params))
 
     def replay(self, state: LocaliserState, log: ScanLog) -> LocaliserState:
         """Replay the scan log where it is due, one scan or one pair of submaps a call."""
         p, again = self.params.replay, log.replay
         if again is None:
-            return state._replace(log=log._replace(replay=self.restart(state, log))) if is_due(log, p) else state
+            return (
+                state._replace(log=log._replace(replay=self.restart(state, log))) if scan_log.is_due(log, p) else state
+            )
         assert again.graph is not None
         if len(again.graph.candidates):
             again = self.close_loops(again, again.graph)
@@ -279,7 +266,7 @@ class Localiser:
             log = log._replace(position=log.position + 1)
         else:
             again = self.move(again, state.odometry, log.seconds)
-            return again._replace(age=state.age, wheels=state.wheels, log=finish_replay(log, p))
+            return again._replace(age=state.age, wheels=state.wheels, log=scan_log.finish_replay(log, p))
         return state._replace(log=log._replace(replay=again))
 
     def restart(self, state: LocaliserState, log: ScanLog) -> LocaliserState:
@@ -300,15 +287,15 @@ class Localiser:
         assert self.field is not None
         if search.rotation < 0:
             if search.distance > p.first_search_m:
-                search = start_search(search, state.ndt_map, state.pose, cell_m, p)
+                search = relocalisation.start_search(search, state.ndt_map, state.pose, cell_m, p)
         elif search.rotation < p.rotations:
-            search = score_rotation(search, self.field, p)
+            search = relocalisation.score_rotation(search, self.field, p)
         elif len(search.candidates):
-            search = refine(search, self.known, cell_m)
+            search = relocalisation.refine(search, self.known, cell_m)
         else:
-            found = best_pose(search, p)
+            found = relocalisation.best_pose(search, p)
             if found is not None:
-                pose = pose_now(search, found, state.pose)
+                pose = relocalisation.pose_now(search, found, state.pose)
                 return state._replace(ndt_map=self.known, pose=pose, relocalisation=None)
             search = no_search()._replace(distance=search.distance)
         return state._replace(relocalisation=search)
