@@ -39,7 +39,12 @@ def modules() -> Iterator[ModuleType]:
             yield importlib.import_module(found.name)
 
 
-ENDLESS = {"RangingParams.grace", "PatchParams.lifetime", "FeatureTrackParams.max_lost_s", "SafetyLimits.recovery"}
+ENDLESS = {
+    "RangingParams.unknown_margin_m",
+    "LocalGridParams.lifetime",
+    "FeatureTrackParams.max_lost_s",
+    "SafetyLimits.recovery",
+}
 """What may last for ever, beside time constants and what is infinite unless somebody says otherwise."""
 
 
