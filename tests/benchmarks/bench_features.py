@@ -7,8 +7,8 @@ import numpy as np
 import torch
 
 from ndtorch.binding import ObjectFiles
-from ndtorch.kernels import switch
 from ndtorch.scenes import two_bars
+from ndtorch.utils.backend import set_backend
 from ndtorch.vision import GROUPS, LocalFeatures, VisualFeatures
 from ndtorch.vision.motion import MotionState
 from tests.benchmarks.numpy_features import NumpyFeatures
@@ -86,12 +86,11 @@ def rows(device: str | None = None) -> list[Row]:
 
 def without_kernels(features: VisualFeatures, frames: torch.Tensor, state: MotionState) -> object:
     """The features by torch."""
-    before = switch.switched_on
-    switch.switched_on = lambda: False
+    set_backend(features, "torch")
     try:
         return features(frames, state)
     finally:
-        switch.switched_on = before
+        set_backend(features, "auto")
 
 
 def on_device(device: str) -> Row:

@@ -11,7 +11,6 @@ from torch import Tensor, nn
 
 from ndtorch.arguments import check_number, check_numbers, check_state, check_tensor, surely_finite
 from ndtorch.errors import InputError
-from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.navigation.mapping._kernels import Beams, Lattice, Rays, Samples, beam_cells
 from ndtorch.navigation.mapping.certainty import REACH, BeamTable, beam_table, sample_certainty
 from ndtorch.navigation.mapping.range_log import RangeLog
@@ -19,6 +18,7 @@ from ndtorch.navigation.mapping.tiles import Tiles, add_at, cell_tables, check_t
 from ndtorch.navigation.odometry import Pose, to_world
 from ndtorch.navigation.stereo.ranging import Ranges
 from ndtorch.navigation.stereo.rig import StereoRig
+from ndtorch.utils.backend import kernels_wanted
 
 Certainty = Literal["beams", "log-odds"]
 

@@ -10,8 +10,8 @@ from torch import Tensor
 
 from ndtorch.arguments import check_kind, check_tensor
 from ndtorch.errors import InputError
-from ndtorch.kernels.switch import kernels_wanted
 from ndtorch.navigation.mapping._kernels import tile_sums
+from ndtorch.utils.backend import kernels_wanted
 
 BITS = 6
 SIDE = 1 << BITS
