@@ -1,4 +1,4 @@
-"""Mistakes that a user can make, and the line each gets: `python -m tests.mistakes` writes mistakes.txt anew.
+"""Mistakes that a user can make.
 
 A case is what is typed after `ndtorch`, in a folder with the files that `prepare` makes.
 """
@@ -8,22 +8,12 @@ from __future__ import annotations
 import contextlib
 import io
 import os
-import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from ndtorch.commands import main
-
-PAGE = Path(__file__).with_name("mistakes.txt")
-
-HEAD = """# Mistakes, and what they get
-
-Whatever cannot be used ends a command with one line and the exit code 2, before any time is spent. These lines were
-written by `python -m tests.mistakes`; a test compares them with what the commands say.
-"""
 
 CASES = {
     "Commands and options": """
@@ -163,19 +153,6 @@ def prepare(folder: Path) -> None:
     (folder / "worlds.json").write_text('{"worlds": 3}\n')
 
 
-@contextlib.contextmanager
-def workplace() -> Iterator[None]:
-    """Inside, the files are here."""
-    before = Path.cwd()
-    with tempfile.TemporaryDirectory() as folder:
-        prepare(Path(folder))
-        os.chdir(folder)
-        try:
-            yield
-        finally:
-            os.chdir(before)
-
-
 def said(words: str) -> tuple[int, str]:
     """The exit code of a command, and what it says on stderr."""
     error = io.StringIO()
@@ -185,27 +162,3 @@ def said(words: str) -> tuple[int, str]:
         except SystemExit as end:
             code = int(end.code or 0)
     return code, error.getvalue().replace(f"{Path.cwd()}{os.sep}", "")
-
-
-def entry(words: str, line: str) -> str:
-    """A case as it stands in the page."""
-    return f"- `ndtorch {words}`\\\n  `` {line.strip()} ``"
-
-
-def page(lines: dict[str, str]) -> str:
-    """The page, from what is said in each case."""
-    parts = [HEAD]
-    for heading, typed in CASES.items():
-        names = [line.strip() for line in typed.strip().splitlines()]
-        rows = [entry(name, lines[name]) for name in names]
-        parts.append(f"## {heading}\n\n" + "\n".join(rows) + "\n")
-    return "\n".join(parts)
-
-
-if __name__ == "__main__":
-    with workplace():
-        found = {words: said(words) for words in cases()}
-    for words, (code, line) in found.items():
-        if code != 2 or line.count("\n") != 1:
-            print(f"{words}: exit code {code}\n{line}")
-    PAGE.write_text(page({words: line for words, (_, line) in found.items()}), encoding="utf-8")

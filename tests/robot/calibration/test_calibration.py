@@ -204,8 +204,10 @@ class Clumsy(Cameras):
         right, down, ahead = RIGHT.place
         aside = self.rig.baseline - right
         cos, sin = np.cos(heading), np.sin(heading)
-        at = view.place
-        return view._replace(place=(at[0] + ahead * cos - aside * sin, at[1] + ahead * sin + aside * cos, at[2] - down))
+        at = view.position
+        return view._replace(
+            position=(at[0] + ahead * cos - aside * sin, at[1] + ahead * sin + aside * cos, at[2] - down)
+        )
 
 
 class Drive:
