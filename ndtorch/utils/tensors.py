@@ -31,10 +31,18 @@ def leaves(tree: Any, prefix: str = "") -> dict[str, Tensor]:
 
 
 def mapped(tree: Tree, function: Callable[[str, Tensor], Tensor], prefix: str = "") -> Tree:
-    """The same nested tuple of what a function makes of every name and tensor; None stays None."""
+    """The same nested tuple of what a function makes of every name and tensor; None stays None.
+
+    Arrays and numbers are given to the function as tensors, and become arrays and numbers again.
+    """
     out: Any = tree
     if isinstance(tree, Tensor):
         out = function(prefix, tree)
+    elif isinstance(tree, np.ndarray):
+        out = function(prefix, torch.as_tensor(tree)).numpy()
+    elif isinstance(tree, np.generic | int | float):
+        kind: Any = type(tree)
+        out = kind(function(prefix, torch.as_tensor(tree)).item())
     elif tree is not None:
         values = [mapped(part, function, f"{prefix}.{name}" if prefix else name) for name, part in parts(tree)]
         out = type(tree)(*values) if hasattr(tree, "_fields") else tuple(values)

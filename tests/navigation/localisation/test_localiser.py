@@ -27,7 +27,7 @@ def drive():
     poses, driven = [(0.0, -1.2, 0.0)], []
     for _ in range(150):
         driven.append((0.5, 0.9))
-        poses.append(arc(*poses[-1], *driven[-1], DT))
+        poses.append(arc(Pose(*poses[-1]), *driven[-1], DT))
     left, right, _ = world.drive(poses)
     return np.array(poses), driven, torch.from_numpy(np.stack((left, right), 1)).float()
 
@@ -37,7 +37,7 @@ def reckon(poses, driven, scale, drift):
     found = [tuple(poses[0])]
     for speed, curvature in driven:
         speed, turn = speed * (1 + scale), speed * curvature + drift
-        found.append(arc(*found[-1], speed, turn / speed, DT))
+        found.append(arc(Pose(*found[-1]), speed, turn / speed, DT))
     return np.array(found)
 
 

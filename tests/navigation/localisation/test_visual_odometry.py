@@ -8,7 +8,7 @@ import pytest
 from ndtorch.navigation import StereoRig
 from ndtorch.navigation.localisation.localiser import stereo_scan
 from ndtorch.navigation.localisation.visual_odometry import Keyframe, estimate_motion, keyframe
-from ndtorch.navigation.odometry import arc
+from ndtorch.navigation.odometry import Pose, arc
 from tests.navigation.localisation.worlds import CORNERS, PARAMS
 from tests.navigation.planar_world import PlanarWorld
 
@@ -25,7 +25,7 @@ def views():
     found = []
     for n, (way, turn) in enumerate([(0.1, 0.0), (0.1, 0.09), (0.08, -0.12), (0.12, 0.03), (-0.1, 0.0)] * 4):
         start = (-1.2 + 0.1 * n, -1.0, 0.2 * n)
-        poses = [start, arc(*start, way, turn / way, 1.0)]
+        poses = [start, arc(Pose(*start), way, turn / way, 1.0)]
         # The cameras stand ahead of the point that the arc is driven by.
         eyes = [(x + RIG.forward * math.cos(h), y + RIG.forward * math.sin(h), h) for x, y, h in poses]
         left, right, _ = world.drive(eyes)

@@ -76,7 +76,7 @@ def path(driven, scale=0.0, bend=0.0, drift=0.0):
     found = [(0.0, 0.0, 0.0)]
     for speed, curvature in driven:
         turn = speed * curvature * (1 + bend) + drift
-        found.append(arc(*found[-1], speed * (1 + scale), turn / speed / (1 + scale), DT))
+        found.append(arc(Pose(*found[-1]), speed * (1 + scale), turn / speed / (1 + scale), DT))
     return np.array(found)
 
 
