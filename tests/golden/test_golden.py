@@ -101,16 +101,12 @@ def poses_alike(found: Kept, wanted: Kept, until: float) -> None:
 
 
 def test_localise() -> None:
-    """Ten minutes amplify a patch that visual odometry just matches, or not: it moves the car .1 mm; a minute later
-    another loop closure is accepted. So of these one in seven may be missing, and the map is right to a tenth.
+    """Ten minutes amplify rounding: a patch that visual odometry just matches, or not, a turn that begins a frame
+    earlier. So commands are compared for a minute and a half; later one loop closure in seven may be missing, and the
+    map is right to a tenth.
     """
     wanted, found = GOLDEN["localise/office"], RUNS["localise/office"](GOLDEN["localise/office"])
-    localises_alike(found, wanted)
-
-
-def localises_alike(found: Kept, wanted: Kept) -> None:
-    """See `drives_alike` and `test_localise`."""
-    drives_alike(found, wanted)
+    mostly(unpack(found["wanted"])[:2700], unpack(wanted["wanted"])[:2700], 0.01, 0.02)
     poses_alike(found, wanted, 100.0)
     assert found["submaps"] == wanted["submaps"]
     assert found["closures"] == pytest.approx(wanted["closures"], rel=1 / 7)
