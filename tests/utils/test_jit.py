@@ -6,6 +6,7 @@ import errno
 import importlib.util
 import logging
 import math
+import shutil
 import sys
 import warnings
 from collections.abc import Iterator
@@ -49,6 +50,8 @@ def load(folder: Path, code: str = CODE) -> ModuleType:
     """The module as a new process has it."""
     file = folder / "jitted_sums.py"
     file.write_text(code)
+    # Python would take bytecode of a file of the same size and second.
+    shutil.rmtree(folder / "__pycache__", ignore_errors=True)
     spec = importlib.util.spec_from_file_location("jitted_sums", file)
     assert spec is not None
     assert spec.loader is not None
