@@ -7,7 +7,7 @@ import sys
 def program() -> int:
     """The command; Ctrl-C while it is still being imported, or while Python ends, prints no traceback."""
     try:
-        from ndtorch.commands import program as run
+        from ndtorch.cli.commands import program as run
 
         return run()
     except KeyboardInterrupt:

@@ -8,7 +8,7 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch.scenes import two_bars
 from ndtorch.scenes.video_writer import VideoWriter
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 
 CASES = {
     "Commands and options": """

@@ -20,7 +20,7 @@ import pytest
 
 import ndtorch
 from ndtorch.binding.rules import RULES
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch.scenes import SCENES
 from tests.command_line import refused, same_state
 
@@ -261,7 +261,7 @@ def test_a_recording_changes_nothing(clip: Path, tmp_path: Path, capsys: pytest.
 
 def test_help_and_scenes_answer_before_torch_is_there(tmp_path: Path) -> None:
     program = (
-        "import sys\nfrom ndtorch.commands import main\n"
+        "import sys\nfrom ndtorch.cli.commands import main\n"
         "from ndtorch.cli import Bind, Render, Scenes\n"
         "Scenes().run()\nprint([n for n in ('torch', 'cv2', 'matplotlib') if n in sys.modules])"
     )

@@ -10,7 +10,7 @@ import torch
 from safetensors import safe_open
 
 from ndtorch.binding.saving import save_tensors
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch.utils.files import CHECKSUM
 from tests.command_line import kept, refused, same_state
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 import ndtorch
-from ndtorch import commands
-from ndtorch.commands import GROUP, main
+from ndtorch.cli import commands
+from ndtorch.cli.commands import GROUP, main
 from ndtorch.errors import InputError
 from ndtorch.utils.packages import need, remedy
 
@@ -154,7 +154,7 @@ def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_help_imports_nothing_heavy(tmp_path: Path) -> None:
     program = (
-        "import sys\nfrom ndtorch.commands import main\nassert main(['--help']) == 0\n"
+        "import sys\nfrom ndtorch.cli.commands import main\nassert main(['--help']) == 0\n"
         "print(*[m for m in ('torch', 'numpy', 'cv2', 'mujoco', 'matplotlib', 'pydantic', 'tyro') if m in sys.modules])"
     )
     done = subprocess.run(

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import pytest
 
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 
 Completed = Callable[..., list[str]]
 

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ndtorch.commands import installed, main
+from ndtorch.cli.commands import installed, main
 from ndtorch.errors import InputError
 from ndtorch.utils.packages import toml_file
 from ndtorch_robot.calibration import read_calibration, write_calibration

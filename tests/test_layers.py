@@ -22,7 +22,7 @@ FLOORS = (
     "foreground kernels scenes tracking vision",
     "binding navigation",
     "export loading",
-    "__main__ cli command_run commands completion report run",
+    "__main__ cli report run",
 )
 """Rooms of the library, from the ground up. A file imports from its own floor and from those below."""
 

@@ -13,7 +13,7 @@ from importlib.metadata import entry_points
 import pytest
 from pydantic import BaseModel
 
-from ndtorch.commands import GROUP, main
+from ndtorch.cli.commands import GROUP, main
 from ndtorch.errors import InputError
 from ndtorch_robot.calibration.model import Calibration
 from ndtorch_robot.cameras.source import CameraSettings

@@ -146,7 +146,9 @@ def try_wheel(trial: Trial, wheels: Path, place: Path) -> None:
     said = call([str(binaries / "ndtorch"), "--version"], work)
     assert f"{trial.name} " in said, said
     call([*pip, "check"], work)
-    names = call([str(binaries / "python"), "-c", "from ndtorch.commands import installed; print(*installed())"], work)
+    names = call(
+        [str(binaries / "python"), "-c", "from ndtorch.cli.commands import installed; print(*installed())"], work
+    )
     helps = [("ndtorch", name, "--help") for name in names.split()]
     for command in (*helps, *FILES, *trial.works):
         call([str(binaries / command[0]), *command[1:]], work)

@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import LineCollection
 
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch_robot.sim.arenas import load_arena
 
 # %%

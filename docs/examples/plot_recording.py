@@ -12,7 +12,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch_robot.recording import open_recording
 
 # %%

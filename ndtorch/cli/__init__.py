@@ -1,7 +1,18 @@
-"""The library's commands: `ndtorch bind`, `ndtorch scenes`, `ndtorch render`. Importing them imports no torch."""
+"""The command line: `ndtorch` finds and runs commands, `bind`, `scenes` and `render` are the library's own."""
 
-from ndtorch.cli.bind import Bind
-from ndtorch.cli.render import Render
-from ndtorch.cli.scenes import Scenes
+from typing import TYPE_CHECKING
+
+from ndtorch.utils.lazy import lazy
+
+if TYPE_CHECKING:
+    from ndtorch.cli.bind import Bind
+    from ndtorch.cli.render import Render
+    from ndtorch.cli.scenes import Scenes
 
 __all__ = ["Bind", "Render", "Scenes"]
+
+if not TYPE_CHECKING:
+    __getattr__ = lazy(
+        __name__,
+        {"ndtorch.cli.bind": ("Bind",), "ndtorch.cli.render": ("Render",), "ndtorch.cli.scenes": ("Scenes",)},
+    )

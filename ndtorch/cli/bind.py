@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ndtorch.command_run import INCOMPLETE, INTERRUPTED
+from ndtorch.cli.command_run import INCOMPLETE, INTERRUPTED
 from ndtorch.errors import InputError
 from ndtorch.run.arguments import choices
 from ndtorch.run.options import BindJob

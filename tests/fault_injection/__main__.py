@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from ndtorch.command_run import run_command
+from ndtorch.cli.command_run import run_command
 from ndtorch.errors import InputError
 from ndtorch.run.folder import place_for
 from ndtorch.utils.files import write_text

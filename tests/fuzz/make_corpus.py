@@ -139,7 +139,7 @@ def recordings(folder: Path) -> None:
 
 
 def replays(folder: Path) -> None:
-    from ndtorch.commands import main
+    from ndtorch.cli.commands import main
 
     main(
         [

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch.scenes.video_writer import VideoWriter
 from tests.foreground.passing_scenes import SIZE, passing
 

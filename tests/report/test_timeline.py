@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import pytest
 
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch.scenes.video_writer import VideoWriter
 from tests.foreground.passing_scenes import SIZE, passing
 

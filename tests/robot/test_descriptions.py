@@ -11,7 +11,7 @@ from importlib.metadata import entry_points
 import pytest
 from pydantic import BaseModel
 
-from ndtorch.commands import GROUP
+from ndtorch.cli.commands import GROUP
 from ndtorch_robot.camera_monitor.limits import CameraLimits
 from ndtorch_robot.cameras import CameraSettings
 from ndtorch_robot.config import DriveConfig

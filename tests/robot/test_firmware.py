@@ -10,7 +10,7 @@ import time
 import numpy as np
 import pytest
 
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch_robot.link.messages import (
     BODY_SIZE,
     VERSION,

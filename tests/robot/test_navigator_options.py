@@ -25,7 +25,7 @@ def test_the_default_controller_exists() -> None:
 
 def test_no_command_imports_torch_for_its_help(tmp_path: Path) -> None:
     program = (
-        "import sys\nfrom ndtorch.commands import installed, main\n"
+        "import sys\nfrom ndtorch.cli.commands import installed, main\n"
         "for name in installed():\n"
         "    try:\n        main([name, '--help'])\n    except SystemExit as end:\n        assert end.code == 0, name\n"
         "    for module in ('torch', 'cv2', 'matplotlib', 'mujoco', 'scipy', 'sklearn'):\n"

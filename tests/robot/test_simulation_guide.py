@@ -43,6 +43,6 @@ def test_environment_of_the_guide():
 
 
 def test_commands_of_the_guide_exist():
-    from ndtorch.commands import installed
+    from ndtorch.cli.commands import installed
 
     assert set(re.findall(r"ndtorch (\w+)", GUIDE)) <= set(installed())

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch.loading import model_folders
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch.errors import did_you_mean
 
 

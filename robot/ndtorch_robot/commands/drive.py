@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from ndtorch.command_run import INCOMPLETE, INTERRUPTED
+from ndtorch.cli.command_run import INCOMPLETE, INTERRUPTED
 from ndtorch_robot.navigator_options import navigator_options
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from ndtorch.command_run import INTERRUPTED
+from ndtorch.cli.command_run import INTERRUPTED
 from ndtorch.errors import InputError
 from ndtorch.utils import workers
 from ndtorch_robot.navigator_options import navigator_options

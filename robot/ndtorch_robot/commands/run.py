@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import tyro
 
-from ndtorch.command_run import INCOMPLETE
+from ndtorch.cli.command_run import INCOMPLETE
 from ndtorch.errors import InputError
 from ndtorch.utils.packages import toml_file
 

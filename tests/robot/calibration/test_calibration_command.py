@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch_robot.calibration import (
     find_view,
     folder_pairs,

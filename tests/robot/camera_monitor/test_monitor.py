@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig, Strips
 from ndtorch_robot.camera_monitor.limits import CameraLimits

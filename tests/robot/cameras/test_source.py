@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
 from ndtorch_robot.cameras import CameraSettings, StereoCameras, find_source, list_devices, open_capture
 from ndtorch_robot.cameras import source as source_module

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch.utils import workers
 from ndtorch_robot.barn.attempts import Attempt, Entry
 from ndtorch_robot.commands import barn

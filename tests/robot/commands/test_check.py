@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch_robot.commands.check import Check
 from ndtorch_robot.run_config import RunConfig, SimulationTable
 

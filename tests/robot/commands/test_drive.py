@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ndtorch_robot.car
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
 from ndtorch_robot.config import load_config
 

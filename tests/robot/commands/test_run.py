@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
 from ndtorch.utils.packages import toml_file
 from ndtorch.utils.toml import read_toml

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import ndtorch_robot.commands.evaluate as command
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
 from ndtorch.utils import workers
 from ndtorch.utils.workers import Event

@@ -8,7 +8,7 @@ import sys
 import pytest
 import torch
 
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.config import DriveConfig

@@ -14,7 +14,7 @@ from collections import deque
 from pathlib import Path
 from typing import NamedTuple
 
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
 from ndtorch.utils.toml import Strict
 from ndtorch_robot.link.registry import Opening, link

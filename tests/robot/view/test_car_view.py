@@ -11,7 +11,7 @@ import torch
 import ndtorch_robot.commands.replay
 import ndtorch_robot.view.car_view
 import ndtorch_robot.view.stream
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
 from ndtorch.navigation import Strips
 from ndtorch_robot.recording import Recorder, RecordSteps

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 import ndtorch_robot.view.stream
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
 from ndtorch.navigation import Navigator
 from ndtorch_robot.config import DriveConfig

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
 from ndtorch_train.benchmark.ranges import CONDITIONS, Found, judge, pair_folders, range_benchmark, read_pair
 

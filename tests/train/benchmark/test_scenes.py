@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch_train.benchmark.scenes import paper_bars
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch_train.reproduce.claims import CLAIMS, chosen
 from ndtorch_train.reproduce.command import looking_at
 from ndtorch_train.reproduce.experiment import ResultCache

@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow.parquet
 import pytest
 
-from ndtorch.commands import main
+from ndtorch.cli.commands import main
 from ndtorch_train.sweep import binding
 from ndtorch_train.sweep.parameters import Trial
 

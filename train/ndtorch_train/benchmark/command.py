@@ -202,5 +202,5 @@ class BenchmarkCommand:
     }
 
     def run(self) -> int:
-        """Never called: `ndtorch.commands` runs one of `subcommands`."""
+        """Never called: `ndtorch.cli.commands` runs one of `subcommands`."""
         raise NotImplementedError

@@ -10,8 +10,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
 
 import ndtorch
-from ndtorch.command_run import INTERRUPTED, UNUSABLE, Subcommand, missing, run_command
-from ndtorch.completion import SHELLS, completion
+from ndtorch.cli.command_run import INTERRUPTED, UNUSABLE, Subcommand, missing, run_command
+from ndtorch.cli.completion import SHELLS, completion
 from ndtorch.errors import did_you_mean
 from ndtorch.run.arguments import EVERY, QUIET, flags_of
 from ndtorch.utils.packages import OURS, module_places
@@ -206,7 +206,7 @@ def written(point: EntryPoint) -> str:
         tree = ast.parse((place / "__init__.py" if place.is_dir() else place).read_text(encoding="utf-8"))
     except (StopIteration, OSError, SyntaxError, ValueError):
         return ""
-    for node in tree.body:
+    for node in ast.walk(tree):
         if isinstance(node, ast.ClassDef) and node.name == point.attr:
             return ast.get_docstring(node) or ""
         if isinstance(node, ast.ImportFrom) and any(alias.name == point.attr for alias in node.names):
