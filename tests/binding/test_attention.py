@@ -9,7 +9,6 @@ from numpy.testing import assert_allclose
 
 from ndtorch.binding import Attention, object_table
 from ndtorch.binding.attention import attention_mask, feature_weights, winner
-from ndtorch.errors import InputError
 from ndtorch.vision import GROUPS
 
 
@@ -30,17 +29,6 @@ def test_the_winner_is_chosen_among_owners() -> None:
     assert winner(-outputs, owners).item() == 1
 
 
-def test_without_owners_nobody_wins() -> None:
-    assert winner(torch.rand(2, 4), torch.zeros(2, 4, dtype=torch.bool)).tolist() == [-1, -1]
-
-
-def test_winners_of_a_batch() -> None:
-    owners = torch.tensor([[True, True], [False, True], [False, False]])
-    found = winner(torch.tensor([[2.0, 1.0], [2.0, 1.0], [2.0, 1.0]]), owners)
-    assert found.tolist() == [0, 1, -1]
-    assert found.dtype == torch.int64
-
-
 def test_feature_weights_are_the_winners_row() -> None:
     """[C eq. 11]"""
     outputs, scale = noise(10), 1 + noise(10, seed=1)
@@ -50,23 +38,6 @@ def test_feature_weights_are_the_winners_row() -> None:
     assert k.item() == 7
     assert_allclose(f, [abs(outputs[7]) * table.rows[7, j] / scale[j] for j in range(10)])
     assert f.nonzero().flatten().tolist() == [1, 4, 7]
-
-
-def test_feature_weights_are_zero_without_a_winner_or_a_scale() -> None:
-    f, k = feature_weights(torch.ones(10), object_table(torch.zeros(10, 10)), torch.ones(10))
-    assert k.item() == -1
-    assert not f.any()
-    f, _ = feature_weights(torch.ones(10).double(), object_table(weights()), torch.zeros(10).double())
-    assert not f.any()
-
-
-def test_feature_weights_of_a_batch() -> None:
-    outputs, scale = noise(3, 2, 10), 1 + noise(3, 2, 10, seed=1)
-    table = object_table(weights().expand(3, 2, 10, 10))
-    f, k = feature_weights(outputs, table, scale)
-    alone, own = feature_weights(outputs[2, 1], object_table(weights()), scale[2, 1])
-    assert torch.equal(f[2, 1], alone)
-    assert k[2, 1] == own
 
 
 def test_mask_is_the_weighted_sum_of_fluctuations() -> None:
@@ -100,17 +71,6 @@ def test_motion_and_orientation_go_into_all_planes(feature: int) -> None:
     assert mask.max() == 1
 
 
-def test_mask_without_weights_is_black() -> None:
-    assert not attention_mask(torch.zeros(10), torch.rand(10, 4, 5), torch.zeros(10, 4, 5)).any()
-
-
-def test_every_mask_of_a_batch_has_its_own_maximum() -> None:
-    f, images, low = noise(3, 2, 10), noise(3, 2, 10, 4, 5, seed=1), noise(3, 2, 10, 4, 5, seed=2)
-    mask = attention_mask(f, images, low)
-    assert_allclose(mask.amax((-1, -2, -3)), np.ones((3, 2)))
-    assert_allclose(mask[2, 1], attention_mask(f[2, 1], images[2, 1], low[2, 1]), rtol=1e-12)
-
-
 def scene(steps: int = 6, batch: tuple[int, ...] = ()) -> tuple[torch.Tensor, ...]:
     """Frames, feature images, outputs and scale."""
     return (
@@ -131,49 +91,3 @@ def test_enhanced_frames_are_the_frames_times_the_mask() -> None:
         assert_allclose(enhanced[t], frames[t] * attention_mask(f, images[t], low), atol=1e-12)
         assert k[t] == own
     assert_allclose(state.low, low, atol=1e-14)
-
-
-def test_frames_are_black_where_nobody_owns_an_object() -> None:
-    frames, images, outputs, scale = scene()
-    (enhanced, k), _ = Attention(0.02)(frames, images, outputs, scale, object_table(torch.zeros(10, 10).double()))
-    assert not enhanced.any()
-    assert k.tolist() == [-1] * 6
-
-
-def test_each_trial_of_a_batch_has_its_own_table() -> None:
-    frames, images, outputs, scale = scene(batch=(2,))
-    tables = torch.stack([weights(), torch.zeros(10, 10).double()])
-    (enhanced, k), _ = Attention(0.02)(frames, images, outputs, scale, object_table(tables))
-    (alone, own), _ = Attention(0.02)(*(x[0] for x in scene(batch=(2,))), object_table(weights()))
-    assert_allclose(enhanced[0], alone, atol=1e-12)
-    assert torch.equal(k[0], own)
-    assert (k[1] == -1).all()
-
-
-@pytest.mark.parametrize("length", [1, 4])
-def test_chunks_give_the_whole(length: int) -> None:
-    parts, module, state = scene(9), Attention(0.02), None
-    (whole, k), end = module(*parts, object_table(weights()))
-    frames, winners = [], []
-    for chunk in zip(*(x.split(length) for x in parts), strict=True):
-        (enhanced, own), state = module(*chunk, object_table(weights()), state)
-        frames.append(enhanced)
-        winners.append(own)
-    assert state is not None
-    assert_allclose(torch.cat(frames), whole, atol=1e-12)
-    assert torch.equal(torch.cat(winners), k)
-    assert torch.equal(state.low, end.low)
-
-
-@pytest.mark.parametrize("shape", [(6, 9, 4, 5), (6, 10, 5, 4)])
-def test_images_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
-    frames, _, outputs, scale = scene()
-    with pytest.raises(InputError, match=r"images must be \[\.\.\., T, 10, H, W\]"):
-        Attention(0.02)(frames, torch.zeros(shape), outputs, scale, object_table(weights()))
-
-
-def test_bad_time_constants_are_refused() -> None:
-    with pytest.raises(InputError, match="dt"):
-        Attention(0.0)
-    with pytest.raises(InputError, match="tau"):
-        Attention(0.1, tau=-1)

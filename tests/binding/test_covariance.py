@@ -13,7 +13,6 @@ from numpy.testing import assert_allclose
 from ndtorch.binding.covariance import CovarianceState, RunningCovariances
 from ndtorch.binding.readout.owners import signal_statistics
 from ndtorch.binding.readout.sums import SumStatistics
-from ndtorch.errors import InputError
 from tests.compilers import exports
 from tests.strategies import chunkings
 
@@ -52,15 +51,6 @@ def test_they_are_the_weighted_means_in_every_memory_at_every_delay() -> None:
         assert_allclose(state.differences[m], expected, atol=1e-12)
 
 
-def test_a_batch_is_that_many_alone() -> None:
-    signals = noise(90, 8).reshape(45, 2, 8).movedim(1, 0)
-    many = signal_statistics()(signals)
-    for trial in range(2):
-        alone = signal_statistics()(signals[trial])
-        assert_allclose(many.covariances[trial], alone.covariances, atol=1e-12)
-        assert_allclose(many.differences[trial], alone.differences, atol=1e-12)
-
-
 class Exported(torch.nn.Module):
     def __init__(self, module: RunningCovariances) -> None:
         super().__init__()
@@ -85,20 +75,6 @@ def test_a_program_goes_on_wherever_a_chunk_begins(module: Any) -> None:
         for one, other in zip(kept, state, strict=True):
             assert one.shape == other.shape
             assert_allclose(one, other, atol=1e-12)
-
-
-def test_memories_and_delays_that_cannot_be_are_refused() -> None:
-    with pytest.raises(InputError, match="memories must be time constants in seconds, got none"):
-        RunningCovariances(memories=())
-    with pytest.raises(InputError, match=r"delays must be seconds >= 0, got \(-0.1,\)"):
-        RunningCovariances(delays=(-0.1,))
-
-
-def test_a_piece_holds_one_update_at_least() -> None:
-    covariances = RunningCovariances(0.01, (1.0,), (0.0,), pieces=3, piece=0.01)
-    assert covariances.constants.updates == 1
-    state = covariances(torch.rand(50, 10))
-    assert state.held.tolist() == [1, 1, 1]
 
 
 def test_pieces_are_the_means_of_each_stretch_of_time() -> None:

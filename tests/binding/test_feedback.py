@@ -9,10 +9,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from ndtorch.binding import InhibitoryNetwork, learning_rule, spectral_radius
-from ndtorch.binding.learning import settled
 from ndtorch.binding.normalise import FieldInputs
 from ndtorch.binding.rules import ScaleFreeRule
-from ndtorch.errors import InputError
 from tests.compilers import exports
 from tests.strategies import chunkings, in_chunks
 
@@ -65,15 +63,6 @@ def test_chunks_do_not_matter(lengths: list[int]) -> None:
         assert torch.equal(one, other)
 
 
-def test_a_batch_is_that_many_single_runs() -> None:
-    network = InhibitoryNetwork.scale_free(4)
-    signals = torch.stack([sources(200, seed) @ MIXING for seed in range(6)]).reshape(2, 3, 200, 4)
-    outputs, state = network(signals)
-    alone, end = network(signals[1, 2])
-    assert_allclose(outputs[1, 2], alone, rtol=1e-8, atol=1e-10)
-    assert_allclose(state.weights[1, 2], end.weights, rtol=1e-7, atol=1e-9)
-
-
 def test_outputs_solve_the_feedback() -> None:
     signals = sources(300) @ MIXING
     network = InhibitoryNetwork.scale_free(4)
@@ -98,24 +87,6 @@ def test_stronger_outputs_are_taken_out_of_weaker_ones() -> None:
     assert abs(correlation) < 0.1
     assert abs(state.weights[1, 0] - 0.3) < 0.1
     assert abs(state.weights[0, 1]) < 0.1
-
-
-def test_zero_learns_nothing() -> None:
-    outputs, state = InhibitoryNetwork.scale_free(4)(torch.zeros(300, 4))
-    assert not outputs.any()
-    assert not state.weights.any()
-
-
-def test_settled_is_the_inverse() -> None:
-    weights = torch.tensor([[0.0, 0.5], [0.2, 0.0]])
-    assert_allclose(settled(weights) @ (torch.eye(2) + weights), torch.eye(2), atol=1e-6)
-
-
-def test_other_widths_are_refused() -> None:
-    with pytest.raises(InputError, match=r"inputs must be \[..., T, 4\], got \(10, 3\)"):
-        InhibitoryNetwork.scale_free(4)(torch.zeros(10, 3))
-    with pytest.raises(InputError, match="from 2 to 8192, got 1"):
-        InhibitoryNetwork.scale_free(1)
 
 
 UP, DOWN, RED, BLUE = 3, 2, 7, 9
@@ -160,13 +131,6 @@ def test_features_of_the_same_place_are_bound_and_others_are_not() -> None:
     assert bound[DOWN, BLUE] > 0.3
     for one, other in ((UP, BLUE), (DOWN, RED), (UP, DOWN), (RED, BLUE)):
         assert bound[one, other] < 0.1
-
-
-def test_without_learning_outputs_are_inputs() -> None:
-    inputs = FieldInputs(0.04)(two_things(30))[0]
-    outputs, state = of_fields(rule=None)(inputs)
-    assert torch.equal(inputs, outputs)
-    assert (state.weights == 0).all()
 
 
 def test_nothing_happens_in_quiet_times() -> None:
@@ -256,18 +220,3 @@ def test_an_exported_network_gives_the_same_chunk_by_chunk(use: str) -> None:
         assert_allclose(exported.mean_weights, eager.mean_weights, atol=1e-5)
         assert torch.equal(exported.steps, eager.steps)
     assert eager.weights.any()
-
-
-def test_inputs_of_fields_of_another_shape_are_refused() -> None:
-    with pytest.raises(InputError, match=r"signals must be \[..., T, F, 10\], got \(5, 3, 4\)"):
-        FieldInputs(0.04)(torch.zeros(5, 3, 4))
-    with pytest.raises(InputError, match="at least one"):
-        FieldInputs(0.04)(torch.zeros(0, 3, 10))
-    with pytest.raises(InputError, match=r"inputs must be \[..., T, F, 10\], got \(5, 10\)"):
-        of_fields()(torch.zeros(5, 10))
-
-
-@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.int64])
-def test_other_precisions_are_refused(dtype: torch.dtype) -> None:
-    with pytest.raises(InputError, match=r"inputs must be float(32 or float64|ing point), got"):
-        InhibitoryNetwork(3)(torch.zeros(5, 3, dtype=dtype))

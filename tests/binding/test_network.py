@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from ndtorch.binding import InhibitoryNetwork, alternation, learning_rule, weight_change
-from ndtorch.binding.learning import NetworkState, WhenFull, inhibit
+from ndtorch.binding import InhibitoryNetwork, learning_rule
+from ndtorch.binding.learning import WhenFull, inhibit
 from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.binding.spectrum import SQUARING_FROM
 from tests.binding.plain_network import noise, reference, small
@@ -74,12 +74,6 @@ def test_the_fixed_point_is_the_instantaneous_network() -> None:
     assert_allclose(out[-1], np.linalg.solve(np.eye(2) + weights.numpy(), [1, 2]), atol=1e-10)
 
 
-def test_tau_in_inf_lets_the_input_through() -> None:
-    inputs = 1 + noise(5, 2)
-    out, _ = InhibitoryNetwork(2, rule=None, tau_in=math.inf)(inputs)
-    assert_allclose(out, inputs)
-
-
 def test_the_power_is_a_mean_from_the_first_step_on() -> None:
     """The rule is told the mean square of what was seen so far, not one that still rises from zero."""
     told: list[tuple[torch.Tensor, torch.Tensor]] = []
@@ -101,36 +95,6 @@ def test_the_power_is_a_mean_from_the_first_step_on() -> None:
         torch.testing.assert_close(power, (share * squares[: 5 * n]).sum(0) / share.sum(0))
 
 
-def test_a_rate_of_zero_keeps_the_weights() -> None:
-    initial = torch.tensor([[0.0, 0.3], [0.5, 0.0]])
-    _, state = InhibitoryNetwork(2, rule=learning_rule("competitive", gamma=0.0), settle=0.0, initial=initial)(
-        noise(40, 2).float()
-    )
-    assert torch.equal(state.weights, initial)
-    assert weight_change(state) == 0
-
-
-def test_nothing_is_learned_while_settling() -> None:
-    network = InhibitoryNetwork(2, 0.01, learning_rule("competitive", gamma=50.0), settle=0.2)
-    inputs = noise(22, 1).expand(22, 2)
-    _, before = network(inputs[:21])
-    _, after = network(inputs)
-    assert not before.weights.any()
-    assert after.weights.any()
-
-
-@pytest.mark.parametrize("batch", [(), (4,), (2, 3)])
-def test_shapes(batch: tuple[int, ...]) -> None:
-    out, state = InhibitoryNetwork(5, 0.01, settle=0.0, window=0.2)(torch.rand(*batch, 7, 5))
-    assert out.shape == (*batch, 7, 5)
-    assert state.weights.shape == state.mean_weights.shape == (*batch, 5, 5)
-    for part in (state.outputs, state.input_low, state.output_low, state.power, state.roughness):
-        assert part.shape == (*batch, 5)
-    assert state.stopped.shape == batch
-    assert state.changes.shape == (*batch, 20)
-    assert weight_change(state).shape == alternation(state).shape == batch
-
-
 @pytest.mark.parametrize("count", [3, SQUARING_FROM + 2])
 @pytest.mark.parametrize("when_full", ["rescale", "stop"])
 def test_a_batch_is_that_many_single_runs(count: int, when_full: WhenFull) -> None:
@@ -148,15 +112,6 @@ def test_a_batch_is_that_many_single_runs(count: int, when_full: WhenFull) -> No
         assert state.stopped[i] == end.stopped
 
 
-def test_a_batch_inside_the_limit_is_exactly_that_many_single_runs() -> None:
-    inputs, gamma = noise(15, 60, 3), torch.linspace(0.1, 5, 15)
-    out, state = small(gamma=gamma)(inputs)
-    for i in range(15):
-        alone, end = small(gamma=float(gamma[i]))(inputs[i])
-        assert_allclose(out[i], alone, atol=1e-12)
-        assert_allclose(state.weights[i], end.weights, atol=1e-12)
-
-
 @settings(max_examples=15, deadline=None)
 @given(lengths=chunkings(40), when_full=st.sampled_from(["rescale", "stop"]))
 def test_chunks_give_the_whole(lengths: list[int], when_full: WhenFull) -> None:
@@ -167,15 +122,6 @@ def test_chunks_give_the_whole(lengths: list[int], when_full: WhenFull) -> None:
     assert_allclose(parts, whole, atol=1e-12)
     for a, b in zip(part_end, end, strict=True):
         assert_allclose(a, b, atol=1e-12)
-
-
-def test_float32_is_near_float64() -> None:
-    inputs = noise(50, 3)
-    out, state = small()(inputs)
-    single, single_state = small()(inputs.float())
-    assert single.dtype == single_state.weights.dtype == torch.float32
-    assert_allclose(single, out, atol=1e-5)
-    assert_allclose(single_state.weights, state.weights, atol=1e-5)
 
 
 @pytest.mark.parametrize("batch", [(), (2,)])
@@ -233,19 +179,3 @@ def test_a_network_that_stopped_stays_as_it_is() -> None:
     assert bool(full.stopped)
     assert torch.equal(later.weights, full.weights)
     assert out.any()
-
-
-def test_a_static_input_gives_no_output_and_no_weight() -> None:
-    out, state = InhibitoryNetwork(3, settle=0.0)(noise(1, 3).expand(100, 3))
-    assert not out.any()
-    assert not state.weights.any()
-    assert alternation(state) == 0
-
-
-def test_the_callers_state_is_left_alone() -> None:
-    module = small(settle=0.0)
-    _, state = module(noise(10, 3))
-    before = NetworkState(*(part.clone() for part in state))
-    module(noise(10, 3, seed=1), state)
-    for a, b in zip(state, before, strict=True):
-        assert torch.equal(a, b)

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from ndtorch.binding import BindingInputs
-from ndtorch.binding.normalise import ORDERS, InputState, Order, divide, group_max, spread_groups
-from ndtorch.errors import InputError
+from ndtorch.binding.normalise import ORDERS, InputState, Order, divide
 from ndtorch.vision import GROUPS
 from tests.strategies import chunkings
 
@@ -61,11 +60,6 @@ def test_inputs_and_scale_are_those_of_a_loop(order: Order) -> None:
     expected = reference(sums.numpy(), order, 0.3, 0.02, 20, 0.02)
     assert_allclose(inputs, expected[0], atol=1e-12)
     assert_allclose(scale, expected[1])
-
-
-def test_filtering_first_is_the_default() -> None:
-    sums = 5 + noise(30, 10)
-    assert torch.equal(BindingInputs()(sums)[0][0], BindingInputs(order="filter-first")(sums)[0][0])
 
 
 @settings(max_examples=30, deadline=None)
@@ -128,54 +122,10 @@ def test_chunks_give_the_whole(order: Order, lengths: list[int]) -> None:
 
 
 @pytest.mark.parametrize("order", ORDERS)
-def test_batch_equals_single_runs(order: Order) -> None:
-    module, sums = BindingInputs(order=order), 1 + noise(2, 3, 20, 10)
-    (inputs, scale), state = module(sums)
-    assert inputs.shape == scale.shape == sums.shape
-    assert state.sums.shape == state.fluctuations.shape == (2, 3, 199, 3)
-    (alone, own_scale), _ = module(sums[1, 2])
-    assert torch.equal(inputs[1, 2], alone)
-    assert torch.equal(scale[1, 2], own_scale)
-
-
-@pytest.mark.parametrize("order", ORDERS)
-def test_float32_is_near_float64(order: Order) -> None:
-    module, sums = BindingInputs(order=order), 1 + noise(300, 10)
-    assert_allclose(module(sums.float())[0][0], module(sums)[0][0], atol=1e-4)
-
-
-@pytest.mark.parametrize("order", ORDERS)
 def test_gradients(order: Order) -> None:
     module = BindingInputs(0.05, order, window=0.2)
     sums = (1 + noise(6, 10)).requires_grad_()
     assert torch.autograd.gradcheck(lambda x: module(x)[0], (sums,))
-
-
-def test_bad_options_are_refused() -> None:
-    with pytest.raises(InputError, match=r"order must be one of filter-first, printed, got 'normalize'"):
-        BindingInputs(order="normalize")  # type: ignore[arg-type]
-    for floor in (-0.1, float("nan")):
-        with pytest.raises(InputError, match="floor must be a number >= 0"):
-            BindingInputs(floor=floor)
-    with pytest.raises(InputError, match="tau"):
-        BindingInputs(tau=-1)
-    with pytest.raises(InputError, match="dt"):
-        BindingInputs(dt=0)
-
-
-@pytest.mark.parametrize(
-    ("shape", "message"),
-    [((5, 9), r"sums must be \[\.\.\., T, 10\]"), ((0, 10), "at least one time step"), ((10,), r"\[\.\.\., T, N\]")],
-)
-def test_sums_of_another_shape_are_refused(shape: tuple[int, ...], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        BindingInputs()(torch.zeros(shape))
-
-
-def test_group_maxima_spread_back_over_their_groups() -> None:
-    signals = torch.arange(20.0).reshape(2, 10)
-    assert group_max(signals).tolist() == [[3, 6, 9], [13, 16, 19]]
-    assert spread_groups(torch.tensor([1.0, 2.0, 3.0])).tolist() == [1, 1, 1, 1, 2, 2, 2, 3, 3, 3]
 
 
 def test_division_by_zero_is_zero_and_has_a_gradient() -> None:

@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from ndtorch import InputError
 from ndtorch.binding import ObjectFiles
-from ndtorch.binding.object_files import DIRECTIONS, ObjectFileParams, ObjectFileState
+from ndtorch.binding.object_files import ObjectFileState
 from ndtorch.binding.readout.covariances import single_table
 from ndtorch.vision import FEATURES
 
@@ -71,17 +70,6 @@ def test_one_object_its_features_place_and_velocity() -> None:
     assert tuple(place) == pytest.approx(((1.925 + 0.5) * 30, 4.5 * 30), abs=10)
     assert tuple(velocity) == pytest.approx((45.0, 0.0), abs=6)
     assert float(state.age[k]) == pytest.approx(10.0, abs=0.3)
-
-
-@pytest.mark.parametrize("grid", [(9, 20), (20, 9)])
-def test_places_on_a_grid_that_is_longer_than_wide(grid: tuple[int, int]) -> None:
-    start = (grid[0] - 3.0, grid[1] - 4.0)
-    module = ObjectFiles(grid, 30.0, DT)
-    _, state = module(blob(RIGHT_RED, wave(60, 1.0), start, (0.0, 0.0), grid))
-    (place,) = state.place[module.confirmed(state)].tolist()
-    assert place == pytest.approx(start, abs=0.3)
-    assert module.centers.shape == (grid[0] * grid[1], 2)
-    assert module.centers[-1].tolist() == [grid[0] - 1, grid[1] - 1]
 
 
 def test_the_velocity_of_a_fast_object() -> None:
@@ -209,25 +197,6 @@ def test_noise_is_no_object(seed: int) -> None:
     assert counts.max() == 0
 
 
-def test_nothing_is_no_object() -> None:
-    counts, state = windows()(torch.zeros(60, *GRID, 10))
-    assert counts.max() == 0
-    assert all(bool(torch.isfinite(part.float()).all()) for part in state)
-
-
-@pytest.mark.parametrize("name", ["most", "period", "window", "tau_bind"])
-def test_parameters_must_be_positive(name: str) -> None:
-    with pytest.raises(InputError, match=f"{name} = 0: should be greater than 0"):
-        ObjectFileParams(**{name: 0})  # type: ignore[arg-type]
-
-
-def test_bad_input() -> None:
-    with pytest.raises(InputError, match="signals must be"):
-        windows()(torch.zeros(4, 16, 15, 10))
-    with pytest.raises(InputError, match="at least 3 x 3 fields"):
-        ObjectFiles((2, 5), 30.0)
-
-
 def two() -> Tensor:
     return blob(RIGHT_RED, wave(80, 1.1), (4.0, 3.0), (0.0, 1.5)) + blob(
         LEFT_GREEN, wave(80, 0.7), (9.0, 9.0), (0.5, -1.5)
@@ -251,14 +220,6 @@ def test_pieces_and_batches_give_the_same() -> None:
     assert torch.allclose(states.place[0], end.place, atol=1e-4)
 
 
-def test_frames_faster_than_the_updates() -> None:
-    """At 100 samples a second windows are still updated 20 times a second."""
-    slow, fast = windows(), ObjectFiles(GRID, 30.0, 0.01)
-    assert (slow.every, fast.every) == (1, 5)
-    counts, _ = fast(two().repeat_interleave(5, 0))
-    assert counts[-1] == 2
-
-
 @settings(max_examples=8, deadline=None)
 @given(st.floats(1e-3, 1e3), st.integers(0, 15), st.integers(0, 15))
 def test_brightness_and_place_do_not_matter(gain: float, down: int, right: int) -> None:
@@ -271,28 +232,3 @@ def test_brightness_and_place_do_not_matter(gain: float, down: int, right: int) 
         frozenset({"right", "0°", "red"}),
         frozenset({"left", "60°", "green"}),
     }
-
-
-def test_motion_points_one_field_left_right_down_and_up() -> None:
-    assert DIRECTIONS == ((0.0, -1.0), (0.0, 1.0), (1.0, 0.0), (-1.0, 0.0))
-
-
-def test_no_window_of_a_batch_is_faster_than_it_may_be() -> None:
-    """Two scenes at once, both with things that go aslant and are faster: as fast as may be, and just as alone."""
-    module = ObjectFiles(GRID, 30.0, DT, params=ObjectFileParams(fastest=0.5))
-    right = blob(RIGHT_RED, wave(60, 1.1), (4.0, 3.0), (1.1, 1.2))
-    up = blob(UP_BLUE, wave(60, 0.9), (9.0, 8.0), (-1.2, 0.9))
-    _, both = module(torch.stack([right, up]))
-    fastest = both.velocity.norm(dim=-1).amax(-1)
-    assert fastest.tolist() == pytest.approx([0.5, 0.5])
-    for one, scene in enumerate((right, up)):
-        _, alone = module(scene)
-        torch.testing.assert_close(both.velocity[one], alone.velocity)
-
-
-@pytest.mark.parametrize("batch", [(), (2,), (2, 3)])
-def test_a_start_has_the_shapes_of_what_comes_after_it(batch: tuple[int, ...]) -> None:
-    layer = ObjectFiles((4, 5), 4.0)
-    begun = layer.start(torch.zeros(*batch, 4, 5, 10))
-    _, after = layer(torch.zeros(*batch, 1, 4, 5, 10))
-    assert [part.shape for part in begun] == [part.shape for part in after]

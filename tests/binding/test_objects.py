@@ -10,8 +10,6 @@ from numpy.testing import assert_allclose
 
 from ndtorch.binding import BoundObject, bound_objects, describe, object_table
 from ndtorch.binding.readout.owners import simplified
-from ndtorch.errors import InputError
-from ndtorch.vision import FEATURES
 
 
 def two_objects() -> torch.Tensor:
@@ -52,11 +50,6 @@ def test_thresholds() -> None:
     assert object_table(weights, smallest_column=0.5).owners.tolist() == [False, True, True]
 
 
-def test_zero_weights_hold_no_object() -> None:
-    assert not object_table(torch.zeros(10, 10)).owners.any()
-    assert bound_objects(object_table(torch.zeros(10, 10))) == []
-
-
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**31), scale=st.floats(1e-20, 1e20), neurons=st.integers(2, 10))
 def test_scaling_changes_nothing(seed: int, scale: float, neurons: int) -> None:
@@ -67,26 +60,6 @@ def test_scaling_changes_nothing(seed: int, scale: float, neurons: int) -> None:
     before, after = object_table(weights), object_table(weights * scale)
     assert torch.equal(after.owners, before.owners)
     assert_allclose(after.rows, before.rows, rtol=1e-12)
-
-
-def test_batch_equals_single_tables() -> None:
-    weights = torch.rand(2, 3, 10, 10)
-    table = object_table(weights)
-    assert table.owners.shape == (2, 3, 10)
-    for a, b in zip(table, object_table(weights[1, 2]), strict=True):
-        assert torch.equal(a[1, 2], b)
-
-
-@pytest.mark.parametrize("shape", [(10,), (10, 9)])
-def test_weights_must_be_square(shape: tuple[int, ...]) -> None:
-    with pytest.raises(InputError, match="weights must be square"):
-        object_table(torch.zeros(shape))
-
-
-@pytest.mark.parametrize("shape", [(9, 9), (2, 10, 10)])
-def test_objects_are_of_one_network(shape: tuple[int, ...]) -> None:
-    with pytest.raises(InputError, match="table must be of one network of ten neurons"):
-        bound_objects(object_table(torch.zeros(shape)))
 
 
 def test_objects_name_their_features() -> None:
@@ -134,10 +107,3 @@ def test_the_direction_is_the_main_one_of_the_heading_whatever_its_size(
 ) -> None:
     assert BoundObject("red", 7, {"left": 1.0}, heading=heading).direction == direction
     assert BoundObject("red", 7, {"left": 1.0}).direction == "left"
-
-
-def test_every_neuron_can_own_an_object() -> None:
-    for k, name in enumerate(FEATURES):
-        weights = torch.zeros(10, 10)
-        weights[(k + 1) % 10, k] = 0.9
-        assert [thing.neuron for thing in bound_objects(object_table(weights))] == [name]

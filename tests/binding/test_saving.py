@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import math
 import random
 from pathlib import Path
@@ -75,10 +74,6 @@ def test_a_run_goes_on_at_frame_10_to_the_12_as_at_frame_10_to_the_6(name: str) 
     assert frames_taken(after) == 18 + far
 
 
-def test_a_state_of_something_else_does_not_say_how_many_frames_it_has_seen() -> None:
-    assert frames_taken((noise(3), None)) is None
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_a_run_resumed_from_a_file_is_the_run(tmp_path: Path, name: str) -> None:
     module, frames = model(name, fps=30.0), noise(20, 3, 32, 33)
@@ -89,16 +84,6 @@ def test_a_run_resumed_from_a_file_is_the_run(tmp_path: Path, name: str) -> None
     resumed, resumed_end = module(frames[11:], loaded)
     assert all(torch.equal(a, b) for a, b in zip(resumed, whole, strict=True))
     assert same(resumed_end, end)
-
-
-def test_a_state_without_motion_comes_back_without(tmp_path: Path) -> None:
-    module = model()
-    _, state = module.from_sums(noise(6, 10))
-    save_state(state, str(tmp_path / "state"))
-    loaded, about = load_state(str(tmp_path / "state"), module)
-    assert loaded.motion is None
-    assert same(loaded, state)
-    assert about == {}
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -160,19 +145,6 @@ def test_a_state_of_another_model_is_refused(tmp_path: Path, name: str) -> None:
                 load_state(tmp_path / "state", model(other))
 
 
-def test_a_missing_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"nothing\.safetensors is missing"):
-        load_state(tmp_path / "nothing.safetensors", model())
-
-
-def test_other_files_and_folders_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "text").write_text("not a state at all")
-    (tmp_path / "empty").write_bytes(b"")
-    for path in (tmp_path / "text", tmp_path / "empty", tmp_path):
-        with pytest.raises(InputError, match="is not a saved state"):
-            load_state(path, model())
-
-
 def test_no_flipped_byte_is_believed(tmp_path: Path) -> None:
     """Wherever a byte of a saved state changes, it is refused in one line, or nothing that is read has changed."""
     module = model()
@@ -192,30 +164,6 @@ def test_no_flipped_byte_is_believed(tmp_path: Path) -> None:
             assert same(loaded, state)
             assert about == {"run": "{}"}
     assert refused > 190
-
-
-def test_a_write_that_fails_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    module = model()
-    _, state = module(noise(3, 3, 32, 33))
-    path = tmp_path / "state"
-    save_state(state, path)
-    old = path.read_bytes()
-
-    def full(handle: int) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr("os.fsync", full)
-    with pytest.raises(OSError, match="No space left"):
-        save_state(state, path, {"new": "yes"})
-    assert path.read_bytes() == old
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_saving_does_not_change_the_state(tmp_path: Path) -> None:
-    _, state = model()(noise(4, 3, 32, 33))
-    before = {name: part.clone() for name, part in leaves(state).items()}
-    save_state(state, tmp_path / "state")
-    assert all(torch.equal(part, before[name]) for name, part in leaves(state).items())
 
 
 def test_moving_to_another_device_leaves_the_counters() -> None:

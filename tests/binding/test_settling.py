@@ -33,14 +33,6 @@ def test_alternation_of_signals_that_flip_and_of_slow_ones() -> None:
     assert alternation(silent(white)[1]) == pytest.approx(0.5, abs=0.1)
 
 
-def test_an_unstable_network_is_seen_to_alternate() -> None:
-    weights = torch.tensor([[0.0, 0.99], [0.99, 0.0]])
-    _, state = InhibitoryNetwork(2, rule=None, tau_in=math.inf, initial=weights)(
-        torch.cat([torch.zeros(1, 2), torch.ones(1, 2), torch.zeros(200, 2)])
-    )
-    assert alternation(state) > 0.9
-
-
 class Exported(torch.nn.Module):
     def __init__(self, network: InhibitoryNetwork) -> None:
         super().__init__()

@@ -67,15 +67,3 @@ def test_half_precision_is_refused_for_models_and_taken_for_frames(name: str) ->
     frames = torch.rand(4, 3, 32, 32, generator=torch.Generator().manual_seed(0)).half()
     (given, _), (wanted, _) = model(frames), model(frames.float())
     assert torch.allclose(given.outputs, wanted.outputs, atol=1e-6)
-
-
-def test_a_number_is_a_square() -> None:
-    assert ndtorch.load("foreground", size=48).size == (48, 48)
-    with pytest.raises(InputError, match="size"):
-        ndtorch.load("published", size=(1, 2, 3))
-
-
-def test_half_precision_of_sums_is_refused() -> None:
-    """Learning would lose what is small in it; frames of it are widened, but sums have no range of their own."""
-    with pytest.raises(InputError, match="sums"):
-        ndtorch.load("published").from_sums(torch.rand(4, 10).half())

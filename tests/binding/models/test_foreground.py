@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import deepcopy
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -10,15 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from safetensors.torch import load_file
 from torch import Tensor
 
 import ndtorch
 from ndtorch.binding import load_state, save_state
 from ndtorch.binding.models.foreground import ForegroundModel
 from ndtorch.errors import InputError
-from ndtorch.tracking.track import tracks_from_table
-from ndtorch.utils.files import save_tensors
 from ndtorch.utils.tensors import leaves
 from tests.foreground.passing_scenes import SIZE, ground, passing
 
@@ -102,28 +98,6 @@ def test_the_ground_is_not_learned_under_what_is_followed() -> None:
     assert np.array_equal(state.scene.kept.numpy() > 0, wide[1:-1, 1:-1])
 
 
-def test_what_is_no_object_yet_keeps_the_ground_for_so_long_and_no_longer() -> None:
-    """Of what came at 0.24 s, to the very step."""
-    options = {"tracking.tentative_max_s": 8 / FPS - 6 / FPS}
-    for frames, kept in ((8, True), (9, False)):
-        _, state = run(film()[:frames], **options)
-        assert [one.first_seen for one in tracks_from_table(state.scene.tracker.tracks)] == [6 / FPS]
-        assert bool(state.scene.kept.any()) == kept
-
-
-def test_a_state_that_was_given_stays_what_it_was() -> None:
-    """So a film may go on from it twice, and by another scene, too."""
-    with torch.inference_mode():
-        module = model()
-        _, state = module(film()[:20])
-        before = deepcopy(state)
-        once, other, twice = (module(part, state) for part in (film()[20:26], 255 - film()[20:26], film()[20:26]))
-    assert same(state, before)
-    assert same(once, twice)
-    assert other[0].cut.any()
-    assert not same(once[1], other[1])
-
-
 @pytest.mark.parametrize("lengths", [[1] * STEPS, [7, 30, 13]])
 def test_chunks_of_any_length_give_the_same_to_the_last_bit(lengths: list[int]) -> None:
     signals, state = run(film(), lengths)
@@ -144,16 +118,6 @@ def test_a_state_is_saved_and_goes_on_bit_for_bit(tmp_path: Path, at: int) -> No
         module(film()[at:], state)
     # A state that was used is as it was.
     assert all(torch.equal(part, before[name]) for name, part in leaves(state).items())
-
-
-def test_a_state_before_the_first_time_step_too(tmp_path: Path) -> None:
-    module = model(fps=90.0)
-    signals, state = module(film()[:2])
-    assert len(signals.time) == 0
-    assert (module.objects(state), module.verdict(state)) == ([], "static")
-    save_state(state, tmp_path / "state")
-    again, _ = load_state(tmp_path / "state", module)
-    assert same(module(film()[2:], again)[1], module(film())[1])
 
 
 @pytest.mark.parametrize(("value", "name"), [(0.95, "white"), (0.03, "black")])
@@ -257,36 +221,6 @@ def test_a_piece_that_something_cuts_off_belongs_to_its_track() -> None:
         left = 4 * (n - 8)
         assert float((shape[46:66, left : left + 3] > 0).float().mean()) > 0.5
         assert float((shape[46:66, left + 6 : left + 8] > 0).float().mean()) < 0.5
-
-
-def test_it_is_static_until_something_stands_out_and_then_it_learns() -> None:
-    assert model().verdict(run((ground().repeat(12, 1, 1, 1) * 255).to(torch.uint8))[1]) == "static"
-    assert model().verdict(run(film()[:30])[1]) == "learning"
-
-
-def test_a_state_from_before_objects_could_be_taken_back_is_refused(tmp_path: Path) -> None:
-    path, module, (_, state) = tmp_path / "state", model(), whole()
-    save_state(state, path)
-    older = {name: part for name, part in load_file(path).items() if not name.endswith(".confirmed_at")}
-    save_tensors(older, path)
-    with pytest.raises(InputError, match=r"not a saved state of this model \(foreground\): \S+\.confirmed_at missing"):
-        load_state(path, module)
-
-
-def test_places_are_told_in_pixels_of_the_frames(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whose sides need not be as those of the small pictures."""
-    made, (_, state) = model(), run(film()[:30])
-    (one,) = tracks_from_table(state.scene.tracker.tracks)
-    monkeypatch.setattr(ForegroundModel, "size", (300, 500))
-    made.small = (30, 40)
-    thing = made._bound(one)
-    across = 300 * 500 / 300 / 40 * 30  # a share of the height, in columns of the frames
-    for at, (time, column, row), box in zip(one.path.tolist(), thing.path, thing.boxes, strict=True):
-        assert time == at[0]
-        assert (row, column) == pytest.approx((300 * at[1], across * at[2]))
-        assert box == pytest.approx((across * at[4], 300 * at[3], across * at[6], 300 * at[5]))
-        assert box[0] < column < box[2]
-        assert box[1] < row < box[3]
 
 
 @pytest.mark.parametrize("group", [2, 3])

@@ -16,20 +16,17 @@ from numpy.testing import assert_allclose
 import ndtorch
 from ndtorch.binding import (
     BindingInputs,
-    FirstStage,
     InhibitoryNetwork,
     LearningRule,
     PublishedModel,
-    bound_objects,
     learning_rule,
-    object_table,
 )
 from ndtorch.binding.models.whole_field import BindingSignals, BindingState
 from ndtorch.binding.rules import RULES
 from ndtorch.errors import InputError
 from ndtorch.utils.tensors import leaves
-from ndtorch.vision import GROUPS, VisualFeatures
-from tests.binding.models.small_published import first_stage, model, noise, two_things
+from ndtorch.vision import VisualFeatures
+from tests.binding.models.small_published import first_stage, model, noise
 from tests.strategies import chunkings
 
 
@@ -101,63 +98,6 @@ def test_chunks_and_pauses_do_not_matter(fps: float, lengths: list[int]) -> None
         assert_allclose(part, other[name], rtol=1e-4, atol=1e-5, err_msg=name)
 
 
-def test_a_pause_changes_no_bit() -> None:
-    module, frames = model(), noise(40, 3, 12, 14)
-    _, state = module(frames[:20])
-    states = [state, BindingState(*(type(part)(*(x.clone() for x in part)) for part in state))]
-    (one, a), (other, b) = (module(frames[20:], s) for s in states)
-    assert all(torch.equal(x, y) for x, y in zip(one, other, strict=True))
-    assert torch.equal(a.second.weights, b.second.weights)
-
-
-def test_time_goes_on_in_the_next_chunk() -> None:
-    module = model(fps=50.0)
-    _, state = module(noise(10, 3, 12, 14))
-    signals, _ = module(noise(2, 3, 12, 14), state)
-    assert_allclose(signals.time, [0.19, 0.2, 0.21, 0.22])
-
-
-def test_a_frame_between_two_steps_gives_no_row() -> None:
-    module = model(fps=240.0)
-    _, state = module(noise(1, 3, 12, 14))
-    signals, after = module(noise(1, 3, 12, 14, seed=1), state)
-    assert [part.shape[0] for part in signals] == [0] * 6
-    assert int(after.second.steps) == 1
-    assert int(after.resample.taken) == 2
-    assert not torch.equal(after.motion.slow, state.motion.slow)
-
-
-@pytest.mark.parametrize("batch", [(2,), (2, 2)])
-def test_a_batch_is_that_many_single_runs(batch: tuple[int, ...]) -> None:
-    module, frames = model(fps=60.0), noise(*batch, 20, 3, 12, 14)
-    signals, state = module(frames)
-    assert signals.outputs.shape == (*batch, 32, 10)
-    assert state.second.weights.shape == (*batch, 10, 10)
-    last = tuple(n - 1 for n in batch)
-    alone, end = module(frames[last])
-    assert_same([part[last] for part in signals[:5]], alone[:5])
-    assert_allclose(state.second.weights[last], end.second.weights, atol=1e-5)
-
-
-def test_uint8_frames_are_scaled() -> None:
-    frames = torch.randint(0, 256, (10, 3, 12, 14), dtype=torch.uint8)
-    assert_allclose(model()(frames)[0].sums, model()(frames / 255)[0].sums, rtol=1e-4, atol=1e-4)
-
-
-def test_the_first_stage_never_learns() -> None:
-    _, state = model()(noise(60, 3, 12, 14))
-    assert torch.equal(state.first.weights, first_stage())
-
-
-def test_two_fluctuating_things_become_two_objects() -> None:
-    module = model(gamma=2.0, settle=1.0, tau_onset=2.0, window=2.0, stable_window=1.0)
-    _, state = module.from_sums(two_things(30))
-    assert module.verdict(state) in ("stable", "learning")
-    found, model_table = module.objects(state), object_table(state.second.weights)
-    assert [thing.neuron for thing in found] != []
-    assert found == bound_objects(model_table)
-
-
 def test_a_constant_scene_is_static() -> None:
     module = model()
     signals, state = module(noise(1, 3, 12, 14).expand(80, 3, 12, 14))
@@ -166,43 +106,6 @@ def test_a_constant_scene_is_static() -> None:
     # Sums over many pixels differ by rounding from chunk to chunk, which the floor holds down.
     assert signals.outputs.abs().max() < 1e-3
     assert not signals.sums[:, :4].any()
-
-
-def test_a_constant_scene_of_sums_gives_exactly_nothing() -> None:
-    module = model()
-    signals, state = module.from_sums(noise(1, 10).expand(200, 10))
-    assert not signals.inputs.any()
-    assert not signals.outputs.any()
-    assert not state.second.weights.any()
-    assert module.verdict(state) == "static"
-
-
-def test_one_group_alone_is_nothing_to_bind() -> None:
-    sums = torch.full((100, 10), 100.0)
-    sums[:, 7:] = two_things(1)[:, 7:]
-    module = model()
-    assert module.verdict(module.from_sums(sums)[1]) == "static"
-
-
-def test_a_state_of_frames_goes_on_with_sums() -> None:
-    module, frames = model(), noise(20, 3, 12, 14)
-    whole, _ = module(frames)
-    _, state = module(frames[:10])
-    signals, end = module.from_sums(whole.sums[10:], state)
-    assert_allclose(signals.outputs, whole.outputs[10:], atol=1e-6)
-    assert end.motion is state.motion
-
-
-def test_a_trained_first_stage_is_taken_as_it_is() -> None:
-    stage = FirstStage(*(first_stage()[group, group] for group in GROUPS.values()), seconds=7.0)
-    assert torch.equal(PublishedModel(first_stage=stage).first_stage(), first_stage())
-
-
-def test_a_rule_of_ones_own_is_used() -> None:
-    frames, rule = noise(40, 3, 12, 14), LearningRule(torch.sin, torch.cos, "mine")
-    config = model().config
-    _, state = PublishedModel(config, first_stage(), rule=rule)(frames)
-    assert not torch.equal(state.second.weights, model()(frames)[1].second.weights)
 
 
 def test_a_rule_given_as_an_object_is_not_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -226,12 +129,3 @@ def test_a_rule_given_as_an_object_is_not_saved(tmp_path: Path, monkeypatch: pyt
     weights = ndtorch.load(tmp_path / "model")(frames)[1].second.weights
     assert torch.equal(weights, named(frames)[1].second.weights)
     assert not torch.equal(weights, model()(frames)[1].second.weights)
-
-
-def test_all_fixed_tensors_are_in_the_state_dict() -> None:
-    module, other = model(), PublishedModel(model().config, torch.zeros(10, 10))
-    assert "first.initial" in module.state_dict()
-    other.load_state_dict(module.state_dict())
-    frames = noise(20, 3, 12, 14)
-    assert_same(other(frames)[0], module(frames)[0], 0)
-    assert torch.equal(other.first_stage(), first_stage())

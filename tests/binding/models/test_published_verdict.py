@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import torch
 
 from ndtorch.binding import (
@@ -52,16 +50,6 @@ def test_outputs_that_flip_are_alternating_and_no_object() -> None:
     module, state = judged(learned(), power=torch.ones(10), roughness=3.9 * torch.ones(10))
     assert module.verdict(state) == "alternating"
     assert module.objects(state) == []
-
-
-def test_weights_that_are_not_numbers_are_not_stable() -> None:
-    module, state = judged(torch.full((10, 10), math.nan))
-    assert module.verdict(state) != "stable"
-
-
-def test_the_shortest_memory_has_a_verdict_too() -> None:
-    module = model(window=0.01, gamma=0.5, settle=4.0)
-    assert module.verdict(module.from_sums(two_things(1))[1]) in ("learning", "static")
 
 
 def test_a_batch_has_a_verdict_and_objects_a_trial() -> None:

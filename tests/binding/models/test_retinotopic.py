@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 import torch
 
 import ndtorch
-from ndtorch.binding import ObjectFiles, RetinotopicModel, load_state, save_state
-from ndtorch.errors import InputError
+from ndtorch.binding import ObjectFiles, RetinotopicModel
 from ndtorch.scenes import equal_bars
-from ndtorch.utils.tensors import leaves
 from ndtorch.vision import LocalFeatures, VisualFeatures
 
 SIZE = (64, 64)
@@ -40,31 +36,12 @@ def test_signals_are_those_of_the_parts_in_a_row() -> None:
     assert signals.time.tolist() == pytest.approx([0.01 * n for n in range(12)])
 
 
-def test_chunks_give_the_whole_and_a_state_comes_back_from_a_file(tmp_path: Path) -> None:
-    module, frames = model(), noise(20)
-    _, end = module(frames)
-    _, state = module(frames[:7])
-    save_state(state, tmp_path / "state")
-    again, _ = load_state(tmp_path / "state", module)
-    assert all(torch.equal(a, b) for a, b in zip(leaves(state).values(), leaves(again).values(), strict=True))
-    _, last = module(frames[7:], again)
-    assert all(
-        torch.allclose(a, b, atol=1e-5) for a, b in zip(leaves(end).values(), leaves(last).values(), strict=True)
-    )
-
-
 def test_a_batch_is_that_many_trials() -> None:
     module, frames = model(), noise(2, 6)
     _, state = module(frames)
     assert module.objects_batch(state) == [[], []]
     assert module.verdict(state) == ["learning", "learning"]
     assert module.verdict(module(torch.zeros(2, 3, 3, *SIZE))[1]) == ["static", "static"]
-
-
-def test_it_has_no_table_of_owners() -> None:
-    module = model()
-    with pytest.raises(InputError, match="retinotopic are tracks and have no table"):
-        module.table(module(noise(1))[1])
 
 
 def test_an_object_says_when_it_was_seen() -> None:
@@ -100,9 +77,3 @@ def test_three_equal_bars_are_three_objects() -> None:
         assert all(0 <= at <= 500 for at in thing.place)
         assert 0 <= thing.first_seen < 3 < 11 < thing.last_seen < 12
     assert module.visible_objects(state) != []
-
-
-def test_windows_that_see_nothing_have_no_weights() -> None:
-    module = model()
-    _, state = module(torch.full((6, 3, *SIZE), 0.5))
-    assert torch.equal(module.weights(state), torch.zeros(8, 10, 10))

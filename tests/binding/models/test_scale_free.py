@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import pytest
 import torch
-from numpy.testing import assert_allclose
 
 import ndtorch
-from ndtorch.binding import load_state, save_state
-from ndtorch.errors import InputError
-from ndtorch.utils.tensors import leaves
 
 BARS = torch.zeros(2, 10)
 BARS[0, [1, 2, 4, 6, 7]] = torch.tensor([1.0, 0.6, 0.7, 0.7, 0.9])
@@ -41,14 +36,6 @@ def test_two_things_are_two_objects_at_any_rate(readout: str, fps: float) -> Non
     by_color = {next(iter(c)): set(thing.features) for c, thing in zip(colors, found, strict=True)}
     assert "right" in by_color["red"] - by_color["green"]
     assert "left" in by_color["green"] - by_color["red"]
-
-
-def test_attention_reads_the_same_table() -> None:
-    model = ndtorch.load("scale-free", size=(12, 14))
-    _, state = model.from_sums(two_things(15))
-    table = model.second.table(state.second)
-    assert table.owners.sum() == len(model.objects(state)) > 0
-    assert torch.equal(model.table(state).rows, table.rows)
 
 
 def test_a_constant_scene_has_no_objects() -> None:
@@ -90,31 +77,3 @@ def test_smooth_noise_on_every_sum_has_no_objects(readout: str) -> None:
     smooth = torch.stack(rows)
     model = ndtorch.load("scale-free", size=(12, 14), readout=readout)
     assert model.objects(model.from_sums(100 + 10 * smooth / smooth.std())[1]) == []
-
-
-def test_a_saved_run_goes_on_bit_for_bit(tmp_path: Path) -> None:
-    model, sums = ndtorch.load("scale-free", size=(12, 14), fps=30.0), two_things(6, 30.0)
-    _, state = model.from_sums(sums[:100])
-    save_state(state, tmp_path / "state.safetensors")
-    loaded, _ = load_state(tmp_path / "state.safetensors", model)
-    assert loaded.first is None
-    (one, end), (other, again) = model.from_sums(sums[100:], state), model.from_sums(sums[100:], loaded)
-    assert torch.equal(one.outputs, other.outputs)
-    for a, b in zip(leaves(end).values(), leaves(again).values(), strict=True):
-        assert torch.equal(a, b)
-
-
-def test_a_batch_of_models_is_that_many_models() -> None:
-    model = ndtorch.load("scale-free", size=(12, 14))
-    many = torch.stack([two_things(8, rates=(0.6 + 0.1 * n, 1.5)) for n in range(3)])
-    signals, state = model.from_sums(many)
-    alone, end = model.from_sums(many[1])
-    assert_allclose(signals.outputs[1], alone.outputs, atol=1e-4)
-    assert_allclose(state.second.outputs[1], end.second.outputs, atol=1e-4)
-    assert state.second.outputs.shape == (3, 10)
-    assert torch.equal(model.second.table(state.second).owners[1], model.second.table(end.second).owners)
-
-
-def test_bad_options_are_refused() -> None:
-    with pytest.raises(InputError, match="readout = 'both': should be 'owners' or 'sums'"):
-        ndtorch.load("scale-free", readout="both")

@@ -8,7 +8,6 @@ import pytest
 import torch
 
 from ndtorch.binding.readout.common_fate import coherent_patches
-from ndtorch.errors import InputError
 from ndtorch.scenes import CommonFate
 from ndtorch.vision import CoherentMotion
 
@@ -31,9 +30,3 @@ def test_dots_that_move_each_its_own_way_are_no_patch_nor_is_light_alone() -> No
     assert coherent_patches(motion, motion.advance(scene.frames(0, scene.length))) == []
     light = torch.rand(20, 1, 1, 1, generator=torch.Generator().manual_seed(0)).expand(20, 3, *scene.size)
     assert coherent_patches(motion, motion.advance(light)) == []
-
-
-def test_a_batch_is_refused() -> None:
-    motion = CoherentMotion((48, 60), 0.04)
-    with pytest.raises(InputError, match="one trial"):
-        coherent_patches(motion, motion.advance(torch.rand(2, 1, 3, 48, 60)))

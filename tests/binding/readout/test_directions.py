@@ -5,10 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from ndtorch.binding.normalise import group_max, spread_groups
-from ndtorch.binding.readout import source_count
-from ndtorch.binding.readout.joint_diagonalisation import sources_of
-from ndtorch.binding.readout.owners import SourceCriteria, SumCriteria
+from ndtorch.binding.readout.owners import SumCriteria
 from ndtorch.binding.readout.source_count import empty, full
 from ndtorch.binding.readout.sums import SumStatistics
 from tests.binding.readout.three_lights import MIXING, count, lights
@@ -79,30 +76,3 @@ def test_a_faint_fourth_source_is_believed_where_two_directions_hold_next_to_not
     turned = torch.linalg.qr(torch.randn(6, 6, dtype=torch.float64, generator=torch.Generator().manual_seed(0)))[0]
     delayed = (turned @ torch.diag(held) @ turned.mT)[None]
     assert [found.tolist() for found in empty(delayed, delayed, SumCriteria())] == [[four], [exact]]
-
-
-def test_where_colors_are_exact_motion_with_a_time_course_of_its_own_is_no_fifth_thing(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    times = torch.arange(1500, dtype=torch.float64) / 100
-    light = torch.stack([1 + 0.7 * (rate * times + n).sin() for n, rate in enumerate((3.1, 4.3, 5.9, 7.3))], -1)
-    mixing = torch.tensor(
-        [
-            [1, 0, 0, 0, 1, 0.1, 0.3, 1, 0.1, 0.2],
-            [0, 1, 0, 0, 0.2, 1, 0.1, 0.1, 1, 0.2],
-            [0, 0, 1, 0, 0.2, 0.3, 1, 0.2, 0.1, 1],
-            [0, 0, 0, 1, 1, 0.9, 0.1, 0.9, 0.8, 0.1],
-        ],
-        dtype=torch.float64,
-    )
-    sums = light @ mixing
-    sums[:, 0] += 0.22 * (9.7 * times).sin()
-    covariances = SumStatistics()(100 * sums.float()).all.covariances[1].double()
-    scale = spread_groups(group_max(covariances[0].diagonal().sqrt()))
-
-    def number() -> int:
-        return int(sources_of(covariances / torch.outer(scale, scale), SourceCriteria(), SumCriteria()).number)
-
-    assert number() == 4
-    monkeypatch.setattr(source_count, "NOTHING", 0.0)
-    assert number() == 5  # as where noise hides that the mixture is exact

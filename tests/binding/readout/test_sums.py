@@ -7,7 +7,6 @@ import torch
 
 from ndtorch.binding.objects import ObjectTable
 from ndtorch.binding.readout.sums import SumStatistics, sums_table
-from ndtorch.errors import InputError
 from tests.binding.readout.three_lights import MIXING, count, lights
 
 
@@ -23,10 +22,6 @@ def test_what_has_left_is_no_object_soon_after() -> None:
     sums = 100 * light @ MIXING
     assert count(SumStatistics()(sums[:1200])) == 3
     assert count(SumStatistics()(sums)) == 2
-
-
-def test_nothing_that_fluctuates_is_nothing() -> None:
-    assert count(SumStatistics()(torch.full((300, 10), 5.0))) == 0
 
 
 def test_a_change_of_all_objects_is_a_new_scene() -> None:
@@ -53,8 +48,3 @@ def test_scenes_in_a_batch_are_told_apart_as_each_alone() -> None:
         alone = sums_table(ObjectTable(*(part[0] for part in none)), nothing, SumStatistics()(scene), nothing)
         assert torch.equal(alone.owners, owners)
         torch.testing.assert_close(alone.rows, rows, rtol=1e-3, atol=1e-5)
-
-
-def test_delays_of_nothing_are_refused() -> None:
-    with pytest.raises(InputError, match="delays must be positive"):
-        SumStatistics(delays=(0.0,))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 import torch
 from torch import Tensor
@@ -38,22 +36,3 @@ def test_the_seconds_of_passing_are_left_out_and_the_rest_is_as_strong_as_before
     all_of_it = undisturbed(with_it, 12.0, 1.0, SumCriteria(covered=1e9))[1]
     assert torch.linalg.eigvalsh(all_of_it)[-3] > 1e-3 * torch.linalg.eigvalsh(all_of_it)[-1]
     assert one.trace() == pytest.approx(float(other.trace()), rel=0.2)
-
-
-def test_a_piece_counts_by_its_time_and_by_how_long_ago_it_was() -> None:
-    limits, tau, piece = SumCriteria(covered=1e9), 6.0, 2.0
-    kept = SumStatistics()(passing(14, 30.0, 31.0, 2)).all
-    there = kept.held.nonzero().flatten().tolist()
-    assert len(there) > 3
-
-    def found(factors: Tensor) -> float:
-        pieces = kept.pieces[..., there[-1:], :, :, :].expand_as(kept.pieces) * factors[:, None, None, None]
-        even = kept._replace(pieces=pieces * (kept.held / kept.held[there[-1]])[:, None, None, None])
-        return float(undisturbed(even, tau, piece, limits)[0].trace())
-
-    ones = torch.ones(len(kept.held))
-    base = found(ones)
-    more = [found(ones + torch.eye(len(ones))[n]) - base for n in there]
-    ages = [piece * (len(ones) - 1 - n) for n in there]
-    wanted = torch.tensor([float(kept.held[n]) * math.exp(-age / tau) for n, age in zip(there, ages, strict=True)])
-    assert torch.tensor(more) / base == pytest.approx(wanted / wanted.sum(), rel=1e-3)
