@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import torch
 
-from ndtorch.errors import InputError
 from ndtorch.foreground.downscale import downscale
 
 
@@ -20,11 +19,6 @@ def test_colors_may_lie_beside_each_other(size: tuple[int, int]) -> None:
     assert expected.mean() == pytest.approx(beside.mean() / 255, abs=0.01)
     assert np.array_equal(downscale(frame, size), expected)
     assert np.allclose(downscale(frame / 255, size), expected, atol=1 / 255)
-
-
-def test_frames_are_numbers() -> None:
-    with pytest.raises(InputError, match="finite"):
-        downscale(torch.full((3, 24, 32), torch.nan), (12, 16))
 
 
 def test_a_halved_frame_is_that_of_opencv() -> None:

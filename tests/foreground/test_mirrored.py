@@ -11,9 +11,7 @@ import ndtorch
 from ndtorch.vision import LocalFeatures, VisualFeatures
 from ndtorch.vision._kernels_masked import sum_features
 from ndtorch.vision.features import GROUPS
-from ndtorch.vision.masked_features import MaskedFeatures
 from ndtorch.vision.motion import Border
-from tests.foreground.passing_scenes import SIZE, passing
 
 # Dimensions that are turned over, and which feature takes the place of which.
 TURNS = {
@@ -21,17 +19,6 @@ TURNS = {
     "upside down": ((-2,), [0, 1, 3, 2, 4, 6, 5, 7, 8, 9]),
     "turned": ((-1, -2), [1, 0, 3, 2, 4, 5, 6, 7, 8, 9]),
 }
-
-
-def test_objects_of_a_mirror_image() -> None:
-    model = ndtorch.load("foreground", size=SIZE, fps=25.0)
-    video = passing(50, 4.0)
-    with torch.inference_mode():
-        (thing,), (other,) = (model.objects(model(film)[1]) for film in (video, video.flip(-1)))
-    assert (thing.direction, other.direction) == ("right", "left")
-    path, mirrored = torch.tensor(thing.path), torch.tensor(other.path)
-    mirrored[:, 1] = SIZE[1] - mirrored[:, 1]
-    torch.testing.assert_close(mirrored, path, atol=0.05, rtol=0)
 
 
 # The last two are large enough for rows or columns to be thinned.
@@ -79,21 +66,6 @@ def test_figures() -> None:
                 for dim in dims:
                     mirrored[:, 2 + (dim == -1) * -1] = size[dim] - mirrored[:, 2 + (dim == -1) * -1]
                 torch.testing.assert_close(mirrored, path, atol=1e-3, rtol=0)
-
-
-def test_motion_of_masks_lies_between_two_pixels() -> None:
-    chance, order = np.random.default_rng(0), TURNS["turned"][1]
-    module, one, other = MaskedFeatures((24, 32), 0.04), None, None
-    labels = np.zeros((24, 32), np.int32)
-    labels[5:14, 7:20] = 1
-    for _ in range(4):
-        images = (*chance.random((2, 3, 24, 32)).astype(np.float32), labels)
-        flipped = tuple(np.ascontiguousarray(image[..., ::-1, ::-1]) for image in images)
-        one, other = one or module.start(*images), other or module.start(*flipped)
-        signals = module.signals([module.measure(*images, one)], [labels])[0]
-        turned = module.signals([module.measure(*flipped, other)], [flipped[2]])[0]
-        torch.testing.assert_close(turned[:, order], signals, atol=1e-6, rtol=0)
-    assert signals[1, :4].max() > 0.01 or signals[0, :4].max() > 0.01
 
 
 def test_what_is_measured_of_a_mirrored_image_is_mirrored_to_the_bit() -> None:

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
-import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
 import ndtorch
-from ndtorch.foreground.background import BackgroundParams
-from ndtorch.foreground.illumination import changed_block_ratio, is_uncorrelated
-from ndtorch.foreground.noise import BLOCK_PX
 from tests.foreground.passing_scenes import SIZE, ground
 
 FPS = 25.0
@@ -77,34 +71,3 @@ def test_nothing_that_passes_or_darkens_is_a_cut() -> None:
         with torch.inference_mode():
             signals, _ = model(sensor(video))
         assert not signals.cut.any()
-
-
-def test_tracks_end_where_a_scene_does() -> None:
-    model = ndtorch.load("foreground", size=SIZE, fps=FPS)
-    with torch.inference_mode():
-        _, state = model(sensor(torch.cat([filmed(1, 40), contrasty(filmed(2, 40))])))
-    assert [thing.last_seen <= 40 / FPS for thing in model.objects(state)] == [True, False]
-
-
-def test_noise_is_no_new_scene() -> None:
-    """A tenth of full scale on every pixel, from the first picture on."""
-    noise = 0.1 * torch.randn(12, 3, *SIZE, generator=torch.Generator().manual_seed(6))
-    with torch.inference_mode():
-        signals, _ = ndtorch.load("foreground", size=SIZE, fps=FPS)((ground() + noise).clamp(0, 1))
-    assert not signals.cut.any()
-
-
-@pytest.mark.parametrize(("shared", "new"), [(0.15, True), (0.4, False)])
-def test_a_picture_that_is_a_little_like_the_one_before_is_still_another(shared: float, new: bool) -> None:
-    """Both have the same contrast; so much of it lies where it lay before."""
-    p, chance = BackgroundParams(), np.random.default_rng(0)
-    one, other = (chance.standard_normal((24, 24)) for _ in range(2))
-    one, other = one - one.mean(), other - other.mean()
-    other -= one * (one * other).sum() / (one * one).sum()
-    other *= np.sqrt((one * one).sum() / (other * other).sum())
-    mixed = shared * one + math.sqrt(1 - shared**2) * other
-    before, after = (
-        np.kron(0.5 + 0.12 * picture, np.ones((3, BLOCK_PX, BLOCK_PX))).astype(np.float32) for picture in (one, mixed)
-    )
-    assert changed_block_ratio(after, before) > p.scene_cut_blocks_ratio
-    assert is_uncorrelated(after, before, p) is new

@@ -13,12 +13,9 @@ import torch
 from ndtorch.foreground._kernels import CleaningSides, MaskImages, clean_mask
 from ndtorch.foreground.arrays import aligned_copy
 from ndtorch.foreground.background import BackgroundModel, BackgroundParams, update_background
-from ndtorch.foreground.illumination import illumination
 from ndtorch.foreground.noise import MEAN_SIZE, MEDIAN_SIZE, MotionLimits, motion_and_noise
 from ndtorch.foreground.segmentation import Segmentation, segment
 from ndtorch.foreground.shadow import PENUMBRA_PX, WINDOW_PX, ShadowLimits, remove_shadow
-from ndtorch.vision.masked_features import FeatureState, MaskedFeatures
-from ndtorch.vision.motion import MotionState
 from tests.foreground.passing_scenes import SIZE, ground, passing
 
 DT = 0.04
@@ -171,38 +168,3 @@ def test_motion_is_change_above_the_noise_and_its_neighbours_move_along(size: tu
     else:
         blocks = (blurred - previous).reshape(3, size[0] // 8, 8, size[1] // 8, 8).mean((2, 4))
         assert changed == pytest.approx((np.abs(blocks).max(0) > 0.02).mean())
-
-
-def test_what_lies_outside_of_all_masks_is_not_measured() -> None:
-    """Though it differs from the background as much as what lies inside."""
-    features = MaskedFeatures((32, 48), 1 / 25)
-    image, background = (
-        np.random.default_rng(0).random((3, 32, 48)).astype(np.float32),
-        np.zeros((3, 32, 48), np.float32),
-    )
-    labels, inside = np.zeros((32, 48), np.int32), np.zeros((16, 24), bool)
-    labels[8:24, 8:24], inside[4:12, 4:12] = 1, True
-    nothing: Any = np.zeros((2, 3, 16, 24), np.float32)
-    state = FeatureState(MotionState(nothing[0], nothing[1]))
-    strongest, sums = features.measure(image, background, labels, state)
-    assert not strongest[~inside].any()
-    assert strongest[inside].min() > 0.05
-    assert sums[0, 0] == inside.sum()
-
-
-def test_an_exposure_beyond_its_limits_is_a_new_scene() -> None:
-    """In two colors: one alone may be a lamp's."""
-    ground = np.random.default_rng(0).uniform(0.2, 0.8, (3, 64, 64)).astype(np.float32)
-
-    def new(*gain: float) -> bool:
-        return illumination(ground * np.array(gain, np.float32)[:, None, None], ground, PARAMS)[2]
-
-    for kernels in (False, True):
-        with torch.inference_mode(kernels):
-            assert not new(1, 1, 1)
-            assert not new(4.1, 1, 1)
-            assert not new(3.9, 3.9, 3.9)
-            assert new(4.1, 4.1, 1)
-            assert new(1, 0.24, 0.24)
-            # Out of the dark.
-            assert illumination(ground, ground * np.float32(0.01), PARAMS)[2]

@@ -17,7 +17,6 @@ from ndtorch.scenes import (
     hsl_color,
     make_scene,
     moving_bar,
-    one_bar,
     scene_names,
     static_bar,
     three_bars,
@@ -95,17 +94,6 @@ def test_blue_stays_clear_of_the_others_for_the_whole_run() -> None:
             assert not (blue & (red | green)).any()
 
 
-def test_shift_brings_a_crossing_to_the_middle() -> None:
-    image = two_bars(shift=(250, -85), colors=PURE).frames(1050, 1051)[0]
-    inside = image[:, 170:330, 170:330]
-    torch.testing.assert_close(inside.sum((-2, -1)), image.sum((-2, -1)))
-
-
-def test_one_bar_is_the_red_one_of_two() -> None:
-    one, two = one_bar().frames(100, 101), two_bars(colors=((0.75, 0.1, 0.1), (0, 0, 0))).frames(100, 101)
-    torch.testing.assert_close(one, two)
-
-
 @pytest.mark.parametrize("kind", ["shadow", "distance"])
 def test_equal_bars_differ_in_their_fluctuation_alone(kind: str) -> None:
     scene = equal_bars(fluctuation=kind)
@@ -123,15 +111,6 @@ def test_equal_bars_differ_in_their_fluctuation_alone(kind: str) -> None:
     expected = [0.866 * 50 / p for p in (125 / 3, 50, 62.5)] if kind == "shadow" else [0.8, 1.0, 1.25]
     for hertz in expected:
         assert peaks & {math.floor(hertz * 19), math.ceil(hertz * 19)}
-
-
-def test_durations_and_shapes() -> None:
-    assert two_bars().length == 1900
-    assert two_bars(seconds=2, fps=50).length == 100
-    assert two_bars(phase=[0, 90]).frames(0, 2).shape == (2, 2, 3, 500, 500)
-    assert two_bars(phase=torch.tensor([0, 90])).batch == (2,)
-    assert two_bars(fluctuation="random", seed=[1, 2, 3], phase=60).batch == (3,)
-    assert two_bars(fluctuation="distance", phase=[0, 90]).batch == (2,)
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from ndtorch.errors import InputError
-from ndtorch.scenes import CommonFate, make_scene
+from ndtorch.scenes import CommonFate
 
 
 def test_no_single_frame_shows_the_patch() -> None:
@@ -57,10 +56,3 @@ def test_masks_are_apart_and_centered() -> None:
     for mask, (column, row) in zip(masks, middle.tolist(), strict=True):
         rows, columns = mask.nonzero().double().mean(0).tolist()
         assert (columns, rows) == pytest.approx((column, row), abs=0.6)
-
-
-def test_by_name_and_bad_input() -> None:
-    assert make_scene("common-fate", patches=2, seed=1).name == "common-fate"
-    for option, value in (("coherence", 1.5), ("density", 0.0), ("lifetime", -1.0), ("patches", 9), ("ground", -0.1)):
-        with pytest.raises(InputError, match=option):
-            CommonFate(1.0, **{option: value})

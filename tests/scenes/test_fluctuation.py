@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import torch
 
-from ndtorch.errors import InputError
 from ndtorch.scenes import Bar, BarScene, Distance, RandomShadow, SineShadow
 
 WHITE = (1.0, 1.0, 1.0)
@@ -22,14 +21,6 @@ def test_sine_shadow_is_the_published_pattern() -> None:
     assert light[0, 0, 50].item() == pytest.approx(0.5)
     assert light[0, 0, 10].item() == pytest.approx(0.5 + 0.25 * math.sin(0.4 * math.pi))
     assert SineShadow(phase=90).light((8, 8))[0, 0, 0].item() == pytest.approx(0.75)
-
-
-def test_every_bar_may_have_its_own_shadow() -> None:
-    light = SineShadow(period=[40.0, 50.0]).light((100, 100))
-    assert light.shape == (2, 1, 100)
-    assert light[0, 0, 10].item() == pytest.approx(0.75)
-    assert light[1, 0, 10].item() < 0.74
-    assert SineShadow(period=torch.full((3, 2), 50.0)).light((100, 100)).shape == (3, 2, 1, 100)
 
 
 def test_random_shadow_is_two_wrapped_blurs_of_noise() -> None:
@@ -69,28 +60,3 @@ def test_distance_takes_a_bar_from_12_to_9_pixels_and_back() -> None:
     torch.testing.assert_close(width[:100], width[100:], rtol=0, atol=1e-5)
     area = frames.sum((-2, -1))
     torch.testing.assert_close(area, width * length, rtol=1e-5, atol=0)
-
-
-def test_distance_phase_is_a_lead_in_degrees() -> None:
-    scale = Distance(phase=[0.0, 90.0]).scale(torch.tensor([0.0, 0.25], dtype=torch.float64))
-    torch.testing.assert_close(scale[1, 0], scale[0, 1])
-    assert scale[1, 0].item() == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize(
-    ("build", "words"),
-    [
-        (lambda: SineShadow(period=0), "period"),
-        (lambda: SineShadow(period=[50, math.nan]), "period"),
-        (lambda: SineShadow(mean=0.9), "mean"),
-        (lambda: RandomShadow([]), "seed"),
-        (lambda: RandomShadow(1, sigma=-1), "sigma"),
-        (lambda: RandomShadow(1, lowest=0.8), "lowest"),
-        (lambda: Distance(smallest=0), "smallest"),
-        (lambda: Distance(rate="fast"), "rate"),  # type: ignore[arg-type]
-        (lambda: Distance(phase=torch.zeros(2, 2, 2)), "phase"),
-    ],
-)
-def test_fluctuations_that_cannot_be(build: object, words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        build()  # type: ignore[operator]

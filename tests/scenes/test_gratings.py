@@ -5,7 +5,6 @@ import math
 import pytest
 import torch
 
-from ndtorch.errors import InputError
 from ndtorch.scenes.gratings import FlickeringGrating, MovingGrating, bar_coverage
 
 
@@ -39,13 +38,6 @@ def test_motion_is_to_the_right_and_exact():
     torch.testing.assert_close(slow[4, 1:], slow[0, :-1])
 
 
-def test_chunks_are_pieces_of_the_whole():
-    for source in (MovingGrating([0.3, 1.1], length=20), FlickeringGrating(length=20)):
-        torch.testing.assert_close(whole(source, 7), whole(source, 20))
-        later = torch.cat(list(source.chunks(4, start=9)), -4)
-        torch.testing.assert_close(later, whole(source)[..., 9:, :, :, :])
-
-
 def test_flicker_follows_the_sinusoid():
     rows = whole(FlickeringGrating(14.9, length=40))
     still = whole(MovingGrating([0.0], length=1))[0, 0, 0]
@@ -55,13 +47,3 @@ def test_flicker_follows_the_sinusoid():
     uniform = whole(FlickeringGrating(length=9, uniform=True))
     assert uniform.std(-1).max() == 0
     assert uniform.std() > 0
-
-
-def test_bad_input():
-    for arguments in ([], [math.nan], [math.inf]):
-        with pytest.raises(InputError, match="finite"):
-            MovingGrating(arguments)
-    with pytest.raises(InputError, match="positive"):
-        MovingGrating([1.0], bar=0)
-    with pytest.raises(InputError, match="frequency"):
-        FlickeringGrating(-1.0)

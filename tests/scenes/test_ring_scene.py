@@ -6,9 +6,7 @@ import math
 
 import numpy as np
 import pytest
-import torch
 
-from ndtorch.errors import InputError
 from ndtorch.scenes import rings
 
 
@@ -29,22 +27,3 @@ def test_rings_contract() -> None:
     crest = row[:, 3:8].argmax(-1) + 3
     assert crest[0] == 5
     assert crest[80] == 3
-
-
-def test_grey_in_range_and_the_same_in_chunks() -> None:
-    source = rings(0.5)
-    whole = source.frames(0, 50)
-    assert whole.shape == (50, 3, 100, 100)
-    assert torch.equal(whole[:, 0], whole[:, 1])
-    assert torch.equal(whole[:, 0], whole[:, 2])
-    assert whole.min() >= 0
-    assert whole.max() <= 1
-    for frames in (1, 7, 32):
-        assert torch.equal(torch.cat(list(source.chunks(frames))), whole)
-
-
-def test_bad_input() -> None:
-    with pytest.raises(InputError, match="sigma"):
-        rings(1.0, sigma=0)
-    with pytest.raises(InputError, match="seconds"):
-        rings(math.inf)

@@ -37,14 +37,6 @@ def test_round_trip(tmp_path: Path, suffix: str, most: int) -> None:
     assert not video.truncated
 
 
-def test_float_frames_are_scaled_and_clipped(tmp_path: Path) -> None:
-    path = tmp_path / "clip.mkv"
-    with VideoWriter(path, 25, SIZE) as video:
-        for value in (-0.5, 0.5, 1.5):
-            video.write(torch.full((3, *SIZE), value))
-    assert [int(f.max()) for f in next(iter(open_video(path, SIZE).chunks()))] == [0, 128, 255]
-
-
 def test_start_and_stop_count_frames_of_the_source(clip: Path) -> None:
     video = open_video(clip, SIZE, start=5, stop=12)
     assert video.length == 7
@@ -54,12 +46,6 @@ def test_start_and_stop_count_frames_of_the_source(clip: Path) -> None:
     assert list(video.chunks(4, start=7)) == []
     assert open_video(clip, SIZE, stop=3).length == 3
     assert open_video(clip, SIZE, start=19).length == 1
-
-
-def test_readings_do_not_disturb_each_other(clip: Path) -> None:
-    video = open_video(clip, SIZE)
-    for one, other in zip(video.chunks(8), video.chunks(8), strict=True):
-        assert torch.equal(one, other)
 
 
 @pytest.mark.parametrize("size", [(48, 48), (100, 50), (31, 77)])
@@ -74,10 +60,6 @@ def test_crop_keeps_the_middle_and_stretch_keeps_all(clip: Path, size: tuple[int
     assert int((crop[0, 0, 2] > 100).sum()) == pytest.approx(size[1] / 2, abs=1)
 
 
-def test_rate_of_ones_own(clip: Path) -> None:
-    assert open_video(clip, fps=7.5).fps == 7.5
-
-
 def test_folder_in_natural_order(tmp_path: Path) -> None:
     for n in (10, 9, 1):
         cv2.imwrite(str(tmp_path / f"im{n}.png"), np.full((40, 60, 3), 10 * n, np.uint8))
@@ -87,13 +69,6 @@ def test_folder_in_natural_order(tmp_path: Path) -> None:
     frames = next(iter(video.chunks()))
     assert frames[:, 0, 5, 5].tolist() == [10, 90, 100]
     assert next(iter(open_video(str(tmp_path), (20, 20), start=1, fps=5).chunks()))[0, 0, 0, 0] == 90
-
-
-def test_a_folder_with_images_of_two_sizes_is_refused(tmp_path: Path) -> None:
-    for n in (1, 2):
-        cv2.imwrite(str(tmp_path / f"im{n}.png"), np.full((40 + n, 60, 3), 10 * n, np.uint8))
-    with pytest.raises(InputError, match=r"one size: .*im1.png is 60 x 41 pixels, .*im2.png 60 x 42"):
-        list(open_video(tmp_path, (20, 20)).chunks())
 
 
 def test_grey_images_are_copied_into_three_planes_and_say_so(tmp_path: Path) -> None:
@@ -140,37 +115,6 @@ def test_a_camera_is_read_as_it_comes(monkeypatch: pytest.MonkeyPatch) -> None:
     part = open_video(0, SIZE, start=2, stop=5)
     assert part.length == 3
     assert torch.cat(list(part.chunks(8)))[:, 0, 0, 0].tolist() == [17, 16, 15]
-
-
-@pytest.mark.parametrize(
-    ("name", "fps", "size", "words"),
-    [
-        ("clip.gif", 25.0, SIZE, "must end in"),
-        ("clip.mp4", 0.0, SIZE, "fps"),
-        ("clip.mp4", 25.0, (47, 64), "even"),
-        ("clip.mp4", 25.0, (0, 64), "size"),
-        ("no/clip.mp4", 25.0, SIZE, "does not exist"),
-        ("folder.mp4", 25.0, SIZE, "cannot be written"),
-    ],
-)
-def test_videos_that_cannot_be_written(
-    tmp_path: Path, name: str, fps: float, size: tuple[int, int], words: str
-) -> None:
-    (tmp_path / "folder.mp4").mkdir()
-    with pytest.raises(InputError, match=words):
-        VideoWriter(tmp_path / name, fps, size)
-
-
-def test_frames_that_cannot_be_written(tmp_path: Path) -> None:
-    video = VideoWriter(tmp_path / "clip.avi", 25, SIZE)
-    with pytest.raises(InputError, match="frame must be"):
-        video.write(torch.zeros(3, 64, 48))
-    with pytest.raises(InputError, match="float or uint8"):
-        video.write(torch.zeros(3, *SIZE, dtype=torch.int64))
-    video.close()
-    video.close()
-    with pytest.raises(InputError, match="closed"):
-        video.write(pattern(0))
 
 
 @pytest.mark.skipif(not (DATA / "car-detection.mp4").exists(), reason="no ../shared/data/car-detection.mp4")

@@ -9,7 +9,7 @@ from ndtorch.tracking.association import Association, assign_unmatched
 from ndtorch.tracking.blobs import Blobs
 from ndtorch.tracking.masks import share_pixels
 from ndtorch.tracking.params import TrackingParams
-from ndtorch.tracking.track import Track, TrackState, table_from_tracks, tracks_from_table
+from ndtorch.tracking.track import Track, TrackState
 
 
 def track(number: int, time: float, row: float, column: float, extent: float = 0.1, pixels: float = 0.01) -> Track:
@@ -61,14 +61,3 @@ def test_a_track_is_expected_where_it_should_be() -> None:
     # The prediction ends.
     assert one.box(9.0, 1.0) == pytest.approx([0.35, 0.45, 0.65, 0.55])
     assert one.size == pytest.approx(0.2)
-
-
-def test_tracks_come_back_from_their_table() -> None:
-    ones = [track(3, 1.0, 0.2, 0.4), track(5, 2.0, 0.6, 0.8)]
-    ones[1].state = TrackState.STATIONARY
-    ones[1].new_detections.append((3.0, *ones[1].last[1:]))
-    for one, again in zip(ones, tracks_from_table(table_from_tracks(ones)), strict=True):
-        assert (again.number, again.state, again.count, again.last) == (one.number, one.state, one.count, one.last)
-        assert np.array_equal(again.path, one.path)
-        assert np.array_equal(again.extent, one.extent)
-    assert tracks_from_table(table_from_tracks([])) == []

@@ -8,19 +8,8 @@ import pytest
 import torch
 
 import ndtorch
-from ndtorch.tracking.association import overlap_pixels
-from ndtorch.tracking.blobs import Blobs, connected_components, split_blobs
-from ndtorch.tracking.masks import marked_share
+from ndtorch.tracking.blobs import connected_components, split_blobs
 from tests.foreground.passing_scenes import SIZE, ground
-
-
-def test_what_regions_are_told_from_stays_as_it_is() -> None:
-    picture = np.zeros((30, 40), bool)
-    picture[5:20, 5:20] = True
-    picture[10:12, 10:12] = False
-    before = picture.copy()
-    assert connected_components(picture, 10, 0).areas.tolist() == [225]
-    assert (picture == before).all()
 
 
 def test_two_that_touch_side_by_side_are_cut_and_one_alone_is_not() -> None:
@@ -70,21 +59,6 @@ def test_components_are_those_of_opencv_with_what_they_enclose() -> None:
             left, top, wide, tall, _ = stats[r]
             assert blobs.boxes[n].tolist() == [top, left, top + tall, left + wide]
             assert np.array_equal(blobs.labels == n + 1, labels == r)
-
-
-def test_pixels_of_blobs_in_boxes() -> None:
-    labels = np.zeros((20, 30), np.int32)
-    labels[2:8, 3:12], labels[6:18, 20:27] = 1, 2
-    blobs = Blobs(labels, np.zeros((2, 4), np.int64), np.zeros(2, np.int64))
-    boxes = [(0.05, 0.2, 0.35, 0.5), (-1.0, 1.1, 9.0, 9.0), (0.5, 0.5, 0.4, 0.4), (0.31, 0.55, 0.32, 1.02)]
-    assert overlap_pixels(boxes, blobs).tolist() == [[30, 0], [0, 60], [0, 0], [1, 1]]
-
-
-def test_share_of_every_blob_that_is_marked() -> None:
-    labels, marked = np.zeros((4, 6), np.int32), np.zeros((4, 6), np.uint8)
-    labels[1:3, 1:5], labels[3, 5] = 2, 4
-    marked[1] = 1
-    assert marked_share(labels, marked, 5).tolist() == pytest.approx([2 / 15, 0, 0.5, 0, 0, 0])
 
 
 @pytest.mark.parametrize(("blue", "objects"), [(0.0, 0), (0.4, 1)])

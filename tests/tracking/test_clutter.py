@@ -44,28 +44,6 @@ def test_counts_those_that_never_were_objects_and_forgets_them() -> None:
     assert clutter_at(there, gone) == pytest.approx(2 / np.e, rel=0.3)
 
 
-@pytest.mark.parametrize(
-    ("late", "open_"),
-    [
-        ([track(0, 0.3, 0.3, known=True)], []),
-        ([track(0, 0.3, 0.3, seconds=2 * DT)], []),
-        ([track(0, 0.3, 0.3)], [track(1, 0.4, 0.4, known=True)]),
-    ],
-    ids=["an object", "a glimpse", "a piece beside an object"],
-)
-def test_what_says_nothing_about_its_place(late: list[Track], open_: list[Track]) -> None:
-    assert not update_clutter_map(empty_clutter_map(112, 199), late, open_, DT, P).any()
-
-
-def test_an_object_far_away_or_earlier_excuses_nothing() -> None:
-    passed = track(1, 0.3, 0.3, known=True)
-    passed.new_detections = [(row[0] - 5, *row[1:]) for row in passed.new_detections]
-    gone = update_clutter_map(
-        empty_clutter_map(112, 199), [track(0, 0.3, 0.3)], [track(2, 1.3, 1.4, known=True), passed], DT, P
-    )
-    assert clutter_at(track(3, 0.3, 0.3), gone) == pytest.approx(1, rel=0.3)
-
-
 def test_where_others_came_and_went_one_has_to_go_further() -> None:
     quiet = empty_clutter_map(112, 199)
     gone = quiet + np.float32(1)
@@ -76,13 +54,6 @@ def test_where_others_came_and_went_one_has_to_go_further() -> None:
     assert travels_enough(short, quiet, DT, P)
     assert not travels_enough(short, gone, DT, P)
     assert travels_enough(long, gone, DT, P)
-
-
-def test_outside_the_picture_and_as_large_as_it() -> None:
-    gone = update_clutter_map(empty_clutter_map(112, 199), [track(0, 0.0, 1.8, size=1.4)], [], DT, P)
-    assert gone.shape == empty_clutter_map(112, 199).shape
-    for left in (-0.2, 0.0, 1.77):
-        assert np.isfinite(clutter_at(track(1, left, left), gone))
 
 
 @pytest.mark.slow

@@ -51,22 +51,3 @@ def test_by_daylight_and_lamplight(
     shares = shares_of(light(tint), *(a * b for a, b in zip(color, tint, strict=True)))
     assert shares.sum() == pytest.approx(1, abs=1e-5)
     assert achromatic_name(shares) == name
-
-
-def test_in_the_dark_nothing_is_white() -> None:
-    black = np.zeros((3, 32, 40), np.float32)
-    shares = shares_of(WhiteBalance(black, black, ColorParams()), 0.001, 0.001, 0.001)
-    assert np.isfinite(shares).all()
-    assert achromatic_name(shares) == "black"
-
-
-def test_under_the_gains_the_background_is_grey_and_the_brightest_patch_is_known() -> None:
-    chance = np.random.default_rng(2)
-    image, background = (chance.random((3, 32, 40)).astype(np.float32) for _ in range(2))
-    image[:, 8:12, 16:20] += 0.5
-    image[1] *= 0.8
-    light = WhiteBalance(image, background, ColorParams())
-    means = background[:, ::4, ::4].mean((1, 2)) * light.gains
-    assert means == pytest.approx(np.full(3, means.mean()), rel=1e-5)
-    patches = (image * light.gains[:, None, None]).mean(0).reshape(8, 4, 10, 4).mean((1, 3))
-    assert light.brightest == pytest.approx(patches.max(), rel=1e-5)

@@ -9,7 +9,7 @@ import torch
 import ndtorch
 from ndtorch.tracking.blobs import connected_components, drop_fragments
 from ndtorch.tracking.params import TrackingParams
-from ndtorch.tracking.track import Track, is_small
+from ndtorch.tracking.track import Track
 from tests.foreground.passing_scenes import SIZE, ground
 
 P = TrackingParams()
@@ -48,14 +48,6 @@ def test_a_small_region_is_left_out_where_a_larger_track_is_expected(away: float
     figure[50:52, 80:83] = True
     there = [seen(0.5, 0.8 + away, pixels * LEAST / 100**2)]
     assert len(drop_fragments(connected_components(figure, 4, 2), there, 0.0, P).areas) == left
-
-
-def test_a_track_that_ever_was_larger_is_not_tiny() -> None:
-    one = seen(0.5, 0.8, 2 * LEAST / 100**2)
-    assert not is_small(one, 1.6, P)
-    one.new_detections.append((*one.last[:7], 0.5 * LEAST / 100**2, *one.last[8:]))
-    assert not is_small(one, 1.6, P)
-    assert is_small(seen(0.5, 0.8, 0.9 * LEAST / 100**2), 1.6, P)
 
 
 @pytest.mark.parametrize(("step", "objects"), [(3, 1), (0, 0)], ids=["crosses", "stays"])

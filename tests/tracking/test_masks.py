@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
 
 from ndtorch.foreground.noise import MEAN_SIZE
 from ndtorch.foreground.segmentation import Segmentation
 from ndtorch.tracking.color_names import ColorParams, WhiteBalance
-from ndtorch.tracking.masks import measure_detections, object_mask
+from ndtorch.tracking.masks import measure_detections
 from ndtorch.tracking.track import Track, TrackState
 
 
@@ -50,11 +49,3 @@ def test_what_masks_show_of_each_track() -> None:
         inner = 48 * np.array(detection.inner) - 0.5
         assert np.abs(inner - [rows[nearest], columns[nearest]]).max() < 0.5 + 1e-6
         assert detection.shades.sum() == pytest.approx(1, abs=1e-5)
-
-
-def test_where_objects_are_and_where_the_background_is_kept() -> None:
-    labels = np.random.default_rng(1).integers(-3, 6, (21, 30)).clip(0).astype(np.int32)
-    kept = np.full((21, 30), 7, np.float32)
-    mask = object_mask(labels, [0, 4], [2], 5, kept)
-    assert np.array_equal(mask, (labels == 1) | (labels == 5))
-    assert np.array_equal(kept, cv2.dilate((labels == 3).astype(np.uint8), np.ones((3, 3), np.uint8)))

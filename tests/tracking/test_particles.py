@@ -8,7 +8,7 @@ import pytest
 import torch
 
 import ndtorch
-from ndtorch.tracking.clutter import BIRTH, MIN_COUNT, RADIUS, empty_clutter_map, is_particle_clutter, recent_births
+from ndtorch.tracking.clutter import BIRTH, RADIUS, empty_clutter_map, is_particle_clutter
 from ndtorch.tracking.confirmation import confirm
 from ndtorch.tracking.params import TrackingParams
 from ndtorch.tracking.rigid_motion import revoke_confirmation
@@ -59,45 +59,6 @@ def test_many_of_a_size(others: np.ndarray, size: float, many: bool) -> None:
     one = track(0, (0.5, 0.8), size)
     assert is_particle_clutter(one, others, 60.0, WIDTH, P) is many
     assert not is_particle_clutter(one, others, 60.0, WIDTH, P.model_copy(update={"min_travel_sizes": 0.0}))
-
-
-@pytest.mark.parametrize(("since", "known"), [(2.0, False), (2.25, False), (1.75, True), (0.0, True)])
-def test_an_object_is_one_of_many_only_while_it_is_on_trial(since: float, known: bool) -> None:
-    """Be it in sight no more: the others may have come after it was taken for an object."""
-    p, others = P.model_copy(update={"probation_s": 2.25}), come(EVERYWHERE, 0.05, 0, 1, 0, WIDTH)
-    one = track(0, (0.5, 0.8), steps=101, known=True)
-    one.confirmed_at = since
-    assert one.last_seen == 4.0
-    confirm([], [one], empty_clutter_map(50, 80), others, lambda: 0.4, 60.0, 60.0, DT, WIDTH, p)
-    assert one.is_object is known
-
-
-def test_a_few_at_the_very_beginning_are_not_many() -> None:
-    one = track(0, (0.02, 0.02))
-    assert not is_particle_clutter(one, come(MIN_COUNT - 1, 0.05, 0, 0.04, 0, 0.04), 1.0, WIDTH, P)
-    assert not is_particle_clutter(one, np.zeros((0, BIRTH)), 1.0, WIDTH, P)
-
-
-def test_what_came_is_told_once_and_forgotten() -> None:
-    one, none = track(7, (0.5, 0.8)), np.zeros((0, BIRTH))
-    seen = recent_births(none, [one], [], one.last_seen, P)
-    np.testing.assert_allclose(seen, [[7, 0, 0.5, 0.8, 0.05]])
-    one.new_detections.append((one.last_seen + DT, *one.last[1:]))
-    assert len(recent_births(seen, [one], [], one.last_seen, P)) == 1
-    assert len(recent_births(seen, [], [], P.clutter_window_s + DT, P)) == 0
-
-
-@pytest.mark.parametrize(("steps", "told"), [(2, 0), (4, 1), (STEPS, 0)], ids=["a glimpse", "short", "told before"])
-def test_what_went_soon_is_told_as_it_goes(steps: int, told: int) -> None:
-    gone = track(8, (0.5, 0.8), steps=steps)
-    assert len(recent_births(np.zeros((0, BIRTH)), [], [gone], gone.last_seen + 1, P)) == told
-
-
-@pytest.mark.parametrize(("size", "told"), [(0.05, 1), (0.2, 0)], ids=["of its size", "larger"])
-def test_pieces_of_a_larger_object_do_not_count(size: float, told: int) -> None:
-    one, other = track(0, (0.5, 0.8)), track(1, (0.5, 0.85), size, known=True)
-    other.new_detections = [(row[0] - DT, *row[1:]) for row in other.new_detections]
-    assert len(recent_births(np.zeros((0, BIRTH)), [one, other], [], one.last_seen, P)) == told
 
 
 @pytest.mark.parametrize(("gone", "known"), [(0.0, True), (0.5, False)])

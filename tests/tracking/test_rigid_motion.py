@@ -13,14 +13,10 @@ from torch import Tensor
 import ndtorch
 from ndtorch.binding import BoundObject
 from ndtorch.binding.models.foreground import ForegroundModel
-from ndtorch.foreground.segmentation import Segmentation
-from ndtorch.tracking.color_names import ColorParams, WhiteBalance
 from ndtorch.tracking.confirmation import is_object
-from ndtorch.tracking.masks import measure_detections
 from ndtorch.tracking.params import TrackingParams
 from ndtorch.tracking.rigid_motion import (
     compare_patches,
-    has_contrast,
     is_rigid_motion,
     oscillates,
     path_lengths,
@@ -28,7 +24,7 @@ from ndtorch.tracking.rigid_motion import (
     revoke_confirmation,
     update_appearance_match,
 )
-from ndtorch.tracking.track import Track, TrackState
+from ndtorch.tracking.track import Track
 from tests.foreground.passing_scenes import SIZE, ground
 
 P = TrackingParams()
@@ -74,13 +70,6 @@ def test_what_stays_while_its_box_goes_does_not_move() -> None:
     assert not is_rigid_motion(one, LIGHT, P)
 
 
-def test_a_track_is_looked_at_again_after_a_share_of_its_size() -> None:
-    one = followed([10, 16], [10, 16], 0.2)
-    assert one.appearance_error.tolist() == [0, 0]
-    assert one.patch_box[1] == pytest.approx(0.1)
-    assert followed([10, 18], [10, 18], 0.2).patch_box[1] == pytest.approx(0.18)
-
-
 def patch_of(image: Any, background: Any, box: tuple[int, ...]) -> Any:
     """The difference from the background in a box, by OpenCV; what lies outside the image is left out."""
     height, width = image.shape[1:]
@@ -110,37 +99,6 @@ def test_patches_are_those_of_opencv() -> None:
     patches = [patch_of(image, plain, box) for box in sides]
     assert np.allclose(first, patches[0], atol=1e-5)
     assert distances == pytest.approx([float(((one - patch) ** 2).mean()) for one in patches], rel=1e-4)
-
-
-def test_a_clear_track_stands_out_by_many_deviations_of_its_own_pixels() -> None:
-    plain = np.full((3, 40, 60), LIGHT, np.float32)
-    silhouettes = np.zeros((40, 60), np.int32)
-    silhouettes[10:20, 10:30] = 1
-    picture = plain + np.float32(0.2) * (silhouettes > 0)
-    for deviation, is_clear in ((0.001, True), (0.02, False)):
-        one = Track.begin(0, 0.0, np.array([0.4, 0.5]))
-        one.new_detections.append((0.0, 0.4, 0.5, 0.25, 0.25, 0.5, 0.75, 0.1, 0.4, 0.5))
-        noise = np.full(3, 0.006, np.float32)
-        step = Segmentation(
-            picture,
-            plain[0],
-            plain,
-            np.full_like(plain, deviation),
-            noise,
-            silhouettes > 0,
-            np.zeros_like(silhouettes, np.uint8),
-            False,
-        )
-        (seen,) = measure_detections([one], silhouettes, step, WhiteBalance(picture, plain, ColorParams()), set())
-        assert seen is not None
-        one.contrast_sum = seen.contrast
-        assert one.contrast_sum == pytest.approx(0.2 / max(0.006, deviation / 0.798), rel=0.02)
-        assert has_contrast(one, P) is is_clear
-        # An object is one already, and what shares its region is not seen by itself.
-        one.state = TrackState(True)
-        (seen,) = measure_detections([one], silhouettes, step, WhiteBalance(picture, plain, ColorParams()), set())
-        assert seen is not None
-        assert seen.contrast == 0
 
 
 def walked(columns: list[float], dt: float = 0.1) -> Track:
@@ -176,15 +134,6 @@ def test_what_stays_behind_on_a_way_to_and_fro_swings(stayed: float, columns: li
     assert is_object(one, GROUND.mean, TrackingParams(min_travel_sizes=0.0))
 
 
-def test_what_was_taken_back_has_to_go_straight() -> None:
-    for columns in (TO_AND_FRO, STRAIGHT):
-        one = walked(columns)
-        one.appearance_error, one.contrast_sum = np.array([0.9, 0.1]), 99.0 * len(columns)
-        assert is_object(one, GROUND.mean, P)
-        one.confirmed_at = 0.0
-        assert is_object(one, GROUND.mean, P) is (columns is STRAIGHT)
-
-
 def test_an_object_that_only_went_to_and_fro_is_taken_back_within_its_trial() -> None:
     swaying, walking = walked(TO_AND_FRO * 4), walked(STRAIGHT)
     times = [n / 10 for n in range(1, 101)]
@@ -195,13 +144,6 @@ def test_an_object_that_only_went_to_and_fro_is_taken_back_within_its_trial() ->
         assert back == [float(n) for n in range(1, int(most) + 1)]
     assert not revoke_confirmation(swaying, True, 1.0, 0.1, TrackingParams(min_travel_sizes=0.0))
     assert not revoke_confirmation(swaying, False, 1.0, 0.1, P)
-
-
-def test_an_object_that_got_less_far_than_half_of_its_size_only_grew() -> None:
-    one = walked([0.5, 0.6, 0.7])
-    for size, back in ((0.39, False), (0.41, True)):
-        one.extent, one.confirmed_at = np.full(2, size), 0.0
-        assert revoke_confirmation(one, False, 1.0, 0.1, P) is back
 
 
 def objects(video: Tensor, **options: float) -> list[BoundObject]:
@@ -250,11 +192,3 @@ def test_a_spot_that_becomes_a_screen_is_no_object() -> None:
     """Its middle goes by more than its size, but nothing moves."""
     assert objects(cut_to(20)) == []
     assert len(objects(cut_to(20), max_area_ratio=1e9, probation_s=0.0)) == 1
-
-
-@pytest.mark.parametrize(("more", "whole"), [(1.01, False), (0.99, True)])
-def test_what_moves_as_a_whole_stayed_less_alike_by_a_share_of_all_that_changed(more: float, whole: bool) -> None:
-    """In the dark there is no doubt."""
-    one = walked(STRAIGHT)
-    one.appearance_error = np.array([1.0, more * (1 - P.min_rigidity_ratio) / (1 + P.min_rigidity_ratio)])
-    assert is_rigid_motion(one, 0.0, P) is whole

@@ -10,7 +10,7 @@ import pytest
 from ndtorch.tracking.association import NEVER, Association, pair_costs
 from ndtorch.tracking.blobs import Blobs
 from ndtorch.tracking.params import TrackingParams
-from ndtorch.tracking.split_merge import assign_split, is_separate, resolve_splits
+from ndtorch.tracking.split_merge import resolve_splits
 from ndtorch.tracking.track import Track, TrackState
 
 HEIGHT, SIDE = 100, 20
@@ -70,17 +70,6 @@ def test_nobody_leaves(ones: list[Track], left: int) -> None:
     assert split_blobs(ones, (45, RED), (left, GREEN)) == {0: [0, 1], 1: []}
 
 
-def test_one_stays_and_each_region_gets_one_at_most() -> None:
-    left = np.array([[0.1, 0.2], [0.3, NEVER], [0.9, 0.8]], np.float32)
-    # 0.2 + 0.3 to leave and 1 to stay: less than any other way.
-    assert assign_split(left, np.ones((3, 1), np.float32)) == [(0, 1), (1, 0)]
-    # The second would rather stay.
-    stay = np.array([[1.0], [0.1], [1.0]], np.float32)
-    assert assign_split(left, stay) == [(0, 0), (2, 1)]
-    assert assign_split(left[:2, :1], stay[:2]) == [(0, 0)]
-    assert assign_split(np.full((2, 1), NEVER, np.float32), stay[:2]) == []
-
-
 ORANGE = np.array([0.7, 0.25, 0.2])
 
 
@@ -108,41 +97,3 @@ def test_what_it_costs_is_the_distance_in_reaches_and_how_much_the_color_differs
     assert late == pytest.approx(
         early * reach / (p.gate_sizes * one.size * (1 + p.gate_growth_per_s * (NOW + 2.0 - one.last_seen))), rel=1e-4
     )
-
-
-@pytest.mark.parametrize(("ratio", "leaves"), [(2.9, True), (3.1, False), (1 / 2.9, True), (1 / 3.1, False)])
-def test_it_leaves_for_what_is_of_its_size_and_stays_in_any(ratio: float, leaves: bool) -> None:
-    regions, picture = scene((50, RED))
-    regions = regions._replace(areas=np.array([SIDE**2 * ratio]))
-    one, p = track(0, 0.6, RED), TrackingParams()
-    assert (
-        pair_costs([one], [0], regions, picture, NOW, p.split_color_cost, p.split_max_cost, p) < NEVER
-    ).item() == leaves
-    assert (pair_costs([one], [0], regions, picture, NOW, p.split_color_cost, math.inf, p) < NEVER).item()
-
-
-def test_it_stays_at_its_own_price_in_a_group_that_is_much_larger_than_each() -> None:
-    """The one that is nearer to the middle of the group stays, where both would leave as gladly."""
-    ones = [track(0, 0.6, RED), track(1, 0.66, RED)]
-    for middle, gone in ((0.57, 1), (0.69, 0)):
-        regions, picture = scene((0, RED), (53, RED))
-        left = round(100 * middle) - 30
-        regions.labels[20:40, left : left + 60] = 1
-        picture[:] = RED[:, None, None]
-        boxes = np.array([[20, left, 80, left + 60], [40, 53, 60, 53 + SIDE]])
-        regions = regions._replace(boxes=boxes, areas=np.array([3600, SIDE**2]))
-        given: dict[int, list[int]] = {0: [0, 1], 1: []}
-        resolve_splits(ones, Association(given, {}), regions, picture, NOW, TrackingParams())
-        assert given == {0: [1 - gone], 1: [gone]}
-
-
-def test_a_track_is_of_its_own_once_it_is_known_for_long_enough() -> None:
-    p = TrackingParams()
-    for seconds, own in ((p.split_min_age_s + 0.01, True), (p.split_min_age_s - 0.02, False)):
-        one = track(0, 0.6, RED)
-        first = one.new_detections[-1]
-        one.new_detections.clear()
-        one.new_detections += [(first[0] - seconds, *first[1:]), first]
-        assert is_separate(one, p) == own
-        one.state = TrackState(False)
-        assert not is_separate(one, p)

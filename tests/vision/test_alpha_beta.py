@@ -27,10 +27,3 @@ def test_it_finds_a_steady_motion(kind: type) -> None:
         seen = kind([5.0 + 0.3 * n * 0.1, -0.2 * n * 0.1])
         place, velocity = corrected(there, velocity, seen - there, 0.3, 0.03, 0.1)
     assert_allclose(velocity, [0.3, -0.2], atol=1e-4)
-
-
-def test_shares_can_differ_from_thing_to_thing() -> None:
-    residual, zero = torch.ones(2, 2), torch.zeros(2, 2)
-    place, velocity = corrected(zero, zero, residual, torch.tensor([[1.0], [0.5]]), torch.tensor([[0.2], [0.0]]), 0.1)
-    assert place.tolist() == [[1.0, 1.0], [0.5, 0.5]]
-    assert_allclose(velocity, [[2.0, 2.0], [0.0, 0.0]])

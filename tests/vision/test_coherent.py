@@ -5,9 +5,8 @@ from __future__ import annotations
 import pytest
 import torch
 
-from ndtorch.errors import InputError
 from ndtorch.vision import CoherentMotion, CoherentParams
-from ndtorch.vision.coherent import delays, moved_on, windows
+from ndtorch.vision.coherent import delays, windows
 
 FEW = CoherentParams(kept=0.5, fastest=27.0, step=13.5)
 
@@ -75,20 +74,3 @@ def test_shorter_delays_count_more_and_all_add_up_to_one() -> None:
     assert float(weights.sum()) == pytest.approx(1)
     shares = [float(weights.diagonal(-lag).sum()) for lag in range(6)]
     assert shares == pytest.approx([0, 1 / 2, 1 / 3, 1 / 6, 0, 0])
-
-
-def test_images_are_moved_to_where_they_would_be_now() -> None:
-    past = torch.zeros(3, 5, 7)
-    for n in range(3):
-        past[n, 1, 2 + 2 * n] = 1
-    moved = moved_on(past, (2.0, 0.0))
-    assert moved[:, 1, 6].tolist() == [1, 1, 1]
-    assert float(moved.sum()) == 3
-    assert float(moved_on(past, (9.0, 0.0))[:2].sum()) == 0
-
-
-def test_bad_input() -> None:
-    with pytest.raises(InputError, match="no field"):
-        CoherentMotion((4, 60), 0.04)
-    with pytest.raises(InputError, match="48x60"):
-        CoherentMotion((48, 60), 0.04)(torch.zeros(2, 3, 50, 60))

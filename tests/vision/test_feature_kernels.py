@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 import torch
 from torch import Tensor
@@ -11,7 +9,6 @@ from torch import Tensor
 from ndtorch.errors import InputError
 from ndtorch.utils.backend import set_backend
 from ndtorch.vision import VisualFeatures
-from ndtorch.vision.feature_kernels import one_pass_fits
 from ndtorch.vision.motion import BORDERS, Border, MotionState
 
 pytest.importorskip("numba")
@@ -92,37 +89,3 @@ def test_floats_that_are_not_scaled_are_refused() -> None:
         by_torch(VisualFeatures(SIZE), frames)
     with pytest.raises(InputError, match=r"must lie in 0..1, got .* to 3"):
         VisualFeatures(SIZE)(frames)
-
-
-def test_every_trial_of_a_batch_is_as_by_itself() -> None:
-    module, frames = VisualFeatures((400, 400)), noise(torch.uint8, 4, (400, 400)).view(2, 2, 3, 400, 400)
-    both, state = module(frames)
-    one, end = module(frames[1])
-    assert torch.equal(both[1], one)
-    assert torch.equal(state.slow[1], end.slow)
-
-
-def test_what_has_died_away_is_zero() -> None:
-    module = VisualFeatures(SIZE)
-    tiny = MotionState(*torch.full((2, *SIZE), 1e-38))
-    _, state = module(torch.zeros(1, 3, *SIZE, dtype=torch.uint8), tiny)
-    assert not any(part.any() for part in state)
-
-
-def test_bad_pixels_are_found() -> None:
-    frames = noise(torch.float32, 1)
-    frames[0, 1, 3, 5] = math.nan
-    with pytest.raises(InputError, match="finite"):
-        VisualFeatures(SIZE)(frames)
-
-
-def test_kernels_do_not_take_a_state_of_another_size_or_kind() -> None:
-    frames = torch.zeros(2, 3, 8, 9)
-
-    def state(*size: int, kind: torch.dtype = torch.float32) -> MotionState:
-        return MotionState(*(torch.zeros(size, dtype=kind) for _ in MotionState._fields))
-
-    assert one_pass_fits(frames, state(8, 9))
-    assert not one_pass_fits(frames, state(9, 8))
-    assert not one_pass_fits(frames, state(8, 9, kind=torch.float64))
-    assert not one_pass_fits(frames[0], state(8, 9))

@@ -8,7 +8,7 @@ import torch
 from numpy.testing import assert_allclose
 
 from ndtorch.errors import InputError
-from ndtorch.vision.frames import as_float, check_frames, grey
+from ndtorch.vision.frames import check_frames, grey
 
 
 @pytest.mark.parametrize(
@@ -27,32 +27,6 @@ from ndtorch.vision.frames import as_float, check_frames, grey
 def test_bad_frames_are_refused_by_name(frames: torch.Tensor, message: str) -> None:
     with pytest.raises(InputError, match=r"^frames must .*" + message):
         check_frames(frames, (4, 5))
-
-
-@pytest.mark.parametrize("batch", [(), (2,), (2, 3)])
-def test_one_channel_is_replicated(batch: tuple[int, ...]) -> None:
-    frames = torch.rand(*batch, 2, 1, 4, 5)
-    checked = check_frames(frames, (4, 5))
-    assert checked.shape == (*batch, 2, 3, 4, 5)
-    for plane in checked.unbind(-3):
-        assert torch.equal(plane, frames[..., 0, :, :])
-
-
-def test_good_frames_pass_untouched() -> None:
-    frames = torch.rand(2, 3, 4, 5)
-    assert check_frames(frames) is frames
-
-
-def test_uint8_becomes_a_share_of_255() -> None:
-    levels = torch.arange(256, dtype=torch.uint8)
-    assert_allclose(as_float(levels), np.arange(256) / 255, atol=1e-7)
-    assert levels.tolist() == list(range(256))
-
-
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_floats_stay_as_they_are(dtype: torch.dtype) -> None:
-    frames = torch.rand(2, 3, 4, 5, dtype=dtype)
-    assert as_float(frames) is frames
 
 
 def test_grey_is_the_mean_of_the_planes_and_leaves_them_alone() -> None:

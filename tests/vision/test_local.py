@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 import torch
 
-from ndtorch import InputError
 from ndtorch.scenes import Bar, BarScene
 from ndtorch.utils.backend import set_backend
 from ndtorch.vision import LocalFeatures, VisualFeatures, field_weights
@@ -46,31 +43,6 @@ def test_a_bar_is_seen_where_it_is() -> None:
     assert divmod(int(seen[:, 8].argmax()), 10) == (7, 4)  # green
 
 
-def test_pieces_give_the_same_numbers() -> None:
-    local = LocalFeatures(VisualFeatures((60, 80), border="reflect"), 5)
-    frames = torch.rand(9, 3, 60, 80)
-    whole, end = local(frames)
-    first, state = local(frames[:4])
-    second, state = local(frames[4:], state)
-    assert torch.allclose(torch.cat([first, second]), whole, rtol=1e-5, atol=1e-5)
-    assert torch.equal(state.slow, end.slow)
-    batch, _ = local(torch.stack([frames, frames.flip(0)]))
-    assert torch.allclose(batch[0], whole, rtol=1e-4, atol=1e-4)
-
-
-@pytest.mark.parametrize("fields", [0, 2, 61])
-def test_fields_must_fit(fields: int) -> None:
-    with pytest.raises(InputError, match="fields must lie between 3 and the 60 pixels"):
-        LocalFeatures(VisualFeatures((60, 80)), fields)
-
-
-def test_bad_pixels_are_refused() -> None:
-    frames = torch.rand(2, 3, 60, 80)
-    frames[1, 0, 3, 3] = math.nan
-    with pytest.raises(InputError, match="finite"):
-        LocalFeatures(VisualFeatures((60, 80)), 5)(frames)
-
-
 @pytest.mark.parametrize("border", ["wrap", "reflect"])
 @pytest.mark.parametrize(
     "kind",
@@ -97,11 +69,3 @@ def test_kernels_give_what_torch_gives(kind: torch.dtype, border: Border) -> Non
     assert float(error) < (1e-6 if kind == torch.float64 else 2e-5)
     for part, other in zip(last, end, strict=True):
         torch.testing.assert_close(part, other, rtol=0, atol=1e-6)
-
-
-@pytest.mark.long
-def test_kernels_find_bad_pixels() -> None:
-    frames = torch.rand(1, 3, 400, 40)
-    frames[0, 1, 3, 5] = math.nan
-    with pytest.raises(InputError, match="finite"):
-        LocalFeatures(VisualFeatures((400, 40)), 5)(frames)

@@ -6,12 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch.autograd import gradcheck
 
-from ndtorch.errors import InputError
 from ndtorch.vision.chahl_srinivasan import ChahlSrinivasan, row_shift
 from ndtorch.vision.nondirectional import NDS, NDMin, NDMinus, spatial_maximum
 
 SENSORS = [NDMin(), NDMinus(), NDS(), NDS(tau_low=0.02), ChahlSrinivasan()]
-ND_SENSORS = SENSORS[:-1]
 
 
 def video(*shape, dtype=torch.float32, seed=0):
@@ -28,14 +26,6 @@ def by_hand(x, high=0.005, dt=1 / 30):
     return out
 
 
-@pytest.mark.parametrize("sensor", SENSORS, ids=lambda s: type(s).__name__)
-@pytest.mark.parametrize("shape", [(4, 1, 1, 9), (2, 4, 3, 5, 6), (2, 3, 4, 1, 1, 7)])
-def test_shapes(sensor, shape):
-    x = video(*shape)
-    out, _ = sensor(x)
-    assert out.shape == ((*shape[:-3], 1) if isinstance(sensor, ChahlSrinivasan) else shape)
-
-
 def test_values():
     x = video(6, 1, 1, 8, dtype=torch.float64)
     high = by_hand(x[:, 0, 0].tolist())
@@ -47,15 +37,6 @@ def test_values():
             assert nd_minus[t][n] == pytest.approx(here - (before + after) / 2, abs=1e-12)
             if 0 < n < 7:
                 assert nds[t][n] == pytest.approx(before + here + after, abs=1e-12)
-
-
-def test_special_cases():
-    """No low-pass makes NDS three NDMin, an infinite one makes it one."""
-    x = video(5, 1, 1, 8)
-    least = NDMin()(x)[0]
-    torch.testing.assert_close(NDS(tau_low=float("inf"))(x)[0], least)
-    padded = torch.nn.functional.pad(least, (1, 1))
-    torch.testing.assert_close(NDS()(x)[0], padded[..., :-2] + padded[..., 1:-1] + padded[..., 2:])
 
 
 @pytest.mark.parametrize("sensor", SENSORS, ids=lambda s: type(s).__name__)
@@ -120,42 +101,9 @@ def test_shift_of_a_ramp_is_exact(shift):
     assert float(row_shift(ramp, moved)) == pytest.approx(shift, abs=1e-9)
 
 
-@pytest.mark.parametrize("contrast", [0.01, 0.1, 0.8])
-def test_shift_does_not_depend_on_contrast(contrast):
-    wave = torch.sin(torch.arange(64, dtype=torch.float64) / 6)
-    moved = torch.sin((torch.arange(64, dtype=torch.float64) - 0.5) / 6)
-    found = row_shift((contrast * wave)[None, None], (contrast * moved)[None, None])
-    assert float(found) == pytest.approx(0.5, rel=0.02)
-
-
 def test_shift_without_contrast_is_zero_and_has_a_gradient():
     x = torch.full((4, 1, 1, 8), 0.5, requires_grad=True)
     out, _ = ChahlSrinivasan()(x * torch.tensor([1.0, 0.9, 0.8, 0.7])[:, None, None, None])
     assert out.abs().max() == 0
     out.sum().backward()
     assert torch.isfinite(x.grad).all()
-
-
-def test_bad_input():
-    for sensor in SENSORS:
-        with pytest.raises(InputError, match="shape"):
-            sensor(torch.zeros(1, 4, 5))
-    with pytest.raises(InputError, match="tau"):
-        NDS(tau_low=-1)
-    with pytest.raises(InputError, match="dt"):
-        NDMin(dt=0)
-    with pytest.raises(InputError, match="at least 3"):
-        ChahlSrinivasan()(torch.zeros(2, 1, 1, 2))
-    with pytest.raises(InputError, match="floating"):
-        ChahlSrinivasan()(torch.zeros(2, 1, 1, 8, dtype=torch.uint8))
-    with pytest.raises(InputError, match="min_contrast"):
-        ChahlSrinivasan(-1)
-
-
-def test_two_rows_that_cannot_be_compared_are_refused():
-    row = torch.zeros(2, 1, 1, 8)
-    assert row_shift(row[..., :3], row[..., :3]).shape == (2,)
-    narrow, flat = row[..., :2], row[0, 0]
-    for earlier, later in ((narrow, narrow), (row, row[..., 1:]), (flat, row), (row, flat)):
-        with pytest.raises(InputError, match="W >= 3"):
-            row_shift(earlier, later)

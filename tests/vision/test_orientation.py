@@ -11,17 +11,13 @@ import torch.nn.functional as F
 from numpy.testing import assert_allclose
 from scipy.ndimage import gaussian_filter
 
-from ndtorch.errors import InputError
 from ndtorch.scenes import moving_bar
 from ndtorch.vision import ANGLES, OrientedDoG, dog_spectrum
 from ndtorch.vision._kernels_orientation import mirrored
 from ndtorch.vision.decimation import (
-    halvings,
     inside_weights,
     low_rows,
     mirrored_start,
-    smooth_length,
-    smooth_margin,
     thin_rows,
     thinning_gain,
 )
@@ -83,10 +79,6 @@ def test_spectrum_is_the_transform_of_the_kernel() -> None:
         assert_allclose(got, np.fft.fft2(kernel(48, degrees)).real, atol=1e-12)
 
 
-def test_kernels_sum_to_zero() -> None:
-    assert dog_spectrum(torch.zeros(1), torch.zeros(1), 0.3).item() == 0
-
-
 @pytest.mark.parametrize("border", BORDERS)
 @pytest.mark.parametrize("exact", [True, False])
 def test_a_uniform_image_gives_nothing(border: Border, exact: bool) -> None:
@@ -109,12 +101,6 @@ def test_a_bar_drives_its_own_orientation(exact: bool, degrees: float, index: in
     assert sums.argmax() == index
     others = [k for k in range(3) if k != index]
     assert sums[index] > 1.2 * sums[others].max()
-
-
-def test_a_bar_between_two_orientations_drives_both_alike() -> None:
-    sums = OrientedDoG((120, 120), exact=True).sums(bar(120, -30))
-    assert sums[0] == pytest.approx(float(sums[2]), rel=0.02)
-    assert sums[1] < sums[0]
 
 
 @pytest.mark.parametrize("border", BORDERS)
@@ -149,40 +135,6 @@ def test_quick_sums_of_small_images(size: tuple[int, int], border: Border) -> No
     assert worst_error(size, border, natural(size, 2, 2.0)) < 0.02
 
 
-@pytest.mark.parametrize("exact", [True, False])
-def test_float32_is_near_float64(exact: bool) -> None:
-    module, image = OrientedDoG((100, 90), exact=exact), noise(100, 90)
-    assert_allclose(module.sums(image.float()), module.sums(image), rtol=1e-4)
-
-
-@pytest.mark.parametrize("border", BORDERS)
-@pytest.mark.parametrize("exact", [True, False])
-@pytest.mark.parametrize("batch", [(), (4,), (2, 3)])
-def test_shapes(border: Border, exact: bool, batch: tuple[int, ...]) -> None:
-    module = OrientedDoG((40, 50), border=border, exact=exact)
-    assert module.sums(torch.rand(*batch, 40, 50)).shape == (*batch, 3)
-    assert module.images(torch.rand(*batch, 40, 50)).shape == (*batch, 3, 40, 50)
-
-
-@pytest.mark.parametrize("border", BORDERS)
-@pytest.mark.parametrize("exact", [True, False])
-def test_batch_equals_single_images(border: Border, exact: bool) -> None:
-    module, images = OrientedDoG((60, 50), border=border, exact=exact), noise(2, 2, 60, 50)
-    assert_allclose(module.sums(images)[1, 0], module.sums(images[1, 0]), rtol=1e-12)
-
-
-def test_frames_give_signed_responses_to_their_grey() -> None:
-    module, frames = OrientedDoG((30, 40)), noise(2, 3, 30, 40)
-    assert_allclose(module(frames), module.images(frames.mean(-3)), atol=1e-15)
-    assert module(frames).min() < 0 < module(frames).max()
-
-
-@pytest.mark.parametrize("count", [1, 4])
-def test_any_number_of_angles(count: int) -> None:
-    module = OrientedDoG((64, 64), angles=tuple(range(0, 45 * count, 45)))
-    assert module.sums(torch.rand(64, 64)).shape == (count,)
-
-
 # Small filters, of which the second allows one halving of the image.
 SMALL = [((4.0, 2.0), (5.0, 3.0)), ((5.0, 3.2), (6.0, 4.0))]
 
@@ -195,34 +147,6 @@ def test_gradients(border: Border, exact: bool, center: tuple[float, float], sur
     assert torch.autograd.gradcheck(module.sums, (noise(10, 8).requires_grad_(),))
 
 
-@pytest.mark.parametrize("border", BORDERS)
-def test_coarse_grids_begin_where_the_margin_does(border: Border) -> None:
-    """Pixel n of the frame is at n + 1/2, so the first pixel of the margin is at 1/2 less the margin."""
-    module = OrientedDoG((96, 120), border=border)
-    for grid, padded, size in zip(module.places(), module.padded, module.size, strict=True):
-        cell = padded / grid.shape[1]
-        margin = (padded - size) / 2
-        assert (margin == 0) == (border == "wrap")
-        assert_allclose(grid.diff(dim=1), cell, rtol=1e-5)
-        assert_allclose(grid[:, 0], [0.5 - margin, 0.5 - margin + cell / 2], rtol=1e-5)
-
-
-def test_unknown_border_is_refused() -> None:
-    with pytest.raises(InputError, match=r"border must be one of wrap, reflect, got 'zero'"):
-        OrientedDoG((20, 20), border="zero")  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("sigma", [0.0, -3.0])
-def test_sigmas_must_be_positive(sigma: float) -> None:
-    with pytest.raises(InputError, match="positive standard deviations"):
-        OrientedDoG((20, 20), center=(19.0, sigma))
-
-
-def test_frames_of_another_size_are_refused() -> None:
-    with pytest.raises(InputError, match="must be 20x30 pixels"):
-        OrientedDoG((20, 30))(torch.zeros(1, 3, 30, 20))
-
-
 def test_thinned_rows_are_triangles_around_the_middles_of_blocks() -> None:
     image = noise(3, 8, 6)
     assert torch.equal(thin_rows(image, 1), image)
@@ -233,11 +157,6 @@ def test_thinned_rows_are_triangles_around_the_middles_of_blocks() -> None:
         far = 8 - away
         weights = ((1 - away / block).clamp_min(0) + (1 - far / block).clamp_min(0)).double()
         torch.testing.assert_close(thin_rows(image, block), weights @ image, atol=1e-14, rtol=0)
-
-
-def test_thinned_rows_of_a_mirror_image_are_mirrored() -> None:
-    image = noise(3, 24, 6)
-    torch.testing.assert_close(thin_rows(image.flip(-2), 4), thin_rows(image, 4).flip(-2), atol=1e-15, rtol=0)
 
 
 @pytest.mark.parametrize("cell", [1.0, 0.97, 1.5, 2.0, 5.556])
@@ -267,27 +186,6 @@ def test_thinning_gain_is_what_a_sinusoid_loses(block: int) -> None:
         kept = thin_rows(wave, block)[0, 0] / block
         gain = thinning_gain(torch.tensor(cycles / 64, dtype=torch.float64), block)
         assert kept.item() == pytest.approx(gain.item(), abs=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("length", "spacing", "times"), [(500, 4.0, 2), (500, 3.9, 1), (500, 100, 2), (501, 4, 0), (64, 8, 3)]
-)
-def test_halvings(length: int, spacing: float, times: int) -> None:
-    assert halvings(length, spacing) == times
-
-
-def test_smooth_length_is_the_next_quick_length() -> None:
-    quick = [n for n in range(1, 1200) if 30**20 % n == 0]
-    for n in range(1, 1000):
-        assert smooth_length(n) == min(q for q in quick if q >= n)
-
-
-def test_margins_make_quick_lengths() -> None:
-    for length in range(2, 400):
-        margin = smooth_margin(length, 66)
-        quick = [m for m in range(min(66, length - 1), length) if 30**20 % (length + 2 * m) == 0]
-        assert margin == (quick[0] if quick else min(66, length - 1))
-    assert smooth_margin(500, 0) == 0
 
 
 @pytest.mark.parametrize(("length", "points", "margin"), [(120, 32, 10), (90, 90, 20), (61, 16, 3)])

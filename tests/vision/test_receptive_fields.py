@@ -7,9 +7,8 @@ import math
 import pytest
 import torch
 
-from ndtorch.errors import InputError
 from ndtorch.vision import field_weights
-from ndtorch.vision.receptive_fields import Edge, Shape, means, pool
+from ndtorch.vision.receptive_fields import Edge, Shape, means
 
 
 def tents(length: int, fields: int) -> torch.Tensor:
@@ -45,19 +44,3 @@ def test_fields_are_means_and_overlap_by_half() -> None:
     assert ((weights[0] > 0) & (weights[1] > 0)).sum() == 4
     assert weights[1].argmax() in (5, 6)
     assert torch.equal(tents(5, 1), torch.full((1, 5), 0.2))
-
-
-def test_pool_is_the_weighted_mean() -> None:
-    image = torch.arange(24.0).reshape(4, 6)
-    assert pool(image, tents(4, 1), tents(6, 1)).item() == pytest.approx(11.5)
-    assert pool(torch.ones(2, 12, 20), tents(12, 3), tents(20, 4)) == pytest.approx(torch.ones(2, 3, 4))
-
-
-def test_what_cannot_be_is_refused() -> None:
-    with pytest.raises(InputError, match="fields must be between 1 and the 3 pixels of a side, got 4"):
-        tents(3, 4)
-    points = torch.arange(9) + 0.5
-    with pytest.raises(InputError, match="shape must be one of cosine, tent, got 'box'"):
-        field_weights(points, 9, 3, shape="box")  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="border must be one of wrap, reflect, open, got 'zero'"):
-        field_weights(points, 9, 3, "zero")  # type: ignore[arg-type]
