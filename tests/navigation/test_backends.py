@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
 from typing import Any
 
 import numpy as np
@@ -18,7 +16,6 @@ from ndtorch.navigation import (
     FeatureParams,
     MatchParams,
     Navigator,
-    NavigatorState,
     Pose,
     StereoRanging,
     StereoRig,
@@ -132,23 +129,6 @@ def test_a_batch_is_each_car(controller: str) -> None:
         for name, value in tree.leaves(own).items():
             assert torch.equal(tree.leaves(state)[name][0, car].to(value.dtype), value), name
         assert int(navigator.mode(state)[0, car]) == navigator.mode(own)
-
-
-@pytest.mark.parametrize("controller", ["published", "ranging"])
-def test_a_step_goes_on_from_a_state_that_was_copied_or_changed(controller: str) -> None:
-    navigator, (left, right) = Navigator(RIG, DT, controller=controller), pairs(torch.uint8, 1, 6)
-    _, state = navigator(left[:5], right[:5])
-    last = left[5:], right[5:]
-    wanted, after = navigator(*last, state)
-    for same in (copy.deepcopy(state), pickle.loads(pickle.dumps(state)), NavigatorState(*state)):
-        found, other = navigator(*last, same)
-        assert torch.equal(found.speed, wanted.speed)
-        assert np.array_equal(other.fields, after.fields)
-        assert other.pose == after.pose
-    away = state._replace(pose=Pose(5.0, 6.0, 0.0))
-    _, other = navigator(*last, away)
-    assert abs(other.pose.y - 6) < 0.1
-    assert navigator(*last, state)[1].pose.y == after.pose.y
 
 
 @pytest.mark.parametrize("controller", ["published", "ranging"])

@@ -42,21 +42,6 @@ def test_one_to_one():
     assert match_features(left, right, MatchParams(one_to_one=False)).valid.tolist() == [True, True]
 
 
-def test_invalid_features_have_no_partners():
-    patch = [[0.1, 0.5, 0.9]]
-    good, bad = as_features([300], patch), as_features([300], patch, [False])
-    left = as_features([400], patch)
-    assert match_features(left, good).valid.all()
-    assert not match_features(left, bad).valid.any()
-    assert not match_features(as_features([400], patch, [False]), good).valid.any()
-
-
-def test_max_error():
-    left, right = as_features([400], [[0.1, 0.5, 0.9]]), as_features([300], [[0.1, 0.5, 0.6]])
-    assert match_features(left, right, MatchParams(max_error=0.1)).valid.all()
-    assert not match_features(left, right, MatchParams(max_error=0.08)).valid.any()
-
-
 @settings(max_examples=50, deadline=None)
 @given(st.integers(0, 10_000))
 def test_matches_properties(seed):

@@ -22,7 +22,7 @@ from ndtorch.navigation import (
     Strips,
     cut_strips,
 )
-from ndtorch.navigation.controllers.published import SaccadeAvoidance, SubfieldMotion
+from ndtorch.navigation.controllers.published import SubfieldMotion
 from ndtorch.vision.nondirectional import NDMin, spatial_maximum
 from tests.compilers import compiles
 
@@ -86,36 +86,6 @@ def test_row_ranging_finds_the_shift():
     assert not ranges.valid[0].any()  # nothing has moved yet
 
 
-def test_only_what_both_cameras_can_see():
-    """With `shared`, no feature lies where a partner at the smallest disparity is outside the other row."""
-    left, right = frames(2, steps=6)
-    matching = navigation.MatchParams(min_disparity=60, max_disparity=100)
-    sensor = StereoRanging(RIG, DT, FeatureParams(count=20, shared=True), matching)
-    seen = []
-    find = sensor.find
-    sensor.find = lambda rows, motion, state: seen.append(find(rows, motion, state)) or seen[-1]
-    sensor(left, right)
-    column = seen[0][0].column[1:]
-    assert column[:, 0].min() >= 60
-    assert column[:, 1].max() < 320 - 60
-    assert column[:, 0].max() > 320 - 60
-    assert column[:, 1].min() < 60
-
-
-def test_shapes_and_batches():
-    left, right = frames(3, 2, 2)
-    navigator = full_navigator()
-    command, state = navigator(left, right)
-    assert command.speed.shape == command.curvature.shape == (2, 2, 8)
-    assert state.pose.x.shape == (2, 2)
-    assert state.ranges.x.shape == (2, 2, 5)
-    assert state.map.cells.shape[:2] == (2, 2)
-    alone, single = navigator(left[1, 0], right[1, 0])
-    assert torch.equal(alone.curvature, command.curvature[1, 0])
-    for a, b in zip(leaves(single), leaves(state), strict=True):
-        torch.testing.assert_close(a, b[1, 0], atol=1e-4, rtol=1e-4)
-
-
 @pytest.mark.parametrize("features", [None, FeatureParams(7, edge_reach=4, shared=True), FeatureParams(follow=3)])
 def test_chunked_is_whole_is_frame_by_frame(features):
     left, right = frames(4, steps=24)
@@ -167,15 +137,6 @@ def test_only_the_strips_are_read():
         assert torch.equal(a, b)
 
 
-def test_static_scene_ranges_nothing_and_stops():
-    left, right = (x[:1].expand(40, -1, -1, -1) for x in frames(7))
-    command, state = Navigator(RIG, DT, controller="published")(left, right)
-    assert (state.sides == 0).all()
-    assert not state.ranges.valid.any()
-    assert command.speed[0] == 0.5  # the start
-    assert command.speed[-1] == 0.0
-
-
 def test_pose_follows_the_commands_or_what_was_driven():
     left, right = frames(8, steps=10)
     navigator = Navigator(RIG, DT, controller="published")
@@ -185,23 +146,6 @@ def test_pose_follows_the_commands_or_what_was_driven():
     driven = Command(torch.full((10,), 0.2), torch.full((10,), 0.0))
     _, state = navigator(left, right, driven=driven)
     assert float(state.pose.x) == pytest.approx(0.2 * 10 * DT, rel=1e-5)
-
-
-def test_pieces_alone_give_what_the_whole_gives():
-    left, right = frames(9, steps=20)
-    command, _ = Navigator(RIG, DT, controller="published")(left, right)
-    alone, _ = SaccadeAvoidance(DT)(SubfieldMotion(RIG, DT)(left, right)[0])
-    assert torch.equal(alone.curvature, command.curvature)
-
-
-def test_double_precision():
-    navigator = Navigator(RIG, DT, controller="published", backend="torch").double()
-    state = None
-    left, right = (eye.double() for eye in frames(3, 2))
-    for k in range(3):
-        command, state = navigator(left[:, k : k + 1], right[:, k : k + 1], state)
-    assert command.speed.dtype == torch.float64
-    assert command.speed.isfinite().all()
 
 
 @compiles
@@ -223,15 +167,6 @@ def test_cuda():
     there = leaves(navigator.to("cuda")(left.cuda(), right.cuda()))
     for a, b in zip(here, there, strict=True):
         torch.testing.assert_close(a, b.cpu(), atol=1e-4, rtol=1e-4)
-
-
-def test_a_navigator_that_was_warmed_up_answers_as_any_other():
-    """Without a frame to warm up with, it takes one of its cameras' size."""
-    left, right = frames(5, 1)
-    warm, cold = (Navigator(RIG, DT, controller="published") for _ in range(2))
-    warm.warm_up()
-    for one, other in zip(warm(left[0], right[0])[0], cold(left[0], right[0])[0], strict=True):
-        assert torch.equal(one, other)
 
 
 @pytest.mark.parametrize("controller", ["published", "ranging"])

@@ -2,31 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
 
-from ndtorch.errors import InputError
 from ndtorch.navigation import Grid, Navigator, NavigatorOptions, StereoRig
 from ndtorch.navigation.controllers import controller_names
 from ndtorch.navigation.options import OPTION_NAMES, options_of
 
 RIG = StereoRig()
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"controller": "publish"}, "did you mean published"),
-        ({"features": 0}, "features must be a whole number from 1 to 64, got 0"),
-        ({"features": True}, "features must be a whole number"),
-        ({"angle": "tan"}, "angle must be 'atan' or 'linear', got 'tan'"),
-        ({"map_update": "beam"}, "map_update must be 'beams' or 'log-odds', got 'beam'"),
-    ],
-)
-def test_what_cannot_be_is_refused(options: dict[str, Any], words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        NavigatorOptions(**options)
 
 
 def test_options_are_picked_out_of_other_keys() -> None:

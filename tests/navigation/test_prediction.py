@@ -1,6 +1,5 @@
 """Features that are looked for where they were, against plain loops."""
 
-import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -41,14 +40,6 @@ def test_prediction_reaches_three_pixels_and_refills():
         row, torch.stack([bumps([20]), bumps([24, 60], heights=(0.1, 0.5))])
     )[0]
     assert far.column[:, 0].tolist() == [20, 60]  # lost, refilled from the whole row
-
-
-@pytest.mark.parametrize(("there", "kept"), [(20, 20), (21, 60)])
-def test_a_reach_of_no_pixel_keeps_what_stays(there, kept):
-    found = PredictedFeatures(FeatureParams(count=1, min_difference=0.0), reach=0)(
-        torch.rand(2, 80), torch.stack([bumps([20]), bumps([there, 60], heights=(0.1, 0.5))])
-    )[0]
-    assert found.column[:, 0].tolist() == [20, kept]
 
 
 @settings(max_examples=25, deadline=None)

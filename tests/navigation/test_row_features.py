@@ -7,10 +7,8 @@ from hypothesis import strategies as st
 from torch.autograd import gradcheck
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import FeatureParams, MatchParams
-from ndtorch.navigation.stereo.correspondence import match_features
-from ndtorch.navigation.stereo.features import Features, edge_places, find_features, patch_error, sample
-from ndtorch.navigation.stereo.prediction import PredictedFeatures
+from ndtorch.navigation import FeatureParams
+from ndtorch.navigation.stereo.features import edge_places, find_features, patch_error
 
 
 def rows(seed, *shape, scale=0.2):
@@ -66,59 +64,9 @@ def test_features_by_hand():
     torch.testing.assert_close(found.patch[0], row[9:12])
 
 
-def test_lookalikes_are_dropped_together():
-    row = torch.tensor([0.0, 0.1, 0.9, 0.1, 0.0, 0.0, 0.0, 0.1, 0.9, 0.15, 0.0, 0.0, 0.0, 0.5, 0.2, 0.7, 0.0])
-    motion = torch.zeros(17)
-    motion[2], motion[8], motion[14] = 0.3, 0.2, 0.1
-    assert find_features(row, motion, FeatureParams(count=3)).valid.tolist() == [False, False, True]
-
-
-def test_batches_agree():
-    row, motion = rows(1, 2, 3, 4, 50)
-    whole = find_features(row, motion)
-    assert whole.column.shape == (2, 3, 4, 5)
-    assert whole.patch.shape == (2, 3, 4, 5, 3)
-    for a, b in zip(find_features(row[1, 2, 3], motion[1, 2, 3]), whole, strict=True):
-        assert torch.equal(a, b[1, 2, 3])
-
-
-def test_inputs_are_left_alone():
-    row, motion = rows(2, 40)
-    before = row.clone(), motion.clone()
-    find_features(row, motion)
-    assert torch.equal(row, before[0])
-    assert torch.equal(motion, before[1])
-
-
 def test_gradient_of_the_error():
     left, right = (rows(k, 3, 3)[0].requires_grad_() for k in (1, 2))
     assert gradcheck(patch_error, (left, right))
-
-
-def test_bad_input():
-    with pytest.raises(InputError, match="one shape"):
-        find_features(torch.zeros(5), torch.zeros(6))
-    with pytest.raises(InputError, match="one shape"):
-        find_features(torch.zeros(2), torch.zeros(2))
-    with pytest.raises(InputError, match="T, W"):
-        PredictedFeatures()(torch.zeros(9), torch.zeros(9))
-    with pytest.raises(InputError, match="reach"):
-        PredictedFeatures(reach=-1)
-    with pytest.raises(InputError, match="count"):
-        FeatureParams(count=0)
-    with pytest.raises(InputError, match="min_motion"):
-        FeatureParams(min_motion=float("nan"))
-    with pytest.raises(InputError, match="min_disparity"):
-        MatchParams(min_disparity=-1)
-    with pytest.raises(InputError, match="min_disparity"):
-        MatchParams(min_disparity=60, max_disparity=60)  # nothing is between them
-    assert MatchParams(min_disparity=0).min_disparity == 0
-    with pytest.raises(InputError, match="max_error"):
-        MatchParams(max_error=0)
-    row, motion = rows(1, 2, 3, 40)
-    found = find_features(row, motion)
-    with pytest.raises(InputError, match="same rows"):
-        match_features(found, Features(*(part[0] for part in found)))
 
 
 def averaged_step(width, place, low, high):
@@ -135,11 +83,6 @@ def test_edges_are_found_to_a_fraction_of_a_pixel(place, low, high, off):
     row = averaged_step(40, place, low, high)
     found = edge_places(row, torch.tensor([round(place) + off]), reach=4)
     assert float(found) == pytest.approx(place, abs=1e-9)
-
-
-def test_the_nearest_edge_is_not_taken_when_out_of_reach():
-    row = averaged_step(60, 30.25, 0.2, 0.7)
-    assert float(edge_places(row, torch.tensor([22]), reach=4)) < 28
 
 
 def test_edges_in_both_rows_have_the_same_patches():
@@ -166,18 +109,6 @@ def test_two_features_of_one_edge_are_one():
     assert find_features(row, motion, FeatureParams(count=2, edge_reach=4)).valid.tolist() == [True, False]
 
 
-def test_sampling_between_pixels():
-    row = torch.tensor([0.0, 1.0, 3.0])
-    places = torch.tensor([[-1.0, 0.5], [1.5, 9.0]])
-    assert sample(row, places).tolist() == [[0.0, 0.5], [2.0, 3.0]]
-
-
-def test_bad_reach():
-    for name in ("edge_reach", "follow"):
-        with pytest.raises(InputError, match=name):
-            FeatureParams(**{name: -1})
-
-
 def test_a_share_of_the_features_is_kept_for_the_middle():
     motion = torch.rand(640, generator=torch.Generator().manual_seed(1))
     motion[280:360] *= 0.2
@@ -192,12 +123,3 @@ def test_a_share_of_the_features_is_kept_for_the_middle():
     torch.testing.assert_close(none.column, plain.column)
     with pytest.raises(InputError, match="ahead"):
         FeatureParams(5, ahead=6)
-
-
-def test_what_lies_ahead_is_the_middle_third_unless_a_band_is_given():
-    row, motion = torch.rand(30, generator=torch.Generator().manual_seed(1)), torch.zeros(30)
-    motion[[5, 9, 10, 19, 20, 25]] = torch.tensor([6.0, 5.0, 1.0, 2.0, 4.0, 3.0])
-    params = FeatureParams(count=3, spacing=0, ahead=2)
-    assert find_features(row, motion, params).column.tolist() == [19, 10, 5]
-    assert find_features(row, motion, params, (9, 20)).column.tolist() == [9, 19, 5]
-    assert find_features(row, motion, params, (0, 30)).column.tolist() == [5, 9, 20]

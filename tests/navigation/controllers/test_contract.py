@@ -19,8 +19,7 @@ from ndtorch.navigation import (
     make_controller,
 )
 from ndtorch.navigation.controllers import DEFAULT_CONTROLLER, Controller, Trace, register, registry
-from ndtorch.navigation.controllers.published import AvoidanceParams, PublishedControl, SubfieldMotion
-from ndtorch.navigation.controllers.registry import controller_class
+from ndtorch.navigation.controllers.published import AvoidanceParams, SubfieldMotion
 
 DT = 1 / 30
 RIG = StereoRig(forward=0.15)
@@ -104,16 +103,6 @@ def test_another_controller_is_one_class(monkeypatch):
     other = type("Other", (Slow,), {"name": "published"})
     with pytest.raises(InputError, match="controller 'published' already"):
         register(other)
-
-
-def test_what_cannot_be_chosen_is_said():
-    with pytest.raises(InputError, match="did you mean published"):
-        controller_class("publishd")
-    with pytest.raises(InputError, match="made already"):
-        Navigator(RIG, DT, controller=PublishedControl(RIG, DT), params=AvoidanceParams())
-    for values in ({"controller": "pid"}, {"features": 0}, {"features": 7.0}, {"angle": "deg"}):
-        with pytest.raises(InputError, match=next(iter(values))):
-            NavigatorOptions(**values)
 
 
 FOLDERS = ("ndtorch", "robot/ndtorch_robot", "train/ndtorch_train")

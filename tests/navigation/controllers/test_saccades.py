@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import copy
-
 import numpy as np
 import pytest
 import torch
 
-from ndtorch.errors import InputError
 from ndtorch.navigation import SaccadeController, StereoRig
 from ndtorch.navigation.controllers.published import (
     PublishedControl,
     SaccadeAvoidance,
-    SubfieldMotion,
     avoidance,
     avoidance_step,
 )
-from ndtorch.navigation.stereo.rig import Rect
 
 RIG = StereoRig(width=320, height=240, focal=215.0, pitch=0.1, forward=0.15)
 DT = 1 / 30
@@ -55,30 +50,6 @@ def test_it_drives_as_the_controller_in_torch_does() -> None:
     np.testing.assert_allclose(state.low, fields.low.numpy().reshape(state.low.shape), atol=1e-6)
 
 
-def test_a_state_is_never_written() -> None:
-    avoider, pairs = SaccadeController(RIG, DT), frames(4)
-    _, state = avoider(*pairs[0])
-    kept = copy.deepcopy(state)
-    first, _ = avoider(*pairs[1], state)
-    again, _ = avoider(*pairs[1], state)
-    assert first == again
-    assert np.array_equal(kept.low, state.low)
-    assert kept.machine == state.machine
-
-
-@pytest.mark.parametrize(
-    "shapes", [((240, 320, 3), (240, 320, 1)), ((200, 320, 3),) * 2, ((240, 320, 2),) * 2, ((240, 320),) * 2]
-)
-def test_other_frames_are_refused(shapes: tuple[tuple[int, ...], tuple[int, ...]]) -> None:
-    with pytest.raises(InputError, match="frames"):
-        SaccadeController(RIG, DT)(*(np.zeros(shape, np.uint8) for shape in shapes))
-
-
-def test_floats_are_refused() -> None:
-    with pytest.raises(InputError, match="uint8"):
-        SaccadeController(RIG, DT)(*np.zeros((2, 240, 320, 3)))
-
-
 def test_the_state_machines_agree() -> None:
     rule, chance = SaccadeAvoidance(DT), torch.Generator().manual_seed(0)
     compiled = SaccadeController(RIG, DT)
@@ -92,13 +63,3 @@ def test_the_state_machines_agree() -> None:
         assert tuple(found) == pytest.approx(tuple(map(float, wanted)), abs=1e-5)
         modes.add(int(rule.mode(wanted)))
     assert len(modes) == 4
-
-
-@pytest.mark.parametrize(("side", "place"), [("top", -1), ("bottom", 481), ("left", -1), ("right", 641)])
-def test_a_subfield_may_reach_the_border_and_not_beyond(side: str, place: int) -> None:
-    whole = Rect(0, 480, 0, 640)
-    assert SubfieldMotion(StereoRig(), 1 / 30, (whole, whole)).fields == (whole, whole)
-    beyond = whole._replace(**{side: place})
-    for kind in (SubfieldMotion, SaccadeController):
-        with pytest.raises(InputError, match="inside"):
-            kind(StereoRig(), 1 / 30, fields=(beyond, beyond))

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ndtorch.errors import InputError
 from ndtorch.navigation import Pose
-from ndtorch.navigation.local_grid._kernels import bound, cell_index, free_distances, move_grid
+from ndtorch.navigation.local_grid._kernels import cell_index, free_distances, move_grid
 from ndtorch.navigation.local_grid.grid import LocalGridParams, cells_at, empty_grid
 from ndtorch.navigation.local_grid.motion_primitives import Body, motion_primitives
 
@@ -45,21 +44,6 @@ def test_remembers_what_a_dictionary_would(moves):
         for (cx, cy), value in truth.items():
             if all(abs(c - m) <= 14 for c, m in zip((cx, cy), middle, strict=True)):
                 assert grid.evidence[cx % 32, cy % 32] == pytest.approx(value, abs=1e-5)
-
-
-def test_forgets_what_it_has_left_behind():
-    grid = empty_grid(0.0, 0.0, PARAMS)
-    grid.evidence.reshape(-1)[cells_at((0.0, 0.0, 0.0), [0.55], [0.0], PARAMS)] = 1
-    for x, left in ((-0.8, 1), (-1.5, 0), (0.0, 0)):
-        grid = move_grid(grid, (x, 0.0, 0.0), PARAMS.cell, 1.0)
-        assert int((grid.evidence > 0).sum()) == left
-
-
-def test_evidence_is_limited():
-    grid = empty_grid(0.0, 0.0, PARAMS)
-    grid.evidence[0, 5], grid.evidence[0, 7] = 8, -9
-    bound(grid.evidence, -PARAMS.least, PARAMS.most)
-    assert grid.evidence[0, [5, 7]].tolist() == [5.0, -2.0]
 
 
 BODY = Body(length=0.25, width=0.18, room=0.07)
@@ -117,13 +101,6 @@ def test_free_travel_against_moved_rectangles(x, y):
         assert min(lengths) - 0.081 <= float(found[k]) <= max(lengths) + 0.081
 
 
-def test_free_travel_of_a_wall_ahead():
-    found = travel(1.0, 0.0)
-    # Bumper and room reach 0.32 m ahead.
-    assert float(found[0]) == pytest.approx(0.68, abs=0.12)
-    assert found[3:].tolist() == pytest.approx([1.6, 1.6])
-
-
 def test_what_was_not_seen_free_stops_the_bumper_only():
     nothing = np.full(len(TABLE.x), -1.0)
     assert free(nothing).ravel().tolist() == pytest.approx([1.6] * 10)
@@ -134,36 +111,3 @@ def test_what_was_not_seen_free_stops_the_bumper_only():
     assert seen[3:].tolist() == pytest.approx([1.6, 1.6])
     # Beside the flanks nothing need be known.
     assert float(free(np.where(np.abs(TABLE.x) < 0.3, 0.0, -1.0))[1, 0]) == pytest.approx(1.6)
-
-
-def test_bad_parameters():
-    with pytest.raises(InputError, match="power of two"):
-        LocalGridParams(size=48)
-    with pytest.raises(InputError, match="cell"):
-        LocalGridParams(cell=0.0)
-    with pytest.raises(InputError, match="lifetime"):
-        LocalGridParams(lifetime=0.0)
-    with pytest.raises(InputError, match="width"):
-        Body(width=0.0)
-    with pytest.raises(InputError, match="longest"):
-        motion_primitives(ARCS, BODY, 0.05, 0.08)
-
-
-def test_arcs_are_followed_by_a_step_of_a_cell_where_none_is_named() -> None:
-    """A step longer than a cell of the patch could miss one."""
-    table = motion_primitives(ARCS, BODY, 1.6)
-    assert table.step <= LocalGridParams().cell
-    assert np.array_equal(table.x, TABLE.x)
-
-
-@pytest.mark.parametrize("direction", [1, -1])
-def test_places_of_the_outline_are_at_most_a_step_apart_ahead_and_two_at_the_sides(direction: int) -> None:
-    """What goes along a flank is looked at at every step of the way, so two steps are near enough there."""
-    table = motion_primitives([(0.0, direction)], BODY, 1.6, 0.08)
-    x, y = table.x.reshape(table.steps, -1)[0], table.y.reshape(table.steps, -1)[0]
-    ahead, wide = BODY.length + BODY.room, BODY.width + BODY.room
-    assert x[: table.leading].tolist() == pytest.approx([direction * (0.08 + ahead)] * table.leading)
-    assert y[: table.leading].tolist() == pytest.approx(np.linspace(-wide, wide, 8).tolist(), abs=1e-6)
-    for flank, side in zip(x[table.leading :].reshape(2, -1), (wide, -wide), strict=True):
-        assert (direction * flank - 0.08).tolist() == pytest.approx([-ahead, -ahead / 2, 0.0, ahead / 2], abs=1e-6)
-        assert bool((np.abs(y[table.leading :].reshape(2, -1) - side) < 1e-6).all(-1).any())

@@ -56,12 +56,6 @@ def test_a_car_goes_back_the_way_it_came(bend):
     assert pose.heading == pytest.approx(0.7, abs=0.05)
 
 
-def test_who_backs_beside_it_has_left_it():
-    path, pose = drive(*started(), [(0.5, 0.0, 60), (-0.3, 2.0, 40)])
-    assert pure_pursuit_back(path, tuple(pose), TIGHT)[0] < 0.2
-    assert pose.heading < -0.7
-
-
 def behind(count, heading=0.0):
     """So many poses along x, 5 cm apart, the newest at the origin."""
     poses = np.zeros((POSES, 3), np.float32)
@@ -103,25 +97,6 @@ def test_it_grows_by_what_is_far_enough_and_loses_what_is_passed(pose, speed, sh
         assert np.array_equal(after.poses[: POSES - moved], path.poses[moved:])
 
 
-@pytest.mark.parametrize("pose", [at(0.0, 0.061), at(0.0, -0.061), at(0.0, 0.0, 0.251), at(-0.2, 0.0, -0.251)])
-def test_who_backs_beside_it_or_turned_against_it_begins_another_one(pose):
-    after = record(behind(10), pose, -0.0011)
-    assert after.size == 1
-    assert after.poses[0] == pytest.approx(pose, abs=1e-6)
-    # Rolling back by less than a millimetre a second is no going back, and going on is none.
-    assert record(behind(10), pose, -0.0009).size in (9, 10)
-    assert record(behind(10), pose, 0.3).size == 10 + (math.hypot(*pose[:2]) >= SPACING)
-
-
-def test_it_begins_where_the_car_is_and_is_never_longer_than_its_memory():
-    for speed in (0.0, 0.5, -0.3):
-        assert record(behind(0), at(1.0, 2.0, 0.5), speed).size == 1
-        assert record(behind(0), at(1.0, 2.0, 0.5), speed).poses[0] == pytest.approx([1.0, 2.0, 0.5])
-    full = record(behind(POSES), at(0.06), 0.5)
-    assert full.size == POSES
-    assert np.array_equal(full.poses[1:], behind(POSES).poses[:-1])
-
-
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize("count", [0, 1, 2, 4, 5, 6, 40])
 def test_it_steers_back_by_the_arc_to_the_fifth_pose_or_to_the_last_one(count, side):
@@ -135,8 +110,3 @@ def test_it_steers_back_by_the_arc_to_the_fifth_pose_or_to_the_last_one(count, s
     wanted = 2 * math.hypot(dx, dy) * math.sin(angle) / square
     assert bend == pytest.approx(wanted if poses else 0.0, abs=1e-5)
     assert abs(pure_pursuit_back(behind(count), pose, 0.25)[1]) <= 0.25
-
-
-@pytest.mark.parametrize(("x", "steers"), [(0.021, True), (0.019, False)])
-def test_nothing_is_steered_to_that_is_no_more_than_2_cm_behind(x, steers):
-    assert (pure_pursuit_back(behind(1), at(x, 0.05, 0.0), TIGHT)[1] != 0) == steers

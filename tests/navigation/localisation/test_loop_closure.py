@@ -14,7 +14,6 @@ from ndtorch.navigation.localisation.submap import (
     add_to_submap,
     empty_graph,
     finish_submap,
-    is_complete,
 )
 
 PARAMS, DT = LocaliserParams(), 1 / 30
@@ -139,22 +138,3 @@ def test_a_match_is_searched_for_within_the_uncertainty_of_the_graph():
 def test_a_match_far_from_the_expected_pose_is_accepted_only_if_that_is_uncertain(sigma, accepted):
     match = ScanMatch(0.3, 0.0, 0.0, 0.9, np.array((1e5, 0.0, 1e5, 0.0, 0.0, 1e5)))
     assert is_consistent(match, HERE, np.diag([sigma**2] * 3)) == accepted
-
-
-def test_a_submap_that_shows_little_is_made_longer():
-    p = PARAMS.submaps
-
-    def after(count, length):
-        graph = mapped(wall(count))
-        return is_complete(graph._replace(driven=graph.driven._replace(length=length)), p)
-
-    lengths = [p.length_m - 0.1, p.length_m + 0.1, p.max_length_m - 0.1, p.max_length_m + 0.1]
-    assert [after(p.min_cells - 1, length) for length in lengths] == [False, False, False, True]
-    assert [after(p.min_cells, length) for length in lengths] == [False, True, True, True]
-
-
-def test_a_small_submap_is_matched_before_those_that_share_more_but_a_smaller_part():
-    graph = empty_graph(HERE, PARAMS)
-    for n, scan in enumerate((wall(6), wall(20, 1.0), wall(14))):
-        graph = finished(mapped(scan, graph), 60 * (n + 1))
-    assert [row[:2] for row in graph.candidates.tolist() if row[1] == 2] == [[0, 2], [1, 2]]

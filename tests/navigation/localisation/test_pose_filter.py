@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ndtorch.navigation.localisation.params import LocaliserParams
-from ndtorch.navigation.localisation.pose_filter import RESIDUAL_SCALE, SIGMA_M, SIGMA_RAD, WALK_SIGMA, predict, update
+from ndtorch.navigation.localisation.pose_filter import predict, update
 
 PARAMS = LocaliserParams()
 SURE = np.array((1e5, 0.0, 1e5, 0.0, 0.0, 1e6))
@@ -63,33 +63,6 @@ def test_a_fit_that_says_nothing_changes_nothing_and_a_slip_is_believed():
     assert after == pytest.approx(covariance, rel=1e-3)
     change, _ = update(covariance, np.array((0.3, 0.0, 0.0)), SURE, PARAMS)
     assert change[0] > 0.2
-
-
-def test_deviations_of_a_step_add_up_in_each_number():
-    none, unsure = np.zeros((6, 6)), np.array((0.04, 0.01))
-    moved = np.sqrt(np.diag(predict(none, 2.0, -0.5, unsure, 0.3, 0.7, PARAMS)))
-    place, turn = math.hypot(SIGMA_M, 0.2), math.hypot(SIGMA_RAD, 0.1)
-    assert moved == pytest.approx([place, place, turn, *WALK_SIGMA])
-    # Between two scans of one moment the odometer has no time to change.
-    assert np.diag(predict(none, 2.0, -0.5, unsure, 0.0, 0.7, PARAMS))[3:].tolist() == [0, 0, 0]
-
-
-def test_once_motion_was_seen_little_is_left_of_the_odometer_to_learn():
-    """Fits that slid along a wall would be taken for its errors."""
-    p, none = PARAMS, np.zeros(2)
-    covariance = np.diag(np.square((0.02, 0.02, 0.01, p.scale_sigma, p.bend_sigma, p.drift_sigma_rad_per_s)))
-    covariance[0, 3] = covariance[3, 0] = 0.5 * 0.02 * p.scale_sigma
-    plain = predict(covariance, 0.0, 0.0, none, 0.2, 0.0, PARAMS)
-    known = predict(covariance, 0.0, 0.0, none, 0.2, 0.0, PARAMS, calibrated=True)
-    assert known[:3, :3] == pytest.approx(plain[:3, :3])
-    assert np.sqrt(known.diagonal()[3:]) == pytest.approx(
-        RESIDUAL_SCALE * np.array((p.scale_sigma, p.bend_sigma, p.drift_sigma_rad_per_s))
-    )
-    correlation = [both[0, 3] / math.sqrt(both[0, 0] * both[3, 3]) for both in (plain, known)]
-    assert correlation[0] == pytest.approx(correlation[1], rel=1e-3)
-    # It grows from less, slowly.
-    less = predict(np.zeros((6, 6)), 0.0, 0.0, none, 0.2, 0.0, PARAMS, calibrated=True)
-    assert np.sqrt(less.diagonal()[3:]) == pytest.approx(RESIDUAL_SCALE * WALK_SIGMA)
 
 
 def test_a_fit_changes_what_is_known_as_a_kalman_filter_does():

@@ -9,8 +9,8 @@ import torch
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import Grid, StereoRig
-from ndtorch.navigation.localisation import Localiser, LocaliserParams, RelocalisationParams
-from ndtorch.navigation.localisation.ndt import distributions, empty_map
+from ndtorch.navigation.localisation import Localiser
+from ndtorch.navigation.localisation.ndt import empty_map
 from ndtorch.navigation.localisation.relocalisation import (
     BLUR_M,
     CANDIDATES_PER_ROTATION,
@@ -19,7 +19,6 @@ from ndtorch.navigation.localisation.relocalisation import (
     best_pose,
     likelihood_field,
     no_search,
-    pose_now,
     refine,
     score_rotation,
     start_search,
@@ -56,12 +55,6 @@ def test_two_places_that_look_the_same_are_not_told_apart():
     assert best_pose(near._replace(refined=near.refined * (0.4, 1.0, 1.0, 1.0)), P) is None
 
 
-def test_what_was_driven_during_the_search_is_added():
-    search = no_search()._replace(origin=np.array((1.0, 0.0, 0.0)))
-    found = pose_now(search, np.array((5.0, 5.0, math.pi / 2)), np.array((3.0, 1.0, 0.2)))
-    assert found == pytest.approx((4.0, 7.0, math.pi / 2 + 0.2))
-
-
 def test_a_map_without_ndt_cells_is_refused(tmp_path):
     grid = Grid(0, 1, 0, 1)
     save_map(tmp_path, torch.zeros(grid.rows, grid.columns), grid, np.zeros((0, 2)))
@@ -90,23 +83,6 @@ def test_the_likelihood_field_falls_with_the_distance_from_walls():
     assert (none.left, none.bottom, none.values.tolist()) == (0, 0, [[0.0]])
 
 
-def test_a_search_begins_with_what_is_around_the_car():
-    p = replace(P, min_cells=5, radius_m=1.2)
-    ndt_map, pose = map_of(CORNER), np.array((2.2, -0.4, 2.0))
-    mean = distributions(ndt_map, CELL)[0]
-    near = mean[np.hypot(*(mean - pose[:2]).T) < 1.2]
-    assert 5 < len(near) < len(mean)
-    waiting = no_search()._replace(distance=3.2)
-    search = start_search(waiting, ndt_map, pose, CELL, p)
-    turn = np.array([[math.cos(2.0), -math.sin(2.0)], [math.sin(2.0), math.cos(2.0)]])
-    assert search.pattern @ turn.T + pose[:2] == pytest.approx(near)
-    assert search.origin.tolist() == pose.tolist()
-    assert (search.rotation, search.distance, len(search.candidates), len(search.refined)) == (0, 0, 0, 0)
-    later = start_search(waiting, ndt_map, pose, CELL, replace(p, min_cells=len(near) + 1, retry_m=0.7))
-    assert later == waiting._replace(distance=later.distance)
-    assert later.distance == pytest.approx(2.5)
-
-
 def test_the_best_places_of_each_rotation_are_refined():
     p = replace(P, radius_m=3.0, max_candidates=5)
     known, heading, (x, y) = map_of(building(4)), 2 * math.pi * 20 / p.rotations, (6.04, 2.93)
@@ -131,33 +107,3 @@ def test_the_best_places_of_each_rotation_are_refined():
     again = refine(fitted, known, CELL)
     assert best_pose(again, p).tolist() == pose
     assert best_pose(again._replace(refined=again.refined[::-1]), p).tolist() == pose
-
-
-def test_a_search_goes_from_step_to_step_and_ends_where_a_place_was_found():
-    p = RelocalisationParams(rotations=3, first_search_m=1.0, min_cells=10)
-    known = map_of(building(4))
-    localiser = Localiser(StereoRig(), DT, LocaliserParams(relocalisation=p), known)
-    state = localiser.start(np.array((6.0, 3.0, 0.5)))._replace(ndt_map=known)
-    waiting = no_search()._replace(distance=0.9)
-    assert localiser.relocalise(state, waiting).relocalisation is waiting  # not far enough yet
-    state = localiser.relocalise(state, waiting._replace(distance=1.1))
-    assert len(state.relocalisation.pattern) > 10
-    for rotation in (1, 2, 3):
-        state = localiser.relocalise(state, state.relocalisation)
-        assert state.relocalisation.rotation == rotation
-    count = len(state.relocalisation.candidates)
-    state = localiser.relocalise(state, state.relocalisation)
-    assert (len(state.relocalisation.candidates), len(state.relocalisation.refined)) == (count - 1, 1)
-    ended = state.relocalisation._replace(candidates=np.zeros((0, 4)), distance=0.4)
-    refined = np.array([[0.9, 2.0, 1.0, 0.5 + math.pi / 2]])
-    moved = state._replace(pose=np.array((7.0, 3.0, 0.6)), ndt_map=empty_map(PARAMS.map_cells))
-    found = localiser.relocalise(moved, ended._replace(refined=refined))
-    assert found.relocalisation is None
-    assert np.array_equal(found.ndt_map, known)
-    # It has driven a metre since, and the frame is turned by a right angle.
-    assert found.pose == pytest.approx([2.0, 2.0, 0.6 + math.pi / 2])
-    lost = localiser.relocalise(moved, ended._replace(refined=refined * (0.1, 1, 1, 1)))
-    assert lost.pose.tolist() == [7.0, 3.0, 0.6]
-    assert lost.relocalisation.rotation == -1
-    assert lost.relocalisation.distance == 0.4
-    assert lost.ndt_map is moved.ndt_map

@@ -5,12 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
-from ndtorch.navigation.localisation import Localiser, LocaliserParams, ReplayParams
+from ndtorch.navigation.localisation import LocaliserParams, ReplayParams
 from ndtorch.navigation.localisation.pose_graph import compose_poses
 from ndtorch.navigation.localisation.state import map_frames
-from tests.navigation.localisation.worlds import DT, PARAMS, PointLocaliser, corridor, path, pose_of, rounds, sampled
+from tests.navigation.localisation.worlds import DT, PARAMS, PointLocaliser, corridor, path, rounds, sampled
 
 
 def drive(after_m, every=1, steps=None, standing=0):
@@ -56,18 +55,3 @@ def test_scans_of_a_standing_car_are_not_logged():
     first = round(PARAMS.settle_s / DT)
     assert len(states[standing - 1].log.entries) == first
     assert len(states[-1].log.entries) == first + 20
-
-
-def test_the_log_ends_when_the_car_is_carried():
-    _, frames, states = drive((50.0,), steps=40)
-    put = Localiser(StereoRig(), DT).reset_pose(states[-1], pose_of((1.0, 2.0, 3.0)))
-    assert put.log is None
-    assert frames[5].frame in map_frames(put).numbers.tolist()  # of a finished submap
-
-
-def test_numbers_out_of_range_are_refused():
-    for after_m in ((0.0,), (20.0, 10.0)):
-        with pytest.raises(InputError, match="after_m"):
-            ReplayParams(after_m=after_m)
-    with pytest.raises(InputError, match="sigma_scale"):
-        ReplayParams(sigma_scale=0.0)

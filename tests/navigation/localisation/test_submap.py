@@ -5,13 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from ndtorch.errors import InputError
 from ndtorch.navigation import StereoRig
-from ndtorch.navigation.localisation import Localiser, LocaliserParams, SubmapParams
 from ndtorch.navigation.localisation.ndt import Scan, add_scan, distributions, empty_map
 from ndtorch.navigation.localisation.pose_graph import compose_poses
-from ndtorch.navigation.localisation.state import KNOWN_MAP, frame_pose, map_frames
-from ndtorch.navigation.localisation.submap import add_to_submap, empty_graph, render_map, restart_at
+from ndtorch.navigation.localisation.state import map_frames
+from ndtorch.navigation.localisation.submap import add_to_submap, empty_graph, render_map
 from tests.navigation.localisation.worlds import DT, PARAMS, PointLocaliser, corridor, path, rounds, sampled
 
 POINTS = sampled(corridor())
@@ -79,22 +77,6 @@ def test_a_state_is_not_changed_and_goes_on_the_same():
     assert len(ends[0].graph.submaps) > count > 0
 
 
-def test_the_frame_before_a_car_was_carried_is_kept_beside_the_last_submap():
-    driven = path(rounds(1))[:60]
-    *_, state = run(driven, driven)
-    before, last = state.graph, state.graph.poses[-1].tolist()
-    assert len(before.submaps) > 0
-    after = map_frames(state._replace(graph=restart_at(before, np.array((5.0, 5.0, 0.0)), 60)))
-    at = after.numbers.tolist().index(float(before.begun[-1]))
-    assert after.poses[at].tolist() == pytest.approx(last)
-
-
-def test_there_are_no_more_submaps_than_allowed():
-    driven = path(rounds(1))
-    *_, state = run(driven, driven, LocaliserParams(submaps=SubmapParams(max_submaps=3)))
-    assert len(state.graph.submaps) == 3
-
-
 def test_a_submap_is_rendered_where_its_frame_is():
     rng, pose, size, cell = np.random.default_rng(3), np.array((1.3, -0.7, 0.6)), PARAMS.map_cells, PARAMS.cell_m
     scan = Scan(*rng.uniform(-2, 2, (2, 500)), np.ones(500))
@@ -108,27 +90,3 @@ def test_a_submap_is_rendered_where_its_frame_is():
             square = cells[..., [3, 5]] + 2 * at * mean + at**2 * weight
             sums.append((at * weight + mean if power == 1 else square).sum((0, 1)))
         assert sums[0] == pytest.approx(sums[1], rel=1e-3)
-
-
-def test_a_pose_in_a_frame_moves_with_its_submap():
-    state = Localiser(StereoRig(), 1 / 30).start(np.array((1.0, 2.0, 0.5)))._replace(pose=np.array((1.5, 2.5, 0.7)))
-    at, frames = frame_pose(state), map_frames(state)
-    assert at.frame in frames.numbers.tolist()
-    assert frames.poses.tolist() == [[1.0, 2.0, 0.5]]
-    shift = np.array((3.0, 0.0, 0.0))
-    moved = state._replace(graph=state.graph._replace(poses=state.graph.poses + shift), pose=state.pose + shift)
-    assert frame_pose(moved).pose == pytest.approx(at.pose)
-
-
-def test_in_a_known_map_there_is_one_frame_once_the_pose_was_found():
-    localiser = Localiser(StereoRig(), 1 / 30, known=empty_map(PARAMS.map_cells))
-    state = localiser.start(np.array((1.0, 2.0, 0.5)))
-    assert frame_pose(state) is None
-    found = state._replace(relocalisation=None)
-    assert frame_pose(found) == (KNOWN_MAP, pytest.approx((1.0, 2.0, 0.5)))
-    assert map_frames(found).poses.tolist() == [[0.0, 0.0, 0.0]]
-
-
-def test_numbers_out_of_range_are_refused():
-    with pytest.raises(InputError, match="length_m"):
-        SubmapParams(length_m=0.0)

@@ -80,15 +80,6 @@ def test_a_slip_is_seen_and_not_learned():
     assert after.since.tolist() == [0, 0, 0]
 
 
-def test_the_farther_a_slip_the_less_is_learned_of_it():
-    before = taught()
-    learned = []
-    for way in (0.11, 0.12, 0.14):
-        after, _ = fuse(roll(before, way, 0.0), Motion(np.array((0.09, 0.0)), SURE), PARAMS)
-        learned.append(float((after.errors - before.errors)[0]))
-    assert learned == pytest.approx([0.0210, 0.0098, 0.0059], rel=0.1)
-
-
 def test_a_car_that_stands_or_was_carried_has_driven_nothing():
     wheels = taught(20)
     still, driven = fuse(roll(wheels, 0.0, 0.0), None, PARAMS)

@@ -1,11 +1,8 @@
 """Tracks: what moves is flagged, what stands still is not, whatever the car does."""
 
-import math
-
 import pytest
 import torch
 
-from ndtorch.errors import InputError
 from ndtorch.navigation import AlphaBetaTracker, DeadReckoning, Pose, Ranges
 from ndtorch.navigation.mapping.feature_tracks import FeatureTrackParams
 from ndtorch.navigation.odometry import to_body
@@ -68,41 +65,3 @@ def test_tracks_end_and_slots_are_reused():
     k = int(tracks.unseen.argmin())
     assert tracks.place[k].tolist() == pytest.approx([2.0, 0.5], abs=1e-4)
     assert float(tracks.age[k]) == pytest.approx(59 * DT, rel=1e-4)
-
-
-def test_one_observation_makes_one_track():
-    pose = Pose(*torch.zeros(3, 1))
-    tracks, state = AlphaBetaTracker(DT)(seen(walk(STILL, [[0.0, 0.0]] * 3, 1), pose), pose)
-    assert int((tracks.unseen == 0).sum()) == 3
-    tracks, _ = AlphaBetaTracker(DT)(seen(walk(STILL, [[0.0, 0.0]] * 3, 1), pose), pose, state)
-    assert int((tracks.unseen == 0).sum()) == 3
-    found = sorted(tracks.place[tracks.unseen == 0].tolist())
-    assert sum(found, []) == pytest.approx(sum(sorted(STILL), []))  # noqa: RUF017
-
-
-def test_chunks_and_batches():
-    steps = 30
-    pose = Pose(*torch.rand(3, 2, steps))
-    points = walk(STILL, [[0.3, 0.0]] * 3, steps).expand(2, -1, -1, -1)
-    ranges = seen(points, pose, noise=0.02)
-    tracker = AlphaBetaTracker(DT)
-    whole, _ = tracker(ranges, pose)
-    state = None
-    for t in (slice(0, 1), slice(1, 12), slice(12, steps)):
-        _, state = tracker(Ranges(*(p[..., t, :] for p in ranges)), Pose(*(p[..., t] for p in pose)), state)
-    alone, _ = tracker(Ranges(*(p[1] for p in ranges)), Pose(*(p[1] for p in pose)))
-    for a, b, c in zip(whole, state, alone, strict=True):
-        assert torch.equal(a, b)
-        assert torch.equal(a[1], c)
-
-
-def test_bad_input():
-    with pytest.raises(InputError, match="dt"):
-        AlphaBetaTracker(math.nan)
-    with pytest.raises(InputError, match="alpha"):
-        FeatureTrackParams(alpha=0.0)
-    with pytest.raises(InputError, match="max_lost_s"):
-        FeatureTrackParams(max_lost_s=-1.0)
-    ranges = seen(walk(STILL, [[0.0, 0.0]] * 3, 2), Pose(*torch.zeros(3, 2)))
-    with pytest.raises(InputError, match="poses"):
-        AlphaBetaTracker(DT)(ranges, Pose(*torch.zeros(3, 3)))

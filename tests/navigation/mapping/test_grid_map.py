@@ -7,9 +7,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ndtorch.errors import InputError
-from ndtorch.navigation import Grid, GridMap, ObservationList, Pose, Ranges, StereoRig
-from ndtorch.navigation.mapping import LogOdds
+from ndtorch.navigation import Grid, GridMap, Pose, Ranges, StereoRig
 from ndtorch.navigation.mapping.certainty import certainty
 from ndtorch.navigation.odometry import to_body
 
@@ -93,30 +91,6 @@ def test_an_old_state_stays_as_it_was(certainty):
     assert all(a is b or a.untyped_storage().data_ptr() != b.untyped_storage().data_ptr() for a, b in tiles)
 
 
-@pytest.mark.parametrize("certainty", ["beams", "log-odds"])
-def test_chunks_and_batches(certainty):
-    ranges, pose = random_run(1, 2, 2)
-    mapper = GridMap(RIG, GRID, certainty=certainty)
-    whole, _ = mapper(ranges, pose)
-    state = None
-    for t in range(6):
-        now = slice(t, t + 1)
-        out, state = mapper(Ranges(*(p[..., now, :] for p in ranges)), Pose(*(p[..., now] for p in pose)), state)
-    torch.testing.assert_close(out, whole, atol=1e-5, rtol=1e-5)
-    alone, _ = mapper(Ranges(*(p[1, 0] for p in ranges)), Pose(*(p[1, 0] for p in pose)))
-    torch.testing.assert_close(alone, whole[1, 0], atol=1e-5, rtol=1e-5)
-    assert whole.shape == (2, 2, GRID.rows, GRID.columns)
-
-
-def test_what_lies_outside_is_ignored():
-    small = Grid(0.0, 1.0, -1.0, 1.0)
-    cells, state = GridMap(RIG, small)(ranges_of([[[1.8, 0.0], [1.4, 0.9]]]), poses([0.0, 0.0, 0.0]))
-    assert cells.sum() == 0
-    assert state.cells.sum() > 0  # in the margin
-    cells, _ = GridMap(RIG, small)(ranges_of([[[0.8, 0.0]]]), poses([0.0, 0.0, 0.0]))
-    assert cells.sum() > 0
-
-
 def test_two_views_sharpen_the_map():
     """The same point seen from two directions is more certain than either view alone."""
     point = torch.tensor([1.5, 0.5])
@@ -152,34 +126,3 @@ def test_log_odds():
         cells, state = mapper(*further, state)
     probability = cells.sigmoid()
     assert at(1.5, 0.0) < 0.4
-
-
-def test_bad_maps():
-    with pytest.raises(InputError, match="left < right"):
-        Grid(1.0, 0.0)
-    with pytest.raises(InputError, match="too many"):
-        Grid(-1e6, 1e6, -1e6, 1e6)
-    with pytest.raises(InputError, match="reach"):
-        GridMap(RIG, GRID, reach=0.0)
-    with pytest.raises(InputError, match="certainty"):
-        GridMap(RIG, GRID, certainty="odds")
-    with pytest.raises(InputError, match="hit"):
-        LogOdds(hit=-1.0)
-    ranges, pose = random_run(0)
-    for mapper in (GridMap(RIG, GRID), GridMap(RIG, GRID, certainty="log-odds"), ObservationList(0.1)):
-        with pytest.raises(InputError, match="poses"):
-            mapper(ranges, Pose(*(part[:3] for part in pose)))
-    _, state = GridMap(RIG, GRID)(ranges, pose)
-    with pytest.raises(InputError, match="do not fit"):
-        GridMap(RIG, Grid())(ranges, pose, state)
-
-
-@pytest.mark.parametrize("name", ["ranges.x", "ranges.y", "pose.x", "pose.y", "pose.heading"])
-def test_numbers_of_half_precision_are_refused_by_name(name):
-    ranges, pose = random_run(1)
-    kind, part = name.split(".")
-    spoiled = ranges if kind == "ranges" else pose
-    spoiled = spoiled._replace(**{part: getattr(spoiled, part).half()})
-    given = (spoiled, pose) if kind == "ranges" else (ranges, spoiled)
-    with pytest.raises(InputError, match=f"{name} must be float32 or float64, got torch.float16"):
-        GridMap(RIG, GRID)(*given)

@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from ndtorch.navigation import Grid, GridMap, Navigator, Pose, Ranges, StereoRig
-from ndtorch.navigation.mapping.map_rendering import CHUNK, informative, log_ranges, map_cells, render, thresholded
+from ndtorch.navigation import Grid, GridMap, Pose, Ranges, StereoRig
+from ndtorch.navigation.mapping.map_rendering import CHUNK, informative, log_ranges, render, thresholded
 from ndtorch.navigation.mapping.range_log import FramePose, Frames, add_ranges, empty_log, in_world
 
 GRID = Grid(0.0, 6.0, -2.0, 2.0)
@@ -42,20 +42,6 @@ def test_the_map_moves_with_the_frame_it_was_seen_in(certainty):
     assert (there_x - x, there_y - y) == pytest.approx((1.0, 0.5), abs=0.011)
 
 
-def test_the_state_goes_through_updates_and_what_has_no_anchor_is_not_kept():
-    rig = StereoRig()
-    grid_map = GridMap(rig, GRID)
-    pose, ranges = Pose(*(torch.tensor([v]) for v in (1.0, 0.0, 0.0))), seen(rig, 1.5)
-    state = log_ranges(grid_map.update(ranges, pose), ranges, [FramePose(3, (1.0, 0.0, 0.0))])
-    state = log_ranges(grid_map.update(ranges, pose, state), ranges, [None])
-    assert len(state.log.present) == 1
-
-
-def test_what_is_less_than_a_twentieth_is_no_evidence():
-    cells = torch.tensor([[1.0, 0.0501], [0.0499, 0.0]])
-    assert thresholded(cells).tolist() == [[1.0, pytest.approx(0.0501)], [0.0, 0.0]]
-
-
 def test_what_is_seen_again_from_one_place_counts_as_often_as_in_passing():
     """A place that is ranged a thousand times to and fro hides no other one that was passed once."""
     rig, log = StereoRig(), empty_log()
@@ -74,11 +60,6 @@ def test_what_is_seen_again_from_one_place_counts_as_often_as_in_passing():
     assert float(drawn[int(row) - 16 : int(row) + 16, int(column) - 16 : int(column) + 16].max()) > 0.2
 
 
-def test_before_anything_was_seen_the_map_is_empty():
-    assert not bool(render(GridMap(StereoRig(), GRID), empty_log(), frames(0.0, 0.0, 0.0)).any())
-    assert map_cells(GridMap(StereoRig(), GRID), None).shape == (GRID.rows, GRID.columns)
-
-
 def test_many_sights_are_drawn_as_few_are():
     """More than are drawn at once, each of its own."""
     rig, log, count = StereoRig(), empty_log(), CHUNK + 44
@@ -92,18 +73,3 @@ def test_many_sights_are_drawn_as_few_are():
     torch.testing.assert_close(drawn, thresholded(GridMap.normalise(GRID.inner(whole.cells))), rtol=1e-4, atol=1e-5)
     less = render(grid_map, log._replace(present=log.present[:CHUNK]), where)
     assert not torch.allclose(drawn, less, atol=1e-3)
-
-
-def test_a_navigator_without_a_localiser_has_the_map_that_it_drew():
-    rig = StereoRig()
-    navigator = Navigator(rig, 1 / 30, grid_map=GridMap(rig, GRID))
-    eyes = torch.zeros(2, 1, rig.height, rig.width, dtype=torch.uint8)
-    _, state = navigator(eyes, eyes)
-    pose, ranges = Pose(*(torch.tensor([v]) for v in (1.0, 0.0, 0.0))), seen(rig, 1.5)
-    state = state._replace(map=navigator.grid_map.update(ranges, pose))
-    drawn = GridMap.normalise(GRID.inner(state.map.cells))
-    assert float(drawn.max()) == 1
-    assert torch.equal(map_cells(navigator.grid_map, state), drawn)
-    kept = state._replace(map=log_ranges(state.map, ranges, [FramePose(3, (1.0, 0.0, 0.0))]))
-    assert torch.equal(map_cells(navigator.grid_map, kept), drawn)
-    assert not map_cells(navigator.grid_map, state._replace(map=None)).any()

@@ -7,10 +7,9 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ndtorch.errors import InputError
-from ndtorch.navigation import ObservationList, Pose, Ranges
+from ndtorch.navigation import ObservationList, Pose
 from ndtorch.navigation.mapping.observations import Observations, arc_coordinates, free_length, path_is_free
-from tests.navigation.mapping.test_grid_map import poses, random_run, ranges_of
+from tests.navigation.mapping.test_grid_map import poses, ranges_of
 
 
 def test_list_keeps_the_newest_and_forgets():
@@ -25,18 +24,6 @@ def test_list_keeps_the_newest_and_forgets():
     assert (turned.weight == 0).all()
     assert (float(turned.x[0]), float(turned.y[0])) == pytest.approx((2.0, 4.0))
     assert turned.seen_from[0].tolist() == pytest.approx([2.0, 3.0, math.pi / 2])
-
-
-def test_list_chunks_and_batches():
-    ranges, pose = random_run(5, 2, 3)
-    module = ObservationList(dt=0.1, capacity=10)
-    whole, _ = module(ranges, pose)
-    state = None
-    for t in (slice(0, 1), slice(1, 4), slice(4, 6)):
-        _, state = module(Ranges(*(p[..., t, :] for p in ranges)), Pose(*(p[..., t] for p in pose)), state)
-    for a, b in zip(whole, state, strict=True):
-        assert torch.equal(a, b)
-    assert whole.x.shape == (2, 3, 10)
 
 
 def listed(points, weight=1.0):
@@ -109,44 +96,3 @@ def test_free_length_against_plain_loops(seed):
     for k, found in zip(ARCS.tolist(), free.tolist(), strict=True):
         wanted = plain_free_length(points.tolist(), weight.tolist(), k, 0.3, 1.8, 2.0, 0.3)
         assert found == pytest.approx(wanted, abs=1e-9)
-
-
-def test_free_length_follows_the_pose():
-    wall = listed([[2.0, 3.0]], 5.0)
-    pose = Pose(*torch.tensor([2.0, 1.5, math.pi / 2], dtype=torch.float64))
-    assert float(free_length(wall, pose, ARCS)[0]) == pytest.approx(1.5)
-    away = pose._replace(heading=-pose.heading)
-    assert free_length(wall, away, ARCS)[0] == 2.0
-    batch = Observations(*(torch.stack([p, p]) for p in wall))
-    both = Pose(*(torch.stack([a, b]) for a, b in zip(pose, away, strict=True)))
-    assert free_length(batch, both, ARCS)[:, 0].tolist() == pytest.approx([1.5, 2.0])
-
-
-def test_bad_lists():
-    with pytest.raises(InputError, match="dt"):
-        ObservationList(dt=0.0)
-    with pytest.raises(InputError, match="curvatures"):
-        free_length(listed([[1.0, 0.0]]), HERE, torch.zeros(2, 2))
-    for name in ("half_width", "farthest", "enough", "gather"):
-        free_length(listed([[1.0, 0.0]]), HERE, ARCS, **{name: 1e-3})
-        for value in (0.0, -1.0, math.nan):
-            with pytest.raises(InputError, match=f"{name}={value}"):
-                free_length(listed([[1.0, 0.0]]), HERE, ARCS, **{name: value})
-
-
-def test_cars_in_a_batch_are_as_free_as_each_alone():
-    generator = torch.Generator().manual_seed(3)
-    points = torch.rand(2, 6, 40, 2, generator=generator, dtype=torch.float64) * 4 - 2
-    weight = torch.rand(2, 6, 40, generator=generator, dtype=torch.float64) * 2
-    turned = torch.linspace(-1, 1, 12, dtype=torch.float64).view(2, 6)
-    seen = Observations(points[..., 0], points[..., 1], weight, torch.ones_like(weight), torch.zeros(2, 6, 40, 3))
-    poses = Pose(turned / 3, turned / 4, turned)
-    free = free_length(seen, poses, ARCS, 0.3, 1.8, 2.0, 0.3)
-    assert free.shape == (2, 6, 5)
-    for i in range(2):
-        for j in range(6):
-            one, pose = (
-                Observations(*(part[i, j] for part in seen)),
-                Pose(*(part[i, j] for part in (turned / 3, turned / 4, turned))),
-            )
-            assert torch.equal(free[i, j], free_length(one, pose, ARCS, 0.3, 1.8, 2.0, 0.3))

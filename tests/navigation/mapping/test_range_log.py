@@ -33,30 +33,6 @@ def test_sights_move_with_their_frames():
     assert [float(part[0]) for part in poses] == pytest.approx([5.0, 1.0, math.pi / 2])
 
 
-def test_a_frame_that_comes_again_and_one_that_was_forgotten():
-    log = empty_log()
-    for number in (1, 2, 1):
-        log = add_ranges(log, FramePose(number, (0.0, 0.0, 0.0)), ranges(float(number)))
-    found, poses = in_world(log, frames(f1=(4, 0, 0)))
-    assert found.x.flatten().tolist() == [1.0, 1.0]
-    assert poses.x.tolist() == [4.0, 4.0]
-
-
-def test_sights_of_before_stay_as_they_were():
-    before = add_ranges(empty_log(), FramePose(0, (0.0, 0.0, 0.0)), ranges(1.0))
-    kept = before.present.clone()
-    add_ranges(before, FramePose(0, (0.0, 0.0, 0.0)), ranges(2.0))
-    add_ranges(before, FramePose(1, (0.0, 0.0, 0.0)), ranges(2.0))
-    assert torch.equal(before.present, kept)
-    assert before.ended == ()
-
-
-def test_nothing_was_seen():
-    found, poses = in_world(empty_log(), frames(f0=(0, 0, 0)))
-    assert found.x.shape == (0, 1)
-    assert poses.x.shape == (0,)
-
-
 def test_each_number_of_a_range_stays_what_it_was_and_its_pose_is_turned_with_the_frame():
     numbers = torch.tensor([[2.0, -0.3, 0.2, 1.9, 0.4], [3.0, -0.1, 0.6, 2.8, -0.5]])
     seen = Ranges(*numbers.unbind(-1), torch.tensor([True, True]))
@@ -67,17 +43,6 @@ def test_each_number_of_a_range_stays_what_it_was_and_its_pose_is_turned_with_th
     cos, sin = math.cos(math.pi / 6), math.sin(math.pi / 6)
     wanted = (10 + cos - 2 * sin, 20 + sin + 2 * cos, 0.3 + math.pi / 6)
     assert [part.tolist() for part in pose] == [pytest.approx([v] * 2) for v in wanted]
-
-
-def test_frames_without_a_sight_leave_nothing_and_the_rest_lie_in_the_order_they_came():
-    log = empty_log()
-    for step, (number, count) in enumerate(((3, 2), (4, 0), (5, 1), (3, 1), (3, 1), (6, 0))):
-        log = add_ranges(log, FramePose(number, (0.1 * step, 0.0, 0.0)), ranges(*[float(number)] * count))
-    assert log.numbers.tolist() == [3.0, 5.0, 3.0]
-    assert [len(part) for part in log.ended] == [2, 1, 2]
-    assert (float(log.frame), len(log.present)) == (6.0, 0)
-    found, _ = in_world(log, frames(f3=(0, 0, 0), f5=(1, 0, 0), f6=(2, 0, 0)))
-    assert found.x.flatten().tolist() == [3.0, 3.0, 5.0, 3.0, 3.0]
 
 
 def test_what_a_standing_car_sees_counts_once():

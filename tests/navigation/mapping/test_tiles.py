@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import pytest
 import torch
 
-from ndtorch.errors import InputError
-from ndtorch.navigation.mapping.tiles import SIDE, add_at, cell_tables, check_tiles, empty_tiles
+from ndtorch.navigation.mapping.tiles import SIDE, add_at, cell_tables, empty_tiles
 
 
 def test_tiles_hold_what_was_added_where() -> None:
@@ -32,19 +30,3 @@ def test_a_step_shares_what_it_does_not_touch_and_leaves_the_grid_it_was_given()
     assert new.cells.nonzero().tolist() == [[SIDE + 1, 2 * SIDE + 5]]
     assert not old.cells.any()
     assert sum(a is not b for a, b in zip(sum(old.rows, ()), sum(new.rows, ()), strict=True)) == 1
-
-
-def test_tiles_of_another_grid_are_refused() -> None:
-    tiles = empty_tiles((2,), SIDE, SIDE + 1, torch.zeros(1))
-    check_tiles("tiles", tiles, (2,), SIDE, 2 * SIDE)
-    with pytest.raises(InputError, match=r"tiles \[..., rows, columns\] of \(2, 1, 2\) do not fit batch \(2,\)"):
-        check_tiles("tiles", tiles, (2,), SIDE, SIDE)
-
-
-def test_a_grid_of_one_tile() -> None:
-    tiles = empty_tiles((), SIDE, SIDE, torch.zeros(1))
-    assert len(tiles.rows) == len(tiles.rows[0]) == 1
-    down, across = cell_tables(SIDE, SIDE)
-    added = add_at(tiles, (down[3] + across[4]).view(1), torch.full((1,), 0.5))
-    assert added.cells[3, 4] == 0.5
-    assert added.cells.sum() == 0.5

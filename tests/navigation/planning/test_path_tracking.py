@@ -10,7 +10,7 @@ import pytest
 
 from ndtorch.navigation.planning.costmap import LocalMap
 from ndtorch.navigation.planning.params import PlannerParams
-from ndtorch.navigation.planning.path_tracking import SpeedLimits, pure_pursuit, speed_profile, speed_towards
+from ndtorch.navigation.planning.path_tracking import SpeedLimits, pure_pursuit, speed_profile
 from ndtorch.navigation.planning.planner import Plan
 
 WAY = np.array(
@@ -57,16 +57,6 @@ def test_it_aims_at_the_place_so_far_ahead_along_the_way(pose: tuple[float, floa
     assert aim.left == pytest.approx(sum(lengths), abs=1e-6)
 
 
-@pytest.mark.parametrize("ahead", [0.1, 0.3, 0.8])
-@pytest.mark.parametrize("pose", [(0.57, 0.1, 0.5), (0.5, 0.1, 0.7), (0.3, 0.0, 0.3)])
-def test_going_back_it_aims_behind_itself(pose: tuple[float, float, float], ahead: float) -> None:
-    aim = pure_pursuit(WAY, 3, pose, ahead, WIDE)
-    left = [(float(x), float(y)) for x, y in WAY[aim.at + 1 :, :2]]
-    aimed = along([pose[:2], *left], ahead, float(WAY[5, 2]), -1.0)
-    assert aim.direction == -1.0
-    assert aim.curvature == pytest.approx(arc_to(pose, aimed), abs=1e-4)
-
-
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 @pytest.mark.parametrize(("before", "reached"), [(0.021, 0), (0.019, 1), (-0.1, 1)])
 def test_a_place_is_reached_2_cm_before_the_line_across_the_way(before: float, reached: int, direction: float) -> None:
@@ -80,16 +70,6 @@ def test_a_place_is_reached_2_cm_before_the_line_across_the_way(before: float, r
         assert pure_pursuit(way, 0, pose, 0.3, WIDE).at == reached
 
 
-@pytest.mark.parametrize("aside", [0.2, -0.2])
-def test_no_arc_is_tighter_than_the_tightest(aside: float) -> None:
-    assert pure_pursuit(WAY, 0, (0.0, aside, 0.0), 0.1, 2.0).curvature == math.copysign(2.0, -aside)
-
-
-def test_a_way_without_another_place_has_ended() -> None:
-    for way, at in ((WAY[:0], 0), (WAY[:1], 0), (WAY, 5), (WAY, 6)):
-        assert pure_pursuit(way, at, (0.0, 0.0, 0.0), 0.3, 2.0) == (0.0, 0.0, at, 0.0)
-
-
 def test_beyond_the_end_of_a_stretch_the_next_one_begins_and_beyond_the_last_none() -> None:
     aim = pure_pursuit(WAY, 0, (0.6, 0.13, 0.6), 0.3, WIDE)
     assert (aim.direction, aim.at) == (-1.0, 3)
@@ -98,35 +78,7 @@ def test_beyond_the_end_of_a_stretch_the_next_one_begins_and_beyond_the_last_non
     assert (done.direction, done.at, done.left) == (0.0, 5, 0.0)
 
 
-def test_following_steers_back_and_ends_with_the_stretch() -> None:
-    way = np.array([[0.2 * n, 0, 0, 0, 1] for n in range(6)] + [[0.8, 0, 0, 0, -1], [0.6, 0, 0, 0, -1]], np.float32)
-    aim = pure_pursuit(way, 0, (0.0, 0.1, 0.0), 0.3, 2.0)
-    assert aim.direction == 1
-    assert aim.curvature < -0.5
-    assert aim.left == pytest.approx(1.0, abs=0.03)
-    assert pure_pursuit(way, 0, (0.0, -0.1, 0.0), 0.3, 2.0).curvature == pytest.approx(-aim.curvature)
-    back = pure_pursuit(way, aim.at, (1.0, 0.0, 0.0), 0.3, 2.0)
-    assert back.direction == -1
-    assert back.left == pytest.approx(0.4, abs=0.03)
-    assert pure_pursuit(way, back.at, (0.6, 0.0, 0.0), 0.3, 2.0).direction == 0
-    # Driving backward the same error is steered back with the opposite curvature of the way that lies behind.
-    assert pure_pursuit(way, 5, (1.0, 0.1, 0.0), 0.3, 2.0).curvature * math.copysign(1, aim.curvature) > 0
-
-
 LIMITS = SpeedLimits(0.5, 0.35, 0.3, 0.2, 1.5)
-
-
-def test_the_speed_towards_the_next_place_falls_as_it_is_neared():
-    way = np.array([[0.0, 0.0, 0.0, 0.0, 1.0, 0.5], [0.3, 0.4, 0.0, 0.0, 1.0, 0.2], [0.3, 1.0, 0.0, 0.0, 1.0, 0.4]])
-    for x, y in ((0.0, 0.4), (0.3, 0.39), (0.2, 0.2)):
-        length = np.hypot(0.3 - x, 0.4 - y)
-        wanted = min(0.5, np.sqrt(0.2**2 + 2 * 0.1 * length))
-        assert speed_towards(way, 0, (x, y, 9.0), 0.1) == pytest.approx(wanted)
-    # It stands where it changes its direction, and at the end of all its speed is the last one's.
-    turned = way.copy()
-    turned[2, 4] = -1.0
-    assert speed_towards(turned, 0, (0.3, 0.39, 0.0), 0.1) == pytest.approx(0.08)
-    assert speed_towards(way, 2, (0.3, 0.9, 0.0), 0.1) == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,11 @@
 """Planning on a map that is given: ways fit the outline, keep to the turning circle, and lead to the goal."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from ndtorch.navigation.planning.costmap import LocalMap, clearance, costmap, downscale, unseen_cells
+from ndtorch.navigation.planning.costmap import LocalMap, clearance, costmap
 from ndtorch.navigation.planning.params import PlannerParams
 from ndtorch.navigation.planning.planner import goal_costs, plan
 
@@ -85,22 +84,6 @@ def test_it_does_not_turn_round_a_corner_into_what_it_has_not_seen():
     assert covers_the_unseen(bold, around) > covers_the_unseen(careful, around) == 0
 
 
-def test_single_cells_that_were_missed_hide_nothing():
-    unknown = np.zeros((40, 40), bool)
-    unknown[::4, ::4] = True
-    assert unseen_cells(unknown, CELL, PARAMS.footprint_radius_m).max() == 0
-    unknown[10:14, 10:14] = True
-    hidden = unseen_cells(unknown, CELL, PARAMS.footprint_radius_m)
-    assert hidden[12, 16] == 1
-    assert hidden[12, 20] == 0
-
-
-def test_a_goal_outside_is_approached_over_the_nearest_border():
-    made = planned(world(), (20.0, 0.0))
-    assert made.path[-1, 0] > 0.5
-    assert made.cost == pytest.approx(22.0, rel=0.03)
-
-
 def test_a_place_outside_is_driven_to_by_the_border_on_every_side():
     """What each cell of the border costs is how far its middle is from the place; no other cell is an end."""
     around, side = world(), CELL * PARAMS.costmap_cells
@@ -114,16 +97,6 @@ def test_a_place_outside_is_driven_to_by_the_border_on_every_side():
     inside = goal_costs(around, (3.999, -4.0), PARAMS)
     assert np.argwhere(np.isfinite(inside)).tolist() == [[0, n - 1]]
     assert inside[0, n - 1] == 0
-
-
-@pytest.mark.parametrize("corner", [(2.03, 2.03), (2.03, 0.5), (0.5, 2.03)])
-def test_a_car_in_the_last_cell_of_an_odd_number_plans_from_the_last_coarse_one(corner):
-    blocked = np.zeros((41, 41), bool)
-    around = LocalMap(blocked, ~blocked, 0.0, 0.0, CELL)
-    assert 40 in around.cell_of(*corner)
-    made = planned(around, (0.5, 0.5), (*corner, math.pi))
-    assert made.to_go.shape == (20, 20)
-    assert made.cost == pytest.approx(math.dist(corner, (0.5, 0.5)), rel=0.15)
 
 
 def test_prices_rise_with_nearness_and_over_what_was_not_seen():
@@ -153,12 +126,6 @@ def test_prices_rise_with_nearness_and_over_what_was_not_seen():
     partly[1, 3] = True
     one = np.arange(8) == 1
     np.testing.assert_allclose(costmap(clear, partly, p)[0], np.array(wanted) + p.unknown_cost * one, rtol=1e-5)
-
-
-def test_the_least_of_each_square_and_no_cell_twice():
-    values = np.arange(35.0).reshape(5, 7)[::-1, ::-1]
-    assert downscale(values, 2).tolist() == [[26.0, 24.0, 22.0], [12.0, 10.0, 8.0]]
-    assert downscale(values, 3).tolist() == [[18.0, 15.0]]
 
 
 def test_clearance_is_the_distance_to_what_is_blocked():

@@ -6,16 +6,13 @@ import numpy as np
 import pytest
 import torch
 
-from ndtorch.errors import InputError
 from ndtorch.navigation import CRUISE, Command, Navigator, Pose, Ranges, StereoRig
-from ndtorch.navigation.controllers.ranging._kernels import limit
 from ndtorch.navigation.proximity import floor_plane
 from ndtorch.navigation.proximity._kernels import NEIGHBOURS, NO_MATCH, match_rows
 from ndtorch.navigation.proximity.floor_plane import floor_correlation
 from ndtorch.navigation.proximity.params import ProximityParams
-from ndtorch.navigation.proximity.stereo_match import Obstacles, detect_obstacles, reject_mismatches
+from ndtorch.navigation.proximity.stereo_match import Obstacles, detect_obstacles
 from ndtorch.navigation.stereo.rig import Rect
-from ndtorch.utils.tensors import leaves
 
 RIG = StereoRig(forward=0.15)
 DT = 1 / 30
@@ -82,28 +79,6 @@ def test_floor_is_floor():
     assert likeness == 0.0
 
 
-def test_few_places_on_an_unbroken_floor_are_a_mismatch():
-    def left_of(x, y, likeness=0.99, count=6):
-        near = Obstacles(np.full(count, x, np.float32), np.full(count, y, np.float32))
-        return len(reject_mismatches(near, likeness, RIG, ProximityParams()).x)
-
-    assert left_of(1.08, 0.08) == 0
-    assert left_of(1.08, 0.08, likeness=0.9) == 6  # something breaks the floor
-    assert left_of(1.08, 0.08, count=12) == 12  # a sofa, below which floor is seen
-    assert left_of(0.6, 0.0) == 6  # nearer than the floor that is compared
-    assert left_of(1.08, -0.15) == 6  # beside it
-
-
-def test_what_stands_beside_does_not_hide_the_floor_ahead():
-    frames, chance = pair(3.0), np.random.default_rng(5)
-    rows, columns = np.mgrid[0:480, 0:640]
-    for frame, side in zip(frames, (0.15, -0.15), strict=True):
-        y = side + RIG.focal * RIG.camera_height / np.maximum(rows - 239.5, 1) * (319.5 - columns) / RIG.focal
-        beside = torch.from_numpy((rows > 239) & (np.abs(y) > 0.3))
-        frame[0, 0][beside] = torch.from_numpy(chance.integers(0, 256, int(beside.sum()), dtype=np.uint8))
-    assert looked(*frames)[1] > 0.9
-
-
 def match_plainly(left, right, first, high, half):
     """`match_rows` with all costs in one array, `[disparities, W]`."""
     width, size, depth = len(left), 2 * half + 1, high - first
@@ -126,11 +101,6 @@ def test_rows_are_matched_as_by_plain_sums(high):
     left, right = (chance.random(60, dtype=np.float32) for _ in range(2))
     for ours, wanted in zip(match_rows(left, right, 1, high, 8), match_plainly(left, right, 1, high, 8), strict=True):
         np.testing.assert_allclose(ours, wanted, rtol=0, atol=1e-6)
-
-
-def test_what_cannot_be():
-    with pytest.raises(InputError, match="min_depth_m < max_depth_m"):
-        ProximityParams(min_depth_m=1.0, max_depth_m=0.5)
 
 
 @pytest.mark.parametrize(("wall", "begins"), [(3.0, True), (0.5, False)])
@@ -169,35 +139,6 @@ def test_memory_outlives_a_fault():
     assert float(far[0].curvature) == 0
     assert float(far[0].speed) == pytest.approx(0.5)
     assert float(near[0].speed) <= 0 or float(near[0].curvature) != 0
-
-
-def test_a_step_goes_on_from_the_state_that_it_is_given():
-    """A command that was changed for what is near is the one that the next step goes on from."""
-    navigator, still = Navigator(RIG, DT, near_check=True), Command(torch.zeros(1), torch.zeros(1))
-    state = None
-    with torch.inference_mode():
-        for distance in (0.5, 0.5, 3.0, 3.0, 3.0, 0.5, 0.5):
-            given, (left, right) = state, pair(distance)
-            command, state = navigator(left, right, given, still)
-            if given is not None:
-                again, same = navigator(left, right, given._replace(), still)  # nothing is known but the state
-                for a, b in ((command, again), (state.command, same.command), (state.control, same.control)):
-                    ours, theirs = leaves(a).values(), leaves(b).values()
-                    assert all(torch.allclose(x, y, atol=1e-5) for x, y in zip(ours, theirs, strict=True))
-
-
-def test_slower_on_floor_that_is_told_worse_from_noise():
-    controller, origin = Navigator(RIG, DT).controller, Pose(0.0, 0.0, 0.0)
-    state = controller.start(None, origin)
-    speeds = {}
-    for noise in (0.0, 0.2, 5.0):
-        floor = state.floor._replace(level=np.linspace(0.2, 2.0, 14, dtype=np.float32), noise=noise, age=500)
-        speed, _, after = limit(0.5, 0.0, state._replace(floor=floor), 9.0, noise, controller.tables)
-        speeds[noise] = speed, controller.status_message(after)
-    assert speeds[0.0] == (0.5, None)
-    assert 0 < speeds[0.2][0] < 0.5
-    assert speeds[5.0][0] == 0
-    assert "noisy" in speeds[5.0][1]
 
 
 @pytest.mark.parametrize(("age", "ahead", "goes"), [(0, 0.6, False), (0, 0.85, True), (9, 0.6, True), (9, 0.3, False)])
@@ -254,10 +195,3 @@ def test_the_correlation_of_the_floor_against_plain_loops(tilt, monkeypatch):
     wanted = [correlate_plainly(left, right, rows, each, horizon, rects, rig, 0.4) for each in tilts]
     assert max(wanted) > 1e-3
     assert floor_correlation(left, right, rects, rig, params) == pytest.approx(max(wanted), abs=1e-5)
-
-
-@pytest.mark.parametrize("driven", [None, 0.5])
-def test_the_first_step_looks_near_where_the_car_stands(driven):
-    told = None if driven is None else Command(torch.full((1,), driven), torch.zeros(1))
-    _, state = Navigator(RIG, DT, near_check=True)(*pair(0.5), None, told)
-    assert bool((state.control.grid.evidence > 0).any()) is (driven is None)

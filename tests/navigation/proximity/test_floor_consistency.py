@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from ndtorch.errors import InputError
 from ndtorch.navigation import Navigator
-from ndtorch.navigation.proximity.floor_consistency import correlation_behind, reject_unoccluded
+from ndtorch.navigation.proximity.floor_consistency import reject_unoccluded
 from ndtorch.navigation.proximity.params import ProximityParams
 from ndtorch.navigation.proximity.stereo_match import Obstacles
 from tests.navigation.proximity.test_check import DT, RIG, pair
@@ -48,15 +47,3 @@ def test_one_thing_that_cannot_be_takes_no_other_with_it():
     near = Obstacles(x, np.repeat(np.float32([0.0, 0.1]), 5))
     kept = reject_unoccluded(near, *OPEN, RECTS, RIG, ProximityParams())
     assert np.allclose(kept.x, RIG.forward + 0.7)
-
-
-def test_floor_that_shows_nothing_contradicts_nothing():
-    blank = fields(pair(3.0, floor=0.0))
-    assert correlation_behind(0.45, (300, 320), *blank, RECTS, RIG) == 0
-    assert left_of(0.45, 0.0, blank) == 6
-    assert correlation_behind(0.45, (0, 2), *OPEN, RECTS, RIG) == 0  # beside the fields
-
-
-def test_what_cannot_be():
-    with pytest.raises(InputError, match="floor_check_depth_m"):
-        ProximityParams(floor_check_depth_m=0.0)

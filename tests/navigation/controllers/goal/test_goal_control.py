@@ -8,27 +8,21 @@ import numpy as np
 import pytest
 import torch
 
-from ndtorch.errors import InputError
 from ndtorch.navigation import (
     ARRIVED,
     CRUISE,
     STOPPED,
-    SUPPRESSED,
     Command,
     Navigator,
     NavigatorOptions,
     Pose,
     StereoRig,
 )
-from ndtorch.navigation.controllers.contract import Task
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
 from ndtorch.navigation.controllers.goal.params import reactive_params
-from ndtorch.navigation.controllers.goal.state import MAX_POINTS
-from ndtorch.navigation.controllers.goal.tasks import EXPLORE, GOAL
-from ndtorch.navigation.local_grid.grid import LocalGridParams, cells_at
+from ndtorch.navigation.local_grid.grid import LocalGridParams
 from ndtorch.navigation.localisation import Localiser
 from ndtorch.navigation.odometry import arc
-from ndtorch.navigation.planning._kernels import lattice_astar
 from ndtorch.navigation.proximity.stereo_match import Obstacles
 from ndtorch.navigation.stereo.ranging import Ranges
 
@@ -73,19 +67,6 @@ def test_it_goes_to_the_place_and_back_and_stands():
     assert float(command.speed) == 0
 
 
-def test_it_goes_to_a_place_farther_away_than_it_remembers():
-    """The memory is a square around the car that comes along: 1.6 m to each side here."""
-    near = replace(SMALL, grid=LocalGridParams(cell=0.05, size=64))
-    control = GoalControl(RIG, DT, GoalParams(goal=(4.5, 0.0), reactive=near))
-    state, pose = None, place(0.0, 0.0, 0.0)
-    for _ in range(90):
-        pose, state, _ = drive(control, 10, pose, state)
-        if int(control.mode(state)) == ARRIVED:
-            break
-    assert int(control.mode(state)) == ARRIVED
-    assert math.hypot(pose.x - 4.5, pose.y) < 0.35
-
-
 def test_the_same_state_gives_the_same_step_and_stays_as_it_was():
     control = GoalControl(RIG, DT, GoalParams(goal=(3.0, 0.0), reactive=SMALL))
     pose, state, command = drive(control, 30, place(0.0, 0.0, 0.0))
@@ -115,22 +96,6 @@ def test_what_is_ranged_in_the_way_is_driven_around():
     beside = way[np.abs(way[:, 0] - 1.6) < 0.2]
     assert len(beside)
     assert np.abs(beside[:, 1]).min() > 0.3
-
-
-def test_it_is_ready_before_a_car_depends_on_it():
-    control = GoalControl(RIG, DT, GoalParams(goal=(3.0, 0.0), reactive=SMALL))
-    control.warm_up()
-    assert lattice_astar.run is lattice_astar.dispatcher
-
-
-def test_what_cannot_be_asked_for_is_said():
-    with pytest.raises(InputError, match="controller goal"):
-        NavigatorOptions(goal="1,2").navigator(RIG, 30.0)
-    for to in ("1", "a,b", "1,2,3", "nan,1"):
-        with pytest.raises(InputError, match="X,Y"):
-            NavigatorOptions("goal", goal=to)
-    with pytest.raises(InputError, match="speed must be"):
-        NavigatorOptions(speed=2.0)
 
 
 @pytest.mark.parametrize("name", ["ranging", "published", "goal"])
@@ -182,60 +147,3 @@ def test_it_does_not_begin_with_something_near_and_says_so():
         state = control.on_near_obstacles(state, here, nobody, across, True)
         command, state = control.step(floor(moves=False), nothing(), here, still, state)
     assert float(command.speed) > 0
-
-
-def test_a_line_of_sight_was_free_from_the_camera_to_just_before_what_is_seen():
-    """Each of its cells loses `miss`, places of a line that share one together; the range itself counts."""
-    control, p = GoalControl(RIG, DT, GoalParams(goal=(3.0, 0.0), reactive=SMALL)), SMALL.grid
-    here = place(0.0, 0.0, 0.0)
-    x, y = np.array([RIG.forward + 2.0], np.float32), np.array([0.5], np.float32)
-    seen = Ranges(x * 0, x * 0, x * 0, x, y, np.array([True]))
-    _, state = control.step(floor(moves=False), seen, here, Command(0.0, 0.0), control.start(None, here))
-    evidence = state.reactive.grid.evidence.ravel()
-    share = np.linspace(0.15, 0.88, 24)
-    line = cells_at(tuple(here), RIG.forward + 2.0 * share, 0.5 * share, p)
-    # Those below the car lose more.
-    assert evidence[np.unique(line[8:])] == pytest.approx(-control.params.miss_evidence, abs=1e-6)
-    assert evidence[cells_at(tuple(here), x, y, p)] == pytest.approx(SMALL.range_weight)
-
-
-def test_it_begins_knowing_nothing_and_about_its_first_errand():
-    pose = place(1.0, 2.0, 0.5)
-    for params, errand, cells in ((GoalParams(goal=(3.0, 0.0)), GOAL, 0), (GoalParams(), EXPLORE, 512)):
-        state = GoalControl(RIG, DT, params).start(floor(), pose)
-        values = state._asdict()
-        assert values.pop("home") == (1.0, 2.0)
-        assert values.pop("frame") == (0.0, 0.0, 0.0)
-        assert values.pop("path").tolist() == [[0.0] * 6] * MAX_POINTS
-        assert values.pop("reactive").mode == SUPPRESSED
-        visited = values.pop("visited").evidence
-        assert visited.shape == (cells, cells)
-        assert not visited.any()
-        given = {"task": errand, "direction": 1, "best_cost": math.inf, "mode": SUPPRESSED}
-        assert values == dict.fromkeys(values, 0) | given
-
-
-def test_the_places_around_the_car_count_as_visited_and_those_before_stay():
-    control = GoalControl(RIG, DT, GoalParams(explore=True, reactive=SMALL))
-    p, pose = control.params, place(0.0, 0.0, 0.0)
-    once = control.visit(control.start(floor(), pose).visited, pose)
-    assert float(once.evidence.sum()) == control.disc.shape[1]
-    area = float(once.evidence.sum()) * p.visited_grid.cell**2
-    assert area == pytest.approx(math.pi * p.visited_radius_m**2, rel=0.05)
-    assert np.array_equal(control.visit(once, pose).evidence, once.evidence)
-    both = control.visit(once, place(3.0, 0.0, 0.0))
-    assert float(both.evidence.sum()) == 2 * control.disc.shape[1]
-
-
-def test_a_task_sets_the_speeds_and_leaves_the_rest():
-    usual = GoalParams()
-    asked = GoalControl.params_for(Task(goal=(1.0, 2.0), explore=True, return_home=True, speed=0.5))
-    assert asked == replace(usual, goal=(1.0, 2.0), explore=True, return_home=True, reactive=asked.reactive)
-    assert asked.reactive == usual.reactive
-    slow = GoalControl.params_for(Task(speed=0.2))
-    assert (slow.goal, slow.explore, slow.return_home) == (None, False, False)
-    assert (slow.speed_m_per_s, slow.tight_speed_m_per_s, slow.unknown_speed_m_per_s) == (0.2, 0.2, 0.2)
-    r = slow.reactive
-    assert (r.speed, r.tight_speed, r.reverse_speed) == pytest.approx((0.2, 0.16, 0.2))
-    assert replace(r, speed=0.5, tight_speed=usual.reactive.tight_speed, reverse_speed=0.3) == usual.reactive
-    assert not r.overhangs

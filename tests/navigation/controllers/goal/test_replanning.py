@@ -9,7 +9,7 @@ import pytest
 
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
 from ndtorch.navigation.controllers.goal.replanning import replan
-from ndtorch.navigation.controllers.goal.state import MAX_POINTS, GoalState
+from ndtorch.navigation.controllers.goal.state import GoalState
 from ndtorch.navigation.controllers.goal.tasks import EXPLORE
 from tests.navigation.controllers.goal.test_goal_control import DT, RIG, SMALL, floor, place
 
@@ -26,22 +26,6 @@ def known(evidence: float, params: GoalParams = PARAMS) -> GoalState:
     return state._replace(reactive=state.reactive._replace(grid=grid))
 
 
-def test_the_way_begins_where_the_car_is_and_with_what_it_drives() -> None:
-    state = known(-1.0)
-    before = np.arange(MAX_POINTS * 6, dtype=np.float32).reshape(MAX_POINTS, 6) / 100
-    for places, at, wanted in ((0, 0, 0.0), (5, 2, float(before[3, 3])), (5, 4, float(before[4, 3]))):
-        for direction in (1.0, -1.0):
-            told = state._replace(
-                path=before,
-                points=places,
-                at=at,
-                direction=direction,
-            )
-            made = replan(told, HERE, PARAMS, 7)
-            assert made.path[0, :5].tolist() == pytest.approx([*HERE, wanted, direction], abs=1e-6)
-            assert (float(made.at), float(made.due)) == (0.0, 7.0)
-
-
 def test_as_much_is_kept_as_was_planned_with_the_speeds_that_are_allowed() -> None:
     made = replan(known(-1.0), HERE, PARAMS, 7)
     places = int(made.points)
@@ -52,16 +36,6 @@ def test_as_much_is_kept_as_was_planned_with_the_speeds_that_are_allowed() -> No
     speeds = made.path[:places, 5]
     assert float(speeds[0]) == PARAMS.speed_m_per_s
     assert bool((speeds > 0).all())
-
-
-USUAL, UNKNOWN = PARAMS.speed_m_per_s, PARAMS.unknown_speed_m_per_s
-
-
-@pytest.mark.parametrize(("evidence", "speed"), [(-1.0, USUAL), (-0.101, USUAL), (-0.099, UNKNOWN), (0.5, UNKNOWN)])
-def test_floor_is_known_from_a_tenth_of_the_evidence_against_it_on_and_else_crept_over(
-    evidence: float, speed: float
-) -> None:
-    assert float(replan(known(evidence), HERE, PARAMS, 7).path[0, 5]) == pytest.approx(speed)
 
 
 def test_what_is_blocked_is_driven_through_at_its_price_to_a_place_and_not_at_all_when_exploring() -> None:

@@ -14,19 +14,12 @@ from ndtorch.navigation.controllers.goal.tasks import (
     HOME,
     is_fruitless,
     next_task,
-    requested_tasks,
     task_goal,
     with_pose,
 )
 from tests.navigation.controllers.goal.test_goal_control import DT, RIG, SMALL, drive, floor, nothing, place
 
 HERE = (0.0, 0.0, 0.0)
-
-
-def test_only_what_was_asked_for_and_exploring_where_nothing_was():
-    assert requested_tasks(GoalParams()) == [EXPLORE, DONE]
-    assert requested_tasks(GoalParams(goal=(1.0, 0.0), return_home=True)) == [GOAL, HOME, DONE]
-    assert requested_tasks(GoalParams(goal=(0.0, 0.0), explore=True)) == [GOAL, EXPLORE, DONE]
 
 
 def test_a_place_is_reached_and_exploring_is_given_up_only_after_a_while():
@@ -93,15 +86,3 @@ def blind(state):
     grid = state.reactive.grid
     reactive = state.reactive._replace(grid=grid._replace(evidence=np.zeros_like(grid.evidence)))
     return state._replace(reactive=reactive)
-
-
-def test_only_exploring_is_given_up():
-    """A car on its way to a place, or back, goes on however long nothing new was found."""
-    params = GoalParams(goal=(0.2, 0.0), return_home=True, reactive=SMALL)
-    control = GoalControl(RIG, DT, params)
-    state = control.start(floor(), place(*HERE))._replace(fruitless_s=2 * params.exploration_timeout_s)
-    assert int(next_task(state, (2.0, 0.0, 0.0), control.tasks, params).task) == GOAL
-    back = next_task(state, HERE, control.tasks, params)
-    assert int(back.task) == HOME
-    back = back._replace(fruitless_s=2 * params.exploration_timeout_s)
-    assert int(next_task(back, (2.0, 0.0, 0.0), control.tasks, params).task) == HOME

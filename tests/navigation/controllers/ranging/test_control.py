@@ -3,21 +3,17 @@
 import copy
 
 import numpy as np
-import pytest
 import torch
 
-from ndtorch.errors import InputError
 from ndtorch.navigation import (
     CRUISE,
     REVERSE,
     SUPPRESSED,
     TURN,
-    AvoidanceParams,
     Command,
     Navigator,
     Pose,
     Ranges,
-    RangingParams,
     StereoRig,
 )
 from ndtorch.navigation.controllers.ranging.control import RangingControl
@@ -186,34 +182,6 @@ def test_navigator_with_the_ranging_controller():
         image[..., outside] = 77
     spoiled, _ = navigator(left, right)
     torch.testing.assert_close(torch.stack(spoiled), torch.stack(whole)[:, 0])
-
-
-def test_bad_parameters():
-    with pytest.raises(InputError, match="turn_below_m"):
-        RangingParams(turn_below_m=0.0)
-    with pytest.raises(InputError, match="speed"):
-        RangingParams(speed=float("nan"))
-    with pytest.raises(InputError, match="dt"):
-        RangingControl(RIG, 0.0)
-    with pytest.raises(InputError, match="controller must be one of 'ranging', 'goal', 'published', got 'blind'"):
-        Navigator(RIG, DT, controller="blind")
-    with pytest.raises(InputError, match="params must be AvoidanceParams"):
-        Navigator(RIG, DT, controller="published", params=RangingParams())
-    with pytest.raises(InputError, match="params must be RangingParams"):
-        Navigator(RIG, DT, params=AvoidanceParams())
-    with pytest.raises(InputError, match="no backend 'torch', only 'numba'"):
-        Navigator(RIG, DT, backend="torch")
-
-
-def test_status_where_the_floor_shows_little():
-    control = RangingControl(RIG, DT)
-    pose, command = Pose(0.0, 0.0, 0.0), Command(0.0, 0.0)
-    state = control.start(None, pose)
-    for n in range(60):
-        command, state = control.step(cells_of(open_floor(pose, n), *command), NOWHERE, pose, command, state)
-    assert control.status_message(state) is None
-    dark = state._replace(floor=state.floor._replace(level=state.floor.level * np.float32(1e-6)))
-    assert "floor is told from noise in 0 % of the view" in control.status_message(dark)
 
 
 def test_a_state_is_never_written():

@@ -1,14 +1,12 @@
 """Cells of floor: where they look, what they learn, and what they take for the end of the floor."""
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 import torch
 
-from ndtorch.errors import InputError
-from ndtorch.navigation import RangingParams, Rect, StereoRig, cut_strips
+from ndtorch.navigation import RangingParams, Rect, StereoRig
 from ndtorch.navigation.controllers.ranging._kernels_floor import FloorState, floor_step
 from ndtorch.navigation.controllers.ranging.control import RangingControl
 from ndtorch.navigation.controllers.ranging.floor_view import FloorParams, floor_view
@@ -100,18 +98,6 @@ def test_motion_of_the_cells_against_its_definition():
             assert cells[:, k, band, block] == pytest.approx(wanted.numpy(), rel=0.02)
 
 
-def test_frames_strips_and_layouts_agree():
-    generator = torch.Generator().manual_seed(2)
-    left, right = (255 * torch.rand(2, 3, 480, 640, generator=generator)).to(torch.uint8)
-    control = RangingControl(RIG, DT)
-    whole, _ = control.see(as_frames(left, right))
-    cut = (cut_strips(x, rect, RIG).field for x, rect in zip((left, right), VIEW.rects, strict=True))
-    interleaved = (eye.permute(1, 2, 0).contiguous().permute(2, 0, 1) for eye in (left, right))
-    for eyes in (cut, interleaved, (left / 255, right / 255), (left.double() / 255, right.double() / 255)):
-        seen, _ = control.see(as_frames(*eyes))
-        np.testing.assert_allclose(seen, whole, rtol=1e-4, atol=1e-5)
-
-
 @pytest.mark.parametrize("speed", [0.5, -0.3])
 @pytest.mark.parametrize("curvature", [0.0, 2.0])
 def test_floor_is_free_at_any_speed(speed, curvature):
@@ -165,47 +151,3 @@ def test_follows_a_floor_that_changes_slowly_but_no_wall():
         assert (seen.ends[1, 0] == 1).all()
     assert float(state.level.min()) > 0.3 * LEVEL
     assert float(state.level.max()) < 0.65 * LEVEL
-
-
-def test_noise_is_learned_standing():
-    state = learned()
-    for _ in range(20):
-        _, state = step(np.full((2, BANDS, BLOCKS), 0.05), state, 0.0)
-    assert float(state.noise) == pytest.approx(0.05, rel=0.01)
-    _, after = step(outputs(), state)
-    assert after.noise == state.noise
-
-
-def test_noise_is_not_learned_between_forward_and_backward():
-    """The mean speed of the frame in which a car turns about is next to nothing, and its picture moves."""
-    for speed in (0.015, -0.015):
-        _, after = step(outputs(0.3), learned(), speed)
-        assert after.noise == 0
-
-
-def test_bad_parameters():
-    with pytest.raises(InputError, match="near < far"):
-        FloorParams(near=2.0)
-    with pytest.raises(InputError, match="tolerance"):
-        FloorParams(tolerance=1.0)
-    with pytest.raises(InputError, match="bands"):
-        FloorParams(bands=1)
-    with pytest.raises(InputError, match="learning_time"):
-        FloorParams(learning_time=0.0)
-    with pytest.raises(InputError, match="do not fit"):
-        floor_view(StereoRig(pitch=-0.5), PARAMS)
-    with pytest.raises(InputError, match="do not fit"):
-        floor_view(RIG, FloorParams(bands=200))
-    with pytest.raises(InputError, match="do not fit"):
-        floor_view(RIG, FloorParams(outer=math.radians(2), inner=math.radians(1)))
-
-
-@pytest.mark.parametrize(("outer", "right"), [(16.5, None), (17.0, 637)])
-def test_cells_that_reach_a_column_beyond_the_frame_do_not_fit(outer, right):
-    """Where the axes meet the frames half a column to the right of their middle."""
-    rig, params = StereoRig(forward=0.15, cx=320.0), FloorParams(inner=math.radians(-36.8), outer=math.radians(outer))
-    if right is None:
-        with pytest.raises(InputError, match="do not fit"):
-            floor_view(rig, params)
-    else:
-        assert floor_view(rig, params).cells[0].right == right

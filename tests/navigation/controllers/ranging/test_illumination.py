@@ -29,13 +29,6 @@ def test_the_gain_is_what_all_cells_share(gain):
     assert illumination_gain(now, before, CONTROL.numbers) == pytest.approx(gain, rel=1e-5)
 
 
-@pytest.mark.parametrize("gain", [1.0, 1.005, 0.992, 2.5, 0.3])
-def test_what_no_lamp_does_is_left_alone(gain):
-    before = cells()
-    assert illumination_gain(before * np.float32(gain), before, CONTROL.numbers) == 1.0
-    assert illumination_gain(before * 0, before * 0, CONTROL.numbers) == 1.0
-
-
 def test_a_standing_car_sees_no_motion_where_the_light_flickers():
     """Before a wall 1 m ahead."""
     state, seen = None, []

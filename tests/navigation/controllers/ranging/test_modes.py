@@ -36,10 +36,3 @@ NOTHING = Facts(*[False] * 7)
 )
 def test_transitions(mode, true, then):
     assert next_mode(mode, NOTHING._replace(**dict.fromkeys(true, True))) == then
-
-
-def test_plain_python_and_compiled_code_agree():
-    for mode in range(5):
-        for code in range(2**7):
-            facts = Facts(*(bool(code >> k & 1) for k in range(7)))
-            assert next_mode(mode, facts) == next_mode.function(mode, facts)
