@@ -43,8 +43,3 @@ def test_a_run_writes_boxes_for_other_programs_and_a_film_of_masks(tmp_path: Pat
     mask = masks.read()[1][..., 0] > 127
     assert mask[50:62, 100:116].mean() > 0.9
     assert mask.mean() < 0.12
-
-
-def test_masks_of_a_model_without_silhouettes_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["bind", "two-bars", "--mask", "--out", str(tmp_path)]) == 2
-    assert "--mask is an option of foreground" in capsys.readouterr().err

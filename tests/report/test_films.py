@@ -10,7 +10,7 @@ import pytest
 
 from ndtorch.binding import BoundObject
 from ndtorch.report.films import EnhancedVideo, Overlay, clocked, even, mark_of, marked
-from ndtorch.report.plots.layout import GREY_RGB, rgb
+from ndtorch.report.plots.layout import rgb
 from ndtorch.run.watchers import Picture
 
 FRAME = np.zeros((60, 80, 3), dtype=np.uint8)
@@ -38,12 +38,6 @@ def test_an_object_is_marked_in_its_color_where_it_is_with_an_arrow_where_it_goe
     assert FRAME.max() == 0
 
 
-def test_what_is_young_or_nowhere_is_not_marked_and_what_has_no_color_is_grey() -> None:
-    assert marked(FRAME, (thing(0.8), thing(place=None))).max() == 0
-    grey = BoundObject("right", 1, {"right": 1.0}, (30.0, 20.0), first_seen=0.0, last_seen=1.0)
-    assert len(inked(marked(FRAME, (grey,)), GREY_RGB)[0]) > 20
-
-
 @pytest.mark.parametrize("size", [(61, 81), (60, 80)])
 def test_films_have_an_even_size_and_every_picture(size: tuple[int, int], tmp_path: Path) -> None:
     frame = np.zeros((*size, 3), dtype=np.uint8)
@@ -59,13 +53,6 @@ def test_films_have_an_even_size_and_every_picture(size: tuple[int, int], tmp_pa
         assert (film.get(cv2.CAP_PROP_FRAME_COUNT), film.get(cv2.CAP_PROP_FRAME_WIDTH)) == (3, width)
     _, picture = film.read()
     assert picture[:, 100:].mean() > 150 > picture[:, :60].mean()
-
-
-def test_a_white_thing_is_marked_so_that_it_can_be_seen_on_white_and_on_black() -> None:
-    pale = thing(shade="white")
-    for level in (0, 255):
-        frame = np.full((120, 160, 3), level, dtype=np.uint8)
-        assert np.abs(marked(frame, (pale,)).astype(int) - frame).max() == 255
 
 
 def test_the_overlay_has_number_label_and_clock() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,8 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from ndtorch.report import page as pages
-from ndtorch.report.page import Page, Shown, Table, command_line, render
+from ndtorch.report.page import Page, Shown, Table
 from ndtorch.scenes.video_writer import VideoWriter
 from tests.browser import Browser, found
 
@@ -48,24 +46,6 @@ def test_one_file_holds_everything_and_nothing_is_fetched(written: Path) -> None
     assert all(address.startswith("data:") for address in addresses)
 
 
-def test_a_large_film_stays_beside_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "film.mp4").write_bytes(b"0" * 100)
-    monkeypatch.setattr(pages, "LARGEST", 99)
-    assert pages.address(tmp_path / "film.mp4") == "film.mp4"
-
-
-def test_a_folder_of_ones_own_extends_the_base(tmp_path: Path) -> None:
-    (tmp_path / "own.html").write_text('{% extends "base.html" %}{% block content %}{{ x }}{% endblock %}')
-    text = render("own.html", tmp_path, title="t", command="", facts={}, x="<i>")
-    assert "&lt;i&gt;" in text
-    assert "prefers-color-scheme: dark" in text
-
-
-def test_the_command_can_be_copied(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "argv", ["/usr/bin/ndtorch", "bind", "my video.mp4"])
-    assert command_line() == "ndtorch bind 'my video.mp4'"
-
-
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     if not found():
@@ -82,13 +62,3 @@ def test_a_browser_shows_it_without_complaint_and_plays_the_film(written: Path, 
     assert played == ["played", [96]]
     assert wide <= width  # wide tables scroll by themselves
     assert len(shot) > 2000
-
-
-def test_a_page_that_complains_is_caught(browser: Browser, tmp_path: Path) -> None:
-    (tmp_path / "bad.html").write_text(
-        '<script>undefined_name()</script><img src="none.png" alt="x"><video src="n.mp4">'
-    )
-    complaints, played, _, _ = browser.look(tmp_path / "bad.html", 800)
-    assert any("undefined_name" in words for words in complaints)
-    assert "broken picture x" in complaints
-    assert played[0] == "failed"

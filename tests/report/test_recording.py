@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import torch
 
-from ndtorch.errors import InputError
 from ndtorch.report.plots.layout import rgb
 from ndtorch.report.recording import BATCH, LARGEST_SIDE, Recording, why_not_whole
 from ndtorch.vision.features import FEATURES
@@ -79,16 +78,6 @@ def test_outputs_keep_their_times_values_names_and_colors(tmp_path: Path) -> Non
     assert column(style, "SeriesLines:colors")[0][7] == int.from_bytes((red, green, blue, 255))
 
 
-def test_objects_carry_the_latest_time(tmp_path: Path) -> None:
-    with Recording(tmp_path / "run.rrd") as recording:
-        recording.frame(1.0, picture(), picture(), "no winner yet")
-        recording.outputs(2.5, torch.zeros(10))
-        recording.objects("table")
-    (chunk,) = chunks(tmp_path / "run.rrd", "/objects")
-    assert column(chunk, "time")[0].total_seconds() == 2.5
-    assert column(chunk, "TextDocument:text") == [["table"]]
-
-
 def test_large_frames_are_shrunk_to_small_jpegs(tmp_path: Path) -> None:
     import cv2
 
@@ -130,29 +119,6 @@ def test_half_a_recording_is_told(tmp_path: Path) -> None:
         assert why_not_whole(path) == f"the recording {path} is not whole: the disk was full, or failed"
     path.unlink()
     assert "No such file" in str(why_not_whole(path))
-
-
-def test_bad_input(tmp_path: Path) -> None:
-    with Recording(tmp_path / "run.rrd") as recording:
-        with pytest.raises(InputError, match=r"frame must be \[H, W, 3\] uint8"):
-            recording.frame(0.0, picture()[..., 0], picture(), "")
-        with pytest.raises(InputError, match="shown must be"):
-            recording.frame(0.0, picture(), picture().astype(np.float32), "")
-        with pytest.raises(InputError, match=r"values must be \[10\], got \[3\]"):
-            recording.outputs(0.0, torch.zeros(3))
-        with pytest.raises(InputError, match=r"values must be \[10, 10\]"):
-            recording.weights(0.0, torch.zeros(10))
-    with pytest.raises(InputError, match="cannot write the recording"):
-        Recording(tmp_path)
-    (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="cannot write the recording"):
-        Recording(tmp_path / "file" / "run.rrd")
-
-
-def test_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(InputError, match=r"pip install 'rerun-sdk.*of ndtorch\[view\]"):
-        Recording(tmp_path / "run.rrd")
 
 
 def test_a_program_ends_whose_disk_was_full(tmp_path: Path) -> None:

@@ -84,11 +84,6 @@ def test_nothing_found_is_said_with_the_reason(verdict: Verdict, word: str) -> N
     assert word in text
 
 
-def test_the_model_is_part_of_what_programs_read() -> None:
-    found = summary(run_of([]))
-    assert (found["model"], found["source"], found["frames_per_second"]) == ("published", "clip", 20)
-
-
 def test_new_scenes_are_told_and_timed() -> None:
     result = run_of([CAR], owners=False)
     result.cuts = (0.5, 2.25)

@@ -65,14 +65,6 @@ def test_what_fails_leaves_nothing(tmp_path: Path) -> None:
     assert tree(tmp_path) == {"bars/objects.json": "old"}
 
 
-def test_here_is_a_folder_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "here").mkdir()
-    monkeypatch.chdir(tmp_path / "here")
-    (tmp_path / "here" / "notes.txt").write_text("mine")
-    assert run(Path(), "new") == tmp_path / "here-2"
-    assert run(Path("bars"), "new") == Path("bars")
-
-
 def test_the_same_settings_go_on_in_their_folder(tmp_path: Path) -> None:
     wanted = tmp_path / "maps"
     one = place_for(wanted, {"seeds": [1, 2]})
@@ -112,13 +104,3 @@ def test_where_nothing_can_be_written(tmp_path: Path) -> None:
             with pytest.raises(InputError, match=r"^--out .*cannot write there \(.+\)$"):
                 take(wanted)
     assert tree(tmp_path) == {"file": "in the way"}
-
-
-def test_a_full_disk_is_noticed_before_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(_: Path) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("ndtorch.run.folder.try_writing", full)
-    with pytest.raises(InputError, match="No space left on device"):
-        RunFolder(tmp_path / "bars")
-    assert list(tmp_path.iterdir()) == []

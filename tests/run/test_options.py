@@ -9,16 +9,13 @@ from typing import Any
 import pytest
 
 from ndtorch.errors import InputError
-from ndtorch.loading import model_names
 from ndtorch.run.options import (
     KNOWN_BY,
     BindJob,
-    check_numbers,
     check_options,
     check_resume,
     default_model,
     flag,
-    given,
 )
 
 VALUES: dict[str, Any] = {
@@ -47,29 +44,6 @@ def test_a_model_takes_its_own_options_and_names_the_models_of_others(option: st
     with pytest.raises(InputError) as error:
         check_options(job, model)
     assert str(error.value) == f"{flag(option)} is an option of {', '.join(KNOWN_BY[option])}; the model is {model}"
-
-
-def test_every_model_of_the_package_knows_all_other_options() -> None:
-    fields = {field.name for field in dataclasses.fields(BindJob)}
-    assert set(KNOWN_BY) == set(VALUES) < fields
-    for model in model_names():
-        check_options(BindJob(seconds=1, pictures=0, start=1, stop=2, fps=10, device="cpu"), model)
-
-
-def test_the_scale_free_rule_is_a_model_now() -> None:
-    with pytest.raises(InputError, match="--model scale-free"):
-        check_options(BindJob(rule="scale-free"), "published")
-
-
-def test_only_what_was_given_counts() -> None:
-    assert given(BindJob(), tuple(VALUES)) == {}
-    assert given(BindJob(gamma=0.0, rule=None), tuple(VALUES)) == {"gamma": 0.0}
-
-
-@pytest.mark.parametrize(("options", "word"), [({"seconds": float("nan")}, "seconds"), ({"pictures": 1e9}, "pictures")])
-def test_numbers_out_of_reason_are_refused(options: dict[str, float], word: str) -> None:
-    with pytest.raises(InputError, match=word):
-        check_numbers(BindJob(**options))  # type: ignore[arg-type]
 
 
 def test_a_resumed_run_keeps_its_model_its_source_and_its_making() -> None:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import pytest
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.run.result import one_matrix, over_fields
 from ndtorch.run.run import run_model
 from ndtorch.run.watchers import Picture, Watcher
 from tests.run.stub_model import Count, StubModel, StubState
@@ -56,13 +54,6 @@ def test_pictures_come_at_their_rate_with_the_frame_and_what_is_in_sight() -> No
         assert [thing.place for thing in picture.objects] == [(number, 4)]
 
 
-def test_without_pictures_nobody_makes_any() -> None:
-    notes = Notes()
-    run_model(StubModel(), Count(23), pictures_per_second=0, watchers=(notes,))
-    assert notes.pictures == []
-    assert len(notes.times) == 23
-
-
 def test_a_run_goes_on_from_a_state() -> None:
     first = run_model(StubModel(), Count(11))
     rest = run_model(StubModel(), Count(23), first.state, start=11)
@@ -94,25 +85,3 @@ def test_no_frame_and_one_frame_are_refused() -> None:
         run_model(StubModel(), Count(1))
     # One more frame of a run that goes on is fine.
     assert run_model(StubModel(), Count(6), StubState(torch.tensor(5)), start=5).frames == 1
-
-
-def test_an_error_of_a_watcher_ends_the_run() -> None:
-    class Broken(Watcher):
-        def picture(self, picture: Picture) -> None:
-            raise InputError("disk full")
-
-    with pytest.raises(InputError, match="disk full"):
-        run_model(StubModel(), Count(100), pictures_per_second=5, watchers=(Broken(),))
-
-
-def test_of_many_fields_the_largest_output_of_each_neuron_counts() -> None:
-    outputs = torch.rand(4, 2, 3, 10)
-    np.testing.assert_array_equal(over_fields(outputs), outputs.reshape(4, 6, 10).max(1).values)
-    assert over_fields(outputs[:, 0, 0]).shape == (4, 10)
-    assert over_fields(outputs[:0]).shape == (0, 10)
-
-
-def test_of_many_windows_the_largest_weights_count() -> None:
-    weights = torch.rand(8, 10, 10)
-    assert torch.equal(one_matrix(weights), weights.max(0).values)
-    assert torch.equal(one_matrix(weights[0]), weights[0])

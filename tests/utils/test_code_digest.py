@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ndtorch.utils.packages import MODELS, code_digest, files_of
+from ndtorch.utils.packages import code_digest
 
 
 @pytest.fixture
@@ -44,13 +44,3 @@ def test_it_is_the_same_wherever_the_code_lies(package: Path, tmp_path: Path, mo
     package.rename(tmp_path / "elsewhere" / "some_code")
     monkeypatch.syspath_prepend(tmp_path / "elsewhere")
     assert fresh("some_code") == before
-
-
-@pytest.mark.parametrize("name", ["no_such_package", "some_code.z"])
-def test_a_module_that_is_not_there_is_an_error(package: Path, name: str) -> None:
-    with pytest.raises(LookupError, match=name):
-        fresh(name)
-
-
-def test_models_stand_for_their_files() -> None:
-    assert {path.suffix for _, path in files_of(MODELS)} >= {".toml", ".safetensors"}

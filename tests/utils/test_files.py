@@ -36,13 +36,6 @@ def test_what_fails_leaves_the_old_file_alone(tmp_path, error):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_it_is_forced_onto_the_disk_before_it_is_moved(tmp_path, monkeypatch):
-    order, sync = [], os.fsync
-    monkeypatch.setattr("os.fsync", lambda handle: (order.append(os.path.lexists(tmp_path / "a")), sync(handle))[1])
-    write_text(tmp_path / "a", "x")
-    assert order == [False, True]
-
-
 def test_two_writers_at_once_leave_one_whole_file(tmp_path):
     path = tmp_path / "a.txt"
     with replacing(path) as one, replacing(path) as other:

@@ -9,22 +9,7 @@ import pytest
 
 import ndtorch
 from ndtorch.errors import InputError
-from ndtorch.utils.packages import folder_of, toml_file
-
-
-@pytest.mark.parametrize("inside", [True, False])
-def test_a_folder_lies_inside_or_beside_its_package(
-    inside: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    package = tmp_path / "with_files"
-    folder = (package if inside else tmp_path) / "words"
-    folder.mkdir(parents=True)
-    package.mkdir(exist_ok=True)
-    (package / "__init__.py").touch()
-    monkeypatch.syspath_prepend(tmp_path)
-    assert folder_of("with_files", "words") == folder
-    with pytest.raises(LookupError, match="'sounds'"):
-        folder_of("with_files", "sounds")
+from ndtorch.utils.packages import toml_file
 
 
 def test_a_bare_name_is_a_file_that_comes_along(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,13 +7,6 @@ from pathlib import Path
 import pytest
 
 from ndtorch.cli.commands import main
-from ndtorch.errors import did_you_mean
-
-
-def test_the_nearest_name_or_none() -> None:
-    assert did_you_mean("halway", ["room", "hallway"]) == "; did you mean hallway?"
-    assert did_you_mean("xylophone", ["room", "hallway"]) == ""
-    assert did_you_mean(7, ["70", "hallway"]) == "; did you mean 70?"
 
 
 @pytest.mark.parametrize(

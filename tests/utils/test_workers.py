@@ -8,10 +8,8 @@ import signal
 import time
 from pathlib import Path
 
-import pytest
-
 from ndtorch.errors import InputError
-from ndtorch.utils.workers import TRIES, Report, cores, run_tasks
+from ndtorch.utils.workers import TRIES, Report, run_tasks
 
 
 def task(item: tuple[str, str], report: Report) -> str:
@@ -60,13 +58,6 @@ def test_tasks_are_done_whatever_happens_to_others(tmp_path: Path) -> None:
     assert not multiprocessing.active_children()
 
 
-def test_a_signal_that_ended_a_worker_is_named() -> None:
-    events = list(run_tasks(task, [("kill", "")], 1))
-    assert [e.kind for e in events] == ["again"] * (TRIES - 1) + ["failed"]
-    assert events[0].value == "SIGKILL"
-    assert events[-1].value == f"its worker died {TRIES} times, at last with SIGKILL"
-
-
 def test_ctrl_c_is_not_for_workers() -> None:
     """From the moment they are started on: they import for seconds, and would print a traceback each."""
     events = list(run_tasks(task, [("ctrl-c", "")], 1))
@@ -80,12 +71,3 @@ def test_leaving_early_ends_the_workers() -> None:
     assert multiprocessing.active_children()
     events.close()
     assert not multiprocessing.active_children()
-
-
-def test_workers_are_as_many_as_cores() -> None:
-    assert cores() == len(os.sched_getaffinity(0))
-
-
-def test_no_job_is_an_error() -> None:
-    with pytest.raises(InputError, match="jobs must be at least 1"):
-        list(run_tasks(task, [("ok", "a")], 0))
