@@ -50,6 +50,12 @@ CASES = {
         bind two-bars --mask
         bind two-bars --gamma -1
         bind two-bars --gamma nan
+        bind two-bars --order last
+        bind two-bars --seconds nan
+        bind two-bars --fps -5
+        bind two-bars --phase inf
+        bind two-bars --first-stage-radius 1.5
+        bind two-bars --device abacus
         bind two-bars --start 10
         bind two-bars --fit squash
         bind clip.avi --phase 90

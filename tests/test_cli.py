@@ -99,11 +99,6 @@ def test_a_folder_of_ones_own_is_a_model(clip: Path, tmp_path: Path, capsys: pyt
     refused([*asked, "--rule", "hebbian", "--out", str(tmp_path)], capsys, "--rule", "published", "scale-free")
 
 
-def test_video_runs_at_its_own_rate(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["bind", str(clip), "--start", "5", "--stop", "20", "--json", "--out", str(tmp_path)]) == 0
-    assert json.loads(capsys.readouterr().out)["simulated_seconds"] == pytest.approx(15 / 25)
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(not CAR.is_file(), reason="shared/data/car-detection.mp4 is not here")
 @pytest.mark.parametrize("part", [[], ["--start", "170", "--stop", "245"]])
@@ -117,24 +112,6 @@ def test_road_camera_gets_an_honest_verdict(
     assert printed["objects"] == []
     assert printed["simulated_seconds"] == pytest.approx((75 if part else 377) / 12.5)
     assert {path.name for path in (tmp_path / "car-detection").iterdir()} == FILES
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_recording_is_written_beside_the_rest(tmp_path: Path) -> None:
-    pytest.importorskip("rerun")
-    rrd = tmp_path / "run.rrd"
-    assert main(["bind", "--seconds", "0.3", "--settle", "0.1", "--rrd", str(rrd), "--out", str(tmp_path)]) == 0
-    assert rrd.stat().st_size > 10_000
-
-
-def test_grey_video_is_taken_and_said_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = tmp_path / "frames"
-    folder.mkdir()
-    rng = np.random.default_rng(0)
-    for i in range(4):
-        cv2.imwrite(str(folder / f"{i}.png"), rng.integers(0, 255, (40, 60), dtype=np.uint8))
-    assert main(["bind", str(folder), "--pictures", "0", "--out", str(tmp_path / "out")]) == 0
-    assert "grey" in capsys.readouterr().err
 
 
 @pytest.mark.slow
@@ -179,32 +156,6 @@ def test_a_second_run_leaves_the_first_alone(clip: Path, tmp_path: Path, capsys:
     assert main(["bind", str(clip), *asked, "--force"]) == 0
     assert (tmp_path / "out" / "bars" / "objects.json").stat().st_mtime_ns > first
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["bars", "bars-2", "bars-3"]
-
-
-def test_a_full_disk_leaves_the_state(
-    clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(result: object, path: Path) -> None:
-        path.write_bytes(b"half")
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("ndtorch.report.page.draw_timeline", full)
-    assert main(["bind", str(clip), "--seconds", "0.2", "--pictures", "0", "--json", "--out", str(tmp_path)]) == 1
-    assert capsys.readouterr().err == "error: figures cannot be written: No space left on device\n"
-    assert {path.name for path in (tmp_path / "bars").iterdir()} == {"objects.json", "state.safetensors"}
-
-
-def test_scenes_lists_what_render_takes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["scenes"]) == 0
-    assert "two-bars-random" in capsys.readouterr().out
-    file = tmp_path / "three.mkv"
-    assert main(["render", "three-bars", str(file), "--seconds", "0.1"]) == 0
-    video = cv2.VideoCapture(str(file))
-    assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == 10
-    ok, frame = video.read()
-    assert ok
-    # Three bars: something in each color plane.
-    assert (frame.reshape(-1, 3).max(0) > 60).all()
 
 
 def test_lists_and_files_are_one_json_object(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-import ndtorch
 from ndtorch.cli import commands
 from ndtorch.cli.commands import GROUP, main
 from ndtorch.errors import InputError
@@ -110,11 +109,6 @@ def test_a_signal_that_is_ignored_stays_so(monkeypatch: pytest.MonkeyPatch) -> N
         signal.signal(signal.SIGHUP, before)
 
 
-@pytest.mark.usefixtures("registered")
-def test_a_full_disk_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    assert said(capsys, "full") == "error: run.rrd: No space left on device\n"
-
-
 def test_extras_are_those_that_exist() -> None:
     assert remedy("mujoco") == "pip install 'mujoco>=3.2' (of ndtorch-robot[sim])"
     assert remedy("rerun") == "pip install 'rerun-sdk<0.42,>=0.41' (of ndtorch[view])"
@@ -128,18 +122,6 @@ def test_need(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(InputError, match=r"a view needs rerun, which is not installed: pip install 'rerun-sdk"):
         need("rerun", "a view")
-
-
-def test_what_an_installed_module_misses_is_told_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "half_there.py").write_text("import no_such_module_of_anybody\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(ModuleNotFoundError, match="no_such_module_of_anybody"):
-        need("half_there", "this")
-
-
-def test_version(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--version"]) == 0
-    assert f"ndtorch {ndtorch.__version__}" in capsys.readouterr().out.splitlines()
 
 
 def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:

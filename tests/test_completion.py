@@ -10,8 +10,6 @@ import pytest
 
 from ndtorch.cli.commands import main
 
-Completed = Callable[..., list[str]]
-
 
 def shell_output(shell: str, script: str) -> list[str]:
     """The words that a script prints."""
@@ -54,13 +52,3 @@ def test_commands_and_flags_are_completed(
     assert completed("ndtorch", "drive", "--are") == ["--arena"]
     assert completed("ndtorch", "bind", "two-bars", "--mod") == ["--model"]
     assert completed("ndtorch", "bind", "--arena") == []
-
-
-def test_bash_where_no_shell_is_named(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--completion"]) == 0
-    assert "COMPREPLY" in capsys.readouterr().out
-
-
-def test_another_shell_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--completion", "csh"]) == 2
-    assert capsys.readouterr().err == "error: --completion takes one of bash, zsh, fish; got 'csh'\n"

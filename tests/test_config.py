@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from pydantic import ValidationError
 
 from ndtorch.binding.models.published import PublishedConfig
 from ndtorch.binding.models.registry import KINDS
@@ -55,16 +54,6 @@ def test_a_config_is_read_back_as_it_was_written(tmp_path: Path, kind: type[Mode
     assert config.size == (64, 64)
 
 
-def test_a_config_cannot_be_changed() -> None:
-    with pytest.raises(ValidationError):
-        PublishedConfig().fps = 3.0  # type: ignore[misc]
-
-
-def test_what_is_not_said_has_its_default() -> None:
-    config = validated(PublishedConfig, {"network": {"gamma": 4}, "normalise": {"order": "printed"}}, "x")
-    assert config == with_options(PublishedConfig(), {"gamma": 4.0, "normalise.order": "printed"})
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -96,15 +85,3 @@ def test_what_is_not_toml_is_refused(tmp_path: Path, content: bytes) -> None:
     path.write_bytes(content)
     with pytest.raises(InputError, match=r"config\.toml: not a TOML file: "):
         toml_values(path)
-
-
-def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"config\.toml: no such file"):
-        toml_values(tmp_path / "config.toml")
-    with pytest.raises(InputError, match="cannot be read"):
-        toml_values(tmp_path)
-
-
-def test_unknown_options_are_refused() -> None:
-    with pytest.raises(InputError, match=r"options: unknown key 'gama'; did you mean gamma\?"):
-        with_options(PublishedConfig(), {"gama": 1.0})

@@ -35,8 +35,3 @@ def test_a_path_of_the_page_exists(path: str) -> None:
 @pytest.mark.parametrize("folder", layout())
 def test_a_folder_of_the_layout_exists(folder: str) -> None:
     assert (ROOT / folder).is_dir()
-
-
-def test_the_page_is_read() -> None:
-    assert len(NAMED) >= 15
-    assert len(layout()) >= 15

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import io
 import shutil
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -19,7 +17,6 @@ from ndtorch.errors import InputError
 from ndtorch.export import Step, export, write
 from ndtorch.scenes import two_bars
 from ndtorch.utils.tensors import leaves
-from tests.full_disk import full_disk
 
 SIZE, FRAMES = (24, 24), 3
 
@@ -80,21 +77,6 @@ def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
         export(model("published"), tmp_path, "tflite")  # type: ignore[arg-type]
 
 
-def test_a_package_is_compiled_by_inductor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What it makes is tried below; it takes a C++ compiler half a minute at least."""
-    asked = []
-
-    def compiled(program: Any, package_path: io.BytesIO) -> None:
-        asked.append(program)
-        package_path.write(b"compiled")
-
-    monkeypatch.setattr(torch._inductor, "aoti_compile_and_package", compiled)
-    program = torch.export.export(Summed(), (torch.rand(3, 5), torch.rand(5)))
-    write({tmp_path / "next.pt2": program}, "aoti")
-    assert asked == [program]
-    assert (tmp_path / "next.pt2").read_bytes() == b"compiled"
-
-
 @pytest.mark.slow
 def test_on_a_full_disk_old_programs_stay_and_one_line_says_so(tmp_path: Path) -> None:
     """In a process of its own: torch's writer would end it."""
@@ -106,27 +88,6 @@ def test_on_a_full_disk_old_programs_stay_and_one_line_says_so(tmp_path: Path) -
     assert ended.stdout == f"{tmp_path / 'next.pt2'} cannot be written: File too large\n"
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
     assert [(tmp_path / name).read_text() for name in names] == ["old", "old"]
-
-
-def test_on_a_full_disk_old_onnx_programs_stay_and_none_is_cut_off(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    sizes = iter((100, 5000))
-
-    def made(program: Any, *_: Any, **__: Any) -> Any:
-        size = next(sizes)
-        return SimpleNamespace(model_proto=SimpleNamespace(SerializeToString=lambda: bytes(size)))
-
-    monkeypatch.setattr(torch.onnx, "export", made)
-    monkeypatch.setattr("ndtorch.export.find_spec", lambda name: name)
-    files = [tmp_path / name for name in ("first.onnx", "next.onnx")]
-    for file in files:
-        file.write_text("old")
-    program = torch.export.export(Summed(), (torch.rand(3, 5), torch.rand(5)))
-    with full_disk(1000), pytest.raises(InputError, match=r"next\.onnx cannot be written: File too large$"):
-        write(dict.fromkeys(files, program), "onnx")
-    assert sorted(tmp_path.iterdir()) == files
-    assert [file.read_text() for file in files] == ["old", "old"]
 
 
 def test_an_onnx_program_is_one_file(tmp_path: Path) -> None:

@@ -15,9 +15,7 @@ import numpy as np
 import pytest
 
 from ndtorch.cli.commands import installed, main
-from ndtorch.errors import InputError
 from ndtorch.utils.packages import toml_file
-from ndtorch_robot.calibration import read_calibration, write_calibration
 from tests.full_disk import full_disk
 from tests.fuzz.targets import CORPUS
 
@@ -123,34 +121,6 @@ def check(name: str, most: int, tmp_path: Path, capsys: pytest.CaptureFixture[st
     half = [path.name for path in whole if path.stat().st_size >= most and path.suffix not in recorded]
     assert half == [], "these were cut off"
     shutil.rmtree(out)
-
-
-def test_a_whole_video_stays_when_the_disk_is_full(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    film = tmp_path / "bars.mp4"
-    asked = ["render", "three-bars", str(film), "--seconds", "0.2"]
-    assert main(asked) == 0
-    assert opens(film)
-    before = film.read_bytes()
-    capsys.readouterr()
-    with full_disk(700):
-        code = main(asked)
-    assert code not in (0, None)
-    assert len(said(capsys.readouterr().err)) == 1
-    assert film.read_bytes() == before
-    assert [path.name for path in tmp_path.iterdir()] == ["bars.mp4"]
-
-
-def test_a_whole_calibration_stays_when_the_disk_is_full(tmp_path: Path) -> None:
-    given = next((CORPUS / "calibration").glob("*.toml"))
-    file = tmp_path / "pair.toml"
-    calibration = read_calibration(given)
-    write_calibration(calibration, file)
-    before = file.read_bytes()
-    assert len(before) > 100
-    with full_disk(100), pytest.raises((InputError, OSError), match=FULL):
-        write_calibration(calibration, file)
-    assert file.read_bytes() == before
-    assert [path.name for path in tmp_path.iterdir()] == ["pair.toml"]
 
 
 @pytest.mark.parametrize("name", QUICK)

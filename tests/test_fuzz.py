@@ -12,7 +12,7 @@ import pytest
 from ndtorch.errors import InputError
 from tests.fuzz import worker
 from tests.fuzz.make_corpus import BARN, MAKERS
-from tests.fuzz.targets import CORPUS, TARGETS, Target
+from tests.fuzz.targets import CORPUS, TARGETS
 
 pytestmark = pytest.mark.filterwarnings("default")
 
@@ -46,48 +46,6 @@ def test_many_damaged_files(name: str, tmp_path: Path) -> None:
     mine.work(5.0)
     assert mine.tried > 0
     assert not mine.findings
-
-
-def raises(error: BaseException) -> Callable[[Path], None]:
-    def read(path: Path) -> None:
-        raise error
-
-    return read
-
-
-@pytest.mark.parametrize(
-    ("read", "outcome", "line"),
-    [
-        (lambda path: None, worker.READ, ""),
-        (raises(InputError("no such thing")), worker.REFUSED, "no such thing"),
-        (raises(InputError("two\nlines")), worker.FOUND, "not one line"),
-        (raises(InputError(" ")), worker.FOUND, "not one line"),
-        (raises(InputError("x" * 3000)), worker.FOUND, "3000 characters"),
-        (raises(KeyError("a")), worker.FOUND, "KeyError at "),
-        (raises(worker.Hang("more than 10 s")), worker.FOUND, "Hang at "),
-    ],
-)
-def test_what_is_a_finding(read: Callable[[Path], None], outcome: int, line: str, tmp_path: Path) -> None:
-    found = worker.attempt(Target("barn", read), 1, 0, tmp_path)
-    assert found[0] == outcome
-    assert line in found[1]
-
-
-def test_a_process_that_crashes_is_a_finding_and_the_file_is_kept(tmp_path: Path) -> None:
-    def crash(path: Path) -> None:
-        if path.parent != CORPUS / "barn":
-            import faulthandler
-            import os
-            import signal
-
-            faulthandler.disable()  # it would fill the log of whoever looks for true crashes
-            os.kill(os.getpid(), signal.SIGSEGV)
-
-    mine = worker.Worker(Target("barn", crash), 1, tmp_path)
-    mine.work(20.0)
-    assert mine.tried == 1
-    assert "signal 11" in next(iter(mine.findings.values()))
-    assert (tmp_path / "barn-1-0" / "worlds.json").is_file()
 
 
 DEEP = "[" * 4000

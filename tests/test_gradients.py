@@ -10,7 +10,6 @@ from torch import Tensor
 
 import ndtorch
 from ndtorch.errors import InputError
-from ndtorch.vision.temporal import safe_sqrt
 
 
 def film(frames: int, size: tuple[int, int]) -> Tensor:
@@ -20,13 +19,6 @@ def film(frames: int, size: tuple[int, int]) -> Tensor:
     for n in range(1, frames):
         video[n, 0, 4:10, 2 * n : 2 * n + 6] = 0.8
     return video.requires_grad_()
-
-
-def test_root_is_flat_at_zero() -> None:
-    x = torch.tensor([0.0, 4.0, -1.0], requires_grad=True)
-    (slope,) = torch.autograd.grad(safe_sqrt(x).sum(), x)
-    assert safe_sqrt(x).tolist() == [0.0, 2.0, 0.0]
-    assert slope.tolist() == [0.0, 0.25, 0.0]
 
 
 def retinotopic() -> Any:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import re
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Mapping
@@ -134,40 +133,6 @@ def test_report_draws_and_writes_what_run_finds(arrows: Arrows) -> None:
     }
     for name in (name for name in arrows if room_of(name) == "ndtorch.run"):
         assert not {there for there in arrows[name] if there.startswith("ndtorch.report")}
-
-
-def test_groups_of_features_go_by_name() -> None:
-    """`GROUPS`, and no slices like 4:7 of the ten."""
-    literal = re.compile(r"\b4 ?: ?7\b|\b7 ?: ?10\b|\bFEATURES\[:?\d")
-    paths = [path for package in PACKAGES for path in folder_of(package).rglob("*.py")]
-    assert [path.name for path in paths if literal.search(path.read_text(encoding="utf-8"))] == []
-
-
-def test_the_library_never_imports_the_programs_or_the_tests() -> None:
-    folder = folder_of("ndtorch")
-    names = {name.split(".")[0] for path in folder.rglob("*.py") for name in wanted(path, name_of(path, folder))}
-    assert names & {"ndtorch_robot", "ndtorch_train", "tests"} == set()
-
-
-def test_the_scan_sees_relative_and_nested_imports_and_circles(tmp_path: Path) -> None:
-    house = tmp_path / "house"
-    for name, text in {
-        "__init__.py": "",
-        "low/__init__.py": "",
-        "low/a.py": "def f():\n    from ..high import b\n    import json\n    from . import c\n",
-        "low/c.py": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from house.low import a\n",
-        "high/__init__.py": "",
-        "high/b.py": "from house.low.c import something\nif not TYPE_CHECKING:\n    import house.low\n",
-        "high/d.py": "from house.high.e import f\n",
-        "high/e.py": "def g():\n    import house.high.d\n",
-    }.items():
-        (house / name).parent.mkdir(parents=True, exist_ok=True)
-        (house / name).write_text(text)
-    found = arrows_of([house])
-    assert found["house.low.a"] == {"house.high.b", "house.low.c"}
-    assert found["house.low.c"] == set()
-    assert found["house.high.b"] == {"house.low.c", "house.low"}
-    assert set(circle_in(found)) == {"house.high.d", "house.high.e"}
 
 
 PROGRAM = f"""

@@ -52,11 +52,6 @@ def test_options_take_the_place_of_the_folders(folder: Path) -> None:
     assert ndtorch.load(folder, size=(20, 30), **{"network.gamma": 2.0}).config.network.gamma == 2.0
 
 
-def test_the_folders_own_constants_are_used(folder: Path) -> None:
-    (folder / "config.toml").write_text('model = "published"\n[network]\ngamma = 3.5')
-    assert ndtorch.load(str(folder), size=(16, 16)).config.network.gamma == 3.5
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_saved_loads_back_equal(tmp_path: Path, name: str) -> None:
     options = {"gamma": 0.7} if name != "retinotopic" else {"most": 3}
@@ -108,22 +103,10 @@ def test_an_unknown_name_is_refused() -> None:
         ndtorch.load("binding")
 
 
-def test_a_missing_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="nowhere is not a model folder"):
-        ndtorch.load(tmp_path / "nowhere")
-
-
 @pytest.mark.parametrize("name", ["config.toml", "weights.safetensors"])
 def test_a_missing_file_is_refused_by_name(folder: Path, name: str) -> None:
     (folder / name).unlink()
     with pytest.raises(InputError, match=name):
-        ndtorch.load(folder)
-
-
-@pytest.mark.parametrize("text", ["", 'model = "mine"'])
-def test_a_folder_of_an_unknown_kind_is_refused(folder: Path, text: str) -> None:
-    (folder / "config.toml").write_text(text)
-    with pytest.raises(InputError, match=r"config\.toml: .*model must be one of published, scale-free"):
         ndtorch.load(folder)
 
 
@@ -182,13 +165,6 @@ def test_weights_of_whole_numbers_or_without_a_checksum_are_refused(folder: Path
 def test_options_that_do_not_fit_are_refused_by_name(folder: Path, options: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         ndtorch.load(folder, **options)
-
-
-def test_options_of_other_models_name_them() -> None:
-    with pytest.raises(InputError, match="foreground has no option border; published, scale-free, retinotopic have it"):
-        ndtorch.load("foreground", border="wrap")
-    with pytest.raises(InputError, match="scale-free has no option rule; published has it"):
-        ndtorch.load("scale-free", rule="hebbian")
 
 
 def test_the_model_video_is_gone(tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ from typing import Any
 
 import pytest
 
-from ndtorch.arguments import check_numbers
 from ndtorch.config import Constants
 from ndtorch.errors import InputError
 from ndtorch.utils.toml import Strict
@@ -105,72 +104,6 @@ def test_nan_is_refused_by_every_class_of_numbers_and_infinity_where_it_means_no
     assert not bad
 
 
-@pytest.mark.parametrize("name", sorted(ENDLESS))
-def test_what_may_last_for_ever_may(name: str) -> None:
-    kind, field = name.split(".")
-    found = [each for each in named(kind) if field in usual(each)]
-    assert found
-    assert all(getattr(each(**{field: math.inf}), field) == math.inf for each in found)
-
-
-def named(name: str) -> list[type]:
-    """The dataclasses of that name, of which there may be one in several modules."""
-    found = {kind for module in modules() if dataclasses.is_dataclass(kind := vars(module).get(name))}
-    return [kind for kind in found if isinstance(kind, type)]
-
-
-@dataclasses.dataclass(frozen=True)
-class Sizes:
-    """One of each kind."""
-
-    number: float = 1.0
-    tau_slow: float = 1.0
-    open: float = math.inf
-    whole: int = 1
-    said: bool = False
-    places: tuple[float, ...] = (0.0, 1.0)
-    to: tuple[float, float] | None = None
-    perhaps: float | None = None
-
-    def __post_init__(self) -> None:
-        check_numbers(self)
-
-
-@pytest.mark.parametrize(
-    ("field", "value", "wanted"),
-    [
-        ("number", math.nan, "a number"),
-        ("number", math.inf, "a finite number"),
-        ("number", None, "a number"),
-        ("number", True, "a number"),
-        ("number", 10**400, "a number"),
-        ("tau_slow", -math.inf, "a finite number"),
-        ("open", math.nan, "a number"),
-        ("whole", 1.0, "a whole number"),
-        ("whole", True, "a whole number"),
-        ("said", 1, "True or False"),
-        ("places", (0.0, math.nan), "finite numbers"),
-        ("places", (math.inf,), "finite numbers"),
-        ("to", (0.0, "1"), "finite numbers"),
-        ("perhaps", math.inf, "a finite number"),
-        ("perhaps", "x", "a number"),
-        ("perhaps", (1.0,), "a number"),
-    ],
-)
-def test_what_is_wanted_is_said(field: str, value: object, wanted: str) -> None:
-    with pytest.raises(InputError, match=rf"^{field} must be {wanted}, got "):
-        Sizes(**{field: value})  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [("number", 2), ("number", -1e308), ("tau_slow", math.inf), ("open", 0.5), ("whole", 7), ("said", True),
-     ("places", ()), ("places", (1, 2.5)), ("to", (0.0, -1.0)), ("to", None), ("perhaps", None), ("perhaps", 2.0)],
-)  # fmt: skip
-def test_what_will_do_is_taken(field: str, value: object) -> None:
-    assert getattr(Sizes(**{field: value}), field) == value  # type: ignore[arg-type]
-
-
 SIGNED = {
     *("OwnerCriteria.alike", "OwnerReadout.alike", "SingleReadout.agrees", "BackgroundParams.scene_cut_correlation"),
     *("Grid.right", "Grid.top", "FloorParams.outer"),
@@ -220,10 +153,3 @@ def named_of_all(name: str) -> list[type]:
     found = [kind for each, kind in classes().items() if each.endswith(f".{name}")]
     assert found
     return found
-
-
-def test_a_limit_that_depends_on_others_is_said_with_its_value() -> None:
-    from ndtorch.navigation.planning.params import PlannerParams
-
-    with pytest.raises(InputError, match=r"inflation_radius_m must be more than .*, 0\.5 m, got 0\.45"):
-        PlannerParams(footprint_radius_m=0.3, safety_margin_m=0.2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import pickle
 import tempfile
@@ -14,12 +15,13 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from torch import Tensor
+from torch import Tensor, nn
 
 from ndtorch import binding, navigation, vision
 from ndtorch.binding.models.published import PublishedConfig
 from ndtorch.errors import InputError
-from tests.properties import DT, LONG, QUICK, RIG, SIZE, same_leaves
+from tests.properties import DT, LONG, PUBLIC, QUICK, RIG, SIZE, same_leaves
+from tests.test_properties import PARTS
 
 
 def numbers(seed: int, *shape: int) -> Tensor:
@@ -65,15 +67,6 @@ def nothing_moves_between_equal_rows(seed: int, n: int) -> None:
     assert shifts.shape == (3,)
     close(vision.row_shift(x[1], later[1]), shifts[1])
     close(vision.row_shift(5 * x, 5 * later), shifts)
-
-
-def a_share_is_a_share(seed: int, n: int) -> None:
-    tau, dt = (float(v) for v in numbers(seed, 2) * 10.0**n)
-    assert 0 < vision.smoothing_factor(tau, dt + 1e-9) <= 1
-    with pytest.raises(InputError):
-        vision.smoothing_factor(-tau - 1e-9, dt)
-    with pytest.raises(InputError):
-        vision.smoothing_factor(tau, -dt)
 
 
 def the_largest_magnitude_has_no_place(seed: int, n: int) -> None:
@@ -168,12 +161,6 @@ def a_state_comes_back_from_its_file(seed: int, n: int) -> None:
     same_leaves(binding.to_device(state, "cpu"), state)
 
 
-def what_cannot_be_trained_is_refused(seed: int, n: int) -> None:
-    for wrong in ({"gamma": -float(n)}, {"radius": float(n)}, {"radius": math.nan}, {"dt": -0.01}):
-        with pytest.raises(InputError):
-            binding.train_first_stage(**wrong)  # type: ignore[arg-type]
-
-
 def controllers_go_by_name(seed: int, n: int) -> None:
     names = navigation.controller_names()
     assert len(set(names)) == len(names)
@@ -211,7 +198,6 @@ FUNCTIONS: dict[str, Callable[[int, int], None]] = {
     "judge_speed_curve": a_speed_curve_is_judged_the_same_in_any_unit,
     "low_pass_step": a_low_pass_stays_between,
     "row_shift": nothing_moves_between_equal_rows,
-    "smoothing_factor": a_share_is_a_share,
     "spatial_maximum": the_largest_magnitude_has_no_place,
     "speed_response": a_response_is_the_same_in_chunks,
     "alternation": alternation_is_a_share,
@@ -227,11 +213,22 @@ FUNCTIONS: dict[str, Callable[[int, int], None]] = {
     "save_state": a_state_comes_back_from_its_file,
     "load_state": a_state_comes_back_from_its_file,
     "to_device": a_state_comes_back_from_its_file,
-    "train_first_stage": what_cannot_be_trained_is_refused,
     "controller_names": controllers_go_by_name,
     "make_controller": controllers_go_by_name,
     "cut_strips": strips_are_cut_out,
 }
+
+
+ELSEWHERE = {"load_map", "save_map", "smoothing_factor", "train_first_stage"}
+"""Functions with tests of their own."""
+
+
+def test_nothing_public_is_left_out() -> None:
+    """A new module needs its `Part`, a new function its property."""
+    public = {name: getattr(module, name) for module in PUBLIC for name in module.__all__}
+    modules = {name for name, thing in public.items() if inspect.isclass(thing) and issubclass(thing, nn.Module)}
+    assert modules - set(PARTS) == {"BindingModel"}
+    assert {name for name, thing in public.items() if inspect.isfunction(thing)} - set(FUNCTIONS) == ELSEWHERE
 
 
 SEEDS, SIZES = st.integers(0, 2**31), st.integers(2, 6)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -121,55 +120,6 @@ def test_a_state_must_be_of_as_many_trials_and_hold_numbers_with_a_fraction(name
     _, state = part.run(given)
     with pytest.raises(InputError, match=r"state\.[\w.]+ "):
         part.run(given, spoiled(state, CHANGED[change]))
-
-
-@torch.no_grad()
-def test_a_pose_that_is_driven_on_from_must_go_with_what_is_driven() -> None:
-    part = PARTS["DeadReckoning"]
-    given = streams(part)
-    _, state = part.run(given)
-    part.run(given, spoiled(state, lambda x: x[:1]))  # all from one place
-    for change, said in (
-        (lambda x: torch.cat([x, x, x]), r"state.x must go with samples \(2,\), got \(6,\)"),
-        (torch.Tensor.long, "state.x must be floating point, got torch.int64"),
-        (lambda x: x * math.nan, "state.x must be finite"),
-    ):
-        with pytest.raises(InputError, match=said):
-            part.run(given, spoiled(state, change))
-
-
-FINITE = {"AlphaBetaTracker": ("place", "velocity"), "CoherentMotion": ("slow", "past")}
-
-
-@pytest.mark.parametrize(
-    ("name", "field"),
-    [(name, field) for name, fields in FINITE.items() for field in fields],
-)
-@torch.no_grad()
-def test_what_is_remembered_must_be_finite(name: str, field: str) -> None:
-    part = PARTS[name]
-    given = streams(part)
-    _, state = part.run(given)
-    with pytest.raises(InputError, match=f"state.{field} must be finite"):
-        part.run(given, state._replace(**{field: getattr(state, field) * math.nan}))
-
-
-@torch.no_grad()
-def test_a_failure_that_is_not_of_the_state_stays_what_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
-    navigator, part = navigation.Navigator(RIG, DT), PARTS["Navigator"]
-    given = [eyes[0] for eyes in streams(part)]
-    _, state = navigator(*given)
-
-    steps = navigator.controller.step
-
-    def broken(seen: Tensor, ranges: Any, pose: Any, last: Any, control: Any) -> Any:
-        if control is state.control:
-            raise RuntimeError("of the controller")
-        return steps(seen, ranges, pose, last, control)
-
-    monkeypatch.setattr(navigator.controller, "step", broken)
-    with pytest.raises(RuntimeError, match="of the controller"):
-        navigator(*given, state)
 
 
 def test_states_of_films_must_be_as_many() -> None:
