@@ -1,8 +1,9 @@
-/* Runs a test on a simulated board of more memory than ours, prints what its serial port sends, and ends as it does.
+/* Runs a test on a simulated board, prints what its serial port sends, and ends as it does.
  *
- *     on_board TEST.elf [FILE]
+ *     on_board TEST.elf [FILE [MCU]]
  *
- * FILE takes what the board sent, and nothing of what the simulator says. */
+ * FILE takes what the board sent, and nothing of what the simulator says. MCU is atmega1284p, which has more memory than
+ * ours, or another that simavr knows. */
 #include <avr_uart.h>
 #include <sim_avr.h>
 #include <sim_elf.h>
@@ -23,9 +24,9 @@ static void print(avr_irq_t *irq, uint32_t value, void *param) {
 int main(int argc, char **argv) {
     elf_firmware_t firmware;
     memset(&firmware, 0, sizeof firmware);
-    if (argc < 2 || argc > 3 || elf_read_firmware(argv[1], &firmware) != 0) return 2;
-    if (argc == 3 && !(sent = fopen(argv[2], "w"))) return perror(argv[2]), 2;
-    avr_t *avr = avr_make_mcu_by_name("atmega1284p");
+    if (argc < 2 || argc > 4 || elf_read_firmware(argv[1], &firmware) != 0) return 2;
+    if (argc >= 3 && !(sent = fopen(argv[2], "w"))) return perror(argv[2]), 2;
+    avr_t *avr = avr_make_mcu_by_name(argc == 4 ? argv[3] : "atmega1284p");
     if (!avr || avr_init(avr) != 0) return 2;
     avr->frequency = 16000000;
     avr_load_firmware(avr, &firmware);

@@ -1,0 +1,116 @@
+"""Constants of the published step for a microcontroller: `python -m ndtorch_robot.onboard [CONFIG] > params.h`.
+
+`robot/firmware/onboard` holds the step in C99, without allocation. All that it knows of a robot is in `params.h`.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from ndtorch.navigation.controllers.published import SaccadeController
+from ndtorch.navigation.mapping.certainty import BEYOND_SIGHT, REACH, beam_table
+from ndtorch.navigation.stereo.ranging import StereoRanging
+from ndtorch.navigation.stereo.rig import StereoRig
+from ndtorch.vision.nondirectional import SPEED_SCALE
+
+FARTHEST = 2.2
+"""Range at which the places of a beam lie half a cell apart, m, as in `GridMap`."""
+
+
+def onboard_params(rig: StereoRig, dt: float, cell: float = 0.05) -> str:
+    """The text of `params.h`: the published controller and ranging of [A] for one pair of cameras.
+
+    Args:
+        rig: the camera pair.
+        dt: time step, s.
+        cell: side of a cell of the map, m.
+
+    Raises:
+        InputError: the cameras do not see the floor beside the path, or a number is out of range.
+
+    >>> from ndtorch.navigation import StereoRig
+    >>> "#define ROW_COLUMNS 640" in onboard_params(StereoRig(), 1 / 30)
+    True
+    """
+    control, ranging = SaccadeController(rig, dt), StereoRanging(rig, dt)
+    saccade, row, geometry = control.numbers, ranging.numbers, ranging.geometry
+    left, right = control.fields
+    table = beam_table(rig, FARTHEST, cell / 2)
+    # The places are a grid of those along and those across the beams, listed row by row: the first row ends where the
+    # places across begin again.
+    one, other = table.tangent.double().numpy()
+    columns = int(np.argmax(np.diff(one + other) < 0)) + 1
+    across, along = (one + other)[:columns] / 2, (other - one)[::columns] / 2
+    weights = table.weight.double().numpy().reshape(-1, columns) / cell**2
+    middle = weights[len(along) // 2, columns // 2]
+    whole: dict[str, int] = {
+        "ROW_COLUMNS": rig.width,
+        "HORIZON_ROW": rig.row,
+        "PATCH_ROWS": left.bottom - left.top,
+        "PATCH_COLUMNS": left.right - left.left,
+        "PATCH_TOP": left.top,
+        "LEFT_PATCH_LEFT": left.left,
+        "RIGHT_PATCH_LEFT": right.left,
+        "FEATURES": row.features,
+        "SPACING": row.spacing,
+        "TURN_STEPS": int(saccade.turn_steps),
+        "WATCHING_STEPS": int(saccade.watching),
+        "START_AGE_STEPS": int(control.begun),
+        "EXACT_ANGLES": int(geometry.exact),
+    }
+    real: dict[str, float] = {
+        "TIME_STEP": dt,
+        "HIGH_PASS_SHARE": control.a,
+        "SPEED_SCALE": SPEED_SCALE,
+        "SMOOTHING_SHARE": saccade.smoothing,
+        "TURN_THRESHOLD": saccade.turn_threshold,
+        "HIGH_THRESHOLD": saccade.high_threshold,
+        "LOW_THRESHOLD": saccade.low_threshold,
+        "NORMAL_CURVATURE": saccade.normal,
+        "TIGHT_CURVATURE": saccade.tight,
+        "CRUISE_SPEED": saccade.speed,
+        "MIN_MOTION": row.min_motion,
+        "MIN_DIFFERENCE": row.min_difference,
+        "MIN_DISPARITY": row.min_disparity,
+        "MAX_DISPARITY": row.max_disparity,
+        "AXIS_COLUMN": geometry.axis,
+        "ANGLE_FACTOR": geometry.factor,
+        "BASELINE": geometry.baseline,
+        "CAMERA_FORWARD": geometry.forward,
+        "BEAM_REACH": REACH,
+        "FARTHEST_CROSSING": BEYOND_SIGHT,
+        "MAP_CELL": cell,
+    }
+    tables = {
+        "beam_along": along,
+        "beam_along_weight": weights[:, columns // 2],
+        "beam_across": across,
+        "beam_across_weight": weights[len(along) // 2] / middle,
+    }
+    lines = ["/* Written by ndtorch_robot.onboard. m, s, radians; columns and rows of the frame in pixels. */"]
+    lines += ["#ifndef PARAMS_H", "#define PARAMS_H", ""]
+    lines += [f"#define {name} {value}" for name, value in whole.items()]
+    lines += [f"#define {name} ({value!r}f)" for name, value in real.items()]
+    lines += ["#ifndef ONBOARD_AVOIDANCE_ONLY"]
+    for name, values in tables.items():
+        lines.append(f"static const float {name}[] = {{{', '.join(f'{value:.9e}f' for value in values)}}};")
+    return "\n".join([*lines, "#endif", "", "#endif", ""])
+
+
+def main(arguments: list[str]) -> None:
+    """Write `params.h` for a configuration, by default for the car of [A], to stdout."""
+    from ndtorch.utils.packages import toml_file
+    from ndtorch.utils.toml import read_toml
+    from ndtorch_robot.run_config import RunConfig
+
+    config = read_toml(
+        toml_file(Path(arguments[0] if arguments else "maxstone8"), "ndtorch_robot", "configs"), RunConfig
+    )
+    sys.stdout.write(onboard_params(config.rig.rig(), 1 / config.rate_hz))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
