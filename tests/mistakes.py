@@ -167,4 +167,5 @@ def said(words: str) -> tuple[int, str]:
             code = main(words.split())
         except SystemExit as end:
             code = int(end.code or 0)
-    return code, error.getvalue().replace(f"{Path.cwd()}{os.sep}", "")
+    lines = error.getvalue().replace(f"{Path.cwd()}{os.sep}", "").splitlines(keepends=True)
+    return code, "".join(line for line in lines if not line.startswith("note:"))  # of others that compile at once

@@ -14,8 +14,7 @@ from torch import Tensor
 
 import ndtorch
 from ndtorch.errors import InputError
-from ndtorch.export import Step, export, write
-from ndtorch.scenes import two_bars
+from ndtorch.export import export, write
 from ndtorch.utils.tensors import leaves
 
 SIZE, FRAMES = (24, 24), 3
@@ -140,37 +139,3 @@ def test_a_compiled_package_is_written_and_runs(tmp_path: Path) -> None:
         torch.testing.assert_close(after, total + x.sum(0))
         torch.testing.assert_close(root, after.sqrt())
         total = after
-
-
-# With frames of a chunk.
-PACKAGES = [("published", 2), ("scale-free", 5), ("retinotopic", 5)]
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(("name", "frames"), PACKAGES)
-@pytest.mark.skipif(shutil.which("g++") is None, reason="AOTInductor needs a C++ compiler")
-def test_a_compiled_package_gives_the_same(name: str, frames: int, tmp_path: Path) -> None:
-    """All signals and all of the state, while it learns, over eight chunks.
-
-    After a second of settling, on bars. Not on white noise: its first group maxima are tiny, and what is divided by
-    them shows every rounding of another order of sums.
-    """
-    options = {"along": 6} if name == "retinotopic" else {"settle": 0.5}
-    module, warm = ndtorch.load(name, size=(100, 100), **options), 100
-    film = torch.cat(list(two_bars((warm + 8 * frames) / 100, size=(100, 100)).chunks(8)))
-    with torch.no_grad():
-        _, state = module.signals(film[:warm])
-        kept = tuple(leaves(state).values())
-        program = torch.export.export(Step(module, state), (film[warm : warm + frames], *kept))
-        write({tmp_path / "next.pt2": program}, "aoti")
-        following = torch._inductor.aoti_load_package(str(tmp_path / "next.pt2"))
-        for part in film[warm : warm + 8 * frames].split(frames):
-            signals, state = module.signals(part, state)
-            out = following(part, *kept)
-            kept = out[len(signals) :]
-            assert len(out) == len(signals) + len(leaves(state))
-            assert signals.outputs.abs().max() > 0.01
-            names = [*signals._fields, *leaves(state)]
-            for found, right, called in zip(out, [*signals, *leaves(state).values()], names, strict=True):
-                largest = float(right.double().abs().max()) if right.numel() else 0.0
-                torch.testing.assert_close(found, right, atol=1e-4 * largest, rtol=0, msg=called)

@@ -10,7 +10,6 @@ import pytest
 import torch
 from torch import Tensor
 
-import ndtorch
 from ndtorch import navigation, vision
 from ndtorch.errors import InputError
 from tests.properties import DT, RIG, Part, samples, trial
@@ -66,21 +65,6 @@ def test_what_is_no_state_is_refused(name: str) -> None:
             part.run(given, BAD[kind](state))
 
 
-@pytest.mark.parametrize("name", ["LowPass", "HighPass", "NDMin", "NDMinus", "NDS", "HassensteinReichardt"])
-@torch.no_grad()
-def test_what_a_filter_remembers_must_go_with_what_comes(name: str) -> None:
-    part = PARTS[name]
-    given = streams(part)
-    _, state = part.run(given)
-    wanted, _ = part.run(given, state)
-    spread, _ = part.run(given, spoiled(state, lambda x: x[:1]))  # one memory for all trials
-    assert spread.keys() == wanted.keys()
-    with pytest.raises(InputError, match=r"state\.\w+ must be torch.float64 as the input is, got torch.int64"):
-        part.run(given, spoiled(state, Tensor.long))
-    with pytest.raises(InputError, match=r"state\.\w+ must go with samples"):
-        part.run(given, spoiled(state, lambda x: torch.cat([x, x, x])))
-
-
 @pytest.mark.parametrize("name", ["RunningMax", "ChahlSrinivasan", "Resample"])
 @pytest.mark.parametrize("change", [lambda x: x[:1], lambda x: torch.cat([x, x]), lambda x: x[..., :-1]])
 @torch.no_grad()
@@ -120,22 +104,6 @@ def test_a_state_must_be_of_as_many_trials_and_hold_numbers_with_a_fraction(name
     _, state = part.run(given)
     with pytest.raises(InputError, match=r"state\.[\w.]+ "):
         part.run(given, spoiled(state, CHANGED[change]))
-
-
-def test_states_of_films_must_be_as_many() -> None:
-    model, films = ndtorch.load("foreground", size=(40, 48), fps=30.0), torch.zeros(2, 1, 3, 40, 48)
-    with torch.no_grad():
-        _, states = model(films)
-        assert len(states) == 2
-        model(films, states)
-        model(films, list(states))
-        for bad in (states[:1], (*states, None), states[0], "ab", {0: states[0], 1: states[1]}, 2):
-            with pytest.raises(InputError, match="state must be 2 states, one for each film"):
-                model(films, bad)
-        with pytest.raises(InputError, match="state must be a"):
-            model(films, (states[0], "state"))
-        with pytest.raises(InputError, match="state must be a"):
-            model(films[0], states)
 
 
 def test_what_a_navigator_is_told_must_be_of_its_kind() -> None:

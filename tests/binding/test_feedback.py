@@ -133,41 +133,6 @@ def test_features_of_the_same_place_are_bound_and_others_are_not() -> None:
         assert bound[one, other] < 0.1
 
 
-def test_nothing_happens_in_quiet_times() -> None:
-    module = of_fields()
-    _, taught = module(FieldInputs(0.04)(two_things())[0])
-    _, later = module(torch.zeros(500, 12, 10), taught)
-    # Two seconds of after-effects of the filters, then the clock stands still.
-    assert float(later.clock - taught.clock) * 0.04 < 12
-    _, much_later = module(torch.zeros(500, 12, 10), later)
-    assert torch.equal(much_later.weights, later.weights)
-
-
-@settings(max_examples=10, deadline=None)
-@given(seed=st.integers(0, 10_000), size=st.floats(0.001, 100.0))
-def test_weights_stay_bounded_for_any_input(seed: int, size: float) -> None:
-    signals = size * torch.rand(40, 6, 10, generator=torch.Generator().manual_seed(seed)) ** 4
-    _, state = of_fields(0.08)(FieldInputs(0.08)(signals)[0])
-    assert state.weights.min() >= -0.4 - 1e-6
-    assert state.weights.max() <= 1.2 + 1e-6
-    assert float(spectral_radius(state.weights.abs())) <= 0.951
-    assert (state.weights.diagonal() == 0).all()
-
-
-def test_trials_of_fields_are_that_many_single_runs() -> None:
-    """Each with its own clock."""
-    quiet = torch.zeros(80, 12, 10)
-    quiet[20:60] = two_things()[20:60]
-    inputs = FieldInputs(0.04)(torch.stack([two_things(), quiet, torch.zeros(80, 12, 10)]))[0]
-    outputs, state = of_fields()(inputs)
-    assert state.clock[0] > state.clock[1] > state.clock[2] == 0
-    for k in range(3):
-        alone, end = of_fields()(inputs[k])
-        assert_allclose(outputs[k], alone, atol=1e-5)
-        assert_allclose(state.weights[k], end.weights, atol=1e-5)
-        assert_allclose(state.clock[k], end.clock)
-
-
 @pytest.mark.parametrize("rule", ["competitive", "scale-free"])
 @pytest.mark.parametrize("feedback", ["delayed", "settled"])
 @pytest.mark.parametrize("shared", [False, True])

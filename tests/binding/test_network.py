@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from ndtorch.binding import InhibitoryNetwork, learning_rule
-from ndtorch.binding.learning import WhenFull, inhibit
+from ndtorch.binding.learning import WhenFull
 from ndtorch.binding.rules import ScaleFreeRule
 from ndtorch.binding.spectrum import SQUARING_FROM
 from tests.binding.plain_network import noise, reference, small
@@ -46,23 +46,6 @@ def test_network_is_limited_as_a_plain_loop_is(when_full: WhenFull) -> None:
     assert_allclose(state.weights, weights[-1], atol=1e-4)
     assert abs(np.linalg.eigvals(weights)).max() > 0.399
     assert bool(state.stopped) == (when_full == "stop")
-
-
-def test_network_starts_from_given_weights() -> None:
-    inputs, initial = noise(30, 3), torch.tensor([[0.0, 0.4, 0.1], [0.2, 0, 0.3], [0, 0.5, 0]])
-    out, state = small(initial=initial)(inputs)
-    outputs, weights, _ = reference(inputs.numpy(), "competitive", initial=initial.double().numpy())
-    assert_allclose(out, outputs, atol=1e-12)
-    assert_allclose(state.weights, weights[-1], atol=1e-12)
-
-
-def test_one_step_subtracts_the_previous_outputs() -> None:
-    """[B eq. 22], alone and in a batch."""
-    drive, outputs = torch.tensor([1.0, 2.0]), torch.tensor([0.5, -1.0])
-    weights = torch.tensor([[0.0, 0.5], [2.0, 0.0]])
-    assert inhibit(drive, weights, outputs).tolist() == [1.5, 1.0]
-    assert inhibit(drive[None], weights[None], outputs[None]).tolist() == [[1.5, 1.0]]
-    assert inhibit(drive[None], weights, outputs[None]).tolist() == [[1.5, 1.0]]
 
 
 def test_the_fixed_point_is_the_instantaneous_network() -> None:
@@ -170,12 +153,3 @@ def test_weights_keep_their_bounds_whatever_comes_in(
         assert (radius(state.weights) <= limit * (1 + 1e-6)).all()
         assert (state.weights >= 0).all()
         assert not state.weights.diagonal(dim1=-2, dim2=-1).any()
-
-
-def test_a_network_that_stopped_stays_as_it_is() -> None:
-    module = small(gamma=50.0, radius_limit=0.3, when_full="stop", settle=0.0)
-    _, full = module(noise(100, 3) + noise(100, 1, seed=1))
-    out, later = module(noise(50, 3, seed=2), full)
-    assert bool(full.stopped)
-    assert torch.equal(later.weights, full.weights)
-    assert out.any()

@@ -72,15 +72,6 @@ def test_one_object_its_features_place_and_velocity() -> None:
     assert float(state.age[k]) == pytest.approx(10.0, abs=0.3)
 
 
-def test_the_velocity_of_a_fast_object() -> None:
-    """Over six fields a second: 200 pixels in fields of 31, as the shipped model has them."""
-    module = windows()
-    counts, state = module(blob(RIGHT_RED, wave(60, 1.1), (4.0, 3.0), (0.0, 6.4)))
-    assert counts[-1] == 1
-    _, velocity = module.places(state)
-    assert tuple(velocity[module.confirmed(state)][0].tolist()) == pytest.approx((6.4 * 30, 0.0), rel=0.1, abs=5)
-
-
 def test_two_equal_objects_are_two() -> None:
     one = blob(RIGHT_RED, wave(300, 1.1), (4.0, 3.0), (0.0, 1.5))
     other = blob(RIGHT_RED, wave(300, 0.7), (4.0, 7.0), (0.0, 1.5))
@@ -125,13 +116,6 @@ def test_both_ends_of_a_long_object_are_one_object_in_the_middle() -> None:
     assert (rows - 6.0).abs().min() < 0.6
 
 
-def test_two_that_touch_and_fluctuate_by_themselves_stay_two() -> None:
-    upper = blob(RIGHT_RED, wave(200, 1.3), (6.0, 3.0), (0.0, 1.5))
-    lower = blob(RIGHT_RED, wave(200, 0.8, 0.4), (8.0, 3.0), (0.0, 1.5))
-    counts, _ = windows()(upper + lower)
-    assert counts[-60:].tolist() == [2] * 60
-
-
 def test_ends_that_were_two_objects_become_one_once_they_fluctuate_alike() -> None:
     """As where a window comes from another object, which fluctuated more: five seconds are enough to forget that."""
     steps = 200
@@ -151,14 +135,6 @@ def test_a_faint_object_is_seen_beside_a_bright_one() -> None:
     assert features_of(module, state) == [{"right", "0°", "red"}, {"left", "60°", "green"}]
 
 
-def test_a_light_ground_is_told_from_a_dark_one() -> None:
-    thing, module = blob(RIGHT_RED, wave(60, 1.3), (6.0, 3.0), (0.0, 1.5)), windows()
-    ground = 0.5 * torch.tensor([0, 0, 0, 0, 0.2, 0.2, 0.2, 1, 1, 1])
-    for signals, light in ((thing, False), (thing + ground, True)):
-        _, state = module(signals)
-        assert module.before_light(state)[module.confirmed(state)].tolist() == [light]
-
-
 def test_an_object_that_leaves_is_given_up() -> None:
     scene = blob(RIGHT_RED, wave(260, 1.1), (4.0, 8.0), (0.0, 2.0), wrap=False)
     still = blob(UP_BLUE, wave(260, 0.9), (12.0, 4.0), (0.0, 0.2), wrap=False)
@@ -166,28 +142,6 @@ def test_an_object_that_leaves_is_given_up() -> None:
     counts, state = module(scene + still)
     assert counts[60] == 2
     assert features_of(module, state) == [{"up", "120°", "blue"}]
-
-
-def slow_noise(seed: int, steps: int) -> Tensor:
-    """Noise `[T, R, C, 10]` of deviation 1, every signal of every field by itself, smoothed over .2 s."""
-    raw = torch.randn(math.prod(GRID) * 10, 1, steps + 24, generator=torch.Generator().manual_seed(seed))
-    over = torch.exp(-(torch.arange(25) - 12.0).square() / 32)
-    smooth = torch.nn.functional.conv1d(raw, (over / over.norm()).reshape(1, 1, -1))
-    return smooth.reshape(*GRID, 10, steps).permute(3, 0, 1, 2)
-
-
-def test_an_object_that_leaves_is_given_up_in_slow_noise_too() -> None:
-    """Its window does not live on noise: it must see more than most fields do."""
-    steps = 240
-    stays = blob(RIGHT_RED, wave(steps, 1.1), (4.0, 3.0), (0.0, 1.5))
-    leaves = blob(UP_BLUE, wave(steps, 1.1) * (torch.arange(steps) < 100), (12.0, 12.0), (-1.5, 0.0))
-    scenes = torch.stack([stays + leaves + 0.03 * slow_noise(seed, steps) for seed in range(1, 4)])
-    batch, _ = windows()(scenes)
-    with torch.inference_mode():  # by the kernel, where there is one
-        alone = torch.stack([windows()(scene)[0] for scene in scenes])
-    for counts in (batch, alone):
-        assert counts[:, 90].tolist() == [2] * 3
-        assert counts[:, -20:].tolist() == [[1] * 20] * 3
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -128,23 +128,6 @@ def test_parts_that_do_not_fit_are_refused(tmp_path: Path, part: str, value: tor
     assert "\n" not in str(caught.value)
 
 
-def test_parts_of_different_batches_are_refused(tmp_path: Path) -> None:
-    module = model()
-    _, state = module(noise(2, 4, 3, 32, 33))
-    save_state(state._replace(second=module(noise(3, 4, 3, 32, 33))[1].second), tmp_path / "state")
-    with pytest.raises(InputError, match=r"different batches: \(2,\) and \(3,\)"):
-        load_state(tmp_path / "state", module)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_state_of_another_model_is_refused(tmp_path: Path, name: str) -> None:
-    save_state(model(name)(noise(4, 3, 32, 33))[1], tmp_path / "state")
-    for other in NAMES:
-        if other != name:
-            with pytest.raises(InputError, match=rf"is not a saved state of this model \({other}\)"):
-                load_state(tmp_path / "state", model(other))
-
-
 def test_no_flipped_byte_is_believed(tmp_path: Path) -> None:
     """Wherever a byte of a saved state changes, it is refused in one line, or nothing that is read has changed."""
     module = model()

@@ -7,12 +7,9 @@ import math
 import numpy as np
 import pytest
 import torch
-from numpy.testing import assert_allclose
 
 from ndtorch.binding import InhibitoryNetwork, alternation, weight_change
-from ndtorch.binding.learning import NetworkState
 from tests.binding.plain_network import noise, reference, small
-from tests.compilers import exports
 
 
 def test_weight_change_sums_the_recent_changes_of_the_weights() -> None:
@@ -31,31 +28,3 @@ def test_alternation_of_signals_that_flip_and_of_slow_ones() -> None:
     assert alternation(silent(slow)[1]) < 1e-3
     white = torch.cat([torch.zeros(1, 2, dtype=torch.float64), noise(4000, 2)])
     assert alternation(silent(white)[1]) == pytest.approx(0.5, abs=0.1)
-
-
-class Exported(torch.nn.Module):
-    def __init__(self, network: InhibitoryNetwork) -> None:
-        super().__init__()
-        self.network = network
-
-    def forward(self, inputs: torch.Tensor, *state: torch.Tensor) -> tuple[torch.Tensor, ...]:
-        out, after = self.network(inputs, NetworkState(*state))
-        return tuple(part.clone() for part in (out, *after))
-
-
-@exports
-def test_a_program_whose_chunks_are_no_whole_blocks_gives_the_same() -> None:
-    # Eight samples a chunk, five from change to change: one whole block in some chunks, and two in others.
-    network = InhibitoryNetwork.scale_free(4, settle=0.0)
-    signals = torch.rand(160, 4, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
-    first, *chunks = torch.split(signals, 8)
-    state = network(first)[1]
-    program = torch.export.export(Exported(network), (chunks[0], *state)).module()
-    kept = tuple(state)
-    for chunk in chunks:
-        out, state = network(chunk, state)
-        given, *rest = program(chunk, *kept)
-        kept = tuple(rest)
-        for one, other in zip((given, *kept), (out, *state), strict=True):
-            assert_allclose(one, other, atol=1e-9)
-    assert weight_change(state) > 0.01

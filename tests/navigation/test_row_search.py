@@ -81,21 +81,6 @@ def test_lone_matches_among_others_are_not_believed():
     assert int(strict.valid.sum()) > 50
 
 
-def test_places_ahead_are_kept_and_three_rows_are_better_than_one():
-    generator = torch.Generator().manual_seed(0)
-    rows = torch.stack([texture(seed=seed) for seed in (1, 2, 3)])
-    pair = torch.stack((rows[:, :640], rows[:, 80:720]))
-    noisy = pair + 0.04 * torch.randn(2, 3, 640, generator=generator)
-    three = search_rows(noisy, SearchParams(count=100))
-    one = search_rows(noisy[:, 1], SearchParams(count=100))
-    assert int(three.valid.sum()) > int(one.valid.sum())
-    kept = search_rows(pair, SearchParams(count=8, ahead=6), (300, 340))
-    inside = (kept.left >= 300) & (kept.left < 340)
-    assert inside[:6].all()
-    assert kept.valid.all()
-    assert not search_rows(pair, SearchParams(count=8), (300, 340)).left[:6].eq(kept.left[:6]).all()
-
-
 # Every kind is compiled, for seconds; frames of cameras are of whole numbers.
 @pytest.mark.parametrize(
     "kind", [torch.uint8, *(pytest.param(kind, marks=pytest.mark.long) for kind in (torch.float32, torch.float64))]

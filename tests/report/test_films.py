@@ -65,13 +65,3 @@ def test_the_overlay_has_number_label_and_clock() -> None:
     assert rows.min() > 60
     assert (clock != clocked(frame, 2.5)).any()
     assert frame.max() == clocked(FRAME, 1.5).max() == 0  # no room for letters
-
-
-def test_the_enhanced_half_of_the_film_is_as_bright_as_the_input(tmp_path: Path) -> None:
-    frame = np.zeros((60, 80, 3), dtype=np.uint8)
-    frame[10:40] = 150
-    with_film = EnhancedVideo(tmp_path / "e.avi", 5, (60, 80))
-    with_film.picture(Picture(0.0, frame, frame // 5, 7))
-    with_film.close()
-    _, picture = cv2.VideoCapture(str(tmp_path / "e.avi")).read()
-    assert picture[15:35, 90:150].mean() == pytest.approx(150, abs=6)

@@ -132,25 +132,6 @@ def test_no_objects_and_no_samples(result: RunResult, drawn: dict[str, list[str]
     assert "no samples" in drawn["outputs.png"]
 
 
-def test_alternating_is_in_the_title_and_nobody_owns(
-    result: RunResult, drawn: dict[str, list[str]], tmp_path: Path
-) -> None:
-    plots.draw_all(dataclasses.replace(result, verdict="alternating", objects=[], moments={}), tmp_path)
-    for name in NAMES:
-        assert any(text.startswith("ALTERNATING") for text in drawn[name])
-    assert "▼\nowner" not in drawn["weights.png"]
-    panels = [text for text in drawn["weights_over_time.png"] if text.startswith("from the")]
-    assert len(panels) == weights.COLUMNS_SHOWN
-    assert panels[0] == "from the red neuron to:"
-
-
-@pytest.mark.parametrize("size", [(2, 3), (8, 640), (640, 8), (1080, 1920)])
-def test_frames_of_any_size(result: RunResult, tmp_path: Path, size: tuple[int, int]) -> None:
-    some = dataclasses.replace(result, moments={7: moment(7, *size)})
-    picture = matplotlib.image.imread(plots.draw_frames(some, tmp_path / "frames.png"))
-    assert max(picture.shape) < 2000
-
-
 def test_thinned_keeps_every_peak() -> None:
     times = np.arange(10_007) / 100
     values = np.zeros(10_007, dtype=np.float32)
@@ -161,18 +142,3 @@ def test_thinned_keeps_every_peak() -> None:
     assert (np.diff(x) > 0).all()
     assert x[0] == times[0]
     assert x[-1] == times[-1]
-
-
-def test_attention_is_cropped_to_the_object_and_says_by_how_much_it_stands_out() -> None:
-    frame = np.zeros((100, 200, 3), dtype=np.uint8)
-    frame[20:30, 40:50, 0], frame[70:80, 150:160, 1] = 100, 125
-    enhanced = frame.copy()
-    enhanced[20:30, 40:50, 0], enhanced[70:80, 150:160, 1] = 80, 10
-    box = attention.object_box(enhanced)
-    assert (box.bottom - box.top, box.right - box.left) == (26, 40)  # twice 10 and the rim; a fifth of the width
-    assert box.of(enhanced)[..., 0].sum() == 80 * 100
-    parts = attention.object_parts(enhanced)
-    assert attention.stands_out(frame, parts) == pytest.approx(0.8)
-    assert attention.stands_out(enhanced, parts) == pytest.approx(8)
-    assert attention.object_box(enhanced * 0) == (0, 0, 100, 200)
-    assert attention.stands_out(enhanced * (enhanced > 50), parts) == float("inf")

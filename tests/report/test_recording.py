@@ -13,7 +13,7 @@ import pytest
 import torch
 
 from ndtorch.report.plots.layout import rgb
-from ndtorch.report.recording import BATCH, LARGEST_SIDE, Recording, why_not_whole
+from ndtorch.report.recording import BATCH, Recording, why_not_whole
 from ndtorch.vision.features import FEATURES
 
 rerun = pytest.importorskip("rerun")
@@ -76,22 +76,6 @@ def test_outputs_keep_their_times_values_names_and_colors(tmp_path: Path) -> Non
     assert column(style, "SeriesLines:names")[0] == list(FEATURES)
     red, green, blue = rgb("red")
     assert column(style, "SeriesLines:colors")[0][7] == int.from_bytes((red, green, blue, 255))
-
-
-def test_large_frames_are_shrunk_to_small_jpegs(tmp_path: Path) -> None:
-    import cv2
-
-    large = np.zeros((1080, 1920, 3), dtype=np.uint8)
-    large[..., 0] = 200
-    with Recording(tmp_path / "run.rrd") as recording:
-        recording.frame(0.0, large, picture(), "red")
-    (chunk,) = chunks(tmp_path / "run.rrd", "/input")
-    jpeg = np.array(column(chunk, "EncodedImage:blob")[0][0], dtype=np.uint8)
-    image = cv2.imdecode(jpeg, cv2.IMREAD_COLOR)
-    assert image is not None
-    assert image.shape == (360, LARGEST_SIDE, 3)
-    assert image[180, 320] == pytest.approx([0, 0, 200], abs=6)  # cv2 gives blue, green, red
-    assert column(chunk, "EncodedImage:media_type") == [["image/jpeg"]]
 
 
 def test_an_error_inside_still_closes_the_file(tmp_path: Path) -> None:

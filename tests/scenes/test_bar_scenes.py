@@ -18,7 +18,6 @@ from ndtorch.scenes import (
     make_scene,
     moving_bar,
     scene_names,
-    static_bar,
     three_bars,
     two_bars,
 )
@@ -150,21 +149,6 @@ def test_scenes_by_name() -> None:
     totals = torch.stack([still.frames(n, n + 1).sum() for n in range(0, 300, 7)])
     torch.testing.assert_close(totals, totals[0].expand_as(totals), rtol=2e-3, atol=0)
     assert make_scene("two-bars-distance", fluctuation="none", seconds=1.0).length == 100
-
-
-def test_bars_for_tuning_curves() -> None:
-    batch = moving_bar([0.0, 90.0, 180.0], 30.0)
-    assert batch.frames(0, 4).shape == (3, 4, 3, 100, 100)
-    torch.testing.assert_close(batch.frames(0, 1)[0], batch.frames(0, 1)[1])
-    assert torch.equal(batch.frames(0, 4)[1], moving_bar(90.0, 30.0).frames(0, 4))
-    bars = static_bar(torch.tensor([0.0, 90.0]), (0.0, 1.0, 0.5))
-    assert bars.shape == (2, 3, 100, 100)
-    torch.testing.assert_close(bars[0], bars[1].mT, atol=1e-6, rtol=0)
-    torch.testing.assert_close(bars[:, 2], bars[:, 1] / 2)
-    image = static_bar(0.0)
-    assert image.shape == (3, 100, 100)
-    torch.testing.assert_close(image, image.flip(-1), atol=1e-6, rtol=0)
-    assert (image[0].sum(0) > 1).sum() == 12
 
 
 def test_hsl_agrees_with_the_standard_library() -> None:

@@ -118,19 +118,6 @@ def test_frames_are_the_same_bits_in_whatever_chunk(kind: Fluctuation) -> None:
     assert list(source.chunks(7, start=77)) == []
 
 
-def test_memory_of_chunks_is_reused_only_after_the_last_view_is_gone() -> None:
-    source = scene(Bar(RED, -30, (20, 30)))
-    first = source.frames(0, 4)
-    view, copy = first[2, 0].numpy(), first[2, 0].numpy().copy()
-    address = first.data_ptr()
-    del first
-    assert source.frames(50, 54).data_ptr() != address
-    np.testing.assert_array_equal(view, copy)
-    del view
-    again = source.frames(0, 4)
-    np.testing.assert_array_equal(again[2, 0].numpy(), copy)
-
-
 @pytest.mark.parametrize("kind", [NoFluctuation(), SineShadow(), Distance(phase=[[0, 30], [10, 90], [5, 200]])])
 def test_a_batch_equals_its_scenes(kind: Fluctuation) -> None:
     scenes = [[Bar(RED, 20 * n, (20 + n, 30), length=40 + n), Bar(GREEN, 210 - n, (70, 50 - n))] for n in range(3)]

@@ -4,14 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ndtorch_train.plots import binned, draw_heat_map, draw_table
-
-
-def test_many_values_are_put_into_bins() -> None:
-    labels, place = binned([float(k) for k in range(100)])
-    assert len(labels) == 12
-    assert (place(0.0), place(99.0)) == (0, 11)
-    assert binned(["b", "a"])[0] == ["a", "b"]
+from ndtorch_train.plots import draw_heat_map, draw_table
 
 
 def test_heat_maps_and_tables_are_drawn(tmp_path: Path) -> None:

@@ -37,10 +37,3 @@ def test_a_damaged_line_is_never_believed(tmp_path: Path) -> None:
         assert store.rows == (rows if not store.damaged else {})
         refused += store.damaged > 0
     assert refused > 150
-
-
-def test_two_processes_may_add_at_once(tmp_path: Path) -> None:
-    one, other = RowStore(tmp_path / "rows"), RowStore(tmp_path / "rows")
-    for n in range(9):
-        (one if n % 2 else other).add({str(n): [{"n": n}]})
-    assert len(one.load()) == 9

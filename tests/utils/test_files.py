@@ -36,15 +36,6 @@ def test_what_fails_leaves_the_old_file_alone(tmp_path, error):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_two_writers_at_once_leave_one_whole_file(tmp_path):
-    path = tmp_path / "a.txt"
-    with replacing(path) as one, replacing(path) as other:
-        one.write_text("one")
-        other.write_text("other")
-    assert path.read_text() == "one"
-    assert list(tmp_path.iterdir()) == [path]
-
-
 def test_what_a_killed_writer_left_goes_with_the_next_one(tmp_path):
     old, young = tmp_path / "part-01234567-a[1].txt", tmp_path / "part-89abcdef-a[1].txt"
     for left in (old, young):

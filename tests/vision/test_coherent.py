@@ -6,7 +6,6 @@ import pytest
 import torch
 
 from ndtorch.vision import CoherentMotion, CoherentParams
-from ndtorch.vision.coherent import delays, windows
 
 FEW = CoherentParams(kept=0.5, fastest=27.0, step=13.5)
 
@@ -52,25 +51,3 @@ def test_mirrored_frames_give_mirrored_maps() -> None:
     maps, mirrored = (motion.maps(motion.advance(frames)) for frames in (drift((1, 0)), drift((1, 0)).flip(-1)))
     back = [(motion.velocities == v * torch.tensor([-1.0, 1.0])).all(1).nonzero()[0, 0] for v in motion.velocities]
     torch.testing.assert_close(mirrored[torch.stack(back)].flip(-1), maps, atol=1e-5, rtol=1e-4)
-
-
-def test_windows_are_even_gaussians_of_the_mean_over_a_line() -> None:
-    """A third of a field wide or more, what is the same everywhere stays what it is; at the ends half is missing."""
-    made = windows(30, 60, 10, 2.0)
-    assert made.shape == (10, 60)
-    torch.testing.assert_close(made[3:7].sum(-1), torch.ones(4), atol=1e-3, rtol=0)
-    assert float(windows(30, 60, 60, 2.0)[0].sum()) == pytest.approx(0.55, abs=0.01)
-    places = (torch.arange(60) + 0.5) / 2
-    for k in range(10):
-        center = (made[k] * places).sum() / made[k].sum()
-        if 3 <= k < 7:
-            assert float(center) == pytest.approx(3 * k + 1.5, abs=1e-3)
-    apart = made[5] / made[5].max()
-    torch.testing.assert_close(apart, torch.exp(-(((places - 16.5) / 2.0) ** 2) / 2) / apart.new_tensor(0.99221794))
-
-
-def test_shorter_delays_count_more_and_all_add_up_to_one() -> None:
-    weights = delays(6, 4.0)
-    assert float(weights.sum()) == pytest.approx(1)
-    shares = [float(weights.diagonal(-lag).sum()) for lag in range(6)]
-    assert shares == pytest.approx([0, 1 / 2, 1 / 3, 1 / 6, 0, 0])

@@ -7,20 +7,11 @@ import math
 import numpy as np
 import pytest
 import torch
-import torch.nn.functional as F
 from numpy.testing import assert_allclose
 from scipy.ndimage import gaussian_filter
 
 from ndtorch.scenes import moving_bar
 from ndtorch.vision import ANGLES, OrientedDoG, dog_spectrum
-from ndtorch.vision._kernels_orientation import mirrored
-from ndtorch.vision.decimation import (
-    inside_weights,
-    low_rows,
-    mirrored_start,
-    thin_rows,
-    thinning_gain,
-)
 from ndtorch.vision.motion import BORDERS, Border
 
 
@@ -145,59 +136,3 @@ SMALL = [((4.0, 2.0), (5.0, 3.0)), ((5.0, 3.2), (6.0, 4.0))]
 def test_gradients(border: Border, exact: bool, center: tuple[float, float], surround: tuple[float, float]) -> None:
     module = OrientedDoG((10, 8), center=center, surround=surround, border=border, exact=exact)
     assert torch.autograd.gradcheck(module.sums, (noise(10, 8).requires_grad_(),))
-
-
-def test_thinned_rows_are_triangles_around_the_middles_of_blocks() -> None:
-    image = noise(3, 8, 6)
-    assert torch.equal(thin_rows(image, 1), image)
-    for block in (2, 4, 8):
-        middles = torch.arange(0, 8, block) + (block - 1) / 2
-        away = (torch.remainder(torch.arange(8) - middles[:, None] + 4, 8) - 4).abs()
-        # On a torus as short as two blocks a row lies on both sides of a middle.
-        far = 8 - away
-        weights = ((1 - away / block).clamp_min(0) + (1 - far / block).clamp_min(0)).double()
-        torch.testing.assert_close(thin_rows(image, block), weights @ image, atol=1e-14, rtol=0)
-
-
-@pytest.mark.parametrize("cell", [1.0, 0.97, 1.5, 2.0, 5.556])
-def test_samples_of_a_mirror_image_are_the_same(cell: float) -> None:
-    start = mirrored_start(cell)
-    shift = (-1 - 2 * start) / cell
-    assert shift == pytest.approx(round(shift), abs=1e-9)
-    assert abs(start) <= cell / 4 + 1e-9
-
-
-@pytest.mark.parametrize(("length", "rows"), [(12, 5), (12, 6), (9, 4), (7, 7)])
-def test_low_rows_are_those_of_a_band_limited_wave(length: int, rows: int) -> None:
-    n = torch.arange(length, dtype=torch.float64)
-    wave = torch.cos(2 * math.pi * n / length + 0.3)
-    low = low_rows(torch.fft.fft(wave)[:, None], rows)[:, 0]
-    coarse = torch.arange(rows, dtype=torch.float64) * length / rows
-    expected = torch.cos(2 * math.pi * coarse / length + 0.3)
-    assert_allclose(torch.fft.ifft(low).real.numpy() * rows / length, expected.numpy(), atol=1e-12)
-
-
-@pytest.mark.parametrize("block", [1, 2, 4])
-def test_thinning_gain_is_what_a_sinusoid_loses(block: int) -> None:
-    n = torch.arange(64, dtype=torch.float64)
-    middle = (block - 1) / 2
-    for cycles in (1, 4, 9):
-        wave = torch.cos(2 * math.pi * cycles * (n - middle) / 64)[:, None]
-        kept = thin_rows(wave, block)[0, 0] / block
-        gain = thinning_gain(torch.tensor(cycles / 64, dtype=torch.float64), block)
-        assert kept.item() == pytest.approx(gain.item(), abs=1e-12)
-
-
-@pytest.mark.parametrize(("length", "points", "margin"), [(120, 32, 10), (90, 90, 20), (61, 16, 3)])
-@pytest.mark.parametrize("offset", [0.0, 0.5])
-def test_inside_weights_cover_the_image_once(length: int, points: int, margin: int, offset: float) -> None:
-    weights = inside_weights(length, points, margin, offset)
-    assert weights.sum().item() * length / points == pytest.approx(length - 2 * margin)
-    assert ((weights >= 0) & (weights <= 1)).all()
-
-
-def test_mirrored_margins_are_those_of_torch() -> None:
-    images = torch.rand(2, 7, 11, generator=torch.Generator().manual_seed(5))
-    padded = np.empty((2, 7 + 2 * 6, 11 + 2 * 4), np.float32)
-    mirrored(images.numpy(), 6, 4, padded)
-    assert np.array_equal(padded, F.pad(images, (4, 4, 6, 6), mode="reflect").numpy())

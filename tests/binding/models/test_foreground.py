@@ -165,14 +165,6 @@ def test_one_in_view_from_the_first_frame_is_one_and_leaves_none_behind() -> Non
     assert (thing.box[0], thing.box[2]) == pytest.approx((117, 141), abs=6)
 
 
-def test_the_network_names_features_and_moves_no_place() -> None:
-    _, state = run(film(), learn=False)
-    (off,), (on,) = model().objects(state), model().objects(whole()[1])
-    assert (off.path, off.boxes) == (on.path, on.boxes)
-    assert not state.network.weights.any()
-    assert whole()[1].network.weights.any()
-
-
 def test_what_stops_stays_an_object_and_what_does_not_travel_is_none() -> None:
     frames = squares(80, (0, 4.0, 44, (0.85, 0.2, 0.2)))
     frames[40:] = frames[40]
@@ -206,21 +198,6 @@ def test_batches_and_bad_frames() -> None:
         module(torch.full((2, 3, *SIZE), torch.nan))
     with pytest.raises(InputError, match=r"\[T, C, H, W\]"):
         module(torch.zeros(3, *SIZE))
-
-
-def test_a_piece_that_something_cuts_off_belongs_to_its_track() -> None:
-    film, plain = squares(40, (0, 4.0, 44, (0.8, 0.1, 0.1))), ground()
-    for n in range(30, 40):
-        left = 4 * (n - 8)
-        film[n, :, 44:68, left + 4 : left + 10] = plain[..., 44:68, left + 4 : left + 10]
-    (signals,), state = run((film * 255).round().to(torch.uint8))
-    (thing,) = model().objects(state)
-    shapes = signals.labels[-8:]
-    assert sorted(shapes.unique().tolist()) == [0, thing.track + 1]
-    for n, shape in enumerate(shapes, 32):
-        left = 4 * (n - 8)
-        assert float((shape[46:66, left : left + 3] > 0).float().mean()) > 0.5
-        assert float((shape[46:66, left + 6 : left + 8] > 0).float().mean()) < 0.5
 
 
 @pytest.mark.parametrize("group", [2, 3])

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from ndtorch.binding.learning import settled
-from ndtorch.binding.readout.covariances import columns, single_table, single_weights
+from ndtorch.binding.readout.covariances import columns, single_table
 from ndtorch.vision import FEATURES, GROUPS
 
 NONE = torch.zeros(10, 10)
@@ -41,19 +41,6 @@ def test_the_first_stage_is_taken_into_account() -> None:
     owner, column = columns(covariances, first)
     expected = (gain @ covariances @ gain.mT)[:, int(owner)]
     assert torch.allclose(column, expected, atol=1e-6)
-
-
-def test_batches_and_windows_without_an_object() -> None:
-    covariances = torch.stack([seen(left=1.0, blue=0.5), NONE, seen(up=1.0)]).expand(2, 3, 10, 10)
-    there = torch.tensor([[True, True, False], [False, True, True]])
-    table, weights = single_table(covariances, there, NONE), single_weights(covariances, there, NONE)
-    assert table.owners.sum(-1).tolist() == [[1, 1, 0], [0, 1, 1]]
-    assert table.rows[0, 0].sum(0).nonzero().flatten().tolist() == [FEATURES.index("left"), FEATURES.index("blue")]
-    assert not table.rows[1, 0].any()
-    assert not weights[0, 1:].any()
-    k = FEATURES.index("left")
-    assert weights[0, 0, FEATURES.index("blue"), k] > 0
-    assert not weights.diagonal(dim1=-2, dim2=-1).any()
 
 
 def test_a_group_of_its_own_way_speaks_for_itself_before_a_light_ground() -> None:

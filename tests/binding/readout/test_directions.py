@@ -5,8 +5,6 @@ from __future__ import annotations
 import pytest
 import torch
 
-from ndtorch.binding.readout.owners import SumCriteria
-from ndtorch.binding.readout.source_count import empty, full
 from ndtorch.binding.readout.sums import SumStatistics
 from tests.binding.readout.three_lights import MIXING, count, lights
 
@@ -36,43 +34,3 @@ def test_motion_of_a_time_course_of_its_own_is_no_second_thing() -> None:
     t = torch.arange(len(light)) / 100
     sums[:, :4] *= 1 + 0.3 * (13 * t).sin()[:, None]
     assert count(SumStatistics()(100 * sums)) == 1
-
-
-@pytest.mark.parametrize(
-    ("faintest", "at_once", "left", "five"),
-    [
-        (2e-3, 1e-6, 1e-6, True),
-        (2e-4, 1e-6, 1e-6, True),
-        (9e-5, 1e-6, 1e-6, False),
-        (2e-3, 1e-6, 1e-4, False),
-        (2e-3, 1e-3, 1e-6, False),
-    ],
-    ids=[
-        "stands out",
-        "faint",
-        "fainter than anything believed",
-        "beside noise with a delay",
-        "beside noise without one",
-    ],
-)
-def test_five_of_six_directions_hold_sources_where_the_sixth_holds_next_to_nothing(
-    faintest: float, at_once: float, left: float, five: bool
-) -> None:
-    turned = torch.linalg.qr(torch.randn(6, 6, dtype=torch.float64, generator=torch.Generator().manual_seed(0)))[0]
-    delayed = turned @ torch.diag(torch.tensor([left, faintest, 0.02, 0.05, 0.2, 1.0], dtype=torch.float64)) @ turned.mT
-    without = delayed + at_once * torch.eye(6, dtype=torch.float64)
-    assert full(without[None], delayed[None], SumCriteria()).tolist() == [five]
-
-
-@pytest.mark.parametrize(
-    ("faintest", "noise", "four", "exact"),
-    [(2e-4, 1e-9, True, True), (2e-4, 2e-6, True, False), (2e-4, 1e-5, False, False), (9e-5, 1e-9, False, False)],
-    ids=["beside nothing", "beside next to nothing", "beside noise", "fainter than anything believed"],
-)
-def test_a_faint_fourth_source_is_believed_where_two_directions_hold_next_to_nothing(
-    faintest: float, noise: float, four: bool, exact: bool
-) -> None:
-    held = torch.tensor([noise / 2, noise, faintest, 0.05, 0.2, 1.0], dtype=torch.float64)
-    turned = torch.linalg.qr(torch.randn(6, 6, dtype=torch.float64, generator=torch.Generator().manual_seed(0)))[0]
-    delayed = (turned @ torch.diag(held) @ turned.mT)[None]
-    assert [found.tolist() for found in empty(delayed, delayed, SumCriteria())] == [[four], [exact]]

@@ -95,18 +95,3 @@ def test_it_grows_by_what_is_far_enough_and_loses_what_is_passed(pose, speed, sh
     else:
         moved = -shift
         assert np.array_equal(after.poses[: POSES - moved], path.poses[moved:])
-
-
-@pytest.mark.parametrize("side", [1.0, -1.0])
-@pytest.mark.parametrize("count", [0, 1, 2, 4, 5, 6, 40])
-def test_it_steers_back_by_the_arc_to_the_fifth_pose_or_to_the_last_one(count, side):
-    pose, tightest = at(0.01, side * 0.03, side * 0.02), 9.0
-    length, bend = pure_pursuit_back(behind(count), pose, tightest)
-    poses = max(count - 1, 0)
-    assert length == pytest.approx(poses * SPACING)
-    dx, dy = -SPACING * min(poses, 4) - 0.01, -side * 0.03
-    angle = math.atan2(dy, dx) - side * 0.02
-    square = max(dx * dx + dy * dy, 0.01)  # nearer than 10 cm as if it were that far
-    wanted = 2 * math.hypot(dx, dy) * math.sin(angle) / square
-    assert bend == pytest.approx(wanted if poses else 0.0, abs=1e-5)
-    assert abs(pure_pursuit_back(behind(count), pose, 0.25)[1]) <= 0.25

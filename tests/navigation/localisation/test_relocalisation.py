@@ -1,7 +1,6 @@
 """A pose is found in a known map, whatever frame the car began in, unless two places look the same."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,15 +12,10 @@ from ndtorch.navigation.localisation import Localiser
 from ndtorch.navigation.localisation.ndt import empty_map
 from ndtorch.navigation.localisation.relocalisation import (
     BLUR_M,
-    CANDIDATES_PER_ROTATION,
     PIXEL_M,
-    STRIDE_PX,
     best_pose,
     likelihood_field,
     no_search,
-    refine,
-    score_rotation,
-    start_search,
 )
 from ndtorch.navigation.mapping import save_map
 from ndtorch.navigation.options import NavigatorOptions
@@ -81,29 +75,3 @@ def test_the_likelihood_field_falls_with_the_distance_from_walls():
     assert border == pytest.approx([-4 * BLUR_M] * 4, abs=PIXEL_M)
     none = likelihood_field(empty_map(PARAMS.map_cells), CELL)
     assert (none.left, none.bottom, none.values.tolist()) == (0, 0, [[0.0]])
-
-
-def test_the_best_places_of_each_rotation_are_refined():
-    p = replace(P, radius_m=3.0, max_candidates=5)
-    known, heading, (x, y) = map_of(building(4)), 2 * math.pi * 20 / p.rotations, (6.04, 2.93)
-    field = likelihood_field(known, CELL)
-    search = start_search(no_search(), known, np.array((x, y, heading + 0.01)), CELL, p)
-    wrong = score_rotation(search._replace(rotation=50), field, p)
-    assert wrong.rotation == 51
-    assert wrong.candidates[:, 3].tolist() == [2 * math.pi * 50 / p.rotations] * CANDIDATES_PER_ROTATION
-    tried = score_rotation(wrong._replace(rotation=20), field, p)
-    assert len(tried.candidates) == 2 * CANDIDATES_PER_ROTATION
-    assert tried.candidates[0, 1:] == pytest.approx([x, y, heading], abs=STRIDE_PX * PIXEL_M)
-    assert (tried.candidates[:-1, 0] >= tried.candidates[1:, 0]).all()
-    assert 0.7 < tried.candidates[0, 0] <= 1
-    first, second = (one for one in tried.candidates if one[3] == heading)
-    assert np.abs(first[1:3] - second[1:3]).max() > 2.5 * STRIDE_PX * PIXEL_M  # not beside the best
-    assert len(score_rotation(tried._replace(rotation=0), field, p).candidates) == p.max_candidates
-    fitted = refine(tried, known, CELL)
-    assert np.array_equal(fitted.candidates, tried.candidates[1:])
-    score, *pose = fitted.refined[0].tolist()
-    assert pose == pytest.approx([x, y, heading + 0.01], abs=2e-3)
-    assert score > 0.9
-    again = refine(fitted, known, CELL)
-    assert best_pose(again, p).tolist() == pose
-    assert best_pose(again._replace(refined=again.refined[::-1]), p).tolist() == pose

@@ -53,17 +53,6 @@ def test_after_three_rounds_with_a_wrong_odometer_the_walls_are_right():
     assert afterwards < 0.7 * as_driven
 
 
-def test_submaps_overlap_and_are_merged_when_all_is_known():
-    driven = rounds(3)
-    round_ = len(driven) // 3
-    *_, first = run(path(driven)[:round_], path(driven)[:round_])
-    *_, state = run(path(driven), path(driven))
-    assert len(first.graph.submaps) > 4
-    assert len(first.graph.loop_closures) > 2
-    assert len(state.graph.submaps) < 3 * len(first.graph.submaps)  # later rounds show little that is new
-    assert len(state.graph.poses) == len(state.graph.begun) == len(state.graph.submaps) + 1
-
-
 def test_a_state_is_not_changed_and_goes_on_the_same():
     driven = rounds(1)
     true, reckoned = path(driven), path(driven, 0.02)

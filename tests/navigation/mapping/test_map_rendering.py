@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from ndtorch.navigation import Grid, GridMap, Pose, Ranges, StereoRig
-from ndtorch.navigation.mapping.map_rendering import CHUNK, informative, log_ranges, render, thresholded
+from ndtorch.navigation.mapping.map_rendering import informative, log_ranges, render, thresholded
 from ndtorch.navigation.mapping.range_log import FramePose, Frames, add_ranges, empty_log, in_world
 
 GRID = Grid(0.0, 6.0, -2.0, 2.0)
@@ -58,18 +58,3 @@ def test_what_is_seen_again_from_one_place_counts_as_often_as_in_passing():
     drawn = render(GridMap(rig, GRID), log, frames(0.0, 0.0, 0.0))
     row, column = GRID.find(torch.tensor(3.635), torch.tensor(-0.525))
     assert float(drawn[int(row) - 16 : int(row) + 16, int(column) - 16 : int(column) + 16].max()) > 0.2
-
-
-def test_many_sights_are_drawn_as_few_are():
-    """More than are drawn at once, each of its own."""
-    rig, log, count = StereoRig(), empty_log(), CHUNK + 44
-    for n in range(count):
-        there = seen(rig, 1.2 + 0.01 * (n % 30), 0.1 * (n % 7 - 3))
-        log = add_ranges(log, FramePose(3, (0.01 * n, 0.0, 0.0)), Ranges(*(part[0] for part in there)))
-    assert len(log.present) == count
-    grid_map, where = GridMap(rig, GRID, certainty="log-odds"), frames(0.5, 0.2, 0.1)
-    drawn = render(grid_map, log, where)
-    whole = grid_map.update(*in_world(log, where))
-    torch.testing.assert_close(drawn, thresholded(GridMap.normalise(GRID.inner(whole.cells))), rtol=1e-4, atol=1e-5)
-    less = render(grid_map, log._replace(present=log.present[:CHUNK]), where)
-    assert not torch.allclose(drawn, less, atol=1e-3)

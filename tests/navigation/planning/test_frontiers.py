@@ -75,26 +75,6 @@ def test_a_scrap_in_a_corner_is_no_aim():
     assert math.isfinite(explored(world(), visited).cost)
 
 
-@pytest.mark.parametrize(("side", "worth"), [(0.5, False), (0.6, True)])
-def test_a_patch_never_seen_is_an_aim_from_its_least_area_on(side, worth):
-    around, visited = world(), np.ones((SIDE, SIDE), bool)
-    patch = square(0.0, side, 0.0, side)
-    around.free[patch] = visited[patch] = False
-    assert (side**2 > PARAMS.min_unknown_frontier_m2) == worth
-    assert math.isfinite(explored(around, visited).cost) == worth
-
-
-def test_what_was_never_seen_beside_the_way_comes_after_what_was_seen():
-    around, visited = world(), np.ones((SIDE, SIDE), bool)
-    around.free[square(-2.5, -1.0, 1.0, 2.5)] = False
-    visited[square(-2.5, -1.0, 1.0, 2.5)] = False
-    beside = explored(around, visited)
-    assert beside.cost == pytest.approx(1.0 + PARAMS.unknown_frontier_cost_m, abs=0.4)
-    visited[square(1.0, 2.0, -0.5, 0.5)] = False
-    both = explored(around, visited)
-    assert both.cost == pytest.approx(3.0, abs=0.3)
-
-
 @pytest.mark.parametrize("gap", [0.5, 0.9])
 def test_it_goes_over_nothing_unseen_where_the_cameras_see_no_floor(gap):
     """Ahead of the car the unseen begins, or a wall that is not known: it may come near, and no nearer."""
@@ -113,16 +93,6 @@ def test_it_goes_over_nothing_unseen_where_the_cameras_see_no_floor(gap):
         assert (bold.path[:3, 0] + lead).max() > -2.0 + gap + 2 * CELL
     else:
         assert ahead.max() > -2.0 + gap
-
-
-def test_the_end_of_the_cheapest_way_is_found():
-    visited = np.ones((SIDE, SIDE), bool)
-    visited[square(1.0, 2.0, -0.5, 0.5)] = False
-    around = world()
-    made = explored(around, visited)
-    x, y = cheapest_goal(made.to_go, around, PARAMS.costmap_cells, (-2.0, 0.0))
-    assert x == pytest.approx(1.0, abs=0.15)
-    assert abs(y) < 0.15
 
 
 @pytest.mark.parametrize("end", [(0, 0), (4, 6), (0, 6), (4, 0), (2, 3)])

@@ -84,21 +84,6 @@ def test_it_does_not_turn_round_a_corner_into_what_it_has_not_seen():
     assert covers_the_unseen(bold, around) > covers_the_unseen(careful, around) == 0
 
 
-def test_a_place_outside_is_driven_to_by_the_border_on_every_side():
-    """What each cell of the border costs is how far its middle is from the place; no other cell is an end."""
-    around, side = world(), CELL * PARAMS.costmap_cells
-    seed = goal_costs(around, (5.0, -1.0), PARAMS)
-    n = SIDE // PARAMS.costmap_cells
-    middle = -4.0 + (np.arange(n) + 0.5) * side
-    far = np.hypot(middle[None, :] - 5.0, middle[:, None] + 1.0)
-    for line in (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1]):
-        np.testing.assert_allclose(seed[line], far[line], rtol=1e-5)
-    assert np.isinf(seed[1:-1, 1:-1]).all()
-    inside = goal_costs(around, (3.999, -4.0), PARAMS)
-    assert np.argwhere(np.isfinite(inside)).tolist() == [[0, n - 1]]
-    assert inside[0, n - 1] == 0
-
-
 def test_prices_rise_with_nearness_and_over_what_was_not_seen():
     """1 a metre, `clearance_cost` more where the body just fits, and obstacles only if no other path leads on."""
     p, inner = PARAMS, PARAMS.min_clearance_m

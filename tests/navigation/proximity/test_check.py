@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from ndtorch.navigation import CRUISE, Command, Navigator, Pose, Ranges, StereoRig
+from ndtorch.navigation import Command, Navigator, Ranges, StereoRig
 from ndtorch.navigation.proximity import floor_plane
 from ndtorch.navigation.proximity._kernels import NEIGHBOURS, NO_MATCH, match_rows
 from ndtorch.navigation.proximity.floor_plane import floor_correlation
 from ndtorch.navigation.proximity.params import ProximityParams
-from ndtorch.navigation.proximity.stereo_match import Obstacles, detect_obstacles
+from ndtorch.navigation.proximity.stereo_match import detect_obstacles
 from ndtorch.navigation.stereo.rig import Rect
 
 RIG = StereoRig(forward=0.15)
@@ -121,40 +121,6 @@ def test_a_car_begins_only_where_floor_is_seen(wall, begins):
             for _ in range(60):
                 speeds.append(navigator(left, right, speeds[-1][1], Command(torch.zeros(1), torch.zeros(1))))
         assert float(speeds[0][0].speed) == 0
-
-
-def test_memory_outlives_a_fault():
-    """With the filters begun anew, the controller knows its floor and its patch still."""
-    navigator, (left, right) = Navigator(RIG, DT, near_check=True), pair(3.0)
-    state = None
-    with torch.inference_mode():
-        for _ in range(3):
-            _, state = navigator(left, right, state, Command(torch.zeros(1), torch.zeros(1)))
-        known = state.control.floor._replace(level=np.ones_like(state.control.floor.level), age=500)
-        state = state._replace(control=state.control._replace(floor=known, mode=CRUISE), fields=None, rows=None)
-        near, far = (navigator(*pair(d), state, Command(torch.zeros(1), torch.zeros(1))) for d in (0.5, 3.0))
-    for _, after in (near, far):
-        assert np.array_equal(after.control.floor.level, known.level)
-        assert float(after.pose.x) == float(state.pose.x)
-    assert float(far[0].curvature) == 0
-    assert float(far[0].speed) == pytest.approx(0.5)
-    assert float(near[0].speed) <= 0 or float(near[0].curvature) != 0
-
-
-@pytest.mark.parametrize(("age", "ahead", "goes"), [(0, 0.6, False), (0, 0.85, True), (9, 0.6, True), (9, 0.3, False)])
-def test_who_has_begun_goes_on_nearer_to_what_is_ahead_than_who_stands(age, ahead, goes):
-    """Else a car with 0.8 m free would begin, come nearer, and stand for good."""
-    controller, origin = Navigator(RIG, DT).controller, Pose(0.0, 0.0, 0.0)
-    state = controller.start(None, origin)
-    body, none = controller.params.body, np.zeros(0, np.float32)
-    y = np.linspace(-0.2, 0.2, 12, dtype=np.float32)
-    things = Obstacles(np.full_like(y, body.length + body.room + ahead), y)
-    state = controller.on_near_obstacles(state, origin, things, Obstacles(none, none), True)
-    # A step that moves nothing and sees nothing.
-    state = state._replace(floor=state.floor._replace(age=controller.tables.floor.standing + age))
-    command, after = controller.step(np.zeros((2, 14, 8), np.float32), NOWHERE, origin, Command(0.0, 0.0), state)
-    assert (command.speed > 0) == goes
-    assert (controller.status_message(after) is None) == goes
 
 
 def correlate_plainly(left, right, rows, tilt, horizon, rects, rig, half_width):

@@ -5,10 +5,7 @@ from __future__ import annotations
 import functools
 from pathlib import Path
 
-import pytest
-
-from ndtorch.errors import InputError
-from ndtorch_train.benchmark.base import Benchmark, Column, Task, known, markdown
+from ndtorch_train.benchmark.base import Benchmark, Column, Task
 from ndtorch_train.rows import Row
 
 COLUMNS = (Column("case", "case"), Column("method", "method"), Column("f", "F", 2, "f_se", better=1), Column("n", "n"))
@@ -54,11 +51,3 @@ def test_tasks_run_in_parallel_and_failures_leave_the_others(tmp_path: Path) -> 
     assert [row["method"] for row in rows] == ["a", "b"]
     assert list(failed) == ["d"]
     assert "of no use" in failed["d"]
-
-
-def test_names_are_checked_and_tables_are_markdown() -> None:
-    with pytest.raises(InputError, match="did you mean green"):
-        known("colors", ["gren"], ["green", "red"])
-    with pytest.raises(InputError, match="at least one"):
-        known("colors", [], ["green"])
-    assert markdown(["a"], [["1"]]) == "| a |\n| --- |\n| 1 |\n"

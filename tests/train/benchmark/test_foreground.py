@@ -38,25 +38,3 @@ def test_generated_clips_have_a_row_for_each_number_of_objects(tmp_path: Path) -
         rows = list(csv.DictReader(file))
     assert [row["clip"] for row in rows] == ["0 objects, 12.5/s, 0", "1 objects, 12.5/s, 0"]
     assert float(rows[1]["recall"]) > 0.5
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ([], "name a folder of clips"),
-        (["."], "holds no folder with a clip.mp4"),
-        (["--generated", "1", "--fps", "0"], "fps must lie"),
-        (["--generated", "1", "--counts", "9"], "counts"),
-        (["--rows", "8"], "rows must be 0 or at least 32"),
-        (["--methods", "mog2-norfare"], "did you mean mog2-norfair?"),
-        (["--labelled", "."], "--labelled is gone: name the folder without a flag"),
-    ],
-)
-def test_unusable_options_are_one_line(
-    options: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(["benchmark", "foreground", *options]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert words in error

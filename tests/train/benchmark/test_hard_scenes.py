@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
-import torch
 
 from ndtorch_train.benchmark.bar_scenes import FIRST_SEED as FIRST_SEED_OF_RANDOM
 from ndtorch_train.benchmark.bar_scenes import FPS, MOST_SCENES, SETTLE
@@ -13,8 +11,6 @@ from ndtorch_train.benchmark.hard_scenes import (
     FIRST_SEED,
     HARD,
     HARD_SECONDS,
-    apart,
-    draw_bars,
     hard_scenes,
     hard_trial,
 )
@@ -46,22 +42,3 @@ def test_a_bar_that_leaves_is_dark_afterwards() -> None:
     gone = [bar for bar in one.scene.bars if not bar.light[moment:].any()]
     assert len(gone) == 1
     assert len(one.scene.bars) == len(one.shown.bars) + 1
-
-
-def test_noise_is_as_strong_as_said() -> None:
-    hard = SETS["smooth 0.3"]
-    plain = HARD[HARD.index(hard)].__class__(hard.name, "", hard.bars)
-    assert plain.smooth == 0
-    sums = hard_trial(hard, "tune", 1).sums[0]
-    # The weakest motion has nothing but noise: a bar moves one way.
-    deviations = sums.std(0)
-    share = deviations[:4].amin() / deviations[:4].amax()
-    assert 0.2 < float(share) < 0.6
-
-
-def test_hues_keep_apart() -> None:
-    bars = draw_bars(np.random.default_rng(3), SETS["5 objects"], 5)
-    colors = torch.tensor([bar.color for bar in bars])
-    assert len(bars) == 5
-    assert float(torch.pdist(colors).min()) > 0.1
-    assert apart(np.array([10.0, 350.0])) == 20.0

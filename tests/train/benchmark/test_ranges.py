@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from ndtorch.cli.commands import main
-from ndtorch.errors import InputError
-from ndtorch_train.benchmark.ranges import CONDITIONS, Found, judge, pair_folders, range_benchmark, read_pair
+from ndtorch_train.benchmark.ranges import CONDITIONS, Found, judge, pair_folders, read_pair
 
 SHIFT, SIZE = 20, (24, 220)
 
@@ -85,26 +84,3 @@ def test_the_command_scores_pairs(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert (out / "report.html").is_file()
     assert (out / "pair-001.png").is_file()
     assert "all pairs" in capsys.readouterr().out
-
-
-def test_what_cannot_be_scored_is_said_in_one_line(tmp_path: Path) -> None:
-    empty, small = tmp_path / "empty", write_pair(tmp_path / "small" / "pair")
-    empty.mkdir()
-    with pytest.raises(InputError, match="holds no pairs"):
-        range_benchmark(empty, (8, 48))
-    with pytest.raises(InputError, match="columns are too few"):
-        range_benchmark(small, (8, 128))
-    (small / "disp_left.tif").unlink()
-    with pytest.raises(InputError, match="must hold one file"):
-        range_benchmark(small, (8, 48))
-
-
-@pytest.mark.parametrize("columns", [20, 36])
-def test_a_pair_too_narrow_for_what_is_searched_is_told(tmp_path: Path, columns: int) -> None:
-    """SGBM searches at 32 disparities for those up to 17, and needs some columns more."""
-    folder = tmp_path / "pair"
-    folder.mkdir()
-    for name, kind in (("left.png", np.uint8), ("right.png", np.uint8), ("disp.tif", np.float32)):
-        cv2.imwrite(str(folder / name), np.ones((SIZE[0], columns), kind))
-    with pytest.raises(InputError, match=f"{columns} columns are too few for disparities up to 17"):
-        range_benchmark(tmp_path, (2, 17))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 import torch
@@ -36,15 +35,6 @@ def sums(scene: Scene, table: Tensor, seconds: float = 1.0, chunk: int = 20) -> 
     return torch.cat(list(local.local_sums([scene], seconds, table, chunk)), 1)[0]
 
 
-def test_offsets_between_two_points_are_weighed() -> None:
-    """A response that rises evenly with the offset is read exactly at every offset."""
-    plane = torch.arange(local.POINTS).expand(1, local.POINTS, local.POINTS).float() * local.STEP
-    fields = (torch.arange(local.FIELDS) + 0.5) * local.SPACING - 0.5
-    columns = fields[3] + torch.tensor([0.0, 1.0, 7.25, 61.5])
-    seen = local.at_offsets(plane, fields[5].expand(4), columns, fields)
-    torch.testing.assert_close(seen[:, 5, 3, 0], torch.tensor([0.0, 1.0, 7.25, 61.5]), rtol=0, atol=1e-3)
-
-
 def test_a_bar_is_felt_where_it_is_and_not_beyond_half_the_canvas() -> None:
     scene = draw_scene(3, Restriction(1))
     bar = replace(scene.bars[0], direction=0, start=(240.0, 100.0))
@@ -66,30 +56,6 @@ def test_bars_add_up_and_chunks_change_nothing() -> None:
     alone = [sums(Scene(4, (bar,)), table) for bar in scene.bars]
     torch.testing.assert_close(whole, torch.stack(alone).sum(0))
     assert torch.equal(sums(scene, table, chunk=3), whole)
-
-
-def test_the_scene_is_a_torus() -> None:
-    scene = draw_scene(5, Restriction(1))
-    column, row = scene.bars[0].start
-    moved = replace(scene.bars[0], start=(column + 3 * local.SPACING - SIZE[1], row + 2 * local.SPACING))
-    table = hill()
-    there, here = sums(Scene(5, (moved,)), table), sums(scene, table)
-    torch.testing.assert_close(there, here.roll((2, 3), (1, 2)), rtol=1e-3, atol=1e-4)
-
-
-def test_the_table_is_measured_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = []
-
-    def measured(direction: int, orientation: int, features: VisualFeatures) -> Tensor:
-        asked.append((direction, orientation))
-        return torch.full((8, local.POINTS, local.POINTS), float(len(asked)))
-
-    monkeypatch.setattr(local, "measure_field", measured)
-    monkeypatch.setattr(local, "VisualFeatures", lambda size: None)
-    table = local.local_bars(tmp_path)
-    assert asked == [(d, o) for d in range(DIRECTIONS) for o in range(ORIENTATIONS)]
-    assert torch.equal(local.local_bars(tmp_path), table)
-    assert len(asked) == DIRECTIONS * ORIENTATIONS
 
 
 @pytest.mark.slow
@@ -122,30 +88,7 @@ def test_objects_are_read_after_the_samples_that_were_asked_for() -> None:
     assert late.shape == (2, 10)
 
 
-def test_rows_have_a_name_a_time_and_a_score_for_every_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    signals = torch.zeros(1, 20, local.FIELDS, local.FIELDS, 10)
-    monkeypatch.setattr(local, "SETTLE", 0.3)
-    monkeypatch.setattr(local, "local_bars", lambda folder: torch.zeros(()))
-    monkeypatch.setattr(local, "local_sums", lambda part, seconds, table: iter([signals.expand(len(part), *[-1] * 4)]))
-    for group, name, times in (("random", "random", [0.2, 0.5]), ("alike", "four bars", [0.2])):
-        rows = local.measure(group, name, "tune", 3, (0.5, 0.2), tmp_path)
-        assert [(row["set"], row["seconds"]) for row in rows] == [(name, time) for time in times]
-        assert {(row["scenes"], row["count"], row["ok"]) for row in rows} == {(3, 0, 0)}
-
-
 SETS = {hard.name: hard for hard in HARD}
-
-
-def test_noise_is_each_fields_own_and_a_lamp_shines_on_all() -> None:
-    signals = torch.zeros(200, 3, 3, 10)
-    signals[::2, 1, 1] = 1.0
-    deviation = signals.std(0).amax()
-    noise = local.local_disturbance(SETS["white 0.3"], 5, signals)
-    torch.testing.assert_close(noise.std(), 0.3 * deviation, rtol=0.05, atol=0)
-    assert (noise[:, 0, 0] - noise[:, 2, 2]).std() > 0.3 * deviation
-    lamp = local.local_disturbance(SETS["lamp"], 5, signals)
-    assert not lamp[..., :4].any()
-    assert torch.equal(lamp[:, 0, 0], lamp[:, 2, 2])
 
 
 def test_every_sample_of_the_fields_is_seen_once() -> None:
@@ -158,7 +101,7 @@ def test_every_sample_of_the_fields_is_seen_once() -> None:
     assert 0.02 < (late[1:] == late[:-1]).double().mean() < 0.25
 
 
-TEXTURED, STEADY, FAST, LARGE, HIDDEN, STOPPING = local.RENDERED
+TEXTURED = local.RENDERED[0]
 
 
 def test_a_ground_shows_where_no_bar_is_and_stays() -> None:
@@ -167,37 +110,6 @@ def test_a_ground_shows_where_no_bar_is_and_stays() -> None:
     same = (first == last).all(0)
     assert 0.98 < same.double().mean() < 1
     assert torch.equal(first[:, same], local.ground(scene.seed)[:, same])
-
-
-def test_steady_bars_do_not_fluctuate_and_large_ones_are_larger() -> None:
-    scene = draw_scene(local.RENDERED_SEED, Restriction(1))
-    moments = range(0, 240, 40)
-
-    def brightest(kind: local.LocalScenes) -> torch.Tensor:
-        shown = local.OnGround(scene, kind)
-        return torch.stack([shown.frames(n, n + 1).amax() for n in moments])
-
-    plain, steady, large = (brightest(kind) for kind in (FAST, STEADY, LARGE))
-    torch.testing.assert_close(steady, torch.full_like(steady, 0.6 * max(scene.bars[0].color)))
-    assert plain.std() > 0.01
-    torch.testing.assert_close(large, plain)
-    areas = [local.OnGround(scene, kind).frames(0, 1).sum() for kind in (FAST, LARGE)]
-    assert float(areas[1] / areas[0]) == pytest.approx(90 * 25 / (50 * 12), rel=0.05)
-
-
-def test_a_bar_stands_for_half_a_second_and_goes_on_from_there() -> None:
-    scene = draw_scene(local.RENDERED_SEED, Restriction(1))
-    assert local.moved(torch.tensor([0, 74, 75, 99, 100, 101, 200]), 0.5).tolist() == [0, 74, 75, 75, 75, 76, 150]
-    covers = [local.OnGround(scene, STOPPING).frames(n, n + 1)[0].amax(0) > 0 for n in (60, 80, 95)]
-    assert torch.equal(covers[1], covers[2])
-    assert not torch.equal(covers[0], covers[1])
-
-
-def test_a_cross_hides_what_is_behind_it() -> None:
-    shown = local.OnGround(draw_scene(local.RENDERED_SEED, Restriction(3)), HIDDEN).frames(0, 2)
-    middle = slice(220, 280)
-    assert shown[..., middle, :].unique().numel() == shown[..., :, middle].unique().numel() == 1
-    assert shown[..., :220, :220].unique().numel() > 1 or shown[..., 280:, 280:].unique().numel() > 1
 
 
 @pytest.mark.slow

@@ -46,21 +46,3 @@ def test_the_command_writes_a_table(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert len((out / "scenes.csv").read_text(encoding="utf-8").splitlines()) == 3
     assert (out / "scores.png").stat().st_size > 5000
     assert "Split tune" in (out / "report.html").read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--methods", "oja"], "methods must be among published"),
-        (["--sets", "alice"], "did you mean alike?"),
-        (["--seconds", "1000"], "seconds must lie between 0 and 100"),
-        (["--scenes", "-1"], "scenes must be between 1 and 1000000, got -1"),
-        (["--methods", "retinotopic", "--sets", "bars"], "no method of retinotopic takes the sets bars"),
-        (["--rules", "ica"], "--rules is gone: it is called --methods now"),
-    ],
-)
-def test_unusable_options_are_one_line(options: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["benchmark", "scenes", *options]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert words in error

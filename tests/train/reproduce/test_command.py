@@ -12,7 +12,6 @@ import pytest
 
 from ndtorch.cli.commands import main
 from ndtorch_train.reproduce.claims import CLAIMS, chosen
-from ndtorch_train.reproduce.command import looking_at
 from ndtorch_train.reproduce.experiment import ResultCache
 from ndtorch_train.reproduce.page import BEGIN, END
 
@@ -86,24 +85,6 @@ def test_results_are_kept_until_code_or_parameters_change(
     assert (out / "report.html").read_bytes() == before
 
 
-def test_other_claims_have_a_page_of_their_own(tmp_path: Path, in_process: list[str]) -> None:
-    """What is known of a claim is taken over."""
-    out = tmp_path / "out"
-    assert main(["reproduce", "A3", "--out", str(out)]) == 0
-    assert main(["reproduce", "A3", "B8", "--quick", "--out", str(out)]) == 0
-    assert main(["reproduce", "A3", "A3", "--quick", "--out", str(out)]) == 0
-    assert in_process == ["A3", "A3"]
-    claims = [json.loads((place / "claims.json").read_text())["claims"] for place in sorted(tmp_path.iterdir())]
-    assert [[claim["id"] for claim in page] for page in claims] == [["A3"], ["A3", "B8"], ["A3"]]
-
-
-def test_a_claim_without_a_quick_form_says_so(tmp_path: Path, in_process: list[str]) -> None:
-    assert main(["reproduce", "B8", "--quick", "--out", str(tmp_path), "--jobs", "1"]) == 0
-    assert in_process == []
-    claim = json.loads((tmp_path / "claims.json").read_text())["claims"][0]
-    assert claim["verdict"] == "not run in quick"
-
-
 def test_an_experiment_that_breaks_leaves_the_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -120,43 +101,6 @@ def test_an_experiment_that_breaks_leaves_the_others(
     assert main(["reproduce", "A3", "B3", "--out", str(tmp_path), "--jobs", "1"]) == 1
     assert [c["id"] for c in json.loads((tmp_path / "claims.json").read_text())["claims"]] == ["A3"]
     assert "error: B3 could not be tried: its worker died 3 times" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["A33"], "did you mean A3"),
-        (["--out", "/proc/nowhere"], "cannot write there"),
-        (["--jobs", "-1"], "--jobs must be at least 1"),
-    ],
-)
-def test_what_cannot_be_used(
-    options: list[str], words: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(["reproduce", *options]) == 2
-    err = capsys.readouterr().err
-    assert words in err
-    assert err.count("\n") == 1
-
-
-def test_a_full_disk_is_one_line(
-    tmp_path: Path, in_process: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("ndtorch_train.reproduce.page.write_text", full)
-    assert main(["reproduce", "A3", "--out", str(tmp_path), "--jobs", "1"]) == 2
-    assert capsys.readouterr().err.splitlines()[-1].endswith("cannot be written: No space left on device")
-
-
-def test_the_clip_goes_to_both_tries() -> None:
-    claim = looking_at(chosen(["B9"])[0], Path("road.mp4"))
-    assert claim.better is not None
-    assert (claim.full["clip"], claim.better.full["clip"]) == ("road.mp4", "road.mp4")
-    other = chosen(["B7"])[0]
-    assert looking_at(other, Path("road.mp4")) is other
 
 
 HOLD = {"A1", "A2", "A3", "B2", "B3", "B4", "B5", "B6", "C1", "C2", "C4", "C7"}

@@ -5,15 +5,9 @@ from __future__ import annotations
 import fcntl
 import os
 import threading
-import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-import pytest
-
-from ndtorch.utils.files import hold
 from ndtorch_train.reproduce.experiment import Claim, Context, Outcome, ResultCache, held, lock_folder, run_claim
 
 
@@ -48,33 +42,3 @@ def test_two_runs_of_one_claim_that_end_at_once_leave_one_whole_result(tmp_path:
     place = ResultCache(tmp_path).place(claim, False)
     assert sorted(path.name for path in place.iterdir()) == ["kept.txt", "result.json"]
     assert list(tmp_path.glob("*.part-*")) == []
-
-
-def test_a_run_that_waits_for_another_says_so(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    """What several experiments need is computed once: the second run takes what the first has made."""
-    monkeypatch.setattr("ndtorch_train.reproduce.experiment.hold", lambda file, tell: hold(file, tell, patience=0.0))
-    begun, done = threading.Event(), threading.Event()
-
-    def slowly() -> dict[str, Any]:
-        begun.set()
-        while "waits" not in said():
-            time.sleep(0.01)
-        done.set()
-        return {"a": np.ones(3)}
-
-    lines: list[str] = []
-
-    def said() -> str:
-        lines.append(capfd.readouterr().err)
-        return "".join(lines)
-
-    context = Context(tmp_path, tmp_path, False, lambda *_: None)
-    with ThreadPoolExecutor(1) as pool:
-        first = pool.submit(context.stored, "films", {}, ["ndtorch.errors"], slowly)
-        assert begun.wait(60)
-        second = context.stored("films", {}, ["ndtorch.errors"], lambda: pytest.fail("computed twice"))
-        assert done.is_set()
-        assert np.array_equal(first.result()["a"], second["a"])
-    assert said().count("note: waits for another run") == 1

@@ -6,14 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from ndtorch.navigation import (
     ARRIVED,
     CRUISE,
-    STOPPED,
     Command,
-    Navigator,
     NavigatorOptions,
     Pose,
     StereoRig,
@@ -21,9 +18,7 @@ from ndtorch.navigation import (
 from ndtorch.navigation.controllers.goal import GoalControl, GoalParams
 from ndtorch.navigation.controllers.goal.params import reactive_params
 from ndtorch.navigation.local_grid.grid import LocalGridParams
-from ndtorch.navigation.localisation import Localiser
 from ndtorch.navigation.odometry import arc
-from ndtorch.navigation.proximity.stereo_match import Obstacles
 from ndtorch.navigation.stereo.ranging import Ranges
 
 RIG, DT = StereoRig(forward=0.15), 1 / 30
@@ -106,44 +101,3 @@ def test_no_controller_is_told_to_go_faster_than_its_cruise_speed(name):
     for key in ("tight_speed", "reverse_speed", "tight_speed_m_per_s", "unknown_speed_m_per_s"):
         assert getattr(params, key, 0) <= 0.25
         assert getattr(reactive, key, 0) <= 0.25
-
-
-class Shifted(Localiser):
-    """The car is a metre farther ahead than dead reckoning says, and ever more."""
-
-    def __call__(self, rows, in_odometry, state=None):
-        pose = np.array([float(part) for part in in_odometry])
-        state = self.start(pose) if state is None else state
-        return state._replace(pose=pose + np.array((1 + 0.1 * state.age, 0, 0)), age=state.age + 1)
-
-
-def test_the_navigator_tells_it_where_it_is_at_every_frame():
-    params = GoalParams(goal=(3.0, 0.0), reactive=SMALL)
-    navigator = Navigator(RIG, DT, controller="goal", params=params, localiser=Shifted(RIG, DT))
-    eyes = torch.zeros(3, 1, 480, 640, dtype=torch.uint8)
-    command, state = navigator(eyes, eyes)
-    assert state.control.frame == pytest.approx([-1.2, 0.0, 0.0])
-    assert float(state.place.x) == pytest.approx(float(state.pose.x) + 1.2)
-    one = None
-    for t in range(3):
-        single, one = navigator(eyes[t : t + 1], eyes[t : t + 1], one)
-        assert float(single.speed) == float(command.speed[t])
-    assert one.control.frame == state.control.frame
-
-
-def test_it_does_not_begin_with_something_near_and_says_so():
-    control = GoalControl(RIG, DT, GoalParams(goal=(3.0, 0.0), reactive=SMALL))
-    here, still = place(0.0, 0.0, 0.0), Command(0.0, 0.0)
-    across = Obstacles(np.full(9, 0.4, np.float32), np.linspace(-0.3, 0.3, 9, dtype=np.float32))
-    nobody = Obstacles(np.zeros(0, np.float32), np.zeros(0, np.float32))
-    state, command = control.start(floor(), here), still
-    for _ in range(8):
-        state = control.on_near_obstacles(state, here, nobody, across, False)
-        command, state = control.step(floor(moves=False), nothing(), here, still, state)
-    assert float(command.speed) == 0
-    assert int(control.mode(state)) == STOPPED
-    assert "it cannot begin" in control.status_message(state)
-    for _ in range(8):
-        state = control.on_near_obstacles(state, here, nobody, across, True)
-        command, state = control.step(floor(moves=False), nothing(), here, still, state)
-    assert float(command.speed) > 0

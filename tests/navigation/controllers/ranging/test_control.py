@@ -11,7 +11,6 @@ from ndtorch.navigation import (
     SUPPRESSED,
     TURN,
     Command,
-    Navigator,
     Pose,
     Ranges,
     StereoRig,
@@ -155,33 +154,6 @@ def test_ranges_alone_turn_the_car():
     assert modes[turned - 1] == REVERSE
     assert modes[modes.index(REVERSE) - 1] == CRUISE
     assert float(poses[:, 0].min()) > -0.05
-
-
-def test_navigator_with_the_ranging_controller():
-    """On frames: chunks agree, a batch agrees, uint8 is enough, and only the strips are read."""
-    generator = torch.Generator().manual_seed(4)
-    wide = (255 * torch.rand(2, 24, 3, 480, 700, generator=generator)).to(torch.uint8)
-    left, right = wide[..., :640], wide[..., 60:]
-    navigator = Navigator(RIG, DT, controller="ranging")
-    whole, final = navigator(left, right)
-    assert whole.speed.shape == (2, 24)
-    assert (whole.speed[:, :3] == 0).all()
-    state, commands = None, []
-    for a, b in zip(left[1].split(5), right[1].split(5), strict=True):
-        command, state = navigator(a, b, state)
-        commands.append(torch.stack(command))
-    assert torch.equal(torch.cat(commands, -1), torch.stack(whole)[:, 1])
-    assert state.pose.x == final.pose.x[1]
-    np.testing.assert_array_equal(state.control.grid.evidence, final.control.grid.evidence[1])
-    assert int(navigator.mode(state)) == int(navigator.mode(final)[1])
-    left, right = left[0].clone(), right[0].clone()
-    for image, rect in zip((left, right), VIEW.rects, strict=True):
-        outside = torch.ones(480, 640, dtype=torch.bool)
-        outside[rect.top : rect.bottom, rect.left : rect.right] = False
-        outside[RIG.row] = False
-        image[..., outside] = 77
-    spoiled, _ = navigator(left, right)
-    torch.testing.assert_close(torch.stack(spoiled), torch.stack(whole)[:, 0])
 
 
 def test_a_state_is_never_written():
