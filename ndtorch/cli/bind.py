@@ -65,6 +65,7 @@ class Bind(BindJob):
         from ndtorch.report.films import RunRecording
         from ndtorch.report.page import NAME, folder_name, open_in_browser, write_result
         from ndtorch.report.recording import why_not_whole
+        from ndtorch.report.timeline import TimelineFile
         from ndtorch.report.words import in_words, summary
         from ndtorch.run.folder import RunFolder, new_file
         from ndtorch.run.opening import prepare
@@ -89,7 +90,8 @@ class Bind(BindJob):
             film = self.film(prepared, folder.work)
             recording = None if self.rrd is None else RunRecording(self.rrd)
             mask = self.mask_film(prepared, folder.work)
-            watchers: list[Watcher] = [watcher for watcher in (film, recording, mask) if watcher is not None]
+            timeline = TimelineFile(folder.work / "timeline.jsonl", source.size) if prepared.model.tracks else None
+            watchers: list[Watcher] = [one for one in (film, recording, mask, timeline) if one is not None]
             total = None if source.length is None else source.length - prepared.start
             with progress_bar(total, self.json, unit=" frames", leave=False, mininterval=0.5) as bar:
 
@@ -113,6 +115,7 @@ class Bind(BindJob):
             if recording is not None:
                 recording.finish(in_words(result))
             trouble = write_result(result, prepared.about, folder.work, prepared.chosen)
+            trouble = trouble or (None if timeline is None else timeline.trouble)
         except BaseException:
             folder.discard()
             raise

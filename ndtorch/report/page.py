@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from ndtorch.binding import BoundObject, save_state
 from ndtorch.report.exports import write_exports
 from ndtorch.report.plots import draw_all
-from ndtorch.report.timeline import draw_timeline, write_timeline
+from ndtorch.report.timeline import draw_timeline
 from ndtorch.report.words import NOTHING_LEARNED, VERDICTS, numbered, summary, words
 from ndtorch.run.result import RunResult
 from ndtorch.utils.files import write_text
@@ -230,7 +230,6 @@ def write_result(result: RunResult, about: Mapping[str, Any], folder: Path, chos
     before = set(folder.iterdir())
     try:
         if result.table is None:
-            write_timeline(result, folder / "timeline.jsonl")
             write_exports(result, folder)
             draw_timeline(result, folder / "timeline.png")
         else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,14 +14,37 @@ from ndtorch.binding import BoundObject
 from ndtorch.report.plots.layout import GREY, STYLES
 from ndtorch.report.words import numbered, record
 from ndtorch.run.result import RunResult
+from ndtorch.run.watchers import Watcher
 
 Floats = npt.NDArray[np.float64]
 
 
-def write_timeline(result: RunResult, path: Path) -> None:
-    """timeline.jsonl: one line an object, in the order of appearance."""
-    lines = [json.dumps(record(n, thing, result.size), ensure_ascii=False) for n, thing in numbered(result.objects)]
-    path.write_text("".join(line + "\n" for line in lines), encoding="utf-8")
+class TimelineFile(Watcher):
+    """timeline.jsonl: one line an object, written when it is lost, or at the end of the run.
+
+    An object that stays in sight for some thousand detections has a line for each part of its path.
+
+    Args:
+        path: the file.
+        size: height and width of the frames, pixels.
+
+    Attributes:
+        trouble: why nothing was written any more, which does not end the run.
+    """
+
+    def __init__(self, path: Path, size: tuple[int, int]) -> None:
+        self.path, self.size = path, size
+        self.trouble: OSError | None = None
+        path.touch()
+
+    def objects(self, things: Sequence[BoundObject]) -> None:
+        lines = [json.dumps(record(n, thing, self.size), ensure_ascii=False) + "\n" for n, thing in numbered(things)]
+        try:
+            if self.trouble is None:
+                with self.path.open("a", encoding="utf-8") as file:
+                    file.writelines(lines)
+        except OSError as error:
+            self.trouble = error
 
 
 def color_of(thing: BoundObject) -> str:

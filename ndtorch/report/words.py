@@ -83,6 +83,8 @@ def in_words(result: RunResult) -> str:
     """The objects and the verdict, as text for people."""
     lines = [f"{result.source}: {result.simulated_seconds:g} s seen in {result.wall_seconds:.1f} s", ""]
     lines += [f"object {number}: {words(thing)}" for number, thing in numbered(result.objects)]
+    if result.earlier:
+        lines.append(f"{result.earlier} earlier objects are in timeline.jsonl alone")
     if not result.objects:
         lines.append("no objects")
     if result.table is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,10 +10,50 @@ import numpy as np
 import numpy.typing as npt
 from torch import Tensor
 
-from ndtorch.binding import BoundObject, ObjectTable, Verdict
-from ndtorch.run.watchers import Pixels
+from ndtorch.binding import BindingModel, BoundObject, ObjectTable, Verdict
+from ndtorch.run.watchers import Pixels, Watcher
 
 Floats = npt.NDArray[np.float32]
+
+
+MAX_DETECTIONS = 200_000
+"""A run keeps closed objects up to this many detections; of a longer run they are the latest."""
+
+
+class ClosedObjects:
+    """The objects that were lost in a run, the latest of them, in bounded memory.
+
+    Args:
+        model: whose states they are taken from.
+        watchers: who gets them at once.
+    """
+
+    def __init__(self, model: BindingModel, watchers: Sequence[Watcher]) -> None:
+        self.model, self.watchers, self.earlier = model, watchers, 0
+        self.tables: list[Any] = []
+        self.detections = 0
+
+    def take(self, state: Any) -> Any:
+        """Take them out of a state."""
+        things, after = self.model.take_closed(state)
+        if things:
+            self.tell(things)
+            self.tables.append(state.closed)
+            self.detections += len(state.closed.path)
+        while self.detections > MAX_DETECTIONS and len(self.tables) > 1:
+            oldest = self.tables.pop(0)
+            self.detections -= len(oldest.path)
+            self.earlier += len(oldest.number)
+        return after
+
+    def tell(self, things: Sequence[BoundObject]) -> None:
+        """Hand objects to the watchers."""
+        for watcher in self.watchers:
+            watcher.objects(things)
+
+    def restored(self, state: Any) -> Any:
+        """A state with those that were kept."""
+        return self.model.restore_closed(state, self.tables) if self.tables else state
 
 
 class Trace:
@@ -93,6 +134,7 @@ class RunResult:
         moments: the clearest recent moment of each winning neuron.
         interrupted: whether Ctrl-C ended the run early.
         cuts: when a new scene began, seconds; of models that notice.
+        earlier: how many parts of objects the run did not keep because it was long; watchers got them.
     """
 
     source: str
@@ -112,6 +154,7 @@ class RunResult:
     moments: dict[int, Moment] = field(default_factory=dict)
     interrupted: bool = False
     cuts: tuple[float, ...] = ()
+    earlier: int = 0
 
 
 def over_fields(outputs: Tensor) -> Tensor:

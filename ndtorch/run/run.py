@@ -14,7 +14,7 @@ from torch import Tensor
 from ndtorch.binding import BindingModel, Verdict
 from ndtorch.errors import InputError
 from ndtorch.run.pictures import Glimpse, PictureMaker
-from ndtorch.run.result import RunResult, Trace, one_matrix, over_fields
+from ndtorch.run.result import ClosedObjects, RunResult, Trace, one_matrix, over_fields
 from ndtorch.run.watchers import Watcher
 from ndtorch.scenes import FrameSource
 from ndtorch.utils.tensors import give_back_freed_memory
@@ -35,8 +35,8 @@ def run_model(
 ) -> RunResult:
     """Feed a source through a model to its end, or until Ctrl-C, which keeps what was computed so far.
 
-    Memory does not grow with the length of the source: frames are dropped as they are used, and traces are
-    thinned.
+    Memory does not grow with the length of the source: frames are dropped as they are used, traces are thinned, and of
+    the objects that were lost the latest are kept; watchers get all of them.
 
     Args:
         model: a binding model on `device`, made for the source's size and rate.
@@ -57,6 +57,7 @@ def run_model(
     outputs, weights = Trace((10,)), Trace((10, 10))
     cuts: list[float] = []
     frames_seen, now, interrupted, diverged, fresh = 0, 0.0, False, False, state is None
+    closed = ClosedObjects(model, watchers)
     maker = PictureMaker(model, every / source.fps, watchers)
     began = time.perf_counter()
     try:
@@ -68,7 +69,7 @@ def run_model(
                 if state is not None and not torch.isfinite(signals.outputs).all():
                     diverged = True
                     break
-                state = after
+                state = closed.take(after)
                 frames_seen += len(frames)
                 now = float(signals.time[-1]) if len(signals.time) else now
                 learned = one_matrix(model.weights(state))
@@ -95,6 +96,8 @@ def run_model(
         raise InputError(f"{source.name}: one frame cannot show motion; a model needs two frames at least")
     with torch.inference_mode():
         verdict: Verdict = "alternating" if diverged else model.verdict(state)
+        closed.tell([] if diverged else model.objects(state))
+        state = closed.restored(state)
         found = [] if diverged else model.objects(state)
         table = None if model.tracks else model.table(state)
         final = one_matrix(model.weights(state)).cpu().float().numpy().astype(np.float32)
@@ -117,6 +120,7 @@ def run_model(
         moments={k: moment for k, moment in maker.moments.items() if k in owners},
         interrupted=interrupted,
         cuts=tuple(apart(cuts)),
+        earlier=closed.earlier,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,6 +40,12 @@ class Watcher:
 
     def picture(self, picture: Picture) -> None:
         """A frame, a few times a second."""
+
+    def objects(self, things: Sequence[BoundObject]) -> None:
+        """Objects that were lost, as they are lost, and at the end of the run all others.
+
+        An object that stays in sight for long comes in parts with the same `track`.
+        """
 
     def signals(self, signals: Any, weights: Tensor) -> None:
         """The model's signals of one chunk of frames, and its weights `[10, 10]` after it."""

@@ -90,11 +90,13 @@ def object_mask(labels: Labels, objects: Sequence[int], kept: Sequence[int], cou
     return mask
 
 
-def marked_share(labels: Labels, marked: Bytes, count: int) -> Numbers:
-    """Share of the pixels of every number up to `count` that are marked, `[count + 1]`."""
-    counts, areas = np.zeros(count + 1, np.int64), np.zeros(count + 1, np.int64)
+def marked_share(labels: Labels, marked: Bytes, tracks: Sequence[Track]) -> Numbers:
+    """Share of the pixels of every track that are marked, `[K]`."""
+    numbers = [one.number + 1 for one in tracks]
+    # Fresh memory of zeros costs nothing where nobody looks, so the number of all tracks so far does not matter.
+    counts, areas = np.zeros(max(numbers) + 1, np.int64), np.zeros(max(numbers) + 1, np.int64)
     label_share(labels, marked, counts, areas)
-    return np.asarray(counts / np.maximum(areas, 1))
+    return np.asarray(counts[numbers] / np.maximum(areas[numbers], 1))
 
 
 def share_pixels(

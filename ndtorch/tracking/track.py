@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Any, NamedTuple
 
@@ -17,6 +17,8 @@ DETECTION = 10
 """Numbers kept of every detection: time, row and column of its middle, top, left, bottom and right, pixels, and row and
 column by which it is followed."""
 BOX, PIXELS, PLACE = slice(3, 7), 7, slice(8, 10)
+MAX_PATH = 2048
+"""A track keeps fewer detections than this: the earlier half of so many is closed."""
 PATCH = 12
 """Rows and columns of the kept appearance of a track."""
 MOVED_SIZES = 0.5
@@ -112,6 +114,14 @@ class Track:
     def restart(self, time: float, place: Numbers) -> None:
         """Forget everything but the number."""
         vars(self).update(vars(Track.begin(self.number, time, place)))
+
+    def close_earlier(self) -> Track | None:
+        """Forget the earlier half of a path of `MAX_PATH` detections; returns it as a track of this number."""
+        if self.count < MAX_PATH:
+            return None
+        path, ten = self.path, np.zeros(10)
+        self.detections, self.new_detections = path[MAX_PATH // 2 :].copy(), []
+        return replace(self, inputs=ten, outputs=ten, detections=path[: MAX_PATH // 2], new_detections=[])
 
     @property
     def is_object(self) -> bool:
@@ -259,3 +269,14 @@ def table_from_tracks(tracks: Sequence[Track]) -> TrackTable:
         length=np.array([len(path) for path in paths], np.int64),
         path=np.concatenate(paths) if paths else np.zeros((0, DETECTION)),
     )
+
+
+def joined_parts(tracks: Sequence[Track]) -> list[Track]:
+    """The tracks in the order of their numbers, each with the parts of its path, which follow one another, joined."""
+    parts: dict[int, list[Track]] = {}
+    for one in tracks:
+        parts.setdefault(one.number, []).append(one)
+    for number, (*earlier, last) in parts.items():
+        path = np.concatenate([one.path for one in (*earlier, last)])
+        parts[number] = [replace(last, detections=path, new_detections=[])]
+    return [parts[number][0] for number in sorted(parts)]

@@ -76,7 +76,7 @@ class Tracker:
         self.tracks, self.count = tracks_from_table(state.tracks), int(state.count)
         self.labels, self.clutter = np.asarray(state.labels), np.asarray(state.clutter)
         self.births = np.asarray(state.births.rows)
-        self.lost = list[Track]()
+        self.closed = list[Track]()
 
     @staticmethod
     def start(height: int, width: int, count: int = 0) -> TrackerState:
@@ -140,9 +140,10 @@ class Tracker:
         self.tracks = [one for one in tracks if one.number not in parts]
         self.births = recent_births(self.births, self.tracks, lost, time, p)
         self.clutter = update_clutter_map(self.clutter, lost, self.tracks, self.dt, p)
-        self.lost = [one for one in lost if one.is_object]
-        for one in self.lost:
-            one.state = TrackState.LOST
+        for one in lost:
+            one.state = TrackState.LOST if one.is_object else one.state
+        earlier = [part for one in self.tracks if (part := one.close_earlier()) is not None]
+        self.closed = [one for one in (*earlier, *lost) if one.is_object]
 
     def label(
         self, tracks: list[Track], found: Association, blobs: Blobs, image: Floats, time: float
@@ -187,8 +188,8 @@ class Tracker:
         """Measure the masks, and update each track that has one."""
         p, every = self.params, measure_detections(tracks, self.labels, seen, light, shared)
         tentative = any(not one.is_object for one in tracks)
-        shadow = marked_share(self.labels, seen.narrow_shadow, self.count) if tentative else np.zeros(0)
-        for one, detection in zip(tracks, every, strict=True):
+        shadows = marked_share(self.labels, seen.narrow_shadow, tracks) if tentative else np.zeros(len(tracks))
+        for one, detection, shadow in zip(tracks, every, shadows.tolist(), strict=True):
             if detection is None:
                 continue
             large = detection.pixels >= p.min_area_ratio * width
@@ -198,7 +199,7 @@ class Tracker:
             add_detection(one, time, detection, width, p)
             if not one.is_object and not detection.shared:
                 one.contrast_sum += detection.contrast
-                one.shadow_sum += shadow[one.number + 1]
+                one.shadow_sum += shadow
                 update_appearance_match(one, seen.image, seen.background)
 
     def object_mask(self, time: float, kept: Floats) -> Bytes:

@@ -33,9 +33,11 @@ def set_backend(module: nn.Module, backend: str) -> None:
     """Set the backend of a module and of everything in it that has a choice.
 
     Raises:
-        InputError: there is no such backend.
+        InputError: there is no such backend, or the module has kernels only.
     """
     chosen = check_backend(backend)
+    if chosen == "torch" and getattr(module, "kernels_only", False):
+        raise InputError(f"{getattr(module, 'name', 'this module')} has compiled kernels only; leave backend out")
     for part in module.modules():
         if hasattr(part, "backend"):
             part.backend = chosen  # type: ignore[assignment]

@@ -8,7 +8,11 @@ from pathlib import Path
 import cv2
 import pytest
 
+import ndtorch
 from ndtorch.cli.commands import main
+from ndtorch.report.timeline import TimelineFile
+from ndtorch.run.run import run_model
+from ndtorch.scenes.video import open_video
 from ndtorch.scenes.video_writer import VideoWriter
 from tests.foreground.passing_scenes import SIZE, passing
 
@@ -56,6 +60,24 @@ def test_bind_writes_the_objects_over_time(clip: Path, tmp_path: Path, capsys: p
     assert (abs(picture.astype(int) - [17, 51, 204]).max(-1) < 30).sum() > 500
     overlay = cv2.VideoCapture(str(folder / "overlay.mp4"))
     assert int(overlay.get(cv2.CAP_PROP_FRAME_COUNT)) == 12
+
+
+def test_a_long_run_keeps_the_latest_objects_and_writes_all_as_they_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ndtorch.run.result.MAX_DETECTIONS", 30)
+    path = tmp_path / "squares.avi"
+    with VideoWriter(path, 25, SIZE) as writer:
+        for _ in range(4):
+            for frame in passing(60, 7.0, first=12):
+                writer.write(frame)
+    model = ndtorch.load("foreground", size=SIZE, fps=25)
+    file = TimelineFile(tmp_path / "timeline.jsonl", SIZE)
+    result = run_model(model, open_video(str(path), SIZE, 25), pictures_per_second=0, watchers=[file])
+    numbers = [json.loads(line)["object"] for line in file.path.read_text(encoding="utf-8").splitlines()]
+    assert len(numbers) == len(set(numbers)) == 4
+    assert result.earlier > 0
+    assert [(one.track or 0) + 1 for one in result.objects] == numbers[result.earlier :]
 
 
 @pytest.mark.slow

@@ -62,6 +62,7 @@ class BindingModel(nn.Module, ABC):
     Attributes:
         name: of the kind, as in config.toml.
         exportable: whether `torch.export` takes it.
+        kernels_only: whether it has no implementation in torch.
         config_type: what its config.toml holds.
         tracks: whether its objects have places and times.
         trained: whether it has a trained first stage.
@@ -77,6 +78,7 @@ class BindingModel(nn.Module, ABC):
     tracks: ClassVar[bool] = False
     trained: ClassVar[bool] = True
     exportable: ClassVar[bool] = True
+    kernels_only: ClassVar[bool] = False
     config: Any
     dt: float
     settle: float
@@ -149,6 +151,24 @@ class BindingModel(nn.Module, ABC):
         found = self.objects(state)
         last = max((one.last_seen or 0.0 for one in found), default=0.0)
         return [one for one in found if one.last_seen == last] if self.tracks else found
+
+    def take_closed(self, state: Any) -> tuple[list[BoundObject], Any]:
+        """The objects that are lost since they were last taken, and the state without them.
+
+        The state of a model with tracks grows with all that was ever seen unless they are taken. An object that stays
+        in sight for more than some thousand detections comes in parts with the same `track`, each with its own path.
+
+        Returns:
+            The objects in the order of their tracks, none of models whose objects do not end, and the state.
+
+        Raises:
+            InputError: the state is that of a batch.
+        """
+        return [], state
+
+    def restore_closed(self, state: Any, closed: Sequence[Any]) -> Any:
+        """The state with what was taken from it before: `closed` of each state that was given to `take_closed`."""
+        return state
 
     @abstractmethod
     def verdict(self, state: Any) -> Nested:

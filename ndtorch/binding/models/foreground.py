@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple
 
@@ -28,7 +29,7 @@ from ndtorch.foreground.segmentation import segment
 from ndtorch.tracking.blobs import detect_blobs
 from ndtorch.tracking.color_names import ColorParams, WhiteBalance, achromatic_name
 from ndtorch.tracking.params import TrackingParams
-from ndtorch.tracking.track import Track, TrackTable, table_from_tracks, tracks_from_table
+from ndtorch.tracking.track import Track, TrackTable, joined_parts, table_from_tracks, tracks_from_table
 from ndtorch.tracking.tracker import Tracker, TrackerState
 from ndtorch.utils.tensors import mapped
 from ndtorch.vision.features import FEATURES, GROUPS
@@ -107,7 +108,7 @@ class ForegroundState(NamedTuple):
         frames: frames seen, int64 scalar.
         level: group maxima `[3]`.
         network: of all fields, None before the first time step.
-        closed: objects that are lost.
+        closed: objects that were lost, and earlier parts of long paths, until `take_closed`.
         time: of the latest step, seconds, float64 scalar.
     """
 
@@ -121,12 +122,12 @@ class ForegroundState(NamedTuple):
 
 
 class Step(NamedTuple):
-    """What one step gives: measured features, mask of the objects, objects that were lost, and whether a scene
-    began."""
+    """What one step gives: measured features, mask of the objects, objects that were lost or part of whose path is
+    closed, and whether a scene began."""
 
     measured: Measured | None
     mask: Bytes
-    lost: list[Track]
+    closed: list[Track]
     cut: bool
 
 
@@ -152,6 +153,11 @@ def as_tensors(tree: Any) -> Any:
     return type(tree)(*map(as_tensors, tree)) if isinstance(tree, tuple) else tree
 
 
+def joined_tables(tables: Sequence[TrackTable]) -> TrackTable:
+    """Tables of tensors, one after the other."""
+    return TrackTable(*map(torch.cat, zip(*tables, strict=True)))
+
+
 class ForegroundModel(BindingModel):
     """Objects over time, with places, boxes and masks, in video of a static camera.
 
@@ -166,6 +172,7 @@ class ForegroundModel(BindingModel):
 
     name = "foreground"
     exportable = False  # blobs are found outside torch
+    kernels_only = True
     config_type = ForegroundConfig
     tracks = True
     trained = False
@@ -210,7 +217,7 @@ class ForegroundModel(BindingModel):
             raise InputError("foreground has no gradients: detach the frames")
         check_state(state, ForegroundState)
         state = self._start() if state is None else state
-        work, lost = None if state.scene is None else self._resume(state.scene), list[Track]()
+        work, ended = None if state.scene is None else self._resume(state.scene), list[Track]()
         waiting, counted, time = state.waiting, int(state.frames), float(state.time)
         steps, labels, times, seen = list[Step](), list[Any](), list[float](), list[list[Track]]()
         for k, frame in enumerate(frames):
@@ -223,7 +230,7 @@ class ForegroundModel(BindingModel):
             time = (counted + k) / self.fps
             work = self._begin(image) if work is None else work
             step = self._step(image, work, time)
-            lost += step.lost
+            ended += step.closed
             steps.append(step)
             labels.append(work.tracker.labels)
             times.append(time)
@@ -234,7 +241,7 @@ class ForegroundModel(BindingModel):
             inputs, level = self.normalise(self.features.signals([step.measured for step in steps], labels), level)
             outputs, network = self.network(inputs, network)
             self._bind(seen, inputs, outputs)
-        closed = as_tensors(table_from_tracks([*tracks_from_table(state.closed), *lost])) if lost else state.closed
+        closed = joined_tables([state.closed, as_tensors(table_from_tracks(ended))]) if ended else state.closed
         after = ForegroundState(
             None if work is None else work.state(),
             waiting,
@@ -287,7 +294,7 @@ class ForegroundModel(BindingModel):
         update_background(background, seen.image, seen.noise, work.kept, self.dt, c.background)
         if ghosts is not None:
             np.copyto(background.mean, seen.image, where=ghosts)
-        return Step(measured, tracker.object_mask(time, work.kept), tracker.lost, False)
+        return Step(measured, tracker.object_mask(time, work.kept), tracker.closed, False)
 
     def _new_scene(self, image: Floats, work: WorkBuffers) -> Step:
         """Everything that was followed is lost; a new scene begins as a film does."""
@@ -312,13 +319,28 @@ class ForegroundModel(BindingModel):
         return stacked._replace(time=stacked.time[0]), tuple(own for _, own in parts)
 
     def objects_batch(self, state: Any) -> Nested:
-        """The objects so far, in the order in which they appeared."""
+        """The objects so far, in the order in which they appeared, without those that `take_closed` took."""
         if not isinstance(state, ForegroundState):
             return [self.objects_batch(own) for own in state]
         every = tracks_from_table(state.closed)
         if state.scene is not None:
             every += tracks_from_table(state.scene.tracker.tracks)
-        return [self._bound(one) for one in sorted(every, key=lambda one: one.number) if one.is_object]
+        return [self._bound(one) for one in joined_parts([one for one in every if one.is_object])]
+
+    def take_closed(self, state: Any) -> tuple[list[BoundObject], Any]:
+        if not isinstance(state, ForegroundState):
+            raise InputError("the state is that of a batch: take_closed is for the state of one film")
+        closed, known = tracks_from_table(state.closed), dict[int, Track]()
+        if closed and state.scene is not None:
+            known = {one.number: one for one in tracks_from_table(state.scene.tracker.tracks)}
+        parts = joined_parts(closed)
+        for one in parts:
+            live = known.get(one.number, one)
+            one.inputs, one.outputs = live.inputs, live.outputs
+        return [self._bound(one) for one in parts], state._replace(closed=as_tensors(table_from_tracks([])))
+
+    def restore_closed(self, state: Any, closed: Sequence[Any]) -> Any:
+        return state._replace(closed=joined_tables([*closed, state.closed]))
 
     def visible_objects(self, state: Any) -> list[BoundObject]:
         if not isinstance(state, ForegroundState):

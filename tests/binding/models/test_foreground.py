@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import torch
 from torch import Tensor
 
 import ndtorch
-from ndtorch.binding import load_state, save_state
+from ndtorch.binding import BoundObject, load_state, save_state
 from ndtorch.binding.models.foreground import ForegroundModel
 from ndtorch.errors import InputError
 from ndtorch.utils.tensors import leaves
@@ -176,6 +177,50 @@ def test_what_stops_stays_an_object_and_what_does_not_travel_is_none() -> None:
     assert [other.track for other in model().visible_objects(state)] == [thing.track]
     _, state = run(frames, min_travel_sizes=0.0)
     assert len(model().objects(state)) == 2
+
+
+def crossings(count: int) -> Iterator[Tensor]:
+    """Two squares that cross, again and again, 40 frames each time."""
+    once = squares(40, (-24, 7.0, 20, (0.85, 0.2, 0.2)), (200, -7.0, 60, (0.2, 0.75, 0.2)))
+    return iter([once] * count)
+
+
+def test_lost_objects_are_taken_and_the_state_does_not_grow(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is taken and what is left are the objects of a state from which nothing was taken."""
+    monkeypatch.setattr("ndtorch.tracking.track.MAX_PATH", 12)
+    module, state, left, taken, sizes = model(), None, None, list[BoundObject](), list[int]()
+    with torch.inference_mode():
+        for frames in crossings(6):
+            _, state = module(frames, state)
+            _, left = module(frames, left)
+            closed, left = module.take_closed(left)
+            taken += closed
+            sizes.append(sum(part.nbytes for part in leaves(left).values()))
+    assert max(sizes[3:]) < 1.02 * max(sizes[1:3])
+    assert same(left, state._replace(closed=left.closed))
+    every = module.objects(state)
+    assert len(every) >= 10
+    for thing in every:
+        parts = [one for one in (*taken, *module.objects(left)) if one.track == thing.track]
+        assert len(parts) > 1
+        assert sum((one.path for one in parts), ()) == thing.path
+        assert {(one.color, one.direction) for one in parts} == {(thing.color, thing.direction)}
+    with pytest.raises(InputError, match="batch"):
+        module.take_closed((state, state))
+
+
+def test_a_path_that_is_closed_in_parts_is_the_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    usual = model().objects(whole()[1])
+    monkeypatch.setattr("ndtorch.tracking.track.MAX_PATH", 40)
+    _, state = run(film(), [7, 30, 13])
+    assert len(state.closed.number) == 1
+    assert same(state, run(film())[1])
+    assert model().objects(state) == usual
+
+
+def test_there_is_no_other_backend_than_kernels() -> None:
+    with pytest.raises(InputError, match="foreground has compiled kernels only"):
+        model(backend="torch")
 
 
 def test_light_and_noise_are_no_objects() -> None:
