@@ -49,6 +49,9 @@ class StubModel(nn.Module):
     def visible_objects(self, state: StubState) -> list[BoundObject]:
         return self.objects(state)
 
+    def take_closed(self, state: StubState) -> tuple[list[BoundObject], StubState]:
+        return [], state
+
     def table(self, state: StubState) -> ObjectTable:
         raise AssertionError("of models with owners only")
 
