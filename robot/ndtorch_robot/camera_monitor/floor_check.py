@@ -54,12 +54,9 @@ class FloorFound(NamedTuple):
         """The findings, a line each."""
         why = "the images are noisy" if self.noisy else "the floor shows little, or it is dark"
         seen = f"the floor differs from noise in {100 * self.share:.0f} % of the view"
-        if self.share >= FULL_SHARE:
-            lines = [f"{seen}: good"]
-        elif self.speed > 0:
-            lines = [f"not right: {seen}: the car would drive at {100 * self.speed:.0f} % of its speed; {why}"]
-        else:
-            lines = [f"not right: {seen}: the car would not start; {why}"]
+        drives = f"drive at {100 * self.speed:.0f} % of its speed" if self.speed > 0 else "not start"
+        good = self.share >= FULL_SHARE
+        lines = [f"{seen}: good" if good else f"not right: {seen}: the car would {drives}; {why}"]
         if self.near is not None:
             lines.append(f"not right: an obstacle is {self.near:.2f} m ahead of the middle of the car")
         elif not self.ahead:
@@ -75,9 +72,7 @@ def measure_floor(read: Callable[[], StereoFrames], rig: StereoRig, rate: float,
     Steady motion gives the same, since the filters of the detectors decay within a frame.
 
     Args:
-        read: gives pairs of frames.
-        rig: the cameras.
-        rate: pairs a second.
+        read: gives `rate` pairs of frames a second.
         speed: at which the car is to drive, m/s.
     """
     control = RangingControl(rig, 1 / rate)
@@ -85,11 +80,10 @@ def measure_floor(read: Callable[[], StereoFrames], rig: StereoRig, rate: float,
     with torch.inference_mode():
         state, noise, frames = None, [], read()
         for _ in range(FRAMES):
-            left, right = strips(frames.left), strips(frames.right)
-            cells, state = control.see(as_frames(left.field[0], right.field[0]), state)
+            cells, state = control.see(as_frames(strips(frames.left).field[0], strips(frames.right).field[0]), state)
             noise.append(float(lower_median(cells[:2].ravel())))
             frames = read()
-        still = sum(noise[1:]) / max(1, len(noise) - 1)
+        still = sum(noise[1:]) / (FRAMES - 1)
         ours, theirs = strips(frames.left), strips(frames.right)
         level = moved_level(control, ours, theirs, rig)
         share = known_share(FloorState(level, still, 2**31), control.tables.floor)

@@ -49,10 +49,9 @@ class FrameCheck:
     def judge(
         self, frames: StereoFrames, speed: float, now: float, curvature: float = 0.0, commanded: float = 0.0
     ) -> Fault | None:
-        """Judge new frames; returns what is wrong with them.
+        """What is wrong with new frames; speed and curvature are of the car since the last ones, m/s and 1/m.
 
         Args:
-            speed, curvature: of the car since the last frames, m/s and 1/m.
             now: on the clock of the frames, s.
             commanded: speed that the car was sent last, m/s.
         """
@@ -68,7 +67,6 @@ class FrameCheck:
             self.monitor.check(frames, speed, curvature, commanded)
         except CameraError as error:
             return Fault(error.kind, str(error))
-        if self.late >= 2:
-            words = f"the cameras give {1 / gap:.0f} frames a second, {self.rate:.0f} are wanted"
-            return Fault(FaultKind.SLOW, words)
-        return None
+        if self.late < 2:
+            return None
+        return Fault(FaultKind.SLOW, f"the cameras give {1 / gap:.0f} frames a second, {self.rate:.0f} are wanted")

@@ -20,9 +20,6 @@ from ndtorch_robot.faults import Fault, FaultKind
 
 Floats = npt.NDArray[np.float32]
 
-LAGS = (8, 4)
-"""Blocks of the row, and of the subfield, over which a change of brightness counts as shading."""
-
 LOW_CONTRAST = 3.2
 """A subfield has low contrast below this multiple of the limit."""
 
@@ -83,19 +80,12 @@ class Snapshot(NamedTuple):
 
 def measure(strips: Strips) -> Snapshot:
     """The snapshot of the strips of one camera, `[..., C, h, w]` each, uint8 or float in 0..1; green of three."""
-    row, field = one_color(strips.row)[0], one_color(strips.field)
+    row, field = one_color(strips.row), one_color(strips.field)
     scale = 255.0 if row.dtype.kind == "f" else 1.0
     # One dtype and layout for all cameras, so that one kernel is compiled.
-    pixels, levels = np.ascontiguousarray(row, np.float32), np.ascontiguousarray(field, np.float32)
-    high, wide, columns = levels.shape[0] // BLOCK, levels.shape[1] // BLOCK, len(pixels) // BLOCK
-    lag, side = (max(0, min(most, (n - 1) // 4)) for most, n in zip(LAGS, (columns, wide), strict=True))
-    row_means, field_means = np.empty(columns, np.float32), np.empty((high, wide), np.float32)
-    row_detail, field_detail = np.empty(columns - 2 * lag, np.float32), np.empty((high, wide - 2 * side), np.float32)
-    found = image_statistics(pixels, levels, scale, row_means, field_means, row_detail, field_detail)
-    for detail, reach in ((row_detail, lag), (field_detail, side)):
-        if reach == 0 and detail.size:  # too small for shading: only the mean is subtracted
-            detail -= detail.mean()
-    return Snapshot(row_means, field_means, row_detail, field_detail, ImageStatistics(*found))
+    pixels = (np.ascontiguousarray(part, np.float32) for part in (row[:1], field))
+    means, blocks, row_detail, field_detail, *statistics = image_statistics(*pixels, scale)
+    return Snapshot(means[0], blocks, row_detail[0], field_detail, ImageStatistics(*statistics))
 
 
 def one_color(part: object) -> npt.NDArray[np.generic]:
@@ -129,8 +119,9 @@ def check_blur(image: Snapshot, row_shows: bool, min_contrast: float, limits: Ca
     seen = image.statistics
     sharp = seen.row_range < limits.min_range_levels or seen.row_max_step >= limits.sharpness_ratio * seen.row_range
     low_contrast = seen.field_contrast < LOW_CONTRAST * min_contrast and not has_border(image, limits)
+    words = "is blurred: no edge of its row is steeper than {:.0f} % of its range"
     if not sharp and (row_shows or (low_contrast and texture(image) < LOW_TEXTURE)):
-        return blurred(seen.row_max_step, seen)
+        return Fault(FaultKind.BLURRED, words.format(100 * seen.row_max_step / seen.row_range))
     # Noise has edges as steep as those of a dark image or of a wall of few shades: it is subtracted.
     noise = seen.row_step_power / 2
     plain_floor = row_shows and seen.field_contrast**2 - FIELD_NOISE * noise < min_contrast**2
@@ -138,7 +129,7 @@ def check_blur(image: Snapshot, row_shows: bool, min_contrast: float, limits: Ca
         edge = float(np.abs(image.row[2:] - image.row[:-2]).max(initial=0))
         edge = math.sqrt(max(edge**2 - EDGE_NOISE * noise, 0))
         if edge < limits.soft_edge_ratio * seen.row_range and (plain_floor or texture(image) < NO_TEXTURE):
-            return blurred(edge, seen)
+            return Fault(FaultKind.BLURRED, words.format(100 * edge / seen.row_range))
     return None
 
 
@@ -163,14 +154,9 @@ def has_border(image: Snapshot, limits: CameraLimits) -> bool:
     return extent >= limits.min_range_levels and float(steps[-1 - steps.size // BORDER_SHARE]) >= BORDER * extent
 
 
-def blurred(edge: float, seen: ImageStatistics) -> Fault:
-    words = f"is blurred: no edge of its row is steeper than {100 * edge / seen.row_range:.0f} % of its range"
-    return Fault(FaultKind.BLURRED, words)
-
-
 def change(now: Floats, before: Floats) -> float:
     """Standard deviation of the change of block means; a common change of light is none."""
-    return float(sd_of_change(now.ravel(), before.ravel())) if now.size else 0.0
+    return float(sd_of_change(now, before))
 
 
 def correlation(now: Floats, before: Floats) -> float:

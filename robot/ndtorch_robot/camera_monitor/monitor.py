@@ -10,7 +10,6 @@ from torch import Tensor
 
 from ndtorch.navigation import StereoRig, Strips, cut_strips
 from ndtorch.navigation.stereo.rig import Rect
-from ndtorch_robot.camera_monitor._kernels import BLOCK
 from ndtorch_robot.camera_monitor.image_quality import Snapshot, change, check_image, correlation, measure
 from ndtorch_robot.camera_monitor.limits import CameraLimits
 from ndtorch_robot.camera_monitor.motion_check import MAX_TURN, FlowDirectionCheck, View, is_frozen, is_unchanged
@@ -95,26 +94,22 @@ class CameraMonitor:
         self.mounting = MountingCheck(self.limits)
         self.floor = None if floor is None else StereoConsistency(rig, floor)
         self.flow = [FlowDirectionCheck(rig.focal, self.limits) for _ in NAMES]
-        self.flow_checked_at = 0.0
-        self.time = -math.inf
+        self.time = self.gear_change_until = -math.inf
         self.last: list[Tensor | None] = [None, None]
-        self.black, self.equal = [0, 0], [0, 0]
-        self.differing = [0, 0]
-        self.blind, self.frozen = [0, 0], [0, 0]
+        self.black, self.equal, self.differing, self.blind, self.frozen = ([0, 0] for _ in range(5))
         self.moved_by_others = self.frames = 0
-        self.driven = self.turned = 0.0
-        self.commanded, self.gear_change_until = 0.0, -math.inf
+        self.driven = self.turned = self.commanded = self.flow_checked_at = 0.0
         self.views: deque[View] = deque(maxlen=KEPT)
         self.moving_views: deque[View] = deque(maxlen=KEPT_MOVING)
 
     def warm_up(self) -> None:
         """Compile or load the kernels, which may take seconds."""
-        columns = self.rig.width // BLOCK
         ramp = torch.arange(self.rig.width, dtype=torch.uint8).expand(1, 3, self.rig.height, -1)
         image = measure(cut_strips(ramp, self.fields[0], self.rig))
         change(image.row, image.row)
-        if columns > PATCH:
-            correlations(image.row, image.row, columns - PATCH, self.limits)
+        change(image.field, image.field)
+        if len(image.row) > PATCH:
+            correlations(image.row, image.row, len(image.row) - PATCH, self.limits)
         if self.floor is not None:
             self.floor.warm_up()
 
@@ -144,11 +139,8 @@ class CameraMonitor:
         strips = self.strips(frames.left, 0), self.strips(frames.right, 1)
         left, right = (each.row for each in strips)
         if left.shape != right.shape or left.dtype != right.dtype:
-            raise CameraError(
-                FaultKind.SHAPE,
-                f"left and right frames must be alike, got rows of {left.dtype} {tuple(left.shape)} "
-                f"and {right.dtype} {tuple(right.shape)}",
-            )
+            words = " and ".join(f"{row.dtype} {tuple(row.shape)}" for row in (left, right))
+            raise CameraError(FaultKind.SHAPE, f"left and right frames must be alike, got rows of {words}")
         self.check_pixels(strips, speed)
         self.frames += 1
         due = self.frames % EVERY == 0 or any(self.frozen)
@@ -166,11 +158,7 @@ class CameraMonitor:
             CameraError: what is wrong.
         """
         images = measure(self.strips(frames.left, 0)), measure(self.strips(frames.right, 1))
-        for k, image in enumerate(images):
-            fault = check_image(image, self.limits)
-            self.blind[k] = self.count(self.blind[k], fault is not None)
-            if self.blind[k] >= self.required and fault is not None:
-                raise CameraError(fault.kind, f"the {NAMES[k]} camera {fault.message}")
+        self.check_shown(images)
         wrong = self.mounting.compare(*images)
         if wrong is not None:
             raise CameraError(FaultKind.MOUNTING, wrong)
@@ -197,60 +185,71 @@ class CameraMonitor:
             if not self.has_noise(k):
                 self.differing[k] = 0 if same[k] else self.differing[k] + (speed == 0)
             must_change = abs(speed) > MOVING or self.has_noise(k)
-            # A blank wall that fills the subfield looks the same from everywhere.
-            equal = same[k] and alone and must_change and not is_uniform(strips[k].field)
+            equal = same[k] and alone and must_change
+            if equal:  # a blank wall that fills the subfield looks the same from everywhere
+                field = strips[k].field
+                equal = bool((field.amax((-2, -1)) > field.amin((-2, -1))).any())
             self.black[k] = self.black[k] + 1 if float(strips[k].row.max()) <= darkest else 0
             self.equal[k] = self.equal[k] + 1 if equal else 0
-            if self.black[k] >= self.patience:
-                words = f"the {name} camera has seen nothing but black for {self.patience} frames"
-                raise CameraError(FaultKind.BLACK, words)
-            if self.equal[k] >= self.patience:
-                words = f"the {name} camera has given the same image for {self.patience} frames"
-                raise CameraError(FaultKind.FROZEN, words)
+            for count, kind, words in (
+                (self.black[k], FaultKind.BLACK, "seen nothing but black"),
+                (self.equal[k], FaultKind.FROZEN, "given the same image"),
+            ):
+                if count >= self.patience:
+                    raise CameraError(kind, f"the {name} camera has {words} for {self.patience} frames")
 
     def has_noise(self, k: int) -> bool:
-        """Whether a camera never gives the same image twice, even while the car stands; rendered images do."""
+        """Whether a camera never gives the same image twice while the car stands; rendered images do."""
         return self.joint_freeze and self.differing[k] >= NOISY
+
+    def check_shown(self, images: tuple[Snapshot, Snapshot]) -> list[bool]:
+        """Which cameras show something; raises `CameraError` for one that has not for long enough."""
+        faults = [check_image(image, self.limits) for image in images]
+        for k, fault in enumerate(faults):
+            self.blind[k] = self.count(self.blind[k], fault is not None)
+            if fault is not None and self.blind[k] >= self.required:
+                raise CameraError(fault.kind, f"the {NAMES[k]} camera {fault.message}")
+        return [fault is None for fault in faults]
 
     def check_images(self, images: tuple[Snapshot, Snapshot], strips: tuple[Strips, Strips]) -> None:
         """Check what the images show, against the odometry."""
-        faults = [check_image(image, self.limits) for image in images]
+        shows, limits = self.check_shown(images), self.limits
         far = next((view for view in reversed(self.views) if self.far_from(view)), None)
-        same = [far is not None and is_unchanged(images[k], far.images[k], self.limits) for k in (0, 1)]
+        same = [far is not None and is_unchanged(images[k], far.images[k], limits) for k in (0, 1)]
         if all(same) and not self.joint_freeze:
             same = [False, False]
         here = (self.driven, self.turned)
-        behind = [not same[k] and is_frozen(images, k, self.moving_views, here, self.limits) for k in (0, 1)]
+        behind = [not same[k] and is_frozen(images, k, self.moving_views, here, limits) for k in (0, 1)]
         for k, name in enumerate(NAMES):
-            fault = faults[k]
-            self.blind[k] = self.count(self.blind[k], fault is not None)
             # The same image twice after that distance is enough: the distance counts, not the time.
             weight = (self.required + 1) // 2 if same[k] else 1
-            self.frozen[k] = self.count(self.frozen[k], (same[k] or behind[k]) and fault is None, weight)
-            if self.blind[k] >= self.required and fault is not None:
-                raise CameraError(fault.kind, f"the {name} camera {fault.message}")
+            self.frozen[k] = self.count(self.frozen[k], (same[k] or behind[k]) and shows[k], weight)
             if self.frozen[k] >= self.required:
                 when = f"while that of the {NAMES[1 - k]} one changes"
                 if far is not None and not behind[k]:
                     when = f"after {1e3 * (self.driven - far.driven):.0f} mm driven"
                 raise CameraError(FaultKind.FROZEN, f"the {name} camera shows the same image {when}, but for noise")
         self.moved_by_others = self.count(self.moved_by_others, self.moves_while_stopped(images))
-        good = faults == [None, None]
-        if good:
+        if all(shows):
             self.check_flow_direction(images)
         self.views.append(View(*here, images))
         if self.moved_by_others >= self.required:
             raise CameraError(FaultKind.MOVED_WHILE_STOPPED, "both images move although the wheels stand")
-        if good:
+        if all(shows):
             self.compare_cameras(images, strips)
 
     def compare_cameras(self, images: tuple[Snapshot, Snapshot], strips: tuple[Strips, Strips]) -> None:
         """Check by both rows and by the floor that the cameras are mounted correctly."""
-        position, upright = (self.driven, self.turned), all(check.upright for check in self.flow)
-        same_floor = self.floor is not None and self.floor.compare(*strips, position)
-        near_wall = self.floor is not None and self.floor.near_wall
-        wrong = self.mounting.compare(*images, position, upright=upright, same_floor=same_floor, near_wall=near_wall)
-        if wrong is None and self.floor is not None and self.floor.lost:
+        position, floor = (self.driven, self.turned), self.floor
+        same_floor = floor is not None and floor.compare(*strips, position)
+        wrong = self.mounting.compare(
+            *images,
+            position,
+            upright=all(check.upright for check in self.flow),
+            same_floor=same_floor,
+            near_wall=floor is not None and floor.near_wall,
+        )
+        if wrong is None and floor is not None and floor.lost:
             wrong = "both cameras do not see one floor any more: one is upside down or turned, or they are swapped"
         if wrong is not None:
             raise CameraError(FaultKind.MOUNTING, wrong)
@@ -294,15 +293,8 @@ class CameraMonitor:
             raise CameraError(FaultKind.MISSING, f"the {NAMES[k]} camera gave no frame")
         if isinstance(image, Strips):
             return image
-        if tuple(image.shape[-2:]) != (self.rig.height, self.rig.width):
-            raise CameraError(
-                FaultKind.SHAPE,
-                f"the {NAMES[k]} camera gives {image.shape[-1]}x{image.shape[-2]} frames, "
-                f"{self.rig.width}x{self.rig.height} are wanted",
-            )
+        (high, wide), rig = image.shape[-2:], self.rig
+        if (high, wide) != (rig.height, rig.width):
+            words = f"gives {wide}x{high} frames, {rig.width}x{rig.height} are wanted"
+            raise CameraError(FaultKind.SHAPE, f"the {NAMES[k]} camera {words}")
         return cut_strips(image, self.fields[k], self.rig)
-
-
-def is_uniform(field: Tensor) -> bool:
-    """Whether all pixels of an image `[..., C, h, w]` are equal, in each color."""
-    return not bool((field.amax((-2, -1)) > field.amin((-2, -1))).any())

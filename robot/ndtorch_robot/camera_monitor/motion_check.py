@@ -33,12 +33,7 @@ MEMORY = 0.85
 
 
 class View(NamedTuple):
-    """What both cameras showed at one place.
-
-    Attributes:
-        driven, turned: metres driven and radians turned until then.
-        images: of the left and the right camera.
-    """
+    """What the left and the right camera showed after so many metres driven and radians turned."""
 
     driven: float
     turned: float
@@ -80,11 +75,7 @@ class FlowDirectionCheck:
     """Compares images of one camera before and after a turn, shifted as the wheels say and the other way.
 
     A place that is nearly its own mirror image, such as a corridor, hides an upside-down camera from a comparison of
-    both cameras. The direction in which the image moves during a turn shows it.
-
-    Args:
-        focal: focal length, pixels.
-        limits: see `CameraLimits`.
+    both cameras. The direction in which the image moves during a turn shows it. `focal` is in pixels.
     """
 
     def __init__(self, focal: float, limits: CameraLimits) -> None:
@@ -92,17 +83,13 @@ class FlowDirectionCheck:
         self.reset()
 
     def reset(self) -> None:
-        """Drop all comparisons."""
         self.count = self.reversed_sum = 0.0
 
     def compare(self, now: Snapshot, before: Snapshot, turned: float) -> bool:
-        """Compare two images; True when the camera is upside down.
+        """Compare two images, between which the car turned so many radians to the left; True for an upside-down camera.
 
         Only the middle half is used: towards the sides the image moves outward while the car drives, whichever way it
         turns.
-
-        Args:
-            turned: turn of the car between them, radians to the left.
         """
         shift, edge = self.focal * turned / BLOCK, len(now.row) // 4
         rows = now.row[edge:-edge], before.row[edge:-edge]
@@ -110,16 +97,16 @@ class FlowDirectionCheck:
         self.count = MEMORY * self.count + 1
         ratio = float(np.log((1 + RESIDUAL - forward) / (1 + RESIDUAL - backward)))
         self.reversed_sum = MEMORY * self.reversed_sum + ratio
-        return self.decided and self.reversed_sum > self.limits.reversed_log_ratio * self.count
-
-    @property
-    def decided(self) -> bool:
-        return self.count >= self.limits.min_turns
+        return self.decided(self.reversed_sum)
 
     @property
     def upright(self) -> bool:
         """Whether the image turns as the wheels say, as clearly as it must turn the other way to be upside down."""
-        return self.decided and self.reversed_sum < -self.limits.reversed_log_ratio * self.count
+        return self.decided(-self.reversed_sum)
+
+    def decided(self, total: float) -> bool:
+        """Whether a sum of log ratios is clear after enough turns."""
+        return self.count >= self.limits.min_turns and total > self.limits.reversed_log_ratio * self.count
 
 
 def shifted_correlation(now: Floats, before: Floats, shift: float) -> float:

@@ -50,11 +50,7 @@ class MountingCheck:
     cameras are swapped, both are upside down, or one points outward; where they match when mirrored, one is upside
     down. By how much the wrong match is better is accumulated, less what chance explains, and never below 0 (the
     cumulative sum test of Page, Biometrika 41, 1954): the sum of good cameras falls back to 0, that of wrong ones grows
-    as the car drives.
-
-    Args:
-        limits: see `CameraLimits`.
-        reach: largest disparity, pixels.
+    as the car drives. `reach` is the largest disparity, pixels.
     """
 
     def __init__(self, limits: CameraLimits, reach: int = MAX_DISPARITY) -> None:
@@ -63,7 +59,6 @@ class MountingCheck:
         self.reset()
 
     def reset(self) -> None:
-        """Drop all comparisons: a person may have corrected the cameras."""
         self.swapped = self.mirrored = 0.0
         self.position: Position | None = None
 

@@ -57,11 +57,7 @@ class StereoConsistency:
     """Checks whether both images show the floor where it must lie.
 
     Rows may match by chance, or because a corridor is its own mirror image; the floor of an upside-down camera does not
-    match.
-
-    Args:
-        rig: the camera pair.
-        rects: rectangles of the strips of both cameras.
+    match. `rects` are the rectangles of the strips of both cameras.
 
     Attributes:
         near_wall: at the last comparison both saw one wall in place of the floor, nearer than rows can be matched. It
@@ -93,15 +89,10 @@ class StereoConsistency:
         floor_correlation(blank, blank, self.rects, self.rig, self.params)
 
     def reset(self) -> None:
-        """A person may have corrected the cameras."""
         self.without = 0
 
     def compare(self, left: Strips, right: Strips, position: Position) -> bool:
-        """Compare one of `EVERY` pairs of images; True when both certainly see one floor.
-
-        Args:
-            position: metres driven and radians turned so far.
-        """
+        """Compare one of `EVERY` pairs of images; True when both certainly see one floor."""
         self.count += 1
         ours, theirs = one_color(left.field), one_color(right.field)
         if self.count % EVERY != 1 or ours.shape != self.size or theirs.shape != self.size:
@@ -124,7 +115,12 @@ class StereoConsistency:
             wall, near = wall_correlation(*pair, self.offset)
             swapped = wall_correlation(*pair[::-1], -self.offset)[0] if wall >= SEEN else 1.0
             self.near_wall = near >= SEEN and swapped <= near - WALL_MARGIN
-            if correlation >= LOST * clear or (swapped <= wall - WALL_MARGIN and self.is_upright(*pair, wall)):
+            upright = (
+                swapped <= wall - WALL_MARGIN
+                and wall - WALL_MARGIN
+                >= wall_correlation(pair[0], np.ascontiguousarray(pair[1][::-1, ::-1]), self.offset)[0]
+            )
+            if correlation >= LOST * clear or upright:
                 self.without = 0
             elif wall < SEEN and is_new_view(position, self.position):
                 self.position, self.without = position, self.without + 1
@@ -134,11 +130,6 @@ class StereoConsistency:
     def correlation(self, ours: Floats, theirs: Floats, params: ProximityParams) -> float:
         """Correlation of the floor in both images, where it must lie."""
         return floor_correlation(ours, np.ascontiguousarray(theirs), self.rects, self.rig, params)
-
-    def is_upright(self, ours: Floats, theirs: Floats, wall: float) -> bool:
-        """Whether the wall that both see matches worse with one image rotated by 180 degrees."""
-        rotated, _ = wall_correlation(ours, np.ascontiguousarray(theirs[::-1, ::-1]), self.offset)
-        return rotated <= wall - WALL_MARGIN
 
     @property
     def lost(self) -> bool:

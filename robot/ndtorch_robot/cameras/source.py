@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
 from ndtorch.errors import InputError
 from ndtorch.utils.toml import Strict
@@ -25,43 +25,34 @@ Image = np.ndarray[Any, np.dtype[np.uint8]]
 class CameraSettings(Strict):
     """`[cameras]` of a car's file."""
 
-    left: Annotated[str, Field(min_length=1)] = Field(
-        description="The left camera is a device (/dev/v4l/by-path/..., /dev/video0 or a number), a video file, a "
-        "folder of images, or an address with ://."
-    )
-    right: Annotated[str, Field(min_length=1)] = Field(description="The right camera is named like the left one.")
-    width_px: int = Field(640, ge=16, le=8192, description="Frames have this width, in pixels.")
-    height_px: int = Field(480, ge=16, le=8192, description="Frames have this height, in pixels.")
-    rate_hz: float = Field(
-        30.0, gt=0, le=1000, description="This frame rate is requested, in Hz, and folders play at it."
-    )
-    fourcc: str = Field(
-        "MJPG",
-        pattern=r"^[ -~]{4}$",
-        description="This pixel format is requested; with MJPG two cameras fit on a USB 2 bus, with YUYV hardly ever.",
-    )
-    exposure_ms: Annotated[float, Field(gt=0, le=1000)] | None = Field(
-        10.0,
-        description="The exposure is fixed to this time, in ms; 10 ms hides the flicker of lamps on 50 Hz mains, and "
-        "without a value it is automatic.",
-    )
-    gain: Annotated[float, Field(ge=0)] | None = Field(
-        None,
-        description="The gain is fixed to this value, in units of the driver; without one the camera keeps its own.",
-    )
-    tolerance_ms: float = Field(
-        16.0, gt=0, le=1000, description="The two frames of a pair differ in time by at most this, in ms."
-    )
-    max_age_ms: float = Field(
-        100.0, gt=0, le=10_000, description="Reading waits for a pair for at most this time, in ms, and none is older."
-    )
-    calibration: Path | None = Field(
-        None,
-        description="Frames are rectified by this file of `ndtorch calibrate`; without one they are used as they are.",
-    )
-    pace: Literal["real", "read"] = Field(
-        "real", description="Files play at their own rate (real), or give one frame for each reading (read)."
-    )
+    model_config = ConfigDict(use_attribute_docstrings=True)
+
+    left: Annotated[str, Field(min_length=1)]
+    """The left camera is a device (/dev/v4l/by-path/..., /dev/video0 or a number), a video file, a folder of images, or
+    an address with ://."""
+    right: Annotated[str, Field(min_length=1)]
+    """The right camera is named like the left one."""
+    width_px: int = Field(640, ge=16, le=8192)
+    """Frames have this width, in pixels."""
+    height_px: int = Field(480, ge=16, le=8192)
+    """Frames have this height, in pixels."""
+    rate_hz: float = Field(30.0, gt=0, le=1000)
+    """This frame rate is requested, in Hz, and folders play at it."""
+    fourcc: str = Field("MJPG", pattern=r"^[ -~]{4}$")
+    """This pixel format is requested; with MJPG two cameras fit on a USB 2 bus, with YUYV hardly ever."""
+    exposure_ms: Annotated[float, Field(gt=0, le=1000)] | None = 10.0
+    """The exposure is fixed to this time, in ms; 10 ms hides the flicker of lamps on 50 Hz mains, and without a value
+    it is automatic."""
+    gain: Annotated[float, Field(ge=0)] | None = None
+    """The gain is fixed to this value, in units of the driver; without one the camera keeps its own."""
+    tolerance_ms: float = Field(16.0, gt=0, le=1000)
+    """The two frames of a pair differ in time by at most this, in ms."""
+    max_age_ms: float = Field(100.0, gt=0, le=10000)
+    """Reading waits for a pair for at most this time, in ms, and none is older."""
+    calibration: Path | None = None
+    """Frames are rectified by this file of `ndtorch calibrate`; without one they are used as they are."""
+    pace: Literal["real", "read"] = "real"
+    """Files play at their own rate (real), or give one frame for each reading (read)."""
 
 
 class Capture(Protocol):
