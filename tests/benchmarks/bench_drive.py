@@ -17,7 +17,7 @@ from ndtorch_robot.drive import DriveConfig, drive
 from ndtorch_robot.evaluation.record import Record
 from ndtorch_robot.navigator_runner import NavigatorRunner
 from ndtorch_robot.safety import SafeDrive
-from ndtorch_robot.sim.render.software import SoftwareRenderer
+from ndtorch_robot.sim.render.renderers import SoftwareRenderer
 from ndtorch_robot.sim.simulation import Simulation
 from tests.benchmarks.timing import Row, reference, table
 

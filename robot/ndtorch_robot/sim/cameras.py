@@ -14,10 +14,7 @@ from ndtorch.navigation import Rect, StereoRig, Strips
 from ndtorch.navigation.stereo.strips import row_rect
 from ndtorch_robot.sim.disturbances.registry import CameraErrors
 from ndtorch_robot.sim.procedural_textures import Image
-from ndtorch_robot.sim.render.opengl import OpenGLRenderer
-from ndtorch_robot.sim.render.renderer import Lens, Renderer, Shot, Vector, View
-from ndtorch_robot.sim.render.scene import is_supported
-from ndtorch_robot.sim.render.software import SoftwareRenderer
+from ndtorch_robot.sim.render.renderers import Lens, Shot, Vector, View, make_renderer
 
 if TYPE_CHECKING:
     import mujoco
@@ -72,32 +69,23 @@ class Cameras:
         self.fields = fields or rig.subfields()
         self.row = row_rect(rig)
         self.strips = tuple((field, self.row) for field in self.fields)
-        lens = Lens(rig.focal * (1 + self.errors.focal), rig.center, rig.width, rig.height)
-        kind = SoftwareRenderer if is_supported(model) else OpenGLRenderer
-        self.renderer: Renderer = kind(model, lens)
+        focal = rig.focal * (1 + self.errors.focal)
+        self.renderer = make_renderer(model, Lens(focal, rig.center, rig.width, rig.height))
 
     def look(self, data: mujoco.MjData, x: float, y: float, heading: float, motion: Motion = STOPPED) -> list[Frame]:
-        """What the left and the right camera see with the car there.
-
-        Args:
-            motion: of the car meanwhile.
-
-        Returns:
-            Two frames `[1, 3, H, W]` uint8, or two `Strips`.
-        """
+        """What the left and the right camera see with the car there: frames `[1, 3, H, W]` uint8, or `Strips`."""
         self.renderer.update(data)
-        pose = x, y, heading
-        drawn = self.expose(pose, motion)
-        pieces, frames = iter(drawn), list[Frame]()
+        pose, frames = (x, y, heading), list[Frame]()
+        pieces = iter(self.expose(pose, motion))
         for side, rects in enumerate(self.strips):
             parts = [next(pieces) for _ in rects]
             if self.full_frames:
-                frame = self.full_frame(*pose, side)
+                frame = self.renderer.frame(self.view(*pose, side))
                 for rect, part in zip(rects, parts, strict=True):
                     frame[:, rect.top : rect.bottom, rect.left : rect.right] = part
-                frames.append(tensor(frame))
+                frames.append(torch.from_numpy(frame)[None])
             else:
-                frames.append(Strips(*map(tensor, parts)))
+                frames.append(Strips(*(torch.from_numpy(part)[None] for part in parts)))
         return frames
 
     def expose(self, pose: Pose, motion: Motion) -> list[Image]:
@@ -122,10 +110,6 @@ class Cameras:
                     shot.append((views[delay], part))
                 shots.append(shot)
         return self.renderer.strips(shots)
-
-    def full_frame(self, x: float, y: float, heading: float, side: int) -> Image:
-        """One camera's frame `[3, H, W]`, rendered at once."""
-        return self.renderer.frame(self.view(x, y, heading, side))
 
     def view(self, x: float, y: float, heading: float, side: int) -> View:
         """The pose of a camera: 0 the left one, 1 the right one."""
@@ -166,8 +150,3 @@ def readout(rect: Rect, seconds: float, height: int) -> Iterator[tuple[Rect, flo
     for top in range(rect.top, rect.bottom, step):
         part = rect._replace(top=top, bottom=min(top + step, rect.bottom))
         yield part, seconds * ((part.top + part.bottom) / 2 / height - 0.5)
-
-
-def tensor(pixels: Image) -> torch.Tensor:
-    """`[3, h, w]` to `[1, 3, h, w]`."""
-    return torch.from_numpy(pixels).unsqueeze(0)

@@ -15,14 +15,15 @@ Floats = npt.NDArray[np.float32]
 
 Pattern = Literal["carpet", "tiles", "checker", "smooth", "lines"]
 
-SIZES: dict[str, float] = {"carpet": 1.0, "tiles": 0.3, "checker": 0.25, "smooth": 1.0, "lines": 2.5}
-"""Metres from joint to joint, check to check and line to line, by default."""
-
-WIDTHS = {"tiles": 0.006, "lines": 0.03}
-"""Metres: how wide joints and lines are, by default."""
-
-SPREADS: dict[str, float] = {"carpet": 0.03, "tiles": 0.01, "checker": 0.01, "smooth": 0.0015, "lines": 0.03}
-"""Standard deviation of the brightness of the material itself; one level of 256 is 0.004."""
+PATTERNS: dict[str, tuple[float, float, float]] = {
+    "carpet": (1.0, 0.0, 0.03),
+    "tiles": (0.3, 0.006, 0.01),
+    "checker": (0.25, 0.0, 0.01),
+    "smooth": (1.0, 0.0, 0.0015),
+    "lines": (2.5, 0.03, 0.03),
+}
+"""By default: metres from joint to joint, check to check and line to line; how wide joints and lines are, m; and the
+standard deviation of the brightness of the material itself, where one level of 256 is 0.004."""
 
 DARK = 0.35
 """Brightness of joints and lines, as a share of that of the floor."""
@@ -56,8 +57,8 @@ class Floor:
     Args:
         pattern: `"carpet"`, `"tiles"` with dark joints, `"checker"`, `"smooth"` (almost no texture), or `"lines"`:
             carpet with dark lines across x, such as sills and cables.
-        size: metres from one to the next; 0 is that of `SIZES`.
-        line: width of joints and lines, m; 0 is that of `WIDTHS`.
+        size: metres from one to the next; 0 is that of `PATTERNS`.
+        line: width of joints and lines, m; 0 is that of `PATTERNS`.
         lamps: pools of light.
 
     Raises:
@@ -81,17 +82,17 @@ class Floor:
     @property
     def step(self) -> float:
         """Metres from one to the next."""
-        return self.size or SIZES[self.pattern]
+        return self.size or PATTERNS[self.pattern][0]
 
     @property
     def width(self) -> float:
         """Of joints and lines, m."""
-        return self.line or WIDTHS.get(self.pattern, 0.0)
+        return self.line or PATTERNS[self.pattern][1]
 
     @property
     def spread(self) -> float:
         """Standard deviation of the brightness of the material."""
-        return SPREADS[self.pattern]
+        return PATTERNS[self.pattern][2]
 
     def light(self, x: Floats, y: Floats, texel: float, rng: np.random.Generator) -> Floats | None:
         """Brightness `[rows, columns]` as a factor, None where it is 1 everywhere.

@@ -34,12 +34,10 @@ PEDESTRIAN_SIZE = (0.18, 0.25, 0.9)
 """Half the sides of the pedestrian, m."""
 
 
-class CarSize(NamedTuple):
-    """Half the length, width and height of the body of the car, m; its middle is the point it turns about."""
+CAR_SIZE = (0.25, 0.18, 0.07)
+"""Half the length, width and height of the body of the car, m; its middle is the point it turns about."""
 
-    length: float = 0.25
-    width: float = 0.18
-    height: float = 0.07
+Pair = tuple[float, float]
 
 
 class World(NamedTuple):
@@ -69,34 +67,28 @@ class Mesh:
         self.coordinates += coordinates
         self.faces += [(n, n + 1, n + 2), (n, n + 2, n + 3)]
 
+    def upright(self, start: Pair, end: Pair, z: Pair, u: Pair = (0.0, 0.0), v: Pair = (0.0, 0.0)) -> None:
+        """A vertical rectangle from `start` to `end`, visible from its left; `u`, `v` are as `z` from low to high."""
+        self.quad(
+            [(*end, z[0]), (*start, z[0]), (*start, z[1]), (*end, z[1])],
+            [(u[1], v[0]), (u[0], v[0]), (u[0], v[1]), (u[1], v[1])],
+        )
+
     def wall(self, segment: Floats, surface: Surface, patches: list[AtlasRect]) -> None:
         """A vertical wall along a segment, visible from its left."""
-        columns = surface.texels.shape[1]
-        (ax, ay), (bx, by) = segment
-        for n, patch in enumerate(patches):
-            low, high = round(columns * n / len(patches)) / columns, round(columns * (n + 1) / len(patches)) / columns
-            x0, y0, x1, y1 = ax + low * (bx - ax), ay + low * (by - ay), ax + high * (bx - ax), ay + high * (by - ay)
-            top, low_z = surface.height, surface.bottom
-            self.quad(
-                [(x1, y1, low_z), (x0, y0, low_z), (x0, y0, top), (x1, y1, top)],
-                [
-                    (patch.end, patch.bottom),
-                    (patch.start, patch.bottom),
-                    (patch.start, patch.top),
-                    (patch.end, patch.top),
-                ],
-            )
+        columns, (a, b) = surface.texels.shape[1], segment
+        for n, p in enumerate(patches):
+            low, high = (round(columns * k / len(patches)) / columns for k in (n, n + 1))
+            start, end = a + low * (b - a), a + high * (b - a)
+            z = (surface.bottom, surface.height)
+            self.upright((start[0], start[1]), (end[0], end[1]), z, (p.start, p.end), (p.bottom, p.top))
 
-    def level(self, bounds: tuple[float, ...], z: float, texture: tuple[float, ...], facing_down: bool = False) -> None:
-        """A horizontal rectangle."""
-        left, right, bottom, top = bounds
-        a, b, c, d = texture
-        points = [(left, bottom, z), (right, bottom, z), (right, top, z), (left, top, z)]
-        coordinates = [(a, c), (b, c), (b, d), (a, d)]
-        if facing_down:
-            points.reverse()
-            coordinates.reverse()
-        self.quad(points, coordinates)
+    def level(self, bounds: tuple[float, ...], z: float, size: Pair, facing_down: bool = False) -> None:
+        """A horizontal rectangle with so many repetitions of its texture."""
+        (left, right, bottom, top), (u, v) = bounds, size
+        corners = [(left, bottom, 0.0, 0.0), (right, bottom, u, 0.0), (right, top, u, v), (left, top, 0.0, v)]
+        corners = corners[::-1] if facing_down else corners
+        self.quad([(x, y, z) for x, y, _, _ in corners], [(a, b) for _, _, a, b in corners])
 
     def add(self, spec: Any, body: Any, name: str, rgba: list[float] | None = None) -> None:
         """Add the mesh to a body as a geom with the material of the same name, or in one color."""
@@ -138,16 +130,14 @@ def build(
     atlas, patches = pack(surfaces)
     floor, ground = floor_texture(plan, rng)
     images = {"walls": atlas, "floor": floor, "ceiling": ceiling_texture()}
-    wall_mesh = Mesh()
+    wall_mesh, floor_mesh, ceiling_mesh = Mesh(), Mesh(), Mesh()
     for segment, surface, cut in zip(plan.segments, surfaces, patches, strict=True):
         wall_mesh.wall(segment, surface, cut)
     if walls == "textured":
         add_skirting(spec, plan)
     left, right, bottom, top = ground
-    floor_mesh, ceiling_mesh = Mesh(), Mesh()
-    floor_mesh.level(ground, 0.0, (0.0, 1.0, 0.0, 1.0))
-    tiles = (right - left) / 9.6, (top - bottom) / 9.6
-    ceiling_mesh.level(ground, plan.height, (0.0, tiles[0], 0.0, tiles[1]), facing_down=True)
+    floor_mesh.level(ground, 0.0, (1.0, 1.0))
+    ceiling_mesh.level(ground, plan.height, ((right - left) / 9.6, (top - bottom) / 9.6), facing_down=True)
     for solid in plan.solids:
         if solid.height is not None and solid.height < plan.height and not solid.radius:
             add_lid(spec, solid.array, solid.height, solid.bottom)
@@ -169,14 +159,8 @@ def add_textures(spec: Any, images: dict[str, Image]) -> None:
     import mujoco
 
     for name, image in images.items():
-        spec.add_texture(
-            name=name,
-            type=mujoco.mjtTexture.mjTEXTURE_2D,
-            builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
-            width=image.shape[1],
-            height=image.shape[0],
-            nchannel=3,
-        )
+        flat = {"type": mujoco.mjtTexture.mjTEXTURE_2D, "builtin": mujoco.mjtBuiltin.mjBUILTIN_FLAT, "nchannel": 3}
+        spec.add_texture(name=name, width=image.shape[1], height=image.shape[0], **flat)
         material = spec.add_material(name=name, rgba=[1, 1, 1, 1], specular=0, shininess=0)
         textures = [""] * int(mujoco.mjtTextureRole.mjNTEXROLE)
         textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = name
@@ -197,9 +181,7 @@ def add_skirting(spec: Any, plan: Plan) -> None:
         if kind == "wall":
             length = math.hypot(bx - ax, by - ay)
             x, y = -(by - ay) / length * SKIRTING[0], (bx - ax) / length * SKIRTING[0]
-            top = SKIRTING[1]
-            corners = [(bx + x, by + y, 0.0), (ax + x, ay + y, 0.0), (ax + x, ay + y, top), (bx + x, by + y, top)]
-            boards.quad(corners, [(0.0, 0.0)] * 4)
+            boards.upright((ax + x, ay + y), (bx + x, by + y), (0.0, SKIRTING[1]))
     if boards.points:
         boards.add(spec, spec.worldbody, "skirting", [0.2, 0.19, 0.18, 1])
 
@@ -237,7 +219,7 @@ def add_collisions(spec: Any, plan: Plan) -> None:
             size = [shape.radius, high / 2, 0]
             add_collision(spec.worldbody, mujoco.mjtGeom.mjGEOM_CYLINDER, [x, y, high / 2], size)
             continue
-        for (ax, ay), (bx, by) in zip(shape.array, np.roll(shape.array, -1, 0), strict=True):
+        for (ax, ay), (bx, by) in shape.sides:
             length = math.hypot(bx - ax, by - ay)
             nx, ny = -(by - ay) / length, (bx - ax) / length
             angle = math.atan2(by - ay, bx - ax)
@@ -261,22 +243,11 @@ def add_car(spec: Any) -> None:
     import mujoco
 
     car = spec.worldbody.add_body(name="car")
-    for name, kind, axis in (
-        ("x", mujoco.mjtJoint.mjJNT_SLIDE, [1, 0, 0]),
-        ("y", mujoco.mjtJoint.mjJNT_SLIDE, [0, 1, 0]),
-        ("yaw", mujoco.mjtJoint.mjJNT_HINGE, [0, 0, 1]),
-    ):
+    slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
+    for name, kind, axis in (("x", slide, [1, 0, 0]), ("y", slide, [0, 1, 0]), ("yaw", hinge, [0, 0, 1])):
         car.add_joint(name=name, type=kind, axis=axis)
-    car.add_geom(
-        name="car",
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=[0, 0, 0.12],
-        size=list(CarSize()),
-        mass=8.0,
-        contype=0,
-        conaffinity=1,
-        group=3,
-    )
+    look = {"type": mujoco.mjtGeom.mjGEOM_BOX, "pos": [0, 0, 0.12], "size": [*CAR_SIZE]}
+    car.add_geom(name="car", mass=8.0, contype=0, conaffinity=1, group=3, **look)
 
 
 def add_pedestrian(spec: Any, images: dict[str, Image], rng: np.random.Generator) -> None:
@@ -287,13 +258,8 @@ def add_pedestrian(spec: Any, images: dict[str, Image], rng: np.random.Generator
     add_textures(spec, {"pedestrian": images["pedestrian"]})
     body = spec.worldbody.add_body(name="pedestrian", mocap=True)
     x, y, z = PEDESTRIAN_SIZE
-    mesh = Mesh()
-    corners = [(-x, -y), (x, -y), (x, y), (-x, y)]
+    mesh, corners = Mesh(), [(-x, -y), (x, -y), (x, y), (-x, y), (-x, -y)]
     for k in range(4):
-        (ax, ay), (bx, by) = corners[k], corners[(k + 1) % 4]
-        mesh.quad(
-            [(ax, ay, 0.0), (bx, by, 0.0), (bx, by, 2 * z), (ax, ay, 2 * z)],
-            [(k / 4, 1.0), ((k + 1) / 4, 1.0), ((k + 1) / 4, 0.0), (k / 4, 0.0)],
-        )
+        mesh.upright(corners[k + 1], corners[k], (0.0, 2 * z), ((k + 1) / 4, k / 4), (1.0, 0.0))
     mesh.add(spec, body, "pedestrian")
     add_collision(body, mujoco.mjtGeom.mjGEOM_BOX, [0, 0, z], list(PEDESTRIAN_SIZE))

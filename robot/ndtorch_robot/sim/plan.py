@@ -59,6 +59,11 @@ class Ring:
         return np.array(self.points, dtype=np.float64)
 
     @property
+    def sides(self) -> Floats:
+        """Surfaces `[N, 2, 2]`: from, to; x, y."""
+        return np.stack((self.array, np.roll(self.array, -1, 0)), 1)
+
+    @property
     def area(self) -> float:
         """Signed area, m^2, positive when counter-clockwise."""
         x, y = self.array.T
@@ -93,11 +98,8 @@ def circle(x: float, y: float, radius: float, corners: int) -> list[Point]:
 
 def square(x: float, y: float, side: float, turned: float) -> list[Point]:
     """A square turned by radians."""
-    radius = side / math.sqrt(2)
-    return [
-        (x + radius * math.cos(turned + k * math.pi / 2), y + radius * math.sin(turned + k * math.pi / 2))
-        for k in range(4)
-    ]
+    radius, angles = side / math.sqrt(2), [turned + k * math.pi / 2 for k in range(4)]
+    return [(x + radius * math.cos(angle), y + radius * math.sin(angle)) for angle in angles]
 
 
 WIDEST = 500.0
@@ -140,17 +142,14 @@ class Plan:
             raise InputError(f"arena {self.name}: height must be 1 to 10 m, got {self.height}")
         for shape in self.rings:
             check_ring(shape, self.name)
-        if not np.ptp(self.outline.array, 0).max() <= WIDEST:
-            wide, deep = np.ptp(self.outline.array, 0)
-            raise InputError(
-                f"arena {self.name}: {wide:.4g} x {deep:.4g} m is too large, {WIDEST:g} m a side are the most"
-            )
+        wide, deep = np.ptp(self.outline.array, 0)
+        if not max(wide, deep) <= WIDEST:
+            words = f"{wide:.4g} x {deep:.4g} m is too large, {WIDEST:g} m a side are the most"
+            raise InputError(f"arena {self.name}: {words}")
         for solid in self.solids:
-            middle = solid.array.mean(0)
-            if not bool(inside(self.outline, middle[None])[0]):
-                raise InputError(
-                    f"arena {self.name}: a {solid.kinds[0]} at ({middle[0]:.2f}, {middle[1]:.2f}) is outside the walls"
-                )
+            x, y = solid.array.mean(0)
+            if not inside(self.outline, np.array([[x, y]]))[0]:
+                raise InputError(f"arena {self.name}: a {solid.kinds[0]} at ({x:.2f}, {y:.2f}) is outside the walls")
         if self.start is not None and not (self.clearance(np.array([self.start[:2]]))[0] > 0.3):
             x, y, _ = self.start
             raise InputError(f"arena {self.name}: start ({x}, {y}) must be free for 0.3 m all around")
@@ -163,13 +162,12 @@ class Plan:
     @cached_property
     def segments(self) -> Floats:
         """All surfaces, `[S, 2, 2]`: from, to; x, y."""
-        return np.concatenate([np.stack((r.array, np.roll(r.array, -1, 0)), 1) for r in self.rings])
+        return np.concatenate([r.sides for r in self.rings])
 
     @cached_property
     def in_the_way(self) -> Floats:
         """Those of the surfaces that a car cannot pass, `[N, 2, 2]`."""
-        found = [np.stack((r.array, np.roll(r.array, -1, 0)), 1) for r in self.rings if r.stops]
-        return np.concatenate(found)
+        return np.concatenate([r.sides for r in self.rings if r.stops])
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
@@ -197,13 +195,9 @@ class Plan:
 
     def cast(self, origin: Floats, angles: Floats) -> Floats:
         """Distance from `origin` (x, y) to the first surface in world directions `[N]`, m; inf where there is none."""
-        a, along = self.in_the_way[:, 0], self.in_the_way[:, 1] - self.in_the_way[:, 0]
+        a, b = self.in_the_way[:, 0], self.in_the_way[:, 1]
         ray = np.stack((np.cos(angles), np.sin(angles)), -1)[:, None]
-        to = a - origin
-        cross = ray[..., 0] * along[:, 1] - ray[..., 1] * along[:, 0]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            distance = (to[:, 0] * along[:, 1] - to[:, 1] * along[:, 0]) / cross
-            share = (to[:, 0] * ray[..., 1] - to[:, 1] * ray[..., 0]) / cross
+        distance, share = crossing(origin, ray, a, b - a)
         hit = (distance > 1e-9) & (share >= -1e-9) & (share <= 1 + 1e-9)
         return np.asarray(np.where(hit, distance, np.inf).min(-1))
 
@@ -212,6 +206,17 @@ class Plan:
         offset = targets - origin
         reach = self.cast(origin, np.arctan2(offset[:, 1], offset[:, 0]))
         return np.asarray(reach >= np.hypot(*offset.T) - margin)
+
+
+def crossing(origin: Floats, ray: Floats, start: Floats, along: Floats) -> tuple[Floats, Floats]:
+    """Where the lines `origin + s ray` and `start + t along`, `[..., 2]`, cross: s and t, NaN where parallel."""
+    to = start - origin
+    cross = ray[..., 0] * along[..., 1] - ray[..., 1] * along[..., 0]
+    cross = np.where(np.abs(cross) > 1e-12, cross, np.nan)
+    return (
+        (to[..., 0] * along[..., 1] - to[..., 1] * along[..., 0]) / cross,
+        (to[..., 0] * ray[..., 1] - to[..., 1] * ray[..., 0]) / cross,
+    )
 
 
 def away(points: Floats, segments: Floats) -> Floats:
@@ -228,8 +233,7 @@ def inside(shape: Ring, points: Floats) -> npt.NDArray[np.bool_]:
     """Whether points `[N, 2]` lie inside a ring: a ray to the right crosses it an odd number of times."""
     result = np.zeros(len(points), dtype=bool)
     x, y = points.T
-    corners = shape.array
-    for (ax, ay), (bx, by) in zip(corners, np.roll(corners, -1, 0), strict=True):
+    for (ax, ay), (bx, by) in shape.sides:
         if ay != by:
             across = (ay > y) != (by > y)
             result ^= across & (x < ax + (y - ay) * ((bx - ax) / (by - ay)))
@@ -250,9 +254,9 @@ def narrow_gaps(plan: Plan, car: float = 0.36) -> tuple[str, ...]:
 def nearest_between(one: Ring, other: Ring) -> tuple[float, Point]:
     """The smallest distance of a corner of one ring from a side of the other, and where that is."""
     best, where = math.inf, (0.0, 0.0)
-    for corners, sides in ((one.array, other.array), (other.array, one.array)):
-        for side in zip(sides, np.roll(sides, -1, 0), strict=True):
-            apart = away(corners, np.array([side]))
+    for corners, sides in ((one.array, other.sides), (other.array, one.sides)):
+        for side in sides:
+            apart = away(corners, side[None])
             k = int(apart.argmin())
             if apart[k] < best:
                 best, where = float(apart[k]), (float(corners[k, 0]), float(corners[k, 1]))
@@ -286,12 +290,8 @@ def self_crossing(corners: Floats) -> Point | None:
     """Where two walls of a ring cross properly, or None."""
     a, b = corners, np.roll(corners, -1, 0)
     d = b - a
-    to = a[None] - a[:, None]
-    cross = d[:, None, 0] * d[None, :, 1] - d[:, None, 1] * d[None, :, 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s = (to[..., 0] * d[None, :, 1] - to[..., 1] * d[None, :, 0]) / cross
-        t = (to[..., 0] * d[:, None, 1] - to[..., 1] * d[:, None, 0]) / cross
-    proper = (s > 1e-6) & (s < 1 - 1e-6) & (t > 1e-6) & (t < 1 - 1e-6) & (np.abs(cross) > 1e-12)
+    s, t = crossing(a[:, None], d[:, None], a[None], d[None])
+    proper = (s > 1e-6) & (s < 1 - 1e-6) & (t > 1e-6) & (t < 1 - 1e-6)
     if not proper.any():
         return None
     k = int(np.argmax(proper.any(1)))

@@ -37,10 +37,6 @@ class SpawnPoints:
         x, y = self.points[int(rng.integers(len(self.points)))]
         return float(x), float(y), self.heading(float(x), float(y))
 
-    def near(self, x: float, y: float, away_from: Point | None = None) -> tuple[float, float, float]:
-        """The nearest place, at least 1.2 m from `away_from`, and its best heading."""
-        return next(self.by_distance(x, y, away_from))
-
     def by_distance(self, x: float, y: float, away_from: Point | None = None) -> Iterator[tuple[float, float, float]]:
         """All places at least 1.2 m from `away_from`, the nearest first, each with its best heading."""
         points = self.points

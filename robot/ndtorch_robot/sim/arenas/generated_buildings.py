@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ndtorch_robot.sim.arenas.registry import arena
-from ndtorch_robot.sim.plan import Plan, Ring, ring
-from ndtorch_robot.sim.shapes import Box, trace
+from ndtorch_robot.sim.plan import Plan, Ring
+from ndtorch_robot.sim.shapes import Box, box_ring, trace
 
 
 @arena("office")
@@ -24,7 +24,7 @@ def office(seed: int) -> Plan:
             box = Box(left, 1.15, right, 1.15 + depth)
             gap = Box(door, 1.0, door + 1.2, 1.15)
             rooms += [mirrored(box, side), mirrored(gap, side)]
-            solids += [desk(mirrored(b, side)) for b in furniture(box, gap, rng)]
+            solids += [box_ring(mirrored(b, side), 0.75) for b in furniture(box, gap, rng)]
     outline, inner = trace(rooms)
     return Plan("office", outline, (*inner, *solids), (0.6, 0.0, 0.0))
 
@@ -46,12 +46,6 @@ def furniture(room: Box, gap: Box, rng: np.random.Generator) -> list[Box]:
     y = float(rng.uniform(room.bottom + 0.3, room.bottom + 1.0))
     boxes.append(Box(x, y, x + deep, y + long))
     return boxes
-
-
-def desk(box: Box) -> Ring:
-    """A piece of furniture as high as a desk."""
-    corners = [(box.left, box.bottom), (box.right, box.bottom), (box.right, box.top), (box.left, box.top)]
-    return ring(corners, "furniture", height=0.75, solid=True)
 
 
 @arena("random")

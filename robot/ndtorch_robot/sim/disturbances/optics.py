@@ -49,14 +49,5 @@ class Optics(Disturbance):
 
     def camera(self) -> CameraErrors:
         degrees = (self.pitch_deg, self.roll_deg, self.yaw_deg, self.right_yaw_deg)
-        pitch, roll, yaw, right_yaw = map(math.radians, degrees)
-        return CameraErrors(
-            pitch,
-            roll,
-            yaw,
-            right_yaw,
-            self.baseline_error_ratio,
-            self.focal_error_ratio,
-            self.shutter_s,
-            self.readout_s,
-        )
+        others = (self.baseline_error_ratio, self.focal_error_ratio, self.shutter_s, self.readout_s)
+        return CameraErrors._make((*map(math.radians, degrees), *others))
