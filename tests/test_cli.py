@@ -21,10 +21,8 @@ import pytest
 import ndtorch
 from ndtorch.binding.rules import RULES
 from ndtorch.cli.commands import main
-from ndtorch.scenes import SCENES
-from tests.command_line import refused, same_state
+from tests.command_line import refused
 
-TRACKED = {"objects.json", "overlay.mp4", "report.html", "state.safetensors", "timeline.jsonl", "timeline.png"}
 FILES = {
     "enhanced.mp4",
     "frames.png",
@@ -83,20 +81,6 @@ def test_default_run_names_both_bars_in_words(tmp_path: Path, capsys: pytest.Cap
         # Something is drawn on the paper.
         assert picture is not None
         assert (picture < 128).mean() > 0.001
-
-
-@pytest.mark.usefixtures("undrawn")
-@pytest.mark.slow
-def test_a_folder_of_ones_own_is_a_model(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    ndtorch.load("scale-free", gamma=0.4).save(tmp_path / "mine")
-    asked = ["bind", str(clip), "--model", str(tmp_path / "mine"), "--seconds", "0.4", "--pictures", "0"]
-    assert main([*asked, "--out", str(tmp_path / "out")]) == 0
-    assert capsys.readouterr().out.startswith(f"model  {tmp_path / 'mine'} (scale-free)\n")
-    again = ["bind", str(clip), "--model", "scale-free", "--gamma", "0.4", *asked[4:], "--out", str(tmp_path / "again")]
-    assert main(again) == 0
-    same_state(tmp_path / "out" / "bars", tmp_path / "again" / "bars")
-    capsys.readouterr()
-    refused([*asked, "--rule", "hebbian", "--out", str(tmp_path)], capsys, "--rule", "published", "scale-free")
 
 
 @pytest.mark.slow
@@ -158,19 +142,6 @@ def test_a_second_run_leaves_the_first_alone(clip: Path, tmp_path: Path, capsys:
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["bars", "bars-2", "bars-3"]
 
 
-def test_lists_and_files_are_one_json_object(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["scenes", "--json"]) == 0
-    assert set(json.loads(capsys.readouterr().out)) == set(SCENES)
-    file = tmp_path / "bar.avi"
-    render = ["render", "one-bar", str(file), "--seconds", "0.1", "--json"]
-    assert main(render) == 0
-    about = {"file": str(file), "frames": 10, "width": 500, "height": 500, "fps": 100.0}
-    assert json.loads(capsys.readouterr().out) == about
-    refused(render, capsys, str(file), "--force")
-    assert main([*render, "--force"]) == 0
-    assert [path.name for path in tmp_path.iterdir()] == ["bar.avi"]
-
-
 def test_quiet_prints_errors_alone(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     asked = ["bind", str(clip), "--seconds", "0.2", "--pictures", "0", "--out", str(tmp_path)]
     assert main([*asked, "--quiet"]) == 0
@@ -194,20 +165,6 @@ def test_help_shows_what_options_take(capsys: pytest.CaptureFixture[str]) -> Non
     assert "--quiet" in text
     assert "default: None" not in text
     assert "(default: two-bars)" in " ".join(text.replace("│", " ").split())
-
-
-def test_a_recording_changes_nothing(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("rerun")
-    found = []
-    for name, more in (("plain", []), ("recorded", ["--rrd", str(tmp_path / "run.rrd")])):
-        assert main(["bind", str(clip), *more, "--out", str(tmp_path / name)]) == 0
-        assert capsys.readouterr().out.startswith("model  foreground (default for files and cameras)\n")
-        folder = tmp_path / name / "bars"
-        assert {path.name for path in folder.iterdir()} == TRACKED
-        found.append(json.loads((folder / "objects.json").read_text(encoding="utf-8")))
-    assert (tmp_path / "run.rrd").stat().st_size > 10_000
-    for key in ("model", "objects", "weights", "verdict"):
-        assert found[0][key] == found[1][key]
 
 
 def test_help_and_scenes_answer_before_torch_is_there(tmp_path: Path) -> None:

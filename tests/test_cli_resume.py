@@ -73,33 +73,3 @@ def test_a_state_with_a_number_that_is_none_is_refused(
     state["second.weights"][0, 1] = torch.nan
     save_tensors(state, path, {key: text for key, text in about.items() if key != CHECKSUM})
     refused(["bind", "--resume", str(path.parent), "--out", str(tmp_path)], capsys, str(path), "second.weights", "NaN")
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_resume_does_not_take_options_that_would_change_the_run(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["bind", "--seconds", "0.1", "--settle", "0", "--pictures", "0", "--out", str(tmp_path)]) == 0
-    capsys.readouterr()
-    before = {path.name: path.read_bytes() for path in (tmp_path / "two-bars").iterdir()}
-    refused(["bind", "--resume", str(tmp_path / "two-bars"), "--phase", "9", "--out", str(tmp_path)], capsys, "phase")
-    refused(["bind", "one-bar", "--resume", str(tmp_path / "two-bars"), "--out", str(tmp_path)], capsys, "one-bar")
-    assert {path.name: path.read_bytes() for path in (tmp_path / "two-bars").iterdir()} == before
-    assert [path.name for path in tmp_path.iterdir()] == ["two-bars"]
-
-
-@pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize("frames", [9, 11, 10**12])
-def test_a_state_of_fewer_or_more_frames_than_its_run_is_refused(
-    frames: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The scene would go on at another place, whole as the file is."""
-    assert main(["bind", "--seconds", "0.1", "--settle", "0", "--pictures", "0", "--out", str(tmp_path)]) == 0
-    capsys.readouterr()
-    path = tmp_path / "two-bars" / "state.safetensors"
-    with safe_open(path, "pt") as file:
-        about = json.loads(file.metadata()["run"])
-    assert about["frames"] == 10
-    save_tensors(kept(path.parent), path, {"run": json.dumps(about | {"frames": frames})})
-    words = [f"says that it ended at frame {frames}", "seen 10"]
-    refused(["bind", "--resume", str(path.parent), "--out", str(tmp_path)], capsys, *words)

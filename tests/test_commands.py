@@ -12,8 +12,7 @@ import pytest
 
 from ndtorch.cli import commands
 from ndtorch.cli.commands import GROUP, main
-from ndtorch.errors import InputError
-from ndtorch.utils.packages import need, remedy
+from ndtorch.utils.packages import remedy
 
 MODULES = {
     "good": "from dataclasses import dataclass\n@dataclass\nclass Good:\n    '''Does good.'''\n"
@@ -117,13 +116,6 @@ def test_extras_are_those_that_exist() -> None:
     assert remedy("no_such_module_of_anybody") is None
 
 
-def test_need(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert need("json.decoder", "this").__name__ == "json.decoder"
-    monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(InputError, match=r"a view needs rerun, which is not installed: pip install 'rerun-sdk"):
-        need("rerun", "a view")
-
-
 def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
     """All commands of all three distributions, each with a line of its own."""
     assert main(["--help"]) == 0
@@ -155,18 +147,3 @@ def test_a_reader_may_stop_reading(tmp_path: Path) -> None:
     assert process.stderr.read() == ""
     assert process.wait(120) == 141
     process.stderr.close()
-
-
-@pytest.mark.parametrize("old", ["robot", "train"])
-def test_the_old_commands_name_the_new_one(old: str) -> None:
-    root = Path(__file__).resolve().parents[1]
-    done = subprocess.run(
-        [sys.executable, "-m", old, "drive", "--seconds", "2"],
-        capture_output=True,
-        text=True,
-        cwd=root,
-        timeout=120,
-        check=False,
-    )
-    assert done.returncode == 2
-    assert done.stderr == f"error: `python -m {old}` is `ndtorch` now: ndtorch drive --seconds 2\n"

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -76,19 +74,6 @@ def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
         export(model("published"), tmp_path, "tflite")  # type: ignore[arg-type]
 
 
-@pytest.mark.slow
-def test_on_a_full_disk_old_programs_stay_and_one_line_says_so(tmp_path: Path) -> None:
-    """In a process of its own: torch's writer would end it."""
-    names = ("first.pt2", "next.pt2")
-    ended = subprocess.run(
-        [sys.executable, "-c", FULL, *(str(tmp_path / name) for name in names)], capture_output=True, text=True
-    )
-    assert ended.returncode == 0, ended.stderr
-    assert ended.stdout == f"{tmp_path / 'next.pt2'} cannot be written: File too large\n"
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
-    assert [(tmp_path / name).read_text() for name in names] == ["old", "old"]
-
-
 def test_an_onnx_program_is_one_file(tmp_path: Path) -> None:
     onnx = pytest.importorskip("onnx")
     pytest.importorskip("onnxscript")
@@ -98,26 +83,6 @@ def test_an_onnx_program_is_one_file(tmp_path: Path) -> None:
     written = onnx.load(tmp_path / "next.onnx")
     onnx.checker.check_model(written)
     assert [part.name for part in written.graph.input] == ["x", "total"]
-
-
-FULL = """
-import resource, sys
-from pathlib import Path
-import torch
-from ndtorch.errors import InputError
-from ndtorch.export import write
-
-first, following = map(Path, sys.argv[1:])
-programs = {}
-for path, size in ((first, 2), (following, 300)):
-    path.write_text("old")
-    programs[path] = torch.export.export(torch.nn.Linear(size, size), (torch.rand(2, size),))
-resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, resource.RLIM_INFINITY))
-try:
-    write(programs, "pt2")
-except InputError as error:
-    print(error)
-"""
 
 
 class Summed(torch.nn.Module):

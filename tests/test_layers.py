@@ -125,16 +125,6 @@ def test_neighbours_that_do_not_know_each_other(arrows: Arrows) -> None:
     assert met == []
 
 
-def test_report_draws_and_writes_what_run_finds(arrows: Arrows) -> None:
-    """No file of report opens a source or steps a model, and nothing that runs one knows what becomes of it."""
-    taken = {there for name in arrows if room_of(name) == "ndtorch.report" for there in arrows[name]}
-    assert {"ndtorch.run.result", "ndtorch.run.watchers", "ndtorch.scenes.video_writer"} == {
-        name for name in taken if name.startswith(("ndtorch.run", "ndtorch.scenes", "ndtorch.loading"))
-    }
-    for name in (name for name in arrows if room_of(name) == "ndtorch.run"):
-        assert not {there for there in arrows[name] if there.startswith("ndtorch.report")}
-
-
 PROGRAM = f"""
 import sys, torch, logging, os
 def settings():

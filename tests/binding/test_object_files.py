@@ -116,16 +116,6 @@ def test_both_ends_of_a_long_object_are_one_object_in_the_middle() -> None:
     assert (rows - 6.0).abs().min() < 0.6
 
 
-def test_ends_that_were_two_objects_become_one_once_they_fluctuate_alike() -> None:
-    """As where a window comes from another object, which fluctuated more: five seconds are enough to forget that."""
-    steps = 200
-    early, alike = torch.arange(steps) < 100, 0.5 + 0.1 * torch.sin(2 * math.pi * torch.arange(steps) * DT / 0.9)
-    ends = [torch.where(early, wave(steps, period, phase), alike) for period, phase in ((1.3, 0.0), (0.8, 0.4))]
-    upper, lower = (blob(RIGHT_RED, end, (row, 3.0), (0.0, 1.5)) for end, row in zip(ends, (4.9, 7.1), strict=True))
-    counts, _ = windows()(upper + lower)
-    assert (int(counts[95]), int(counts[-1])) == (2, 1)
-
-
 def test_a_faint_object_is_seen_beside_a_bright_one() -> None:
     bright = blob(RIGHT_RED, wave(160, 1.1), (4.0, 3.0), (0.0, 1.5))
     faint = blob(LEFT_GREEN, 0.15 * wave(160, 0.7), (11.0, 9.0), (0.0, -1.5))

@@ -75,18 +75,6 @@ def test_a_run_goes_on_at_frame_10_to_the_12_as_at_frame_10_to_the_6(name: str) 
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_run_resumed_from_a_file_is_the_run(tmp_path: Path, name: str) -> None:
-    module, frames = model(name, fps=30.0), noise(20, 3, 32, 33)
-    _, state = module(frames[:11])
-    save_state(state, tmp_path / "state")
-    loaded, _ = load_state(tmp_path / "state", module)
-    whole, end = module(frames[11:], state)
-    resumed, resumed_end = module(frames[11:], loaded)
-    assert all(torch.equal(a, b) for a, b in zip(resumed, whole, strict=True))
-    assert same(resumed_end, end)
-
-
-@pytest.mark.parametrize("name", NAMES)
 def test_a_file_without_one_part_is_refused(tmp_path: Path, name: str) -> None:
     module, path = model(name), tmp_path / "state"
     _, state = module(noise(4, 3, 32, 33))

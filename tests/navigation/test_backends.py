@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 import torch
@@ -141,24 +139,6 @@ def test_pixels_that_are_no_numbers_in_0_1_are_refused(controller: str, worth: f
         spoiled[..., row, 120] = worth
         with pytest.raises(InputError, match=r"finite numbers in 0..1"):
             navigator(spoiled, right[1:], state)
-
-
-def refused(said: str, **given: Any) -> None:
-    left, right = pairs(torch.uint8, frames=1)
-    eyes = {"left": left, "right": right} | {k: v for k, v in given.items() if k in ("left", "right")}
-    with pytest.raises(InputError, match=said):
-        Navigator(RIG, DT, controller="published", backend="numba")(**eyes)
-
-
-def test_frames_that_compiled_steps_do_not_take() -> None:
-    left, right = pairs(torch.uint8, frames=1)
-    refused("alike", right=right.float())
-    refused("same frames", right=torch.cat((right, right)))
-    refused("uint8 or floating point", left=left.int(), right=right.int())
-    refused("C = 1 or 3", left=left[:, :2], right=right[:, :2])
-    refused("H, W", left=left[..., :-1], right=right[..., :-1])
-    refused("gradients", left=(left / 255).requires_grad_(), right=right / 255)
-    refused("on the CPU", left=left.to("meta"), right=right.to("meta"))
 
 
 def test_a_backend_is_chosen_or_refused() -> None:

@@ -29,14 +29,6 @@ def test_coarse_steps_are_exact():
         assert float(a) == pytest.approx(float(b), abs=1e-9)
 
 
-def test_errors_of_the_reckoning():
-    speed, turn = torch.full((300,), 0.5), torch.zeros(300)
-    _, scaled = DeadReckoning(1 / 30, scale_error=0.02)(speed, turn)
-    assert float(scaled.x) == pytest.approx(5.1, rel=1e-4)
-    _, drifted = DeadReckoning(1 / 30, drift=math.radians(2))(speed, turn)
-    assert float(drifted.heading) == pytest.approx(math.radians(20), rel=1e-4)
-
-
 def test_frames_are_inverse_and_turn_the_right_way():
     pose = Pose(*torch.tensor([1.0, 2.0, 0.7], dtype=torch.float64))
     x, y = torch.randn(2, 9, dtype=torch.float64)

@@ -54,22 +54,6 @@ KITTI = (
 )
 
 
-def test_a_principal_point_moves_everything_by_as_much():
-    middle, moved = StereoRig(), StereoRig(cx=319.5 + 20, cy=239.5 - 7)
-    assert moved.row == middle.row - 7
-    assert moved.center == (339.5, 232.5)
-    column, row = moved.project(torch.tensor(2.0), torch.tensor(0.3), -0.2)
-    at = middle.project(torch.tensor(2.0), torch.tensor(0.3), -0.2)
-    assert (float(column - at[0]), float(row - at[1])) == pytest.approx((20, -7), abs=1e-4)
-    for one, other in zip(moved.subfields(), middle.subfields(), strict=True):
-        assert one == Rect(other.top - 7, other.bottom - 7, other.left + 20, other.right + 20)
-    assert float(moved.angle(moved.pixel_position(torch.tensor(339.5)))) == 0
-    assert StereoRig(cx=319.5, cy=239.5).subfields() == middle.subfields()
-    start, end = moved.columns(math.radians(15))
-    assert (start + end - 1) / 2 == pytest.approx(339.5)
-    assert end - start == pytest.approx(2 * 430 * math.tan(math.radians(15)), abs=1)
-
-
 def test_projection_matrices_of_kitti_and_opencv():
     rig = StereoRig.from_projections(*KITTI, 1242, 375, camera_height=1.65)
     assert rig.baseline == pytest.approx(0.5327, abs=1e-4)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,6 @@ import torch
 
 from ndtorch.report.page import Page, Shown, Table
 from ndtorch.scenes.video_writer import VideoWriter
-from tests.browser import Browser, found
 
 
 @pytest.fixture(scope="module")
@@ -44,21 +42,3 @@ def test_one_file_holds_everything_and_nothing_is_fetched(written: Path) -> None
     addresses = re.findall(r'(?:src|href)="([^"]*)"', text)
     assert len(addresses) == 3
     assert all(address.startswith("data:") for address in addresses)
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    if not found():
-        pytest.skip("chromium and chromedriver are not installed")
-    browser = Browser(tmp_path_factory.mktemp("profile"))
-    yield browser
-    browser.close()
-
-
-@pytest.mark.parametrize("width", [1280, 390])
-def test_a_browser_shows_it_without_complaint_and_plays_the_film(written: Path, browser: Browser, width: int) -> None:
-    complaints, played, wide, shot = browser.look(written, width)
-    assert complaints == []
-    assert played == ["played", [96]]
-    assert wide <= width  # wide tables scroll by themselves
-    assert len(shot) > 2000

@@ -82,10 +82,3 @@ def test_nothing_found_is_said_with_the_reason(verdict: Verdict, word: str) -> N
     text = in_words(run_of([], verdict))
     assert "no objects" in text
     assert word in text
-
-
-def test_new_scenes_are_told_and_timed() -> None:
-    result = run_of([CAR], owners=False)
-    result.cuts = (0.5, 2.25)
-    assert "new scene at 0.5 s\nnew scene at 2.2 s" in in_words(result)
-    assert summary(result)["cuts"] == [0.5, 2.25]

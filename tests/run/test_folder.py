@@ -54,17 +54,6 @@ def test_an_interrupted_run_never_replaces_a_finished_one(tmp_path: Path) -> Non
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["bars", "bars-2", "objects.json", "objects.json"]
 
 
-def test_what_fails_leaves_nothing(tmp_path: Path) -> None:
-    RunFolder(tmp_path / "new" / "one" / "bars").discard()
-    assert list(tmp_path.iterdir()) == []
-    (tmp_path / "new").mkdir()
-    RunFolder(tmp_path / "new" / "bars").discard()
-    assert list(tmp_path.iterdir()) == [tmp_path / "new"]
-    run(tmp_path / "bars", "old")
-    RunFolder(tmp_path / "bars", force=True).discard()
-    assert tree(tmp_path) == {"bars/objects.json": "old"}
-
-
 def test_the_same_settings_go_on_in_their_folder(tmp_path: Path) -> None:
     wanted = tmp_path / "maps"
     one = place_for(wanted, {"seeds": [1, 2]})

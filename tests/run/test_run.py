@@ -54,15 +54,6 @@ def test_pictures_come_at_their_rate_with_the_frame_and_what_is_in_sight() -> No
         assert [thing.place for thing in picture.objects] == [(number, 4)]
 
 
-def test_a_run_goes_on_from_a_state() -> None:
-    first = run_model(StubModel(), Count(11))
-    rest = run_model(StubModel(), Count(23), first.state, start=11)
-    whole = run_model(StubModel(), Count(23))
-    assert rest.frames == 12
-    assert rest.state == whole.state
-    assert rest.objects == whole.objects
-
-
 def test_ctrl_c_keeps_what_was_computed() -> None:
     result = run_model(StubModel(), Count(100, broken=40), pictures_per_second=1)
     assert result.interrupted

@@ -10,7 +10,6 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ndtorch.errors import InputError
 from ndtorch.scenes import Bar, BarScene, Distance, Fluctuation, NoFluctuation, RandomShadow, SineShadow
 
 WHITE = (1.0, 1.0, 1.0)
@@ -137,23 +136,3 @@ def test_device_renders_the_same() -> None:
         there = BarScene(bars, 1, kind, (80, 90), device="cuda").frames(0, 20)
         assert there.device.type == "cuda"
         torch.testing.assert_close(there.cpu(), BarScene(bars, 1, kind, (80, 90)).frames(0, 20))
-
-
-def test_scenes_that_cannot_be() -> None:
-    bar = Bar(RED, 0, (30, 30))
-    for bars in ([], [[bar], [bar, bar]], [[]]):
-        with pytest.raises(InputError, match="bar"):
-            BarScene(bars, 1.0)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="fit into the image"):
-        scene(bar, size=(40, 90))
-    for options in ({"seconds": 0}, {"fps": 0}, {"fps": math.nan}, {"size": (0, 5)}, {"size": (80.5, 90)}):
-        with pytest.raises(InputError, match=next(iter(options))):
-            scene(bar, **options)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="fluctuation must fit 1 bars"):
-        scene(bar, fluctuation=Distance(phase=[0, 60]))
-    with pytest.raises(InputError, match="fluctuation must fit"):
-        BarScene([[bar], [bar]], 1.0, RandomShadow([1, 2, 3]))
-    with pytest.raises(InputError, match="frames"):
-        scene(bar).chunks(0)
-    with pytest.raises(InputError, match="start"):
-        scene(bar).chunks(8, start=-1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
@@ -61,30 +60,6 @@ def test_an_object_is_reported_when_it_is_there(tmp_path: Path, suffix: str, mod
     assert (thing.color, thing.direction) == ("red", "right")
     assert FROM <= thing.first_seen < FROM + 0.7
     assert TO - 0.5 < thing.last_seen < TO + 0.2
-
-
-@pytest.mark.slow
-def test_the_retinotopic_model_tells_when_it_came_and_how_fast_it_goes(tmp_path: Path) -> None:
-    """The bar stays in view: what is gone is no object of this model any more."""
-    side, speed, came = 160, 40, 1.0
-    times = [n / 50 for n in range(40)] + [0.8 + n / 25 for n in range(20)] + [1.6 + n / 16 for n in range(28)]
-    path = tmp_path / "bar.mp4"
-
-    def bar(time: float) -> torch.Tensor:
-        picture = torch.full((3, side, side), 0.2)
-        if time >= came:
-            left = round(10 + speed * (time - came))
-            picture[0, 60:80, left : left + 8] = 0.2 + 0.4 * (1 + math.sin(2 * math.pi * 1.1 * time))
-        return picture
-
-    encode(path, bar, times, (side, side))
-    source = open_video(path, (side, side))
-    model = ndtorch.load("retinotopic", size=source.size, fps=source.fps, border="reflect")
-    (thing,) = run_model(model, source, pictures_per_second=0).objects
-    assert thing.first_seen is not None
-    assert abs(thing.first_seen - came) < 0.3
-    assert thing.velocity is not None
-    assert abs(thing.velocity[0] - speed) < 0.25 * speed
 
 
 def test_a_rate_that_is_given_takes_frames_as_they_follow(tmp_path: Path) -> None:

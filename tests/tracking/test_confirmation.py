@@ -12,10 +12,8 @@ from ndtorch.tracking.confirmation import (
     moves_with_larger_track,
     travels_enough,
 )
-from ndtorch.tracking.masks import Detection
 from ndtorch.tracking.params import TrackingParams
-from ndtorch.tracking.track import Track, TrackState, max_missed_time
-from ndtorch.tracking.tracker import EDGE, add_detection
+from ndtorch.tracking.track import Track, max_missed_time
 
 
 @pytest.mark.parametrize(
@@ -80,27 +78,3 @@ def test_what_moves_with_something_much_larger_beside_it_is_a_part_of_it(
         )
     other.velocity, one.velocity = np.array([0.0, 1.0]), np.array([0.0, 1.0 - slower])
     assert moves_with_larger_track(one, [one, other], PARTS) is is_part
-
-
-@pytest.mark.parametrize(
-    ("grows", "column", "known", "anew"),
-    [
-        (1.1 * PARTS.max_area_ratio, 0.5, False, True),
-        (0.9 * PARTS.max_area_ratio, 0.5, False, False),
-        (1.1 * PARTS.max_area_ratio, 0.5, True, False),
-        # What is coming in grows as well.
-        (1.1 * PARTS.max_area_ratio, 0.1 + 0.9 * EDGE, False, False),
-        (1.1 * PARTS.max_area_ratio, 1.5 - 0.9 * EDGE, False, False),
-    ],
-    ids=["at once", "by and by", "an object", "at the left edge", "at the right edge"],
-)
-def test_what_is_much_larger_at_once_begins_its_way_anew(grows: float, column: float, known: bool, anew: bool) -> None:
-    """The picture is 1.6 heights wide, and the track .2."""
-    one = Track.begin(0, 0.0, np.array([0.5, 0.4]))
-    one.state = TrackState(known)
-    for time, at, pixels in ((0.0, 0.4, 0.01), (0.04, column, 0.01 * grows)):
-        place = (0.5, at)
-        add_detection(
-            one, time, Detection(place, place, (0.2, 0.2), pixels, np.zeros(3), np.zeros(4), 0.0, False), 1.6, PARTS
-        )
-    assert one.start.tolist() == ([0.5, column] if anew else [0.5, 0.4])

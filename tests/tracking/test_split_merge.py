@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
-from ndtorch.tracking.association import NEVER, Association, pair_costs
+from ndtorch.tracking.association import Association
 from ndtorch.tracking.blobs import Blobs
 from ndtorch.tracking.params import TrackingParams
 from ndtorch.tracking.split_merge import resolve_splits
@@ -68,32 +66,3 @@ def test_of_one_color_the_nearer_one_leaves() -> None:
 )
 def test_nobody_leaves(ones: list[Track], left: int) -> None:
     assert split_blobs(ones, (45, RED), (left, GREEN)) == {0: [0, 1], 1: []}
-
-
-ORANGE = np.array([0.7, 0.25, 0.2])
-
-
-def test_what_it_costs_is_the_distance_in_reaches_and_how_much_the_color_differs() -> None:
-    """Of regions where it is expected, 7 pixels beside that, of other colors, and too far away to leave for."""
-    one, p = track(0, 0.6, RED, seconds=3.0), TrackingParams()
-    regions, picture = scene((50, RED), (57, ORANGE), (57, GREEN), (95, RED))
-    reach = p.gate_sizes * one.size * (1 + p.gate_growth_per_s * (NOW - one.last_seen))
-    apart, most = (np.array([0.0, 0.07, 0.07, 0.45]) / reach).tolist(), [0.0, 0.1, 0.6, 0.0]
-    wanted = [a + p.split_color_cost * m for a, m in zip(apart, most, strict=True)]
-    for n, left in enumerate((50, 57, 57, 95)):
-        color = (RED, ORANGE, GREEN, RED)[n]
-        regions.labels[:] = 0
-        regions.labels[40:60, left : left + SIDE] = n + 1
-        picture[:, 40:60, left : left + SIDE] = color[:, None, None]
-        stays = pair_costs([one], [n], regions, picture, NOW, p.split_color_cost, math.inf, p)
-        leaves = pair_costs([one], [n], regions, picture, NOW, p.split_color_cost, p.split_max_cost, p)
-        assert stays.tolist() == [[pytest.approx(wanted[n], abs=1e-4)]]
-        assert leaves.tolist() == [[pytest.approx(wanted[n] if wanted[n] < p.split_max_cost else NEVER, abs=1e-4)]]
-    assert wanted[1] < p.split_max_cost < min(wanted[2:])
-    # Later its reach is larger.
-    early, late = (
-        pair_costs([one], [3], regions, picture, NOW + s, p.split_color_cost, math.inf, p)[0, 0] for s in (0.0, 2.0)
-    )
-    assert late == pytest.approx(
-        early * reach / (p.gate_sizes * one.size * (1 + p.gate_growth_per_s * (NOW + 2.0 - one.last_seen))), rel=1e-4
-    )

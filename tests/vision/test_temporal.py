@@ -80,12 +80,6 @@ def test_recent_max_looks_back_over_its_window(seconds: float, window: int) -> N
     assert state.history.shape == (window - 1, 3)
 
 
-def test_recent_max_starts_as_if_the_first_sample_had_been_there_for_ever() -> None:
-    out, state = RunningMax(0.3, 0.1)(torch.tensor([[-1.0], [-2.0], [-3.0]]))
-    assert out[:, 0].tolist() == [-1, -1, -1]
-    assert state.history[:, 0].tolist() == [-2, -3]
-
-
 @settings(max_examples=25, deadline=None)
 @given(seconds=st.sampled_from([0.0, 0.02, 0.07, 0.5]), lengths=chunkings(24))
 def test_recent_max_in_chunks(seconds: float, lengths: list[int]) -> None:

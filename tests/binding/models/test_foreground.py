@@ -15,7 +15,6 @@ from torch import Tensor
 import ndtorch
 from ndtorch.binding import BoundObject, load_state, save_state
 from ndtorch.binding.models.foreground import ForegroundModel
-from ndtorch.errors import InputError
 from ndtorch.utils.tensors import leaves
 from tests.foreground.passing_scenes import SIZE, ground, passing
 
@@ -150,15 +149,6 @@ def test_two_that_meet_and_turn_back_are_told_by_their_colors(colors_count: bool
     assert ends == ([(True, True), (False, False)] if colors_count else [(True, False), (False, True)])
 
 
-def test_two_that_come_as_one_and_part_are_two() -> None:
-    frames = squares(38, (64, -2.0, 40, (0.85, 0.2, 0.2)), (88, 2.0, 46, (0.2, 0.75, 0.2)))
-    _, state = run(frames)
-    assert sorted(thing.direction for thing in model().objects(state)) == ["left", "right"]
-    for thing in model().visible_objects(state):
-        assert thing.box is not None
-        assert thing.box[2] - thing.box[0] == pytest.approx(24, abs=6)
-
-
 def test_one_in_view_from_the_first_frame_is_one_and_leaves_none_behind() -> None:
     _, state = run(passing(40, 3.0, first=0))
     (thing,) = model().objects(state)
@@ -230,19 +220,6 @@ def test_light_and_noise_are_no_objects() -> None:
     frames = (frames + 0.03 * torch.randn(frames.shape, generator=generator)).clamp(0, 1)
     _, state = run(frames)
     assert model().objects(state) == []
-
-
-def test_batches_and_bad_frames() -> None:
-    module, films = model(), torch.stack([film(), film().flip(-1)])
-    with torch.inference_mode():
-        _, state = module(films)
-    assert same(state[0], whole()[1])
-    assert [[thing.direction for thing in trial] for trial in module.objects_batch(state)] == [["right"], ["left"]]
-    assert module.weights(state).shape == (2, 10, 10)
-    with pytest.raises(InputError, match="finite"):
-        module(torch.full((2, 3, *SIZE), torch.nan))
-    with pytest.raises(InputError, match=r"\[T, C, H, W\]"):
-        module(torch.zeros(3, *SIZE))
 
 
 @pytest.mark.parametrize("group", [2, 3])

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-from ndtorch.errors import InputError
 from ndtorch.navigation import Pose, StereoRig
 from ndtorch.navigation.localisation import Localiser, LocaliserParams
 from ndtorch.navigation.localisation.ndt import distributions
@@ -80,17 +79,6 @@ def test_a_state_is_not_changed_and_goes_on_the_same(drive):
     second, _ = run(Localiser(RIG, DT, EVERY_STEP), rows[10:], reckoned[10:], state, stop=10)
     assert np.array_equal(state.ndt_map, before)
     assert np.array_equal(np.concatenate((first, second)), whole)
-
-
-def test_it_takes_a_scan_only_now_and_then(drive):
-    poses, _, rows = drive
-    localiser = Localiser(RIG, DT / 3)
-    state = None
-    for n in range(7):
-        assert localiser.due(state) == (n % 3 == 0)
-        state = localiser(rows[0] if localiser.due(state) else None, pose_of(poses[0]), state)
-    with pytest.raises(InputError, match="rows"):
-        localiser(None, pose_of(poses[0]))
 
 
 def test_a_standing_car_learns_nothing_from_what_it_sees_again(drive):

@@ -1,13 +1,10 @@
 """Maps as files: what is written is read again, and ROS finds every wall where it is."""
 
 import numpy as np
-import pytest
 import torch
 
-from ndtorch.errors import InputError
 from ndtorch.navigation import Grid
 from ndtorch.navigation.mapping.map_files import FREE, OCCUPIED, UNKNOWN, load_map, save_map
-from ndtorch.utils.files import save_arrays
 
 GRID = Grid(-1.0, 2.0, -0.5, 1.53, 0.01)
 
@@ -53,20 +50,3 @@ def test_ros_finds_walls_free_floor_and_the_unknown_where_they_are(tmp_path):
     below = [at(0.0, -0.2 - 0.05 * n) for n in range(5)]
     assert below == [FREE] * 4 + [UNKNOWN]
     assert at(0.0, 0.1) == at(1.0, -0.2) == UNKNOWN
-
-
-@pytest.mark.parametrize("spoil", ["missing", "text", "shape", "nan", "walls"])
-def test_what_is_no_map_is_one_line(tmp_path, spoil):
-    file = tmp_path / "map.npz"
-    cells, walls = np.zeros((GRID.rows, GRID.columns)), np.zeros((1, 8))
-    bounds = np.array([GRID.left, GRID.right, GRID.bottom, GRID.top])
-    if spoil == "text":
-        file.write_text("no map")
-    elif spoil != "missing":
-        cells = cells[1:] if spoil == "shape" else cells
-        cells[0, 0] = np.nan if spoil == "nan" else 0.0
-        walls = walls[:, 1:] if spoil == "walls" else walls
-        save_arrays(file, {"cells": cells, "bounds": bounds, "cell": np.array(0.01), "walls": walls})
-    words = {"missing": "missing", "text": "no .npz file", "walls": "walls must be"}
-    with pytest.raises(InputError, match=words.get(spoil, "is no map: cells of shape")):
-        load_map(file)

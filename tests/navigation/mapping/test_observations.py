@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ndtorch.navigation import ObservationList, Pose
-from ndtorch.navigation.mapping.observations import Observations, arc_coordinates, free_length, path_is_free
+from ndtorch.navigation.mapping.observations import Observations, arc_coordinates, free_length
 from tests.navigation.mapping.test_grid_map import poses, ranges_of
 
 
@@ -52,21 +52,6 @@ def test_arc_coordinates_of_points_made_on_the_arc(curvature, along, aside):
     found = arc_coordinates(point[0], point[1], torch.tensor(k, dtype=torch.float64))
     assert float(found[0]) == pytest.approx(along, abs=1e-6)
     assert float(found[1]) == pytest.approx(abs(aside), abs=1e-6)
-
-
-def test_free_length_by_hand():
-    wall = listed([[1.2, -0.2], [1.25, -0.1], [1.3, 0.0], [1.35, 0.1], [0.5, 0.0]])
-    free = free_length(wall, HERE, ARCS)
-    assert float(free[0]) == pytest.approx(1.2)  # the single one at 0.5 does not count
-    assert free[3:].tolist() == [2.0, 2.0]  # tight turns pass the wall
-    assert path_is_free(wall, HERE, ARCS, 1.0)[0]
-    assert not path_is_free(wall, HERE, ARCS, 1.3)[0]
-    assert free_length(wall, HERE, ARCS, enough=1.0)[0] == pytest.approx(0.5)
-    assert free_length(listed([[1.2, 0.0]], 4.0), HERE, ARCS)[0] == pytest.approx(1.2)
-    # Four that are spread over more than 0.3 m do not gather.
-    assert free_length(listed([[0.8, 0.0], [1.0, 0.0], [1.2, 0.0], [1.4, 0.0]]), HERE, ARCS)[0] == 2.0
-    # What is behind or beside the car does not matter.
-    assert free_length(listed([[-0.5, 0.0], [0.8, 0.3]], 9.0), HERE, ARCS)[0] == 2.0
 
 
 def plain_free_length(points, weights, k, half_width, farthest, enough, gather):

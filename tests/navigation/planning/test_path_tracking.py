@@ -81,26 +81,6 @@ def test_beyond_the_end_of_a_stretch_the_next_one_begins_and_beyond_the_last_non
 LIMITS = SpeedLimits(0.5, 0.35, 0.3, 0.2, 1.5)
 
 
-@pytest.mark.parametrize(
-    ("clear", "share"), [(0.6, 1.0), (0.45, 1.0), (0.345, 0.5), (0.24 + 0.021, 0.1), (0.24, 0.0), (0.1, 0.0)]
-)
-def test_speed_falls_with_the_room_beside_the_way(clear, share):
-    """From the cruise speed where there is the inflation radius around the discs to the lowest where they just fit."""
-    limits, blocked = LIMITS, np.zeros((40, 40), bool)
-    around = LocalMap(blocked, ~blocked, -1.0, -1.0, 0.05)
-    way = np.array([[0.0, 0.0, 0.0, 0.0, 1.0], [0.2, 0.0, 0.0, 0.0, 1.0]], np.float32)
-    room, seen = np.full((40, 40), clear, np.float32), np.zeros((40, 40), np.float32)
-    speeds = speed_profile(Plan(way, 1.0, room, seen, seen), around, limits, PlannerParams())
-    wanted = limits.tight + (limits.cruise - limits.tight) * share
-    assert speeds.tolist() == pytest.approx([wanted] * 2, abs=1e-5)
-    # Into what was not seen it creeps, and backwards it is no faster than its other half.
-    unseen = speed_profile(Plan(way, 1.0, room, seen + 1, seen), around, limits, PlannerParams())
-    assert unseen.tolist() == pytest.approx([min(wanted, limits.unknown)] * 2, abs=1e-5)
-    back = way * np.array([-1.0, 1.0, 1.0, 1.0, -1.0], np.float32)
-    reverse = speed_profile(Plan(back, 1.0, room, seen, seen), around, limits, PlannerParams())
-    assert reverse.tolist() == pytest.approx([min(wanted, limits.reverse)] * 2, abs=1e-5)
-
-
 def test_the_speed_before_what_is_slow_is_what_can_be_braked_from():
     """v^2 = v'^2 + 2 a s from place to place, and standing where the direction changes."""
     limits, blocked = LIMITS._replace(deceleration=0.1), np.zeros((60, 60), bool)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ndtorch.navigation.planning.costmap import LocalMap, clearance, costmap
+from ndtorch.navigation.planning.costmap import LocalMap, clearance
 from ndtorch.navigation.planning.params import PlannerParams
 from ndtorch.navigation.planning.planner import goal_costs, plan
 
@@ -82,35 +82,6 @@ def test_it_does_not_turn_round_a_corner_into_what_it_has_not_seen():
     bold = plan(around, clear, seed, (-2.0, 0.0, 0.0), 0.0, 1.0, replace(PARAMS, unseen_cost=0.0))
     careful = plan(around, clear, seed, (-2.0, 0.0, 0.0), 0.0, 1.0, PARAMS)
     assert covers_the_unseen(bold, around) > covers_the_unseen(careful, around) == 0
-
-
-def test_prices_rise_with_nearness_and_over_what_was_not_seen():
-    """1 a metre, `clearance_cost` more where the body just fits, and obstacles only if no other path leads on."""
-    p, inner = PARAMS, PARAMS.min_clearance_m
-    near = (
-        p.inflation_radius_m,
-        (p.inflation_radius_m + inner) / 2,
-        inner,
-        inner - 0.029,
-        inner - 0.031,
-        p.lethal_radius_m + 0.001,
-        p.lethal_radius_m - 0.001,
-        0.0,
-    )
-    clear = np.repeat(np.repeat(np.array([near], np.float32), 2, 0), 2, 1)
-    tight = (0.0, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
-    dear = (0, 0, 0, 0, 1, 1, 1, 1)
-    seen = np.zeros(clear.shape, bool)
-    wanted = [1 + p.clearance_cost * t + p.obstacle_cost * d for t, d in zip(tight, dear, strict=True)]
-    np.testing.assert_allclose(costmap(clear, seen, p)[0], wanted, rtol=1e-5)
-    shut = [*wanted[:6], np.inf, np.inf]
-    np.testing.assert_allclose(costmap(clear, seen, p, through=False)[0], shut, rtol=1e-5)
-    np.testing.assert_allclose(costmap(clear, ~seen, p)[0], np.array(wanted) + p.unknown_cost, rtol=1e-5)
-    # A coarse cell was not seen where one of its cells was not.
-    partly = seen.copy()
-    partly[1, 3] = True
-    one = np.arange(8) == 1
-    np.testing.assert_allclose(costmap(clear, partly, p)[0], np.array(wanted) + p.unknown_cost * one, rtol=1e-5)
 
 
 def test_clearance_is_the_distance_to_what_is_blocked():

@@ -7,8 +7,6 @@ from pathlib import Path
 import pytest
 import torch
 
-from ndtorch.binding import BoundObject
-from ndtorch.scenes import BarScene, FrameSource, SineShadow
 from ndtorch_train.reproduce import beyond_paper
 from ndtorch_train.reproduce.experiment import Context
 from ndtorch_train.reproduce.video import ParkingLot
@@ -33,23 +31,6 @@ def test_colors_at_are_those_of_the_moment() -> None:
 @pytest.fixture
 def context(tmp_path: Path) -> Context:
     return Context(tmp_path, tmp_path, True, lambda share: None)
-
-
-def test_what_was_counted_decides_and_is_drawn(context: Context, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The verdict of C8 is that of the numbers of objects at the end."""
-
-    def watched(
-        model: object, source: FrameSource, *_: object
-    ) -> tuple[list[BoundObject], list[tuple[float, int]], object]:
-        assert isinstance(source, BarScene)
-        number = 3 if isinstance(source.fluctuation, SineShadow) else 1
-        return [BoundObject("green", 8, {"green": 1.0})] * number, [(0.0, 0), (1.0, number)], None
-
-    monkeypatch.setattr(beyond_paper, "watched", watched)
-    outcome = beyond_paper.equal_objects(context, 2.0, ["shadow", "distance"], 250)
-    assert outcome.verdict == "partly"
-    assert outcome.ours == "shadow: 3; distance: 1"
-    assert (context.folder / "C-equal-bars-retinotopic.svg").is_file()
 
 
 def test_without_a_clip_the_road_is_left_out(context: Context, monkeypatch: pytest.MonkeyPatch) -> None:

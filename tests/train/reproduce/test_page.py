@@ -2,18 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from ndtorch_train.reproduce.claims import chosen
 from ndtorch_train.reproduce.experiment import Outcome
-from ndtorch_train.reproduce.page import BEGIN, END, Entry, as_json, markdown, not_run, page, put_table, tally
-
-
-def test_a_table_goes_behind_a_file_without_marks(tmp_path: Path) -> None:
-    path = tmp_path / "new.md"
-    put_table(path, "| t |\n")
-    put_table(path, "| u |\n")
-    assert path.read_text() == f"{BEGIN}\n| u |\n{END}\n"
+from ndtorch_train.reproduce.page import Entry, as_json, markdown, not_run, page, tally
 
 
 def entries() -> list[Entry]:

@@ -39,15 +39,6 @@ def test_a_wall_is_not(wall):
     assert float((both_eyes(pair(wall, paint=0.0))[:, behind] == 1).sum()) == 0
 
 
-def test_a_line_across_the_floor_hides_nothing():
-    frames = [frame.clone() for frame in pair(3.0)]
-    row = 239 + round(430 * 0.2 / 1.0)
-    for frame in frames:
-        frame[..., row - 2 : row + 3, :] //= 3
-    seen = both_eyes(frames)
-    assert float((seen[seen >= 0] == 1).mean()) > 0.97
-
-
 def step(motion, both):
     return floor_step(np.concatenate((motion, both)), learned(0.2))
 
