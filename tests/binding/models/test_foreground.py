@@ -15,6 +15,7 @@ from torch import Tensor
 import ndtorch
 from ndtorch.binding import BoundObject, load_state, save_state
 from ndtorch.binding.models.foreground import ForegroundModel
+from ndtorch.errors import InputError
 from ndtorch.utils.tensors import leaves
 from tests.foreground.passing_scenes import SIZE, ground, passing
 
