@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 from numbers import Integral, Real
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 from torch import Tensor
 
-from ndtorch.errors import InputError
+from ndtorch.errors import InputError, did_you_mean
+
+AnyClass = TypeVar("AnyClass", bound=type)
 
 FEW = 64
 """So many numbers are added sooner in Python than torch is called."""
@@ -166,6 +169,33 @@ def check_size(name: str, value: object, least: int) -> None:
         return
     pixels = "pixel" if least == 1 else "pixels"
     raise InputError(f"{name} must be a height and a width of at least {least} {pixels}, got {repr(value)[:40]}")
+
+
+def renamed_fields(**now: str) -> Callable[[AnyClass], AnyClass]:
+    """Decorator above `dataclass`: a field of an earlier version is answered with its present name, and an unknown one
+    with the nearest that there is.
+
+    Args:
+        now: earlier names and their present ones.
+    """
+
+    def add(kind: AnyClass) -> AnyClass:
+        construct: Any = kind.__init__  # type: ignore[misc]
+        known = [field.name for field in dataclasses.fields(kind)]
+
+        @functools.wraps(construct)
+        def checked(self: Any, *args: Any, **given: Any) -> None:
+            for name in given:
+                if name in now:
+                    raise InputError(f"{name} of {kind.__name__} is now {now[name]}")
+                if name not in known:
+                    raise InputError(f"{kind.__name__} has no {name}{did_you_mean(name, known)}")
+            construct(self, *args, **given)
+
+        kind.__init__ = checked  # type: ignore[misc]
+        return kind
+
+    return add
 
 
 def check_numbers(params: Any, endless: Collection[str] = ()) -> None:

@@ -40,7 +40,7 @@ def modules() -> Iterator[ModuleType]:
 
 ENDLESS = {
     "RangingParams.unknown_margin_m",
-    "LocalGridParams.lifetime",
+    "LocalGridParams.lifetime_s",
     "FeatureTrackParams.max_lost_s",
     "SafetyLimits.recovery",
 }
@@ -106,7 +106,7 @@ def test_nan_is_refused_by_every_class_of_numbers_and_infinity_where_it_means_no
 
 SIGNED = {
     *("OwnerCriteria.alike", "OwnerReadout.alike", "SingleReadout.agrees", "BackgroundParams.scene_cut_correlation"),
-    *("Grid.right", "Grid.top", "FloorParams.outer"),
+    *("Grid.right", "Grid.top", "FloorParams.outer_rad"),
 }
 """Correlations, cosines and directions: positive as they are, but a little below 0 too."""
 

@@ -103,7 +103,7 @@ class NavigatorOptions:
         if self.stereo != "search":
             return None
         # Cameras hand over the horizon row alone.
-        return SearchParams(rows=1, ahead=round(self.ahead_share * SearchParams.count))
+        return SearchParams(rows=1, ahead_count=round(self.ahead_share * SearchParams.count))
 
     def navigator(self, rig: StereoRig, rate: float, grid: Grid | None = None, near_check: bool = False) -> Navigator:
         """A navigator for so many frames a second.
@@ -115,10 +115,10 @@ class NavigatorOptions:
         edges = self.feature_position == "edges"
         features = FeatureParams(
             self.features,
-            edge_reach=EDGE_REACH if edges else 0,
+            edge_reach_px=EDGE_REACH if edges else 0,
             shared=edges,
-            follow=FOLLOW if self.prediction else 0,
-            ahead=round(self.ahead_share * self.features),
+            follow_reach_px=FOLLOW if self.prediction else 0,
+            ahead_count=round(self.ahead_share * self.features),
         )
         grid_map = None if grid is None else GridMap(rig, grid, certainty=self.map_update)
         return Navigator(

@@ -36,7 +36,7 @@ from tests.benchmarks.timing import Row, reference, table
 DT = 1 / 30
 CARS = 64
 WHOLE = "whole navigation step"
-EDGES = FeatureParams(7, edge_reach=4, shared=True)
+EDGES = FeatureParams(7, edge_reach_px=4, shared=True)
 """As the simulated drives have it."""
 
 

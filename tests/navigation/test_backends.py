@@ -53,11 +53,11 @@ def steady(module: StereoRanging, left: Tensor, right: Tensor) -> list[Tensor]:
     ("features", "matching"),
     [
         (FeatureParams(), MatchParams(10, 100)),
-        (FeatureParams(7, edge_reach=4, shared=True), MatchParams(10, 100)),
-        (FeatureParams(40, spacing=5, edge_reach=2), MatchParams(0, 300, one_to_one=False, max_error=0.01)),
+        (FeatureParams(7, edge_reach_px=4, shared=True), MatchParams(10, 100)),
+        (FeatureParams(40, spacing_px=5, edge_reach_px=2), MatchParams(0, 300, one_to_one=False, max_error=0.01)),
         (FeatureParams(1), MatchParams(0, 300)),
-        (FeatureParams(7, edge_reach=4, shared=True, ahead=3), MatchParams(10, 100)),
-        (FeatureParams(follow=3), MatchParams(10, 100)),
+        (FeatureParams(7, edge_reach_px=4, shared=True, ahead_count=3), MatchParams(10, 100)),
+        (FeatureParams(follow_reach_px=3), MatchParams(10, 100)),
     ],
 )
 @pytest.mark.parametrize("kind", KINDS)

@@ -74,7 +74,7 @@ def test_subfield_motion_against_its_definition():
 
 def test_row_ranging_finds_the_shift():
     """Everything is 90 pixels of disparity away: 0.3 * 215 / 90 m ahead."""
-    matching = navigation.MatchParams(min_disparity=30, max_disparity=100)
+    matching = navigation.MatchParams(min_disparity_px=30, max_disparity_px=100)
     ranges, _ = StereoRanging(RIG, DT, matching=matching)(*frames(2, steps=20))
     assert int(ranges.valid.sum()) > 10
     wanted = 0.3 * 215 / 90
@@ -83,10 +83,12 @@ def test_row_ranging_finds_the_shift():
     assert not ranges.valid[0].any()  # nothing has moved yet
 
 
-@pytest.mark.parametrize("features", [None, FeatureParams(7, edge_reach=4, shared=True), FeatureParams(follow=3)])
+@pytest.mark.parametrize(
+    "features", [None, FeatureParams(7, edge_reach_px=4, shared=True), FeatureParams(follow_reach_px=3)]
+)
 def test_chunked_is_whole_is_frame_by_frame(features):
     left, right = frames(4, steps=24)
-    quick = AvoidanceParams(turn_threshold=0.01, start_time=0.1, turn_time=0.2, suppression_time=0.1)
+    quick = AvoidanceParams(turn_threshold=0.01, start_suppression_s=0.1, turn_s=0.2, suppression_s=0.1)
     navigator = full_navigator(params=quick, features=features)
     whole, final = navigator(left, right)
     final = leaves(final)

@@ -28,7 +28,7 @@ def plain_features(row, motion, p):
             break
         picks.append(best)
         for n in range(len(row)):
-            if abs(n - best) <= p.spacing:
+            if abs(n - best) <= p.spacing_px:
                 free[n] = False
 
     def error(a, b):
@@ -43,7 +43,7 @@ def plain_features(row, motion, p):
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10_000), st.integers(9, 60), st.integers(1, 6), st.integers(0, 4))
 def test_against_plain_loops(seed, width, count, spacing):
-    params = FeatureParams(count=count, spacing=spacing, min_motion=0.03, min_difference=0.05)
+    params = FeatureParams(count=count, spacing_px=spacing, min_motion=0.03, min_difference=0.05)
     row, motion = rows(seed, width)
     found = find_features(row, motion, params)
     picks, valid = plain_features(row.tolist(), motion.tolist(), params)
@@ -91,7 +91,7 @@ def test_edges_in_both_rows_have_the_same_patches():
     for place in (20.0, 20.3, 20.5, 20.9):
         row = averaged_step(60, place, 0.2, 0.8)
         motion = row - averaged_step(60, place + 2.6, 0.2, 0.8)
-        found = find_features(row, motion, FeatureParams(count=1, edge_reach=4))
+        found = find_features(row, motion, FeatureParams(count=1, edge_reach_px=4))
         assert float(found.column) == pytest.approx(place, abs=1e-9)
         patches.append(found.patch[0])
     for patch in patches:
@@ -102,24 +102,24 @@ def test_two_features_of_one_edge_are_one():
     row = averaged_step(60, 20.5, 0.2, 0.8)
     motion = torch.zeros(60, dtype=torch.float64)
     motion[[20, 24]] = torch.tensor([0.05, 0.06], dtype=torch.float64)
-    found = find_features(row, motion, FeatureParams(count=2, edge_reach=4))
+    found = find_features(row, motion, FeatureParams(count=2, edge_reach_px=4))
     assert found.valid.tolist() == [True, False]
     assert found.strength[0] == 0.06
     motion[20] = 0.06
-    assert find_features(row, motion, FeatureParams(count=2, edge_reach=4)).valid.tolist() == [True, False]
+    assert find_features(row, motion, FeatureParams(count=2, edge_reach_px=4)).valid.tolist() == [True, False]
 
 
 def test_a_share_of_the_features_is_kept_for_the_middle():
     motion = torch.rand(640, generator=torch.Generator().manual_seed(1))
     motion[280:360] *= 0.2
     row = torch.rand(640, generator=torch.Generator().manual_seed(2))
-    plain, kept = (find_features(row, motion, FeatureParams(7, ahead=ahead), (280, 360)) for ahead in (0, 3))
+    plain, kept = (find_features(row, motion, FeatureParams(7, ahead_count=ahead), (280, 360)) for ahead in (0, 3))
     inside = [(found.column >= 280) & (found.column < 360) for found in (plain, kept)]
     assert inside[0].sum() == 0
     assert inside[1].tolist() == [True] * 3 + [False] * 4
     torch.testing.assert_close(kept.column[3:], plain.column[:4])
     motion[280:360] = 0
-    none = find_features(row, motion, FeatureParams(7, ahead=3), (280, 360))
+    none = find_features(row, motion, FeatureParams(7, ahead_count=3), (280, 360))
     torch.testing.assert_close(none.column, plain.column)
     with pytest.raises(InputError, match="ahead"):
-        FeatureParams(5, ahead=6)
+        FeatureParams(5, ahead_count=6)

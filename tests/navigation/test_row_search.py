@@ -55,14 +55,14 @@ def test_cameras_may_differ_in_exposure_and_walls_may_slant():
     assert ((shifts(found) - 90).abs() < 0.3).all()
     dim = 0.3 + 0.05 * bright  # hardly any texture: most of what there is to compare is the level
     dim[1] *= 1.1
-    assert ((shifts(search_rows(dim, SearchParams(min_step=0))) - 90).abs() < 0.3).all()
-    unleveled = shifts(search_rows(dim, SearchParams(min_step=0, level=0)))
+    assert ((shifts(search_rows(dim, SearchParams(min_step_ratio=0))) - 90).abs() < 0.3).all()
+    unleveled = shifts(search_rows(dim, SearchParams(min_step_ratio=0, mean_half_width_px=0)))
     assert not ((unleveled - 90).abs() < 0.3).all() or len(unleveled) == 0
     row = torch.nn.functional.avg_pool1d(row[None, None], 5, 1, 2)[0, 0]
     place = torch.arange(640.0) * 1.2 + 60  # what each pixel of the right row shows: disparities grow with the column
     low = place.long().clamp(max=898)
     slanted = torch.stack((row[:640], torch.lerp(row[low], row[low + 1], (place - low).clamp(max=1))))
-    found = search_rows(slanted, SearchParams(min_step=0))
+    found = search_rows(slanted, SearchParams(min_step_ratio=0))
     assert found.valid.all()
     assert ((found.right - (found.left - 60) / 1.2).abs() < 1).all()
 
@@ -74,8 +74,8 @@ def test_lone_matches_among_others_are_not_believed():
     left[300:312] = other[:12]
     right[180:192] = other[:12]
     pair = torch.stack((left, right))
-    loose = search_rows(pair, SearchParams(count=200, half=3, agree=0.0, ratio=0.9))
-    strict = search_rows(pair, SearchParams(count=200, half=3, agree=1.0, ratio=0.9))
+    loose = search_rows(pair, SearchParams(count=200, half_width_px=3, agreement_ratio=0.0, uniqueness_ratio=0.9))
+    strict = search_rows(pair, SearchParams(count=200, half_width_px=3, agreement_ratio=1.0, uniqueness_ratio=0.9))
     wrong = [int(((shifts(found) - 50).abs() > 1).sum()) for found in (loose, strict)]
     assert wrong[0] > wrong[1]
     assert int(strict.valid.sum()) > 50
@@ -90,7 +90,7 @@ def test_kernels_and_torch_find_the_same(kind):
     rows = torch.stack([texture(seed=seed) for seed in (1, 2, 3)])
     frames = (torch.stack((rows[:, :640], rows[:, 70:710] * 1.02)) * 250).round()
     frames = frames.to(kind) if kind == torch.uint8 else frames.to(kind) / 255
-    module = StereoRanging(RIG, 1 / 30, search=SearchParams(ahead=4))
+    module = StereoRanging(RIG, 1 / 30, search=SearchParams(ahead_count=4))
     left, right = frames[0][None, None], frames[1][None, None]
     wanted, state = module(left, right)
     with torch.inference_mode():

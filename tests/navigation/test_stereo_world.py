@@ -78,7 +78,7 @@ def test_ranges_in_hallways(half_width, seed, noise):
 @pytest.mark.parametrize(("half_width", "seed"), [(0.7, 5), (0.8, 2), (1.0, 0)])
 def test_ranges_of_edges(half_width, seed):
     """Moved to the edges, features are ranged to a third of the error, and more of them find their partners."""
-    edges = FeatureParams(edge_reach=4, shared=True)
+    edges = FeatureParams(edge_reach_px=4, shared=True)
     share, bias, median = figures(*measure(hallway(half_width, seed=seed), noise=0.003, features=edges)[:2])
     before, _, coarse = figures(*measure(hallway(half_width, seed=seed), noise=0.003)[:2])
     assert share >= 0.85

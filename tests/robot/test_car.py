@@ -220,7 +220,7 @@ def test_the_navigator_is_told_of_a_low_limit_of_speed():
 
     slow = within_limits(NavigatorOptions(), SafetyLimits(speed=0.4))
     assert slow.speed == 0.4
-    assert slow.make(StereoRig(), 1 / 30).params.tight_speed < 0.4
+    assert slow.make(StereoRig(), 1 / 30).params.tight_speed_m_per_s < 0.4
     assert within_limits(NavigatorOptions(), SafetyLimits(speed=0.6)) == NavigatorOptions()
     assert within_limits(NavigatorOptions("published"), SafetyLimits(speed=0.4)).speed == 0.4
 

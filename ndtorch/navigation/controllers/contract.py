@@ -150,9 +150,9 @@ class Controller(nn.Module, ABC):
         params = cls.Params()
         if task.speed == Task.speed:
             return params
-        if not hasattr(params, "speed"):
+        if not hasattr(params, "speed_m_per_s"):
             raise InputError(f"the {cls.name} controller has no cruise speed to choose")
-        return replace(params, speed=task.speed)
+        return replace(params, speed_m_per_s=task.speed)
 
     @property
     def fields(self) -> tuple[Rect, Rect]:

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_kind, check_numbers, check_tensor
+from ndtorch.arguments import check_kind, check_numbers, check_signs, check_tensor, renamed_fields
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.contract import (
     CRUISE,
@@ -39,44 +39,55 @@ from ndtorch.vision.nondirectional import SPEED_SCALE, NDMin, spatial_maximum
 from ndtorch.vision.temporal import FilterState, low_pass_step, smoothing_factor, time_dim
 
 
+@renamed_fields(
+    turn_radius="turn_radius_m",
+    tight_radius="tight_radius_m",
+    turn_time="turn_s",
+    suppression_time="suppression_s",
+    from_start="suppress_from_start",
+    smoothing="smoothing_s",
+    speed="speed_m_per_s",
+    start_time="start_suppression_s",
+)
 @dataclass(frozen=True)
 class AvoidanceParams:
-    """The numbers of [A Methods]; thresholds are in the scaled units of [A fig. 3], raw output x 20.
+    """Parameters of the published controller [A Methods]; thresholds are in the scaled units of [A fig. 3], raw
+    output x 20.
 
     Args:
-        turn_threshold: a turn starts where the magnitude of right - left, low-passed, exceeds this, T_turn.
-        high_threshold: a tight turn starts where both sides exceed this, T_turn,H.
-        low_threshold: the car stops where both sides are below this, T_turn,L.
-        turn_radius, tight_radius: radii of the two kinds of turn, m.
-        turn_time: duration of every turn, s.
-        suppression_time: time without a new turn, s, counted from the end of a turn.
-        from_start: count the suppression from the start of the turn instead; the car then reacts a turn's
+        turn_threshold: A turn starts where the magnitude of right - left, low-passed, exceeds this, T_turn.
+        high_threshold: A tight turn starts where both sides exceed this, T_turn,H.
+        low_threshold: The car stops where both sides are below this, T_turn,L.
+        turn_radius_m: A turn has this radius.
+        tight_radius_m: A tight turn has this radius.
+        turn_s: Every turn lasts this long.
+        suppression_s: No turn starts for this time after the end of a turn.
+        suppress_from_start: The suppression counts from the start of the turn instead. The car then reacts a turn's
             time earlier, which helps at walls that are met head-on.
-        smoothing: time constant of the low-pass on the difference, s.
-        speed: m/s while not stopped.
-        start_time: time of suppression at the start, s. Not in [A]: a camera that has not moved yet
-            sees nothing move, and the rule for low outputs would stop the car before it starts.
+        smoothing_s: The low-pass on the difference has this time constant.
+        speed_m_per_s: The car drives at this speed while it is not stopped.
+        start_suppression_s: No turn starts and the car does not stop for this time after the start. It is not in [A]: a
+            camera that has not moved yet sees nothing move, and the rule for low outputs would stop the car.
+
+    Raises:
+        InputError: A number is out of range.
     """
 
     turn_threshold: float = 0.15
     high_threshold: float = 2.0
     low_threshold: float = 0.08
-    turn_radius: float = 1.0
-    tight_radius: float = 0.5
-    turn_time: float = 1.0
-    suppression_time: float = 2.0
-    from_start: bool = False
-    smoothing: float = 1 / 30
-    speed: float = 0.5
-    start_time: float = 0.5
+    turn_radius_m: float = 1.0
+    tight_radius_m: float = 0.5
+    turn_s: float = 1.0
+    suppression_s: float = 2.0
+    suppress_from_start: bool = False
+    smoothing_s: float = 1 / 30
+    speed_m_per_s: float = 0.5
+    start_suppression_s: float = 0.5
 
     def __post_init__(self) -> None:
         check_numbers(self)
-        for name, value in vars(self).items():
-            if not value >= 0:
-                raise InputError(f"{name} must be a number >= 0, got {value}")
-        if self.turn_radius == 0 or self.tight_radius == 0:
-            raise InputError("turn_radius and tight_radius must be > 0")
+        check_signs(self, positive=("turn_radius_m", "tight_radius_m"))
 
 
 class AvoidanceState(NamedTuple):
@@ -194,12 +205,12 @@ class SaccadeAvoidance(nn.Module):
     """The state machine of the published controller: two speed estimates in, a command out. [A §2.2, Methods]
 
     As published it drives for minutes along walls met obliquely; it cannot avoid a wall met head-on from less
-    than 1.4-2.7 m (with `from_start` 1.0-2.0 m).
+    than 1.4-2.7 m (with `suppress_from_start` 1.0-2.0 m).
 
     Shapes:
         sides `[..., T, 2]`, scaled speed estimates of the left and the right side -> `Command` of `[..., T]`.
         With `state=None` the difference is settled on the first sample and the car starts suppressed for
-        `start_time`.
+        `start_suppression_s`.
 
     Raises:
         InputError: dt not positive, or sides of another shape or type, or not finite.
@@ -209,12 +220,12 @@ class SaccadeAvoidance(nn.Module):
         super().__init__()
         self.params, self.dt = params or AvoidanceParams(), dt
         p = self.params
-        share = smoothing_factor(p.smoothing, dt)
-        turn = max(1, round(p.turn_time / dt))
-        suppressed = max(0, round((p.suppression_time - (p.turn_time if p.from_start else 0.0)) / dt))
+        share = smoothing_factor(p.smoothing_s, dt)
+        turn = max(1, round(p.turn_s / dt))
+        suppressed = max(0, round((p.suppression_s - (p.turn_s if p.suppress_from_start else 0.0)) / dt))
         self.turn_steps, self.watching = turn, turn + suppressed
-        values = [p.turn_threshold, p.high_threshold, p.low_threshold, 1 / p.turn_radius, 1 / p.tight_radius]
-        values += [turn, self.watching, p.speed, 1.0, 0.0, -math.inf]
+        values = [p.turn_threshold, p.high_threshold, p.low_threshold, 1 / p.turn_radius_m, 1 / p.tight_radius_m]
+        values += [turn, self.watching, p.speed_m_per_s, 1.0, 0.0, -math.inf]
         self.constants = AvoidanceConstants(share, *map(torch.tensor, map(float, values)))
 
     def forward(self, sides: Tensor, state: AvoidanceState | None = None) -> tuple[Command, AvoidanceState]:
@@ -235,7 +246,7 @@ class SaccadeAvoidance(nn.Module):
         """The state before the first sample `sides` `[..., 2]`."""
         difference = sides[..., 1] - sides[..., 0]
         # The first step adds one. Where this is less than a turn's time nothing turns: the curvature is zero.
-        age = torch.full_like(difference, self.watching - 1 - round(self.params.start_time / self.dt))
+        age = torch.full_like(difference, self.watching - 1 - round(self.params.start_suppression_s / self.dt))
         return AvoidanceState(difference, age, torch.zeros_like(difference))
 
     def mode(self, state: AvoidanceState) -> Tensor:
@@ -372,7 +383,7 @@ class SaccadeController(Controller):
         super().__init__(rig, dt, params)
         look, rule = SubfieldMotion(rig, dt, fields), SaccadeAvoidance(dt, self.params)
         self.rects, self.size, self.a = look.fields, look.size, look.nd_min.a
-        self.begun = float(rule.watching - 1 - round(self.params.start_time / dt))
+        self.begun = float(rule.watching - 1 - round(self.params.start_suppression_s / dt))
         self.numbers = SaccadeNumbers(*(float(part) for part in rule.constants[:9]))
         rect = self.rects[0]
         self.shape = (2, rect.bottom - rect.top, rect.right - rect.left)

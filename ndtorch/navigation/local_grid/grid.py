@@ -8,49 +8,52 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ndtorch.arguments import check_numbers
+from ndtorch.arguments import check_numbers, check_signs, renamed_fields
 from ndtorch.errors import InputError
 from ndtorch.navigation.local_grid._kernels import POSES, DrivenPath, LocalGrid, cell_index, tags
 
 Floats = npt.NDArray[Any]
 
 
+@renamed_fields(cell="cell_m", size="size_cells", lifetime="lifetime_s", most="max_evidence", least="max_free_evidence")
 @dataclass(frozen=True)
 class LocalGridParams:
     """A square of square cells that moves with the car.
 
     Args:
-        cell: side of a cell, m.
-        size: cells along a side, a power of two; beyond it everything is forgotten.
-        lifetime: time in which evidence falls to 1/e, s.
-        most, least: evidence stays between `-least` and `most`. What was seen free shall be believed blocked
-            within four frames, what is blocked shall not be freed by a few cells that look like floor.
+        cell_m: A cell has sides of this length.
+        size_cells: The grid has this many cells along a side, a power of two; it forgets what lies beyond.
+        lifetime_s: Evidence falls to 1/e in this time.
+        max_evidence: Evidence of an obstacle grows no further than this, so that a few frames can free a cell.
+        max_free_evidence: Evidence of free floor grows no further than this, so that four frames can block a cell.
+
+    Raises:
+        InputError: A number is out of range.
     """
 
-    cell: float = 0.08
-    size: int = 64
-    lifetime: float = 10.0
-    most: float = 5.0
-    least: float = 2.0
+    cell_m: float = 0.08
+    size_cells: int = 64
+    lifetime_s: float = 10.0
+    max_evidence: float = 5.0
+    max_free_evidence: float = 2.0
 
     def __post_init__(self) -> None:
-        check_numbers(self, endless=["lifetime"])
-        if not (self.cell > 0 and self.size >= 2 and self.size & (self.size - 1) == 0):
-            raise InputError(f"expected cell > 0 and size a power of two, got cell={self.cell}, size={self.size}")
-        if not (self.lifetime > 0 and self.most > 0 and self.least > 0):
-            raise InputError(f"expected lifetime, most and least > 0, got {self}")
+        check_numbers(self, endless=["lifetime_s"])
+        if not (self.size_cells >= 2 and self.size_cells & (self.size_cells - 1) == 0):
+            raise InputError(f"size_cells must be a power of two, got {self.size_cells}")
+        check_signs(self, positive=vars(self))
 
     @property
     def reach(self) -> float:
         """Places nearer than this along either axis are inside, m."""
-        return (self.size // 2 - 1) * self.cell
+        return (self.size_cells // 2 - 1) * self.cell_m
 
 
 def empty_grid(x: float, y: float, params: LocalGridParams, raised: bool = False) -> LocalGrid:
     """Nothing is known around a car at x, y, m; what is raised is kept apart, or is not."""
-    size = params.size
+    size = params.size_cells
     above = np.zeros((size, size) if raised else (0, 0), np.float32)
-    return LocalGrid(np.zeros((size, size), np.float32), tags(float(x), float(y), params.cell, size), above)
+    return LocalGrid(np.zeros((size, size), np.float32), tags(float(x), float(y), params.cell_m, size), above)
 
 
 def empty_path() -> DrivenPath:
@@ -70,7 +73,7 @@ def mark_obstacles(
     at = cells_at(pose, x, y, params)
     raised = grid.raised.copy()
     cells = raised.reshape(-1)
-    cells[at] = np.minimum(np.maximum(cells[at], 0) + np.float32(weight), np.float32(params.most))
+    cells[at] = np.minimum(np.maximum(cells[at], 0) + np.float32(weight), np.float32(params.max_evidence))
     return grid._replace(raised=raised)
 
 
@@ -103,5 +106,5 @@ def mark_stop(
 def cells_at(pose: tuple[float, float, float], x: Floats, y: Floats, params: LocalGridParams) -> npt.NDArray[np.int32]:
     """Numbers of the cells that hold places of the body frame, m."""
     places = (np.ascontiguousarray(part, np.float32) for part in (x, y))
-    at: npt.NDArray[np.int32] = cell_index(*places, pose, params.cell, params.size)
+    at: npt.NDArray[np.int32] = cell_index(*places, pose, params.cell_m, params.size_cells)
     return at

@@ -3,36 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
-from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
+from ndtorch.navigation.body import Body
 from ndtorch.navigation.local_grid._kernels import Primitives
 
 
-@dataclass(frozen=True)
-class Body:
-    """Outline of the car, a rectangle about the point it turns about.
-
-    Args:
-        length, width: half of them, m.
-        room: kept free ahead and beside, m.
-    """
-
-    length: float = 0.25
-    width: float = 0.18
-    room: float = 0.07
-
-    def __post_init__(self) -> None:
-        check_numbers(self)
-        if not (self.length > 0 and self.width > 0 and self.room >= 0):
-            raise InputError(f"expected length and width > 0 and room >= 0, got {self}")
-
-
 def motion_primitives(
-    arcs: list[tuple[float, int]], body: Body, longest: float, step: float = 0.08, lag: float = 0.0
+    arcs: list[tuple[float, int]],
+    body: Body,
+    margin: float,
+    longest: float,
+    step: float = 0.08,
+    lag: float = 0.0,
 ) -> Primitives:
     """Outlines along arcs of (curvature, +1 forward or -1 backward).
 
@@ -40,12 +25,14 @@ def motion_primitives(
     cell of that size is missed.
 
     Args:
+        margin: kept free around the body, m.
+        longest: of the arcs, m.
         lag: the car goes on straight for this long before its wheels have turned, m.
     """
     if not (longest >= step > 0 and lag >= 0):
         raise InputError(f"expected longest >= step > 0 and lag >= 0, got {longest}, {step} and {lag}")
     steps = round(longest / step)
-    wide, ahead = body.width + body.room, body.length + body.room
+    wide, ahead = body.width_m / 2 + margin, body.length_m / 2 + margin
     across = np.linspace(-wide, wide, math.ceil(2 * wide / step - 1e-9) + 1)
     flank = np.linspace(-ahead, ahead, math.ceil(2 * ahead / (2 * step)) + 1)[:-1]
     px = np.concatenate((np.full_like(across, ahead), flank, flank))

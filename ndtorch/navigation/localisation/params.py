@@ -170,7 +170,7 @@ class LocaliserParams:
     min_score: float = 0.1
     slip_gate: float = 16.0
     relocalisation: RelocalisationParams = field(default_factory=RelocalisationParams)
-    stereo: SearchParams = field(default_factory=lambda: SearchParams(count=32, min_disparity=8))
+    stereo: SearchParams = field(default_factory=lambda: SearchParams(count=32, min_disparity_px=8))
     odometry: OdometryParams = field(default_factory=OdometryParams)
     submaps: SubmapParams = field(default_factory=SubmapParams)
     replay: ReplayParams = field(default_factory=ReplayParams)

@@ -9,34 +9,39 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_numbers
+from ndtorch.arguments import check_numbers, check_signs, renamed_fields
 from ndtorch.errors import InputError
 from ndtorch.navigation.stereo.features import Features, patch_error
 
 
+@renamed_fields(min_disparity="min_disparity_px", max_disparity="max_disparity_px")
 @dataclass(frozen=True)
 class MatchParams:
     """How features are matched. [A Methods]
 
     Args:
-        min_disparity, max_disparity: a match counts only with `min < d < max`, pixels, 0 <= min.
-        one_to_one: a right feature belongs to the left feature that it resembles most, and to no other.
-        max_error: partners that differ by more than this, [A eq. A.2], are no match; not in [A].
+        min_disparity_px: A match has a larger disparity than this, which is 0 or more.
+        max_disparity_px: A match has a smaller disparity than this.
+        one_to_one: A right feature belongs to the left feature that it resembles most, and to no other.
+        max_error: Partners whose patches differ by more than this, [A eq. A.2], are no match. Not in [A].
+
+    Raises:
+        InputError: A number is out of range.
     """
 
-    min_disparity: float = 60.0
-    max_disparity: float = 200.0
+    min_disparity_px: float = 60.0
+    max_disparity_px: float = 200.0
     one_to_one: bool = True
     max_error: float = math.inf
 
     def __post_init__(self) -> None:
         check_numbers(self)
-        if not 0 <= self.min_disparity < self.max_disparity:
+        if not 0 <= self.min_disparity_px < self.max_disparity_px:
             raise InputError(
-                f"expected 0 <= min_disparity < max_disparity, got {self.min_disparity}, {self.max_disparity}"
+                "expected 0 <= min_disparity_px < max_disparity_px, "
+                f"got {self.min_disparity_px}, {self.max_disparity_px}"
             )
-        if not self.max_error > 0:
-            raise InputError(f"max_error must be > 0, got {self.max_error}")
+        check_signs(self, positive=("max_error",))
 
 
 class Matches(NamedTuple):
@@ -75,7 +80,7 @@ def match_features(left: Features, right: Features, params: MatchParams | None =
     column = right.column.gather(-1, partner)
     disparity = left.column - column
     # Without a partner the error is infinite, which is below no limit.
-    valid = (best < params.max_error) & (disparity > params.min_disparity) & (disparity < params.max_disparity)
+    valid = (best < params.max_error) & (disparity > params.min_disparity_px) & (disparity < params.max_disparity_px)
     if params.one_to_one:
         owner = error.argmin(-2).gather(-1, partner)
         valid = valid & (owner == torch.arange(owner.shape[-1], device=owner.device))

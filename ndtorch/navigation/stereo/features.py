@@ -8,53 +8,47 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_numbers
+from ndtorch.arguments import check_numbers, check_signs, renamed_fields
 from ndtorch.errors import InputError
 
 
+@renamed_fields(spacing="spacing_px", edge_reach="edge_reach_px", follow="follow_reach_px", ahead="ahead_count")
 @dataclass(frozen=True)
 class FeatureParams:
     """What makes a feature. [A Methods]
 
     Args:
-        count: number of features, n; 4 to 7 are equally good.
-        spacing: features lie more than this many pixels apart, D_min.
-        min_motion: weakest raw ND-min output of a feature, T_min, for intensities 0..1.
-        min_difference: two features of a row whose patches differ by less than this are both dropped, T_sim.
-        edge_reach: 0 leaves features where the motion is largest, as published. Otherwise each is moved to the
-            steepest step of brightness within so many pixels, to a fraction of a pixel; see `edge_places`.
-        shared: look only where the other camera can see the same at `MatchParams.min_disparity`, which leaves out
-            the outer border of both rows. Not in [A].
-        follow: 0 looks for the strongest features of every frame anew, as published. Otherwise each is followed
-            within so many pixels of where its last two places point to; see `PredictedFeatures`.
-        ahead: so many of the features are kept for what lies ahead, and looked for there first. Not in [A]: what
-            moves most is usually texture at the side. Features that are followed are not kept.
+        count: This number of features is looked for, n; 4 to 7 are equally good.
+        spacing_px: Features lie more than this far apart, D_min.
+        min_motion: A feature has at least this raw ND-min output, T_min, for intensities 0..1.
+        min_difference: Two features of a row whose patches differ by less than this are both dropped, T_sim.
+        edge_reach_px: A feature is moved to the steepest step of brightness within this distance, to a fraction of a
+            pixel; 0 leaves it where the motion is largest, as published. See `edge_places`.
+        shared: Features are looked for only where the other camera can see the same at
+            `MatchParams.min_disparity_px`, which leaves out the outer border of both rows. Not in [A].
+        follow_reach_px: A feature is followed within this distance of where its last two places point to; 0 looks for
+            the strongest features of every frame anew, as published. See `PredictedFeatures`.
+        ahead_count: This many of the features are reserved for what lies ahead, and looked for there first. Not in
+            [A]: what moves most is usually texture at the side. Features that are followed are not reserved.
+
+    Raises:
+        InputError: A number is out of range.
     """
 
     count: int = 5
-    spacing: int = 3
+    spacing_px: int = 3
     min_motion: float = 0.01
     min_difference: float = 0.008
-    edge_reach: int = 0
+    edge_reach_px: int = 0
     shared: bool = False
-    follow: int = 0
-    ahead: int = 0
+    follow_reach_px: int = 0
+    ahead_count: int = 0
 
     def __post_init__(self) -> None:
         check_numbers(self)
-        if not 0 <= self.ahead <= self.count:
-            raise InputError(f"ahead must lie between 0 and count, got ahead={self.ahead}, count={self.count}")
-        if self.edge_reach < 0 or self.follow < 0:
-            raise InputError(
-                f"expected edge_reach and follow >= 0 pixels, got edge_reach={self.edge_reach}, follow={self.follow}"
-            )
-        if self.count < 1 or self.spacing < 0:
-            raise InputError(f"expected count >= 1 and spacing >= 0, got count={self.count}, spacing={self.spacing}")
-        if not (self.min_motion >= 0 and self.min_difference >= 0):
-            raise InputError(
-                f"expected min_motion and min_difference >= 0, "
-                f"got min_motion={self.min_motion}, min_difference={self.min_difference}"
-            )
+        check_signs(self, positive=("count",))
+        if self.ahead_count > self.count:
+            raise InputError(f"ahead_count must lie between 0 and count, got {self.ahead_count} of {self.count}")
 
 
 class Features(NamedTuple):
@@ -96,7 +90,7 @@ def find_features(
         )
     width = row.shape[-1]
     column, strength = strongest(
-        motion, params.count, params.spacing, params.ahead, band or (width // 3, width - width // 3)
+        motion, params.count, params.spacing_px, params.ahead_count, band or (width // 3, width - width // 3)
     )
     return describe(row, column, strength, params)
 
@@ -145,11 +139,11 @@ def describe(row: Tensor, column: Tensor, strength: Tensor, params: FeatureParam
     Where features are moved to edges, two may meet at one: the weaker one is dropped.
     """
     count, width = column.shape[-1], row.shape[-1]
-    crowded = width - 2 < count * (2 * params.spacing + 1)  # slots can be empty: see `strongest`
+    crowded = width - 2 < count * (2 * params.spacing_px + 1)  # slots can be empty: see `strongest`
     if crowded:
         column = column.clamp(1, width - 2)
-    if params.edge_reach:
-        column = edge_places(row, column, params.edge_reach)
+    if params.edge_reach_px:
+        column = edge_places(row, column, params.edge_reach_px)
         patch = sample(row, column.unsqueeze(-1) + torch.tensor(EDGE_SIDES, dtype=row.dtype, device=row.device))
     else:
         around = torch.arange(-1, 2, device=row.device)
@@ -160,7 +154,7 @@ def describe(row: Tensor, column: Tensor, strength: Tensor, params: FeatureParam
         other.diagonal(dim1=-2, dim2=-1).fill_(float("inf"))
         if crowded:
             other = other.masked_fill((strength < 0).unsqueeze(-2), float("inf"))
-        if params.edge_reach:
+        if params.edge_reach_px:
             same = (column.unsqueeze(-1) - column.unsqueeze(-2)).abs() < SAME_EDGE
             weaker = strength.unsqueeze(-1) < strength.unsqueeze(-2)
             equal = strength.unsqueeze(-1) == strength.unsqueeze(-2)

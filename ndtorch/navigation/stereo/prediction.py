@@ -31,7 +31,7 @@ def predict_step(
         motion: ND-min outputs `[..., W]`.
     """
     magnitude = searchable(motion)
-    spacing = torch.arange(-params.spacing, params.spacing + 1, device=motion.device)
+    spacing = torch.arange(-params.spacing_px, params.spacing_px + 1, device=motion.device)
     window = torch.arange(-reach, reach + 1, device=motion.device)
     width = motion.shape[-1]
     expected = 2 * state.last - state.before

@@ -135,17 +135,19 @@ class StereoRanging(nn.Module):
         self.row, self.horizon = row_rect(rig, 1 if search is None else search.rows), row_rect(rig)
         self.band = rig.columns(AHEAD)
         self.nd_min = NDMin(tau_high, dt)
-        self.follow = PredictedFeatures(self.features, self.features.follow) if self.features.follow else None
+        self.follow = (
+            PredictedFeatures(self.features, self.features.follow_reach_px) if self.features.follow_reach_px else None
+        )
         exact = angles == "atan"
         factor = math.cos(rig.pitch) / rig.focal if exact else rig.pixel_angle
         self.geometry = RowGeometry(rig.center[0], factor, rig.baseline, rig.forward, exact)
         f, m = self.features, self.matching
         # Nearer the border, a partner with the smallest disparity would lie outside the other row.
-        self.border = math.ceil(m.min_disparity) if f.shared else 0
-        limits = (float(m.min_disparity), float(m.max_disparity), m.one_to_one, float(m.max_error))
-        places = (f.edge_reach, self.border, f.ahead, *self.band)
+        self.border = math.ceil(m.min_disparity_px) if f.shared else 0
+        limits = (float(m.min_disparity_px), float(m.max_disparity_px), m.one_to_one, float(m.max_error))
+        places = (f.edge_reach_px, self.border, f.ahead_count, *self.band)
         self.numbers = FeatureNumbers(
-            f.count, f.spacing, float(f.min_motion), float(f.min_difference), *places, *limits, self.nd_min.a
+            f.count, f.spacing_px, float(f.min_motion), float(f.min_difference), *places, *limits, self.nd_min.a
         )
         self.searched = None if search is None else search.numbers(self.band)
 

@@ -19,67 +19,89 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_numbers
+from ndtorch.arguments import check_numbers, check_signs, renamed_fields
 from ndtorch.errors import InputError
 from ndtorch.navigation.stereo._kernels_search import SearchNumbers, find_places
 from ndtorch.navigation.stereo.correspondence import Matches
 
 
+@renamed_fields(
+    half="half_width_px",
+    level="mean_half_width_px",
+    min_disparity="min_disparity_px",
+    max_disparity="max_disparity_px",
+    ratio="uniqueness_ratio",
+    max_difference="max_difference_ratio",
+    min_step="min_step_ratio",
+    agree="agreement_ratio",
+    spacing="spacing_px",
+    ahead="ahead_count",
+)
 @dataclass(frozen=True)
 class SearchParams:
     """How the right row is searched.
 
     Args:
-        count: places of a row that are ranged at most, n.
-        rows: of pixels that are compared, the horizon in their middle; odd.
-        half: pixels compared to either side of a place.
-        level: from every pixel the mean of those within so many to either side is taken; 0 takes nothing.
-        min_disparity, max_disparity: pixels; 20 and 230 are 6.5 and 0.56 m for the rig of [A]. Whatever lies farther
-            away is searched for too, so that it is not taken for something near, and then left out.
-        ratio: a match must differ by less than this share of the best one elsewhere.
-        max_difference: mean difference of a match at most, for intensities 0..1.
-        min_step: least step of brightness from one pixel to the next at a place.
-        agree: share of the `2 half + 1` columns around a place whose matches must agree with its own: by 1 pixel of
-            disparity, and half a pixel more for every pixel between them, which a wall seen at an angle needs.
-        spacing: places lie more than this many pixels apart.
-        ahead: so many of the `count` places are kept for what lies ahead, as long as there are any.
+        count: At most this many places of a row are ranged.
+        rows: This odd number of rows is compared, the horizon in their middle.
+        half_width_px: Places are compared with this many pixels to either side.
+        mean_half_width_px: The mean of the pixels within this distance is taken from each pixel; 0 takes nothing.
+        min_disparity_px: A place of a smaller disparity is found and left out, so that it is not taken for something
+            near; 20 pixels are 6.5 m for the rig of [A].
+        max_disparity_px: No larger disparity is searched for; 230 pixels are 0.56 m for the rig of [A].
+        uniqueness_ratio: A match differs by less than this share of the best one elsewhere.
+        max_difference_ratio: A match differs on average by at most this share of white.
+        min_step_ratio: A place has a step of brightness from one pixel to the next of at least this share of white.
+        agreement_ratio: This share of the columns around a place must have matches that agree with its own: by 1 pixel
+            of disparity, and half a pixel more for every pixel between them, which a wall seen at an angle needs.
+        spacing_px: Places lie more than this far apart.
+        ahead_count: This many of the places are reserved for what lies ahead, as long as there are any.
 
     Raises:
-        InputError: numbers out of range.
+        InputError: A number is out of range.
     """
 
     count: int = 16
     rows: int = 3
-    half: int = 8
-    level: int = 30
-    min_disparity: int = 20
-    max_disparity: int = 230
-    ratio: float = 0.8
-    max_difference: float = 0.05
-    min_step: float = 0.004
-    agree: float = 1.0
-    spacing: int = 4
-    ahead: int = 0
+    half_width_px: int = 8
+    mean_half_width_px: int = 30
+    min_disparity_px: int = 20
+    max_disparity_px: int = 230
+    uniqueness_ratio: float = 0.8
+    max_difference_ratio: float = 0.05
+    min_step_ratio: float = 0.004
+    agreement_ratio: float = 1.0
+    spacing_px: int = 4
+    ahead_count: int = 0
 
     def __post_init__(self) -> None:
         check_numbers(self)
-        if not (self.count >= 1 and self.half >= 1 and self.spacing >= 1 and self.level >= 0):
-            raise InputError(f"count, half and spacing must be 1 or more, and level 0 or more, got {self}")
-        if not (self.rows >= 1 and self.rows % 2 == 1 and 0 <= self.ahead <= self.count):
-            raise InputError(f"rows must be odd, and ahead between 0 and count, got {self}")
-        if not 1 <= self.min_disparity < self.max_disparity - 1:
-            raise InputError(f"expected 1 <= min_disparity < max_disparity - 1, got {self}")
-        if not (0 < self.ratio <= 1 and self.max_difference > 0 and self.min_step >= 0 and 0 <= self.agree <= 1):
-            raise InputError(
-                f"expected 0 < ratio <= 1, max_difference > 0, min_step >= 0 and 0 <= agree <= 1, got {self}"
-            )
+        check_signs(self, positive=("count", "rows", "half_width_px", "spacing_px", "max_difference_ratio"))
+        if not (self.rows % 2 == 1 and self.ahead_count <= self.count):
+            raise InputError(f"rows must be odd, and ahead_count between 0 and count, got {self}")
+        if not 1 <= self.min_disparity_px < self.max_disparity_px - 1:
+            raise InputError(f"expected 1 <= min_disparity_px < max_disparity_px - 1, got {self}")
+        if not (0 < self.uniqueness_ratio <= 1 and self.agreement_ratio <= 1):
+            raise InputError(f"expected 0 < uniqueness_ratio <= 1 and agreement_ratio <= 1, got {self}")
 
     def numbers(self, band: tuple[int, int]) -> SearchNumbers:
         """What the compiled search takes; `band` are the columns, from and up to, that see what lies ahead."""
-        values = {name: getattr(self, name) for name in SearchNumbers._fields[1:-2]}
-        for name in ("ratio", "max_difference", "min_step", "agree"):
-            values[name] = float(values[name])
-        return SearchNumbers(self.count, **values, band_start=band[0], band_end=band[1])
+        p = self
+        return SearchNumbers(
+            places=p.count,
+            level=p.mean_half_width_px,
+            half=p.half_width_px,
+            min_disparity=p.min_disparity_px,
+            max_disparity=p.max_disparity_px,
+            ratio=float(p.uniqueness_ratio),
+            max_difference=float(p.max_difference_ratio),
+            min_step=float(p.min_step_ratio),
+            agree=float(p.agreement_ratio),
+            spacing=p.spacing_px,
+            ahead=p.ahead_count,
+            band_start=band[0],
+            band_end=band[1],
+        )
 
 
 def search_rows(rows: Tensor, params: SearchParams, band: tuple[int, int] | None = None) -> Matches:
@@ -99,10 +121,9 @@ def search_rows(rows: Tensor, params: SearchParams, band: tuple[int, int] | None
     given = tuple(rows.shape)
     if rows.ndim >= 2 and rows.shape[-2] == 2:
         rows = rows.unsqueeze(-2)
-    if rows.ndim < 3 or rows.shape[-3] != 2 or rows.shape[-2] % 2 == 0 or rows.shape[-1] < 2 * params.half + 1:
-        raise InputError(
-            f"expected rows [..., 2, W] or [..., 2, R, W] with R odd and W >= {2 * params.half + 1}, got {given}"
-        )
+    compared = 2 * params.half_width_px + 1
+    if rows.ndim < 3 or rows.shape[-3] != 2 or rows.shape[-2] % 2 == 0 or rows.shape[-1] < compared:
+        raise InputError(f"expected rows [..., 2, W] or [..., 2, R, W] with R odd and W >= {compared}, got {given}")
     width = rows.shape[-1]
     start, end = band or (width // 3, width - width // 3)
     band = (min(max(start, 0), width), min(max(end, 0), width))

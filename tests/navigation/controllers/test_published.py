@@ -13,27 +13,27 @@ DT = 1 / 30
 
 def scalar_machine(sides, p, dt=DT):
     """The rule of the paper in seconds and if-statements, for one car."""
-    share = dt / (p.smoothing + dt)
+    share = dt / (p.smoothing_s + dt)
     low = sides[0][0] - sides[0][1]
-    mode, ends, curvature, out = "suppressed", p.start_time, 0.0, []
+    mode, ends, curvature, out = "suppressed", p.start_suppression_s, 0.0, []
     for step, (left, right) in enumerate(sides):
         time = step * dt
         low += share * (left - right - low)
         if mode == "turn" and time >= ends - 1e-9:
             mode, curvature = "suppressed", 0.0
-            ends = ends - p.turn_time + p.suppression_time if p.from_start else ends + p.suppression_time
+            ends = ends - p.turn_s + p.suppression_s if p.suppress_from_start else ends + p.suppression_s
         if mode == "suppressed" and time >= ends - 1e-9:
             mode = "cruise"
         if mode == "cruise":
             if left < p.low_threshold and right < p.low_threshold:
                 mode = "stopped"
             elif left > p.high_threshold and right > p.high_threshold:
-                mode, ends = "turn", time + p.turn_time
-                curvature = (-1 if left > right else 1) / p.tight_radius
+                mode, ends = "turn", time + p.turn_s
+                curvature = (-1 if left > right else 1) / p.tight_radius_m
             elif abs(low) > p.turn_threshold:
-                mode, ends = "turn", time + p.turn_time
-                curvature = (-1 if low > 0 else 1) / p.turn_radius
-        out.append((0.0 if mode == "stopped" else p.speed, curvature))
+                mode, ends = "turn", time + p.turn_s
+                curvature = (-1 if low > 0 else 1) / p.turn_radius_m
+        out.append((0.0 if mode == "stopped" else p.speed_m_per_s, curvature))
     return out
 
 
@@ -50,7 +50,7 @@ def random_sides(seed, steps=400, batch=()):
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10_000), st.booleans())
 def test_against_the_scalar_machine(seed, from_start):
-    params = AvoidanceParams(from_start=from_start)
+    params = AvoidanceParams(suppress_from_start=from_start)
     sides = random_sides(seed)
     command, _ = SaccadeAvoidance(DT, params)(sides)
     wanted = torch.tensor(scalar_machine(sides.tolist(), params), dtype=torch.float64)
@@ -70,7 +70,7 @@ def test_the_scenarios_reach_every_mode():
 def drive(*segments, params=None):
     """Sides held for (left, right, seconds) each."""
     sides = torch.cat([torch.tensor([[left, right]]).expand(round(s / DT), 2) for left, right, s in segments])
-    return SaccadeAvoidance(DT, params or AvoidanceParams(start_time=0.0))(sides)
+    return SaccadeAvoidance(DT, params or AvoidanceParams(start_suppression_s=0.0))(sides)
 
 
 def test_a_turn_lasts_a_second_and_suppression_two():
@@ -97,7 +97,7 @@ def test_the_difference_is_smoothed():
 @pytest.mark.parametrize("kernels", [True, False])
 def test_standing_goes_before_turning(kernels):
     """Both sides are still, but the smoothed difference would turn the car: it stops, and does not turn."""
-    machine = SaccadeAvoidance(DT, AvoidanceParams(start_time=0.2, smoothing=10.0))
+    machine = SaccadeAvoidance(DT, AvoidanceParams(start_suppression_s=0.2, smoothing_s=10.0))
     sides = torch.tensor([[0.5, 0.3]] * 4 + [[0.02, 0.02]] * 8)
     with torch.inference_mode(kernels):
         command, state = machine(sides)

@@ -8,11 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ndtorch.navigation import Pose
+from ndtorch.navigation.body import Body
 from ndtorch.navigation.local_grid._kernels import cell_index, free_distances, move_grid
 from ndtorch.navigation.local_grid.grid import LocalGridParams, cells_at, empty_grid
-from ndtorch.navigation.local_grid.motion_primitives import Body, motion_primitives
+from ndtorch.navigation.local_grid.motion_primitives import motion_primitives
 
-PARAMS = LocalGridParams(cell=0.1, size=32)
+PARAMS = LocalGridParams(cell_m=0.1, size_cells=32)
 
 
 def world(place, here):
@@ -32,7 +33,7 @@ def test_remembers_what_a_dictionary_would(moves):
         border = [abs(v / 0.1 - round(v / 0.1)) < 1e-4 for v in here[:2]]
         if any(border):
             continue  # on the border of two cells rounding decides
-        grid = move_grid(grid, tuple(here), PARAMS.cell, 0.9)
+        grid = move_grid(grid, tuple(here), PARAMS.cell_m, 0.9)
         middle = math.floor(here.x / 0.1), math.floor(here.y / 0.1)
         inside = lambda c, m=middle: all(-16 < c[k] - m[k] <= 16 for k in (0, 1))  # noqa: E731
         truth = {cell: 0.9 * value for cell, value in truth.items() if inside(cell)}
@@ -46,9 +47,9 @@ def test_remembers_what_a_dictionary_would(moves):
                 assert grid.evidence[cx % 32, cy % 32] == pytest.approx(value, abs=1e-5)
 
 
-BODY = Body(length=0.25, width=0.18, room=0.07)
+BODY = Body(length_m=0.5, width_m=0.36)
 ARCS = [(0.0, 1), (1.0, 1), (-2.0, 1), (0.0, -1), (2.0, -1)]
-TABLE = motion_primitives(ARCS, BODY, 1.6, 0.08)
+TABLE = motion_primitives(ARCS, BODY, 0.07, 1.6, 0.08)
 
 
 def touched(curvature, direction, travel, x, y):
@@ -75,11 +76,11 @@ def free(evidence, blocked=1.0, unknown=-0.1):
 
 def travel(x, y, around=(0.0,)):
     """The free distance with blocked cells of 8 cm: that of one place, or of those so far around it."""
-    params, here = LocalGridParams(cell=0.08, size=64), (0.013, -0.02, 0.3)
+    params, here = LocalGridParams(cell_m=0.08, size_cells=64), (0.013, -0.02, 0.3)
     grid = empty_grid(here[0], here[1], params)
     blocked = np.array([(x + dx, y + dy) for dx in around for dy in around]).T
     grid.evidence.reshape(-1)[cells_at(here, *blocked, params)] = 3
-    at = cell_index(TABLE.x, TABLE.y, here, params.cell, params.size)
+    at = cell_index(TABLE.x, TABLE.y, here, params.cell_m, params.size_cells)
     return free_distances(grid.evidence, at, TABLE, 2.0, 2.0)[0]
 
 

@@ -283,7 +283,7 @@ def ranging(width: int, height: int, disparities: tuple[int, int], search: bool)
     """The navigator's ranging for images of a size; the rig's lengths do not matter for disparities."""
     rig, (low, high) = StereoRig(width=width, height=height, focal=float(width)), disparities
     if search:
-        return StereoRanging(rig, 1 / 30, search=SearchParams(min_disparity=low, max_disparity=high))
+        return StereoRanging(rig, 1 / 30, search=SearchParams(min_disparity_px=low, max_disparity_px=high))
     return StereoRanging(rig, 1 / 30, FeatureParams(), MatchParams(low, high))
 
 

@@ -245,7 +245,7 @@ def feature_count(
     for i, seed in enumerate(seeds):
         seen = recorded(context, "hallway", seed, seconds, (i / len(seeds), (i + 0.5) / len(seeds)))
         for j, count in enumerate(counts):
-            params = FeatureParams(count, edge_reach=EDGE_REACH, shared=True) if edges else FeatureParams(count)
+            params = FeatureParams(count, edge_reach_px=EDGE_REACH, shared=True) if edges else FeatureParams(count)
             score = score_of(seen, map_of(seen, ranges_of(seen, params), 3.0))
             found[i, j] = score["precision"] or 0, score["recall"] or 0, quality(score)
             context.report((i + 0.5 + 0.5 * j / len(counts)) / len(seeds))

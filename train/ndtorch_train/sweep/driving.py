@@ -27,8 +27,8 @@ PARAMETERS: Mapping[str, Parameter] = {
     "reach": Parameter(3.0, 1e-3),
     "min_motion": Parameter(_F.min_motion, 0),
     "min_difference": Parameter(_F.min_difference, 0),
-    "min_disparity": Parameter(_M.min_disparity, 0),
-    "max_disparity": Parameter(_M.max_disparity, 0),
+    "min_disparity": Parameter(_M.min_disparity_px, 0),
+    "max_disparity": Parameter(_M.max_disparity_px, 0),
     "angle": Parameter("atan", words=("atan", "linear")),
 }
 """Options of `ndtorch drive`, thresholds of the published controller, and what a map is made with: features a

@@ -79,8 +79,13 @@ class GoalControl(Controller):
         d = GoalParams()
         slow, unknown = (min(v, task.speed) for v in (d.tight_speed_m_per_s, d.unknown_speed_m_per_s))
         r = d.reactive
-        tight, back = min(r.tight_speed, 0.8 * task.speed), min(r.reverse_speed, task.speed)
-        reactive = replace(r, speed=min(r.speed, task.speed), tight_speed=tight, reverse_speed=back)
+        tight, back = min(r.tight_speed_m_per_s, 0.8 * task.speed), min(r.reverse_speed_m_per_s, task.speed)
+        reactive = replace(
+            r,
+            speed_m_per_s=min(r.speed_m_per_s, task.speed),
+            tight_speed_m_per_s=tight,
+            reverse_speed_m_per_s=back,
+        )
         return GoalParams(
             task.goal,
             task.explore,
@@ -186,7 +191,7 @@ class GoalControl(Controller):
     def visit(self, visited: LocalGrid, pose: tuple[float, float, float]) -> LocalGrid:
         """The cells around the car are visited."""
         p = self.params.visited_grid
-        kept = move_grid(visited, pose, p.cell, 1.0)
+        kept = move_grid(visited, pose, p.cell_m, 1.0)
         ahead, left = self.disc
         kept.evidence.reshape(-1)[cells_at(pose, ahead, left, p)] = 1.0
         return kept

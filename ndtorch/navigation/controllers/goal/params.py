@@ -8,15 +8,14 @@ from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.ranging.params import RangingParams
 from ndtorch.navigation.local_grid.grid import LocalGridParams
-from ndtorch.navigation.local_grid.motion_primitives import Body
 from ndtorch.navigation.planning.params import PlannerParams
 
 
 def reactive_params() -> RangingParams:
     """Parameters of the reactive controller under a planner: a large memory that lasts, and less room."""
     return RangingParams(
-        body=Body(room=0.03),
-        grid=LocalGridParams(cell=0.05, size=512, lifetime=120.0),
+        safety_margin_m=0.03,
+        grid=LocalGridParams(cell_m=0.05, size_cells=512, lifetime_s=120.0),
         min_free_m=0.15,
         overhangs=False,
     )
@@ -65,7 +64,7 @@ class GoalParams:
     max_curvature_per_m: float = 2.15
     lookahead_m: float = 0.3
     visited_radius_m: float = 0.9
-    visited_grid: LocalGridParams = field(default_factory=lambda: LocalGridParams(cell=0.1, size=512))
+    visited_grid: LocalGridParams = field(default_factory=lambda: LocalGridParams(cell_m=0.1, size_cells=512))
     exploration_timeout_s: float = 10.0
     no_progress_s: float = 12.0
     blacklist_radius_m: float = 0.5
@@ -85,5 +84,5 @@ class GoalParams:
 
 def with_memory(params: GoalParams, lifetime: float) -> GoalParams:
     """The same parameters with another lifetime of the evidence of obstacles and floor, s."""
-    grid = replace(params.reactive.grid, lifetime=lifetime)
+    grid = replace(params.reactive.grid, lifetime_s=lifetime)
     return replace(params, reactive=replace(params.reactive, grid=grid))

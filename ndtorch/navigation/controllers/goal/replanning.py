@@ -31,7 +31,7 @@ def replan(state: GoalState, here: tuple[float, float, float], params: GoalParam
         here: x, y, m, and heading, radians.
         every: time steps until the next plan.
     """
-    p, grid, blocked = params, params.reactive.grid, params.reactive.blocked
+    p, grid, blocked = params, params.reactive.grid, params.reactive.blocked_evidence
     around = local_map(state.reactive.grid.evidence, here[0], here[1], grid, blocked, -FREE_RATIO * blocked)
     clear, goal = clearance(around.blocked, around.cell), task_goal(state, p)
     if goal is None:
@@ -48,7 +48,7 @@ def replan(state: GoalState, here: tuple[float, float, float], params: GoalParam
         p.speed_m_per_s,
         p.tight_speed_m_per_s,
         p.unknown_speed_m_per_s,
-        p.reactive.reverse_speed,
+        p.reactive.reverse_speed_m_per_s,
         p.deceleration_m_per_s2,
     )
     points = min(len(made.path), MAX_POINTS)
@@ -66,7 +66,7 @@ def check_progress(
     if math.isinf(made.cost):
         return state
     visited = float(state.visited.evidence.sum())
-    newly = (visited - state.visited_before) * grid.cell**2
+    newly = (visited - state.visited_before) * grid.cell_m**2
     if newly >= p.planner.min_seen_frontier_m2 or made.cost < state.best_cost - PROGRESS_M:
         return state._replace(best_cost=float(made.cost), visited_before=visited, no_progress_s=0.0)
     # Another frontier may be far away and is no progress: goals may alternate.
@@ -84,13 +84,13 @@ def check_progress(
 
 def first_cell(x: float, y: float, params: LocalGridParams) -> tuple[int, int]:
     """Indices of the cell at the lower left corner of a grid around a place."""
-    half = params.size // 2
-    return math.floor(x / params.cell) - half + 1, math.floor(y / params.cell) - half + 1
+    half = params.size_cells // 2
+    return math.floor(x / params.cell_m) - half + 1, math.floor(y / params.cell_m) - half + 1
 
 
 def unrolled(evidence: Array, x: float, y: float, params: LocalGridParams) -> Floats:
     """Evidence `[size, size]` as rows of y and columns of x around a place, both growing."""
-    size, (left, bottom) = params.size, first_cell(x, y, params)
+    size, (left, bottom) = params.size_cells, first_cell(x, y, params)
     return np.ascontiguousarray(np.roll(evidence, (-left % size, -bottom % size), (0, 1)).T)
 
 
@@ -104,7 +104,7 @@ def local_map(evidence: Array, x: float, y: float, params: LocalGridParams, bloc
     """
     cells = unrolled(evidence, x, y, params)
     left, bottom = first_cell(x, y, params)
-    return LocalMap(cells >= blocked, cells < free, left * params.cell, bottom * params.cell, params.cell)
+    return LocalMap(cells >= blocked, cells < free, left * params.cell_m, bottom * params.cell_m, params.cell_m)
 
 
 def visited_cells(visited: Array, x: float, y: float, params: LocalGridParams, grid: LocalGridParams) -> Bools:
@@ -112,16 +112,16 @@ def visited_cells(visited: Array, x: float, y: float, params: LocalGridParams, g
     wide = unrolled(visited, x, y, grid) > 0.5
     index = []
     for near, far in zip(first_cell(x, y, params), first_cell(x, y, grid), strict=True):
-        middle = (np.arange(params.size) + near + 0.5) * params.cell
-        index.append(np.clip(np.floor(middle / grid.cell).astype(int) - far, 0, grid.size - 1))
+        middle = (np.arange(params.size_cells) + near + 0.5) * params.cell_m
+        index.append(np.clip(np.floor(middle / grid.cell_m).astype(int) - far, 0, grid.size_cells - 1))
     columns, rows = index
     return np.ascontiguousarray(wide[np.ix_(rows, columns)])
 
 
 def disc_cells(radius: float, params: LocalGridParams) -> Array:
     """Points of the body frame that fill a disc, a cell apart, `[2, n]`, m."""
-    reach = math.floor(radius / params.cell)
-    line = np.arange(-reach, reach + 1, dtype=np.float32) * np.float32(params.cell)
+    reach = math.floor(radius / params.cell_m)
+    line = np.arange(-reach, reach + 1, dtype=np.float32) * np.float32(params.cell_m)
     x, y = np.meshgrid(line, line, indexing="ij")
     inside = x * x + y * y <= radius**2
     return np.stack((x[inside], y[inside]))

@@ -75,9 +75,9 @@ class RangingControl(Controller):
     def params_for(cls, task: Task) -> RangingParams:
         """As `Controller.params_for`; tight turns and reversing are never faster than the rest."""
         params: RangingParams = super().params_for(task)
-        tight = min(params.tight_speed, 0.8 * task.speed)
-        back = min(params.reverse_speed, task.speed)
-        return replace(params, tight_speed=tight, reverse_speed=back)
+        tight = min(params.tight_speed_m_per_s, 0.8 * task.speed)
+        back = min(params.reverse_speed_m_per_s, task.speed)
+        return replace(params, tight_speed_m_per_s=tight, reverse_speed_m_per_s=back)
 
     @property
     def fields(self) -> tuple[Rect, Rect]:
@@ -124,7 +124,7 @@ class RangingControl(Controller):
     ) -> RangingState:
         """As `Controller.on_near_obstacles`."""
         p: RangingParams = self.params
-        grid = mark_stop(state.grid, tuple(pose), obstacles, across, floor_seen, p.blocked, p.grid)
+        grid = mark_stop(state.grid, tuple(pose), obstacles, across, floor_seen, p.blocked_evidence, p.grid)
         return state._replace(grid=grid)
 
     def sensing_requests(self, state: RangingState) -> SensingRequest:
@@ -144,11 +144,11 @@ class RangingControl(Controller):
         grid, p, g = state.grid, self.params, self.tables.grid
         if ranges is not None:
             raised = grid.raised.copy()
-            add_ranges(raised, (ranges.x, ranges.y, ranges.valid), tuple(pose), g, float(p.search_weight), g.miss)
+            add_ranges(raised, (ranges.x, ranges.y, ranges.valid), tuple(pose), g, float(p.search_evidence), g.miss)
             bound(raised, -g.least, g.most)
             grid = grid._replace(raised=raised)
         if obstacles is not None:
-            grid = mark_obstacles(grid, tuple(pose), *obstacles, p.range_weight, p.grid)
+            grid = mark_obstacles(grid, tuple(pose), *obstacles, p.range_evidence, p.grid)
         return state._replace(grid=grid)
 
     def can_resume(self, state: RangingState) -> bool:
@@ -159,18 +159,18 @@ class RangingControl(Controller):
         """As `Controller.status_message`."""
         floor, p = state.floor, self.params
         if state.mode == STOPPED and floor.age <= self.tables.floor.standing:
-            noisy = ", and the pictures are noisy" * (floor.noise > p.least_noise)
+            noisy = ", and the pictures are noisy" * (floor.noise > p.min_noise_output)
             why = noisy or ": something stands there, or the floor shows too little to both cameras"
-            return f"it cannot begin: less than {p.start_needs} m of floor are seen free ahead{why}"
+            return f"it cannot begin: less than {p.start_free_m} m of floor are seen free ahead{why}"
         share = known_share(floor, self.tables.floor)
         if share >= FULL_SHARE:
             return None
-        why = "the pictures are noisy" if floor.noise > p.least_noise else "the floor shows little, or it is dark"
+        why = "the pictures are noisy" if floor.noise > p.min_noise_output else "the floor shows little, or it is dark"
         return f"floor is told from noise in {100 * share:.0f} % of the view: {why}"
 
     def at_speed(self, speed: float) -> None:
         """Judge the floor for another full speed, m/s."""
-        floor = floor_numbers(self.rig, replace(self.params, speed=speed), self.view, self.dt)
+        floor = floor_numbers(self.rig, replace(self.params, speed_m_per_s=speed), self.view, self.dt)
         self.tables = self.tables._replace(floor=floor)
 
     def mode(self, state: RangingState) -> int:

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_numbers
+from ndtorch.arguments import check_numbers, check_signs, renamed_fields
 from ndtorch.errors import InputError
 from ndtorch.navigation.controllers.ranging._kernels_floor import ViewNumbers
 from ndtorch.navigation.stereo.rig import Rect, StereoRig
@@ -18,61 +18,81 @@ from ndtorch.vision.nondirectional import SPEED_SCALE
 from ndtorch.vision.temporal import smoothing_factor
 
 
+@renamed_fields(
+    near="near_m",
+    far="far_m",
+    inner="inner_rad",
+    outer="outer_rad",
+    tolerance="tolerance_ratio",
+    saturation="saturation_px",
+    standing_time="standing_s",
+    learning_time="learning_s",
+    adaptation="adaptation_s",
+    clear="min_signal_ratio",
+    alike="min_correlation",
+    texture="min_texture_ratio",
+    standing="min_upright_bands",
+    trusted="min_agreement_ratio",
+)
 @dataclass(frozen=True)
 class FloorParams:
-    """The subfields of `FloorMotion` and what floor looks like in them.
+    """The patches of floor that are seen, and what floor looks like in them.
 
     Args:
-        near, far: the subfields see the floor at these depths from the camera, m; `far` is rounded to bands.
-        inner, outer: directions they reach to, radians outward of the camera's axis; inner is negative, so
-            that the two overlap ahead of the car.
-        bands, blocks: cells of a subfield, bands of rows (nearest first) by blocks of columns (outermost first).
-        tolerance: a cell shows something else than floor when its output is more than this factor below or
-            above what the floor gave lately at this speed.
-        saturation: image speed, pixels a step, at which the output of floor has reached 63 % of its largest.
-        standing_time: the car stands this long at the start, s, to measure the noise of the cameras.
-        learning_time: then it drives straight this long, s, to learn what its floor looks like.
-        adaptation: time constant of learning after that, from cells that look like floor, s.
-        clear: floor is unknown where its low threshold is less than this many times the noise.
-        alike: correlation of both images from which on a cell, and the one behind it, are one floor.
-        texture: least change from pixel to pixel for that, as a share of white.
-        standing: something stands where both eyes see no one floor in so many bands of a block, and none behind.
-        trusted: share of the cells seen by both eyes in which they must agree on floor to be believed about that.
+        near_m: The floor is seen from this depth from the cameras on.
+        far_m: The floor is seen up to this depth, rounded to whole bands.
+        inner_rad: The patches begin in this direction, outward of the axis of their camera. It is negative, so that the
+            two overlap ahead of the car.
+        outer_rad: The patches end in this direction, outward of the axis of their camera.
+        bands: A patch has this many bands of rows, nearest first.
+        blocks: A patch has this many blocks of columns, outermost first.
+        tolerance_ratio: A cell shows something else than floor when its output is more than this factor below or above
+            what the floor gave lately at this speed.
+        saturation_px: The output of floor reaches 63 % of its largest at this image speed, in pixels a step.
+        standing_s: The car stands this long at the start, to measure the noise of the cameras.
+        learning_s: The car then drives straight on this long, to learn what its floor looks like.
+        adaptation_s: The car learns after that with this time constant, from cells that look like floor.
+        min_signal_ratio: Floor is unknown where its low threshold is less than this many times the noise.
+        min_correlation: A cell and the one behind it are one floor from this correlation of both images on.
+        min_texture_ratio: One floor needs changes from pixel to pixel of at least this share of white.
+        min_upright_bands: An object stands where both cameras see no one floor in this many bands of a block, and
+            none behind.
+        min_agreement_ratio: The cameras must agree on floor in this share of the cells that both see, to be believed
+            about objects that stand.
+
+    Raises:
+        InputError: A number is out of range.
     """
 
-    near: float = 0.65
-    far: float = 1.38
-    inner: float = math.radians(-10.5)
-    outer: float = math.radians(29.2)
+    near_m: float = 0.65
+    far_m: float = 1.38
+    inner_rad: float = math.radians(-10.5)
+    outer_rad: float = math.radians(29.2)
     bands: int = 14
     blocks: int = 8
-    tolerance: float = 2.1
-    saturation: float = 1.2
-    standing_time: float = 0.1
-    learning_time: float = 0.4
-    adaptation: float = 5.0
-    clear: float = 1.5
-    alike: float = 0.7
-    texture: float = 0.002
-    standing: int = 3
-    trusted: float = 0.25
+    tolerance_ratio: float = 2.1
+    saturation_px: float = 1.2
+    standing_s: float = 0.1
+    learning_s: float = 0.4
+    adaptation_s: float = 5.0
+    min_signal_ratio: float = 1.5
+    min_correlation: float = 0.7
+    min_texture_ratio: float = 0.002
+    min_upright_bands: int = 3
+    min_agreement_ratio: float = 0.25
 
     def __post_init__(self) -> None:
         check_numbers(self)
-        if not (0 < self.near < self.far and -math.pi / 2 < self.inner < self.outer < math.pi / 2):
-            raise InputError(f"expected 0 < near < far and inner < outer, got {self}")
-        if self.bands < 2 or self.blocks < 1:
-            raise InputError(f"expected bands >= 2 and blocks >= 1, got {self.bands} and {self.blocks}")
-        if not (self.tolerance > 1 and self.saturation > 0 and self.adaptation > 0 and self.clear > 0):
-            raise InputError(f"expected tolerance > 1 and positive saturation, adaptation and clear, got {self}")
-        if not (0 < self.alike < 1 and self.texture >= 0):
-            raise InputError(f"expected 0 < alike < 1 and texture >= 0, got {self.alike} and {self.texture}")
-        if self.standing < 1:
-            raise InputError(f"expected standing >= 1, got {self.standing}")
-        if not 0 <= self.trusted <= 1:
-            raise InputError(f"expected trusted in 0..1, got {self.trusted}")
-        if not (self.standing_time >= 0 and self.learning_time > 0):
-            raise InputError(f"expected standing_time >= 0 and learning_time > 0, got {self}")
+        free = {"inner_rad", "outer_rad", "standing_s", "min_texture_ratio", "min_agreement_ratio"}
+        check_signs(self, positive=set(vars(self)) - free, signed=("inner_rad", "outer_rad"))
+        if not (self.near_m < self.far_m and -math.pi / 2 < self.inner_rad < self.outer_rad < math.pi / 2):
+            raise InputError(f"expected near_m < far_m and inner_rad < outer_rad, got {self}")
+        if self.bands < 2:
+            raise InputError(f"bands must be 2 or more, got {self.bands}")
+        if not (self.tolerance_ratio > 1 and self.min_correlation < 1 and self.min_agreement_ratio <= 1):
+            raise InputError(
+                f"expected tolerance_ratio > 1, min_correlation < 1 and min_agreement_ratio <= 1, got {self}"
+            )
 
 
 EVERY = 2
@@ -113,16 +133,16 @@ def floor_view(rig: StereoRig, params: FloorParams) -> FloorView:
     def column(angle: float) -> float:
         return rig.center[0] - rig.focal * math.tan(angle)
 
-    bottom = math.floor(row(p.near)) + 1
-    tall = (bottom - math.ceil(row(p.far))) // p.bands
+    bottom = math.floor(row(p.near_m)) + 1
+    tall = (bottom - math.ceil(row(p.far_m))) // p.bands
     # Where the axes do not meet the middle of the frames, mirror images lie so many columns farther to the right.
     aside_px = round(2 * rig.center[0]) - (rig.width - 1)
-    left = max(0, aside_px, math.ceil(column(p.outer)))
-    wide = (math.floor(column(p.inner)) + 1 - left) // (p.blocks * EVERY) * EVERY
+    left = max(0, aside_px, math.ceil(column(p.outer_rad)))
+    wide = (math.floor(column(p.inner_rad)) + 1 - left) // (p.blocks * EVERY) * EVERY
     top, right = bottom - tall * p.bands, left + wide * p.blocks
     if tall < 1 or wide < 1 or top < 0 or bottom > rig.height or right > rig.width + min(aside_px, 0):
         raise InputError(
-            f"{p.bands} bands by {p.blocks} blocks of floor {p.near}-{p.far} m ahead do not fit into "
+            f"{p.bands} bands by {p.blocks} blocks of floor {p.near_m}-{p.far_m} m ahead do not fit into "
             f"{rig.width}x{rig.height} frames"
         )
     mirror = rig.width + aside_px
@@ -184,8 +204,8 @@ def view_numbers(
         every=EVERY,
         a=smoothing_factor(tau_high, dt),
         scale=float(SPEED_SCALE),
-        min_correlation=float(params.alike),
-        min_texture=float(params.texture**2),
+        min_correlation=float(params.min_correlation),
+        min_texture=float(params.min_texture_ratio**2),
         min_change=MIN_CHANGE,
         max_gain=MAX_GAIN,
         dark=DARK,

@@ -24,12 +24,12 @@ def ranging_tables(
         seen_through: evidence that a range takes from every cell before it.
     """
     p = params
-    wide, tight = 1 / p.turn_radius, 1 / p.tight_radius
+    wide, tight = 1 / p.turn_radius_m, 1 / p.tight_radius_m
     arcs = [(0.0, 1), (wide, 1), (tight, 1), (-wide, 1), (-tight, 1), (-tight, -1), (0.0, -1), (tight, -1)]
-    longest = math.floor(min(1.6, p.grid.reach - 0.5) / p.grid.cell) * p.grid.cell
-    primitives = motion_primitives(arcs, p.body, longest, p.grid.cell, lag=0.05)
+    longest = math.floor(min(1.6, p.grid.reach - 0.5) / p.grid.cell_m) * p.grid.cell_m
+    primitives = motion_primitives(arcs, p.body, p.safety_margin_m, longest, p.grid.cell_m, lag=0.05)
     x, y = np.meshgrid(
-        np.linspace(-0.8, 0.8, 6) * p.body.length, np.linspace(-0.8, 0.8, 5) * p.body.width, indexing="ij"
+        np.linspace(-0.4, 0.4, 6) * p.body.length_m, np.linspace(-0.4, 0.4, 5) * p.body.width_m, indexing="ij"
     )
     return RangingTables(
         floor_numbers(rig, p, view, dt),
@@ -47,25 +47,25 @@ def floor_numbers(rig: StereoRig, params: RangingParams, view: FloorView, dt: fl
     p, sweep = params.floor, view.sweep.numpy()
     # Far floor is finer than a pixel and gives less; before its own level is learned this is a fair guess.
     profile = (1.0 - 0.5 * (view.depth.numpy() - 1.2)).clip(0.3, 1.0)
-    standing = round(p.standing_time / dt)
-    learning = standing + max(1, round(p.learning_time / dt))
+    standing = round(p.standing_s / dt)
+    learning = standing + max(1, round(p.learning_s / dt))
     return FloorNumbers(
         flow=((sweep * dt) ** 2).astype(np.float32),
         profile=profile.astype(np.float32),
-        full=(-np.expm1(-sweep * dt * params.speed / p.saturation)).astype(np.float32),
+        full=(-np.expm1(-sweep * dt * params.speed_m_per_s / p.saturation_px)).astype(np.float32),
         yaw=rig.focal * dt,
-        saturation=-1 / p.saturation,
-        tolerance=math.log(p.tolerance),
-        clear=float(p.clear * p.tolerance),
+        saturation=-1 / p.saturation_px,
+        tolerance=math.log(p.tolerance_ratio),
+        clear=float(p.min_signal_ratio * p.tolerance_ratio),
         standing=standing,
         learning=learning,
         learn_share=2 / (learning - standing),
-        share=dt / p.adaptation / (2 * p.blocks),
-        upright=int(p.standing),
-        trusted=float(p.trusted),
-        floor_weight=float(params.floor_weight),
-        end_weight=float(params.hidden_weight),
-        least_noise=float(params.least_noise),
+        share=dt / p.adaptation_s / (2 * p.blocks),
+        upright=int(p.min_upright_bands),
+        trusted=float(p.min_agreement_ratio),
+        floor_weight=float(params.floor_evidence),
+        end_weight=float(params.hidden_evidence),
+        least_noise=float(params.min_noise_output),
     )
 
 
@@ -73,20 +73,20 @@ def grid_numbers(rig: StereoRig, params: RangingParams, dt: float, seen_through:
     """Numbers that update the grid."""
     p = params.grid
     return GridNumbers(
-        cell=float(p.cell),
-        keep=math.exp(-dt / p.lifetime),
-        fade=math.exp(-dt / params.fading),
+        cell=float(p.cell_m),
+        keep=math.exp(-dt / p.lifetime_s),
+        fade=math.exp(-dt / params.boxed_in_memory_s),
         reach=float(p.reach),
-        least=float(p.least),
-        most=float(p.most),
-        range_weight=float(params.range_weight),
-        blocked=float(params.blocked),
-        unknown=-0.1 * params.blocked,
+        least=float(p.max_free_evidence),
+        most=float(p.max_evidence),
+        range_weight=float(params.range_evidence),
+        blocked=float(params.blocked_evidence),
+        unknown=-0.1 * params.blocked_evidence,
         beam_forward=float(rig.forward),
         beam_left=rig.baseline / 2,
         miss=float(params.miss_evidence),
         seen_through=float(seen_through),
-        cells_per_m=(LINE_TO - LINE_FROM) / (LINE_PLACES - 1) / p.cell,
+        cells_per_m=(LINE_TO - LINE_FROM) / (LINE_PLACES - 1) / p.cell_m,
     )
 
 
@@ -94,21 +94,21 @@ def decision_numbers(params: RangingParams, dt: float) -> DecisionNumbers:
     """Numbers of `decide` and `limit`."""
     p = params
     return DecisionNumbers(
-        speed=float(p.speed),
-        tight_speed=float(p.tight_speed),
-        reverse_speed=float(p.reverse_speed),
-        wide=1 / p.turn_radius,
-        tight=1 / p.tight_radius,
+        speed=float(p.speed_m_per_s),
+        tight_speed=float(p.tight_speed_m_per_s),
+        reverse_speed=float(p.reverse_speed_m_per_s),
+        wide=1 / p.turn_radius_m,
+        tight=1 / p.tight_radius_m,
         turn_below_m=float(p.turn_below_m),
         cruise_above_m=float(p.cruise_above_m),
         wide_turn_min_m=float(p.wide_turn_min_m),
         min_free_m=float(p.min_free_m),
-        turn_steps=round(p.turn_time / dt),
-        reverse_length=float(p.reverse_length),
-        room=float(p.room),
+        turn_steps=round(p.min_turn_s / dt),
+        reverse_length=float(p.reverse_m),
+        room=float(p.reverse_until_free_m),
         side_hysteresis_m=float(p.side_hysteresis_m),
-        known_ratio=float(p.known_share),
+        known_ratio=float(p.known_ratio),
         unknown_margin_m=float(p.unknown_margin_m),
-        start_needs=float(p.start_needs),
+        start_needs=float(p.start_free_m),
         dt=float(dt),
     )

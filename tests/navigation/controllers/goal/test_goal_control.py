@@ -22,7 +22,7 @@ from ndtorch.navigation.odometry import arc
 from ndtorch.navigation.stereo.ranging import Ranges
 
 RIG, DT = StereoRig(forward=0.15), 1 / 30
-SMALL = replace(reactive_params(), grid=LocalGridParams(cell=0.05, size=128))
+SMALL = replace(reactive_params(), grid=LocalGridParams(cell_m=0.05, size_cells=128))
 
 
 def nothing():
@@ -96,8 +96,8 @@ def test_what_is_ranged_in_the_way_is_driven_around():
 @pytest.mark.parametrize("name", ["ranging", "published", "goal"])
 def test_no_controller_is_told_to_go_faster_than_its_cruise_speed(name):
     params = NavigatorOptions(name, speed=0.25).make(RIG, DT).params
-    assert getattr(params, "speed_m_per_s" if name == "goal" else "speed") == 0.25
+    assert params.speed_m_per_s == 0.25
     reactive = getattr(params, "reactive", params)
-    for key in ("tight_speed", "reverse_speed", "tight_speed_m_per_s", "unknown_speed_m_per_s"):
+    for key in ("tight_speed_m_per_s", "reverse_speed_m_per_s", "unknown_speed_m_per_s"):
         assert getattr(params, key, 0) <= 0.25
         assert getattr(reactive, key, 0) <= 0.25

@@ -9,7 +9,7 @@ from ndtorch.navigation.controllers.goal.replanning import local_map, visited_ce
 from ndtorch.navigation.local_grid._kernels import LocalGrid
 from ndtorch.navigation.local_grid.grid import LocalGridParams, cells_at, empty_grid
 
-PARAMS = LocalGridParams(cell=0.05, size=16)
+PARAMS = LocalGridParams(cell_m=0.05, size_cells=16)
 
 
 def marked(car: tuple[float, float], x: list[float], y: list[float], weight: float, p: LocalGridParams) -> LocalGrid:
@@ -25,10 +25,10 @@ def test_what_is_seen_lies_where_it_is_in_the_world(car: tuple[float, float]) ->
     around = local_map(grid.evidence, *car, PARAMS, blocked=2.0, free=-0.5)
     assert around.blocked.shape == (16, 16)
     ((row, column),) = np.argwhere(around.blocked)
-    assert 0 <= car[0] + ahead - (around.left + column * PARAMS.cell) < PARAMS.cell
-    assert 0 <= car[1] + aside - (around.bottom + row * PARAMS.cell) < PARAMS.cell
+    assert 0 <= car[0] + ahead - (around.left + column * PARAMS.cell_m) < PARAMS.cell_m
+    assert 0 <= car[1] + aside - (around.bottom + row * PARAMS.cell_m) < PARAMS.cell_m
     # The car is in the middle.
-    assert abs(around.left + 8 * PARAMS.cell - car[0]) <= PARAMS.cell
-    assert abs(around.bottom + 8 * PARAMS.cell - car[1]) <= PARAMS.cell
+    assert abs(around.left + 8 * PARAMS.cell_m - car[0]) <= PARAMS.cell_m
+    assert abs(around.bottom + 8 * PARAMS.cell_m - car[1]) <= PARAMS.cell_m
     assert not around.free.any()
     assert (visited_cells(grid.evidence, *car, PARAMS, PARAMS) == around.blocked).all()

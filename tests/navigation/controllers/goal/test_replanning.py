@@ -22,7 +22,7 @@ def known(evidence: float, params: GoalParams = PARAMS) -> GoalState:
     """All that is around the car was seen so far, in shares of what counts as blocked."""
     state = GoalControl(RIG, DT, params).start(floor(), place(*HERE))
     grid = state.reactive.grid
-    grid = grid._replace(evidence=np.full_like(grid.evidence, evidence * params.reactive.blocked))
+    grid = grid._replace(evidence=np.full_like(grid.evidence, evidence * params.reactive.blocked_evidence))
     return state._replace(reactive=state.reactive._replace(grid=grid))
 
 
