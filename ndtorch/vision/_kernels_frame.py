@@ -7,7 +7,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ndtorch.utils.jit import jit
-from ndtorch.vision._kernels_row import Array, add_to_two, add_weighted, correlate, filter_row, outside, thin_columns
+from ndtorch.vision._kernels_row import (
+    Array,
+    add_to_two,
+    add_weighted,
+    color_planes,
+    correlate,
+    filter_row,
+    outside,
+    thin_columns,
+)
 
 BAND = 4
 """Rows of pixels that all frames go through before the next ones: so many rows of the states stay in the cache."""
@@ -76,7 +85,7 @@ def front_end(
     a_high, a_low, wrap, block, margins, every = constants
     (times, kept, _), (height, width), margin = images.shape, slow.shape, margins[0]
     kind = slow.dtype.type
-    third, shares, lag = kind(unit / 3), (a_high, a_low), np.uintp(min(width, 1))
+    third, shares = kind(unit / 3), (a_high, a_low)
     greys, highs = np.empty((BAND, width), slow.dtype), np.empty((BAND, width), slow.dtype)
     rows = np.zeros((times, kept, width), slow.dtype)
     # The first row is kept for where the torus closes, the last one of a band for the next.
@@ -85,8 +94,9 @@ def front_end(
     # begin two rows into a block, and so do bands.
     inner_from, inner_to = (2 * margin + 2) // 4 * 4 + 2 - margin, (height - 3) // 4 * 4 + 2 - margin
     sums[:] = 0
-    unused, plane, pixels = np.zeros(2), height * width, frames.reshape(times, -1)
+    unused, pixels = np.zeros(2), frames.reshape(times, -1)
     flat = (slow.reshape(-1), delayed.reshape(-1), greys.reshape(-1), highs.reshape(-1))
+    colors = np.empty((3, BAND * width if beside else 0), frames.dtype)
     for begin in range(-((margin + 2) % 4), height, BAND):
         top, bottom = max(begin, 0), min(begin + BAND, height)
         count = bottom - top
@@ -95,27 +105,19 @@ def front_end(
         states, out = (flat[0][begins:ends], flat[1][begins:ends]), (flat[2][: ends - begins], flat[3][: ends - begins])
         for t in range(times):
             total, settled = sums[t], settle and t == 0
-            if beside:
-                some = pixels[t, 3 * begins : 3 * ends]
-                r, g, b = filter_row((some[::3], some[1::3], some[2::3]), third, settled, *states, shares, *out)
-            else:
-                green, blue = plane + begins, 2 * plane + begins
-                planes = (pixels[t, begins:ends], pixels[t, green : plane + ends], pixels[t, blue : 2 * plane + ends])
-                r, g, b = filter_row(planes, third, settled, *states, shares, *out)
+            planes = color_planes(pixels[t], beside, begins, ends, colors)
+            r, g, b = filter_row(planes, third, settled, *states, shares, *out)
             for y in range(top, bottom):
                 if every and y % every == 0:
-                    if beside:
-                        total[7] += outside((frames[t, y, :, 0], frames[t, y, :, 1], frames[t, y, :, 2]), unit)
-                    else:
-                        total[7] += outside((frames[t, 0, y], frames[t, 1, y], frames[t, 2, y]), unit)
+                    total[7] += outside(planes, (y - top) * width, width, unit)
             total[4], total[5], total[6] = total[4] + r, total[5] + g, total[6] + b
             ahead, along, over = total[0:2], total[2:4], total[2:4]
             if top == 0:
                 keep(high[0], late[0], first[t])
                 keep(high[0], late[0], last[t])
                 over = unused
-            correlate(high[:1], late[:1], last[t, :1], last[t, 1:], lag, (ahead, over))
-            correlate(high[1:], late[1:], high[:-1], late[:-1], lag, (ahead, along))
+            correlate(high[:1], late[:1], last[t, :1], last[t, 1:], (ahead, over))
+            correlate(high[1:], late[1:], high[:-1], late[:-1], (ahead, along))
             keep(high[count - 1], late[count - 1], last[t])
             if wrap:
                 for y in range(count):
@@ -130,7 +132,7 @@ def front_end(
     for t in range(times):
         total = sums[t]
         if wrap:
-            correlate(first[t, :1], first[t, 1:], last[t, :1], last[t, 1:], lag, (unused, total[2:4]))
+            correlate(first[t, :1], first[t, 1:], last[t, :1], last[t, 1:], (unused, total[2:4]))
         for color in range(4, 7):
             total[color] *= unit
         thin_columns(rows[t], margins[1], images[t])
@@ -210,31 +212,25 @@ def local_sums(
     # The first row is kept for where the torus closes; the others take turns.
     highs = np.empty((4, width), slow.dtype)
     rows, wrong = np.zeros((image.shape[0], width), slow.dtype), 0
+    pixels, colors = frame.reshape(-1), np.empty((2, 3, width if beside else 0), frame.dtype)
     # Rows first: what belongs to a row of fields stays in the cache while it grows. Two rows at a time, for each is
     # added to two rows of fields, which are read and written half as often so.
     bands = np.zeros((7, sums.shape[1], width), slow.dtype)
     for y in range(0, height, 2):
         below, above = min(y + 1, height - 1), max(y - 1, 0)
+        one = color_planes(pixels, beside, y * width, (y + 1) * width, colors[0])
+        two = color_planes(pixels, beside, below * width, (below + 1) * width, colors[1])
         for line in range(y, below + 1):
-            if beside:
-                colors = (frame[line, :, 0], frame[line, :, 1], frame[line, :, 2])
-                filter_row(colors, third, settle, slow[line], delayed[line], filters, grey, highs[turn(line)])
-                if every and line % every == 0:
-                    wrong += outside(colors, unit)
-            else:
-                planes = (frame[0, line], frame[1, line], frame[2, line])
-                filter_row(planes, third, settle, slow[line], delayed[line], filters, grey, highs[turn(line)])
-                if every and line % every == 0:
-                    wrong += outside(planes, unit)
+            planes = one if line == y else two
+            filter_row(planes, third, settle, slow[line], delayed[line], filters, grey, highs[turn(line)])
+            if every and line % every == 0:
+                wrong += outside(planes, 0, width, unit)
             add_mirrored(grey, line, height, margin, block, rows)
         for part in range(2):
             any_of, to, weights = split(places[0], shares[0], y, y + 1, height, part)
             if any_of:
                 for c in range(3):
-                    if beside:
-                        add_two(frame[y, :, c], frame[below, :, c], weights, bands[4 + c], to)
-                    else:
-                        add_two(frame[c, y], frame[c, below], weights, bands[4 + c], to)
+                    add_two(one[c], two[c], weights, bands[4 + c], to)
                 both = (highs[turn(y)], highs[turn(below)], delayed[y], delayed[below])
                 add_across(both, weights, bands, to, wrap)
             any_of, to, weights = split(places[1], shares[1], y - 1, y, height - 1, part)
