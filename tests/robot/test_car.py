@@ -6,7 +6,6 @@ from contextlib import contextmanager
 
 import pytest
 
-import ndtorch_robot.car
 from ndtorch.errors import InputError
 from ndtorch_robot.emergency import watch
 from tests.robot.support.bare_car import FilmCar, bare_loop
@@ -55,16 +54,6 @@ def test_an_observer_that_fails_stops_the_car():
     with pytest.raises(ZeroDivisionError):
         car.run()
     assert car.drive.sent == (0.0, 0.0)
-
-
-def test_times_of_faults_after_the_first_steps_are_forgotten(monkeypatch):
-    monkeypatch.setattr(ndtorch_robot.car, "KEPT", 10)
-    car, _, _ = film(90)
-    car.observers.append(lambda step: car.safe.emergency("a key") if step.number == 60 else None)
-    car.run(88.5 / 30)
-    assert len(car.starts) == 10
-    faults = {fault["why"]: fault["time_s"] for fault in car.summary()["faults"]}
-    assert faults == {"not yet told to drive": 0.0, "emergency stop: a key": pytest.approx(2.0, abs=0.01)}
 
 
 class DroppingLink(FilmCar):
@@ -223,15 +212,3 @@ def test_the_navigator_is_told_of_a_low_limit_of_speed():
     assert slow.make(StereoRig(), 1 / 30).params.tight_speed_m_per_s < 0.4
     assert within_limits(NavigatorOptions(), SafetyLimits(speed=0.6)) == NavigatorOptions()
     assert within_limits(NavigatorOptions("published"), SafetyLimits(speed=0.4)).speed == 0.4
-
-
-def test_why_it_stands_is_said_once_it_lasts(monkeypatch):
-    """Just after the wheels came to rest the filters still hold motion, which looks like noise for some frames."""
-    car, _, lines = film(60)
-    said = {**dict.fromkeys(range(10, 40), "no floor"), **dict.fromkeys(range(12, 16), "no floor, and noise")}
-    step = iter(range(60))
-    monkeypatch.setattr(car.runner, "mode", lambda: ndtorch_robot.car.STOPPED)
-    monkeypatch.setattr(car.runner, "trouble", lambda: said.get(next(step)))
-    car.run(58.5 / 30)
-    assert car.troubles == ["no floor"]
-    assert [line for line in lines if line.startswith("stands")] == ["stands: no floor"]

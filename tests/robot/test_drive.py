@@ -7,11 +7,9 @@ import pytest
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import STOPPED
 from ndtorch.navigation.stereo.strips import Strips
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import drive
-from ndtorch_robot.evaluation.record import range_columns
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.sim.simulation import Simulation
 
@@ -46,13 +44,6 @@ def test_looking_changes_nothing():
     same(drive(config), drive(config.model_copy(update={"full_frames": True})))
 
 
-def test_noisy_odometry_drifts():
-    record = drive(DriveConfig(seed=1, seconds=10, odometry="noisy", controller="published")).record
-    error = record.array("believed")[-1] - record.array("pose")[-1]
-    assert error[0] == pytest.approx(0.05, abs=0.01)
-    assert error[2] == pytest.approx(np.radians(0.5), abs=0.002)
-
-
 def test_collision_restarts_and_keeps_the_map():
     result = drive(DriveConfig(arena="curve", seed=21, seconds=11, controller="published"), steer=straight)
     assert result.summary["collisions"] >= 1
@@ -67,17 +58,6 @@ def test_collision_restarts_and_keeps_the_map():
     assert result.summary["distance_m"] < 0.5 * 11
 
 
-def test_blank_walls_stop_or_drive_on():
-    """Between blank walls the floor alone is seen; facing one the published rule stops, is counted, and goes on."""
-    result = drive(DriveConfig(arena="room", seed=4, seconds=12, walls="blank", controller="published"))
-    stops = int((np.diff(record_mode(result) == STOPPED, prepend=0) == 1).sum())
-    assert result.summary["stopped"] == len(result.stops) == stops
-
-
-def record_mode(result):
-    return result.record.array("mode").astype(int)
-
-
 def test_interrupt_keeps_everything():
     def press(step):
         if step.number == 39:
@@ -88,15 +68,6 @@ def test_interrupt_keeps_everything():
     assert len(result.record.time) == 40
     assert result.simulation.car.speed == 0.0
     assert result.summary["simulated_seconds"] == pytest.approx(39 / 30, abs=1e-3)  # where the fortieth step began
-
-
-def test_columns_of_ranges():
-    result = drive(DriveConfig(seconds=3, feature_position="motion"))
-    left, right = range_columns(np.stack(result.record.ranges), result.simulation.rig, linear=False)
-    seen = ~np.isnan(left)
-    assert seen.sum() > 20
-    assert np.allclose(left[seen], left[seen].round(), atol=0.02)  # whole pixels
-    assert ((left - right)[seen] > 59.9).all()
 
 
 @pytest.mark.parametrize(

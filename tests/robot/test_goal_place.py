@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import NavigatorOptions
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.drive import check_goal
 from ndtorch_robot.sim.arenas import load_arena
@@ -20,11 +19,3 @@ def test_a_goal_outside_of_the_building_or_in_a_wall_is_refused() -> None:
     for x, y in ((right + 3, 0.0), (left - 40, bottom - 40), (right, top)):
         with pytest.raises(InputError, match="no free place of room"):
             check_goal(DriveConfig(arena="room", controller="goal", goal=f"{x},{y}"), plan)
-
-
-def test_a_goal_beyond_the_walls_of_the_localiser_is_refused() -> None:
-    assert NavigatorOptions("goal", goal="40,0").goal == "40,0"
-    assert NavigatorOptions("goal", goal="31,-31", localise=True).localise
-    for to in ("32,0", "0,-40"):
-        with pytest.raises(InputError, match="reaches 32 m"):
-            NavigatorOptions("goal", goal=to, localise=True)

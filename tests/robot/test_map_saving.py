@@ -34,12 +34,6 @@ def test_a_pilot_saves_its_map_and_the_floor_it_passed(tmp_path):
     assert (tmp_path / "map.yaml").exists()
 
 
-def test_a_pilot_that_never_drove_saves_an_empty_map(tmp_path):
-    runner = NavigatorRunner(NavigatorOptions("published"), RIG, 30.0, Grid(-1, 1, -1, 1))
-    save_runner_map(tmp_path, runner, WalkedPath())
-    assert float(load_map(tmp_path).cells.max()) == 0.0
-
-
 def test_the_path_moves_with_the_submaps():
     localiser, path = Localiser(RIG, 1 / 30), WalkedPath()
     for x in (0.0, 0.5, 1.0):

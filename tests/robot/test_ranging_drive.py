@@ -42,19 +42,3 @@ def test_driving_without_collisions(arena, walls, seconds):
 def test_turning_the_wrong_way_collides():
     result = drive(DriveConfig(arena="loop", seed=SEED, seconds=21), steer=mirrored)
     assert result.summary["collisions"] >= 1
-
-
-@pytest.mark.slow
-def test_same_seed_same_drive_and_restart():
-    """A blind car collides and is put back; the controller begins anew there, and all of it can be repeated."""
-
-    def blind(command):
-        return DriveCommand(0.5, 0.0)
-
-    config = DriveConfig(arena="curve", seed=SEED, seconds=10.5)
-    first, second = drive(config, steer=blind), drive(config, steer=blind)
-    assert first.summary["collisions"] >= 1
-    for name in ("pose", "believed", "command", "sides", "mode"):
-        assert np.array_equal(first.record.array(name), second.record.array(name))
-    begun = first.record.placed[1]
-    assert int(first.record.mode[begun]) == SUPPRESSED

@@ -80,12 +80,6 @@ def test_ramps_up_and_stops_at_once():
     assert drive.sent[-1].speed == 0.0  # never straight through zero
 
 
-def test_steering_goes_as_fast_as_its_limit():
-    clock, drive, _, safe = make()
-    steps(clock, safe, 0.2, DriveCommand(0.5, 2.0))
-    assert [sent.curvature for sent in drive.sent[:4]] == pytest.approx([0.0, 40.0 / 30, 2.0, 2.0])
-
-
 def test_the_end_of_a_drive_does_not_pass():
     clock, drive, _, safe = make()
     steps(clock, safe, 0.5)

@@ -9,7 +9,7 @@ import pytest
 
 from ndtorch.errors import InputError
 from ndtorch.navigation import NavigatorOptions
-from ndtorch_robot.barn.attempts import Attempt, AttemptCache, Entry, Referee, attempt, comma_separated, table, totals
+from ndtorch_robot.barn.attempts import Attempt, Entry, Referee, attempt, comma_separated, table, totals
 from ndtorch_robot.barn.worlds import World, read_worlds
 from ndtorch_robot.evaluation.plots import barn_plot
 
@@ -61,16 +61,6 @@ def test_the_score_is_that_of_the_challenge():
     assert world.score(3.0) == world.score(12.0) == pytest.approx(0.5)
     assert world.score(24.0) == pytest.approx(0.25)
     assert world.score(99.0) == pytest.approx(1 / 8)
-
-
-def test_results_are_kept_by_world_driver_and_seed(tmp_path):
-    cache, entry = AttemptCache(tmp_path), Entry(small(), NavigatorOptions("goal"))
-    assert cache.attempt(entry) is None
-    cache.put(entry, made(7)._asdict())
-    assert cache.attempt(entry) == made(7)
-    assert cache.attempt(Entry(small(), NavigatorOptions("goal", speed=0.4))) is None
-    assert cache.attempt(Entry(small(), NavigatorOptions("goal"), seed=1)) is None
-    assert cache.attempt(Entry(small(cylinders=((1.0, 1.0),)), NavigatorOptions("goal"))) is None
 
 
 def test_tables_and_the_picture(tmp_path):

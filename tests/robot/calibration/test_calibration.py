@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Navigator, StereoRig
+from ndtorch.navigation import StereoRig
 from ndtorch_robot.calibration import (
     Board,
     Calibration,
@@ -20,15 +20,10 @@ from ndtorch_robot.calibration import (
 from ndtorch_robot.calibration.solve import rectified
 from ndtorch_robot.cameras import CameraSettings, StereoCameras, open_cameras
 from ndtorch_robot.cameras.pair import to_tensor
-from ndtorch_robot.ports import DriveCommand
-from ndtorch_robot.safety import SafeDrive
-from ndtorch_robot.sim.arenas import load_arena
-from ndtorch_robot.sim.cameras import Cameras
-from ndtorch_robot.sim.simulation import RIG, Simulation
-from tests.robot.support.board_renderer import Eye, draw_board, turn
+from ndtorch_robot.sim.simulation import RIG
+from tests.robot.support.board_renderer import draw_board
 from tests.robot.support.fake_captures import folder_of
-from tests.robot.support.misaligned import BOARD, LEFT, RIGHT, board_pictures, measured, raw, rays, views, warp
-from tests.robot.test_drive import against_truth
+from tests.robot.support.misaligned import BOARD, LEFT, RIGHT, board_pictures, measured, rays, views
 
 
 def test_renderer_agrees_with_its_own_projection():
@@ -139,8 +134,6 @@ def test_cameras_of_a_configuration_are_corrected(tmp_path):
     assert rig == Rectifier(measured(), RIG).rig != RIG
     image = cv2.imread(str(folder / "0.png"))
     assert torch.equal(frames.left.row, Rectifier(measured(), RIG).strips(image, image)[0].row)
-    command, _ = Navigator(rig, 1 / 30)(frames.left, frames.right)
-    assert command.speed.shape == (1,)
     with pytest.raises(InputError, match="must be opened by open_cameras"):
         StereoCameras(settings)
     raw_cameras, same = open_cameras(settings.model_copy(update={"calibration": None}), RIG)
@@ -181,88 +174,7 @@ def test_bad_views_are_refused():
         assert message in " ".join(faults(measured().quality.model_copy(update=change)))
 
 
-def test_no_board():
-    grey = np.full((480, 640), 128, np.uint8)
-    assert find_corners(grey, BOARD) is None
-    left, _, _ = board_pictures(count=4, seed=2)[0]
-    assert find_view(left, grey, BOARD) is None
-
-
 @pytest.mark.parametrize("arguments", [(9, 9, 0.02), (2, 6, 0.02), (9, 6, 0.0), (9, 6, 40.0)])
 def test_bad_boards(arguments):
     with pytest.raises(InputError):
         Board(*arguments)
-
-
-class Clumsy(Cameras):
-    """The right camera sits where `RIGHT` does."""
-
-    def view(self, x, y, heading, side):
-        view = super().view(x, y, heading, side)
-        if side == 0:
-            return view
-        right, down, ahead = RIGHT.place
-        aside = self.rig.baseline - right
-        cos, sin = np.cos(heading), np.sin(heading)
-        at = view.position
-        return view._replace(
-            position=(at[0] + ahead * cos - aside * sin, at[1] + ahead * sin + aside * cos, at[2] - down)
-        )
-
-
-class Drive:
-    """What `against_truth` wants to know."""
-
-    def __init__(self, plan, rig, turned=0.0):
-        self.plan, self.turned, self.simulation, self.record = plan, turned, self, self
-        self.rig, self.pose, self.ranges = rig, [], []
-        self.navigator, self.state = Navigator(rig, 1 / 30, controller="published"), None
-
-    def see(self, left, right, pose):
-        _, self.state = self.navigator(left, right, self.state)
-        r = self.state.ranges
-        self.ranges.append(np.stack((r.left_range, r.left_angle, r.right_angle, r.valid)))
-        self.pose.append((*pose[:2], pose[2] + self.turned))
-
-    def error(self):
-        """Median error in percent, and the share of ranges within 5 %."""
-        found, true = against_truth(self, 3.0)
-        error = np.abs(found / true - 1)
-        return 100 * float(np.median(error)), float((error < 0.05).mean())
-
-
-@pytest.mark.slow
-def test_ranges_of_a_misaligned_pair_become_right_again():
-    """Two and a half seconds along the hallway, seen by the clumsy pair, with and without its calibration."""
-    wide = StereoRig(forward=RIG.forward, width=800, height=590)
-    plan = load_arena("hallway", 11)
-    simulation = Simulation(plan, 11, rig=wide, full_frames=True)
-    simulation.cameras.close()
-    simulation.cameras = Clumsy(simulation.world.model, wide, full_frames=True)
-    safe = SafeDrive(simulation, simulation)
-    rectifier = Rectifier(measured(), RIG)
-    # The pair looks square to the line between its cameras, which is turned since one sits behind the other.
-    before, after = Drive(plan, RIG), Drive(plan, rectifier.rig, np.arctan2(RIGHT.place[2], RIGHT.place[0]))
-    maps = [warp(eye, wide) for eye in (LEFT, RIGHT)]
-    with torch.inference_mode():
-        for n in range(75):
-            safe.send(DriveCommand(0.5, 0.0))
-            simulation.wait_until(n / 30)
-            frames = simulation.read()
-            images = raw(frames.left, maps[0]), raw(frames.right, maps[1])
-            before.see(*(to_tensor(image) for image in images), simulation.pose)
-            after.see(*rectifier.strips(*images), simulation.pose)
-    simulation.close()
-    wrong, right = before.error(), after.error()
-    assert wrong[0] > 8
-    assert wrong[1] < 0.2
-    assert right[0] < 2.5
-    assert right[1] > 0.55
-
-
-def test_turns_of_the_renderer():
-    """About x by 90 degrees y becomes z."""
-    assert turn(90, 0, 0) @ [0, 1, 0] == pytest.approx([0, 0, 1], abs=1e-12)
-    assert turn(0, 90, 0) @ [0, 0, 1] == pytest.approx([1, 0, 0], abs=1e-12)
-    eye = Eye(k=(0.1, 0.0, 0.0, 0.0))
-    assert eye.project([[0.5, 0.0, 1.0]])[0] == pytest.approx((319.5 + 430 * 0.5 * 1.025, 239.5))

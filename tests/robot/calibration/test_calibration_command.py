@@ -8,19 +8,10 @@ import pytest
 
 from ndtorch.cli.commands import main
 from ndtorch_robot.calibration import (
-    find_view,
-    folder_pairs,
     read_calibration,
 )
-from ndtorch_robot.calibration.collect import collect
-from ndtorch_robot.cameras import CameraSettings, StereoCameras
-from tests.robot.support.fake_captures import FilmCapture, folder_of
-from tests.robot.support.misaligned import BOARD, board_pictures, measured
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    cv2.setNumThreads(1)
+from tests.robot.support.fake_captures import folder_of
+from tests.robot.support.misaligned import board_pictures, measured
 
 
 def write_pictures(folder):
@@ -76,26 +67,6 @@ def test_command_bad_input(tmp_path, capsys, change, message):
     assert err.count("\n") == 1
 
 
-def test_folder_pairs_are_in_natural_order(tmp_path):
-    left, right = folder_of(tmp_path / "l", 12), folder_of(tmp_path / "r", 12)
-    assert [(a.name, b.name) for a, b in folder_pairs(left, right)][9:] == [(f"{n}.png",) * 2 for n in (9, 10, 11)]
-
-
-def test_live_views_are_different_ones(tmp_path):
-    """The board is held still for three frames, then moved: one view each is kept."""
-    shown = [pair[:2] for pair in board_pictures(count=4, seed=2)]
-    wanted = sum(find_view(*pair, BOARD) is not None for pair in shown)
-    films = [[pair[k] for pair in shown for _ in range(3)] for k in (0, 1)]
-    opened = iter(films)
-    settings = CameraSettings(left=str(tmp_path), right=str(tmp_path), pace="read")
-    with StereoCameras(settings, opener=lambda source, s: FilmCapture(next(opened), 12)) as cameras:
-        counts = []
-        found = collect(cameras, BOARD, 20, 60.0, lambda n, view: counts.append(n), tmp_path / "kept")
-    assert counts == list(range(1, wanted + 1))
-    assert len(found) == wanted >= 2
-    assert len(list((tmp_path / "kept" / "right").iterdir())) == wanted
-
-
 def write_films(folder, pictures, rate):
     """Videos that two cameras might give, as motion JPEG."""
     paths = []
@@ -136,9 +107,3 @@ def test_live_command_without_a_board(tmp_path, capsys):
     assert main(["calibrate", *films, "--out", str(tmp_path / "pair.toml")]) == 2
     assert "10 pairs that show the whole board are needed, got 0" in capsys.readouterr().err
     assert not (tmp_path / "pair.toml").exists()
-
-
-def test_live_command_at_an_address(capsys):
-    """An address stays what it is; a path would lose one of its slashes."""
-    assert main(["calibrate", "http://127.0.0.1:9/left", "http://127.0.0.1:9/right"]) == 2
-    assert "camera http://127.0.0.1:9/left: cannot be opened" in capsys.readouterr().err

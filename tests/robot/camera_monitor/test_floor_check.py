@@ -7,7 +7,7 @@ import pytest
 
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch.navigation.stereo.strips import strips
-from ndtorch_robot.camera_monitor.floor_check import FloorFound, measure_floor, moved_level
+from ndtorch_robot.camera_monitor.floor_check import measure_floor, moved_level
 from ndtorch_robot.camera_monitor.frame_check import FrameCheck
 from ndtorch_robot.car import Car
 from ndtorch_robot.navigator_runner import NavigatorRunner
@@ -55,15 +55,3 @@ def test_smooth_floor_will_not_do():
     assert not found.ahead
     assert found.speed == 0
     assert "the floor shows little" in found.words()[0]
-
-
-def test_what_is_said():
-    well = FloorFound(1.0, 1.0, 0.0, False, True, None)
-    assert well.good
-    assert well.words() == ["the floor differs from noise in 100 % of the view: good"]
-    slow = FloorFound(0.5, 0.5, 0.1, True, True, None)
-    assert not slow.good
-    assert "50 % of its speed; the images are noisy" in slow.words()[0]
-    blocked = well._replace(near=0.5)
-    assert not blocked.good
-    assert blocked.words()[1] == "not right: an obstacle is 0.50 m ahead of the middle of the car"

@@ -53,28 +53,3 @@ def test_a_row_fits_where_it_was_moved_to(shift):
     assert shifted_correlation(moved, row, shift) > 0.95
     assert shifted_correlation(moved, row, -shift) < 0.5
     assert shifted_correlation(moved, row, shift / 2) < 0.5
-
-
-@pytest.mark.parametrize(
-    ("mirrored", "flat", "upright"), [(False, False, True), (True, False, False), (False, True, False)]
-)
-def test_a_picture_that_turns_as_the_wheels_say_is_upright(mirrored, flat, upright):
-    turning = FlowDirectionCheck(FOCAL, CameraLimits())
-    eyes = [seen(0.1 * n, mirrored=mirrored) for n in range(6)]
-    eyes = [eye._replace(row=0 * eye.row + 99) for eye in eyes] if flat else eyes
-    found = []
-    for before, now in pairwise(eyes):
-        turning.compare(now, before, 0.1)
-        found.append(turning.upright)
-    assert found == [False] * 3 + [upright] * 2
-    turning.reset()
-    assert not turning.upright
-
-
-def test_what_was_put_right_is_forgotten():
-    turning = FlowDirectionCheck(FOCAL, CameraLimits())
-    eyes = [seen(0.1 * n, mirrored=True) for n in range(6)]
-    said = [turning.compare(now, before, 0.1) for before, now in pairwise(eyes)]
-    assert said[-1]
-    turning.reset()
-    assert not turning.compare(eyes[1], eyes[0], 0.1)

@@ -1,7 +1,6 @@
 """Cameras that are blind or stuck stop the car in half a second, swapped ones soon; good ones do not, in any light."""
 
 import functools
-import itertools
 
 import cv2
 import numpy as np
@@ -13,7 +12,6 @@ from ndtorch.navigation import StereoRig, Strips
 from ndtorch.utils.toml import check as check_values
 from ndtorch_robot.camera_monitor.frame_check import FrameCheck
 from ndtorch_robot.camera_monitor.limits import CameraLimits
-from ndtorch_robot.camera_monitor.monitor import CameraMonitor
 from ndtorch_robot.loop import SimulatedClock
 from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.run_config import CameraMonitorTable, RunConfig
@@ -89,8 +87,7 @@ def spoil(change, eyes, light=1.0):
         yield [change(p) if n >= BEFORE and k % 2 in eyes else p for k, p in enumerate(part)]
 
 
-@pytest.mark.parametrize("light", [0.25, 1.0, 1.5])
-@pytest.mark.parametrize("eyes", [(0,), (1,), (0, 1)])
+@pytest.mark.parametrize(("eyes", "light"), [((0,), 0.25), ((1,), 1.0), ((0, 1), 1.5)])
 @pytest.mark.parametrize("name", SHADE)
 def test_a_blind_camera_stops_the_car(name, eyes, light):
     n, why = stopped(spoil(SHADE[name], eyes, light))
@@ -100,8 +97,7 @@ def test_a_blind_camera_stops_the_car(name, eyes, light):
     assert any(name in why for name in blind)  # of two that are blind, either may be told first
 
 
-@pytest.mark.parametrize("light", [0.25, 1.0])
-@pytest.mark.parametrize("eyes", [(0,), (1,), (0, 1)])
+@pytest.mark.parametrize(("eyes", "light"), [((0,), 0.25), ((1,), 1.0), ((0, 1), 0.25)])
 def test_a_frozen_picture_with_noise(eyes, light):
     def parts():
         kept: list[np.ndarray] = []
@@ -116,18 +112,7 @@ def test_a_frozen_picture_with_noise(eyes, light):
     assert "same image" in why
 
 
-def test_a_frozen_picture_while_turning_on_the_spot():
-    still = (
-        [np.round(p) + RANDOM.integers(-1, 2, p.shape) for p in part] for part in drive(2.0, moving=False, noise=0)
-    )
-    n, why = stopped(still, speed=0.05, curvature=10.0)
-    assert n is not None
-    assert n < 0.7 * RATE
-    assert "same image" in why
-
-
-@pytest.mark.parametrize("curvature", [0.0, 2.0])
-@pytest.mark.parametrize("late", range(-6, 8, 2))
+@pytest.mark.parametrize(("late", "curvature"), [(-6, 0.0), (-2, 2.0), (2, 0.0), (6, 2.0)])
 def test_a_picture_that_freezes_about_a_change_from_reverse_to_forward(late, curvature):
     """With noise. On its way through standing the car hardly moves, and nothing shows; but it must stop in time."""
     begins, kept, check = 40, [], FrameCheck(RIG, RATE, 0.1)
@@ -176,39 +161,6 @@ def test_a_camera_without_its_noise_is_frozen_while_the_car_stands_too(eyes):
     assert ("right" if eyes == (1,) else "left") in why
     # A camera that has shown no noise for long enough may have none.
     assert stopped(frozen(28, eyes), speed=0.0) == (None, "")
-
-
-@pytest.mark.parametrize(
-    "speeds",
-    [
-        (0.15, 0.08, 0.03, 0.01),  # the car slows down,
-        (-0.1, -0.05, -0.02, 0.0),  # comes to stand,
-        (-0.1, -0.01, 0.05, 0.1),  # and goes the other way without a stand
-    ],
-)
-def test_a_camera_without_its_noise_is_frozen_at_every_speed(speeds):
-    """Four pictures, wherever in the change from forward to reverse it freezes."""
-
-    def judged(stands):
-        check = FrameCheck(RIG, RATE, 0.1)
-        for n, part in enumerate(frozen(45, (1,))):
-            # It has stood twice for a short while before, and is slow enough between for nobody to ask for more.
-            speed = speeds[n - 46] if 46 <= n < 50 else 0.0 if n < stands or 40 > n >= 40 - stands else 0.05
-            why = check.judge(frames(part, n), speed, n / RATE)
-            if why is not None:
-                return n, why.message
-        return None, ""
-
-    n, why = judged(stands=15)
-    assert n == 45 + 4
-    assert "the right camera has given the same image for 4 frames" in why
-    # One that has stood for too few pictures may have no noise: then only the way that was driven can tell.
-    _, why = judged(stands=14)
-    assert "has given the same image" not in why
-
-
-def test_cameras_without_noise_stand():
-    assert stopped(drive(3.0, moving=False, noise=0.0), speed=0.0) == (None, "")
 
 
 def test_carried_while_the_wheels_stand():
@@ -269,23 +221,7 @@ def test_wrongly_mounted_cameras_are_told(name, seed):
     assert words in why or "upside down" in why
 
 
-def test_swapped_cameras_are_forgotten_when_somebody_says_go():
-    safe = SafeDrive(PlainDrive(), SimulatedClock(), frame_check=FrameCheck(RIG, RATE, 0.1))
-    steps = list(drive(14.0))
-    said = []
-    for n, part in enumerate(steps):
-        safe.clock.time = n / RATE
-        swapped = [part[1], part[0], *part[2:]] if not said else part
-        if not safe.see(frames(swapped, n), SPEED) and not said:
-            said.append(safe.standing)
-            safe.resume()
-    assert "swapped" in said[0]
-    assert safe.standing is None
-
-
-@pytest.mark.parametrize(
-    ("seed", "light", "noise"), [*itertools.product((0, 1), (0.25, 1.0, 1.4), (0.0, 1.0)), (2, 1.0, 2.0)]
-)
+@pytest.mark.parametrize(("seed", "light", "noise"), [(0, 0.25, 1.0), (0, 1.0, 0.0), (1, 1.4, 1.0), (2, 1.0, 2.0)])
 def test_good_cameras_drive_on(seed, light, noise):
     assert stopped(drive(12.0, seed=seed, light=light, noise=noise), curvature=CURVATURE) == (None, "")
 
@@ -312,18 +248,3 @@ def test_the_table_of_a_car_says_what_the_defaults_say():
         check_values({"row_relative": 0.1}, CameraMonitorTable, "car.toml")
     with pytest.raises(InputError, match="sight is now camera_monitor"):
         check_values({"robot": "a", "sight": {}}, RunConfig, "car.toml")
-
-
-def test_float_frames_are_judged_alike():
-    watch, said = CameraMonitor(RIG), None
-    for n, part in enumerate(spoil(SHADE["grey"], (0,))):
-        one = frames(part, n)
-        eyes = (Strips(*(p.float() / 255 for p in eye)) for eye in one[:2])
-        try:
-            watch.check(StereoFrames(*eyes, one.time), SPEED)
-        except InputError as error:
-            said = (n, str(error))
-            break
-    assert said is not None
-    assert said[0] <= BEFORE + 0.4 * RATE
-    assert "left camera shows nothing" in said[1]

@@ -1,7 +1,6 @@
 """Both cameras see one floor, or they do not any more."""
 
 import functools
-from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -105,30 +104,6 @@ def test_a_floor_that_was_seen_is_lost_after_so_many_views(change):
     assert (mine.without, mine.seen) == (0, BEFORE + 1)
 
 
-def test_who_has_never_seen_one_floor_long_enough_loses_none():
-    mine = judge()
-    look(mine, BEFORE - 1)
-    look(mine, VIEWS, upside_down, begin=BEFORE)
-    assert (mine.without, mine.seen, mine.lost) == (VIEWS, 0, False)
-    look(mine, 1, begin=BEFORE + VIEWS)
-    look(mine, VIEWS, upside_down, begin=BEFORE + VIEWS + 1)
-    assert not mine.lost
-
-
-def test_cameras_that_look_down_see_one_floor_but_are_not_sure_of_it():
-    """By 20 rows, 2.7 degrees: everything lies higher in both pictures."""
-
-    def tilted(left, right):
-        return np.roll(left, -20, 0)[:50], np.roll(right, -20, 0)[:50]
-
-    mine = judge()
-    mine.rects = tuple(rect._replace(bottom=rect.bottom - 20) for rect in RECTS)
-    mine.size = (50, RECTS[0].right - RECTS[0].left)
-    mine.params, mine.tilted = (replace(each, floor_max_depth_m=1.0) for each in (mine.params, mine.tilted))
-    assert not look(mine, 3, tilted)
-    assert (mine.seen, mine.without) == (3, 0)
-
-
 def test_a_car_that_stands_loses_no_floor():
     mine = judge()
     look(mine, BEFORE)
@@ -182,71 +157,6 @@ def test_a_near_wall_hides_the_floor_of_good_cameras():
     assert mine.without == 0
     look(mine, 3, lambda *_: upside_down(left, right), begin=100)
     assert mine.without == 3
-
-
-@pytest.mark.parametrize("smooth", [False, True])
-def test_a_wall_that_fits_one_way_up_alone_shows_how_cameras_lie(smooth):
-    """One that fits either way up neither clears them nor speaks against them."""
-    paper = floor(0.0)[0].astype(np.float32)
-    if smooth:
-        columns = np.arange(paper.shape[1]) - (paper.shape[1] - 1) / 2
-        paper = np.broadcast_to(60 + 120 * np.exp(-((columns / 150) ** 2)), paper.shape).astype(np.float32)
-    wall = (paper, paper if smooth else np.roll(paper, 80 - 150, 1))
-    mine = judge()
-    look(mine, BEFORE)
-    look(mine, 10, upside_down, begin=BEFORE)
-    assert mine.without == 10
-    look(mine, 1, lambda *_: wall, begin=BEFORE + 10)
-    assert mine.without == (10 if smooth else 0)
-    assert not mine.near_wall
-
-
-def test_a_smooth_floor_of_swapped_cameras_is_no_near_wall():
-    """It fits about as well where a near wall would be, and better on its own side."""
-    columns = np.arange(RECTS[0].right - RECTS[0].left) - 280
-    paper = np.broadcast_to(60 + 120 * np.exp(-((columns / 60) ** 2)), (70, len(columns))).astype(np.float32)
-    apart = RECTS[0].left - RECTS[1].left
-    mine = judge()
-    look(mine, 1, lambda *_: (np.roll(paper, 170, 1), np.roll(paper, -170, 1)))
-    assert mine.near_wall
-    look(mine, 1, lambda *_: (paper + np.roll(paper, 250, 1), paper + np.roll(paper, -250, 1)), begin=1)
-    assert wall_correlation(paper + np.roll(paper, 250, 1), paper + np.roll(paper, -250, 1), apart)[1] >= 0.7
-    assert not mine.near_wall
-
-
-@pytest.mark.parametrize(("disparity", "near"), [(150, False), (230, False), (250, True), (400, True)])
-def test_a_wall_is_near_where_the_rows_cannot_have_partners(disparity, near):
-    """They are looked for up to 240 pixels apart."""
-
-    def wall(apart):
-        """One picture that is seen so many pixels apart."""
-        paper = np.hstack([floor(n)[0].astype(np.float32) for n in (0.0, 1.0, 2.0)])
-        at = RECTS[0].right - RECTS[0].left
-        begin = at - (RECTS[0].left - RECTS[1].left) + apart
-        return lambda *_: (paper[:, at : 2 * at], paper[:, begin : begin + at])
-
-    mine = judge()
-    look(mine, 1, wall(disparity))
-    assert (mine.near_wall, mine.without) == (near, 0)
-    # On the wrong side it is none, and no floor is seen.
-    look(mine, 1, wall(-disparity), begin=1)
-    assert (mine.near_wall, mine.without) == (False, 1)
-    look(mine, 1, wall(400), begin=2)
-    assert mine.near_wall
-    look(mine, 1, begin=3)
-    assert not mine.near_wall
-
-
-def test_strips_of_another_place_are_not_looked_at():
-    mine = judge()
-    left, right = floor(0.0)
-    assert not mine.compare(*strips(left[:29, :85], right[:29, :85]), (0.0, 0.0))
-    assert (mine.seen, mine.without) == (0, 0)
-
-
-def test_floats_are_looked_at_like_bytes():
-    left, right = (Strips(*(part.float() / 255 for part in eye)) for eye in strips(*floor(0.0)))
-    assert judge().compare(left, right, (0.0, 0.0))
 
 
 def test_the_car_is_stopped_and_may_be_told_to_go_on():

@@ -50,23 +50,6 @@ def test_pairing_uses_no_frame_twice(steps, tolerance):
         assert numbers.frames[side] == numbers.pairs + numbers.unpaired[side] + pairing.free[side]
 
 
-def test_pairing_by_hand():
-    pairing = Pairing(0.016)
-    made = [
-        pairing.add(side, Frame(None, t, t)) for side, t in [(0, 0.0), (1, 0.02), (0, 0.033), (0, 0.066), (1, 0.07)]
-    ]
-    assert [None if m is None else (m.left.time, m.right.time) for m in made] == [
-        None,
-        None,
-        (0.033, 0.02),
-        None,
-        (0.066, 0.07),
-    ]
-    assert made[2].time == 0.02
-    assert pairing.statistics.unpaired == [1, 0]
-    assert pairing.statistics.skew_ms()["max"] == pytest.approx(13.0)
-
-
 def test_frames_are_red_green_blue_and_in_step(tmp_path):
     left, right = folder_of(tmp_path / "l", 3), folder_of(tmp_path / "r", 3, start=10)
     cameras = StereoCameras(CameraSettings(left=str(left), right=str(right), pace="read", rate_hz=25, **SMALL))
@@ -167,31 +150,6 @@ def test_an_unplugged_camera_comes_back(monkeypatch):
         assert silent is not None
         assert frames.time > 0
         assert cameras.readers[1].lost == 1
-
-
-@pytest.mark.realtime
-def test_why_a_camera_does_not_come_back(monkeypatch):
-    monkeypatch.setattr(reader_module, "BACK_OFF", (0.01,))
-    with live(LiveCapture(), LiveCapture(stops_at=10), max_age_ms=100) as cameras:
-        until = time.monotonic() + 5
-        message = ""
-        while "no such device" not in message and time.monotonic() < until:
-            try:
-                cameras.read()
-            except CamerasSilent as error:
-                message = str(error)
-    assert "the right camera (1)" in message
-    assert message.endswith("camera 1: no such device")
-
-
-def test_half_rate_leaves_frames_without_partner():
-    pairing = Pairing(0.0045)
-    for n in range(100):
-        pairing.add(0, Frame(None, n / 100, 0.0))
-        if n % 2 == 0:
-            pairing.add(1, Frame(None, n / 100 + 0.001, 0.0))
-    assert pairing.statistics.pairs == 50
-    assert pairing.statistics.unpaired == [49, 0]  # the newest is still waiting
 
 
 def test_times_that_do_not_fit():

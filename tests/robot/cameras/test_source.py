@@ -4,8 +4,6 @@ import errno
 import http.server
 import json
 import os
-import subprocess
-import sys
 import threading
 import time
 
@@ -19,7 +17,7 @@ from ndtorch_robot.cameras import CameraSettings, StereoCameras, find_source, li
 from ndtorch_robot.cameras import source as source_module
 from ndtorch_robot.cameras.sources import v4l2
 from ndtorch_robot.cameras.sources.folder import FolderCapture
-from ndtorch_robot.cameras.sources.v4l2 import UsbPlace, group_of, holders, set_up, try_device
+from ndtorch_robot.cameras.sources.v4l2 import UsbPlace, group_of, set_up, try_device
 from tests.robot.support.fake_captures import Properties, folder_of, picture
 
 SETTINGS = CameraSettings(left="0", right="1")
@@ -115,19 +113,6 @@ def test_a_device_that_is_none():
     assert group_of("/dev/video99") == "video"
     with pytest.raises(InputError, match="camera /dev/full: no camera that gives images"):
         open_capture(find_source("/dev/full"), SETTINGS)
-
-
-def test_who_holds_a_file(tmp_path):
-    path = tmp_path / "node"
-    path.write_text("")
-    code = f"f = open({str(path)!r}); print('open', flush=True); input()"
-    with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
-        other.stdout.readline()
-        found = holders(str(path))
-        other.communicate(b"\n")
-    assert len(found) == 1
-    assert found[0].endswith(f"({other.pid})")
-    assert holders(str(path)) == []
 
 
 @pytest.mark.parametrize(
@@ -253,30 +238,6 @@ def test_command_measures_two_films(tmp_path, capsys):
     assert "ended after 20 frames" in result["ended"]
     assert main(["cameras", *films, "--seconds", "0.3"]) == 0
     assert "64x48, " in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["0"], "give two cameras"),
-        (["7", "8"], "camera 7: no such device"),
-        (["left", "right"], "no such device, file or folder"),
-        (["0", "1", "--fourcc", "MJPEG"], "fourcc = 'MJPEG'"),
-        (["0", "1", "--seconds", "0"], "--seconds"),
-    ],
-)
-def test_command_bad_input(arguments, message, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert main(["cameras", *arguments]) == 2
-    err = capsys.readouterr().err
-    assert message in err
-    assert err.count("\n") == 1
-
-
-def test_command_wrong_size(tmp_path, capsys):
-    folder = str(folder_of(tmp_path / "l", 2))
-    assert main(["cameras", folder, folder, "--width", "640", "--height", "480"]) == 2
-    assert "gives 64x48 frames, 640x480 are wanted" in capsys.readouterr().err
 
 
 def test_a_kind_of_ones_own(monkeypatch, tmp_path):

@@ -69,19 +69,6 @@ def test_what_is_finished_is_kept_and_not_driven_again(
     assert not out.with_name("out-2").exists()
 
 
-def test_other_options_are_another_run(file: Path, driven: list[Entry], capsys: pytest.CaptureFixture[str]) -> None:
-    out = file.parent / "out"
-    assert main(["barn", str(file), "--out", str(out), "--split", "tuning", "--speed", "0.4"]) == 0
-    assert {(e.world.number, e.options.speed, e.options.controller) for e in driven} == {
-        (4, 0.4, "goal"),
-        (6, 0.4, "goal"),
-    }
-    assert f"written to {out}: barn.csv barn.md barn.png" in capsys.readouterr().out
-    assert main(["barn", str(file), "--out", str(out), "--split", "test", "--seed", "1"]) == 0
-    assert driven[-1].world.number == 5
-    assert (out.with_name("out-2") / "barn.csv").read_text().splitlines()[1:] == ["5,1,0,20.00,0.2500"]
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import json
 import shutil
-from pathlib import Path
 
 import pytest
 
 from ndtorch.cli.commands import main
 from ndtorch_robot.commands.check import Check
-from ndtorch_robot.run_config import RunConfig, SimulationTable
 
 
 class Closed:
@@ -55,21 +53,6 @@ def test_the_end_of_the_input_is_a_no(
     assert "Are all wheels off the ground? [y/n]" in out
     assert err == "put the car on a block first\n"
     assert drive.closed
-
-
-@pytest.mark.parametrize(
-    ("world", "well", "said"),
-    [
-        (SimulationTable(arena="dead-end", seed=3), True, "of the view: good"),
-        (SimulationTable(arena="dead-end", seed=3, disturbance="noise"), False, "the images are noisy"),
-    ],
-)
-def test_the_floor_before_the_car_is_measured(
-    world: SimulationTable, well: bool, said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    config = RunConfig(robot="SIM", simulation=world)
-    assert Check(Path("sim")).cameras(config) == (True, well)
-    assert said in capsys.readouterr().out
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler (cc)")

@@ -92,21 +92,6 @@ def test_ctrl_c(tmp_path, capsys, monkeypatch):
     assert sorted(p.name for p in tmp_path.iterdir()) == [name for name in FILES if name not in PICTURES]
 
 
-def test_interrupted_before_the_first_frame(tmp_path, capsys, monkeypatch):
-    def interrupted(self, number, now):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(ndtorch_robot.car.Car, "step", interrupted)
-    assert main(["drive", "--out", str(tmp_path)]) == 130
-    assert "collisions 0" in capsys.readouterr().out
-
-
-def test_arenas(capsys):
-    assert main(["arenas"]) == 0
-    out = capsys.readouterr().out
-    assert all(name in out for name in ("hallway", "curve", "loop", "room", "office", "random"))
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -148,8 +133,3 @@ def test_bad_files(tmp_path, text, message):
         load_config(file, {})
     assert message in str(error.value)
     assert "\n" not in str(error.value)
-
-
-def test_unknown_choice():
-    with pytest.raises(InputError, match="did you mean seconds"):
-        load_config(None, {"second": 3})

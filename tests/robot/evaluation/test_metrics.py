@@ -124,20 +124,6 @@ def test_peaks_and_spacing():
     assert spacing_error(plan, np.array(places[:1])) is None
 
 
-def test_peaks_at_the_border_of_the_map():
-    """And on a map that has next to nothing on it, or nothing."""
-    grid = Grid(0.0, 3.0, 0.0, 2.0)
-    cells = torch.zeros(grid.rows, grid.columns)
-    assert peaks(cells, grid).shape == (0, 2)
-    for row, column in ((0, 0), (grid.rows - 1, grid.columns - 1), (grid.rows // 2, 3)):
-        cells[row, column] = 1.0
-        expected = torch.stack(grid.center(torch.tensor(row), torch.tensor(column)), -1).double().numpy()
-        # A single cell is smoothed into a square of equal ones.
-        assert np.abs(peaks(cells, grid) - expected).max(1).max() < 2.5 * grid.cell
-        assert peaks(cells, grid).mean(0) == pytest.approx(expected, abs=1.1 * grid.cell)
-        cells[row, column] = 0.0
-
-
 def test_coverage():
     free = np.array([(x, 0.0) for x in np.arange(0.05, 10, 0.1)])
     path = np.array([(x, 0.0) for x in np.linspace(0, 4, 200)])

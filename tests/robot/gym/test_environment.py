@@ -77,23 +77,6 @@ def test_the_same_seed_is_the_same_episode_in_the_building_that_stands(env: Driv
     assert runs[0][1] == runs[2][1] != runs[1][1]
 
 
-def test_without_a_building_each_seed_has_its_own(env: DriveEnv, small: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    env.reset(seed=0)
-    asked: list[int] = []
-
-    def build(building: int) -> Simulation | None:
-        asked.append(building)
-        return env.simulation
-
-    many = DriveEnv(small)
-    monkeypatch.setattr(many, "build", build)
-    monkeypatch.setattr(env.simulation, "close", lambda: None)
-    for seed in (1, 1, None, 1):
-        many.reset(seed=seed)
-    first, second, third = asked  # not four: what stands is kept
-    assert first == third != second
-
-
 def test_a_wall_ends_it_and_backward_costs(env: DriveEnv) -> None:
     env.reset(seed=0)
     assert sum(env.step(-AHEAD)[1] for _ in range(10)) < -0.05
@@ -160,14 +143,6 @@ def test_many_at_once(small: str) -> None:
     _, rewards, *_ = envs.step(np.stack((AHEAD, 0 * AHEAD)))
     assert rewards[0] > rewards[1] == 0
     envs.close()
-
-
-@pytest.mark.long
-def test_the_checker_is_content_with_a_real_arena() -> None:
-    register()
-    env = gymnasium.make("ndtorch/Curve-v0", seconds=2.0, building=0, render_mode="rgb_array")
-    assert complaints(env.unwrapped) == []
-    env.close()
 
 
 def test_what_cannot_be_made_is_refused(small: str) -> None:

@@ -141,8 +141,3 @@ def test_a_simulated_world_needs_a_link_that_moves_it(paper):
     assert paper[0].closed == 1
     with pytest.raises(InputError, match=r"needs the table \[simulation\]"):
         open_link({"kind": "simulated-world"}, Opening("x", print))
-
-
-def test_names_are_taken_once(paper):
-    with pytest.raises(InputError, match="a link of the kind 'paper' already"):
-        link("paper", PaperSettings)(lambda settings, opening: None)

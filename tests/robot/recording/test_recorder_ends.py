@@ -9,39 +9,9 @@ import time
 
 import pytest
 
-from ndtorch.errors import InputError
 from ndtorch_robot.recording import Recorder, open_recording
 from ndtorch_robot.recording import recorder as recorder_module
 from tests.robot.support.recorded import STILL, step, write
-
-KILLED = """
-import sys, time, torch
-from pathlib import Path
-from ndtorch_robot.ports import DriveCommand, StereoFrames
-from ndtorch_robot.recording import Recorder
-recorder = Recorder(Path(sys.argv[1]), {})
-frame = torch.zeros(1, 3, 29, 85, dtype=torch.uint8)  # about what is read of a frame
-n = 0
-while True:
-    recorder.record_step(StereoFrames(frame, frame, time.monotonic()), DriveCommand(0, 0), DriveCommand(0, 0))
-    print(time.monotonic(), flush=True)
-    time.sleep(1 / 30)
-"""
-
-
-@pytest.mark.realtime
-def test_a_kill_costs_less_than_a_second(tmp_path):
-    with subprocess.Popen([sys.executable, "-c", KILLED, str(tmp_path / "r")], stdout=subprocess.PIPE) as process:
-        for _ in range(45):
-            last = float(process.stdout.readline())
-        process.kill()
-        last = max([last, *(float(line) for line in process.stdout.read().split())])
-    recording = open_recording(tmp_path / "r")
-    found = list(recording.steps())
-    assert not recording.complete
-    assert last - found[-1].time < 1.0
-    assert len(found) >= 15
-
 
 STARVED = """
 import sys, time, torch
@@ -171,19 +141,3 @@ def test_the_disk_is_not_filled_to_the_brim(tmp_path, monkeypatch):
     recorder = write(tmp_path / "r", reserve=10**18)
     assert recorder.steps == 1
     assert "less than 1000000000000 MB are left" in recorder.failed
-
-
-def test_unwritable_folder(tmp_path):
-    """Another user's folder; as root nothing is unwritable, so the try is made by someone else."""
-    if os.geteuid() != 0:
-        (tmp_path / "mine").mkdir(mode=0o500)
-        with pytest.raises(InputError, match="Permission denied"):
-            Recorder(tmp_path / "mine" / "r", {})
-        return
-    code = (
-        "import os, sys; from pathlib import Path; from ndtorch_robot.recording import Recorder; os.seteuid(65534)\n"
-        "try: Recorder(Path(sys.argv[1]), {})\nexcept Exception as e: print(type(e).__name__, e)"
-    )
-    done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "r")], capture_output=True, text=True, check=True)
-    assert "InputError" in done.stdout
-    assert "Permission denied" in done.stdout

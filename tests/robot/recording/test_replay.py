@@ -1,9 +1,6 @@
 """Driving a recording again: bit for bit from lossless frames, as far as a cut recording goes, and flat in memory."""
 
 import json
-import os
-import subprocess
-import sys
 
 import pytest
 import torch
@@ -23,7 +20,6 @@ from ndtorch_robot.recording import (
     open_recording,
     replay,
 )
-from ndtorch_robot.recording.replay import Comparison
 from ndtorch_robot.recording.streams import checked_line
 from tests.robot.support.bare_car import FilmCar, bare_loop
 from tests.robot.support.moving_world import RIG, moving_world
@@ -42,25 +38,6 @@ def record(folder, count=60, format="png"):
             driven = DriveCommand(command.speed * 0.97, command.curvature + 0.01)
             commands.append(command)
     return commands
-
-
-@pytest.mark.parametrize("kind", ["png", "raw"])
-def test_the_navigator_wants_the_same_again(tmp_path, kind):
-    commands = record(tmp_path / "r", format=kind)
-    assert len(set(commands)) > 2
-    recording = open_recording(tmp_path / "r")
-    again = []
-    result = replay(recording, make_runner(recording.configuration), [lambda step: again.append(step.wanted)])
-    assert again == commands
-    assert (result.steps, result.same, result.first_different) == (60, 60, None)
-
-
-def test_the_largest_differences_are_kept():
-    found = Comparison()
-    for number, (speed, curvature) in enumerate(((0.0, 0.0), (0.2, 0.5), (-0.3, 0.1), (0.1, -0.6), (0.0, 0.2))):
-        found.add(number, DriveCommand(0.4, 1.0), DriveCommand(0.4 + speed, 1.0 + curvature))
-    assert (found.steps, found.same, found.first_different) == (5, 1, 1)
-    assert (found.speed_difference, found.curvature_difference) == pytest.approx((0.3, 0.6))
 
 
 def test_another_program_is_noticed(tmp_path, capsys):
@@ -84,20 +61,6 @@ def test_another_program_is_noticed(tmp_path, capsys):
     assert result["curvature_difference"] > 0.1
     assert main(["replay", str(tmp_path / "r")]) == 1
     assert "commands differ, the first in step" in capsys.readouterr().out
-
-
-def test_command(tmp_path, capsys):
-    record(tmp_path / "r")
-    assert main(["replay", str(tmp_path / "r")]) == 0
-    out = capsys.readouterr().out
-    assert "60 steps of" in out
-    assert "the same commands, bit for bit" in out
-    lines = tmp_path / "r" / "steps.jsonl"
-    os.truncate(lines, lines.stat().st_size - 500)
-    assert main(["replay", str(tmp_path / "r")]) == 3
-    out = capsys.readouterr().out
-    assert "cut short: the last line was not written to its end" in out
-    assert "the same commands, bit for bit" in out
 
 
 def test_gaps_are_told(tmp_path, capsys):
@@ -139,20 +102,6 @@ def test_a_simulated_drive_bit_for_bit(tmp_path, capsys, whole):
     again = json.loads(capsys.readouterr().out)
     assert again["steps"] == again["same"] == len(result.record.time)
     assert again["complete"]
-
-
-def test_from_the_command_line_with_jpeg(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(
-        "ndtorch_robot.evaluation.plots.write_plots", lambda result, folder: None
-    )  # drawn in other tests
-    folder = str(tmp_path / "r")
-    arguments = ["drive", "--seconds", "2", "--out", str(tmp_path / "o"), "--record", folder, "--record-format", "jpeg"]
-    assert main([*arguments, "--json"]) == 0
-    capsys.readouterr()
-    assert main(["replay", folder]) == 0
-    assert "60 steps of" in capsys.readouterr().out
-    assert main(arguments) == 2
-    assert "holds a recording already" in capsys.readouterr().err
 
 
 def test_a_full_disk_does_not_stop_the_drive(tmp_path, capsys, monkeypatch):
@@ -244,52 +193,3 @@ def test_the_loop_of_a_car_bit_for_bit(tmp_path):
     for mapping in (False, True):
         result = replay(recording, make_runner(recording.configuration, mapping))
         assert (result.steps, result.same) == (88, 88)
-
-
-MEMORY = """
-import re, sys
-from pathlib import Path
-import torch
-from ndtorch.utils.tensors import tune_allocator
-from ndtorch_robot.cameras import CameraSettings, StereoCameras
-from ndtorch.navigation.options import NavigatorOptions
-from ndtorch_robot.navigator_table import configuration
-from ndtorch_robot.navigator_runner import NavigatorRunner
-from ndtorch_robot.ports import DriveCommand
-from ndtorch_robot.recording import Recorder
-from ndtorch_robot.sim.simulation import RIG
-from tests.robot.support.fake_captures import FilmCapture, picture
-
-CHOICE = NavigatorOptions("published", features=5, feature_position="motion")
-steps, folder = int(sys.argv[1]), Path(sys.argv[2])
-torch.set_num_threads(1)
-tune_allocator()
-pictures = [picture(n, 640, 480) for n in range(8)]
-settings = CameraSettings(left=str(folder.parent), right=str(folder.parent), pace="read")
-cameras = StereoCameras(settings, opener=lambda source, settings: FilmCapture(pictures, steps))
-runner, driven = NavigatorRunner(CHOICE, RIG, 30.0), DriveCommand(0.0, 0.0)
-fields = RIG.subfields()
-from ndtorch.navigation import Strips
-from ndtorch.navigation.stereo.strips import cut_strips
-with Recorder(folder, configuration(CHOICE, RIG, 30.0), format="raw", when_full="wait") as recorder:
-    with torch.inference_mode():
-        for n in range(steps):
-            frames = cameras.read()
-            eyes = [cut_strips(eye, field, RIG) for eye, field in zip(frames, fields)]
-            frames = frames._replace(left=eyes[0], right=eyes[1])
-            driven = runner.step(frames, driven, None)
-            recorder.record_step(frames, driven, driven)
-            if n % (steps // 6) == steps // 6 - 1:
-                print(int(re.search(r"VmRSS:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]) / 1024, flush=True)
-"""
-
-
-@pytest.mark.long
-def test_memory_stays_flat(tmp_path):
-    """Cameras, navigator and recorder for 1200 steps: 40 s of driving at speed."""
-    done = subprocess.run(
-        [sys.executable, "-c", MEMORY, "1200", str(tmp_path / "r")], capture_output=True, text=True, check=True
-    )
-    megabytes = [float(line) for line in done.stdout.split()]
-    assert len(megabytes) == 6
-    assert megabytes[-1] - megabytes[1] < 20  # one kept frame in 50 would add 29

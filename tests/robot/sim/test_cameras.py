@@ -7,36 +7,13 @@ import pytest
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import StereoRig, cut_strips
+from ndtorch.navigation import StereoRig
 from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.plan import Plan, ring
 from ndtorch_robot.sim.procedural_textures import Surface, floor_texture, pack
 from ndtorch_robot.sim.simulation import RIG, Simulation
-
-POSES = [(0.6 + 0.9 * k, 0.05 * (-1) ** k, 0.1 * (k % 5 - 2)) for k in range(16)]
-
-
-def looks(arena, whole, poses, **options):
-    simulation = Simulation(load_arena(arena, 1), 1, full_frames=whole, **options)
-    try:
-        return [simulation.cameras.look(simulation.data, *pose) for pose in poses]
-    finally:
-        simulation.close()
-
-
-@pytest.mark.parametrize("moving", [False, True])
-def test_strips_are_the_pixels_of_whole_frames(moving):
-    whole = looks("hallway", True, POSES, pedestrian=moving)
-    strips = looks("hallway", False, POSES, pedestrian=moving)
-    fields = RIG.subfields()
-    for frames, pieces in zip(whole, strips, strict=True):
-        for frame, piece, field in zip(frames, pieces, fields, strict=True):
-            assert frame.shape == (1, 3, 480, 640)
-            assert frame.dtype == torch.uint8
-            for a, b in zip(cut_strips(frame, field, RIG), piece, strict=True):
-                assert torch.equal(a, b)
 
 
 def test_edges_are_where_the_rig_says():

@@ -44,29 +44,6 @@ class LiveCapture:
         self.released.set()
 
 
-class FilmCapture:
-    """A few pictures round and round, for as many frames as wanted."""
-
-    def __init__(self, pictures, count):
-        self.pictures, self.count, self.n = pictures, count, -1
-
-    def grab(self):
-        self.n += 1
-        return self.n < self.count
-
-    def retrieve(self):
-        return True, self.pictures[self.n % len(self.pictures)].copy()
-
-    def get(self, propId):
-        return 30.0 if propId == cv2.CAP_PROP_FPS else 0.0
-
-    def set(self, propId, value):
-        return False
-
-    def release(self):
-        pass
-
-
 class Properties:
     """A camera whose properties can be set, except that `stubborn` ones stay as they are."""
 

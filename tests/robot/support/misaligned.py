@@ -2,9 +2,6 @@
 
 from functools import cache
 
-import cv2
-import numpy as np
-
 from ndtorch_robot.calibration import Board, calibrate, find_view
 from tests.robot.support.board_renderer import Eye, draw_board, poses, turn
 
@@ -41,21 +38,3 @@ def views():
 def measured():
     """The pair calibrated from its pictures, as a user would."""
     return calibrate(views(), BOARD, (640, 480))
-
-
-def warp(eye, ideal_rig):
-    """Maps that turn an ideal wide picture from the same place into the raw picture of an eye."""
-    rays = eye.rays()
-    x = rays[..., 0] / rays[..., 2] * ideal_rig.focal + (ideal_rig.width - 1) / 2
-    y = rays[..., 1] / rays[..., 2] * ideal_rig.focal + (ideal_rig.height - 1) / 2
-    assert x.min() >= 0
-    assert x.max() <= ideal_rig.width - 1
-    assert y.min() >= 0
-    assert y.max() <= ideal_rig.height - 1
-    return x.astype(np.float32), y.astype(np.float32)
-
-
-def raw(frame, maps):
-    """A wide frame `[1, 3, H, W]` as the raw picture `[H, W, 3]` blue, green, red of an eye."""
-    image = frame[0].permute(1, 2, 0).numpy()[..., ::-1]
-    return cv2.remap(np.ascontiguousarray(image), *maps, cv2.INTER_LINEAR)

@@ -6,18 +6,15 @@ import time
 
 import numpy as np
 import pytest
-import torch
 
 import ndtorch_robot.commands.replay
 import ndtorch_robot.view.car_view
 import ndtorch_robot.view.stream
 from ndtorch.cli.commands import main
 from ndtorch.errors import InputError
-from ndtorch.navigation import Strips
 from ndtorch_robot.recording import Recorder, RecordSteps
 from ndtorch_robot.view import Background, CarView, Where, layout, open_stream, start_view
-from ndtorch_robot.view.archetypes import THICK, UNREAD, frame_image
-from ndtorch_robot.view.observer import Rate, ViewSteps
+from ndtorch_robot.view.observer import ViewSteps
 from ndtorch_robot.view.stream import open_server
 from tests.robot.support.bare_car import FAULTS, FilmCar, bare_loop
 from tests.robot.support.moving_world import RIG, moving_world
@@ -115,18 +112,6 @@ def test_more_floor_is_shown_as_the_car_goes_on(monkeypatch):
     assert view.shown[1] == 4.0
 
 
-def test_strips_are_drawn_in_their_places():
-    field = RIG.subfields()[0]
-    inside = torch.full((1, 3, field.bottom - field.top, field.right - field.left), 200, dtype=torch.uint8)
-    drawn = frame_image(Strips(inside, torch.full((1, 1, 1, RIG.width), 0.5)), field, RIG)
-    assert drawn.shape == (RIG.height, RIG.width, 3)
-    assert (drawn[field.top : field.bottom, field.left : field.right] == 200).all()
-    assert (drawn[RIG.row, : field.left] == 128).all()
-    assert (drawn[RIG.row + THICK + 1, : field.left - 1] == UNREAD).all()
-    whole = torch.randint(0, 256, (1, 3, RIG.height, RIG.width), dtype=torch.uint8)
-    assert (frame_image(whole, field, RIG) == whole[0].permute(1, 2, 0).numpy()).all()
-
-
 def test_a_loop_never_waits_for_a_view_that_hangs():
     """The viewer takes nothing at all: the loop spends no time on it, drops are counted, and the end does come."""
     free, said = threading.Event(), []
@@ -178,27 +163,6 @@ def test_a_view_that_is_slow_spares_pictures_first():
     assert pictures[-1] <= 15
     assert len(seen) == 40 - view.dropped
     assert len(seen) in (30, 31)  # 30 wait; one more where the thread has taken the first in time
-
-
-@pytest.mark.slow
-def test_no_viewer_at_the_other_end():
-    """A port where nobody listens: the loop runs, and closing gives up."""
-    stream = rerun.RecordingStream("nobody")
-    stream.set_sinks(rerun.GrpcSink("rerun+http://127.0.0.1:9/proxy"), default_blueprint=layout())
-    loop = bare_loop(FilmCar(moving_world(60, RIG)), RIG, controller="published")
-    view, _ = start(loop, stream)
-    assert loop.run(58.5 / 30) == 60
-    began = time.monotonic()
-    view.close(patience=0.3)
-    assert time.monotonic() - began < 15
-    assert view.failed
-
-
-def test_rate_of_pictures():
-    rate = Rate(10)
-    assert sum(rate.due(k / 30) for k in range(90)) == 30
-    assert rate.due(100.0)  # after a pause
-    assert not rate.due(100.05)
 
 
 @pytest.mark.parametrize("address", ["", "127.0.0.1:port", "127.0.0.1:70000", ":9876"])

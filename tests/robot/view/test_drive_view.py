@@ -9,10 +9,7 @@ import torch
 
 import ndtorch_robot.view.stream
 from ndtorch.cli.commands import main
-from ndtorch.errors import InputError
 from ndtorch.navigation import Navigator
-from ndtorch_robot.config import DriveConfig
-from ndtorch_robot.drive import drive
 from ndtorch_robot.ports import DriveCommand, StereoFrames
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.simulation import RIG
@@ -86,16 +83,6 @@ def test_the_true_path_is_cut_where_the_car_was_moved(made_up):
     assert believed[0] == pytest.approx([1.414, -2.0], abs=0.01)  # the viewer's y axis points down
 
 
-@pytest.mark.slow
-def test_recording_a_drive_changes_nothing(tmp_path):
-    config = DriveConfig(arena="curve", seed=1, seconds=0.5)
-    recorded = drive(config.model_copy(update={"rrd": tmp_path / "run.rrd"}))
-    plain = drive(config)
-    assert recorded.record.pose == plain.record.pose
-    assert torch.equal(recorded.cells, plain.cells)
-    assert sum(c.num_rows for c in chunks(tmp_path / "run.rrd", "/speeds") if not c.is_static) == 15
-
-
 def test_where_a_recording_cannot_be_written(capsys, tmp_path):
     arguments = ["drive", "--seconds", "1", "--out", str(tmp_path), "--rrd", "/proc/nothing/run.rrd"]
     assert main(arguments) == 2
@@ -123,9 +110,3 @@ def test_viewer_listens_here_only(monkeypatch):
     assert address.startswith("rerun+http://127.0.0.1:")
     assert asked[0][:3] == [sys.executable, "-m", "rerun"]
     assert asked[0][asked[0].index("--bind") + 1] == "127.0.0.1"
-
-
-def test_viewer_that_does_not_open(monkeypatch):
-    monkeypatch.setattr(ndtorch_robot.view.stream.sys, "executable", "/bin/false")
-    with pytest.raises(InputError, match="use --rrd FILE instead of --view"):
-        open_viewer()
