@@ -96,7 +96,6 @@ class Car:
             gc.unfreeze()
 
     def step(self, number: int, now: float) -> None:
-        """Read frames, navigate, send the command, call the observers."""
         timer, clock = self.loop.timer, self.loop.clock
         driven, frames = self.drive.driven(), self.see()
         # A step that waits for its cameras begins when they have answered.

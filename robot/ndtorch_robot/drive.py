@@ -67,7 +67,7 @@ class Result:
     """
 
     config: DriveConfig
-    summary: dict[str, object]
+    summary: dict[str, Any]
     record: Record
     plan: Plan
     cells: torch.Tensor
@@ -100,11 +100,8 @@ def drive(
     for remark in plan.remarks:
         print_note(f"{plan.name}: {remark}")
     check_goal(config, plan)
-    runner, disturbances, rate = (
-        runner or drive_runner(config, plan),
-        read_disturbances(config.disturbance),
-        config.rate,
-    )
+    runner = runner or drive_runner(config, plan)
+    disturbances, rate = read_disturbances(config.disturbance), config.rate
     with contextlib.ExitStack() as stack:
         simulation = Simulation(
             plan,
@@ -190,16 +187,11 @@ class EndUnlessBlank:
 
 
 def shown(config: DriveConfig) -> bool:
-    """Whether somebody looks at the frames, now or later."""
     return config.view or config.view_at is not None or config.rrd is not None
 
 
 def show(
-    config: DriveConfig,
-    plan: Plan,
-    runner: NavigatorRunner,
-    simulation: Simulation,
-    stack: contextlib.ExitStack,
+    config: DriveConfig, plan: Plan, runner: NavigatorRunner, simulation: Simulation, stack: contextlib.ExitStack
 ) -> Observer:
     """Record the drive for the viewer, or open it; closed with the stack."""
     from ndtorch_robot.view import ViewSteps, Where, layout, open_stream, plan_bounds, start_view
@@ -221,7 +213,6 @@ def make_recorder(config: DriveConfig, rig: StereoRig) -> Recorder | None:
 
 
 def drive_configuration(config: DriveConfig, rig: StereoRig) -> dict[str, Any]:
-    """The configuration of a simulated drive for `Recorder`."""
     return {
         "program": "drive",
         "drive": config.model_dump(mode="json", exclude=NOT_RECORDED),
@@ -260,8 +251,7 @@ def summarise(
     respawn: Respawn,
     cells: torch.Tensor,
     wall: float,
-) -> dict[str, object]:
-    """The keys of `summary.json`."""
+) -> dict[str, Any]:
     plan = simulation.plan
     poses = record.array("pose").reshape(-1, 3)
     seconds = simulation.now()
@@ -284,14 +274,9 @@ def summarise(
         "free_area_passed": round(coverage(free, path), 4) if len(poses) else 0.0,
         "free_area_passed_40cm": round(coverage(free, path, 0.4), 4) if len(poses) else 0.0,
         "gates": [sum(gates_passed(plan.gates, path)), len(plan.gates)] if len(poses) else [0, len(plan.gates)],
-        "arena": config.arena,
-        "seed": config.seed,
-        "controller": config.controller,
-        "walls": config.walls,
-        "odometry": config.odometry,
+        **config.model_dump(include={"arena", "seed", "controller", "walls", "odometry", "disturbance"}),
         "pose_error": pose_errors(record),
         "found_s": found_after(record, config),
-        "disturbance": config.disturbance,
         "troubles": car.troubles,
         "faults": [stop.why for stop in car.safe.faults],
         "parts_ms": timing,

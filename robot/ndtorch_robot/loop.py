@@ -63,7 +63,6 @@ class StepTimer:
         self.seconds.setdefault(name, []).append(seconds)
 
     def forget(self, kept: int) -> None:
-        """Keep only so many of the newest times of each part."""
         for seconds in self.seconds.values():
             del seconds[:-kept]
 

@@ -87,7 +87,6 @@ def declared() -> tuple[Option, ...]:
 
 
 def described(text: str) -> dict[str, str]:
-    """What the arguments of a docstring are."""
     block = re.split(r"^\w+:\n", inspect.cleandoc(text), flags=re.MULTILINE)[1]
     entries = re.split(r"^    (\w+): ", block, flags=re.MULTILINE)[1:]
     lines = zip(entries[::2], entries[1::2], strict=True)

@@ -122,6 +122,5 @@ class NavigatorRunner:
         return map_cells(self.navigator.grid_map, self.state)
 
     def mode(self) -> int:
-        """The mode of the controller, as it numbers them."""
         assert self.state is not None
         return int(self.navigator.mode(self.state))

@@ -17,7 +17,6 @@ from ndtorch_robot.navigator_options import GONE, RENAMED
 
 
 def key_of(flag: str) -> str:
-    """The key in a file for an option of the command line."""
     return flag.removeprefix("--").replace("-", "_")
 
 

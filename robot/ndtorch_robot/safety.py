@@ -120,7 +120,6 @@ class SafeDrive:
         self.fault(why, kind)
 
     def fault(self, why: str, kind: FaultKind) -> None:
-        """Stop the car for this reason."""
         with self.lock:
             self.well_since, self.interrupted = math.inf, True
             if self.standing is not None:
@@ -160,7 +159,6 @@ class SafeDrive:
             return self.sent
 
     def look_for_faults(self, command: DriveCommand, now: float) -> None:
-        """All faults that show when a command arrives."""
         limits = self.limits
         if not (math.isfinite(command.speed) and math.isfinite(command.curvature)):
             self.fault(f"the command is not finite: {command}", FaultKind.COMMAND)

@@ -130,18 +130,15 @@ class AttemptCache(ResultCache[Entry]):
     """Finished attempts, so that a run can go on where it was stopped."""
 
     def name(self, job: Entry) -> str:
-        """Another name for another world, driver, seed or code."""
         text = json.dumps([dataclasses.asdict(job), self.code], sort_keys=True)
         return f"{job.world.number:04d}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
 
     def attempt(self, entry: Entry) -> Attempt | None:
-        """An attempt that was made before, or None."""
         found = self.get(entry)
         return None if found is None else Attempt(**{**found, "path": [tuple(place) for place in found["path"]]})
 
 
 def comma_separated(made: Sequence[Attempt]) -> str:
-    """`barn.csv`."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)

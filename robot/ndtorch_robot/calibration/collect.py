@@ -53,7 +53,6 @@ def collect(
 
 
 def is_new(view: View, views: list[View], width: int) -> bool:
-    """Whether a view differs from all others."""
     return all(np.abs(view.left - other.left).mean() > NEW * width for other in views)
 
 

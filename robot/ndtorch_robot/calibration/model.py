@@ -40,7 +40,6 @@ class Lens(Strict):
 
     @property
     def coefficients(self) -> Matrix:
-        """The distortion as OpenCV wants it."""
         return np.array(self.distortion, np.float64)
 
 
@@ -98,7 +97,6 @@ class Calibration(Strict):
 
     @property
     def baseline_m(self) -> float:
-        """Distance between the cameras, m."""
         return math.hypot(*self.translation_m)
 
     @property

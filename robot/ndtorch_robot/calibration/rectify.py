@@ -89,7 +89,6 @@ def strip_map(lens: Lens, turn: Matrix, matrix: Matrix, rect: Rect) -> tuple[Mat
 
 
 def inside(x: Matrix, y: Matrix, width: int, height: int) -> float:
-    """Share of the places that lie inside an image."""
     return float(((x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)).mean())
 
 

@@ -89,7 +89,6 @@ def measure(strips: Strips) -> Snapshot:
 
 
 def one_color(part: object) -> npt.NDArray[np.generic]:
-    """`[h, w]` of `[..., C, h, w]`."""
     image = part.numpy() if isinstance(part, Tensor) and part.is_cpu else np.asarray(part)
     while image.ndim > 3:
         image = image[-1]

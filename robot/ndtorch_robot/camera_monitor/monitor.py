@@ -212,7 +212,6 @@ class CameraMonitor:
         return [fault is None for fault in faults]
 
     def check_images(self, images: tuple[Snapshot, Snapshot], strips: tuple[Strips, Strips]) -> None:
-        """Check what the images show, against the odometry."""
         shows, limits = self.check_shown(images), self.limits
         far = next((view for view in reversed(self.views) if self.far_from(view)), None)
         same = [far is not None and is_unchanged(images[k], far.images[k], limits) for k in (0, 1)]
@@ -269,7 +268,6 @@ class CameraMonitor:
                 return
 
     def count(self, before: int, wrong: bool, weight: int = 1) -> int:
-        """Images that look wrong, less those that look right."""
         return min(before + weight, self.required) if wrong else max(before - 1, 0)
 
     def far_from(self, view: View) -> bool:
@@ -288,7 +286,6 @@ class CameraMonitor:
         )
 
     def strips(self, image: Tensor | Strips | None, k: int) -> Strips:
-        """The subfield and the horizon row of one camera."""
         if image is None:
             raise CameraError(FaultKind.MISSING, f"the {NAMES[k]} camera gave no frame")
         if isinstance(image, Strips):

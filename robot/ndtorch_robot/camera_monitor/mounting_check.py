@@ -107,7 +107,6 @@ class MountingCheck:
 
 
 def is_new_view(position: Position | None, before: Position | None) -> bool:
-    """Whether the car has moved on since the last view."""
     if position is None or before is None:
         return True
     return abs(position[0] - before[0]) >= NEW_VIEW[0] or abs(position[1] - before[1]) >= NEW_VIEW[1]

@@ -128,12 +128,10 @@ class StereoConsistency:
         return False
 
     def correlation(self, ours: Floats, theirs: Floats, params: ProximityParams) -> float:
-        """Correlation of the floor in both images, where it must lie."""
         return floor_correlation(ours, np.ascontiguousarray(theirs), self.rects, self.rig, params)
 
     @property
     def lost(self) -> bool:
-        """Whether both have seen one floor, and do not any more."""
         return self.seen >= BEFORE and self.without >= VIEWS
 
 

@@ -146,7 +146,6 @@ class StereoCameras:
         self.check_image(side, frame.image)
 
     def no_first_frame(self, side: int) -> str:
-        """Why a camera that opens gives no frame, as far as can be said."""
         name = f"the {SIDES[side]} camera ({self.sources[side].name})"
         if side == 1 and all(source.kind == "device" for source in self.sources):
             places = [place_of(source.target) for source in self.sources]
@@ -185,7 +184,6 @@ class StereoCameras:
         return pair
 
     def next_pair(self) -> Pair:
-        """Wait for a pair that was not read before."""
         if not self.begun:
             self.begin()
         limit = self.settings.max_age_ms / 1e3
@@ -219,7 +217,6 @@ class StereoCameras:
         return Pair(left, right)
 
     def silence(self, now: float) -> str:
-        """Why there is no pair, as far as can be said."""
         reasons = []
         limit = self.settings.max_age_ms / 1e3
         for side, reader in enumerate(self.readers):
@@ -262,7 +259,6 @@ class StereoCameras:
             return self.pairing.statistics.copy()
 
     def close(self) -> None:
-        """Stop the threads and give the cameras back."""
         for reader in self.readers:
             reader.closed.set()
         for reader in self.readers:
@@ -292,7 +288,6 @@ def to_tensor(image: Image) -> Tensor:
 
 
 def probe_size(source: Source, settings: CameraSettings) -> tuple[int, int]:
-    """Width and height of the first frame of a file or folder."""
     capture = open_capture(source, settings)
     try:
         good, image = capture.retrieve() if capture.grab() else (False, None)

@@ -37,7 +37,6 @@ class Pair(NamedTuple):
 
     @property
     def skew(self) -> float:
-        """How much later the right one was taken, s."""
         return self.right.time - self.left.time
 
 

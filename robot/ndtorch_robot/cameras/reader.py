@@ -83,7 +83,6 @@ class CameraReader:
         return True
 
     def reopen(self) -> None:
-        """Try until the camera is back or the reader is closed."""
         self.trouble = "no more frames: unplugged, or stopped by the driver"
         attempt = 0
         while not self.closed.wait(BACK_OFF[min(attempt, len(BACK_OFF) - 1)]):

@@ -97,7 +97,6 @@ class Barn:
         return worlds
 
     def entry(self, world: World) -> Entry:
-        """A world and who drives it."""
         from ndtorch.navigation.options import OPTION_NAMES, options_of
         from ndtorch_robot.barn.attempts import Entry
 

@@ -151,7 +151,6 @@ class Check:
         return abs(rate / config.rate_hz - 1) < 0.1, floor
 
     def floor(self, read: Callable[[], StereoFrames], rig: StereoRig, config: RunConfig) -> bool:
-        """Measure the floor ahead of the stationary car; returns whether it is good."""
         from ndtorch.navigation.controllers.registry import controller_class
         from ndtorch_robot.camera_monitor.floor_check import measure_floor
 
@@ -165,7 +164,6 @@ class Check:
         return found.good
 
     def link(self, drive: Drive, clock: Clock) -> bool:
-        """Receive the telemetry of the drive for a second."""
         import numpy as np
 
         clock.wait_until(clock.now() + 1.0)

@@ -107,14 +107,12 @@ def unfinished(config: DriveConfig, result: Result) -> list[str]:
     """What of the recordings is not whole, one line each."""
     from ndtorch.report.recording import why_not_whole
 
-    recording = result.summary.get("recording")
-    failed = str(recording["failed"]) if isinstance(recording, dict) else ""
+    failed = (result.summary["recording"] or {}).get("failed", "")
     half = why_not_whole(config.rrd) if config.rrd is not None else None
     return [line for line in (failed, half) if line]
 
 
 def watched(config: DriveConfig, quiet: bool) -> Result:
-    """Drive with a progress bar on stderr, unless quiet."""
     from ndtorch.run.progress import progress_bar
     from ndtorch_robot.drive import drive
 
@@ -153,10 +151,8 @@ def write_results(result: Result, folder: Path) -> None:
 def describe(result: Result) -> str:
     s, c = result.summary, result.config
     score, times = s["map"], s["step_ms"]
-    assert isinstance(score, dict)
-    assert isinstance(times, dict)
     keys = ("simulated_seconds", "wall_seconds", "free_area_passed", "free_area_passed_40cm")
-    seconds, wall, passed, close = (float(str(s[key])) for key in keys)
+    seconds, wall, passed, close = (s[key] for key in keys)
 
     def value(key: str, unit: str, factor: float = 1.0) -> str:
         return "-" if score[key] is None else f"{factor * score[key]:.1f} {unit}"
@@ -164,7 +160,6 @@ def describe(result: Result) -> str:
     located = []
     if result.ndt_cells is not None:
         errors = s["pose_error"]
-        assert isinstance(errors, dict)
         words = [
             f"{label} {errors[name]['end_m']:.2f} m and {errors[name]['end_degrees']:.1f} degrees"
             for name, label in (("believed", "dead reckoning"), ("located", "corrected"))
@@ -188,21 +183,12 @@ def describe(result: Result) -> str:
         *located,
         f"  navigation step: median {times.get('p50', 0):.2f} ms, 99 % below {times.get('p99', 0):.2f} ms",
     ]
-    if s["collisions"]:
-        lines.insert(
-            3,
-            f"  places hit {s['collision_places']}, people hit {s['people_hit']}, "
-            f"hit while standing {s['hit_while_standing']}",
-        )
-    gates, faults = s["gates"], s["faults"]
-    assert isinstance(gates, list)
-    assert isinstance(faults, list)
-    troubles = s["troubles"]
-    assert isinstance(troubles, list)
-    if troubles:
-        lines.insert(3, f"  stood because {'; '.join(troubles)}")
-    if gates[1]:
-        lines.insert(3, f"  gates passed {gates[0]} of {gates[1]}")
-    if faults:
-        lines.insert(3, f"  stood {len(faults)} times because of its cameras; the first: {faults[0]}")
+    (passed_gates, gates), faults, troubles = s["gates"], s["faults"], s["troubles"]
+    hit = f"people hit {s['people_hit']}, hit while standing {s['hit_while_standing']}"
+    lines[3:3] = [
+        *([f"  stood {len(faults)} times because of its cameras; the first: {faults[0]}"] if faults else []),
+        *([f"  gates passed {passed_gates} of {gates}"] if gates else []),
+        *([f"  stood because {'; '.join(troubles)}"] if troubles else []),
+        *([f"  places hit {s['collision_places']}, {hit}"] if s["collisions"] else []),
+    ]
     return "\n".join(lines)

@@ -131,7 +131,6 @@ class Evaluate:
         return self.jobs or workers.cores()
 
     def note(self, drives: list[DriveConfig], found: list[Any]) -> str:
-        """How the table was made, in a line."""
         seeds = ", ".join(str(seed) for seed in dict.fromkeys(self.seeds))
         missing = f"; {len(drives) - len(found)} of {len(drives)} drives are missing" * (len(found) < len(drives))
         tuned = "; seeds below 1000 were used in tuning" if min(self.seeds) < SEEDS[0] else ""

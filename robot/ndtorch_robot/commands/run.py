@@ -151,7 +151,6 @@ class Run:
 
 
 def with_disturbance(config: RunConfig, disturbance: str) -> RunConfig:
-    """The configuration with this disturbance in its simulated world."""
     if config.simulation is None:
         raise InputError("--disturbance is for simulated worlds, and this car has cameras")
     return config.model_copy(update={"simulation": config.simulation.model_copy(update={"disturbance": disturbance})})

@@ -28,7 +28,7 @@ PACKAGES = ("torch", "mujoco", "numpy")
 REPORT_EVERY = 0.5
 """Seconds between two reports of a worker."""
 
-Summary = dict[str, object]
+Summary = dict[str, Any]
 
 Job = TypeVar("Job")
 
@@ -66,11 +66,9 @@ class ResultCache(ABC, Generic[Job]):
         """Name of the result: the same for the same parameters and code."""
 
     def file(self, job: Job) -> Path:
-        """Where the result is or will be."""
         return self.folder / f"{self.name(job)}.json"
 
     def get(self, job: Job) -> dict[str, Any] | None:
-        """The result of a job that was done before, or None."""
         try:
             found = json.loads(self.file(job).read_text(encoding="utf-8"))
         except (FileNotFoundError, ValueError, RecursionError):
@@ -88,7 +86,6 @@ class DriveCache(ResultCache[DriveConfig]):
     """Summaries of finished drives."""
 
     def name(self, job: DriveConfig) -> str:
-        """The same for the same parameters, building and code."""
         return key_of(job, self.code)
 
 

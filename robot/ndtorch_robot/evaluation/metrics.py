@@ -11,7 +11,7 @@ import numpy.typing as npt
 import torch
 
 from ndtorch.navigation import Grid, StereoRig
-from ndtorch_robot.sim.plan import Floats, Plan, Point, Ring, away
+from ndtorch_robot.sim.plan import Floats, Plan, Point, Ring, away, crossing
 from ndtorch_robot.sim.procedural_textures import ALONG
 from ndtorch_robot.sim.simulation import Collision
 
@@ -124,14 +124,13 @@ def edge_columns(profile_: Floats, contrast: float, within: float = 0.02) -> Flo
 
 
 def reaches(shape: Ring, plan: Plan, height: float) -> bool:
-    """Whether a ring has a surface at that height."""
     return shape.bottom < height < (shape.height or plan.height)
 
 
 def surfaces_of(plan: Plan, height: float = CAMERA_HEIGHT) -> Floats:
     """The surfaces at the height of the cameras, `[S, 2, 2]`: from, to; x, y."""
-    corners = [shape.array for shape in plan.rings if reaches(shape, plan, height)]
-    return np.concatenate([np.zeros((0, 2, 2)), *(np.stack((c, np.roll(c, -1, 0)), 1) for c in corners)])
+    sides = [shape.sides for shape in plan.rings if reaches(shape, plan, height)]
+    return np.concatenate([np.zeros((0, 2, 2)), *sides])
 
 
 def visible(plan: Plan, edges: Edges, poses: Floats, rig: StereoRig, times: int = 5) -> npt.NDArray[np.bool_]:
@@ -198,29 +197,21 @@ def score_map(
     return MapScore(precision, float(found.mean()), position, spacing_error(plan, tops), surfaces)
 
 
-def nearest(points: Floats, targets: Floats, chunk: int = 20000) -> Floats:
+def nearest(points: Floats, targets: Floats) -> Floats:
     """Distance of points `[N, 2]` to the nearest of targets `[M, 2]`."""
-    result = np.full(len(points), np.inf)
-    for k in range(0, len(points), chunk):
-        part = points[k : k + chunk]
-        best = np.full(len(part), np.inf)
-        for x, y in targets:
-            best = np.minimum(best, (part[:, 0] - x) ** 2 + (part[:, 1] - y) ** 2)
-        result[k : k + chunk] = np.sqrt(best)
-    return result
+    from scipy.spatial import cKDTree
+
+    return np.asarray(cKDTree(targets).query(points)[0]) if len(targets) else np.full(len(points), np.inf)
 
 
 def spacing_error(plan: Plan, tops: Floats) -> float | None:
     """Error in percent of the median distance between peaks at the same corner of neighbouring doors."""
-    found = []
+    found: list[float] = []
     for row in plan.doors:
-        corners = np.array(row)
-        distance = np.hypot(corners[:, None, 0] - tops[None, :, 0], corners[:, None, 1] - tops[None, :, 1])
-        mine = tops[distance.argmin(1)]
+        distance = np.hypot(*(np.array(row)[:, None] - tops).transpose(2, 0, 1))
+        gaps = np.hypot(*np.diff(tops[distance.argmin(1)], axis=0).T)
         good = distance.min(1) <= NEAR
-        for k in range(len(corners) - 1):
-            if good[k] and good[k + 1]:
-                found.append(float(np.hypot(*(mine[k + 1] - mine[k]))))
+        found += gaps[good[1:] & good[:-1]].tolist()
     return abs(float(np.median(found)) / plan.spacing - 1) * 100 if found else None
 
 
@@ -233,12 +224,8 @@ def gates_passed(gates: Sequence[tuple[Point, Point]], path: Floats) -> list[boo
     driven = np.hypot(*step.T) < 0.5
     found = []
     for start, end in gates:
-        along, to = np.array(end) - start, np.array(start) - a
-        cross = step[:, 0] * along[1] - step[:, 1] * along[0]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            s = (to[:, 0] * along[1] - to[:, 1] * along[0]) / cross
-            t = (to[:, 0] * step[:, 1] - to[:, 1] * step[:, 0]) / cross
-        found.append(bool((driven & (cross != 0) & (s >= 0) & (s <= 1) & (t >= 0) & (t <= 1)).any()))
+        s, t = crossing(a, step, np.array(start), np.subtract(end, start))
+        found.append(bool((driven & (s >= 0) & (s <= 1) & (t >= 0) & (t <= 1)).any()))
     return found
 
 

@@ -13,7 +13,7 @@ from ndtorch.navigation import REVERSE, TURN, Grid
 from ndtorch.report.plots.layout import DPI, save
 from ndtorch_robot.drive import Result
 from ndtorch_robot.evaluation.record import Floats, pose_error, range_columns
-from ndtorch_robot.evaluation.table import Row, number
+from ndtorch_robot.evaluation.table import Row
 from ndtorch_robot.sim.plan import Plan
 
 if TYPE_CHECKING:
@@ -69,7 +69,6 @@ def legend(figure: Figure, columns: int, *axes: Axes) -> None:
 
 
 def plural(count: int, word: str) -> str:
-    """`1 turn`, `2 turns`."""
     return f"{count} {word}" + ("" if count == 1 else "s")
 
 
@@ -86,13 +85,11 @@ def write_plots(result: Result, folder: Path) -> None:
 
 
 def headline(result: Result) -> str:
-    """What was driven, in one line."""
     s, c = result.summary, result.config
     return f"{c.arena}, seed {c.seed}, {c.controller}: {s['distance_m']:.0f} m in {s['simulated_seconds']:.0f} s"
 
 
 def draw_plan(axes: Axes, plan: Plan, faint: bool = False) -> None:
-    """The building from above, to scale, in metres."""
     left, right, bottom, top = plan.bounds
     axes.set_facecolor("0.85")
     axes.fill(*plan.outline.array.T, color="white", zorder=0)
@@ -172,7 +169,6 @@ def path(result: Result) -> Figure:
 def map_(result: Result) -> Figure:
     """The map in red over the true plan: the darker, the more certain."""
     score = result.summary["map"]
-    assert isinstance(score, dict)
     words = [
         f"{100 * score['precision']:.0f} % of its mass within 10 cm of a true edge" if score["precision"] else "",
         f"{100 * score['surfaces']:.0f} % of any surface" if score["surfaces"] else "",
@@ -317,8 +313,8 @@ def table_plot(rows: Sequence[Row]) -> Figure:
         which = controllers.index(row.controller)
         y = place + (which - (len(controllers) - 1) / 2) * min(0.3, 0.8 / len(controllers))
         color, marker = STYLES[which % len(STYLES)]
-        hits = [number(d["collisions"]) / number(d["simulated_seconds"]) * 3600 for d in row.drives]
-        passed = [100 * number(d["free_area_passed"]) for d in row.drives]
+        hits = [d["collisions"] / d["simulated_seconds"] * 3600 for d in row.drives]
+        passed = [100 * d["free_area_passed"] for d in row.drives]
         for axes, each, mean in ((left, hits, row.collisions_h), (right, passed, 100 * row.passed)):
             axes.plot([min(each), max(each)], [y, y], color=color, lw=1.5, alpha=0.6, zorder=2)
             axes.plot(each, np.full(len(each), y), marker, color=color, ms=5, alpha=0.7, ls="none", zorder=3, mew=0)
@@ -333,12 +329,10 @@ def table_plot(rows: Sequence[Row]) -> Figure:
 
 
 def place_of(row: Row) -> tuple[str, str]:
-    """The arena, and its walls with the disturbance."""
     return row.arena, ", ".join(filter(None, (row.walls, row.disturbance)))
 
 
 def table_axes(left: Axes, right: Axes, places: list[tuple[str, str]]) -> None:
-    """Ticks, units and what is better."""
     several = len({walls for _, walls in places}) > 1
     names = [f"{Path(arena).stem}, {walls}" if several else Path(arena).stem for arena, walls in places]
     left.set_yticks(range(len(places)), names)

@@ -61,7 +61,6 @@ class Record:
         pose: tuple[float, float, float],
         rig: StereoRig,
     ) -> None:
-        """One frame."""
         self.time.append(frames.time)
         self.pose.append(pose)
         for poses, pose_ in ((self.believed, state.pose), (self.located, state.place)):
@@ -93,7 +92,6 @@ class Record:
         return keep
 
     def array(self, name: str) -> Floats:
-        """One of the lists as an array, frames first."""
         return np.array(getattr(self, name), dtype=np.float64)
 
     @property
@@ -126,7 +124,6 @@ def pose_error(poses: Floats, true: Floats) -> tuple[Floats, Floats]:
 
 
 def grey_row(frame: Strips | object, rig: StereoRig) -> npt.NDArray[np.uint8]:
-    """The horizon row of one camera."""
     row = frame.row if isinstance(frame, Strips) else frame[..., rig.row : rig.row + 1, :]  # type: ignore[index]
     grey: npt.NDArray[np.uint8] = np.rint(row[0, :, 0].numpy().mean(0, dtype=np.float32)).astype(np.uint8)
     return grey

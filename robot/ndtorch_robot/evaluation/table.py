@@ -92,7 +92,6 @@ WORDS = 4
 
 
 def rows_of(summaries: list[Summary]) -> list[Row]:
-    """Put drives together, in the order in which they come."""
     groups: dict[tuple[str, str, str, str], list[Summary]] = {}
     for summary in summaries:
         arena, walls, controller = (str(summary[name]) for name in ("arena", "walls", "controller"))
@@ -102,17 +101,16 @@ def rows_of(summaries: list[Summary]) -> list[Row]:
 
 
 def row_of(key: tuple[str, str, str, str], drives: list[Summary]) -> Row:
-    """One row of the table."""
-    hours = sum(number(d["simulated_seconds"]) for d in drives) / 3600
+    hours = sum(d["simulated_seconds"] for d in drives) / 3600
 
     def total(name: str) -> float:
-        return sum(number(d.get(name, 0)) for d in drives)
+        return float(sum(d.get(name, 0) for d in drives))
 
     def of_maps(name: str) -> float | None:
-        values = [m[name] for d in drives if isinstance(m := d["map"], dict) and m[name] is not None]
+        values = [d["map"][name] for d in drives if d["map"][name] is not None]
         return sum(values) / len(values) if values else None
 
-    gates = [pair for d in drives if isinstance(pair := d.get("gates"), list)]
+    gates = [d["gates"] for d in drives if "gates" in d]
     return Row(
         *key,
         drives,
@@ -137,15 +135,9 @@ def row_of(key: tuple[str, str, str, str], drives: list[Summary]) -> Row:
 
 def pose_errors(drives: list[Summary], name: str, factor: float) -> tuple[float, float] | None:
     """The median over the drives of an error of the corrected pose, and the largest."""
-    errors = [d["pose_error"] for d in drives if isinstance(d.get("pose_error"), dict)]
-    values = [factor * number(e["located"][name]) for e in errors if isinstance(e, dict) and "located" in e]
+    errors = [d.get("pose_error", {}) for d in drives]
+    values = [factor * error["located"][name] for error in errors if "located" in error]
     return (median(values), max(values)) if any(values) else None
-
-
-def number(value: object) -> float:
-    """A number of a summary."""
-    assert isinstance(value, int | float)
-    return float(value)
 
 
 def shown_cells(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
@@ -164,7 +156,6 @@ def markdown(rows: Sequence[Row], note: str) -> str:
 
 
 def comma_separated(rows: Sequence[Row]) -> str:
-    """All columns as CSV."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(COLUMNS)

@@ -5,23 +5,21 @@ Since Gymnasium 1.0 environments are found only after such a call. It imports Gy
 
 from __future__ import annotations
 
-ARENAS = (
-    *(
-        "hallway",
-        "curve",
-        "loop",
-        "room",
-        "office",
-        "random",
-        "tiles",
-        "checker",
-        "smooth",
-        "lines",
-        "chairs",
-        "slalom",
-    ),
-    *("sofa", "dead-end", "door-61", "door-81", "t-junction"),
+BUILDINGS = ("hallway", "curve", "loop", "room", "office", "random")
+TESTS = (
+    "tiles",
+    "checker",
+    "smooth",
+    "lines",
+    "chairs",
+    "slalom",
+    "sofa",
+    "dead-end",
+    "door-61",
+    "door-81",
+    "t-junction",
 )
+ARENAS = BUILDINGS + TESTS
 """Arenas with an environment of their own, written out so that Gymnasium need not import the simulator to know them."""
 
 ENVIRONMENTS = {"".join(word.capitalize() for word in arena.split("-")): arena for arena in ARENAS}

@@ -125,7 +125,6 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         return self.seen(self.frames), self.info(self.simulation, self.simulation.driven())
 
     def build(self, building: int) -> Simulation:
-        """One of the buildings."""
         return Simulation(
             load_arena(self.arena, building),
             building,
@@ -180,14 +179,12 @@ class DriveEnv(gymnasium.Env[Observation, Action]):
         return np.ascontiguousarray(pixels(self.frames.left).transpose(1, 2, 0))
 
     def close(self) -> None:
-        """Give the simulation back."""
         if self.simulation is not None:
             self.simulation.close()
         self.simulation = self.safe = self.frames = None
 
 
 def pixels(frames: Any) -> Pixels:
-    """`[1, 3, h, w]` as an array `[3, h, w]`."""
     return np.array(frames[0].numpy(), np.uint8)
 
 

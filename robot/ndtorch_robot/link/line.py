@@ -38,9 +38,7 @@ class Port(Protocol):
         """All of them; raises one of `GONE` when it cannot."""
         ...
 
-    def close(self) -> None:
-        """Give it back."""
-        ...
+    def close(self) -> None: ...
 
 
 class Line:
@@ -84,13 +82,11 @@ class Line:
         return True
 
     def echoed(self, sequence: int, now: float) -> None:
-        """A heartbeat has come back."""
         sent = self.beats.pop(sequence, None)
         if sent is not None:
             self.trips.append(now - sent)
 
     def drop(self) -> None:
-        """Close the port if it is open."""
         with self.lock:
             port, self.port = self.port, None
         if port is not None:
@@ -179,7 +175,6 @@ def read_some(port: serial.Serial) -> bytes:
 
 
 def reason(device: str, number: int | None, message: str) -> str:
-    """Why a port cannot be opened, in words."""
     path = Path(device)
     if number == errno.ENOENT or not path.exists():
         return "no such device; is the board plugged in? (ls /dev/serial/by-id)"
@@ -194,7 +189,6 @@ def reason(device: str, number: int | None, message: str) -> str:
 
 
 def owner_group(path: Path) -> str:
-    """Name of the group that a file belongs to."""
     number = os.stat(path).st_gid  # noqa: PTH116 (Path.group raises for a group without name)
     try:
         return grp.getgrgid(number).gr_name

@@ -58,7 +58,6 @@ class LinkDrive(Drive):
 
     @property
     def heard(self) -> Telemetry | None:
-        """The latest telemetry."""
         return self.receiver.telemetry
 
     # What the loop calls.
@@ -149,7 +148,6 @@ class LinkDrive(Drive):
             self.line.write(Type.HELLO)
 
     def handle(self, data: bytes) -> None:
-        """Bytes from the board."""
         frames = self.receiver.parser.feed(data)
         if (other := self.receiver.other_version()) is not None:
             self.refusal = other
@@ -164,7 +162,6 @@ class LinkDrive(Drive):
             self.disarm("bad line: many frames from the board are refused", tell=True)
 
     def on_welcome(self, frame: Frame) -> None:
-        """The board has answered a hello."""
         welcome = read_welcome(frame.body)
         if self.robot is not None and welcome.robot != self.robot:
             self.refusal = f"the board is that of the robot {welcome.robot!r}, the configuration is for {self.robot!r}"
@@ -177,7 +174,6 @@ class LinkDrive(Drive):
             self.report("link: connected again; the car stands until it is told to resume")
 
     def on_telemetry(self, frame: Frame) -> None:
-        """What the board does."""
         now, before = self.now(), self.heard
         telemetry = self.receiver.take(frame, now)
         if telemetry is None:

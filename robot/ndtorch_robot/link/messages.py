@@ -113,11 +113,9 @@ class Telemetry(NamedTuple):
     uptime: int
 
     def why(self) -> str:
-        """The faults in words."""
         return ", ".join(self.words()) or "it was not armed"
 
     def words(self) -> list[str]:
-        """Each fault in words."""
         return [WORDS[fault] for fault in Fault if fault in self.faults]
 
     def values(self) -> dict[str, Any]:
@@ -172,19 +170,16 @@ def command_body(command: DriveCommand) -> bytes:
 
 
 def read_command(body: bytes) -> DriveCommand:
-    """The command in a body."""
     speed, curvature = COMMAND_BODY.unpack(body)
     return DriveCommand(speed / 1000, curvature / 1000)
 
 
 def read_welcome(body: bytes) -> Welcome:
-    """The answer to a hello."""
     echo, name = WELCOME_BODY.unpack(body)
     return Welcome(echo, name.rstrip(b"\0 ").decode("ascii", "replace"))
 
 
 def read_telemetry(body: bytes) -> Telemetry:
-    """What the board does."""
     echo, armed, faults, speed, curvature, battery, *rest = TELEMETRY_BODY.unpack(body)
     return Telemetry(
         echo, armed == 1, Fault(faults), DriveCommand(speed / 1000, curvature / 1000), battery / 1000, *rest

@@ -50,7 +50,6 @@ class Parser:
         self.collected += part[:room]
 
     def end(self, part: bytes) -> Frame | None:
-        """A zero byte has come."""
         self.collect(part)
         coded, overlong = bytes(self.collected), self.overlong
         self.collected.clear()
@@ -91,11 +90,9 @@ class Receiver:
         self._lock = threading.Lock()
 
     def begin(self) -> None:
-        """The board is greeted: it may count its frames anew."""
         self._sequence = None
 
     def welcome(self, frame: Frame, now: float) -> None:
-        """The board has answered."""
         self.last, self._sequence = now, frame.sequence
         self.applied = STAND  # what it applied before the line was lost is long over
         self.quality.count = 0
@@ -123,14 +120,12 @@ class Receiver:
         )
 
     def silence(self, baud: int) -> str:
-        """Why there may be no answer."""
         count = self.parser.received
         if count == 0:
             return "no answer from the board; is the firmware on it? (make -C robot/firmware flash)"
         return f"{count} bytes came but no valid frame; is {baud} baud right?"
 
     def bad(self, now: float) -> bool:
-        """Whether too many frames are refused."""
         return self.quality.bad(self.parser.refused, now)
 
     def driven(self) -> DriveCommand | None:

@@ -84,7 +84,6 @@ class SerialDrive(LinkDrive):
                 raise InputError(f"{self.device}: {self.receiver.silence(self.baud)}")
 
     def close(self) -> None:
-        """Stop, end both threads and give the port back."""
         self.stop()
         self.closing.set()
         for thread in self.threads:
@@ -95,7 +94,6 @@ class SerialDrive(LinkDrive):
     # The supervising thread.
 
     def supervise(self) -> None:
-        """Looks after the loop and the link."""
         while not self.closing.wait(HEARTBEAT):
             self.look_after()
 
@@ -140,5 +138,4 @@ class SerialDrive(LinkDrive):
 
 @link(SERIAL, SerialSettings)
 def open_serial(settings: SerialSettings, opening: Opening) -> SerialDrive:
-    """Open the port and greet the board."""
     return SerialDrive(settings.device, settings.baud, opening.robot, opening.report)

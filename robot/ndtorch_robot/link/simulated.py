@@ -35,7 +35,6 @@ class HostedDrive(LinkDrive):
         return self.world, self.world
 
     def close(self) -> None:
-        """Stop, and end the board."""
         super().close()
         self.world.close()
 
@@ -46,7 +45,6 @@ class WorldSettings(Strict):
 
 @link(HOSTED_BOARD, HostedSettings)
 def open_hosted(settings: HostedSettings, opening: Opening) -> HostedDrive:
-    """Compile the board's code and greet it."""
     return HostedDrive(world_of(opening, HOSTED_BOARD), opening.robot, opening.report, settings.real_time)
 
 

@@ -45,7 +45,6 @@ class Recording:
 
     @property
     def lossless(self) -> bool:
-        """Whether the frames are the same to the bit."""
         return self.kind != "jpeg"
 
     def steps(self) -> Iterator[Step]:
@@ -138,7 +137,6 @@ class Recording:
         return StereoFrames(*frames_of(found), time)
 
     def bytes_of(self, stream: str, at: int, count: int) -> bytes:
-        """A part of a stream's file; fewer bytes where it ends."""
         file = f"{Path(stream).name}.{SUFFIXES[self.kind]}"
         if file not in self.files:
             try:

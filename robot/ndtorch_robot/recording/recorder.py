@@ -210,7 +210,6 @@ class Recorder:
         return self.files[file]
 
     def append(self, file: str, data: bytes) -> None:
-        """Write at the end of a file, all of it."""
         out, rest = self.open(file), memoryview(data)
         while rest:
             written = out.write(rest)
@@ -242,7 +241,6 @@ class Recorder:
             self.disk_error = error
 
     def fail(self, error: Exception) -> None:
-        """End the recording; nobody waits for it any more."""
         reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
         with self.changed:
             self.failed = f"recording to {self.folder} has stopped after {self.steps} steps: {reason}"

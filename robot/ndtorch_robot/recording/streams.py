@@ -28,7 +28,6 @@ def checked_line(line: dict[str, Any]) -> bytes:
 
 
 def is_intact(line: bytes) -> bool:
-    """Whether a line is as `checked_line` made it."""
     text, mark, crc = line.rstrip(b"\n").rpartition(b',"crc":')
     return bool(mark) and crc == f"{crc32(text)}}}".encode()
 
@@ -59,7 +58,6 @@ def images_of(left: Tensor | Strips, right: Tensor | Strips) -> dict[str, Tensor
 
 
 def frames_of(found: dict[str, Tensor]) -> tuple[Tensor | Strips, Tensor | Strips]:
-    """The reverse of `images_of`."""
     if "left" in found:
         return found["left"], found["right"]
     return tuple(Strips(found[f"{side}-field"], found[f"{side}-row"]) for side in ("left", "right"))  # type: ignore[return-value]

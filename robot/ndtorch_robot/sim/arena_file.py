@@ -92,7 +92,6 @@ class ArenaFile(Strict):
     @model_validator(mode="before")
     @classmethod
     def flat(cls, values: Any) -> Any:
-        """Reject what cannot be built."""
         if isinstance(values, dict) and "ramps" in values:
             raise InputError("ramps cannot be built: the simulated car stays level; a box up to 2 cm high is a sill")
         return values
@@ -132,7 +131,6 @@ def read_arena(path: Path) -> Plan:
 
 
 def room_box(room: Four) -> Box:
-    """A rectangle of the file as a box."""
     box = Box(*room)
     if min(box.right - box.left, box.top - box.bottom) < NARROWEST - 1e-6:
         raise InputError(f"room {list(room)} must be left, bottom, right, top and at least {NARROWEST} m wide")
@@ -148,7 +146,6 @@ def door_box(door: Four) -> Box:
 
 
 def checked(at: Four) -> Box:
-    """A rectangle of any size."""
     box = Box(*at)
     if not (box.right > box.left and box.top > box.bottom):
         raise InputError(f"{list(at)} must be left, bottom, right, top")
@@ -175,7 +172,6 @@ def outline_of(walls: tuple[Four, ...], blank: set[int]) -> Ring:
 
 
 def pillar_ring(pillar: Pillar) -> Ring:
-    """A pillar as a polygon; thin round ones as cylinders."""
     if pillar.round and pillar.height is not None:
         return cylinder(pillar.x, pillar.y, pillar.width / 2, pillar.height, 12)
     if pillar.round:

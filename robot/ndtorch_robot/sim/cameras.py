@@ -120,7 +120,6 @@ class Cameras:
         return View(position, *axes(heading, side, self.errors))
 
     def close(self) -> None:
-        """Free the renderer's buffers."""
         self.renderer.close()
 
 
@@ -136,7 +135,6 @@ def axes(heading: float, side: int, errors: CameraErrors) -> tuple[Vector, Vecto
 
 
 def moved(pose: Pose, motion: Motion, seconds: float) -> Pose:
-    """The pose after so many seconds, which may be negative."""
     x, y, heading = pose
     length = motion.speed * seconds
     turned = motion.curvature * length

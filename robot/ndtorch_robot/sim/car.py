@@ -99,5 +99,4 @@ class Car:
 
 
 def approach(value: float, goal: float, most: float) -> float:
-    """The value moved towards the goal by at most `most`."""
     return value + min(max(goal - value, -most), most)

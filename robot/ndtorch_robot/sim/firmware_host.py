@@ -118,7 +118,6 @@ class Electronics:
         self.time = 0.0
 
     def apply(self, pulse: Pulse) -> None:
-        """Follow a pulse."""
         self.widths[pulse.name] = pulse.width
         self.time = pulse.time
         if pulse.name == "motor":

@@ -81,17 +81,14 @@ class Floor:
 
     @property
     def step(self) -> float:
-        """Metres from one to the next."""
         return self.size or PATTERNS[self.pattern][0]
 
     @property
     def width(self) -> float:
-        """Of joints and lines, m."""
         return self.line or PATTERNS[self.pattern][1]
 
     @property
     def spread(self) -> float:
-        """Standard deviation of the brightness of the material."""
         return PATTERNS[self.pattern][2]
 
     def light(self, x: Floats, y: Floats, texel: float, rng: np.random.Generator) -> Floats | None:
@@ -109,7 +106,6 @@ class Floor:
         return light
 
     def material(self, x: Floats, y: Floats, texel: float, rng: np.random.Generator) -> Floats | None:
-        """The pattern alone, as `light`."""
         if self.pattern in ("carpet", "smooth"):
             return None
         across = 1 - (1 - DARK) * covered(x, self.step, self.width, texel)

@@ -239,7 +239,6 @@ def add_collision(body: Any, kind: Any, pos: list[float], size: list[float], **m
 
 
 def add_car(spec: Any) -> None:
-    """The body of the car on three joints: x, y and yaw."""
     import mujoco
 
     car = spec.worldbody.add_body(name="car")

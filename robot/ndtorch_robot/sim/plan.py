@@ -70,7 +70,6 @@ class Ring:
         return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) / 2)
 
     def flipped(self) -> Ring:
-        """The same polygon in reverse order."""
         points = tuple(reversed(self.points))
         kinds = tuple(reversed(self.kinds[:-1])) + self.kinds[-1:]
         return replace(self, points=points, kinds=kinds)
@@ -91,13 +90,11 @@ def cylinder(x: float, y: float, radius: float, height: float, corners: int = 8)
 
 
 def circle(x: float, y: float, radius: float, corners: int) -> list[Point]:
-    """A regular polygon, its corners on the circle."""
     angles = np.arange(corners) * (2 * math.pi / corners)
     return [(x + radius * math.cos(a), y + radius * math.sin(a)) for a in angles]
 
 
 def square(x: float, y: float, side: float, turned: float) -> list[Point]:
-    """A square turned by radians."""
     radius, angles = side / math.sqrt(2), [turned + k * math.pi / 2 for k in range(4)]
     return [(x + radius * math.cos(angle), y + radius * math.sin(angle)) for angle in angles]
 
@@ -156,7 +153,6 @@ class Plan:
 
     @property
     def rings(self) -> tuple[Ring, ...]:
-        """The outline and all solids."""
         return (self.outline, *self.solids)
 
     @cached_property

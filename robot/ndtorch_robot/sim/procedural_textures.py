@@ -155,7 +155,6 @@ def floor_texture(plan: Plan, rng: np.random.Generator) -> tuple[Image, tuple[fl
 
 
 def ceiling_texture(rows: int = 256, columns: int = 256) -> Image:
-    """Tiles with a lamp every few."""
     y, x = np.mgrid[0:rows, 0:columns]
     lamp = ((x // 16) % 4 == 1) & ((y // 16) % 4 == 1)
     joint = (x % 16 == 0) | (y % 16 == 0)
@@ -163,7 +162,6 @@ def ceiling_texture(rows: int = 256, columns: int = 256) -> Image:
 
 
 def to_bytes(values: npt.NDArray[np.floating]) -> Image:
-    """Intensities in 0..1 as bytes."""
     return np.asarray(np.clip(values * 255 + 0.5, 0, 255), dtype=np.uint8)
 
 

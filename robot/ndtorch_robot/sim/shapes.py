@@ -83,7 +83,6 @@ def boundary(free: np.ndarray) -> dict[Node, list[Node]]:
 
 
 def next_loop(edges: dict[Node, list[Node]]) -> list[Node]:
-    """Take one closed loop out of the edges."""
     start = min(edges)
     loop, here, before = [start], edges[start].pop(), start
     while here != start:
@@ -125,7 +124,6 @@ def surface(a: Point, b: Point, boxes: list[Box]) -> str:
 
 
 def box_ring(box: Box, height: float, bottom: float = 0.0) -> Ring:
-    """A box from `bottom` to `height`."""
     corners = [(box.left, box.bottom), (box.right, box.bottom), (box.right, box.top), (box.left, box.top)]
     return ring(corners, "furniture", height, solid=True, bottom=bottom)
 

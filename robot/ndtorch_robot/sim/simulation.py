@@ -130,7 +130,6 @@ class Simulation(Drive):
 
     @property
     def pedestrian_at(self) -> tuple[float, float] | None:
-        """Where the pedestrian is, m."""
         if self.walk is None:
             return None
         (ax, ay), (bx, by) = self.walk
@@ -140,11 +139,9 @@ class Simulation(Drive):
         return ax + share * (bx - ax), ay + share * (by - ay)
 
     def now(self) -> float:
-        """Seconds of simulated time."""
         return self.steps / SUBSTEPS
 
     def wait_until(self, time: float) -> None:
-        """Let the world move on."""
         while self.steps < round(time * SUBSTEPS):
             self.steps += 1
             arrived = self.delay.take(self.now())
@@ -163,7 +160,6 @@ class Simulation(Drive):
             self.data.mocap_pos[0] = [*place, 0.0]
 
     def touches(self) -> bool:
-        """Whether the physics finds the car in contact with anything."""
         import mujoco
 
         self.data.qpos[:] = self.pose
@@ -173,7 +169,6 @@ class Simulation(Drive):
         return bool(self.data.ncon > 0)
 
     def touches_pedestrian(self) -> bool:
-        """Whether the car is in contact with the pedestrian."""
         bodies = self.world.model.geom_bodyid
         mocap = self.world.model.body_mocapid
         pairs = (self.data.contact.geom1[: self.data.ncon], self.data.contact.geom2[: self.data.ncon])
@@ -218,7 +213,6 @@ class Simulation(Drive):
         return frames
 
     def sensed(self, frame: Frame, side: int, time: float) -> Frame:
-        """A frame as the sensor gives it."""
         if not self.effects:
             return frame
         if not isinstance(frame, Strips):
@@ -251,7 +245,6 @@ class Simulation(Drive):
         return True
 
     def stop(self) -> None:
-        """Stand still at once."""
         self.delay.clear()
         self.car.send(DriveCommand(0.0, 0.0))
         self.car.speed = 0.0
@@ -267,9 +260,7 @@ class Simulation(Drive):
         return driven
 
     def cameras_and_clock(self) -> tuple[CameraPair, Clock]:
-        """Its own cameras and its own time."""
         return self, self
 
     def close(self) -> None:
-        """Give the buffers back."""
         self.cameras.close()

@@ -33,7 +33,6 @@ class SpawnPoints:
             raise InputError(f"arena {plan.name}: nowhere as wide as the car needs (0.7 m)")
 
     def random(self, rng: np.random.Generator) -> tuple[float, float, float]:
-        """A random place and its best heading."""
         x, y = self.points[int(rng.integers(len(self.points)))]
         return float(x), float(y), self.heading(float(x), float(y))
 

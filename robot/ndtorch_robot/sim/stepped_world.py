@@ -67,7 +67,6 @@ class SteppedWorld:
             self.wait_until(self.now() + 1 / SUBSTEPS)
 
     def now(self) -> float:
-        """Seconds of simulated time."""
         return self.simulation.now()
 
     def wait_until(self, time_: float) -> None:
@@ -105,5 +104,4 @@ class SteppedWorld:
         self.board.reset(self.now())
 
     def close(self) -> None:
-        """Switch the board off."""
         self.board.close()

@@ -54,7 +54,6 @@ def thresholds(navigator: Navigator) -> dict[str, float]:
 
 
 def field_box(rr: Any, field: Rect, side: str) -> Any:
-    """The rectangle that is read of an image."""
     return rr.Boxes2D(
         mins=[(field.left, field.top)],
         sizes=[(field.right - field.left, field.bottom - field.top)],
@@ -65,7 +64,6 @@ def field_box(rr: Any, field: Rect, side: str) -> Any:
 
 
 def speed_lines(rr: Any, lines: dict[str, float]) -> Any:
-    """How both speeds, their difference and the levels are drawn."""
     widths = [1.5, 1.5, 2.0] + [0.8] * len(lines)
     return rr.SeriesLines(colors=SPEED_COLORS + [OTHER] * len(lines), names=[*SPEEDS, *lines], widths=widths)
 
@@ -93,13 +91,11 @@ def frame_image(frame: Tensor | Strips, field: Rect, rig: StereoRig) -> npt.NDAr
 
 
 def pixels(frame: Tensor) -> npt.NDArray[np.uint8]:
-    """`[1, C, H, W]`, uint8 or in 0..1, as `[H, W, 3]` or `[H, W, 1]` uint8."""
     bytes_ = frame if frame.dtype == torch.uint8 else (frame.clamp(0, 1) * 255).round().byte()
     return bytes_[0].permute(1, 2, 0).numpy()
 
 
 def jpeg(rr: Any, image: npt.NDArray[np.uint8]) -> Any:
-    """An image `[H, W, C]` for the viewer."""
     import cv2
 
     turned = np.ascontiguousarray(image[..., ::-1])
@@ -108,7 +104,6 @@ def jpeg(rr: Any, image: npt.NDArray[np.uint8]) -> Any:
 
 
 def car_arrow(rr: Any, pose: tuple[float, float, float]) -> Any:
-    """The car at x, y, heading."""
     x, y, heading = pose
     vector = (0.45 * math.cos(heading), -0.45 * math.sin(heading))
     return rr.Arrows2D(origins=[(x, -y)], vectors=[vector], colors=[CAR], radii=0.06)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ndtorch.navigation import Grid, NavigatorState, Rect, StereoRig
 from ndtorch.report.recording import end_stream, import_rerun
-from ndtorch_robot.ports import DriveCommand, StereoFrames
+from ndtorch_robot.ports import Step, StereoFrames
 from ndtorch_robot.sim.plan import Plan
 from ndtorch_robot.view.archetypes import (
     BELIEVED,
@@ -60,28 +60,16 @@ class Seen(NamedTuple):
 
     Attributes:
         time: s since the start.
-        frames: what was seen; None where it is not to be shown, or was nothing.
-        state: of the navigator; None where it was not asked.
-        wanted, sent, driven: by the navigator, past the safety layer, and by the board since the last step.
-        standing: why the car is stopped, or None.
-        board: telemetry of the board, `Telemetry.values`.
+        step: of the loop, without frames where they are not to be shown.
         lines: what happened since the last step, in words.
         notes: words to add to the panel with the state of the car.
-        carried: the car was moved to another place.
         truth: the true pose, where it is known.
     """
 
     time: float
-    frames: StereoFrames | None
-    state: NavigatorState | None
-    wanted: DriveCommand
-    sent: DriveCommand
-    driven: DriveCommand
-    standing: str | None
-    board: Mapping[str, Any]
+    step: Step
     lines: tuple[str, ...] = ()
     notes: str = ""
-    carried: bool = False
     truth: Pose | None = None
 
 
@@ -94,7 +82,6 @@ class PathLine:
         self.chunk = 0
 
     def add(self, x: float, y: float) -> None:
-        """The car is there now."""
         if self.points and math.dist(self.points[-1], (x, y)) < STRIDE:
             return
         self.points.append((x, y))
@@ -109,7 +96,6 @@ class PathLine:
         self.points, self.chunk = [], self.chunk + 1
 
     def write(self) -> None:
-        """The newest chunk."""
         if len(self.points) > 1:
             line = [(x, -y) for x, y in self.points]
             strips = self.rr.LineStrips2D([line], colors=[self.color], radii=self.width)
@@ -155,7 +141,6 @@ class CarView:
         self.fixed()
 
     def fixed(self) -> None:
-        """What never changes."""
         rr, log = self.rr, self.stream.log
         for side, field in zip(("left", "right"), self.fields, strict=True):
             log(f"cameras/{side}/fields", field_box(rr, field, side), static=True)
@@ -169,23 +154,21 @@ class CarView:
             log("floor/walls", rr.LineStrips2D(walls, colors=[WALL], radii=0.02), static=True)
 
     def show(self, seen: Seen) -> None:
-        """Show a step."""
         self.stream.set_time(TIMELINE, duration=seen.time)
         for line in seen.lines:
             self.stream.log("events", self.rr.TextLog(line, level="WARN" if "stopped" in line else "INFO"))
         self.describe(seen)
-        if seen.frames is not None:
-            self.images(seen.frames, seen.state)
-        if seen.state is not None:
-            self.place(seen.state, seen.carried, seen.truth)
-            if self.grid is not None and seen.state.map is not None and seen.time >= self.next_map:
+        step, state, speeds = seen.step, seen.step.state, [math.nan] * 3
+        if step.frames is not None:
+            self.images(step.frames, state)
+        if state is not None:
+            speeds = [*map(float, state.sides), float(state.difference)]
+            self.place(state, step.placed is not None, seen.truth)
+            if self.grid is not None and state.map is not None and seen.time >= self.next_map:
                 self.next_map = seen.time + MAP_EVERY
-                self.stream.log("floor/map", map_points(self.rr, self.grid, seen.state.map.cells, FINE))
-        speeds = [math.nan] * 3
-        if seen.state is not None:
-            speeds = [*map(float, seen.state.sides), float(seen.state.difference)]
-        commands = (seen.wanted, seen.sent, seen.driven)
-        battery = float(seen.board.get("battery_v") or math.nan)
+                self.stream.log("floor/map", map_points(self.rr, self.grid, state.map.cells, FINE))
+        commands = (step.wanted, step.sent, step.driven)
+        battery = float(step.telemetry.get("battery_v") or math.nan)
         self.waiting.append((seen.time, speeds, [c.speed for c in commands], [c.curvature for c in commands], battery))
         if len(self.waiting) >= BATCH:
             self.numbers()
@@ -198,7 +181,6 @@ class CarView:
         end_stream(self.stream, patience=3.0)
 
     def images(self, frames: StereoFrames, state: NavigatorState | None) -> None:
-        """Both images, and the features that were ranged in them."""
         rr = self.rr
         for side, frame, field in zip(("left", "right"), frames[:2], self.fields, strict=True):
             self.stream.log(f"cameras/{side}", jpeg(rr, frame_image(frame, field, self.rig)))
@@ -211,7 +193,6 @@ class CarView:
             self.stream.log(f"cameras/{side}/features", points)
 
     def place(self, state: NavigatorState, carried: bool, truth: Pose | None) -> None:
-        """The car and its path."""
         x, y, heading = (float(value) for value in state.pose)
         if carried:
             self.path.cut()
@@ -242,9 +223,8 @@ class CarView:
 
     def describe(self, seen: Seen) -> None:
         """The state of the car in words, when it has changed."""
-        board = seen.board
-        head = f"# STANDS\n{seen.standing}" if seen.standing else "# DRIVES"
-        lines = [head]
+        board, standing = seen.step.telemetry, seen.step.standing
+        lines = [f"# STANDS\n{standing}" if standing else "# DRIVES"]
         if board:
             faults = ", ".join(board.get("faults", ())) or "none"
             volts = board.get("battery_v")
@@ -262,7 +242,6 @@ class CarView:
             self.stream.log("car", self.rr.TextDocument(words, media_type="text/markdown"))
 
     def numbers(self) -> None:
-        """The speeds and commands of the steps that are waiting."""
         if not self.waiting:
             return
         times, speeds, speed, curvature, battery = zip(*self.waiting, strict=True)

@@ -71,7 +71,6 @@ class Background(Generic[T]):
         return self.queue.qsize() > self.queue.maxsize // 3
 
     def run(self) -> None:
-        """The thread."""
         try:
             while (item := self.queue.get()) is not None:
                 self.show(item)
@@ -118,7 +117,6 @@ class Rate:
         self.period, self.next = 1 / rate, 0.0
 
     def due(self, now: float) -> bool:
-        """Whether it is time again."""
         if now < self.next - 1e-6:
             return False
         later = self.next + self.period
@@ -154,23 +152,9 @@ class ViewSteps:
         if self.start is None:
             self.start = step.time
         now = step.time - self.start
-        due = self.rate.due(now)
-        frames = step.frames if due and (self.view.wait or not self.view.busy) else None
+        if not self.rate.due(now) or (self.view.busy and not self.view.wait):
+            step = step._replace(frames=None)
         lines = tuple(self.lines.popleft() for _ in range(len(self.lines)))
         dropped = f"{self.view.dropped} steps not shown" if self.view.dropped else ""
-        self.view.put(
-            Seen(
-                now,
-                frames,
-                step.state,
-                step.wanted,
-                step.sent,
-                step.driven,
-                step.standing,
-                step.telemetry,
-                lines,
-                ", ".join(filter(None, (self.title, dropped))),
-                step.placed is not None,
-                None if self.truth is None else self.truth(),
-            )
-        )
+        notes = ", ".join(filter(None, (self.title, dropped)))
+        self.view.put(Seen(now, step, lines, notes, None if self.truth is None else self.truth()))

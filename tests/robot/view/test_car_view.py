@@ -158,7 +158,7 @@ def test_a_view_that_is_slow_spares_pictures_first():
     loop.run(38.5 / 30)
     gate.set()
     view.close()
-    pictures = [k for k, item in enumerate(seen) if item.frames is not None]
+    pictures = [k for k, item in enumerate(seen) if item.step.frames is not None]
     assert 2 <= len(pictures) <= 5
     assert pictures[-1] <= 15
     assert len(seen) == 40 - view.dropped

@@ -10,7 +10,7 @@ import torch
 import ndtorch_robot.view.stream
 from ndtorch.cli.commands import main
 from ndtorch.navigation import Navigator
-from ndtorch_robot.ports import DriveCommand, StereoFrames
+from ndtorch_robot.ports import DriveCommand, Step, StereoFrames
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.simulation import RIG
 from ndtorch_robot.view import CarView, Seen, Where, layout, open_stream, plan_bounds
@@ -49,8 +49,9 @@ def made_up(tmp_path):
         frames = StereoFrames(frame, frame, k / 30) if k % 2 == 0 else None
         truth = (1 + 0.01 * k + 2 * (k > 40), 2.0, 0.0)
         command = DriveCommand(0.5, 1.0)
-        seen = state._replace(ranges=ranges, pose=believed)
-        view.show(Seen(k / 30, frames, seen, command, command, command, None, {}, carried=k == 41, truth=truth))
+        seen, placed = state._replace(ranges=ranges, pose=believed), truth if k == 41 else None
+        step = Step(k, k / 30, frames, command, command, command, seen, placed=placed)
+        view.show(Seen(k / 30, step, truth=truth))
     view.close()
     return path
 

@@ -15,7 +15,6 @@ def folder_path(name: str) -> str | None:
 
 @camera_source("folder", folder_path)
 def open_folder(camera: Source, settings: CameraSettings) -> Capture:
-    """Open a folder, which plays at the rate of the settings."""
     return FolderCapture(Path(camera.target), settings.rate_hz)
 
 
@@ -37,7 +36,6 @@ class FolderCapture:
         return image is not None, image
 
     def get(self, propId: int) -> float:
-        """Rate and number of images; 0 for the rest."""
         import cv2
 
         return {cv2.CAP_PROP_FPS: self.rate, cv2.CAP_PROP_FRAME_COUNT: float(len(self.files))}.get(propId, 0.0)

@@ -40,7 +40,6 @@ def device_node(name: str) -> str | None:
 
 @camera_source("device", device_node, live=True)
 def open_device(camera: Source, settings: CameraSettings) -> Capture:
-    """Open a camera, set it up, and check that it does what was asked."""
     import cv2
 
     try_device(camera)
@@ -175,7 +174,6 @@ def by_path(dev: Path = DEV) -> dict[str, str]:
 
 
 def usb_place(entry: Path) -> UsbPlace | None:
-    """The place of `/sys/class/video4linux/videoN` on the USB."""
     device = (entry / "device").resolve()
     for folder in (device, *device.parents):
         if (folder / "busnum").is_file():
@@ -192,7 +190,6 @@ def place_of(node: str, classes: Path = CLASS) -> UsbPlace | None:
 
 
 def group_of(node: str) -> str:
-    """The group that may use a node; `video` on most systems."""
     try:
         return grp.getgrgid(Path(node).stat().st_gid).gr_name
     except (OSError, KeyError):

@@ -22,7 +22,6 @@ def video_path(name: str) -> str | None:
 
 @camera_source("stream", stream_address, live=True)
 def open_stream(camera: Source, settings: CameraSettings) -> Capture:
-    """Open a stream; it is read as a live camera."""
     return open_video(camera, "a stream that answers")
 
 

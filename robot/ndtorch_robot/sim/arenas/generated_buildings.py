@@ -30,7 +30,6 @@ def office(seed: int) -> Plan:
 
 
 def mirrored(box: Box, side: int) -> Box:
-    """The box, or its mirror image below the x axis."""
     return box if side > 0 else Box(box.left, -box.top, box.right, -box.bottom, box.kind)
 
 
@@ -82,7 +81,6 @@ def random_building(seed: int) -> Plan:
 
 
 def beside(cell: tuple[int, int], columns: int, rows: int) -> list[tuple[int, int]]:
-    """The neighbours of a cell of the grid."""
     i, j = cell
     around = [(i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)]
     return [(a, b) for a, b in around if 0 <= a < columns and 0 <= b < rows]

@@ -106,7 +106,6 @@ def door_81(seed: int) -> Plan:
 
 
 def doorway(seed: int, name: str, wide: float) -> Plan:
-    """Two rooms and a door between."""
     rng = np.random.default_rng((seed, 14))
     y = float(rng.uniform(0.8, 3.2 - wide))
     rooms = [Box(0, 0, 4.0, 4.0), Box(4.0 + THIN, 0, 8.0 + THIN, 4.0), Box(4.0, y, 4.0 + THIN, y + wide, "jamb")]

@@ -37,7 +37,6 @@ class Delay:
         self.queue: deque[tuple[float, DriveCommand]] = deque()
 
     def put(self, command: DriveCommand, now: float) -> None:
-        """A command is sent."""
         self.queue.append((now + self.seconds, command))
 
     def take(self, now: float) -> DriveCommand | None:
@@ -48,7 +47,6 @@ class Delay:
         return arrived
 
     def clear(self) -> None:
-        """Drop all commands: the car was stopped."""
         self.queue.clear()
 
 

@@ -154,7 +154,6 @@ class Disturbances:
 
     @property
     def none(self) -> bool:
-        """Whether nothing is disturbed."""
         return not self.parts
 
     def value(self, key: str) -> float:
@@ -163,7 +162,6 @@ class Disturbances:
 
     @property
     def odometer(self) -> bool:
-        """Whether the odometer is disturbed."""
         effects = [part.start(np.random.default_rng(0)) for part in self.parts]
         return any(type(effect).odometry is not Effect.odometry for effect in effects)
 

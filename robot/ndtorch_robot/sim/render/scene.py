@@ -33,7 +33,6 @@ def is_supported(model: mujoco.MjModel) -> bool:
 
 
 def visible_geoms(model: mujoco.MjModel) -> list[int]:
-    """Numbers of the geoms that are visible."""
     return [g for g in range(model.ngeom) if model.geom_group[g] < VISIBLE]
 
 
@@ -84,7 +83,6 @@ class Triangles:
 
 
 def mesh_faces(model: mujoco.MjModel, mesh: int) -> Floats:
-    """The triangles of a mesh, `[N, 3, 5]`."""
     begin, count = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
     faces = np.zeros((count, 3, 5))
     points, first = model.mesh_vert[int(model.mesh_vertadr[mesh]) :], int(model.mesh_texcoordadr[mesh])
@@ -95,7 +93,6 @@ def mesh_faces(model: mujoco.MjModel, mesh: int) -> Floats:
 
 
 def box_faces(half: Floats) -> Floats:
-    """The triangles of a box with these half sides, `[12, 3, 5]`."""
     quads = []
     for axis in range(3):
         for sign in (1.0, -1.0):
