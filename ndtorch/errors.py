@@ -14,6 +14,10 @@ class InputError(ValueError):
     """
 
 
+LONGEST = 80
+"""Characters of a name that are looked at: the time grows with the square of them."""
+
+
 def did_you_mean(given: object, known: Iterable[str], cutoff: float = 0.6) -> str:
     """`"; did you mean hallway?"` to end a message with; nothing where no name is near.
 
@@ -22,5 +26,5 @@ def did_you_mean(given: object, known: Iterable[str], cutoff: float = 0.6) -> st
         known: names there are.
         cutoff: how like they must be, 0..1.
     """
-    near = difflib.get_close_matches(str(given), list(known), 1, cutoff)
+    near = difflib.get_close_matches(str(given)[:LONGEST], list(known), 1, cutoff)
     return f"; did you mean {near[0]}?" if near else ""

@@ -9,11 +9,12 @@ from torch import Tensor
 from ndtorch.errors import InputError
 from ndtorch.foreground.arrays import Array, Floats, aligned
 from ndtorch.utils.jit import jit
-from ndtorch.vision.frames import as_float
 
 
 def downscale(frame: Tensor, size: tuple[int, int]) -> Floats:
     """A frame `[3, H, W]` averaged to that height and width, `[3, h, w]`, 0..1; colors may be interleaved in memory.
+
+    Floats are rounded to the 256 levels of uint8: a picture gives the same numbers in whatever type it comes.
 
     Raises:
         InputError: for NaN and infinite values.
@@ -21,36 +22,35 @@ def downscale(frame: Tensor, size: tuple[int, int]) -> Floats:
     import cv2
 
     if frame.dtype != torch.uint8:
-        frame = as_float(frame).float()
         if not torch.isfinite(frame.sum()):
             raise InputError("frames must be finite, got NaN or infinite values")
+        frame = (frame * 255).round_().clamp_(0, 255).to(torch.uint8)
     small, planes, (height, width) = aligned(3, *size), frame.detach().cpu().numpy(), size
     interleaved = planes.transpose(1, 2, 0)
     if not interleaved.flags.c_contiguous:
         # Plane by plane: interleaving the colors costs more.
         for plane, to in zip(planes, small, strict=True):
             resized = cv2.resize(plane, size[::-1], interpolation=cv2.INTER_AREA)
-            np.multiply(resized, np.float32(1 / 255 if planes.dtype == np.uint8 else 1), out=to)
-    elif planes.dtype == np.uint8 and planes.shape == (3, 2 * height, 2 * width):
+            np.multiply(resized, np.float32(1 / 255), out=to)
+    elif planes.shape == (3, 2 * height, 2 * width):
         halve(interleaved.reshape(2 * height, -1), small)
     else:
         image = np.asarray(cv2.resize(interleaved, size[::-1], interpolation=cv2.INTER_AREA))
-        split(image, 1 / 255 if image.dtype == np.uint8 else 1.0, small)
+        split(image, small)
     return small
 
 
 @jit
-def split(image: Array, unit: float, planes: Array) -> None:
-    """Interleaved colors `[h, w, 3]`, each number worth `unit`, as planes `[3, h, w]` float32."""
+def split(image: Array, planes: Array) -> None:
+    """Interleaved bytes `[h, w, 3]` as planes `[3, h, w]` of fractions of full scale."""
     _, height, width = planes.shape
-    kind = planes.dtype.type
-    one = kind(unit)
+    one = np.float32(1 / 255)
     for y in range(height):
         row, red, green, blue = image[y], planes[0, y], planes[1, y], planes[2, y]
         for x in range(width):
-            red[x] = kind(row[x, 0]) * one
-            green[x] = kind(row[x, 1]) * one
-            blue[x] = kind(row[x, 2]) * one
+            red[x] = np.float32(row[x, 0]) * one
+            green[x] = np.float32(row[x, 1]) * one
+            blue[x] = np.float32(row[x, 2]) * one
 
 
 @jit

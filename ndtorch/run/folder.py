@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ndtorch.errors import InputError
-from ndtorch.utils.files import sync, write_text
+from ndtorch.utils.files import TABLE_BYTES, read_text, sync, write_text
 
 UNFINISHED = "unfinished"
 """Where files are until a run has ended. It is no hidden name: what a killed run leaves can be seen."""
@@ -145,7 +145,7 @@ def place_for(wanted: Path, settings: Mapping[str, Any], fresh: bool = False, fo
         folder = wanted if number == 1 else wanted.with_name(f"{wanted.name}-{number}")
         prepare(folder)
         mark = folder / SETTINGS
-        found = mark.read_text(encoding="utf-8") if mark.is_file() else None
+        found = read_text(mark, TABLE_BYTES) if mark.is_file() else None
         if force:
             write_text(mark, text)
             break

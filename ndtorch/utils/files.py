@@ -7,9 +7,11 @@ import errno
 import fcntl
 import hashlib
 import json
+import math
 import os
 import re
 import secrets
+import stat
 import struct
 import time
 import zipfile
@@ -95,6 +97,56 @@ def drop_leftovers(path: Path) -> None:
 def glob_escape(name: str) -> str:
     """A name that stands for itself alone in a pattern."""
     return "".join(f"[{c}]" if c in "*?[" else c for c in name)
+
+
+TEXT_BYTES = 1 << 18
+"""Most bytes of a configuration, a header, or another text that a person could have written."""
+
+TABLE_BYTES = 1 << 26
+"""Most bytes of a text that programs write: results, labels, worlds."""
+
+ARRAY_BYTES = 1 << 30
+"""Most bytes of a file of arrays or tensors."""
+
+DECLARED_BYTES = 1 << 29
+"""Most bytes of all arrays of a compressed file together, by their own headers."""
+
+MEMBERS = 4096
+"""Most arrays of a compressed file."""
+
+
+def open_regular(path: str | Path, most: int) -> IO[bytes]:
+    """Open a file for reading, if it is a regular one and not too large: pipes and devices are never waited for.
+
+    Raises:
+        OSError: it is not there, or cannot be read.
+        InputError: a pipe, a device, a folder, or more than `most` bytes.
+    """
+    file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY), "rb")
+    found = os.fstat(file.fileno())
+    wrong = ""
+    if not stat.S_ISREG(found.st_mode):
+        wrong = "is no regular file"
+    elif found.st_size > most:
+        wrong = f"has {found.st_size} bytes; {most} are the most"
+    if wrong:
+        file.close()
+        raise InputError(f"{path} {wrong}")
+    return file
+
+
+def read_bytes(path: str | Path, most: int = ARRAY_BYTES) -> bytes:
+    """A whole file, see `open_regular`."""
+    with open_regular(path, most) as file:
+        data = file.read(most + 1)
+    if len(data) > most:  # it grew, or the system makes it up as it is read
+        raise InputError(f"{path} has more than {most} bytes")
+    return data
+
+
+def read_text(path: str | Path, most: int = TEXT_BYTES) -> str:
+    """A whole file of text in UTF-8, see `open_regular`; raises `UnicodeDecodeError` for another one."""
+    return read_bytes(path, most).decode()
 
 
 PATIENCE = 10.0
@@ -191,13 +243,16 @@ def read_tensors(path: str | Path, what: str) -> tuple[dict[str, Tensor], dict[s
     from safetensors import SafetensorError, safe_open
 
     try:
-        with safe_open(str(path), framework="pt") as file:
+        # Its reader maps the file and checks its header against its length: nothing larger is allocated.
+        with open_regular(path, ARRAY_BYTES), safe_open(str(path), framework="pt") as file:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
             about = dict(file.metadata() or {})
     except FileNotFoundError:
         raise InputError(f"{path} is missing") from None
     except (SafetensorError, OSError) as error:
         raise InputError(f"{path} is not {what}: {error}") from None
+    except InputError:
+        raise
     except (ValueError, OverflowError, RuntimeError, MemoryError) as error:
         raise InputError(f"{path} is damaged: {str(error).splitlines()[0]}") from None
     given = about.pop(CHECKSUM, None)
@@ -223,13 +278,17 @@ def load_arrays(path: str | Path) -> dict[str, npt.NDArray[Any]]:
     """What `save_arrays` wrote.
 
     Raises:
-        InputError: missing file, no `.npz` file, without a checksum, or damaged.
+        InputError: missing file, no `.npz` file, without a checksum, damaged, or larger than is allowed.
     """
     try:
-        with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+        with open_regular(path, ARRAY_BYTES) as opened:
+            check_declared(path, opened)
+            with np.load(opened, allow_pickle=False) as file:
+                arrays = {name: file[name] for name in file.files}
     except FileNotFoundError:
         raise InputError(f"{path} is missing") from None
+    except InputError:
+        raise
     except UNREADABLE as error:
         raise InputError(f"{path} is no .npz file, or damaged ({type(error).__name__})") from None
     given = arrays.pop(CHECKSUM, None)
@@ -238,6 +297,27 @@ def load_arrays(path: str | Path) -> dict[str, npt.NDArray[Any]]:
     if str(given) != digest_of(arrays):
         raise InputError(f"{path} is damaged: its checksum does not fit")
     return arrays
+
+
+def check_declared(path: str | Path, opened: IO[bytes]) -> None:
+    """Raise `InputError` where the arrays of a `.npz` file are too many or too large by their headers.
+
+    A few bytes of a compressed file may stand for gigabytes, which would be allocated before any checksum is known.
+    """
+    total = 0
+    with zipfile.ZipFile(opened) as archive:
+        members = archive.infolist()
+        for member in members[:MEMBERS]:
+            with archive.open(member) as array:
+                version = np.lib.format.read_magic(array)
+                header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+                shape, _, kind = header[version](array)
+            total += math.prod(shape) * kind.itemsize
+    if len(members) > MEMBERS or not 0 <= total <= DECLARED_BYTES:
+        raise InputError(
+            f"{path} declares {len(members)} arrays of {total} bytes; {MEMBERS} of {DECLARED_BYTES} are the most"
+        )
+    opened.seek(0)
 
 
 def digest_of(arrays: Arrays) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any, ClassVar, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from ndtorch.errors import InputError, did_you_mean
+from ndtorch.utils.files import read_text
 
 
 class Strict(BaseModel):
@@ -37,6 +39,9 @@ Table = TypeVar("Table", bound=BaseModel)
 LONGEST = 200
 """Characters of a value that a message shows."""
 
+DOTS = 32
+"""Most dots between two commas, brackets or line ends: the time for a key grows with the square of its parts."""
+
 
 def toml_values(path: Path) -> dict[str, Any]:
     """What a file holds, unchecked.
@@ -45,11 +50,16 @@ def toml_values(path: Path) -> dict[str, Any]:
         InputError: a file that cannot be read or is no TOML; the message names the file.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        text = read_text(path)
+        if any(part.count(".") > DOTS for part in re.split(r"[\n,=\[\]{}]", text)):
+            raise InputError(f"{path}: not a TOML file that can be read: a key of more than {DOTS} parts")
+        return tomllib.loads(text)
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except InputError:
+        raise
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not a TOML file: {error}") from None
     except (RecursionError, ValueError):  # brackets in brackets in brackets; a number of thousands of digits
@@ -81,7 +91,7 @@ def what_is_wrong(error: ValidationError, table: type[BaseModel]) -> str:
     # A key that is misspelt is also one that is missing: say the former.
     errors = error.errors()
     first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
-    key = ".".join(str(part) for part in first["loc"])
+    key = ".".join(str(part) for part in first["loc"])[:LONGEST]
     if first["type"] == "extra_forbidden":
         known = [field.alias or name for name, field in table.model_fields.items()]
         return f"unknown key {shown(key)}" + (f"; {suggestion(key, known)}" if len(first["loc"]) == 1 else "")

@@ -7,18 +7,22 @@ import math
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import check_dense
+from ndtorch.arguments import USUAL, check_dense
 from ndtorch.errors import InputError
 
 SLACK = 0.01
 """How far beyond 0..1 floats may lie."""
+
+NEAR = 1e-4
+"""How far from a whole number of 255 parts a float may lie that is one: some times its last digit."""
 
 
 def check_frames(frames: Tensor, size: tuple[int, int] | None = None, values: bool = True) -> Tensor:
     """Return `frames` as `[..., T, 3, H, W]`, grey input replicated to three channels.
 
     Args:
-        frames: `[..., T, C, H, W]` with C = 3 or 1; floating point in 0..1, or uint8.
+        frames: `[..., T, C, H, W]` with C = 3 or 1; float32 or float64 in 0..1, or uint8. Half precision holds no
+            picture to the last bit of uint8, and is refused.
         size: wanted height and width, or None for any.
         values: look at floats whether they are in 0..1; without, `check_values` does.
 
@@ -27,8 +31,8 @@ def check_frames(frames: Tensor, size: tuple[int, int] | None = None, values: bo
             0..1, such as those of 0..255.
     """
     check_dense("frames", frames)
-    if frames.dtype != torch.uint8 and not frames.is_floating_point():
-        raise InputError(f"frames must be floating point in 0..1 or uint8, got {frames.dtype}")
+    if frames.dtype != torch.uint8 and frames.dtype not in USUAL:
+        raise InputError(f"frames must be float32 or float64 in 0..1, or uint8, got {frames.dtype}")
     if frames.ndim < 4:
         raise InputError(f"frames must have shape [..., T, C, H, W], got {tuple(frames.shape)}")
     channels, height, width = frames.shape[-3:]
@@ -73,10 +77,35 @@ def check_range(frames: Tensor) -> None:
 
 
 def as_float(frames: Tensor) -> Tensor:
-    """uint8 scaled to 0..1; half precision made single, for sums over an image need it; the rest as it is."""
+    """uint8 scaled to 0..1, float32; the rest as it is."""
+    return frames.float().mul_(1 / 255) if frames.dtype == torch.uint8 else frames
+
+
+def frames_in(frames: Tensor, dtype: torch.dtype) -> Tensor:
+    """Frames in the type that a model computes in, so that a picture gives the same numbers in whatever type it comes.
+
+    Floats that are pictures of 8 bits become uint8, since the first fluctuations are no larger than the last digits of
+    what `1 / 255` makes of them. Frames that nothing can take are left to `check_frames`.
+    """
+    if not isinstance(frames, Tensor) or frames.dtype not in (*USUAL, torch.uint8) or torch.compiler.is_compiling():
+        return frames
+    if is_of_bytes(frames):
+        frames = (frames * 255).round_().to(torch.uint8)
     if frames.dtype == torch.uint8:
-        return frames.float().mul_(1 / 255)
-    return frames.float() if frames.dtype in (torch.float16, torch.bfloat16) else frames
+        return frames if dtype == torch.float32 else frames.to(dtype) / 255
+    return frames.to(dtype)
+
+
+def is_of_bytes(frames: Tensor) -> bool:
+    """Whether floats are n / 255 throughout, but for rounding."""
+    if frames.dtype == torch.uint8 or frames.requires_grad or frames.ndim < 4 or not frames.numel():
+        return False
+    for some in (frames[..., :: rows_apart(frames), :], frames):
+        levels = some * 255
+        whole = levels.round()
+        if not bool(((levels - whole).abs_() <= NEAR).all() and (whole >= 0).all() and (whole <= 255).all()):
+            return False
+    return True
 
 
 def grey(frames: Tensor) -> Tensor:

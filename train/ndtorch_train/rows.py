@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from ndtorch.utils.files import read_bytes
+
 Row = dict[str, Any]
 """Values by name, fit for JSON; None where there is none."""
 
@@ -33,7 +35,7 @@ class RowStore:
     def load(self) -> dict[str, list[Row]]:
         """Read the file again."""
         self.rows, self.damaged = {}, 0
-        for line in self.path.read_bytes().splitlines() if self.path.is_file() else ():
+        for line in read_bytes(self.path).splitlines() if self.path.is_file() else ():
             mark, _, text = line.partition(b" ")
             if mark == checksum(text):
                 key, rows = json.loads(text)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Protocol, Self
 
 import torch
 from torch import Tensor, nn
 
+from ndtorch.arguments import USUAL
 from ndtorch.binding.objects import BoundObject, ObjectTable
 from ndtorch.config import ModelConfig, config_text
 from ndtorch.errors import InputError
@@ -102,29 +103,23 @@ class BindingModel(nn.Module, ABC):
         """Frames a second."""
         return float(self.config.fps)
 
-    def to(self, *args: Any, **kwargs: Any) -> Self:
-        """As of every Module, but for half precision.
+    def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> Self:
+        """What `to`, `half`, `type` and the same of a module around this one go through.
 
         Raises:
-            InputError: float16 or bfloat16, whose sums over an image and small weights are nothing.
+            InputError: another type than float32 and float64. In half precision sums over an image and small weights
+                are nothing.
         """
-        wanted = [*args, *kwargs.values()]
-        for dtype in (torch.float16, torch.bfloat16):
-            if dtype in [part for part in wanted if isinstance(part, torch.dtype)]:
-                raise InputError(
-                    f"{self.name} computes in single or double precision, got {dtype}; "
-                    "frames of half precision can be given as they are"
-                )
-        moved: Self = super().to(*args, **kwargs)
+        made = fn(torch.zeros(1)).dtype
+        if made not in USUAL:
+            raise InputError(f"{self.name} computes in single or double precision, got {made}")
+        moved: Self = super()._apply(fn, recurse)  # type: ignore[no-untyped-call]
         return moved
 
-    def half(self) -> Self:
-        """Refused, see `to`."""
-        return self.to(torch.float16)
-
-    def bfloat16(self) -> Self:
-        """Refused, see `to`."""
-        return self.to(torch.bfloat16)
+    @property
+    def dtype(self) -> torch.dtype:
+        """What it computes in, float32 or float64."""
+        return next((part.dtype for part in self.buffers() if part.is_floating_point()), torch.float32)
 
     def signals(self, frames: Tensor, state: Any = None) -> tuple[Any, Any]:
         """The part of `forward` that is tensors from end to end, and that `ndtorch.export` exports: all of it."""

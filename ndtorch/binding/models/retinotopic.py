@@ -18,6 +18,7 @@ from ndtorch.binding.readout.covariances import single_table, single_weights
 from ndtorch.config import Constants, Deviations, ModelConfig, Size
 from ndtorch.errors import InputError
 from ndtorch.vision.features import FEATURES, VisualFeatures
+from ndtorch.vision.frames import frames_in
 from ndtorch.vision.motion import Border, MotionState
 from ndtorch.vision.receptive_fields import LocalFeatures
 
@@ -127,7 +128,7 @@ class RetinotopicModel(BindingModel):
         check_state(state, RetinotopicState)
         if state is not None and state.motion is None:
             raise InputError("state comes from from_fields and has no motion filters: go on with from_fields")
-        fields, motion = self.eyes(frames, state.motion if state is not None else None)
+        fields, motion = self.eyes(frames_in(frames, self.dtype), state.motion if state is not None else None)
         signals, after = self.from_fields(fields, state)
         return signals, after._replace(motion=motion)
 

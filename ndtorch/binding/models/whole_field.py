@@ -17,6 +17,7 @@ from ndtorch.binding.objects import ObjectTable, bound_objects
 from ndtorch.config import Constants, Deviations, ModelConfig, Size
 from ndtorch.errors import InputError
 from ndtorch.vision.features import VisualFeatures
+from ndtorch.vision.frames import frames_in
 from ndtorch.vision.motion import Border, MotionState
 from ndtorch.vision.temporal import Resample, ResampleState
 
@@ -135,7 +136,7 @@ class WholeFieldModel(BindingModel):
         motion = state.motion if state is not None else None
         if state is not None and motion is None:
             raise InputError("state comes from from_sums and has no motion filters: go on with from_sums")
-        sums, motion = self.features(frames, motion)
+        sums, motion = self.features(frames_in(frames, self.dtype), motion)
         signals, state = self.from_sums(sums, state)
         return signals, state._replace(motion=motion)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ndtorch.errors import InputError
+from ndtorch.utils.files import TABLE_BYTES, read_text
 from ndtorch_robot.sim.plan import Plan, Point, cylinder, ring
 
 AROUND = 1.2
@@ -73,7 +74,7 @@ def read_worlds(file: Path) -> list[World]:
         InputError: a file that cannot be read or holds something else.
     """
     try:
-        found = json.loads(file.read_text(encoding="utf-8"))
+        found = json.loads(read_text(file, TABLE_BYTES))
         x, y, degrees = found["start"]
         start, goal = (float(x), float(y), math.radians(degrees)), (float(found["goal"][0]), float(found["goal"][1]))
         return [
@@ -92,5 +93,7 @@ def read_worlds(file: Path) -> list[World]:
         ]
     except OSError as error:
         raise InputError(f"{file}: cannot be read ({error.strerror})") from None
+    except InputError:
+        raise
     except (ValueError, KeyError, TypeError, IndexError, OverflowError, RecursionError) as error:
         raise InputError(f"{file}: not a file of BARN worlds ({type(error).__name__}: {error})") from None

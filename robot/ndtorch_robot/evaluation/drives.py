@@ -11,7 +11,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from ndtorch.utils.files import write_text
+from ndtorch.utils.files import TABLE_BYTES, read_text, write_text
 from ndtorch.utils.packages import code_digest
 from ndtorch_robot.config import DriveConfig
 from ndtorch_robot.ports import Step
@@ -51,7 +51,7 @@ def all_drives(
 def key_of(config: DriveConfig, code: str) -> str:
     """Name of the result of a drive: the same for the same parameters, building and code."""
     values = config.model_dump(mode="json", exclude=IRRELEVANT)
-    text = Path(config.arena).read_text(encoding="utf-8") if config.arena.endswith(".toml") else ""
+    text = read_text(config.arena) if config.arena.endswith(".toml") else ""
     return hashlib.sha256(json.dumps([values, text, code], sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -70,7 +70,7 @@ class ResultCache(ABC, Generic[Job]):
 
     def get(self, job: Job) -> dict[str, Any] | None:
         try:
-            found = json.loads(self.file(job).read_text(encoding="utf-8"))
+            found = json.loads(read_text(self.file(job), TABLE_BYTES))
         except (FileNotFoundError, ValueError, RecursionError):
             return None
         return found if isinstance(found, dict) else None

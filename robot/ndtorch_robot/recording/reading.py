@@ -13,12 +13,19 @@ from zlib import crc32
 from torch import Tensor
 
 from ndtorch.errors import InputError
+from ndtorch.utils.files import TABLE_BYTES, open_regular, read_text
 from ndtorch_robot.ports import DriveCommand, Placed, Step, StereoFrames
 from ndtorch_robot.recording.recorder import HEADER, STEPS, VERSION
 from ndtorch_robot.recording.streams import SUFFIXES, Format, crc_of, decode, frames_of, is_intact
 
 LARGEST = 2**28
 """Bytes of the largest image that is read: more is no image of a camera."""
+
+RECORDING_BYTES = 2**42
+"""Most bytes of one file of a recording."""
+
+LINE_BYTES = 2**20
+"""Most bytes of the line of a step."""
 
 
 @dataclass
@@ -56,8 +63,8 @@ class Recording:
         self.complete, self.trouble, self.missing, self.damaged = False, "", 0, 0
         expected = 0
         try:
-            with (self.folder / STEPS).open("rb") as lines:
-                for line in lines:
+            with open_regular(self.folder / STEPS, RECORDING_BYTES) as lines:
+                for line in iter(lambda: lines.readline(LINE_BYTES), b""):
                     if not line.endswith(b"\n"):
                         self.trouble = self.trouble or "the last line was not written to its end"
                         return
@@ -140,8 +147,8 @@ class Recording:
         file = f"{Path(stream).name}.{SUFFIXES[self.kind]}"
         if file not in self.files:
             try:
-                self.files[file] = (self.folder / file).open("rb")
-            except OSError:
+                self.files[file] = open_regular(self.folder / file, RECORDING_BYTES)
+            except (OSError, InputError):
                 return b""
         self.files[file].seek(at)
         return self.files[file].read(count)
@@ -167,7 +174,7 @@ def open_recording(folder: Path) -> Recording:
     """
     path = folder / HEADER
     try:
-        header = json.loads(path.read_text(encoding="utf-8"))
+        header = json.loads(read_text(path, TABLE_BYTES))
         if header["format"] != "ndtorch recording":
             raise KeyError
         version, kind, configuration = header["version"], header["frames"], header["configuration"]
@@ -178,6 +185,8 @@ def open_recording(folder: Path) -> Recording:
         raise InputError(f"{folder}: not a recording ({HEADER} is missing)") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except InputError:
+        raise
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise InputError(f"{path}: not the beginning of a recording") from None
     if version != VERSION or kind not in SUFFIXES:

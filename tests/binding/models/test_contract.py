@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 import ndtorch
 from ndtorch.errors import InputError
@@ -58,12 +58,33 @@ def test_floats_of_0_to_255_are_refused(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_half_precision_is_refused_for_models_and_taken_for_frames(name: str) -> None:
+def test_other_types_than_single_and_double_are_refused_through_every_door(name: str) -> None:
     model = ndtorch.load(name, size=32)
-    to_half, to_bfloat = (lambda: model.to(torch.float16)), (lambda: model.to(dtype=torch.bfloat16))
-    for convert in (model.half, model.bfloat16, to_half, to_bfloat):
+    around, half = nn.Sequential(model), torch.zeros(1).half()
+    for convert in (
+        *(model.half, model.bfloat16, around.half, around.bfloat16),
+        *(lambda: model.to(torch.float16), lambda: model.to(dtype=torch.bfloat16), lambda: model.to(half)),
+        *(lambda: model.type(torch.float16), lambda: around.type(torch.int32), lambda: around.type(torch.complex64)),
+    ):
         with pytest.raises(InputError, match="computes in single or double precision"):
             convert()
-    frames = torch.rand(4, 3, 32, 32, generator=torch.Generator().manual_seed(0)).half()
-    (given, _), (wanted, _) = model(frames), model(frames.float())
-    assert torch.allclose(given.outputs, wanted.outputs, atol=1e-6)
+    assert model.double().float().dtype == torch.float32
+
+
+@pytest.mark.parametrize("double", [False, True])
+@pytest.mark.parametrize("name", [*NAMES, "foreground"])
+def test_a_picture_gives_the_same_numbers_in_every_type(name: str, double: bool) -> None:
+    quick = {} if name in ("foreground", "retinotopic") else {"settle": 0.0}
+    model = ndtorch.load(name, size=48, fps=30, **quick)
+    model = model.double() if double else model
+    drawn = torch.randint(0, 256, (24, 3, 48, 48), generator=torch.Generator().manual_seed(0)).to(torch.uint8)
+    wanted, after = model(drawn)
+    for frames in (drawn.double() / 255, drawn.float() / 255):
+        given, end = model(frames)
+        assert torch.equal(given.outputs, wanted.outputs)
+        assert torch.equal(model.weights(end), model.weights(after))
+    finer = torch.rand(4, 3, 48, 48, generator=torch.Generator().manual_seed(1), dtype=torch.float32)
+    assert torch.equal(model(finer)[0].outputs, model(finer.double())[0].outputs)
+    for other in (torch.float16, torch.bfloat16, torch.int64, torch.bool):
+        with pytest.raises(InputError, match="frames must be float32 or float64"):
+            model(drawn.to(other))

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from ndtorch.errors import InputError
+from ndtorch.utils.files import TABLE_BYTES, read_text
 
 Pixels = npt.NDArray[np.uint8]
 Mask = npt.NDArray[np.bool_]
@@ -218,7 +219,9 @@ def read_boxes(path: Path) -> Iterator[TrueFrame]:
         InputError: not such a file.
     """
     try:
-        rows = np.loadtxt(path, delimiter=",", ndmin=2)
+        rows = np.loadtxt(read_text(path, TABLE_BYTES).splitlines(), delimiter=",", ndmin=2)
+    except InputError:
+        raise
     except ValueError:
         raise InputError(f"{path} is not in MOT format: numbers between commas") from None
     if rows.size and rows.shape[1] < 6:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy.typing as npt
 
 from ndtorch.errors import InputError
-from ndtorch.utils.files import hold, load_arrays, save_arrays
+from ndtorch.utils.files import TABLE_BYTES, hold, load_arrays, read_text, save_arrays
 from ndtorch.utils.packages import code_digest
 from ndtorch.utils.workers import Report
 
@@ -221,7 +221,7 @@ class ResultCache:
         """The result, None if there is none that counts, and whether there is one from other code."""
         place = self.place(claim, quick)
         try:
-            result = json.loads((place / "result.json").read_text(encoding="utf-8"))
+            result = json.loads(read_text(place / "result.json", TABLE_BYTES))
             files = [place / f"{d['name']}.{kind}" for d in result["drawings"] for kind in ("svg", "png")]
             complete = all(file.is_file() for file in files)
             result["outcome"] = Outcome(**result["outcome"])

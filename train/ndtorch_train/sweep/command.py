@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from ndtorch.errors import InputError
-from ndtorch.utils.files import replacing, write_text
+from ndtorch.utils.files import TABLE_BYTES, read_text, replacing, write_text
 from ndtorch.utils.workers import Event, Report, cores, run_tasks
 
 if TYPE_CHECKING:
@@ -208,7 +208,7 @@ def summary(config: SweepConfig, rows: Sequence[Row], results: Sequence[str]) ->
 def earlier_summary(file: Path) -> dict[str, Any]:
     """The summary of an earlier run; empty where there is none that can be read."""
     try:
-        found = json.loads(file.read_text(encoding="utf-8"))
+        found = json.loads(read_text(file, TABLE_BYTES))
     except (OSError, ValueError):
         return {}
     return found if isinstance(found, dict) else {}
