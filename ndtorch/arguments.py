@@ -19,6 +19,12 @@ AnyClass = TypeVar("AnyClass", bound=type)
 FEW = 64
 """So many numbers are added sooner in Python than torch is called."""
 
+MOST_PIXELS = 2**24
+"""Pixels of the largest frames that are computed with, 4096 x 4096: a plane of them takes 64 MiB."""
+
+MOST_ROWS = 100_000
+"""Time steps of the longest memory of single numbers or frames."""
+
 USUAL = (torch.float32, torch.float64)
 
 
@@ -166,7 +172,9 @@ def check_size(name: str, value: object, least: int) -> None:
     """Raise `InputError` unless `value` is a height and a width in pixels, each `least` or more."""
     sides = value if isinstance(value, tuple | list) else ()  # torch.Size is a tuple
     if len(sides) == 2 and all(isinstance(side, Integral) and is_number(side) and int(side) >= least for side in sides):
-        return
+        if math.prod(map(int, sides)) <= MOST_PIXELS:
+            return
+        raise InputError(f"{name} must be {MOST_PIXELS} pixels in all at most, got {repr(value)[:40]}")
     pixels = "pixel" if least == 1 else "pixels"
     raise InputError(f"{name} must be a height and a width of at least {least} {pixels}, got {repr(value)[:40]}")
 
@@ -196,6 +204,18 @@ def renamed_fields(**now: str) -> Callable[[AnyClass], AnyClass]:
         return kind
 
     return add
+
+
+def rows_in(name: str, seconds: float, dt: float, least: int = 1) -> int:
+    """How many time steps a memory of so many seconds holds.
+
+    Raises:
+        InputError: more than `MOST_ROWS`.
+    """
+    rows = seconds / dt
+    if not rows <= MOST_ROWS:
+        raise InputError(f"{name} must be {MOST_ROWS} time steps of {dt:g} s at most, got {seconds:g} s")
+    return max(least, round(rows))
 
 
 def check_numbers(params: Any, endless: Collection[str] = ()) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, TypeVar
 
@@ -18,7 +19,7 @@ from pydantic import (
     model_validator,
 )
 
-from ndtorch.arguments import what_number
+from ndtorch.arguments import MOST_PIXELS, what_number
 from ndtorch.errors import InputError
 from ndtorch.utils.toml import suggestion, what_is_wrong
 
@@ -28,7 +29,14 @@ def square(size: Any) -> Any:
     return (size, size) if isinstance(size, int) and not isinstance(size, bool) else size
 
 
-Size = Annotated[tuple[int, int], BeforeValidator(square)]
+def limited(size: tuple[int, int]) -> tuple[int, int]:
+    """A size, as it is; raises `ValueError` where there is nothing, or more than can be computed with."""
+    if min(size) < 1 or math.prod(size) > MOST_PIXELS:
+        raise ValueError(f"a height and a width of 1 or more, {MOST_PIXELS} pixels in all at most")
+    return size
+
+
+Size = Annotated[tuple[int, int], BeforeValidator(square), AfterValidator(limited)]
 """Height and width in pixels; a single number means a square."""
 
 
@@ -48,6 +56,10 @@ def rising(pair: tuple[float, float]) -> tuple[float, float]:
 
 Shares = Annotated[tuple[Share, Share], AfterValidator(rising)]
 """A range of shares, from here to there."""
+
+
+MOST_WHOLE = 10_000
+"""The largest whole number: of parts, rounds or pixels of a side. Times are limited where they become memory."""
 
 
 class Constants(BaseModel):
@@ -84,6 +96,8 @@ class Constants(BaseModel):
         """Refuse NaN, and infinity where it means nothing."""
         for part in value if isinstance(value, tuple) else (value,):
             wanted = what_number(str(info.field_name), part) if isinstance(part, float) else ""
+            if isinstance(part, int) and abs(part) > MOST_WHOLE:
+                wanted = f"at most {MOST_WHOLE}"
             if wanted:
                 raise ValueError(f"should be {wanted}")
         return value

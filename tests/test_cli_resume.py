@@ -45,7 +45,10 @@ def test_resumed_video_goes_on_bit_for_bit_with_its_model(
     part = str(tmp_path / "part" / "bars")
     assert main([*asked, "--out", str(tmp_path / "whole")]) == 0
     assert main([*asked, "--seconds", "0.4", "--out", str(tmp_path / "part")]) == 0
-    assert main(["bind", "--resume", part, "--pictures", "0", "--out", str(tmp_path / "rest")]) == 0
+    resumed = ["bind", "--resume", part, "--pictures", "0", "--out", str(tmp_path / "rest")]
+    capsys.readouterr()
+    refused(resumed, capsys, "name it again to open it", str(clip))
+    assert main([*resumed, str(clip)]) == 0
     state = same_state(tmp_path / "whole" / "bars", tmp_path / "rest" / "bars")
     assert rows in [int(value) for name, value in state.items() if name.endswith((".steps", ".frames"))]
     found = [json.loads((tmp_path / name / "bars" / "objects.json").read_text()) for name in ("whole", "rest")]
@@ -53,7 +56,7 @@ def test_resumed_video_goes_on_bit_for_bit_with_its_model(
     assert found[0]["weights"] == found[1]["weights"]
     capsys.readouterr()
     other = "published" if model != "published" else "foreground"
-    resumed = ["bind", "--resume", part, "--out", str(tmp_path)]
+    resumed = ["bind", str(clip), "--resume", part, "--out", str(tmp_path)]
     refused([*resumed, "--model", other], capsys, model, other)
     if model != "published":
         refused([*resumed, "--rule", "hebbian"], capsys, "--rule is an option of published", model)
@@ -72,4 +75,41 @@ def test_a_state_with_a_number_that_is_none_is_refused(
     state = kept(tmp_path / "bars")
     state["second.weights"][0, 1] = torch.nan
     save_tensors(state, path, {key: text for key, text in about.items() if key != CHECKSUM})
-    refused(["bind", "--resume", str(path.parent), "--out", str(tmp_path)], capsys, str(path), "second.weights", "NaN")
+    resumed = ["bind", "--resume", str(path.parent), str(clip), "--out", str(tmp_path)]
+    refused(resumed, capsys, str(path), "second.weights", "NaN")
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"source": "http://127.0.0.1:9/x"}, ["name it again"]),
+        *(({"source": source}, ["name it again"]) for source in ("camera:0", "0", "file:///etc/passwd", "/dev/zero")),
+        ({"source": "tcp://127.0.0.1:9"}, ["name it again"]),
+        ({"source": "../../x.avi"}, ["name it again"]),
+        ({"model": "/etc"}, ["model /etc", "name it again"]),
+        *(({key: value}, [key]) for key, value in (("frames", "x"), ("frames", -1), ("fps", None), ("fit", 3))),
+        *(({"options": value}, ["options"]) for value in ({"gamma": []}, {"size": 3}, {"backend": "x"}, [1], None)),
+        *(({"scene": value}, ["scene"]) for value in ({"seed": -1}, {"phase": "x"}, {"seconds": 3}, {"fps": 1e300})),
+        ({"first_stage_radius": "x"}, ["first_stage_radius"]),
+        ({"unheard": 1}, ["unheard"]),
+    ],
+)
+def test_a_folder_from_others_opens_nothing_and_its_options_have_types(
+    changed: dict[str, object], words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    about = {"model": "foreground", "source": "two-bars", "frames": 10, "fps": 100.0, "options": {}, "scene": {}}
+    (tmp_path / "from" / "others").mkdir(parents=True)
+    save_tensors(
+        {"a": torch.zeros(1)}, tmp_path / "from/others/state.safetensors", {"run": json.dumps(about | changed)}
+    )
+    refused(["bind", "--resume", str(tmp_path / "from/others"), "--out", str(tmp_path / "out")], capsys, *words)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_film_beside_the_folder_is_opened(clip: Path, tmp_path: Path) -> None:
+    film = tmp_path / "here" / clip.name
+    film.parent.mkdir()
+    film.write_bytes(clip.read_bytes())
+    quick = ["--pictures", "0", "--out", str(film.parent)]
+    assert main(["bind", str(film), "--model", "scale-free", "--settle", "0", "--seconds", "0.2", *quick]) == 0
+    assert main(["bind", "--resume", str(film.parent / film.stem), "--seconds", "0.2", *quick]) == 0

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+import ndtorch
 from ndtorch.binding.models.published import PublishedConfig
 from ndtorch.binding.models.registry import KINDS
 from ndtorch.config import ModelConfig, config_text, option_places, validated, with_options
@@ -52,6 +53,26 @@ def test_a_config_is_read_back_as_it_was_written(tmp_path: Path, kind: type[Mode
     (tmp_path / "config.toml").write_text(config_text(config), encoding="utf-8")
     assert validated(kind, toml_values(tmp_path / "config.toml"), "x") == config
     assert config.size == (64, 64)
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        *(("published", {"size": size}) for size in ((30000, 30000), (0, 5), (1, 2**25))),
+        *(
+            ("published", {"normalise.window": 1e9}),
+            ("scale-free", {"pieces": 10**9}),
+            ("scale-free", {"sweeps": 10**9}),
+        ),
+        ("scale-free", {"delays": (1e9,)}),
+        ("retinotopic", {"size": (30000, 30000)}),
+    ],
+)
+def test_a_config_asks_for_no_more_memory_than_is_allowed(name: str, options: dict[str, object]) -> None:
+    """A file may claim anything; what would end in the allocator is refused by name."""
+    with pytest.raises(InputError, match="at most") as caught:
+        ndtorch.load(name, **options)  # type: ignore[arg-type]
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import check_number, check_state, check_tensor, is_finite
+from ndtorch.arguments import check_number, check_state, check_tensor, is_finite, rows_in
 from ndtorch.errors import InputError
 from ndtorch.vision.blocks import BlockLowPass, Stretch
 from ndtorch.vision.temporal import smoothing_factor, time_dim
@@ -141,7 +141,7 @@ class RunningCovariances(nn.Module):
         check_number("every", every, least=0, unit="seconds")
         if not delays or not all(is_finite(delay) and delay >= 0 for delay in delays):
             raise InputError(f"delays must be seconds >= 0, got {delays}")
-        lags = tuple(sorted({max(1, round(delay / dt)) if delay else 0 for delay in delays}))
+        lags = tuple(sorted({rows_in("delays", delay, dt) if delay else 0 for delay in delays}))
         self.every = max(1, round(every / dt))
         self.low_pass = BlockLowPass(smoothing_factor(tau_high, dt), self.every)
         filters = tuple(BlockLowPass(smoothing_factor(tau, dt), self.every) for tau in memories)

@@ -69,7 +69,7 @@ class Bind(BindJob):
         from ndtorch.report.words import in_words, summary
         from ndtorch.run.folder import RunFolder, new_file
         from ndtorch.run.opening import prepare
-        from ndtorch.run.progress import progress_bar
+        from ndtorch.run.progress import progress_bar, tell_if_long
         from ndtorch.run.run import run_model
         from ndtorch.run.watchers import Watcher
         from ndtorch.utils.tensors import tune_allocator
@@ -93,6 +93,7 @@ class Bind(BindJob):
             timeline = TimelineFile(folder.work / "timeline.jsonl", source.size) if prepared.model.tracks else None
             watchers: list[Watcher] = [one for one in (film, recording, mask, timeline) if one is not None]
             total = None if source.length is None else source.length - prepared.start
+            tell_if_long(total)
             with progress_bar(total, self.json, unit=" frames", leave=False, mininterval=0.5) as bar:
 
                 def report(frames: int) -> None:

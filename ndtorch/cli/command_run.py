@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import logging
 import os
+import re
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Protocol
 
+from ndtorch.cli.streams import escaping, line
 from ndtorch.errors import InputError
 from ndtorch.utils.packages import OURS, module_places, remedy
 from ndtorch.utils.signals import NOTHING_KEPT, Stopped
@@ -20,9 +21,11 @@ UNUSABLE = 2
 """Exit code for input that cannot be used."""
 
 
-UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EACCES, errno.EPERM, errno.EIO)
-"""Errors of the disk that a user can mend, told in one line."""
-
+NO_MEMORY = (
+    r"can(no|')t allocate|unable to allocate|not enough memory|out of memory|bad_alloc|failed to map segment"
+    r"|can't start new thread"
+)
+"""How libraries say that memory is short."""
 
 INCOMPLETE = 1
 """Exit code when what came first is kept, and figures or a recording could not be."""
@@ -69,26 +72,31 @@ def run_command(prog: str, kind: type[Subcommand], arguments: Sequence[str]) -> 
         with told(quiet, muted=quiet and not getattr(command, "json", False)):
             return command.run()
     except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
+        print(f"error: {line(error)}", file=sys.stderr)
         return UNUSABLE
     except BrokenPipeError:
         raise  # for `program`
-    except OSError as error:
-        # A full disk, a folder that became read-only: what could be kept has been.
-        if error.errno not in UNWRITABLE:
-            raise
-        where = "a file cannot be written: " if error.filename is None else f"{error.filename}: "
-        print(f"error: {where}{error.strerror}", file=sys.stderr)
-        return UNUSABLE
-    except ModuleNotFoundError as error:
-        words = missing(error)
+    except (MemoryError, RuntimeError, ImportError, OSError) as error:
+        words = what_the_system_said(error) or missing(error)
         if words is None:
             raise
-        print(f"error: {prog}: {words}", file=sys.stderr)
+        print(f"error: {line(words)}", file=sys.stderr)
         return UNUSABLE
     except KeyboardInterrupt as stop:
         print(stop if isinstance(stop, Stopped) else NOTHING_KEPT, file=sys.stderr)
         return INTERRUPTED
+
+
+def what_the_system_said(error: Exception) -> str | None:
+    """What a user can mend: memory that is short, a full disk, no folder. None for faults of the program."""
+    said = str(error).strip()
+    if isinstance(error, MemoryError) or re.search(NO_MEMORY, said, re.IGNORECASE):
+        asked = next((part for part in said.splitlines() if re.search(r"\d", part)), said.partition("\n")[0])
+        return f"there is not enough memory{f' ({asked})' if asked else ''}"
+    if not isinstance(error, OSError) or error.strerror is None:
+        return None
+    where = "a file cannot be written: " if error.filename is None else f"{error.filename}: "
+    return f"{where}{error.strerror}"
 
 
 @contextlib.contextmanager
@@ -108,6 +116,7 @@ def told(quiet: bool, muted: bool) -> Iterator[None]:
         logger.setLevel(logging.ERROR if quiet else logging.INFO)
     try:
         with contextlib.ExitStack() as stack:
+            stack.enter_context(escaping())
             stack.enter_context(warnings.catch_warnings())
             warnings.simplefilter("ignore" if quiet else "always", UserWarning)
             warnings.showwarning = note
@@ -123,4 +132,4 @@ def told(quiet: bool, muted: bool) -> Iterator[None]:
 
 def note(message: Warning | str, *_: object, **__: object) -> None:
     """Show a warning as one line."""
-    print(f"note: {message}", file=sys.stderr)
+    print(f"note: {line(message)}", file=sys.stderr)

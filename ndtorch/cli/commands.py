@@ -12,6 +12,7 @@ from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, v
 import ndtorch
 from ndtorch.cli.command_run import INTERRUPTED, UNUSABLE, Subcommand, missing, run_command
 from ndtorch.cli.completion import SHELLS, completion
+from ndtorch.cli.streams import line, unblocked
 from ndtorch.errors import did_you_mean
 from ndtorch.run.arguments import EVERY, QUIET, flags_of
 from ndtorch.utils.packages import OURS, module_places
@@ -95,7 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         kind = load_command(given[0], commands[given[0]])
     except CommandError as error:
-        print(f"error: {error}", file=sys.stderr)
+        print(f"error: {line(error)}", file=sys.stderr)
         return UNUSABLE
     except KeyboardInterrupt:
         print(NOTHING_KEPT, file=sys.stderr)
@@ -122,6 +123,7 @@ def run_part(name: str, kind: type[Subcommand], parts: Mapping[str, type[Subcomm
 
 def program() -> int:
     """`main` as a program: whoever reads what it prints may stop reading, as `head` does."""
+    sys.stderr = unblocked(sys.stderr)
     try:
         with ended_like_ctrl_c() as came:
             code = main()

@@ -35,6 +35,7 @@ class Render:
         """Do it; returns the exit code."""
         from ndtorch.errors import InputError
         from ndtorch.run.folder import new_file
+        from ndtorch.run.progress import tell_if_long
         from ndtorch.scenes import make_scene
         from ndtorch.scenes.video_writer import CODECS, VideoWriter
 
@@ -44,6 +45,7 @@ class Render:
         # What is there stays until the new file is whole.
         if self.file.suffix.lower() not in CODECS:
             raise InputError(f"the file must end in {', '.join(CODECS)}, got {self.file}")
+        tell_if_long(source.length)
         part = self.file.with_name(f"{self.file.stem}.unfinished{self.file.suffix}")
         try:
             with VideoWriter(part, source.fps, source.size) as writer:

@@ -33,6 +33,17 @@ PLAINLY = (
 )
 """What tyro says, and how we say it."""
 
+RANGES = {
+    **dict.fromkeys(("seed", "start", "stop"), (0, 2**31 - 1)),
+    **dict.fromkeys(("scenes", "workers", "trials", "clips"), (1, 10**6)),
+    **dict.fromkeys(("seconds", "settle"), (0, 1e7)),
+    "fps": (0, 1e5),
+}
+"""What a number may be, wherever an option of that name is."""
+
+HUGEST = 1e9
+"""No other number of an option is further from 0."""
+
 UNSAID = ("None", "False", "")
 """Defaults that say nothing: the words before say what happens where an option is not given."""
 
@@ -88,11 +99,24 @@ def parse(kind: type[Any], prog: str, arguments: Sequence[str]) -> Any:
     told = io.StringIO()
     try:
         with contextlib.redirect_stderr(told):
-            return tyro.cli(kind, prog=prog, description=f"{kind.__doc__}\n\n{EVERY}", args=arguments, config=config)
+            found = tyro.cli(kind, prog=prog, description=f"{kind.__doc__}\n\n{EVERY}", args=arguments, config=config)
+            check_ranges(found)
+            return found
     except SystemExit as end:
         if end.code != REFUSED:
             raise
     raise InputError(in_a_line(told.getvalue(), prog, flags_of(kind), arguments))
+
+
+def check_ranges(command: Any) -> None:
+    """Raise `InputError` for a number that no option of its name takes."""
+    for field in dataclasses.fields(command):
+        value = getattr(command, field.name)
+        low, high = RANGES.get(field.name, (-HUGEST, HUGEST))
+        if isinstance(value, int | float) and not isinstance(value, bool) and not low <= value <= high:
+            raise InputError(
+                f"--{field.name.replace('_', '-')} must be a number from {low:.10g} to {high:.10g}, got {value}"
+            )
 
 
 def flags_of(kind: type[Any]) -> list[str]:

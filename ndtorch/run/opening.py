@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+import shlex
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, cast
 
 import torch
+from pydantic import Field
 from torch import Tensor
 
 from ndtorch.binding import BindingModel, load_state, to_device, train_first_stage
@@ -27,7 +29,8 @@ from ndtorch.run.options import (
     given,
 )
 from ndtorch.scenes import SCENES, FrameSource, make_scene
-from ndtorch.scenes.video import open_video
+from ndtorch.scenes.video import Fit, open_video
+from ndtorch.utils.toml import Strict, check
 
 STATE = "state.safetensors"
 CAMERA_MODELS = {"foreground": 448}
@@ -35,20 +38,35 @@ CAMERA_MODELS = {"foreground": 448}
 are decoded: `foreground` needs two for one of its own."""
 
 
-def is_number(value: Any, least: float, most: float) -> bool:
-    """Whether a value of a file is a number in a range, and no bool."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most
+class KeptOptions(Strict):
+    """Constants of the model that were given."""
+
+    rule: str | None = None
+    order: str | None = None
+    gamma: float | None = None
+    settle: float | None = Field(None, ge=0, le=1e7)
 
 
-WANTED: dict[str, Callable[[Any], bool]] = {
-    "model": lambda value: isinstance(value, str),
-    "source": lambda value: isinstance(value, str),
-    "frames": lambda value: isinstance(value, int) and is_number(value, 0, 1e12),
-    "fps": lambda value: is_number(value, 1e-3, 1e6),
-    "options": lambda value: isinstance(value, dict),
-    "scene": lambda value: isinstance(value, dict),
-}
-"""What the description of an earlier run must hold: it may come from anywhere."""
+class KeptScene(Strict):
+    """Options of a simulated scene that were given."""
+
+    phase: float = 0.0
+    seed: int = Field(0, ge=0, lt=2**31)
+    fps: float = Field(100.0, ge=1e-3, le=1e5)
+
+
+class KeptRun(Strict):
+    """What a state says of the run that it ended: it may come from anywhere."""
+
+    model: str
+    source: str
+    frames: int = Field(ge=0, le=10**9)
+    fps: float = Field(ge=1e-3, le=1e6)
+    options: KeptOptions
+    scene: KeptScene
+    fit: Literal["crop", "stretch"] | None = None
+    first_stage_radius: float | None = None
+    first: int = Field(0, ge=0, le=10**9)
 
 
 @dataclass
@@ -83,9 +101,13 @@ def prepare(job: BindJob) -> Prepared:
     name = about.get("source", job.source)
     asked = None if job.model is None else identity(job.model)
     model_name = about.get("model", asked or default_model(name))
+    if job.resume is not None and model_name not in (*model_names(), asked):
+        check_near(job.resume, "model", model_name, f"--model {shlex.quote(model_name)}")
     kind = model_kind(model_name)
     if job.resume is not None:
         check_resume(job, name, asked, model_name)
+        if name not in SCENES and job.source != name:
+            check_near(job.resume, "source", name, f"ndtorch bind {shlex.quote(name)} --resume {job.resume}")
     check_options(job, kind)
     if kind in CAMERA_MODELS and device.type != "cpu":
         raise InputError(f"device must be cpu with the model {kind}, which is quickest there; got {job.device}")
@@ -177,9 +199,10 @@ def open_place(job: BindJob, about: dict[str, Any], rows: int | None) -> FrameSo
     # What a camera showed before is gone: it goes on where it is.
     first = None if is_live(name) and about["frames"] else about["first"] + about["frames"] or None
     if rows is None:
-        video = open_video(name, fps=about["fps"], start=first, stop=job.stop, fit=about["fit"] or "crop")
+        size, fit = (500, 500), cast("Fit", about["fit"] or "crop")
     else:
-        video = open_video(name, (rows, rows), about["fps"], first, job.stop, "reduce")
+        size, fit = (rows, rows), "reduce"
+    video = open_video(name, size, about["fps"], first, job.stop, fit, job.follow_redirects)
     seconds = job.seconds if job.seconds is not None else (None if video.length is not None else CAMERA_SECONDS)
     return video if seconds is None else Limited(video, seconds)
 
@@ -227,7 +250,9 @@ def check_device(name: str) -> torch.device:
     """The torch device of that name, or `InputError` when it is unknown or not there."""
     try:
         device = torch.device(name)
-        torch.empty(1, device=device)
+        if device.type == "cpu" and device.index:
+            raise RuntimeError("there is one cpu")
+        torch.zeros(1, device=device).item()  # a meta tensor has none
     except (RuntimeError, AssertionError) as error:
         raise InputError(f"device {name!r} cannot be used: {str(error).splitlines()[0]}") from None
     return device
@@ -239,11 +264,20 @@ def described(folder: Path) -> dict[str, Any]:
     Raises:
         InputError: no state there, or one that another program wrote.
     """
+    wrong = f"{folder}/{STATE} was not written by this version of ndtorch bind"
     try:
-        about: dict[str, Any] = json.loads(read_about(folder / STATE)["run"])
-        right = all(is_usable(about[key]) for key, is_usable in WANTED.items())
-    except (KeyError, TypeError, RecursionError, json.JSONDecodeError):
-        right = False
-    if not right:
-        raise InputError(f"{folder}/{STATE} was not written by this version of ndtorch bind")
-    return about
+        about = json.loads(read_about(folder / STATE)["run"])
+        return check(about, KeptRun, wrong).model_dump(exclude_unset=True)
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        raise InputError(str(error) if isinstance(error, InputError) else wrong) from None
+
+
+def check_near(folder: Path, what: str, name: str, again: str) -> None:
+    """Raise `InputError` unless something that a folder names is a file or folder beside that folder or below it.
+
+    A folder may come from anybody: cameras, addresses and files elsewhere are opened if the user names them again.
+    """
+    path = Path(name).resolve()
+    plain = "://" not in name and not name.isdigit() and (path.is_file() or path.is_dir())
+    if not (plain and folder.resolve().parent in path.parents):
+        raise InputError(f"{folder} is a run of the {what} {name}; name it again to open it: {again}")

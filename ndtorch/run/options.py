@@ -47,6 +47,8 @@ class BindJob:
     """Videos: number of the frame to stop before."""
     fit: str | None = None
     """Videos: crop to the middle square (default) or stretch. The model foreground takes the whole picture."""
+    follow_redirects: bool = False
+    """Addresses: follow a server that names another host."""
     device: str = "cpu"
     """Torch device."""
     pictures: float = 5.0

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ndtorch.errors import InputError
+from ndtorch.scenes.addresses import check_scheme, limited_ffmpeg, redirected
 
 
 @contextmanager
@@ -171,7 +172,7 @@ class FileReader(Reader):
             raise InputError(f"video {path} cannot be used: it is text, or a list of other files")
         self.path = path
         with quiet_opencv():
-            capture = _capture(str(path))
+            capture = open_capture(str(path))
             if capture is None:
                 raise InputError(f"video {path} cannot be opened: not a video, damaged or cut off at its start")
             self.fps, self.count = _declared(capture)
@@ -185,7 +186,7 @@ class FileReader(Reader):
 
     def read(self, start: int) -> Iterator[Image]:
         with quiet_opencv():
-            capture = _capture(str(self.path))
+            capture = open_capture(str(self.path))
         if capture is None:
             raise InputError(f"video {self.path} can no longer be opened")
         try:
@@ -206,12 +207,15 @@ class LiveReader(Reader):
 
     live = True
 
-    def __init__(self, source: int | str) -> None:
+    def __init__(self, source: int | str, follow_redirects: bool = False) -> None:
         what = f"camera {source}" if isinstance(source, int) else str(source)
         with quiet_opencv():
-            capture = _capture(source)
+            if isinstance(source, str) and "://" in source:
+                capture = open_address(source, follow_redirects)
+            else:
+                capture = open_capture(source)
             if capture is None:
-                raise InputError(f"{what} cannot be opened: not there, in use, or no permission")
+                raise InputError(f"{what} cannot be opened: not there, in use, no permission, or a list of others")
             first = next(_frames(capture), None)
         if first is None:
             capture.release()
@@ -262,12 +266,27 @@ class FolderReader(Reader):
             yield image
 
 
-def _capture(source: int | str) -> Any:
-    """An open `cv2.VideoCapture`, or None."""
+def open_address(address: str, follow_redirects: bool = False) -> Any:
+    """An open `cv2.VideoCapture` of an address, or None.
+
+    Raises:
+        InputError: a scheme that is not opened, or a redirect to another host that is not allowed.
+    """
+    check_scheme(address)
+    capture = open_capture(address)
+    if capture is None and (to := redirected(address, follow_redirects)) != address:
+        capture = open_capture(to)
+    return capture
+
+
+def open_capture(source: int | str) -> Any:
+    """An open `cv2.VideoCapture`, or None. What FFmpeg may open besides is in `ndtorch.scenes.addresses`."""
     import cv2
 
+    address = isinstance(source, str) and "://" in source
     try:
-        capture = cv2.VideoCapture(source)
+        with limited_ffmpeg(address):
+            capture = cv2.VideoCapture(source, cv2.CAP_FFMPEG) if address else cv2.VideoCapture(source)
     except cv2.error:
         return None
     return capture if capture.isOpened() else None

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Iterator
 
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import is_finite
+from ndtorch.arguments import MOST_PIXELS, is_finite
 from ndtorch.errors import InputError
 from ndtorch.scenes.base import FrameSource
 from ndtorch.utils.tensors import keep_freed_memory
+
+MOST_FPS, MOST_SECONDS = 1e5, 1e8
+"""Frames a second and seconds of the fastest and the longest scene."""
 
 
 class RenderedScene(FrameSource):
@@ -33,10 +37,10 @@ class RenderedScene(FrameSource):
     def __init__(
         self, name: str, seconds: float, fps: float, size: tuple[int, int], device: torch.device | str = "cpu"
     ) -> None:
-        if not (is_finite(fps) and fps > 0):
+        if not (is_finite(fps) and 0 < fps <= MOST_FPS):
             raise InputError(f"fps must be a positive number of frames per second, got {repr(fps)[:40]}")
-        if not (is_finite(seconds) and seconds > 0):
-            raise InputError(f"seconds must be a positive number, got {repr(seconds)[:40]}")
+        if not (is_finite(seconds) and 0 < seconds <= MOST_SECONDS):
+            raise InputError(f"seconds must be a positive number, {MOST_SECONDS:g} at most, got {repr(seconds)[:40]}")
         self.name = name
         self.fps = float(fps)
         self.size = check_size(size)
@@ -71,4 +75,6 @@ def check_size(size: tuple[int, int]) -> tuple[int, int]:
     sides = size if isinstance(size, tuple | list) else ()
     if len(sides) != 2 or not all(is_finite(side) and side == int(side) and side >= 1 for side in sides):
         raise InputError(f"size must be (height, width) in whole pixels >= 1, got {repr(size)[:40]}")
+    if math.prod(size) > MOST_PIXELS:
+        raise InputError(f"size must be {MOST_PIXELS} pixels in all at most, got {repr(size)[:40]}")
     return int(size[0]), int(size[1])

@@ -55,6 +55,7 @@ def open_video(
     start: int | None = None,
     stop: int | None = None,
     fit: Fit = "crop",
+    follow_redirects: bool = False,
 ) -> VideoSource:
     """Open a video file, a folder of images, a camera or a stream, and decode its first frame.
 
@@ -68,6 +69,7 @@ def open_video(
         fit: "crop" scales until the image covers `size` and cuts off what sticks out; "stretch" scales both
             sides separately; "reduce" keeps the whole image and its aspect (within the rounding of the width to a
             multiple of 8), is quicker, and never enlarges: fewer rows than `size` asks for come as they are.
+        follow_redirects: of an address, also to other hosts. An address is one film or stream: playlists are refused.
 
     Returns:
         A source of frames `[T, 3, H, W]` uint8, red, green and blue.
@@ -85,7 +87,7 @@ def open_video(
     if first < 0 or (stop is not None and stop <= first):
         raise InputError(f"start and stop must be frame numbers with 0 <= start < stop, got {start} and {stop}")
 
-    reader, name = _reader(source)
+    reader, name = _reader(source, follow_redirects)
     if isinstance(reader, FileReader):
         reader.timed = fps is None
     try:
@@ -209,7 +211,7 @@ def reduced(image: Image, size: tuple[int, int]) -> Image:
     return image
 
 
-def _reader(source: int | str | Path) -> tuple[Reader, str]:
+def _reader(source: int | str | Path, follow_redirects: bool) -> tuple[Reader, str]:
     """The reader for a source, and a name for it."""
     if isinstance(source, str) and source.startswith("camera:"):
         number = source.removeprefix("camera:")
@@ -221,7 +223,7 @@ def _reader(source: int | str | Path) -> tuple[Reader, str]:
             raise InputError(f"source must be a camera number >= 0, got {source}")
         return LiveReader(source), f"camera-{source}"
     if isinstance(source, str) and "://" in source:
-        return LiveReader(source), source.rstrip("/").rsplit("/", 1)[-1]
+        return LiveReader(source, follow_redirects), source.rstrip("/").rsplit("/", 1)[-1]
     path = Path(source)
     if not path.exists():
         raise InputError(f"video {path} does not exist")

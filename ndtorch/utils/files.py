@@ -122,17 +122,16 @@ def open_regular(path: str | Path, most: int) -> IO[bytes]:
         OSError: it is not there, or cannot be read.
         InputError: a pipe, a device, a folder, or more than `most` bytes.
     """
-    file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY), "rb")
-    found = os.fstat(file.fileno())
-    wrong = ""
+    number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY)
+    found, wrong = os.fstat(number), ""
     if not stat.S_ISREG(found.st_mode):
         wrong = "is no regular file"
     elif found.st_size > most:
         wrong = f"has {found.st_size} bytes; {most} are the most"
     if wrong:
-        file.close()
+        os.close(number)
         raise InputError(f"{path} {wrong}")
-    return file
+    return os.fdopen(number, "rb")
 
 
 def read_bytes(path: str | Path, most: int = ARRAY_BYTES) -> bytes:

@@ -10,7 +10,7 @@ from pydantic import Field
 from torch import Tensor, nn
 from torch.nn import functional
 
-from ndtorch.arguments import check_batch, check_finite, check_fits, check_number, check_size, check_state
+from ndtorch.arguments import check_batch, check_finite, check_fits, check_number, check_size, check_state, rows_in
 from ndtorch.config import Constants
 from ndtorch.errors import InputError
 from ndtorch.vision.frames import as_float, check_frames, grey
@@ -19,6 +19,10 @@ from ndtorch.vision.temporal import low_pass_step, smoothing_factor
 
 LEAST = 0.6
 """Power of a field, against the mean of the frame, under which a share of it would be of a dot or two."""
+
+
+MOST_VELOCITIES = 100
+"""Velocities that are looked for on one side of 0, along rows and along columns."""
 
 
 class CoherentParams(Constants):
@@ -34,7 +38,7 @@ class CoherentParams(Constants):
     fastest: float = Field(45.0, gt=0, description="fastest motion that is looked for, pixels a second")
     step: float = Field(9.0, gt=0, description="distance of neighbouring velocities, pixels a second")
     coarse: float = Field(2.0, ge=1, description="pixels of a frame that are one, a side, where all are looked for")
-    field: float = Field(8.0, gt=0, description="distance of neighbouring fields, pixels")
+    field: float = Field(8.0, ge=1, description="distance of neighbouring fields, pixels")
     window: float = Field(16.0, gt=0, description="deviation of a field, pixels")
 
 
@@ -90,7 +94,7 @@ class CoherentMotion(nn.Module):
         self.every = max(1, round(c.every / dt))
         self.apart = self.every * dt
         """Seconds between kept frames."""
-        self.kept = max(2, round(c.kept / self.apart))
+        self.kept = rows_in("kept", c.kept, self.apart, least=2)
         self.a_high = smoothing_factor(c.tau_high, dt)
         self.grid = (round(size[0] / c.coarse), round(size[1] / c.coarse))
         if min(round(side / c.field) for side in size) < 1:
@@ -98,6 +102,8 @@ class CoherentMotion(nn.Module):
         for name, length, count in zip(("rows", "columns"), size, self.grid, strict=True):
             self.register_buffer(name, windows(length, count, max(1, round(length / c.field)), c.window))
         reach = math.floor(c.fastest / c.step)
+        if not reach <= MOST_VELOCITIES:
+            raise InputError(f"fastest must be {MOST_VELOCITIES} steps of {c.step:g} at most, got {c.fastest:g}")
         one = c.step * torch.arange(-reach, reach + 1)
         every = torch.stack(torch.meshgrid(one, one, indexing="xy"), -1).reshape(-1, 2)
         # Columns and rows a second.

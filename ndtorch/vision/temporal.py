@@ -19,6 +19,7 @@ from ndtorch.arguments import (
     check_tensor,
     is_finite,
     is_number,
+    rows_in,
 )
 from ndtorch.errors import InputError
 
@@ -151,7 +152,7 @@ class RunningMax(nn.Module):
         super().__init__()
         if not (is_finite(dt) and dt > 0 and is_finite(seconds) and seconds >= 0):
             raise InputError(f"seconds must be >= 0 and dt > 0, got seconds={seconds}, dt={dt}")
-        self.window = max(1, round(seconds / dt))
+        self.window = rows_in("seconds", seconds, dt)
 
     def forward(self, x: Tensor, state: RecentMaxState | None = None) -> tuple[Tensor, RecentMaxState]:
         check_state(state, RecentMaxState)

@@ -19,6 +19,15 @@ def test_only_the_owner_can_enter_the_folder(tmp_path: Path) -> None:
     assert stat.S_IMODE(private_folder(folder).stat().st_mode) == 0o700
 
 
+@pytest.mark.skipif(os.getuid() != 0, reason="only root gives files away")
+def test_a_file_of_another_user_is_deleted_unread(tmp_path: Path) -> None:
+    for name in ("mine", "theirs"):
+        (tmp_path / name).write_text("")
+    os.chown(tmp_path / "theirs", 12345, -1)
+    assert own_files(tmp_path) == [tmp_path / "mine"]
+    assert not (tmp_path / "theirs").exists()
+
+
 def test_files_that_others_may_write_and_links_are_deleted(tmp_path: Path) -> None:
     for name in ("mine", "shared"):
         (tmp_path / name).write_text("")

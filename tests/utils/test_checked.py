@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import random
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,7 +14,10 @@ import pytest
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.utils.files import load_arrays, read_tensors, save_arrays, save_tensors
+from ndtorch.run.folder import place_for
+from ndtorch.utils import files
+from ndtorch.utils.files import load_arrays, read_tensors, read_text, save_arrays, save_tensors
+from ndtorch.utils.toml import toml_values
 
 ARRAYS = {
     "cells": np.arange(60, dtype=np.float32).reshape(5, 12),
@@ -89,3 +94,52 @@ def outcome(load: Callable[[Path], Any], path: Path) -> tuple[Any, str]:
         return load(path), ""
     except InputError as error:
         return None, str(error)
+
+
+@pytest.mark.parametrize("read", [load_arrays, read_weights, toml_values, read_text])
+def test_only_regular_files_of_a_stated_size_are_read(read: Callable[[Path], Any], tmp_path: Path) -> None:
+    """A pipe without a writer would be waited for, a device has no end, and a file with a hole takes no disk."""
+    os.mkfifo(tmp_path / "pipe")
+    with (tmp_path / "hole").open("wb") as file:
+        file.truncate(3 << 30)
+    for path, words in (
+        *((tmp_path / "pipe", "no regular file"), (Path("/dev/zero"), "no regular file")),
+        *((tmp_path, "no regular file"), (tmp_path / "hole", "are the most")),
+    ):
+        with pytest.raises(InputError, match=words):
+            read(path)
+
+
+def test_a_file_that_never_ends_is_read_to_its_limit() -> None:
+    with pytest.raises(InputError, match="has more than 10 bytes"):
+        read_text("/proc/self/status", 10)
+
+
+def test_arrays_that_a_file_declares_are_limited_before_they_are_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "map.npz"
+    np.savez_compressed(path, cells=np.zeros(1 << 20))
+    assert path.stat().st_size < 1 << 14
+    monkeypatch.setattr(files, "DECLARED_BYTES", 1 << 20)
+    with pytest.raises(InputError, match="declares 1 arrays of 8388608 bytes"):
+        load_arrays(path)
+
+
+@pytest.mark.parametrize("text", ["a." * 20_000 + "a = 1", "[" + "a." * 500 + "a]", "b = {" + "a." * 500 + "a = 1}"])
+def test_keys_of_many_parts_are_refused_at_once(text: str, tmp_path: Path) -> None:
+    (tmp_path / "config.toml").write_text(text)
+    began = time.process_time()
+    with pytest.raises(InputError, match="a key of more than 32 parts"):
+        toml_values(tmp_path / "config.toml")
+    assert time.process_time() - began < 2.0
+
+
+def test_numbers_and_nested_tables_are_not_many_parts(tmp_path: Path) -> None:
+    (tmp_path / "config.toml").write_text(f"a.b.c = {[0.5] * 99}\nd = 'x.y'\n")
+    assert toml_values(tmp_path / "config.toml") == {"a": {"b": {"c": [0.5] * 99}}, "d": "x.y"}
+
+
+def test_a_mark_that_is_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "settings.json")
+    assert place_for(tmp_path, {"a": 1}).folder != tmp_path

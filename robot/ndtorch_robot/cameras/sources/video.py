@@ -7,7 +7,7 @@ import stat
 from pathlib import Path
 
 from ndtorch.errors import InputError
-from ndtorch.scenes.readers import quiet_opencv
+from ndtorch.scenes.readers import open_address, open_capture, quiet_opencv
 from ndtorch_robot.cameras.source import CameraSettings, Capture, Source, camera_source
 
 
@@ -33,10 +33,9 @@ def open_file(camera: Source, settings: CameraSettings) -> Capture:
 
 
 def open_video(camera: Source, wanted: str) -> Capture:
-    import cv2
-
     with quiet_opencv():
-        capture = cv2.VideoCapture(camera.target)
-    if not capture.isOpened():
+        opened = open_address if "://" in camera.target else open_capture
+        capture: Capture | None = opened(camera.target)
+    if capture is None:
         raise InputError(f"camera {camera.name}: cannot be opened, it is not {wanted}")
     return capture

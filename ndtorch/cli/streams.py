@@ -1,0 +1,98 @@
+"""Where a command prints: names of files go out escaped, and nobody has to read what is reported."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+from collections.abc import Iterator
+from typing import Any, TextIO, cast
+
+PIECE = 4096
+"""Bytes that a pipe takes at once where it takes any (`PIPE_BUF`)."""
+
+PATIENCE = 0.02
+"""Seconds to wait for a reader. Then what is reported is dropped, until somebody reads again."""
+
+SPACES = "\n\r\t"
+
+
+def escaped(text: str, spaces: str = SPACES) -> str:
+    r"""Text with control characters and what UTF-8 cannot write as `\x1b` and the like: a terminal obeys none.
+
+    Args:
+        spaces: control characters that stay.
+    """
+    if text.isascii() and (text.isprintable() or not any(c < " " or c == "\x7f" for c in text if c not in spaces)):
+        return text
+    return "".join(c if is_plain(c) or c in spaces else c.encode("unicode_escape").decode() for c in text)
+
+
+def is_plain(character: str) -> bool:
+    """Whether it is neither a control character nor half of one that is none."""
+    code = ord(character)
+    return code >= 32 and not 0x7F <= code < 0xA0 and not 0xD800 <= code < 0xE000 and code not in (0x2028, 0x2029)
+
+
+def line(words: object) -> str:
+    """An error or a remark as one line."""
+    return escaped(str(words), "")
+
+
+class Escaping:
+    """A stream of text for which control characters are escaped; all else is the stream's own."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self.stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
+
+    def write(self, text: str) -> int:
+        """Write text as it may be seen."""
+        return self.stream.write(escaped(text))
+
+
+class Unblocked(Escaping):
+    """A stream that never waits: what a full pipe or a stopped terminal does not take is dropped.
+
+    A loop that holds wheels, and the end of a program, wait for nobody who has to read.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        super().__init__(stream)
+        self.number, self.patience = stream.fileno(), PATIENCE
+        self.poll = select.poll()
+        self.poll.register(self.number, select.POLLOUT)
+
+    def write(self, text: str) -> int:
+        """Write what is taken now."""
+        data = escaped(text).encode(errors="backslashreplace")
+        with contextlib.suppress(OSError):  # the reader is gone
+            for start in range(0, len(data), PIECE):
+                ready = self.poll.poll(1000 * self.patience)
+                self.patience = PATIENCE if ready else 0.0
+                if not ready:
+                    break
+                os.write(self.number, data[start : start + PIECE])
+        return len(text)
+
+    def flush(self) -> None:
+        """Nothing is kept back."""
+
+
+def unblocked(stream: TextIO) -> TextIO:
+    """The stream as one that never waits, if it is one of the system's."""
+    try:
+        return cast("TextIO", Unblocked(stream))
+    except (AttributeError, OSError, ValueError):
+        return stream
+
+
+@contextlib.contextmanager
+def escaping() -> Iterator[None]:
+    """What is printed on stdout inside is escaped."""
+    import sys
+
+    with contextlib.redirect_stdout(cast("TextIO", Escaping(sys.stdout))):
+        yield
