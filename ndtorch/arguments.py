@@ -7,6 +7,7 @@ import functools
 import math
 from collections.abc import Callable, Collection, Iterable
 from numbers import Integral, Real
+from pathlib import Path
 from typing import Any, TypeVar
 
 import torch
@@ -24,6 +25,11 @@ MOST_PIXELS = 2**24
 
 MOST_ROWS = 100_000
 """Time steps of the longest memory of single numbers or frames."""
+
+LARGEST = 1e12
+"""Largest number that is computed with: the cube of more lies beyond single precision."""
+
+WITHIN = f"within {LARGEST:g} of 0"
 
 USUAL = (torch.float32, torch.float64)
 
@@ -56,6 +62,13 @@ def check_dense(name: str, value: object) -> None:
         raise InputError(f"{name} must be dense, got {value.layout}")
     if value.is_meta and not torch.compiler.is_compiling():
         raise InputError(f"{name} must hold numbers, got a meta tensor")
+
+
+def as_path(name: str, value: object) -> Path:
+    """A path that may be given as text; raises `InputError` for anything else."""
+    if not isinstance(value, str | Path):
+        raise InputError(f"{name} must be a path, got {type(value).__name__}")
+    return Path(value)
 
 
 def check_kind(name: str, value: object, kind: type) -> None:
@@ -111,12 +124,16 @@ def check_finite(name: str, value: Tensor) -> None:
         return
     if value.numel() == 1:
         # Several times quicker: what a car drove is looked at in every step.
-        if math.isfinite(value.item()):
+        number = value.item()
+        if abs(number) <= LARGEST:
             return
-        raise InputError(f"{name} must be finite, got {value.item()}")
-    # NaN and infinity survive a sum; a sum of finite numbers may overflow, so that the second look decides.
-    if not math.isfinite(value.detach().sum()) and not bool(torch.isfinite(value).all()):
-        raise InputError(f"{name} must be finite, got NaN or infinite values")
+        raise InputError(f"{name} must be {WITHIN if math.isfinite(number) else 'finite'}, got {number}")
+    # NaN, infinity and what is too large survive a sum. Many numbers may add up to more: the second look decides.
+    if not abs(value.detach().sum()) <= LARGEST:
+        if not bool(torch.isfinite(value).all()):
+            raise InputError(f"{name} must be finite, got NaN or infinite values")
+        if not bool((value.abs() <= LARGEST).all()):
+            raise InputError(f"{name} must be {WITHIN}, got {value.abs().max():g}")
 
 
 def surely_finite(values: Iterable[object]) -> bool:

@@ -21,7 +21,7 @@ from pydantic import (
 
 from ndtorch.arguments import MOST_PIXELS, what_number
 from ndtorch.errors import InputError
-from ndtorch.utils.toml import suggestion, what_is_wrong
+from ndtorch.utils.toml import no_truth, suggestion, what_is_wrong
 
 
 def square(size: Any) -> Any:
@@ -89,6 +89,12 @@ class Constants(BaseModel):
             if key in cls.old_keys:
                 raise ValueError(what_became_of(key, cls.old_keys[key]))
         return values
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def check_no_truth(cls, value: Any, info: ValidationInfo) -> Any:
+        """Refuse True for a number, of which pydantic makes 1."""
+        return no_truth(cls, value, info)
 
     @field_validator("*")
     @classmethod

@@ -13,6 +13,10 @@ class InputError(ValueError):
     The command lines print it and exit with code 2.
     """
 
+    def __init__(self, *words: object) -> None:
+        # Arrays and errors of libraries print as several lines.
+        super().__init__(*(" ".join(str(word).split()) if "\n" in str(word) else word for word in words))
+
 
 LONGEST = 80
 """Characters of a name that are looked at: the time grows with the square of them."""

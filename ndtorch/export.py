@@ -17,6 +17,7 @@ from typing import Any, Literal
 import torch
 from torch import Tensor, nn
 
+from ndtorch.arguments import as_path, check_number, is_whole
 from ndtorch.binding.models.base import BindingModel
 from ndtorch.errors import InputError, did_you_mean
 from ndtorch.utils.files import replacing
@@ -75,6 +76,12 @@ def export(
     """
     if format not in SUFFIXES:
         raise InputError(f"format must be one of {', '.join(SUFFIXES)}, got {format!r}{did_you_mean(format, SUFFIXES)}")
+    place = as_path("folder", folder)
+    if not isinstance(model, BindingModel):
+        raise InputError(f"model must be a BindingModel, got {type(model).__name__}")
+    check_number("frames", frames, least=1, whole=True)
+    if not (isinstance(batch, tuple) and all(is_whole(side) and side > 0 for side in batch)):
+        raise InputError(f"batch must be a tuple of whole numbers > 0, got {repr(batch)[:40]}")
     if not model.exportable:
         raise InputError(f"{model.name} cannot be exported: it does part of its work outside torch")
     rows = frames / (model.dt * model.fps)
@@ -84,7 +91,6 @@ def export(
             "a program needs one row a frame"
         )
     example = torch.rand(*batch, frames, 3, *model.size)
-    place = Path(folder)
     try:
         place.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -83,6 +83,8 @@ def model_kind(model: str | Path) -> str:
 def model_folder(model: str | Path) -> Path:
     """Where a model is described."""
     folders = model_folders()
+    if not isinstance(model, str | Path):
+        raise InputError(f"model must be a name or a path, got {type(model).__name__}")
     model = RENAMED_KINDS.get(str(model), model)
     if str(model) in folders:
         return folders[str(model)]

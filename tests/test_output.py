@@ -68,7 +68,7 @@ def test_control_characters_are_shown_escaped(text: str, shown: str) -> None:
 
 
 def test_a_file_name_goes_escaped_to_the_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    refused(["bind", str(tmp_path / "\x1b]0;x\x07\n.mp4")], capsys, r"\x1b]0;x\x07\n.mp4")
+    refused(["bind", str(tmp_path / "\x1b]0;x\x07.mp4")], capsys, r"\x1b]0;x\x07.mp4")
     film = tmp_path / "\x1b[31m.avi"
     assert main(["render", "one-bar", str(film), "--seconds", "0.05", "--fps", "20"]) == 0
     assert r"\x1b[31m.avi: 1 frames" in capsys.readouterr().out

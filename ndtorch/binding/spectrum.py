@@ -75,6 +75,8 @@ def limit_spectral_radius(weights: Tensor, limit: float) -> Tensor:
     tensor([[0., 1.],
             [1., 0.]])
     """
+    if not limit > 0:
+        raise InputError(f"limit must be a number > 0, got {limit}")
     if torch.compiler.is_compiling():
         return always_limited(weights, limit)
     # rho(W)^4 = rho(W^4) <= |W^4|: much tighter than |W|, for weights to silent neurons die out in the powers.

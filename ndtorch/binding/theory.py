@@ -32,6 +32,10 @@ class Solution(NamedTuple):
     stable: bool
 
 
+MOST_SOLUTIONS = 10**6
+"""Sets of owners that are tried."""
+
+
 def solutions(mixing: Tensor) -> list[Solution]:
     """All weights that separate the mixture `mixing`, `[N, m]` with m <= N sources. [C eq. 21, 24, 27-30]
 
@@ -54,6 +58,8 @@ def solutions(mixing: Tensor) -> list[Solution]:
     mixing = mixing if mixing.is_floating_point() else mixing.double()
     if int(torch.linalg.matrix_rank(mixing)) < sources:
         raise InputError("mixing has sources that reach the neurons in the same proportions: nothing separates them")
+    if math.perm(neurons, sources) > MOST_SOLUTIONS:
+        raise InputError(f"mixing has {math.perm(neurons, sources):.3g} sets of owners; {MOST_SOLUTIONS} are the most")
     found = []
     for owners in itertools.permutations(range(neurons), sources):
         own = mixing[list(owners), range(sources)]

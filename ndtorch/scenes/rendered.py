@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from ndtorch.arguments import MOST_PIXELS, is_finite
+from ndtorch.arguments import MOST_PIXELS, is_finite, is_whole
 from ndtorch.errors import InputError
 from ndtorch.scenes.base import FrameSource
 from ndtorch.utils.tensors import keep_freed_memory
@@ -64,10 +64,10 @@ class RenderedScene(FrameSource):
 
 def check_chunks(frames: int, start: int) -> None:
     """Raise `InputError` unless `frames >= 1` and `start >= 0`."""
-    if frames < 1:
-        raise InputError(f"frames must be at least 1 in a chunk, got {frames}")
-    if start < 0:
-        raise InputError(f"start must be a frame number >= 0, got {start}")
+    if not (is_whole(frames) and frames >= 1):
+        raise InputError(f"frames must be a whole number of at least 1 in a chunk, got {repr(frames)[:40]}")
+    if not (is_whole(start) and start >= 0):
+        raise InputError(f"start must be a frame number >= 0, got {repr(start)[:40]}")
 
 
 def check_size(size: tuple[int, int]) -> tuple[int, int]:

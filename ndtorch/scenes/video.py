@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Callable, Iterator
 from itertools import islice
@@ -14,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import is_finite, is_whole
 from ndtorch.errors import InputError
 from ndtorch.scenes.base import FrameSource
 from ndtorch.scenes.readers import FileReader, FolderReader, Image, LiveReader, Reader
@@ -81,8 +81,10 @@ def open_video(
     size = check_size(size)
     if fit not in ("crop", "stretch", "reduce"):
         raise InputError(f"fit must be 'crop', 'stretch' or 'reduce', got {fit!r}")
-    if fps is not None and not (fps > 0 and math.isfinite(fps)):
-        raise InputError(f"fps must be a positive number of frames per second, got {fps}")
+    if fps is not None and not (is_finite(fps) and fps > 0):
+        raise InputError(f"fps must be a positive number of frames per second, got {repr(fps)[:40]}")
+    if not all(part is None or is_whole(part) for part in (start, stop)):
+        raise InputError(f"start and stop must be frame numbers, got {repr(start)[:40]} and {repr(stop)[:40]}")
     first = 0 if start is None else start
     if first < 0 or (stop is not None and stop <= first):
         raise InputError(f"start and stop must be frame numbers with 0 <= start < stop, got {start} and {stop}")
@@ -218,6 +220,8 @@ def _reader(source: int | str | Path, follow_redirects: bool) -> tuple[Reader, s
         if not number.isdecimal():
             raise InputError(f"source must name a camera as camera:0, got {source!r}")
         source = int(number)
+    if isinstance(source, bool) or not isinstance(source, int | str | Path):
+        raise InputError(f"source must be a path, a camera's number or an address, got {type(source).__name__}")
     if isinstance(source, int):
         if source < 0:
             raise InputError(f"source must be a camera number >= 0, got {source}")

@@ -8,10 +8,17 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator, model_validator
 
 from ndtorch.errors import InputError, did_you_mean
 from ndtorch.utils.files import read_text
+
+
+def no_truth(table: type[BaseModel], value: Any, info: ValidationInfo) -> Any:
+    """A value as it is; raises `ValueError` for True and False where the field is a number."""
+    if isinstance(value, bool) and table.model_fields[str(info.field_name)].annotation in (int, float):
+        raise ValueError("should be a number")
+    return value
 
 
 class Strict(BaseModel):
@@ -23,6 +30,12 @@ class Strict(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     renamed: ClassVar[Mapping[str, str]] = {}
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def check_no_truth(cls, value: Any, info: ValidationInfo) -> Any:
+        """Refuse True for a number, of which pydantic makes 1."""
+        return no_truth(cls, value, info)
 
     @model_validator(mode="before")
     @classmethod

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from functools import wraps
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Protocol, Self
 
@@ -62,6 +63,8 @@ class BindingModel(nn.Module, ABC):
 
     Attributes:
         name: of the kind, as in config.toml.
+        state_types: of its state, and of the part `second` of that.
+        one_by_one: whether the state of a batch is a list of states.
         exportable: whether `torch.export` takes it.
         kernels_only: whether it has no implementation in torch.
         config_type: what its config.toml holds.
@@ -75,14 +78,29 @@ class BindingModel(nn.Module, ABC):
 
     backend: Backend = "auto"
     name: ClassVar[str]
+    state_types: ClassVar[tuple[type, ...]] = ()
     config_type: ClassVar[type[ModelConfig]]
     tracks: ClassVar[bool] = False
     trained: ClassVar[bool] = True
     exportable: ClassVar[bool] = True
+    one_by_one: ClassVar[bool] = False
     kernels_only: ClassVar[bool] = False
     config: Any
     dt: float
     settle: float
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        for name in ("objects_batch", "verdict", "weights", "table"):
+            if name in vars(cls):
+                setattr(cls, name, of_own_state(vars(cls)[name]))
+
+    def check_own(self, state: Any) -> None:
+        """Raise `InputError` unless a state is one of this kind of model."""
+        for one in state if self.one_by_one and type(state) in (tuple, list) else [state]:
+            parts = (one, getattr(one, "second", None))
+            if not all(isinstance(part, kind) for part, kind in zip(parts, self.state_types, strict=False)):
+                raise InputError(f"state must be a state of {self.name}, got {type(one).__name__} of something else")
 
     @classmethod
     @abstractmethod
@@ -212,6 +230,17 @@ class BindingModel(nn.Module, ABC):
                 (folder / "weights.safetensors").unlink(missing_ok=True)
         except OSError as error:
             raise InputError(f"{folder} cannot be written: {error.strerror}") from None
+
+
+def of_own_state(read: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    """A method that reads states, for states of its own model alone."""
+
+    @wraps(read)
+    def checked(model: BindingModel, state: Any) -> Any:
+        model.check_own(state)
+        return read(model, state)
+
+    return checked
 
 
 CARD = """# {name}

@@ -171,6 +171,8 @@ class ForegroundModel(BindingModel):
     """
 
     name = "foreground"
+    state_types = (ForegroundState,)
+    one_by_one = True
     exportable = False  # blobs are found outside torch
     kernels_only = True
     config_type = ForegroundConfig

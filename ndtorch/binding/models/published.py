@@ -71,6 +71,7 @@ class PublishedModel(WholeFieldModel):
     """
 
     name = "published"
+    state_types = (BindingState, NetworkState)
     config_type = PublishedConfig
     config: PublishedConfig
 

@@ -90,6 +90,7 @@ class RetinotopicModel(BindingModel):
     """
 
     name = "retinotopic"
+    state_types = (RetinotopicState,)
     config_type = RetinotopicConfig
     tracks = True
     config: RetinotopicConfig

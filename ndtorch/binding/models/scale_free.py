@@ -172,6 +172,7 @@ class ScaleFreeModel(WholeFieldModel):
     """
 
     name = "scale-free"
+    state_types = (BindingState, StageState)
     config_type = ScaleFreeConfig
     config: ScaleFreeConfig
 

@@ -133,6 +133,8 @@ class WholeFieldModel(BindingModel):
 
     def forward(self, frames: Tensor, state: BindingState | None = None) -> tuple[BindingSignals, BindingState]:
         check_state(state, BindingState)
+        if state is not None:
+            self.check_own(state)
         motion = state.motion if state is not None else None
         if state is not None and motion is None:
             raise InputError("state comes from from_sums and has no motion filters: go on with from_sums")
@@ -146,6 +148,8 @@ class WholeFieldModel(BindingModel):
         For sums that were stored or superposed: many trials of many scenes make one batch.
         """
         check_state(state, BindingState)
+        if state is not None:
+            self.check_own(state)
         check_tensor("sums", sums, half=False)
         if sums.ndim < 2 or sums.shape[-1] != 10:
             raise InputError(f"sums must be [..., T, 10], got {tuple(sums.shape)}")

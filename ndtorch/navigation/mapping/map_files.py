@@ -10,6 +10,7 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from ndtorch.arguments import as_path, check_dense, check_kind
 from ndtorch.errors import InputError
 from ndtorch.navigation.mapping.grid_map import Grid
 from ndtorch.utils.files import load_arrays, replacing, save_arrays, write_text
@@ -55,7 +56,12 @@ class SavedMap(NamedTuple):
 
 
 def save_map(
-    folder: Path, cells: Tensor, grid: Grid, path: Floats, ndt_cells: Cells | None = None, **more: npt.NDArray[Any]
+    folder: str | Path,
+    cells: Tensor,
+    grid: Grid,
+    path: Floats,
+    ndt_cells: Cells | None = None,
+    **more: npt.NDArray[Any],
 ) -> None:
     """Write `map.npz`, `map.pgm` and `map.yaml` into a folder.
 
@@ -68,6 +74,9 @@ def save_map(
     Raises:
         InputError: cells of another shape than the grid has.
     """
+    folder = as_path("folder", folder)
+    check_dense("cells", cells)
+    check_kind("grid", grid, Grid)
     if tuple(cells.shape) != (grid.rows, grid.columns):
         raise InputError(f"expected cells [{grid.rows}, {grid.columns}], got {tuple(cells.shape)}")
     arrays: dict[str, Any] = {
@@ -111,12 +120,13 @@ def ros_pixels(cells: Tensor, grid: Grid, path: Floats) -> npt.NDArray[np.uint8]
     return pixels
 
 
-def load_map(file: Path) -> SavedMap:
+def load_map(file: str | Path) -> SavedMap:
     """Read a `map.npz`, or the one in a folder.
 
     Raises:
         InputError: there is none, it is damaged or has no checksum, or it is no map.
     """
+    file = as_path("file", file)
     file = file / "map.npz" if file.is_dir() else file
     found = load_arrays(file)
     try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import signal
 import sys
 from dataclasses import asdict, dataclass
@@ -16,6 +17,8 @@ from ndtorch.errors import InputError
 
 if TYPE_CHECKING:
     from ndtorch_robot.recording import Comparison, Recording
+
+log = logging.getLogger("ndtorch_robot.replay")
 
 DIFFERENT = 1
 """Exit code when lossless frames give other commands than were recorded."""
@@ -51,6 +54,8 @@ class Replay:
 
         torch.set_num_threads(1)
         recording = open_recording(self.folder)
+        if not recording.lossless:
+            log.info("the frames are JPEG: they can be watched, and the commands differ from those of the drive")
         comparison = self.shown(recording) if self.rrd or self.view or self.view_at else self.plain(recording)
         result = asdict(comparison) | {
             "frames": recording.kind,
