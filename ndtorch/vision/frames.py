@@ -87,7 +87,8 @@ def frames_in(frames: Tensor, dtype: torch.dtype) -> Tensor:
     Floats that are pictures of 8 bits become uint8, since the first fluctuations are no larger than the last digits of
     what `1 / 255` makes of them. Frames that nothing can take are left to `check_frames`.
     """
-    if not isinstance(frames, Tensor) or frames.dtype not in (*USUAL, torch.uint8) or torch.compiler.is_compiling():
+    usable = isinstance(frames, Tensor) and frames.layout == torch.strided and not frames.is_meta
+    if not usable or frames.dtype not in (*USUAL, torch.uint8) or torch.compiler.is_compiling():
         return frames
     if is_of_bytes(frames):
         frames = (frames * 255).round_().to(torch.uint8)
