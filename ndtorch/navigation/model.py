@@ -62,8 +62,9 @@ class Navigator(nn.Module):
         angles: `"atan"` (exact) or `"linear"` (as published).
         grid_map, observations, tracker: parts to fill with the ranges; none by default.
         backend: `"numba"`, `"torch"`, or `"auto"`: the first of them that the controller has.
-        near_check: with compiled steps, while the car stands, at the start or boxed in, look at what is right ahead
-            with both cameras, and tell the controller; while it drives, search the right row where it requests that.
+        near_check: with compiled steps, a car that stands, at the start or boxed in, checks what is right ahead with
+            both cameras, and one that drives searches the right row for its controller. False is for images in which
+            there is no floor.
         localiser: corrects the poses at which these parts are filled, and tells the controller where the car is, so
             that it finds its goals; it steers by dead reckoning, which never jumps. None by default.
 
@@ -94,7 +95,7 @@ class Navigator(nn.Module):
         observations: ObservationList | None = None,
         tracker: AlphaBetaTracker | None = None,
         backend: str = "auto",
-        near_check: bool = False,
+        near_check: bool = True,
         localiser: Localiser | None = None,
     ) -> None:
         super().__init__()

@@ -105,12 +105,12 @@ class NavigatorOptions:
         # Cameras hand over the horizon row alone.
         return SearchParams(rows=1, ahead_count=round(self.ahead_share * SearchParams.count))
 
-    def navigator(self, rig: StereoRig, rate: float, grid: Grid | None = None, near_check: bool = False) -> Navigator:
+    def navigator(self, rig: StereoRig, rate: float, grid: Grid | None = None, near_check: bool = True) -> Navigator:
         """A navigator for so many frames a second.
 
         Args:
             grid: the part of the world to map, if any.
-            near_check: look at what is right ahead before the car begins, see `Navigator`.
+            near_check: see `Navigator`.
         """
         edges = self.feature_position == "edges"
         features = FeatureParams(

@@ -1,12 +1,13 @@
 """Pixels, angles and floor rectangles, against the published numbers and hand geometry."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
 
 from ndtorch.errors import InputError
-from ndtorch.navigation import Rect, StereoRig
+from ndtorch.navigation import Navigator, Rect, StereoRanging, StereoRig
 
 
 def test_published_linear_angle():
@@ -75,3 +76,18 @@ def test_projection_matrices_of_kitti_and_opencv():
     for values in ({"cx": 700.0}, {"cy": -1.0}):
         with pytest.raises(InputError, match="inside the frame"):
             StereoRig(**values)
+
+
+def test_rigs_of_others() -> None:
+    """Axes between two pixels; and a rig that shows no floor near the car says what to change."""
+    euroc = StereoRig(0.11, 436.24, 752, 480, camera_height=0.2, cx=364.44)
+    ours, theirs = euroc.subfields()
+    assert ours.right - ours.left == theirs.right - theirs.left
+    assert abs((ours.left + theirs.right - 1) / 2 - euroc.center[0]) <= 1
+    Navigator(euroc, 0.05, controller="published")
+    kitti = StereoRig(0.537, 707.09, 1241, 376, camera_height=1.65, cx=601.89, cy=183.11)
+    with pytest.raises(InputError, match=r"in view is 6\.08 m ahead: mount the cameras at most 0\.18 m high"):
+        Navigator(kitti, 0.1)
+    lower = replace(kitti, camera_height=0.17)
+    assert lower.floor_from < 0.65
+    StereoRanging(kitti, 0.1)

@@ -5,12 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from ndtorch.navigation import STOPPED
+from ndtorch.navigation import STOPPED, Navigator, StereoRig
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.camera_monitor.frame_check import FrameCheck
 from ndtorch_robot.car import Car
 from ndtorch_robot.drive import DRAWN, LIMITS
 from ndtorch_robot.navigator_runner import NavigatorRunner
+from ndtorch_robot.ports import DriveCommand
 from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.arenas import load_arena
 from ndtorch_robot.sim.plan import Plan, ring
@@ -45,6 +46,25 @@ def test_a_start_before_a_wall_and_one_before_none():
         assert hits == 0
         assert car.troubles == []
         assert simulation.pose[0] > 0.8
+    finally:
+        simulation.close()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_navigator_with_its_defaults_starts_20_cm_before_a_wall(seed):
+    """The lines of README, and nothing of the car's own loop."""
+    rig = StereoRig(baseline=0.30, focal=430.0, width=640, height=480)
+    navigator = Navigator(rig, dt=1 / 30)
+    plan = Plan("small", ring([(0, 0), (3, 0), (3, 2), (0, 2)]))
+    simulation, state = Simulation(plan, seed, rig=rig, fields=navigator.controller.fields), None
+    try:
+        simulation.place(3 - BUMPER - 0.2, 1.0, 0.0)
+        for step in range(90):
+            frames = simulation.read()
+            command, state = navigator(frames.left, frames.right, state)
+            simulation.obey(DriveCommand(float(command.speed), float(command.curvature)))
+            simulation.wait_until((step + 1) / 30)
+        assert simulation.collisions == []
     finally:
         simulation.close()
 

@@ -45,7 +45,7 @@ def reject_unoccluded(
     if not 0 < len(obstacles.x) < p.mismatch_max_places:
         return obstacles
     depth = obstacles.x - rig.forward
-    column = (rig.width - 1) / 2 + rig.focal * (rig.baseline / 2 - obstacles.y) / depth
+    column = rig.center[0] + rig.focal * (rig.baseline / 2 - obstacles.y) / depth
     order = np.argsort(column)
     gap = (np.diff(column[order]) > GAP_PX) | (np.abs(np.diff(depth[order])) > 0.15 * depth[order][1:])
     kept = np.ones(len(obstacles.x), bool)
@@ -68,7 +68,7 @@ def correlation_behind(
         left, right, rects: as in `reject_unoccluded`.
     """
     ours, theirs = rects
-    horizon = (rig.height - 1) / 2 - rig.focal * math.tan(rig.pitch)
+    horizon = rig.center[1] - rig.focal * math.tan(rig.pitch)
     rows = np.arange(ours.top, ours.bottom)
     rows = rows[rig.focal * rig.camera_height / np.maximum(rows - horizon, 1.0) > max(BEHIND * depth, BEHIND)]
     wide = np.arange(max(ours.left, columns[0] - PAD_PX), min(ours.right, columns[1] + PAD_PX + 1))

@@ -30,7 +30,7 @@ def floor_correlation(
         rects: their places in the images.
     """
     p, (ours, theirs) = params, rects
-    horizon = (rig.height - 1) / 2 - rig.focal * math.tan(rig.pitch)
+    horizon = rig.center[1] - rig.focal * math.tan(rig.pitch)
     rows = np.arange(ours.top, ours.bottom)
     depth = rig.focal * rig.camera_height / np.maximum(rows - horizon, 1.0)
     rows = rows[(depth >= p.floor_min_depth_m) & (depth <= p.floor_max_depth_m)][::2]
@@ -39,7 +39,7 @@ def floor_correlation(
         *(ours.top, ours.left, theirs.top, theirs.left),
         rig.baseline / rig.camera_height,
         horizon,
-        (rig.width - 1) / 2,
+        rig.center[0],
         p.floor_half_width_m / rig.baseline,
     )
     least = (MIN_COLUMNS, MIN_PIXELS, MIN_SIGMA)

@@ -68,7 +68,7 @@ def detect_obstacles(left: Floats, right: Floats, rig: StereoRig, params: Proxim
     steps = np.abs(np.diff(left, prepend=left[:1]))
     textured = np.convolve(steps, np.ones(size) / size, "same") >= MIN_TEXTURE
     depth = focal * rig.baseline / disparity
-    aside = rig.baseline / 2 + depth * ((width - 1) / 2 - columns) / focal
+    aside = rig.baseline / 2 + depth * ((rig.center[0] - 0.5) / 2 - columns) / focal
     unique = cost < UNIQUENESS_RATIO * elsewhere
     good = mutual & textured & unique & (disparity >= low) & (np.abs(aside) <= p.half_width_m)
     found = np.flatnonzero(good)

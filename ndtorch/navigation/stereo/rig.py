@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy.typing as npt
@@ -14,6 +15,7 @@ from torch import Tensor
 
 from ndtorch.arguments import check_numbers
 from ndtorch.errors import InputError
+from ndtorch.navigation.stereo.calibration_files import load_calibration
 
 AngleModel = Literal["atan", "linear"]
 
@@ -23,6 +25,9 @@ Matrix = Sequence[Sequence[float]] | Tensor | npt.NDArray[Any]
 ALIKE = 1e-3
 """Share of the focal length by which matrices of a rectified pair may differ: files give a few decimals."""
 
+
+MAX_BASELINE = 2.0
+"""Metres: a longer baseline is most often one in millimetres."""
 
 LONGEST_SIDE = 2**20
 """Pixels of a side of a frame, at most."""
@@ -73,24 +78,77 @@ class StereoRig:
     cy: float | None = None
 
     @classmethod
-    def from_projections(cls, left: Matrix, right: Matrix, width: int, height: int, **where: float) -> StereoRig:
-        """The rig of a rectified pair, from the 3 x 4 projection matrices of both cameras.
+    def load(
+        cls,
+        *paths: str | Path,
+        width: int | None = None,
+        height: int | None = None,
+        rescale: bool = False,
+        unit_m: float | None = None,
+        cameras: tuple[int, int] = (0, 1),
+        max_baseline_m: float = MAX_BASELINE,
+        **where: float,
+    ) -> StereoRig:
+        """The rig of a calibration that somebody else has made, in one file or in one a camera, the left one first.
+
+        ROS camera_info and ost.yaml, KITTI calib.txt, EuRoC sensor.yaml, Middlebury calib.txt, OpenCV FileStorage and
+        Kalibr camchain are read. It is the rig of the rectified pair; `load_calibration` has what rectifies images.
+
+        Args:
+            paths, width, height, rescale, unit_m, cameras: as `load_calibration`.
+            max_baseline_m: A longer baseline is taken for a wrong unit.
+            where: `camera_height`, `pitch` and `forward`, which no calibration knows.
+
+        Raises:
+            InputError: a file that cannot be read or is of none of these kinds; another size than the frames; a
+                baseline that is too long; as `from_projections`.
+        """
+        found = load_calibration(*paths, width=width, height=height, rescale=rescale, unit_m=unit_m, cameras=cameras)
+        if found.size is None:
+            raise InputError(f"{paths[0]} does not say how large the images are: give width and height of the frames")
+        left, right = found.left.projection, found.right.projection
+        width, height = found.size
+        return cls.from_projections(left, right, width, height, max_baseline_m=max_baseline_m, **where)
+
+    @classmethod
+    def from_projections(
+        cls,
+        left: Matrix,
+        right: Matrix,
+        width: int,
+        height: int,
+        *,
+        baseline: float | None = None,
+        max_baseline_m: float = MAX_BASELINE,
+        **where: float,
+    ) -> StereoRig:
+        """The rig of a rectified pair, from the projection matrices of both cameras.
 
         So `cv2.stereoRectify` gives them as P1 and P2, ROS as `P` of both `camera_info`, and KITTI as `P0` and `P1`
         (grey) or `P2` and `P3` (color).
 
         Args:
-            left, right: rows of numbers, the last column in pixels times metres.
+            left, right: 3 x 4 numbers, the last column in pixels times metres, as rows or in one row of 12; or 3 x 3
+                with `baseline`.
             width, height: size of a frame in pixels.
+            baseline: distance between the cameras, m, where the matrices do not tell.
+            max_baseline_m: A longer baseline is taken for a wrong unit.
             where: `camera_height`, `pitch` and `forward`, which no calibration knows.
 
         Raises:
             InputError: matrices of another shape, or cameras that are not parallel, level and alike: fx and fy, or
-                cx and cy of both, that differ, or a right camera that is not to the right of the left one.
+                cx and cy of both, that differ, or a right camera that is not to the right of the left one; a baseline
+                that is too long.
         """
         p, q = (torch.as_tensor(matrix, dtype=torch.float64) for matrix in (left, right))
-        if p.shape != (3, 4) or q.shape != (3, 4) or not bool(torch.stack((p, q)).isfinite().all()):
-            raise InputError(f"expected two finite 3 x 4 matrices, got {tuple(p.shape)} and {tuple(q.shape)}")
+        given = tuple(p.shape), tuple(q.shape)
+        p, q = (m.reshape(3, -1) if m.numel() in (9, 12) else m for m in (p, q))
+        if p.shape not in ((3, 3), (3, 4)) or p.shape != q.shape or not bool(torch.stack((p, q)).isfinite().all()):
+            raise InputError(f"expected two finite 3 x 4 matrices, got {given[0]} and {given[1]}")
+        if p.shape == (3, 3):
+            if baseline is None:
+                raise InputError("3 x 3 matrices do not tell how far the cameras are apart: give baseline, in m")
+            p, q = (torch.cat((m, torch.zeros(3, 1, dtype=torch.float64)), 1) for m in (p, q))
         scale = float(p[2, 2])
         if not scale > 0 or float(q[2, 2]) != scale:
             raise InputError("the last rows of both projection matrices must be alike and end in 1, 0")
@@ -101,12 +159,15 @@ class StereoRig:
                 f"both cameras must be rectified to one focal length and one axis (with OpenCV "
                 f"CALIB_ZERO_DISPARITY); their matrices differ by {across:.3g} pixels"
             )
-        baseline = float(p[0, 3] - q[0, 3]) / focal
-        if not baseline > 0:
+        apart = float(p[0, 3] - q[0, 3]) / focal if baseline is None else baseline
+        if not apart > 0:
+            raise InputError(f"the second matrix must be of the camera on the right, got a baseline of {apart:.3g} m")
+        if apart > max_baseline_m:
             raise InputError(
-                f"the second matrix must be of the camera on the right, got a baseline of {baseline:.3g} m"
+                f"the cameras are {apart:.3g} m apart, more than {max_baseline_m:g} m: is the file in mm? Divide the "
+                "last column by 1000 (unit_m=0.001 of load), or give max_baseline_m"
             )
-        return cls(baseline, focal, width, height, cx=float(p[0, 2]), cy=float(p[1, 2]), **where)
+        return cls(apart, focal, width, height, cx=float(p[0, 2]), cy=float(p[1, 2]), **where)
 
     def __post_init__(self) -> None:
         check_numbers(self)
@@ -207,13 +268,36 @@ class StereoRig:
         top, left = math.ceil(float(row.min())), math.ceil(float(column.min()))
         bottom, right = math.floor(float(row.max())) + 1, math.floor(float(column.max())) + 1
         mirrored = 2 * self.center[0] - column
-        left_2, right_2 = math.ceil(float(mirrored.min())), math.floor(float(mirrored.max())) + 1
+        # Where the axes lie between two pixels, boxes of both images are still of one size.
+        left_2 = math.ceil(float(mirrored.min()))
+        right_2 = left_2 + right - left
         visible = 0 <= top < bottom <= self.height and all(
             0 <= start < end <= self.width for start, end in ((left, right), (left_2, right_2))
         )
         if not visible:
             raise InputError(
-                f"the floor {near}-{far} m ahead projects to rows {top}-{bottom}, columns {left}-{right} "
-                f"of {self.width}x{self.height} frames: choose one that is inside"
+                f"the floor {near:g}-{far:g} m ahead projects to rows {top}-{bottom}, columns {left}-{right} "
+                f"of {self.width}x{self.height} frames{self.floor_hint(near)}"
             )
         return Rect(top, bottom, left, right), Rect(top, bottom, left_2, right_2)
+
+    @property
+    def floor_from(self) -> float:
+        """Depth of the nearest floor in view, m; infinite where the frames show none."""
+        down = math.atan((self.height - 1 - self.center[1]) / self.focal) + self.pitch
+        return self.camera_height / math.tan(down) if 0 < down < math.pi / 2 else 0.0 if down > 0 else math.inf
+
+    def floor_hint(self, near: float) -> str:
+        """What to change so that floor is in view from this depth on, m; empty where it is in view."""
+        if self.floor_from <= near:
+            return ""
+        view = math.atan((self.height - 1 - self.center[1]) / self.focal)
+        pitch = math.atan(self.camera_height / near) - view
+        # The horizon row, which is ranged, must stay in view.
+        lowest = math.atan(self.center[1] / self.focal)
+        ways = [f"pitch the cameras {math.degrees(pitch):.0f} degrees down"] if pitch < lowest else []
+        if view + self.pitch > 0:
+            ways.insert(0, f"mount the cameras at most {near * math.tan(view + self.pitch):.2f} m high")
+        return (
+            f"; the nearest floor in view is {self.floor_from:.2f} m ahead: {', or '.join(ways) or 'use other lenses'}"
+        )

@@ -142,8 +142,9 @@ def floor_view(rig: StereoRig, params: FloorParams) -> FloorView:
     top, right = bottom - tall * p.bands, left + wide * p.blocks
     if tall < 1 or wide < 1 or top < 0 or bottom > rig.height or right > rig.width + min(aside_px, 0):
         raise InputError(
-            f"{p.bands} bands by {p.blocks} blocks of floor {p.near_m}-{p.far_m} m ahead do not fit into "
-            f"{rig.width}x{rig.height} frames"
+            f"{p.bands} bands by {p.blocks} blocks of floor {p.near_m:g}-{p.far_m:g} m ahead do not fit into "
+            f"{rig.width}x{rig.height} frames{rig.floor_hint(p.near_m)}; controller 'published' needs less floor, "
+            "and StereoRanging none"
         )
     mirror = rig.width + aside_px
     cells = Rect(top, bottom, left, right), Rect(top, bottom, mirror - right, mirror - left)
