@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
-from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
@@ -19,7 +18,7 @@ from ndtorch_robot.navigator_options import navigator_options
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from ndtorch_robot.barn.attempts import Attempt, AttemptCache, Entry
+    from ndtorch_robot.barn.attempts import Attempt, Entry
     from ndtorch_robot.barn.worlds import World
 
 FAILED = 1
@@ -62,6 +61,7 @@ class Barn:
     def run(self) -> int:
         from ndtorch.run.folder import place_for
         from ndtorch_robot.barn.attempts import AttemptCache
+        from ndtorch_robot.evaluation.drives import finish
 
         worlds = self.chosen()
         entries = [self.entry(world) for world in worlds]
@@ -75,7 +75,10 @@ class Barn:
         interrupted = False
         try:
             missing = [e for e in entries if cache.get(e) is None]
-            troubles = finish(missing, cache, self.jobs or workers.cores())
+            processes = self.jobs or workers.cores()
+            troubles = finish(
+                drive_world, missing, cache, processes, lambda e: f"world {e.world.number}", unit=" worlds"
+            )
         except KeyboardInterrupt:
             interrupted = True
         made = [found for e in entries if (found := cache.attempt(e)) is not None]
@@ -122,33 +125,10 @@ class Barn:
         return text + f"\nwritten to {out}: barn.csv barn.md" + " barn.png" * bool(made)
 
 
-def drive_world(entry: Entry, note: Callable[[float], None]) -> Attempt:
+def drive_world(entry: Entry, note: Callable[[float], None]) -> dict[str, Any]:
     import torch
 
     from ndtorch_robot.barn.attempts import attempt
 
     torch.set_num_threads(1)
-    return attempt(entry)
-
-
-def finish(missing: list[Entry], cache: AttemptCache, processes: int) -> list[str]:
-    """Drive through the worlds that are missing, keeping each as soon as it is done; returns what went wrong."""
-    from ndtorch.run.progress import progress_bar
-
-    if not missing:
-        return []
-    troubles: list[str] = []
-    with (
-        progress_bar(len(missing), unit=" worlds") as bar,
-        closing(workers.run_tasks(drive_world, missing, processes)) as events,
-    ):
-        for kind, task, value in events:
-            entry = missing[task]
-            if kind == "done":
-                cache.put(entry, value._asdict())
-                result = "goal" if value.success else "collision" if value.collided else "out of time"
-                bar.set_description_str(f"world {entry.world.number}: {result}, {value.time_s:.0f} s")
-            elif kind == "failed":
-                troubles.append(f"world {entry.world.number}: {str(value).strip().splitlines()[-1]}")
-            bar.update(kind in ("done", "failed"))
-    return troubles
+    return attempt(entry)._asdict()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -18,7 +17,7 @@ from ndtorch_robot.navigator_options import navigator_options
 
 if TYPE_CHECKING:
     from ndtorch_robot.config import DriveConfig
-    from ndtorch_robot.evaluation.drives import DriveCache, Summary
+    from ndtorch_robot.evaluation.drives import Summary
 
 SEEDS = (1000, 1001, 1002)
 """Seeds that nothing was ever tuned on."""
@@ -70,7 +69,7 @@ class Evaluate:
     def run(self) -> int:
         from ndtorch.report.page import NAME, open_in_browser
         from ndtorch.run.folder import place_for
-        from ndtorch_robot.evaluation.drives import DriveCache
+        from ndtorch_robot.evaluation.drives import DriveCache, drive_once, finish
 
         drives = self.drives()
         place = place_for(self.out, settings_of(drives), force=self.force)
@@ -80,7 +79,10 @@ class Evaluate:
         troubles: list[str] = []
         interrupted = False
         try:
-            troubles = finish_drives([d for d in drives if cache.get(d) is None], cache, self.processes())
+            missing = [d for d in drives if cache.get(d) is None]
+            form = "{desc} {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} s, {rate_fmt}, {remaining} left"
+            look = {"unit": "x", "bar_format": form}
+            troubles = finish(drive_once, missing, cache, self.processes(), name_of, lambda d: d.seconds, **look)
         except KeyboardInterrupt:
             interrupted = True
         found = [(d, summary) for d in drives if (summary := cache.get(d)) is not None]
@@ -164,43 +166,9 @@ def disturbances_of(given: tuple[str, ...]) -> tuple[str, ...] | None:
     return tuple(dict.fromkeys(name for word in given for name in words.get(word, (word,)))) or None
 
 
-def finish_drives(missing: list[DriveConfig], cache: DriveCache, processes: int) -> list[str]:
-    """Do the drives that are missing, keeping each as soon as it is done; returns what went wrong for good."""
-    from ndtorch.run.progress import progress_bar
-    from ndtorch_robot.evaluation.drives import drive_once
-
-    if not missing:
-        return []
-    made = [0.0] * len(missing)
-    troubles: list[str] = []
-    total = sum(d.seconds for d in missing)
-    form = "{desc} {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} s, {rate_fmt}, {remaining} left"
-    with progress_bar(total, unit="x", bar_format=form) as bar:
-        left = len(missing)
-        bar.set_description_str(f"{left} drives to go")
-        with closing(workers.run_tasks(drive_once, missing, processes)) as events:
-            for kind, task, value in events:
-                config = missing[task]
-                words = (
-                    f"{config.arena}, seed {config.seed}, {config.walls}, {config.controller}"
-                    + f", {config.disturbance}" * bool(config.disturbance)
-                )
-                reached = config.seconds
-                if kind == "progress":
-                    reached = float(value)
-                elif kind == "again":
-                    bar.write(f"note: {words}: its process died ({value}); once more", file=sys.stderr)
-                    reached = 0.0
-                elif kind == "done":
-                    cache.put(config, value)
-                else:
-                    troubles.append(f"{words}: {str(value).strip().splitlines()[-1]}")
-                bar.update(reached - made[task])
-                made[task] = reached
-                if kind in ("done", "failed"):
-                    left -= 1
-                    bar.set_description_str(f"{left} drives to go")
-    return troubles
+def name_of(config: DriveConfig) -> str:
+    words = (config.arena, f"seed {config.seed}", config.walls, config.controller, config.disturbance)
+    return ", ".join(filter(None, words))
 
 
 def write_tables(summaries: list[Summary], folder: Path, note: str, as_json: bool) -> str:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import json
+import sys
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from contextlib import closing
 from itertools import product
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from ndtorch.utils import workers
 from ndtorch.utils.files import TABLE_BYTES, read_text, write_text
 from ndtorch.utils.packages import code_digest
 from ndtorch_robot.config import DriveConfig
@@ -87,6 +90,48 @@ class DriveCache(ResultCache[DriveConfig]):
 
     def name(self, job: DriveConfig) -> str:
         return key_of(job, self.code)
+
+
+def finish(
+    work: Callable[[Job, Callable[[float], None]], Summary],
+    missing: list[Job],
+    cache: ResultCache[Job],
+    processes: int,
+    name: Callable[[Job], str],
+    size: Callable[[Job], float] = lambda job: 1.0,
+    **bar_options: Any,
+) -> list[str]:
+    """Do the jobs that are missing, keeping each as soon as it is done; returns what went wrong for good.
+
+    Args:
+        name: of a job, for messages.
+        size: of a job, as the progress bar counts it and `work` reports it.
+    """
+    from ndtorch.run.progress import progress_bar
+
+    made, troubles, left = [0.0] * len(missing), list[str](), len(missing)
+    if not missing:
+        return []
+    with (
+        progress_bar(sum(map(size, missing)), desc=f"{left} to go", **bar_options) as bar,
+        closing(workers.run_tasks(work, missing, processes)) as events,
+    ):
+        for kind, task, value in events:
+            job, reached = missing[task], size(missing[task])
+            if kind == "progress":
+                reached = float(value)
+            elif kind == "again":
+                bar.write(f"note: {name(job)}: its process died ({value}); once more", file=sys.stderr)
+                reached = 0.0
+            elif kind == "done":
+                cache.put(job, value)
+            else:
+                troubles.append(f"{name(job)}: {str(value).strip().splitlines()[-1]}")
+            bar.update(reached - made[task])
+            made[task] = reached
+            left -= kind in ("done", "failed")
+            bar.set_description_str(f"{left} to go")
+    return troubles
 
 
 def drive_once(config: DriveConfig, report: Callable[[float], None]) -> Summary:

@@ -40,7 +40,7 @@ def driven(monkeypatch: pytest.MonkeyPatch) -> list[Entry]:
                 continue
             hit = number == 6
             made = Attempt(number, not hit, hit, 20.0, 0.0 if hit else 0.25, [(0.0, 0.0), (0.0, 9.0)], 1.0, 0.4)
-            yield workers.Event("done", n, made)
+            yield workers.Event("done", n, made._asdict())
 
     monkeypatch.setattr(workers, "run_tasks", run)
     return entries

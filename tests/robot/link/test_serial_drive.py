@@ -2,15 +2,17 @@
 
 import errno
 import os
+import threading
 from types import SimpleNamespace
 
 import pytest
 
 from ndtorch.errors import InputError
-from ndtorch_robot.link import SerialDrive
+from ndtorch_robot.link import SerialDrive, serial_drive
 from ndtorch_robot.link.line import Line, LinkQuality, owner_group, reason
 from ndtorch_robot.link.messages import Type
 from ndtorch_robot.ports import DriveCommand
+from tests.robot.link.test_link_drive import Known
 from tests.robot.support.peer import Peer, board
 
 
@@ -103,3 +105,59 @@ def test_so_many_refused_frames_are_noise() -> None:
     assert noise.bad(30, 29.6)
     assert LinkQuality().bad(4, 0.9) is False, "what came at once since the start of the clock is forgiven once"
     assert LinkQuality().bad(4, 0.1)
+
+
+def test_a_board_that_never_answers_is_given_up(monkeypatch):
+    """After twice the time that it is given at first, counted from when it was heard last."""
+    car = Known()
+    drive = SerialDrive.__new__(SerialDrive)
+    vars(drive).update(vars(car.drive))
+    drive.closing = threading.Event()
+    car.line.port = "a port"
+    clock, read = [100.0], []
+
+    def read_some(port):
+        read.append(clock[0])
+        clock[0] += 0.25
+        return b""
+
+    monkeypatch.setattr(serial_drive, "read_some", read_some)
+    monkeypatch.setattr(serial_drive.time, "monotonic", lambda: clock[0])
+    drive.welcomed.clear()
+    assert drive.converse() == "no answer from the board"
+    given = 2 * serial_drive.GREETING
+    assert read[-1] == pytest.approx(100.0 + given, abs=0.25)
+    drive.receiver.last, clock[0], read[:] = 103.0, 100.0, []
+    assert drive.converse() == "no answer from the board"
+    assert read[-1] == pytest.approx(103.0 + given, abs=0.25)
+    drive.closing.set()
+    assert drive.converse() == "closed"
+
+
+def test_a_line_that_is_gone_is_not_written_to_and_opened_again_after_pauses_that_grow():
+    car = Known()
+    drive = SerialDrive.__new__(SerialDrive)
+    vars(drive).update(vars(car.drive))
+    waited, dropped, opened = [], [], []
+
+    class Closing(threading.Event):
+        def wait(self, timeout):
+            waited.append(timeout)
+            return False
+
+    def reopen():
+        opened.append(len(waited))
+        return len(opened) in (4, 5)
+
+    def converse():
+        if len(dropped) == 2:
+            drive.closing.set()
+        return "unplugged"
+
+    drive.closing, drive.converse, drive.receiver.telemetry = Closing(), converse, None
+    car.line.drop, car.line.reopen = (lambda: dropped.append(True)), reopen
+    drive.listen()
+    assert (car.line.said(), len(dropped), drive.welcomed.is_set()) == ([], 2, False)
+    assert (drive.trouble(), car.lines) == ("lost: unplugged", ["link: lost: unplugged"])
+    least, most = serial_drive.BACK_OFF
+    assert waited == [min(least * 2**n, most) for n in range(5)]
