@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Literal, Protocol, Self
 import torch
 from torch import Tensor, nn
 
-from ndtorch.arguments import USUAL
+from ndtorch.arguments import USUAL, as_path
 from ndtorch.binding.objects import BoundObject, ObjectTable
 from ndtorch.config import ModelConfig, config_text
 from ndtorch.errors import InputError
@@ -54,6 +54,17 @@ def states_of(state: object, films: int) -> Sequence[Any]:
     return state
 
 
+def of_own_state(read: Callable[..., Any]) -> Callable[..., Any]:
+    """A method that reads states, for states of its own model alone."""
+
+    @wraps(read)
+    def checked(model: BindingModel, state: Any, *more: Any) -> Any:
+        model.check_own(state)
+        return read(model, state, *more)
+
+    return checked
+
+
 class BindingModel(nn.Module, ABC):
     """Frames -> signals -> objects. A model is five choices, and its config has a table for each that it makes:
     receptive fields, what a camera needs before, normalisation, network, read-out and tracking.
@@ -91,7 +102,7 @@ class BindingModel(nn.Module, ABC):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        for name in ("objects_batch", "verdict", "weights", "table"):
+        for name in ("objects_batch", "verdict", "weights", "table", "take_closed", "restore_closed"):
             if name in vars(cls):
                 setattr(cls, name, of_own_state(vars(cls)[name]))
 
@@ -165,6 +176,7 @@ class BindingModel(nn.Module, ABC):
         last = max((one.last_seen or 0.0 for one in found), default=0.0)
         return [one for one in found if one.last_seen == last] if self.tracks else found
 
+    @of_own_state
     def take_closed(self, state: Any) -> tuple[list[BoundObject], Any]:
         """The objects that are lost since they were last taken, and the state without them.
 
@@ -179,6 +191,7 @@ class BindingModel(nn.Module, ABC):
         """
         return [], state
 
+    @of_own_state
     def restore_closed(self, state: Any, closed: Sequence[Any]) -> Any:
         """The state with what was taken from it before: `closed` of each state that was given to `take_closed`."""
         return state
@@ -215,7 +228,7 @@ class BindingModel(nn.Module, ABC):
         """
         from ndtorch.binding.first_stage import write_first_stage
 
-        folder, weights = Path(path), self.first_stage()
+        folder, weights = as_path("path", path), self.first_stage()
         if not overwrite and (folder / "config.toml").exists():
             raise InputError(f"{folder} holds a model; say overwrite=True to replace it, or name another folder")
         try:
@@ -230,17 +243,6 @@ class BindingModel(nn.Module, ABC):
                 (folder / "weights.safetensors").unlink(missing_ok=True)
         except OSError as error:
             raise InputError(f"{folder} cannot be written: {error.strerror}") from None
-
-
-def of_own_state(read: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """A method that reads states, for states of its own model alone."""
-
-    @wraps(read)
-    def checked(model: BindingModel, state: Any) -> Any:
-        model.check_own(state)
-        return read(model, state)
-
-    return checked
 
 
 CARD = """# {name}
