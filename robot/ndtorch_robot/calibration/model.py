@@ -109,18 +109,10 @@ class Calibration(Strict):
         """Rotations from each camera's frame to that of the parallel pair: rows along the baseline."""
         import cv2
 
+        lenses = (self.left.matrix, self.left.coefficients, self.right.matrix, self.right.coefficients)
+        pose = (self.rotation, np.array(self.translation_m).reshape(3, 1))
         size = (self.width_px, self.height_px)
-        left, right = self.left, self.right
-        found = cv2.stereoRectify(
-            left.matrix,
-            left.coefficients,
-            right.matrix,
-            right.coefficients,
-            size,
-            self.rotation,
-            np.array(self.translation_m).reshape(3, 1),
-            flags=cv2.STEREO_ZERO_DISPARITY,
-        )
+        found = cv2.stereoRectify(*lenses, size, *pose, flags=cv2.STEREO_ZERO_DISPARITY)
         return np.asarray(found[0], np.float64), np.asarray(found[1], np.float64)
 
     def camera_matrix(self) -> Matrix:

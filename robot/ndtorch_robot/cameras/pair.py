@@ -6,8 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 from functools import partial
-from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol
 
 import torch
 from torch import Tensor
@@ -17,17 +16,9 @@ from ndtorch.navigation import Rect, StereoRig, Strips
 from ndtorch.navigation.options import NavigatorOptions
 from ndtorch_robot.cameras.pairing import Frame, Pair, Pairing, PairStatistics
 from ndtorch_robot.cameras.reader import CameraReader, frame_rate
-from ndtorch_robot.cameras.source import (
-    CameraSettings,
-    Capture,
-    Image,
-    Opener,
-    Source,
-    find_source,
-    open_capture,
-)
+from ndtorch_robot.cameras.source import CameraSettings, Capture, Image, Opener, Source, find_source, open_capture
 from ndtorch_robot.cameras.sources.v4l2 import place_of
-from ndtorch_robot.ports import StereoFrames
+from ndtorch_robot.ports import Closing, StereoFrames
 
 SIDES = ("left", "right")
 
@@ -55,7 +46,7 @@ class Rectify(Protocol):
         ...
 
 
-class StereoCameras:
+class StereoCameras(Closing):
     """Two cameras that run freely, one reader thread each; implements `ndtorch_robot.ports.CameraPair`.
 
     Each reading gives the newest pair that has not been read yet, and waits for it when it must. The time of a
@@ -265,14 +256,6 @@ class StereoCameras:
             reader.close()
         for capture in self.played:
             capture.release()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 def to_tensor(image: Image) -> Tensor:

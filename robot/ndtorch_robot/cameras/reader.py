@@ -35,11 +35,7 @@ class CameraReader:
     """
 
     def __init__(
-        self,
-        source: Source,
-        settings: CameraSettings,
-        opener: Opener,
-        deliver: Callable[[Frame], None],
+        self, source: Source, settings: CameraSettings, opener: Opener, deliver: Callable[[Frame], None]
     ) -> None:
         self.source, self.settings, self.opener, self.deliver = source, settings, opener, deliver
         self.capture: Capture | None = opener(source, settings)

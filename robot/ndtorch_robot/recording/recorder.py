@@ -8,14 +8,13 @@ import threading
 from collections import deque
 from pathlib import Path
 from time import monotonic
-from types import TracebackType
-from typing import IO, Any, Literal, NamedTuple, Self
+from typing import IO, Any, Literal, NamedTuple
 from zlib import crc32
 
 from torch import Tensor
 
 from ndtorch.errors import InputError
-from ndtorch_robot.ports import DriveCommand, Placed, Report, Step, StereoFrames
+from ndtorch_robot.ports import Closing, DriveCommand, Placed, Report, Step, StereoFrames
 from ndtorch_robot.recording.streams import JPEG_QUALITY, SUFFIXES, Format, checked_line, crc_of, encode, images_of
 
 VERSION = 2
@@ -43,7 +42,7 @@ class Waiting(NamedTuple):
     since: float
 
 
-class Recorder:
+class Recorder(Closing):
     """Records steps into a new folder, in its own thread; the format is in docs/file-formats.md.
 
     `record_step` never waits, and never raises for the disk: when the queue is full the step is kept without its
@@ -285,14 +284,6 @@ class Recorder:
             "megabytes": round(sizes / 1e6, 3),
             "failed": self.failed,
         }
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 class RecordSteps:

@@ -13,17 +13,7 @@ from ndtorch_robot.car import Car
 from ndtorch_robot.config import DriveConfig, load_config
 from ndtorch_robot.faults import FaultKind
 from ndtorch_robot.navigator_runner import NavigatorRunner
-from ndtorch_robot.ports import (
-    Drive,
-    DriveCommand,
-    Observer,
-    Placed,
-    Report,
-    SafeCommand,
-    Step,
-    StereoFrames,
-    unseal,
-)
+from ndtorch_robot.ports import Drive, DriveCommand, Observer, Placed, Report, SafeCommand, Step, StereoFrames, unseal
 from ndtorch_robot.recording.reading import Recording
 from ndtorch_robot.safety import SafeDrive
 from ndtorch_robot.sim.arenas import load_arena
