@@ -133,6 +133,10 @@ class Foreground(Seeded):
     """Seconds of each of these clips without objects."""
     rows: int = 0
     """Height in pixels of the frames that all methods get; 0 for their own."""
+    streets: bool = False
+    """Also use generated crowds, lanes, covers, long shadows, moving cameras and insects."""
+    ablate: bool = False
+    """Switch off one rule of the model foreground at a time instead, over the folder and those clips."""
 
     gone: ClassVar[Mapping[str, str]] = {
         "--labelled": "name the folder without a flag",
@@ -144,11 +148,15 @@ class Foreground(Seeded):
 
     def benchmark(self) -> Benchmark:
         """The clips."""
+        from ndtorch_train.benchmark.ablation import ablation_benchmark
         from ndtorch_train.benchmark.foreground import Generated, foreground_benchmark
+
+        if self.ablate:
+            return ablation_benchmark(self.split, self.folder)
 
         generated = Generated(self.generated, self.counts, self.fps, self.keep) if self.generated else None
         negative = None if self.negative is None else (self.negative, self.negative_seconds)
-        return foreground_benchmark(self.methods, self.rows, self.split, self.folder, generated, negative)
+        return foreground_benchmark(self.methods, self.rows, self.split, self.folder, generated, negative, self.streets)
 
 
 @dataclass(frozen=True)

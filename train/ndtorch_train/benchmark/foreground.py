@@ -7,7 +7,7 @@ import platform
 import time
 import warnings
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from itertools import product
 from pathlib import Path
@@ -43,6 +43,7 @@ from ndtorch_train.benchmark.mot import (
     read_clip,
 )
 from ndtorch_train.benchmark.negative_clips import FPS, KINDS, SEEDS, Drawn, still_image
+from ndtorch_train.benchmark.street_clips import STREETS, street_clip
 from ndtorch_train.plots import draw_table
 from ndtorch_train.rows import Row
 
@@ -57,6 +58,7 @@ COLUMNS = (
     Column("precision", "precision", better=1),
     Column("recall", "recall", better=1),
     Column("f", "F", better=1),
+    Column("box_f", "F of boxes", better=1),
     Column("idf1", "IDF1", better=1),
     Column("mota", "MOTA", better=1),
     Column("switches", "switches", better=-1),
@@ -98,6 +100,7 @@ def foreground_benchmark(
     folder: Path | None = None,
     generated: Generated | None = None,
     negative: tuple[Path, float] | None = None,
+    streets: bool = False,
 ) -> Benchmark:
     """The benchmark of some methods on labelled, generated and negative clips.
 
@@ -108,6 +111,7 @@ def foreground_benchmark(
         folder: of labelled clips.
         generated: which clips to generate.
         negative: a still image or a video, and seconds of each clip drawn over it.
+        streets: whether the kinds of `street_clips` are used.
 
     Raises:
         InputError: an unknown method, clips that cannot be read, or numbers out of range.
@@ -131,8 +135,10 @@ def foreground_benchmark(
         still = still_image(negative[0])
         for kind in KINDS:
             clips[kind] = functools.partial(negative_clip, kind, still, negative[1], split)
+    for kind in STREETS if streets else ():
+        clips[kind] = functools.partial(drawn_clip, kind, split)
     if not clips:
-        raise InputError("name a folder of clips, or give --generated N or --negative IMAGE")
+        raise InputError("name a folder of clips, or give --streets, --generated N or --negative IMAGE")
     tasks = [
         Task(f"{clip}, {method}", functools.partial(measure, method, clip, make, rows))
         for clip, make in clips.items()
@@ -174,6 +180,11 @@ def negative_clip(kind: str, still: Pixels, seconds: float, split: Split, out: P
     """A clip of one kind of disturbance over a still image."""
     frames = Drawn(kind, still, SEEDS[split], round(seconds * FPS))
     return LabelledClip(Video(kind, frames, FPS, still.shape[:2]), nothing)
+
+
+def drawn_clip(kind: str, split: Split, out: Path) -> LabelledClip:
+    """A street clip, which needs no folder."""
+    return street_clip(kind, split)
 
 
 def measure(method: str, name: str, make: Callable[[Path], LabelledClip], rows: int, folder: Path) -> list[Row]:
@@ -259,14 +270,14 @@ def scaled(one: Hypothesis, across: float, down: float) -> Hypothesis:
     return Hypothesis(one.track, (one.place[0] * across, one.place[1] * down), box)
 
 
-def run_model(name: str, clip: Video, rows: int) -> TrackerOutput:
-    """A model with tracks: objects count from their first detection on, once they are known to be objects."""
+def run_model(name: str, clip: Video, rows: int, options: Mapping[str, Any] | None = None) -> TrackerOutput:
+    """A model with tracks, with other constants: objects count from their first detection on, once they are known."""
     output = TrackerOutput()
     # As `ndtorch bind` gives them.
     most = CAMERA_MODELS.get(model_kind(name), clip.size[0])
     frames = list(scaled_frames(clip, min(rows or clip.size[0], most)))
     height, width = frames[0].shape[:2]
-    model, state = ndtorch.load(name, size=(height, width), fps=clip.fps), None
+    model, state = ndtorch.load(name, size=(height, width), fps=clip.fps, **(options or {})), None
     shapes: list[Any] = []
     with torch.inference_mode():
         for start in range(0, len(frames), 8):

@@ -257,7 +257,7 @@ class MotScore:
     """Scores of one method on one clip; None where the truth does not know.
 
     Attributes:
-        precision, recall, f: of places.
+        precision, recall, f: of places; box_f: of boxes that overlap by half of their union.
         idf1: harmonic mean of precision and recall under the best one-to-one pairing of identities.
         mota: 1 - (missed + false + switches) / true.
         switches: a true object changes its track.
@@ -272,6 +272,7 @@ class MotScore:
     precision: float
     recall: float
     f: float
+    box_f: float | None
     idf1: float | None
     mota: float | None
     switches: int | None
@@ -290,6 +291,7 @@ class Tally:
     true: int = 0
     reported: int = 0
     right: int = 0
+    boxes: int = 0
     switches: int = 0
     fragments: int = 0
     away: int = 0
@@ -326,6 +328,7 @@ def mot_score(output: TrackerOutput, truth: Iterable[TrueFrame], fps: float, mas
         tally.away += abs(len(hypotheses) - len(frame.objects))
         pairs = match(frame.objects, hypotheses, lasting)
         tally.right += len(pairs)
+        tally.boxes += overlapping([one.box for one in frame.objects if isinstance(one, TrueBox)], hypotheses)
         if not frame.objects:
             tally.empty += 1
             false_tracks += len({hypothesis.track for hypothesis in hypotheses} - begun)
@@ -357,6 +360,7 @@ def mot_score(output: TrackerOutput, truth: Iterable[TrueFrame], fps: float, mas
         precision=tally.right / max(1, tally.reported),
         recall=tally.right / max(1, tally.true),
         f=2 * tally.right / max(1, tally.reported + tally.true),
+        box_f=2 * tally.boxes / max(1, tally.reported + tally.true) if known else None,
         idf1=2 * sum(together[pair] for pair in best.items()) / max(1, tally.reported + tally.true) if known else None,
         mota=1 - (missed + false + tally.switches) / tally.true if known else None,
         switches=tally.switches if known else None,
@@ -381,6 +385,19 @@ def match(objects: list[TrueObject], hypotheses: list[Hypothesis], before: dict[
                 worth[i, j] = 1 + KEPT * kept
     rows, columns = linear_sum_assignment(-worth)
     return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if worth[i, j] > 0]
+
+
+def overlapping(true: list[Box], hypotheses: list[Hypothesis]) -> int:
+    """How many true boxes have one of their own that overlaps them by half of their union."""
+    if not true or not hypotheses:
+        return 0
+    one, other = np.array(true)[:, None], np.array([hypothesis.box for hypothesis in hypotheses])
+    common = np.minimum(one[..., 2:], other[:, 2:]) - np.maximum(one[..., :2], other[:, :2])
+    shared = common.clip(0).prod(-1)
+    areas = [(boxes[..., 2:] - boxes[..., :2]).prod(-1) for boxes in (one, other)]
+    enough = shared >= 0.5 * (areas[0] + areas[1] - shared)
+    rows, columns = linear_sum_assignment(-enough.astype(float))
+    return int(enough[rows, columns].sum())
 
 
 def identities(together: Counter[tuple[int, int]]) -> dict[int, int]:
