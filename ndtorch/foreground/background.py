@@ -77,7 +77,7 @@ class BackgroundParams(Constants):
         3.0, gt=0, description="One step teaches the noise at most this many times its present value."
     )
     shadow_min_ratio: float = Field(
-        0.3, ge=0, le=1, description="A shadow leaves at least this fraction of the background's light."
+        0.4, ge=0, le=1, description="A shadow leaves at least this fraction of the background's light."
     )
     shadow_max_tint_ratio: float = Field(
         0.12, ge=0, description="A shadow changes the colors' shares by at most this fraction."
